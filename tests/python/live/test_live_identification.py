@@ -26,20 +26,25 @@ from granular_id.live.replay import ReplaySource
 from granular_id.live.sim import Fault
 from granular_id.live.terminal import screen
 from granular_id.recording import Dataset
+from live_view_cases import pushes_and_model
 
 MATERIALS = ("rice", "fine sugar")
 
 
 @pytest.fixture(scope="module")
 def pushes():
-    """One second each, as a recorder would have them: 0.1 s of rest, then the motion."""
-    data = gid.synthesize(MATERIALS, n_per_class=12, duration_s=1.3, seed=5)
-    return data.align(trigger="recorded", lead_s=0.1, n_samples=500)
+    return pushes_and_model()[0]
 
 
 @pytest.fixture(scope="module")
-def model(pushes):
-    return gid.Identifier.fit(pushes, "hfmh", estimate=False)
+def model():
+    return pushes_and_model()[1]
+
+
+@pytest.fixture(scope="module")
+def strict(pushes):
+    """A model that calls nearly everything unknown."""
+    return gid.Identifier.fit(pushes, "hfmh", share_known=0.01)
 
 
 class Kept:
@@ -55,48 +60,63 @@ class Kept:
         pass
 
 
+def simulated(*faults, materials="rice", seed=3, speed=10):
+    source = SimSource(materials, seed=seed, speed=speed)
+    for fault in faults:
+        source.inject(fault)
+    return source
+
+
+def replayed(recordings):
+    return ReplaySource(Dataset(recordings), speed=20, pause_s=0.5)
+
+
 def test_rows_that_come_late_are_warned_of(model):
-    source = SimSource(MATERIALS, seed=2)
-    source.inject(Fault("stall", after_s=0.1, stall_s=0.3))
-    with opened(source) as stream:
-        late, punctual = (LiveIdentifier(stream, model).push() for _ in range(2))
-    assert late.decision.final
-    assert late.decision.warnings == ("lag",)
-    assert late.decision.label == late.truth
-    assert punctual.decision.final
+    with opened(simulated(Fault("stall", after_s=0.1, stall_s=0.3), speed=1)) as stream:
+        push = LiveIdentifier(stream, model).push()
+    assert push.decision.final
+    assert push.decision.warnings == ("lag",)
+    assert push.decision.label == push.truth
 
 
-def test_simulated_pushes_are_named_and_the_truth_is_told(model):
-    source = SimSource(MATERIALS, seed=2, speed=20)
-    with opened(source) as stream:
-        live = LiveIdentifier(stream, model)
-        answers = [live.push() for _ in range(4)]
-    assert all(push.decision.final and push.reason is None for push in answers)
-    assert [push.truth for push in answers] == [push.decision.label for push in answers]
-    assert (live.n_pushes, live.n_answered, live.n_right) == (4, 4, 4)
+def test_provisional_answers_grow_into_the_final_one_which_is_right_and_views_see_them(model):
+    seen, kept = [], Kept()
+    with opened(simulated(materials=MATERIALS, speed=5)) as stream:
+        live = LiveIdentifier(stream, model, views=Views([kept]))
+        pushes = [live.push(seen.append), live.push()]
+    assert [push.truth for push in pushes] == [push.decision.label for push in pushes]
+    assert (live.n_pushes, live.n_answered, live.n_right) == (2, 2, 2)
+    n_seen = [decision.n_seen for decision in seen]
+    assert n_seen == sorted(set(n_seen))
+    assert len(n_seen) > 3
+    assert [decision.final for decision in seen] == [False] * (len(seen) - 1) + [True]
+    assert seen[-1] == pushes[0].decision
+    assert seen[-1].seconds == model.n_samples / model.rate_hz
+    assert {"arming", "triggered"} & {snapshot.state for snapshot in kept.snapshots}
+    last = kept.snapshots[-1]
+    assert (last.state, last.decision, last.synthetic) == ("complete", pushes[1].decision, True)
+    assert last.counts.sum() <= 6 * model.n_samples
+    assert (last.n_captures, last.n_correct) == (2, 2)
 
 
-def test_only_the_final_answer_says_that_a_push_is_like_none_and_that_counts_as_an_answer(pushes):
-    strict = gid.Identifier.fit(pushes, "hfmh", share_known=0.01)  # refuses nearly everything
+@pytest.mark.parametrize(("material", "is_right"), [("macaroni", True), ("rice", False)])
+def test_only_the_final_answer_says_that_a_push_is_like_none_and_that_counts_as_an_answer(
+    strict, material, is_right
+):
     said = []
-    with opened("sim:macaroni?seed=3&speed=20") as stream:
-        stranger = LiveIdentifier(stream, strict)
-        push = stranger.push(said.append)
-    assert (push.decision.unknown, push.is_right) == (True, True)
-    assert (stranger.n_answered, stranger.n_right, stranger.n_unknown) == (1, 1, 1)
+    with opened(simulated(materials=material, speed=20)) as stream:
+        live = LiveIdentifier(stream, strict)
+        push = live.push(said.append)
+    assert (push.decision.unknown, push.is_right) == (True, is_right)
+    assert (live.n_answered, live.n_right, live.n_unknown) == (1, int(is_right), 1)
     provisional = [decision for decision in said if not decision.final]
     assert provisional
     assert all(decision.unknown is None and decision.candidates == () for decision in provisional)
-    with opened("sim:rice?seed=3&speed=20") as stream:
-        known = LiveIdentifier(stream, strict)
-        push = known.push()
-    assert (push.decision.label, push.decision.unknown, push.is_right) == ("rice", True, False)
-    assert (known.n_right, known.n_unknown) == (0, 1)
 
 
 def test_a_replay_is_named_as_its_recordings_are_bit_for_bit(model, pushes):
     chosen = Dataset([pushes[k] for k in (0, 13, 5)])
-    with opened(ReplaySource(chosen, speed=20, pause_s=0.5)) as stream:
+    with opened(replayed(chosen)) as stream:
         live = LiveIdentifier(stream, model)
         for recording, expected in zip(chosen, model.losses(chosen.X), strict=True):
             push = live.push()
@@ -108,33 +128,12 @@ def test_a_replay_is_named_as_its_recordings_are_bit_for_bit(model, pushes):
 
 def test_recorded_and_live_windows_are_the_same_rows(model, tmp_path):
     """Same seed, same push: what the recorder stores gets the answer that was given live."""
-    with opened("sim:rice?seed=9&speed=20") as stream:
+    with opened(simulated(speed=20)) as stream:
         decision = LiveIdentifier(stream, model).push().decision
-    with opened("sim:rice?seed=9&speed=20") as stream:
-        recorder = Recorder(
-            stream, stream.source.robot(), tmp_path, n_samples=model.n_samples, pre_s=model.lead_s
-        )
-        recording = recorder.record("rice").recording
-    again = model.identify(recording)
-    assert again.ranking == decision.ranking
-
-
-def test_provisional_answers_grow_into_the_final_one_and_views_see_them(model):
-    seen, kept = [], Kept()
-    with opened(SimSource("rice", seed=4, speed=5)) as stream:
-        push = LiveIdentifier(stream, model, views=Views([kept])).push(seen.append)
-    n_seen = [decision.n_seen for decision in seen]
-    assert n_seen == sorted(set(n_seen))
-    assert len(n_seen) > 3
-    assert not any(decision.final for decision in seen[:-1])
-    assert seen[-1] == push.decision
-    assert push.decision.seconds == model.n_samples / model.rate_hz
-    states = [snapshot.state for snapshot in kept.snapshots]
-    assert {"arming", "triggered"} & set(states)
-    last = kept.snapshots[-1]
-    assert (last.state, last.decision, last.synthetic) == ("complete", push.decision, True)
-    assert last.counts.sum() <= 6 * model.n_samples
-    assert (last.n_captures, last.n_correct) == (1, 1)
+    with opened(simulated(speed=20)) as stream:
+        robot, lengths = stream.source.robot(), {"n_samples": model.n_samples, "pre_s": model.lead_s}
+        recording = Recorder(stream, robot, tmp_path, **lengths).record("rice").recording
+    assert model.identify(recording).ranking == decision.ranking
 
 
 @pytest.mark.parametrize(
@@ -147,26 +146,22 @@ def test_provisional_answers_grow_into_the_final_one_and_views_see_them(model):
     ],
 )
 def test_faults_fail_the_push_and_the_next_one_is_named(model, kind, reason):
-    source = SimSource("rice", seed=3, speed=10)
-    source.inject(Fault(kind, after_s=0.3))
     kept = Kept()
-    with opened(source) as stream:
+    with opened(simulated(Fault(kind, after_s=0.3))) as stream:
         live = LiveIdentifier(stream, model, views=Views([kept]))
         failed = live.push()
         assert (failed.decision, failed.reason) == (None, reason)
         assert failed.text
-        assert kept.snapshots[-1].state == "failed"
-        assert kept.snapshots[-1].hint == failed.text
+        last = kept.snapshots[-1]
+        assert (last.state, last.hint) == ("failed", failed.text)
         if not reason.is_lasting:
             assert live.push().decision.label == "rice"
     assert live.n_answered == (not reason.is_lasting)
 
 
 def test_filled_gaps_and_saturation_are_warned_of_where_they_are_allowed(model):
-    source = SimSource("rice", seed=3, speed=10)
-    source.inject(Fault("gap", after_s=0.2, rows=2))
-    source.inject(Fault("saturation", after_s=0.4, rows=3))
-    with opened(source) as stream:
+    faults = Fault("gap", after_s=0.2, rows=2), Fault("saturation", after_s=0.4, rows=3)
+    with opened(simulated(*faults)) as stream:
         push = LiveIdentifier(stream, model, max_gap=2, allow_saturated=True).push()
     assert push.decision.warnings == ("gap", "saturation")
     assert push.decision.final
@@ -177,85 +172,66 @@ def shown(snapshot):
     answer = json.loads(frame(snapshot, 1).decode().partition("data: ")[2])["answer"]
     console = Console(file=io.StringIO(), width=100, height=40, color_system=None)
     console.print(screen(snapshot, 100, 40))
-    text = console.file.getvalue()
     title = answer["title"]
-    assert (f"{title} so far" if answer["kind"] == "provisional" else f" {title.upper()} ") in text
+    drawn = f"{title} so far" if answer["kind"] == "provisional" else f" {title.upper()} "
+    assert drawn in console.file.getvalue()
     return answer["kind"], title
 
 
 def test_every_answer_stands_on_page_and_terminal_until_the_next_push_is_triggered(model):
     kept, pushes = Kept(), []
-    source = SimSource((*MATERIALS, "macaroni"), seed=3, speed=4)
+    source = simulated(materials=(*MATERIALS, "macaroni"), speed=4)
     with opened(source) as stream:
         live = LiveIdentifier(stream, model, views=Views([kept]))
-        for k in range(10):
-            if k == 6:
+        for k in range(5):
+            if k == 2:
                 source.inject(Fault("gap", after_s=0.3))
             pushes.append(live.push())
-    assert pushes[6].decision is None
+    assert pushes[2].decision is None
     ends = [i for i, s in enumerate(kept.snapshots) if s.state in ("complete", "failed")]
     assert len(ends) == len(pushes)
     for k, (push, end, until) in enumerate(zip(pushes, ends, [*ends[1:], None], strict=True)):
         after = kept.snapshots[end:until]
         stands = list(takewhile(lambda snapshot: snapshot.state != "triggered", after))
-        title = "no answer" if push.decision is None else push.decision.label
-        assert {shown(snapshot) for snapshot in stands} == {
-            ("failed" if push.decision is None else "final", title)
-        }
-        assert k == 9 or {"arming", "armed"} & {snapshot.state for snapshot in stands}
-        for snapshot in after:
-            assert [outcome.push for outcome in snapshot.history] == pushes[: k + 1]
-            assert np.array_equal(snapshot.counts, after[0].counts) or snapshot not in stands
-        under_way = {shown(snapshot)[0] for snapshot in after[len(stands) :]}
-        assert under_way <= {"none", "provisional"}
+        answer = ("failed", "no answer") if push.decision is None else ("final", push.decision.label)
+        assert {shown(snapshot) for snapshot in stands} == {answer}
+        assert k == 4 or {"arming", "armed"} & {snapshot.state for snapshot in stands}
+        assert all(np.array_equal(snapshot.counts, after[0].counts) for snapshot in stands)
+        assert all([one.push for one in snapshot.history] == pushes[: k + 1] for snapshot in after)
+        assert {shown(snapshot)[0] for snapshot in after[len(stands) :]} <= {"none", "provisional"}
 
 
-def test_what_is_like_no_known_material_stands_and_nobody_pushing_changes_nothing(pushes):
-    strict = gid.Identifier.fit(pushes, "hfmh", share_known=0.01)  # refuses nearly everything
-    kept = Kept()
-    source = SimSource("rice", seed=3, speed=5)
+def test_without_a_number_it_waits_however_long_nobody_pushes_and_the_answer_stands(strict):
+    kept, source = Kept(), simulated(speed=20)
     with opened(source) as stream:
         live = LiveIdentifier(stream, strict, views=Views([kept]))
         assert live.push().decision.unknown
         live._setup, live._limits = setup_of(source, None), {"timeout_s": 0.5}
         waited = [push.reason for push, _ in zip(live.pushes(), range(3), strict=False)]
-    assert waited == [FailureReason.NO_TRIGGER] * 3
-    end = next(i for i, s in enumerate(kept.snapshots) if s.state == "complete")
-    after = kept.snapshots[end:]
-    assert len(after) > 3
-    assert {shown(snapshot) for snapshot in after} == {("unknown", "like no known material")}
-    assert len(after[-1].history) == 1
-
-
-def test_identify_yields_one_decision_per_push_until_the_source_ends(model, pushes, tmp_path):
-    path = tmp_path / "m.safetensors"
-    model.save(path)
-    labels = [decision.label for decision in gid.identify("sim:rice?seed=3&speed=20", path, n=2)]
-    assert labels == ["rice", "rice"]
-    source = ReplaySource(Dataset([pushes[0], pushes[1]]), speed=20, pause_s=0.5)
-    assert len(list(gid.identify(source, model))) == 2
-
-
-def test_without_a_number_it_waits_however_long_nobody_pushes(model):
-    source = SimSource("rice", seed=3, speed=20)
-    with opened(source) as stream:
-        live = LiveIdentifier(stream, model, setup_of(source, None), timeout_s=0.5)
-        waited = [push.reason for push, _ in zip(live.pushes(), range(3), strict=False)]
         assert waited == [FailureReason.NO_TRIGGER] * 3
+        end = next(i for i, s in enumerate(kept.snapshots) if s.state == "complete")
+        assert {shown(snapshot) for snapshot in kept.snapshots[end:]} == {
+            ("unknown", "like no known material")
+        }
+        assert len(kept.snapshots[-1].history) == 1
         with pytest.raises(CaptureError, match=r"nothing triggered within 0\.5 s"):
-            next(live.pushes(1))
+            next(live.pushes(1 + live.n_answered))
+
+
+def test_pushes_end_with_the_source_unless_more_were_wanted(model, pushes, tmp_path):
+    model.save(tmp_path / "m.safetensors")
+    decisions = gid.identify(replayed(pushes[:2]), tmp_path / "m.safetensors")
+    assert [decision.final for decision in decisions] == [True, True]
+    with opened(replayed(pushes[:2])) as stream, pytest.raises(CaptureError, match="came to its end"):
+        list(LiveIdentifier(stream, model).pushes(3))
 
 
 def test_identify_raises_or_skips_what_could_not_be_captured(model):
-    def source():
-        made = SimSource("rice", seed=3, speed=10)
-        made.inject(Fault("gap", after_s=0.3))
-        return made
-
+    gap = Fault("gap", after_s=0.3)
     with pytest.raises(CaptureError, match=r"missing|gap") as caught:
-        next(gid.identify(source(), model, n=1))
+        next(gid.identify(simulated(gap), model, n=1))
     assert caught.value.reason is FailureReason.GAP
-    (decision,) = gid.identify(source(), model, n=1, on_failure="skip")
+    (decision,) = gid.identify(simulated(gap), model, n=1, on_failure="skip")
     assert decision.final
 
 
@@ -275,12 +251,8 @@ def test_refusals_name_what_does_not_fit(model, source, options, words):
 
 def test_other_axes_and_an_unknown_rest_are_refused(pushes):
     def fitted(axes, **known):
-        turned = [
-            gid.Recording(
-                r.wrench[:, axes], rate_hz=500, label=r.label, axes=[r.axes[k] for k in axes], **known
-            )
-            for r in pushes
-        ]
+        options = {"rate_hz": 500, "axes": [pushes[0].axes[k] for k in axes], **known}
+        turned = [gid.Recording(r.wrench[:, axes], label=r.label, **options) for r in pushes]
         return gid.Identifier.fit(Dataset(turned), "hfmh", estimate=False)
 
     with opened("sim:rice?seed=1") as stream:
@@ -310,77 +282,72 @@ def test_a_model_of_simulated_recordings_is_called_so_on_every_view_of_a_real_se
 
 
 def test_the_early_rule_is_looked_at_as_often_as_when_it_was_calibrated(model):
+    ranking = (("rice", 0.0),)
     with opened("sim:rice?seed=1") as stream:
         live = LiveIdentifier(stream, model, early=True)
         seen = range(1, model.n_samples + 1)
-        sure = [live._is_answer(Decision("rice", (("rice", 0.0),), 1.0, sure=True, n_seen=n)) for n in seen]
+        sure = [live._is_answer(Decision("rice", ranking, 1.0, sure=True, n_seen=n)) for n in seen]
         assert sum(sure) == N_CHECKPOINTS
-        settled = Decision("rice", (("rice", 0.0),), 1.0, settled=True, n_seen=1)
+        settled = Decision("rice", ranking, 1.0, settled=True, n_seen=1)
         assert live._is_answer(settled), "an answer that cannot change may be given at any moment"
 
 
-def test_pushes_end_with_the_source_unless_more_were_wanted(model, pushes):
-    def replay():
-        return ReplaySource(Dataset([pushes[0], pushes[1]]), speed=20, pause_s=0.5)
+class Breaking(ReplaySource):
+    """Broken where a replay is over."""
 
-    with opened(replay()) as stream:
-        live = LiveIdentifier(stream, model)
-        assert [push.decision.final for push in live.pushes()] == [True, True]
-        assert (live.n_pushes, live.n_answered) == (2, 2), "the end of the source is no push"
-    with opened(replay()) as stream, pytest.raises(CaptureError, match="came to its end"):
-        list(LiveIdentifier(stream, model).pushes(3))
+    def health(self):
+        health = super().health()
+        return replace(health, error="cable", finished=False) if health.finished else health
 
 
-def test_a_replay_that_is_over_is_shown_as_ended_and_a_broken_source_as_failed(model, pushes):
-    class Breaking(ReplaySource):
-        def health(self):
-            health = super().health()
-            return replace(health, error="cable", finished=False) if health.finished else health
-
-    for kind, state in ((ReplaySource, "ended"), (Breaking, "failed")):
-        kept = Kept()
-        with opened(kind(Dataset([pushes[0]]), speed=20, pause_s=0.5)) as stream:
-            live = LiveIdentifier(stream, model, views=Views([kept]))
-            if state == "ended":
-                assert len(list(live.pushes())) == 1
-            else:
-                with pytest.raises(CaptureError, match="cable"):
-                    list(live.pushes())
-        last = kept.snapshots[-1]
-        assert last.state == state
-        assert last.words.state.startswith(state.capitalize())
-        named = ("final", pushes[0].label)
-        assert shown(last) == (named if state == "ended" else ("failed", "no answer"))
-        assert last.history[0].push.decision.label == pushes[0].label
+@pytest.mark.parametrize(("kind", "state"), [(ReplaySource, "ended"), (Breaking, "failed")])
+def test_a_replay_that_is_over_is_shown_as_ended_and_a_broken_source_as_failed(model, pushes, kind, state):
+    kept = Kept()
+    with opened(kind(Dataset([pushes[0]]), speed=20, pause_s=0.5)) as stream:
+        live = LiveIdentifier(stream, model, views=Views([kept]))
+        if state == "ended":
+            assert len(list(live.pushes())) == live.n_pushes == 1, "the end of the source is no push"
+        else:
+            with pytest.raises(CaptureError, match="cable"):
+                list(live.pushes())
+    last = kept.snapshots[-1]
+    assert last.state == state
+    assert last.words.state.startswith(state.capitalize())
+    assert shown(last) == (("final", pushes[0].label) if state == "ended" else ("failed", "no answer"))
+    assert last.history[0].push.decision.label == pushes[0].label
 
 
 def test_no_machine_moves_unasked():
     assert setup_of(Arm()).robot is None
     assert setup_of(Arm()).trigger().name == "force"
     assert setup_of(Arm(), "source").robot is not None
-    with pytest.raises(ValueError, match="robot='source' asks for the robot of the source, and replay"):
-        setup_of(ReplaySource(gid.synthesize(["rice"], 1)), "source")
-    with pytest.raises(
-        ValueError, match=r"trigger='motion' needs a robot: there is no robot; use trigger='force'"
-    ):
-        setup_of(Arm(), trigger="motion")
-    with pytest.raises(
-        ValueError,
-        match="robot must be one of auto, none, manual, source, the URL of a robot or a Robot, got 'arm'",
-    ):
-        setup_of(Arm(), "arm")
-    with pytest.raises(TypeError, match="robot must have tcp_pose, move_line and stop, got int"):
-        setup_of(Arm(), 3)
+    replay = ReplaySource(gid.synthesize(["rice"], 1))
+    for source, options, error, words in [
+        (
+            replay,
+            {"robot": "source"},
+            ValueError,
+            "robot='source' asks for the robot of the source, and replay",
+        ),
+        (Arm(), {"trigger": "motion"}, ValueError, "trigger='motion' needs a robot: there is no robot"),
+        (
+            Arm(),
+            {"robot": "arm"},
+            ValueError,
+            "robot must be one of auto, none, manual, source, .* got 'arm'",
+        ),
+        (Arm(), {"robot": 3}, TypeError, "robot must have tcp_pose, move_line and stop, got int"),
+    ]:
+        with pytest.raises(error, match=words):
+            setup_of(source, **options)
 
 
 def test_early_answers_stop_the_robot(model):
     """An answer that cannot change any more ends the push; the next one begins at rest."""
-    source = SimSource("rice", seed=8, speed=5)
-    with opened(source) as stream:
+    with opened(simulated(seed=8, speed=5)) as stream:
         live = LiveIdentifier(stream, model, early=True)
         pushes = [live.push() for _ in range(2)]
     for push in pushes:
         assert push.reason is None
         assert push.decision.settled or push.decision.sure or push.decision.final
-        assert push.decision.label == "rice"
-    assert np.all([push.truth == "rice" for push in pushes])
+        assert push.decision.label == push.truth == "rice"

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import granular_id as gid
+from live_view_cases import pushes_and_model
 
 pytest.importorskip("rerun", reason="rerun-sdk is not installed")
 
@@ -21,21 +22,20 @@ def run(*words):
 
 
 def test_every_row_and_answer_is_logged(tmp_path):
-    data = gid.synthesize(["rice", "fine sugar"], n_per_class=8, duration_s=1)
-    gid.save(data, tmp_path / "pushes.npz")
-    trained = data.align(trigger="recorded", lead_s=0.1, n_samples=400)
-    gid.Identifier.fit(trained, "hfmh", estimate=False).save(tmp_path / "m.safetensors")
+    data, model = pushes_and_model()
+    gid.save(data[:4], tmp_path / "pushes.npz")
+    model.save(tmp_path / "m.safetensors")
     log = tmp_path / "log.rrd"
     out = run(
         SCRIPT, f"replay:{tmp_path / 'pushes.npz'}?speed=20&pause_s=0.5", tmp_path / "m.safetensors", log
     )
-    assert "SYNTHETIC: 16 answers, " in out
+    assert "SYNTHETIC: 4 answers, " in out
     printed = run("-m", "rerun", "rrd", "print", "-vvv", log)
     rows = {}
     for n, path in re.findall(r"Chunk\(\S+\) with (\d+) rows .*? - /(.*?) - ", printed):
         rows[path.strip()] = rows.get(path.strip(), 0) + int(n)
-    assert {rows[f"wrench/{axis}"] for axis in ("fx", "fy", "fz", "tx", "ty", "tz")} == {16 * 500}
+    assert {rows[f"wrench/{axis}"] for axis in ("fx", "fy", "fz", "tx", "ty", "tz")} == {4 * 500}
     assert {path for path in rows if path.startswith("loss/")} == {"loss/rice", r"loss/fine\ sugar"}
     assert sum(path.startswith("histogram/") for path in rows) == 6
     assert printed.count("SYNTHETIC: no sensor measures here") == 1
-    assert "push 16: " in printed
+    assert "push 4: " in printed
