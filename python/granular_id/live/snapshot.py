@@ -34,9 +34,9 @@ _STATES = {
     "failed": "Failed",
     "ended": "Ended",
 }
-_WAITING = frozenset(("idle", "arming", "armed", "ended"))
-"""States in which no push is under way."""
+_WAITING = frozenset(("idle", "arming", "armed", "ended"))  # no push is under way
 
+# Counters that are told where they are not zero: how, and whether that should worry somebody.
 _COUNTERS = {
     "gaps": ("gaps", True),
     "late": ("late", True),
@@ -47,14 +47,13 @@ _COUNTERS = {
     "bad_status": ("bad status", True),
     "non_finite": ("not finite", True),
 }
-"""Counters that are told where they are not zero: how, and whether that should worry somebody."""
 
+# Warnings of a decision, and what they mean.
 _WARNINGS = {
     "gap": "gap: missing rows were filled in",
     "saturation": "saturation: a force was at the end of the sensor's range",
     "lag": "lag: rows were read late",
 }
-"""Warnings of a decision, and what they mean."""
 
 _MOST_CANDIDATES = 6  # more are no help to anybody, and hide the rest of a screen
 
@@ -66,17 +65,7 @@ GIVEN: frozenset[Kind] = frozenset(("provisional", "final", "unknown"))
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One line of the history of a session.
-
-    Parameters
-    ----------
-    number : int
-        Of the outcome, counted from 1 since the session began.
-    utc_s : float
-        When the push was over, by the clock of this machine.
-    push : Push
-        Its answer, or why there is none.
-    """
+    """One line of the history: what came of a push, its number in the session (from 1), and when it was over."""
 
     number: int
     utc_s: float
@@ -116,48 +105,32 @@ class Figure(NamedTuple):
 
 
 class Words(NamedTuple):
-    """What every view says about one instant; made by `Snapshot.words`.
-
-    Attributes
-    ----------
-    answer : Answer
-        Until the next push is triggered, that of the last one.
-    state : str
-        Of the capture; while the last answer is held, with what the person is to do.
-    warnings : tuple of str
-        Of the answer and of the session, in sentences.
-    decision : Decision or None
-        What the answer rests on.
-    figures : tuple of Figure
-        How well the stream is: lag and lost rows always, other troubles where there are any.
-    score : str
-        How many captures there were, or how many of them were named rightly where that is known.
-    source : str
-        Where the rows come from, whether they are simulated, and their rate.
-    values : tuple of str
-        The newest value of each axis.
-    ranking : tuple of (str, str)
-        Material and mean loss, the best first.
-    history : tuple of Entry
-        What came of the last pushes, the newest first.
-    spoken : str
-        What came of the last push, for a screen reader.
-    line : str
-        All of it in one line, for a log.
-    """
+    """What every view says about one instant; made by `Snapshot.words`."""
 
     answer: Answer
+    """Until the next push is triggered, that of the last one."""
     state: str
+    """Of the capture; while the last answer is held, with what the person is to do."""
     warnings: tuple[str, ...]
+    """Of the answer and of the session, in sentences."""
     decision: Decision | None
+    """What the answer rests on."""
     figures: tuple[Figure, ...]
+    """How well the stream is: lag and lost rows always, other troubles where there are any."""
     score: str
+    """How many captures there were, or how many of them were named rightly where that is known."""
     source: str
+    """Where the rows come from, whether they are simulated, and their rate."""
     values: tuple[str, ...]
+    """The newest value of each axis."""
     ranking: tuple[tuple[str, str], ...]
+    """Material and mean loss, the best first."""
     history: tuple[Entry, ...]
+    """What came of the last pushes, the newest first."""
     spoken: str
+    """What came of the last push, for a screen reader."""
     line: str
+    """All of it in one line, for a log."""
 
 
 @dataclass(frozen=True, eq=False)

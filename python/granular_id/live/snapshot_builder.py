@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular_id._checks import argument_error, as_floats, finite_number, whole_number
-from granular_id._core import AXES
+from granular_id._core import AXES, StreamingExtractor
 from granular_id.features import FeatureSpec
 from granular_id.live.snapshot import Outcome, Snapshot
-from granular_id.live.traces import GrowingHistogram, HighPass, RecentRows, outline
+from granular_id.signal import butter, sosfilt, sosfilt_zi
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -98,13 +98,14 @@ class SnapshotBuilder:
         view = finite_number("view_s", view_s)
         if not 0 < view * rate <= 1e7:
             raise ValueError(f"view_s must be above 0 and hold at most 1e7 rows, got {view:g} at {rate:g} Hz")
+        n_samples = whole_number("n_samples", n_samples)
         self._classes = tuple(classes)
         self._fixed: dict[str, Any] = {
             "source": source,
             "synthetic": synthetic,
             "rate_hz": rate,
             "cutoff_hz": spec.cutoff_hz,
-            "n_samples": whole_number("n_samples", n_samples),
+            "n_samples": n_samples,
             "classes": self._classes,
             "max_lag_s": max_lag_s,
         }
@@ -112,9 +113,11 @@ class SnapshotBuilder:
         self._view_rows = n = max(1, round(view * rate))
         # Thinned rows come in pairs of each piece, and a piece at either end may be unfinished.
         self._step = 1 if n <= _MOST_ROWS else math.ceil(n / (_MOST_ROWS // 2 - 1))
-        # From a steady state: a step from nothing to the sensor's offset is no residual worth a screen.
-        self._high_pass = HighPass(spec, steady=True)
-        self._histogram = GrowingHistogram(spec, _N_AXES)
+        self._sections = butter(spec.order, spec.cutoff_hz, "highpass", fs=spec.rate_hz)
+        self._filtered: NDArray[np.float64] | None = None  # state of the filter; none at the beginning
+        self._histogram = StreamingExtractor(_counting(spec), n_samples=n_samples, n_axes=_N_AXES)
+        ranges = np.broadcast_to(np.asarray(spec.bin_range, np.float64), (_N_AXES, 2))
+        self._edges = np.array([np.linspace(low, high, spec.n_bins + 1) for low, high in ranges])
         self._recent = RecentRows(n, 2 * _N_AXES)
         self._latest = np.full(_N_AXES, math.nan)
         self._time_s: float | None = None
@@ -146,13 +149,14 @@ class SnapshotBuilder:
             self._epoch = block.epoch
             self._counted["epochs"] += 1
             self._recent = RecentRows(self._view_rows, 2 * _N_AXES)
-            self._high_pass.restart()
+            self._filtered = None
         begin = 0
         for end in [*np.flatnonzero(gaps).tolist(), len(wrench)]:
             piece = wrench[begin:end]
-            self._recent.add(np.hstack([piece, self._high_pass.filter(piece)]))
+            if len(piece):
+                self._recent.add(np.hstack([piece, self._high_passed(piece)]))
             if end < len(wrench):
-                self._high_pass.restart()
+                self._filtered = None
                 self._recent.skip(int(gaps[end]))
             begin = end
         self._latest = wrench[-1].copy()
@@ -166,7 +170,7 @@ class SnapshotBuilder:
         self._anew = True
 
     def captured(self, rows: NDArray[np.float64]) -> None:
-        """Take rows that belong to the capture, shape (k, 6), in order and each once.
+        """Take rows that belong to the capture, shape (k, 6), in order and each once; after `n_samples` it is full.
 
         Raises
         ------
@@ -175,10 +179,10 @@ class SnapshotBuilder:
         """
         checked = _checked(rows, "rows")
         if self._anew and len(checked):
-            self._histogram.restart()
+            self._histogram.reset()
             self._answers.clear()
             self._anew = False
-        self._histogram.add(checked)
+        self._histogram.push(checked)
 
     def end_capture(self, push: Push) -> None:
         """Add what came of the capture to the history; ``Push()`` is a recording that nobody names."""
@@ -231,8 +235,8 @@ class SnapshotBuilder:
             row_age_s=(len(recent) - 1 - places) / self._rate_hz,
             wrench=shown[:, :_N_AXES],
             residual=shown[:, _N_AXES:],
-            bin_edges=self._histogram.edges,
-            counts=self._histogram.counts,
+            bin_edges=self._edges,
+            counts=self._histogram.features().reshape(_N_AXES, -1).astype(np.int64),
             ranking_history=(np.array([seconds for seconds, _ in self._answers]), losses),
             decision=decision,
             history=tuple(self._history),
@@ -243,6 +247,13 @@ class SnapshotBuilder:
             n_correct=n_correct,
             **self._fixed,
         )
+
+    def _high_passed(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self._filtered is None:
+            # From a steady state: a step from nothing to the sensor's offset is no residual worth a screen.
+            self._filtered = sosfilt_zi(self._sections)[:, :, None] * rows[0]
+        left, self._filtered = sosfilt(self._sections, rows, axis=0, zi=self._filtered)
+        return left
 
     def _remember(self, decision: Decision) -> None:
         if self._answers and decision.seconds < self._answers[-1][0]:
@@ -265,3 +276,66 @@ def _checked(rows: object, name: str) -> NDArray[np.float64]:
     if not np.isfinite(values).all():
         raise ValueError(f"{name} holds values that are not finite, wanted N and N m of every row")
     return values
+
+
+def _counting(spec: FeatureSpec) -> FeatureSpec:
+    """Return a specification with nothing but the counts of the histograms."""
+    names = ("rate_hz", "cutoff_hz", "order", "n_bins", "bin_range", "outside", "initial")
+    return FeatureSpec(raw=False, **{name: getattr(spec, name) for name in names})
+
+
+class RecentRows:
+    """A fixed memory of the last rows, one per instant; instants without a row are NaN."""
+
+    def __init__(self, capacity: int, n_columns: int) -> None:
+        self._ring = np.full((capacity, n_columns), math.nan)
+        self.total = 0
+        """Instants so far, those included that are forgotten."""
+
+    def add(self, rows: NDArray[np.float64]) -> None:
+        """Append rows, shape (k, n_columns); the oldest make room."""
+        capacity = len(self._ring)
+        kept = rows[-capacity:]
+        at = (self.total + len(rows) - len(kept)) % capacity
+        first = min(len(kept), capacity - at)
+        self._ring[at : at + first] = kept[:first]
+        self._ring[: len(kept) - first] = kept[first:]
+        self.total += len(rows)
+
+    def skip(self, n_instants: int) -> None:
+        """Append instants of which there is nothing."""
+        capacity = len(self._ring)
+        self.add(np.full((min(n_instants, capacity), self._ring.shape[1]), math.nan))
+        # All is NaN then: where the ring begins is all the same.
+        self.total += max(n_instants - capacity, 0)
+
+    def last(self, n: int) -> NDArray[np.float64]:
+        """Return a copy of the last `n` rows, or of as many as there are, oldest first."""
+        n = min(n, self.total, len(self._ring))
+        return self._ring[np.arange(self.total - n, self.total) % len(self._ring)]
+
+
+def outline(
+    rows: NDArray[np.float64], first: int, step: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Keep the smallest and the largest value of every `step` rows (n, C), in the order in which they came.
+
+    `first` is the number of the first row in the whole stream: pieces begin at multiples of `step` of that numbering,
+    so that a trace which moves on keeps its shape; an unfinished piece at the beginning is left out. Returns where the
+    kept values stand, in rows from `rows[0]` (a quarter and three quarters into their piece), and the values (m, C);
+    NaN where a piece has none at all.
+    """
+    if step == 1:
+        return np.arange(len(rows), dtype=np.float64), rows
+    start = -first % step
+    rows = rows[start:]
+    n_axes = rows.shape[1]
+    pieces = np.concatenate([rows, np.full((-len(rows) % step, n_axes), math.nan)]).reshape(-1, step, n_axes)
+    unknown = np.isnan(pieces)
+    low = np.where(unknown, math.inf, pieces).argmin(axis=1, keepdims=True)
+    high = np.where(unknown, -math.inf, pieces).argmax(axis=1, keepdims=True)
+    both = np.concatenate([np.minimum(low, high), np.maximum(low, high)], axis=1)
+    kept = np.take_along_axis(pieces, both, axis=1).reshape(-1, n_axes)
+    middle = (step - 1) / 2
+    places = start + step * np.arange(len(pieces))[:, None] + middle + np.array([-0.25, 0.25]) * step
+    return np.clip(places, start, start + len(rows) - 1).ravel(), kept

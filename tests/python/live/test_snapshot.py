@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 from granular_id import FeatureSpec, extract_features
 from granular_id.live import FailureReason, Push, Snapshot, SnapshotBuilder
-from granular_id.live.traces import outline
+from granular_id.live.snapshot_builder import outline
 from granular_id.signal import butter, sosfilt, sosfilt_zi
 from live_view_cases import CLASSES, answer, block, listening, push
 
