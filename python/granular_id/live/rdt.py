@@ -11,7 +11,7 @@ from typing import Literal
 
 from granular_id._checks import argument_error, finite_number
 from granular_id._core import RDT_PORT, RdtReceiver, WrenchBuffer
-from granular_id.live.netft_page import NetftPage, NetftPageError, read_page
+from granular_id.live.netft_page import KEPT, SYNTHETIC_FIELD, NetftPage, NetftPageError, read_page
 from granular_id.live.source import Health, SourceInfo, WrenchSink
 from granular_id.live.source_url import SourceUrl
 
@@ -20,14 +20,12 @@ __all__ = ["RdtSource", "open_url"]
 Variant = Literal["auto", "netft", "axia", "onrobot"]
 VARIANTS = ("auto", "netft", "axia", "onrobot")
 
+# Times the range of the calibration: a sensor breaks before it reads so much.
 _BEYOND_SENSE = 10.0
-"""Times the range of the calibration: a sensor breaks before it reads so much."""
-
+# Per newton and newton metre; OnRobot boxes have no page, and no other scale.
 _ON_ROBOT_COUNTS = (10_000.0, 100_000.0)
-"""Per newton and newton metre; these boxes have no page, and no other scale."""
-
-_NET_FT_FILTER_HZ = (None, 838, 326, 152, 73, 35, 18, 8, 5, 1500, 2000, 2500, 3000)
-"""Cut-off by the number of ``setuserfilter``, Net F/T manual."""
+# Cut-off by the number of ``setuserfilter``, Net F/T manual; none for 0.
+_NET_FT_FILTER_HZ = (838, 326, 152, 73, 35, 18, 8, 5, 1500, 2000, 2500, 3000)
 
 
 class RdtSource:
@@ -184,29 +182,18 @@ class RdtSource:
 
 
 def open_url(url: SourceUrl) -> RdtSource:
-    """Make a source of ``rdt://HOST[:PORT][?http_port=80&variant=auto&rate_hz=&tick_hz=&buffered=0&resume=0]``.
-
-    Examples
-    --------
-    >>> from granular_id.live.source import open_source
-    >>> open_source("rdt://192.168.1.1?bufered=1")
-    Traceback (most recent call last):
-    ...
-    ValueError: url 'rdt://192.168.1.1?bufered=1' has no option 'bufered'; known: buffered, http_port, rate_hz, \
-resume, tick_hz, variant
-    """
+    """Make a source of ``rdt://HOST[:PORT][?http_port=80&variant=auto&rate_hz=&tick_hz=&buffered=0&resume=0]``."""
     url.allow("http_port", "variant", "rate_hz", "tick_hz", "buffered", "resume")
     if url.path not in ("", "/"):
         raise ValueError(f"url {url.text!r} has the path {url.path!r}; wanted rdt://HOST[:PORT][?OPTIONS]")
-    given = set(url.options)
     variant: Variant = url.choice("variant", "auto", VARIANTS)  # type: ignore[assignment]
     return RdtSource(
         url.need_host(),
         RDT_PORT if url.port is None else url.port,
         http_port=int(url.whole("http_port", 80) or 0),
         variant=variant,
-        rate_hz=url.number("rate_hz", 500.0) if "rate_hz" in given else None,
-        tick_hz=url.number("tick_hz", 7000.0) if "tick_hz" in given else None,
+        rate_hz=url.number("rate_hz", 500.0) if "rate_hz" in url.options else None,
+        tick_hz=url.number("tick_hz", 7000.0) if "tick_hz" in url.options else None,
         buffered=_switch(url, "buffered"),
         resume=_switch(url, "resume"),
     )
@@ -214,23 +201,18 @@ resume, tick_hz, variant
 
 def _switch(url: SourceUrl, name: str) -> bool:
     value = url.options.get(name, "0")
-    if isinstance(value, bool):
-        return value
-    return url.choice(name, "0", ("0", "1")) == "1"
+    return value if isinstance(value, bool) else url.choice(name, "0", ("0", "1")) == "1"
 
 
 def _on_robot(host: str, rate_hz: float, tick_hz: float | None) -> SourceInfo:
     period_ms = max(1, round(1000 / rate_hz))
     if not math.isclose(1000 / period_ms, rate_hz, rel_tol=1e-9):
-        raise argument_error(
-            ValueError,
-            "rate_hz",
-            f"must be 1000 Hz over a whole number of milliseconds for an OnRobot box, got {rate_hz:g}",
-        )
-    # its second counter has no documented unit: taken as one per record unless stated
+        problem = f"must be 1000 Hz over a whole number of milliseconds for an OnRobot box, got {rate_hz:g}"
+        raise argument_error(ValueError, "rate_hz", problem)
     return SourceInfo(
         f"OnRobot {host}",
         rate_hz,
+        # its second counter has no documented unit: taken as one per record unless stated
         tick_hz=rate_hz if tick_hz is None else tick_hz,
         device_clock=True,
         meta={"variant": "onrobot"},
@@ -240,40 +222,36 @@ def _on_robot(host: str, rate_hz: float, tick_hz: float | None) -> SourceInfo:
 def _of_page(
     page: NetftPage, host: str, variant: str, stated_hz: float | None, tick_hz: float | None
 ) -> SourceInfo:
-    if page.tick_hz is None and tick_hz is None:
+    ticks = tick_hz if page.tick_hz is None else page.tick_hz
+    if ticks is None:
         raise NetftPageError(
             f"{page.url}: fields runrate and setrate give no rate of the sensor in Hz, in which samples are stamped; "
             "state it: tick_hz=7000 for a Net F/T, for an Axia the ADC rate of its web page"
         )
-    if page.tick_hz is not None and tick_hz is not None and tick_hz != page.tick_hz:
-        raise ValueError(f"tick_hz={tick_hz:g} was stated, {page.url} says {page.tick_hz:g}; leave it out")
-    ticks = tick_hz if page.tick_hz is None else page.tick_hz
-    assert ticks is not None
-    rate_hz = _actual_rate(page.rate_hz, ticks)
+    if tick_hz not in (None, ticks):
+        raise ValueError(f"tick_hz={tick_hz:g} was stated, {page.url} says {ticks:g}; leave it out")
+    # The page rounds: a box sends every k-th sample, and 2333 is 7000 / 3. Other boxes send samples of uneven
+    # distance: then what the page says is the mean.
+    nearest = ticks / max(1, round(ticks / page.rate_hz))
+    rate_hz = nearest if abs(nearest - page.rate_hz) < 1 else page.rate_hz
     if stated_hz is not None and not math.isclose(stated_hz, rate_hz, rel_tol=1e-3):
-        raise argument_error(
-            ValueError,
-            "rate_hz",
-            f"={stated_hz:g} was stated, {page.url} says {page.rate_hz:g} (comrdtrate); set the rate on the "
-            "box's own web page, or leave it out",
+        problem = (
+            f"={stated_hz:g} was stated, {page.url} says {page.rate_hz:g} (comrdtrate); set the rate on the box's "
+            "own web page, or leave it out"
         )
-    filter_number = page.fields.get("setuserfilter", "")
-    cut_off = {str(number): hz for number, hz in enumerate(_NET_FT_FILTER_HZ)}.get(filter_number)
+        raise argument_error(ValueError, "rate_hz", problem)
+    filters = {str(number): float(hz) for number, hz in enumerate(_NET_FT_FILTER_HZ, 1)}
     return SourceInfo(
-        f"{page.product or 'Net F/T'} {host}",
+        f"{page.text('prodname') or 'Net F/T'} {host}",
         rate_hz,
         tick_hz=ticks,
         device_clock=True,
-        filter_hz=None if cut_off is None or variant != "netft" else float(cut_off),
+        filter_hz=filters.get(page.fields.get("setuserfilter", "")) if variant == "netft" else None,
         full_scale=page.full_scale,
-        serial=page.serial or None,
-        synthetic=page.synthetic,
-        meta={"variant": variant, "page": dict(page.fields)},
+        serial=page.text("cfgcalsn") or None,
+        synthetic=bool(page.text(SYNTHETIC_FIELD)),
+        meta={
+            "variant": variant,
+            "page": {name: page.fields[name] for name in KEPT if page.fields.get(name)},
+        },
     )
-
-
-def _actual_rate(stated_hz: float, tick_hz: float) -> float:
-    """Return the rate that the page rounds: a box sends every k-th sample, and 2333 is 7000 / 3."""
-    nearest = tick_hz / max(1, round(tick_hz / stated_hz))
-    # other boxes send samples of uneven distance: then what the page says is the mean
-    return nearest if abs(nearest - stated_hz) < 1 else stated_hz

@@ -108,11 +108,11 @@ def test_absurd_scales_contradictions_and_other_texts_are_refused(text, words):
 
 def test_what_may_be_missing():
     bare = page(prodname=None, cfgcalsn=None, cfgmr=None, runrate=None, setuserfilter=None)
-    assert (bare.product, bare.serial, bare.full_scale, bare.tick_hz) == ("", "", None, None)
+    assert (bare.text("prodname"), bare.full_scale, bare.tick_hz) == ("", None, None)
     assert page(cfgmr="1;2;3;4;5").full_scale is None
     assert page(cfgmr="1,2 3;4,5,0").full_scale is None
     assert page(cfgmr="1,2 3;4,5,6").full_scale == (1, 2, 3, 4, 5, 6)
-    assert page(cfgcalsn="FT\x7f1").serial == "FT1"
+    assert page(cfgcalsn="FT\x7f1").text("cfgcalsn") == "FT1"
 
 
 def test_reading_over_http():
