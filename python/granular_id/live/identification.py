@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
@@ -13,10 +14,12 @@ from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, setup_comparison
 from granular_id.live.capture import CaptureError, CaptureState, FailureReason, Push, meta_of
 from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
-from granular_id.live.robot import checked_move
+from granular_id.live.robot import Robot, checked_move
 from granular_id.live.setup import Setup, setup_of, starts_exactly
 from granular_id.live.snapshot_builder import SnapshotBuilder
-from granular_id.live.stream import Stream
+from granular_id.live.source import WrenchSource
+from granular_id.live.stream import Stream, opened
+from granular_id.live.trigger import Trigger
 from granular_id.live.view import Views
 from granular_id.recording import SampleFlag, Setup as RecordedSetup, refuse_or_list
 
@@ -24,7 +27,7 @@ if TYPE_CHECKING:
     from granular_id.identifier import Decision
     from granular_id.live.capture import Capture
 
-__all__ = ["LiveIdentifier"]
+__all__ = ["LiveIdentifier", "identify"]
 
 _PRE_S = 0.25
 
@@ -98,21 +101,17 @@ class LiveIdentifier:
         accept: str | Sequence[str] = (),
         **limits: Any,
     ) -> None:
-        refuse_other_stream(model, stream)
+        _refuse_other_stream(model, stream)
         rest_s = model.lead_s if pre_s is None else pre_s
         if rest_s is None:
-            raise argument_error(
-                ValueError,
-                "pre_s",
-                "must be given: the recordings that the model was trained on do not say how much rest they "
-                f"begin with (recorded here, it is {_PRE_S:g} s)",
+            problem = (
+                "must be given: the recordings that the model was trained on do not say how much rest they begin with "
+                f"(recorded here, it is {_PRE_S:g} s)"
             )
+            raise argument_error(ValueError, "pre_s", problem)
         if pre_s is not None and model.lead_s is not None and abs(pre_s - model.lead_s) > 0.5 / model.rate_hz:
-            raise argument_error(
-                ValueError,
-                "pre_s",
-                f"is {pre_s:g}, but the model was trained with {model.lead_s:g} s of rest: leave it out",
-            )
+            problem = f"is {pre_s:g}, but the model was trained with {model.lead_s:g} s of rest: leave it out"
+            raise argument_error(ValueError, "pre_s", problem)
         self.stream, self.model = stream, model
         self.n_pushes = self.n_answered = self.n_right = self.n_unknown = 0
         self.knows_truth = False
@@ -180,7 +179,7 @@ class LiveIdentifier:
     def _push(
         self, on_decision: Callable[[Decision], object] | None = None, *, patient: bool = False
     ) -> Push:
-        capture, warned = self.new_capture(), set[str]()
+        capture = self.new_capture()
         self._answer.reset()
         for difference in self.differences:
             self._answer.warn(difference)
@@ -191,7 +190,7 @@ class LiveIdentifier:
         steps = drive(self.stream, capture, robot=self._setup.robot, reader=self._reader, **self._move)
         with closing(steps):
             for step in steps:
-                new = self._take(step, capture, warned)
+                new = self._take(step, capture)
                 if new is not None and on_decision is not None:
                     on_decision(new)
                 decision = new or decision
@@ -199,7 +198,7 @@ class LiveIdentifier:
                     answered_early = True
                     break
                 if not capture.state.is_over and self._views.wants_snapshot():
-                    self._show(capture, decision)
+                    self._show(capture.state.value, decision)
         return self._finished(capture, decision, answered_early=answered_early, patient=patient)
 
     def pushes(self, n: int | None = None) -> Iterator[Push]:
@@ -253,7 +252,7 @@ class LiveIdentifier:
         """Count the moments that have passed at which the rule for early answers was calibrated."""
         return n_seen * N_CHECKPOINTS // self.model.n_samples
 
-    def _take(self, step: Step, capture: Capture, warned: set[str]) -> Decision | None:
+    def _take(self, step: Step, capture: Capture) -> Decision | None:
         self._builder.rows(step.block)
         if not len(step.rows):
             return None
@@ -261,9 +260,7 @@ class LiveIdentifier:
         self._builder.captured(step.rows)
         is_first = self._answer.n_seen == len(step.rows)
         for warning in _warnings(capture, step, self.stream.lag_s(), is_first=is_first):
-            if warning not in warned:
-                warned.add(warning)
-                self._answer.warn(warning)
+            self._answer.warn(warning)
         moment = self._moment(self._answer.n_seen)
         is_due, self._n_moments = moment > self._n_moments, moment
         return self._answer.decision() if is_due or self._grows or self._answer.is_complete else None
@@ -273,13 +270,9 @@ class LiveIdentifier:
     ) -> Push:
         truth = self.stream.truth
         failed = capture.state is CaptureState.FAILED and not answered_early
-        push = Push(
-            None if failed else decision,
-            capture.reason if failed else None,
-            capture.text if failed else "",
-            truth,
-        )
-        self.n_pushes += not self._at_end(push)
+        push = Push(None, capture.reason, capture.text, truth) if failed else Push(decision, truth=truth)
+        at_end = self._at_end(push)
+        self.n_pushes += not at_end
         if push.decision is not None:
             self.n_answered += 1
             self.knows_truth |= truth is not None
@@ -287,19 +280,17 @@ class LiveIdentifier:
             self.n_unknown += bool(push.decision.unknown)
         # A replay that is over is no failure, and where nobody pushes there is nothing to tell: there was no push.
         nobody = push.reason is FailureReason.NO_TRIGGER
-        state = "ended" if self._at_end(push) else "failed" if failed else "complete"
-        if not nobody and state != "ended":
+        state = "ended" if at_end else "failed" if failed else "complete"
+        if not nobody and not at_end:
             self._builder.end_capture(push)
         if not (nobody and patient):
-            self._show(capture, push.decision, hint=push.text, state=state)
+            self._show(state, push.decision, push.text)
         return push
 
-    def _show(
-        self, capture: Capture, decision: Decision | None, *, hint: str = "", state: str | None = None
-    ) -> None:
+    def _show(self, state: str, decision: Decision | None, hint: str = "") -> None:
         self._views.publish(
             self._builder.build(
-                capture.state.value if state is None else state,
+                state,
                 decision,
                 hint=hint,
                 lag_s=self.stream.lag_s(),
@@ -311,14 +302,11 @@ class LiveIdentifier:
         )
 
 
-def refuse_other_stream(model: Identifier, stream: Stream) -> None:
-    """Refuse a model that was trained at another rate, or on other axes, than a stream has."""
-    rate_hz = stream.info.rate_hz
+def _refuse_other_stream(model: Identifier, stream: Stream) -> None:
+    name, rate_hz = stream.info.name, stream.info.rate_hz
     if abs(rate_hz / model.rate_hz - 1) > 1e-3:
-        raise ValueError(
-            f"the model is for {model.rate_hz:g} Hz, {stream.info.name} delivers {rate_hz:g} Hz: train one at that "
-            "rate, or set the sensor's"
-        )
+        problem = f"{name} delivers {rate_hz:g} Hz: train one at that rate, or set the sensor's"
+        raise ValueError(f"the model is for {model.rate_hz:g} Hz, {problem}")
     if model.axes != AXES:
         raise ValueError(
             f"the model is for the axes {' '.join(model.axes)}; live sources have {' '.join(AXES)}"
@@ -336,3 +324,83 @@ def _warnings(capture: Capture, step: Step, lag_s: float, *, is_first: bool) -> 
             yield "saturation"
     if lag_s > capture.max_lag_s:
         yield "lag"
+
+
+def identify(
+    source: str | WrenchSource,
+    model: Identifier | str | os.PathLike[str],
+    *,
+    n: int | None = None,
+    robot: str | Robot | None = "auto",
+    trigger: str | Callable[[], Trigger] = "auto",
+    early: bool = False,
+    on_failure: str = "raise",
+    **settings: Any,
+) -> Iterator[Decision]:
+    """Name the material of one push after another, live.
+
+    Use it within `granular_id.live.stop_on_signals`, so that the robot is also stopped on SIGTERM and SIGHUP.
+
+    Parameters
+    ----------
+    source : str or WrenchSource
+        ``"rdt://192.168.1.1"``, ``"sim:unknown"`` ..., see `granular_id.live.open_source`.
+    model : Identifier or path-like
+        Trained, or the file of a model.
+    n : int, optional
+        Number of answers; default: on and on, until the source comes to its end.
+    robot, trigger
+        Who moves and what starts a capture, see `granular_id.live.setup_of`.
+    early : bool, default False
+        Answer as soon as the answer can no longer change or the model is sure enough.
+    on_failure : {"raise", "skip"}, default "raise"
+        A push that could not be captured (a gap, saturation ...): raise CaptureError, or go on with the next.
+        A source or robot that fails is always raised.
+    **settings
+        `pre_s`, `views`, `accept` and the limits of `LiveIdentifier`.
+
+    Yields
+    ------
+    Decision
+        Final, or an early one.
+
+    Raises
+    ------
+    CaptureError
+        See `on_failure`.
+    ValueError, TypeError, OSError, ImportError
+        From opening source or model, or where these do not fit each other.
+
+    Examples
+    --------
+    >>> import granular_id as gid
+    >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=8, duration_s=1)
+    >>> model = gid.Identifier.fit(data, "hfmh", estimate=False)
+    >>> for decision in gid.identify("sim:rice?seed=3&speed=20", model, n=1, pre_s=0.2):
+    ...     print(decision.label, decision.final)
+    rice True
+    """
+    if on_failure not in ("raise", "skip"):
+        raise ValueError(f"on_failure must be 'raise' or 'skip', got {on_failure!r}")
+    if n is not None and (isinstance(n, bool) or not isinstance(n, int) or n < 1):
+        raise ValueError(f"n must be a whole number of at least 1, or None, got {n!r}")
+    trained = model if isinstance(model, Identifier) else Identifier.load(model)
+    return _answers(source, trained, n, (robot, trigger), early, on_failure, settings)
+
+
+def _answers(
+    source: str | WrenchSource,
+    model: Identifier,
+    n: int | None,
+    mover: tuple[str | Robot | None, str | Callable[[], Trigger]],
+    early: bool,
+    on_failure: str,
+    settings: dict[str, Any],
+) -> Iterator[Decision]:
+    with opened(source) as stream:
+        live = LiveIdentifier(stream, model, setup_of(stream.source, *mover), early=early, **settings)
+        for push in live.pushes(n):
+            if push.decision is not None:
+                yield push.decision
+            elif push.reason is not None and on_failure == "raise":
+                raise CaptureError(push.reason, push.text)
