@@ -17,6 +17,7 @@ from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from fractions import Fraction
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from itertools import count
 from pathlib import Path
@@ -48,7 +49,7 @@ _AFTER_S = 0.5
 _FACTORY = {
     "prodname": "Net F/T", "runstat": "0x00000000", "runrate": "7000", "cfgnam": "Fake box", "cfgcalsel": "0",
     "cfgcalsn": "FT00000", "scfgfu": "N", "scfgtu": "Nm", "cfgtfx": "0;0;0;0;0;0", "scfgtdu": "mm",
-    "scfgtau": "degrees", "cfgcpf": "1000000", "cfgcpt": "1000000", "cfgmr": "290;290;580;10;10;10",
+    "scfgtau": "degrees", "cfgcpf": "1000000", "cfgcpt": "1000000",
     "setbias": "0;0;0;0;0;0", "setuserfilter": "0", "comrdte": "Enabled", "comrdtrate": "500", "comrdtbsiz": "40",
     "mfgdigsn": "FAKE", "mfgdigver": "0.0.0",
 }  # fmt: skip
@@ -66,22 +67,17 @@ class FakeNetft:
         Records per second; made one that the internal rate is a multiple of, as the box does.
     tick_hz : float, default 7000
         Samples per second within the sensor.
-    force_unit, torque_unit : str, default "N" and "Nm"
-        Units that the page gives.
-    counts_per_force, counts_per_torque : float, default 1e6
-        Counts per one of these units.
     faults : Faults, optional
         What goes wrong.
     n_records : int, optional
         End of the stream; default: none.
     per_datagram : int, default 40
         Records per datagram, when a client asks for buffered mode.
-    product : str, default "Net F/T"
-        Name on the page; one with "Axia" makes clients read status words as that sensor writes them.
     synthetic : bool, default True
         Whether the page says that no sensor measures here; False for recordings of a sensor that are played again.
-    page_changes : mapping of str to str or None, optional
-        Fields of the page to be changed, or left out (None).
+    page : mapping of str to str or None, optional
+        Fields of the page to be changed, or left out (None). What is sent follows from it: the units ``scfgfu`` and
+        ``scfgtu`` (N and Nm), and counts per unit, ``cfgcpf`` and ``cfgcpt`` (1e6).
     seed : int, default 0
         Of the faults.
     port, http_port : int, default 0
@@ -117,33 +113,20 @@ class FakeNetft:
         *,
         rate_hz: float = 500.0,
         tick_hz: float = 7000.0,
-        force_unit: str = "N",
-        torque_unit: str = "Nm",
-        counts_per_force: float = 1e6,
-        counts_per_torque: float = 1e6,
         faults: Faults | None = None,
         n_records: int | None = None,
         per_datagram: int = 40,
-        product: str = "Net F/T",
         synthetic: bool = True,
-        page_changes: Mapping[str, str | None] | None = None,
+        page: Mapping[str, str | None] | None = None,
         seed: int = 0,
         port: int = 0,
         http_port: int = 0,
     ) -> None:
-        for name, unit, known in (
-            ("force_unit", force_unit, FORCE_UNITS),
-            ("torque_unit", torque_unit, TORQUE_UNITS),
-        ):
-            if unit not in known:
-                raise ValueError(f"{name} must be one of {', '.join(known)}, got {unit!r}")
-        force, torque = FORCE_UNITS[force_unit], TORQUE_UNITS[torque_unit]
         self.tick_hz = finite_number("tick_hz", tick_hz, positive=True)
         self._step = max(1, round(self.tick_hz / finite_number("rate_hz", rate_hz, positive=True)))
         self.rate_hz = self.tick_hz / self._step
         self.faults = Faults() if faults is None else faults
         self.n_records, self.per_datagram, self._seed = n_records, per_datagram, seed
-        self._counts = counts_of(signal, float(counts_per_force / force), float(counts_per_torque / torque))
         self.injected = Injected()
         self.requests: list[bytes] = []
         self.send_stamps = array("Q")
@@ -154,23 +137,19 @@ class FakeNetft:
         self._next: tuple[float, Datagram] | None = None
         self._done, self._stopping = threading.Event(), threading.Event()
         self._deaf = self.faults.deaf
+        told = {
+            "runrate": f"{self.tick_hz:g}",
+            "comrdtrate": f"{round(self.rate_hz)}",
+            "comrdtbsiz": str(per_datagram),
+            SYNTHETIC_FIELD: "1" if synthetic else None,
+            **(page or {}),
+        }
+        force, torque = (_unit(told, *of) for of in (("scfgfu", FORCE_UNITS), ("scfgtu", TORQUE_UNITS)))
+        counts = [float(told.get(name) or _FACTORY[name]) for name in ("cfgcpf", "cfgcpt")]
+        self._counts = counts_of(signal, counts[0] / force, counts[1] / torque)
         # an ATI Mini45 SI-290-10, in the units of the page
         full_scale = [290 / force, 290 / force, 580 / force, 10 / torque, 10 / torque, 10 / torque]
-        text = page_text(
-            {
-                "prodname": product,
-                "scfgfu": force_unit,
-                "scfgtu": torque_unit,
-                "cfgcpf": f"{counts_per_force:.17g}",
-                "cfgcpt": f"{counts_per_torque:.17g}",
-                "cfgmr": ";".join(f"{float(value):.9g}" for value in full_scale),
-                "runrate": f"{self.tick_hz:g}",
-                "comrdtrate": f"{round(self.rate_hz)}",
-                "comrdtbsiz": str(per_datagram),
-                SYNTHETIC_FIELD: "1" if synthetic else None,
-                **(page_changes or {}),
-            }
-        )
+        text = page_text({"cfgmr": ";".join(f"{value:.9g}" for value in full_scale), **told})
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((HOST, port))
@@ -302,6 +281,13 @@ class FakeNetft:
                 yield latest, datagram
 
 
+def _unit(page: Mapping[str, str | None], name: str, units: Mapping[str, Fraction]) -> float:
+    unit = page.get(name) or _FACTORY[name]
+    if unit not in units:
+        raise ValueError(f"page[{name!r}] must be one of {', '.join(units)}, got {unit!r}")
+    return float(units[unit])
+
+
 def counts_of(signal: ArrayLike | None, per_newton: float, per_newton_metre: float) -> NDArray[np.int32]:
     """Turn wrenches (n, 6) into counts, rounded and held at the ends of 32 bits; None: slow sines."""
     if signal is None:
@@ -378,14 +364,15 @@ def _box(options: argparse.Namespace) -> FakeNetft:
     elif options.material is not None:  # four pushes, again and again
         data = synthesize(options.material, 4, rate_hz=rate_hz, seed=options.seed)
         signal = np.concatenate([recording.wrench for recording in data])
-    passed_on = ("tick_hz", "force_unit", "torque_unit", "product", "seed", "port", "http_port")
+    page = dict(field.partition("=")[::2] for field in options.page)
     return FakeNetft(
         signal,
         rate_hz=rate_hz,
         faults=Faults.parse(options.fault),
         n_records=options.records,
         synthetic=synthetic,
-        **{name: getattr(options, name) for name in passed_on},
+        page=page,
+        **{name: getattr(options, name) for name in ("tick_hz", "seed", "port", "http_port")},
     )
 
 
@@ -409,9 +396,13 @@ def _parser() -> argparse.ArgumentParser:
         "records (bad_status saturation warning); after so many records (wrap=100 restart stall second_client); "
         "jitter_s, stall_s, drift, deaf",
     )
-    add("--force-unit", default="N", choices=sorted(FORCE_UNITS))
-    add("--torque-unit", default="Nm", choices=sorted(TORQUE_UNITS))
-    add("--product", default="Net F/T", help="name on the page; with Axia it is one")
+    add(
+        "--page",
+        action="append",
+        default=[],
+        metavar="FIELD=VALUE",
+        help="may be repeated: a field of the page, as in prodname=Axia, scfgfu=lbf, cfgcpf=1e4",
+    )
     add("--records", type=int, help="end after so many")
     add("--seconds", type=float, help="end after so long")
     add("--port", type=int, default=0, help="UDP port (any)")

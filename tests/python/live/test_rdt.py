@@ -32,7 +32,7 @@ def test_a_url_is_enough():
 
 def test_what_the_page_tells_is_kept():
     changes = {"setuserfilter": "4", "cfgcalsn": "FT12345", "setbias": "1;2;3;4;5;6"}
-    with FakeNetft(page_changes=changes) as box:
+    with FakeNetft(page=changes) as box:
         info = source_of(box).info
     assert info.name == "Net F/T 127.0.0.1"
     assert (info.rate_hz, info.tick_hz, info.device_clock, info.synthetic) == (500, 7000, True, True)
@@ -45,12 +45,13 @@ def test_what_the_page_tells_is_kept():
 @pytest.mark.parametrize(("force", "torque"), [("N", "Nm"), ("klbf", "lbf-in"), ("g", "kg-cm")])
 def test_units_become_newton_and_newton_metre(force, torque):
     """Exactly so, as the tests of the page show; here, that it is the page's units which are taken."""
-    counts = {
-        "counts_per_force": 1e5 * float(FORCE_UNITS[force]),
-        "counts_per_torque": 1e6 * float(TORQUE_UNITS[torque]),
+    page = {
+        "scfgfu": force,
+        "scfgtu": torque,
+        "cfgcpf": repr(1e5 * float(FORCE_UNITS[force])),
+        "cfgcpt": repr(1e6 * float(TORQUE_UNITS[torque])),
     }
-    fake = FakeNetft(signal(4), force_unit=force, torque_unit=torque, n_records=4, **counts)
-    with fake as box, streaming(box) as (source, buffer):
+    with FakeNetft(signal(4), page=page, n_records=4) as box, streaming(box) as (source, buffer):
         eventually(lambda: n_rows(source) == 4)
     assert source.info.full_scale == pytest.approx((290, 290, 580, 10, 10, 10))
     # as near as whole counts allow
@@ -202,8 +203,8 @@ def test_nobody_listens_and_buffers_that_do_not_fit():
 
 
 def test_on_robot_has_a_fixed_scale_and_its_own_requests():
-    counts = {"counts_per_force": 1e4, "counts_per_torque": 1e5}
-    with FakeNetft(signal(50), tick_hz=500, n_records=50, **counts) as box:
+    scale = {"cfgcpf": "1e4", "cfgcpt": "1e5"}
+    with FakeNetft(signal(50), tick_hz=500, n_records=50, page=scale) as box:
         source = RdtSource("127.0.0.1", box.port, variant="onrobot")
         with streaming(box, source=source) as (_, buffer):
             source.bias()
@@ -228,7 +229,7 @@ def test_on_robot_has_a_fixed_scale_and_its_own_requests():
     ],
 )
 def test_what_page_and_options_say_of_kind_and_rates(page, options, told):
-    with FakeNetft(page_changes=page) as box:
+    with FakeNetft(page=page) as box:
         info = source_of(box, **options).info
     assert (info.meta["variant"], info.rate_hz, info.tick_hz) == told
 
@@ -245,7 +246,7 @@ def test_what_page_and_options_say_of_kind_and_rates(page, options, told):
     ],
 )
 def test_rates_and_kinds_that_are_refused(page, options, error, words):
-    with FakeNetft(page_changes=page) as box, pytest.raises(error, match=words):
+    with FakeNetft(page=page) as box, pytest.raises(error, match=words):
         source_of(box, **options)
 
 

@@ -41,7 +41,7 @@ def theirs(faults=None, **options):
 
 @pytest.mark.parametrize(("force", "torque"), [("N", "Nm"), ("lbf", "lbf-in")])
 def test_requests_are_the_same_bytes_and_values_theirs_times_the_unit(force, torque):
-    units = {"force_unit": force, "torque_unit": torque}
+    units = {"page": {"scfgfu": force, "scfgtu": torque}}
     samples, _, box = theirs(**units)
     _, _, reader, ours = run(n_records=N_RECORDS, **units)
     assert ours.requests == [box.requests[0], box.requests[-1]] == box.requests

@@ -65,7 +65,7 @@ def test_faults_are_checked(text, words):
 
 def test_arguments_are_checked():
     for options, words in [
-        ({"force_unit": "pound"}, r"force_unit must be one of N, .*, got 'pound'"),
+        ({"page": {"scfgfu": "pound"}}, r"page\['scfgfu'\] must be one of N, .*, got 'pound'"),
         ({"signal": np.zeros((5, 3))}, r"signal has shape \(5, 3\)"),
         ({"rate_hz": 0}, "rate_hz must be positive"),
     ]:
