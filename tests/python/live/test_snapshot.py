@@ -250,6 +250,18 @@ def test_a_line_has_all_that_matters():
     assert replace(seen, n_correct=None).words.score == "12 captures"
 
 
+def test_lag_and_loss_are_always_told_other_troubles_where_there_are_any_and_each_may_be_an_alarm():
+    assert Snapshot("armed").words.figures == (("lag", "-", False), ("lost", "0", False))
+    worrying = ["gaps", "late", "saturated", "bad_status", "non_finite"]
+    harmless = ["stale", "duplicates", "reordered"]
+    seen = replace(END, lag_s=0.021, counters=dict.fromkeys(["missed", *worrying, *harmless], 1234))
+    figures = {name.replace("not finite", "non finite"): alarm for name, _, alarm in seen.words.figures}
+    assert figures.pop("lag")
+    assert figures.pop("lost")
+    assert figures == {name.replace("_", " "): name in worrying for name in (*worrying, *harmless)}
+    assert {value for _, value, _ in seen.words.figures} == {"21.0 ms", "1,234"}
+
+
 def test_the_last_outcome_is_held_and_spoken_until_the_next_push_begins():
     builder, _ = listening(1.0)
     builder.end_capture(Push(answer(3.2, final=True, warnings=("gap",)), truth="rice"))
@@ -265,6 +277,11 @@ def test_the_last_outcome_is_held_and_spoken_until_the_next_push_begins():
     words = builder.build("triggered", answer(1.0)).words
     assert (words.answer.kind, words.state, words.warnings) == ("provisional", "Listening", ())
     assert words.spoken == "Push 2. no answer, 12 rows are missing"
+    builder.end_capture(Push(answer(3.2, final=True, unknown=True), truth="macaroni brine"))
+    builder.end_capture(Push(answer(3.2, final=True), truth="fine sugar"))
+    details = [entry.detail for entry in builder.build("armed").words.history]
+    assert details[0] == f"right, {LEAD}"
+    assert details[1] == f"right, it was macaroni brine, nearest: fine sugar, {LEAD}"
 
 
 def test_a_push_in_one_line():
