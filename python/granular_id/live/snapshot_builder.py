@@ -114,11 +114,12 @@ class SnapshotBuilder:
         # Thinned rows come in pairs of each piece, and a piece at either end may be unfinished.
         self._step = 1 if n <= _MOST_ROWS else math.ceil(n / (_MOST_ROWS // 2 - 1))
         self._sections = butter(spec.order, spec.cutoff_hz, "highpass", fs=spec.rate_hz)
-        self._filtered: NDArray[np.float64] | None = None  # state of the filter; none at the beginning
         self._histogram = StreamingExtractor(_counting(spec), n_samples=n_samples, n_axes=_N_AXES)
         ranges = np.broadcast_to(np.asarray(spec.bin_range, np.float64), (_N_AXES, 2))
         self._edges = np.array([np.linspace(low, high, spec.n_bins + 1) for low, high in ranges])
-        self._recent = RecentRows(n, 2 * _N_AXES)
+        self._recent: deque[NDArray[np.float64]]
+        self._filtered: NDArray[np.float64] | None  # state of the filter; None: it begins anew
+        self._clear_traces()
         self._latest = np.full(_N_AXES, math.nan)
         self._time_s: float | None = None
         self._epoch: int | None = None
@@ -148,16 +149,17 @@ class SnapshotBuilder:
         else:  # rows that were missed are of the epoch before
             self._epoch = block.epoch
             self._counted["epochs"] += 1
-            self._recent = RecentRows(self._view_rows, 2 * _N_AXES)
-            self._filtered = None
+            self._clear_traces()
         begin = 0
         for end in [*np.flatnonzero(gaps).tolist(), len(wrench)]:
             piece = wrench[begin:end]
             if len(piece):
-                self._recent.add(np.hstack([piece, self._high_passed(piece)]))
+                self._trace(np.hstack([piece, self._high_passed(piece)]), len(piece))
             if end < len(wrench):
                 self._filtered = None
-                self._recent.skip(int(gaps[end]))
+                n_missing = int(gaps[end])
+                nothing = np.full((min(n_missing, self._view_rows), 2 * _N_AXES), math.nan)
+                self._trace(nothing, n_missing)
             begin = end
         self._latest = wrench[-1].copy()
         self._time_s = float(block.time_s[-1])
@@ -222,8 +224,9 @@ class SnapshotBuilder:
         """
         if decision is not None:
             self._remember(decision)
-        recent = self._recent.last(self._view_rows)
-        places, shown = outline(recent, self._recent.total - len(recent), self._step)
+        recent = np.concatenate(self._recent)[-self._view_rows :]
+        self._recent, self._n_kept = deque([recent]), len(recent)
+        places, shown = outline(recent, self._n_instants - len(recent), self._step)
         own = () if decision is None else tuple(decision.warnings)
         shape = (len(self._answers), len(self._classes))
         losses = np.array([losses for _, losses in self._answers]).reshape(shape)
@@ -247,6 +250,19 @@ class SnapshotBuilder:
             n_correct=n_correct,
             **self._fixed,
         )
+
+    def _clear_traces(self) -> None:
+        self._n_instants = self._n_kept = 0
+        self._recent = deque([np.empty((0, 2 * _N_AXES))])
+        self._filtered = None
+
+    def _trace(self, rows: NDArray[np.float64], n_instants: int) -> None:
+        """Append to the traces, and forget what is too old to be shown."""
+        self._n_instants += n_instants
+        self._n_kept += len(rows)
+        self._recent.append(rows)
+        while self._n_kept - len(self._recent[0]) >= self._view_rows:
+            self._n_kept -= len(self._recent.popleft())
 
     def _high_passed(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         if self._filtered is None:
@@ -282,37 +298,6 @@ def _counting(spec: FeatureSpec) -> FeatureSpec:
     """Return a specification with nothing but the counts of the histograms."""
     names = ("rate_hz", "cutoff_hz", "order", "n_bins", "bin_range", "outside", "initial")
     return FeatureSpec(raw=False, **{name: getattr(spec, name) for name in names})
-
-
-class RecentRows:
-    """A fixed memory of the last rows, one per instant; instants without a row are NaN."""
-
-    def __init__(self, capacity: int, n_columns: int) -> None:
-        self._ring = np.full((capacity, n_columns), math.nan)
-        self.total = 0
-        """Instants so far, those included that are forgotten."""
-
-    def add(self, rows: NDArray[np.float64]) -> None:
-        """Append rows, shape (k, n_columns); the oldest make room."""
-        capacity = len(self._ring)
-        kept = rows[-capacity:]
-        at = (self.total + len(rows) - len(kept)) % capacity
-        first = min(len(kept), capacity - at)
-        self._ring[at : at + first] = kept[:first]
-        self._ring[: len(kept) - first] = kept[first:]
-        self.total += len(rows)
-
-    def skip(self, n_instants: int) -> None:
-        """Append instants of which there is nothing."""
-        capacity = len(self._ring)
-        self.add(np.full((min(n_instants, capacity), self._ring.shape[1]), math.nan))
-        # All is NaN then: where the ring begins is all the same.
-        self.total += max(n_instants - capacity, 0)
-
-    def last(self, n: int) -> NDArray[np.float64]:
-        """Return a copy of the last `n` rows, or of as many as there are, oldest first."""
-        n = min(n, self.total, len(self._ring))
-        return self._ring[np.arange(self.total - n, self.total) % len(self._ring)]
 
 
 def outline(
