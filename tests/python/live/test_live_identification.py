@@ -321,7 +321,6 @@ def test_no_machine_moves_unasked():
             ValueError,
             "robot='source' asks for the robot of the source, and replay",
         ),
-        (Arm(), {"trigger": "motion"}, ValueError, "trigger='motion' needs a robot: there is no robot"),
         (
             Arm(),
             {"robot": "arm"},

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import socketserver
+import socket
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import suppress
 from fractions import Fraction
 
 import pytest
@@ -22,44 +22,37 @@ def page(**changes):
     return parse_page(page_text(changes), URL)
 
 
-@contextmanager
 def server(*chunks, pause_s=0.0):
-    """Answer whatever is asked with these bytes."""
+    """Answer one question with these bytes, whatever it is; returns the port."""
+    listening = socket.create_server(("127.0.0.1", 0))
 
-    class Handler(socketserver.BaseRequestHandler):
-        def handle(self):
-            self.request.recv(1024)
-            try:
-                for chunk in chunks:
-                    self.request.sendall(chunk)
-                    time.sleep(pause_s)
-            except OSError:
-                pass  # the client has heard enough
+    def answer():
+        client, _ = listening.accept()
+        with listening, client, suppress(OSError):  # the client may have heard enough
+            client.recv(1024)
+            for chunk in chunks:
+                client.sendall(chunk)
+                time.sleep(pause_s)
 
-    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler) as serving:
-        serving.daemon_threads = True
-        serving.block_on_close = False
-        thread = threading.Thread(target=serving.serve_forever, kwargs={"poll_interval": 0.01})
-        thread.start()
-        try:
-            yield serving.server_address[1]
-        finally:
-            serving.shutdown()
-            thread.join()
+    threading.Thread(target=answer, daemon=True).start()
+    return listening.getsockname()[1]
 
 
 def test_units_are_exact():
-    lbf, inch = Fraction(45359237, 100000000) * Fraction(980665, 100000), Fraction(254, 10000)
-    assert {
-        "N": 1, "kN": 1000, "lbf": lbf, "klbf": 1000 * lbf, "kgf": Fraction(980665, 100000),
-        "g": Fraction(980665, 100000000),
-    } == FORCE_UNITS  # fmt: skip
-    assert TORQUE_UNITS["lbf-in"] == lbf * inch
-    assert TORQUE_UNITS["lbf-ft"] == 12 * lbf * inch
-    assert TORQUE_UNITS["kg-cm"] == TORQUE_UNITS["kgf-cm"] == Fraction(980665, 10000000)
-    assert TORQUE_UNITS["Nmm"] == TORQUE_UNITS["N-mm"] == Fraction(1, 1000)
-    assert TORQUE_UNITS["kN-m"] == TORQUE_UNITS["kNm"] == 1000
-    assert TORQUE_UNITS["Nm"] == TORQUE_UNITS["N-m"] == 1
+    kgf, inch = Fraction("9.80665"), Fraction("0.0254")
+    lbf = Fraction("0.45359237") * kgf
+    force = {"N": 1, "kN": 1000, "lbf": lbf, "klbf": 1000 * lbf, "kgf": kgf, "g": kgf / 1000}
+    metric = {
+        "Nm": 1,
+        "N-m": 1,
+        "Nmm": Fraction(1, 1000),
+        "N-mm": Fraction(1, 1000),
+        "kN-m": 1000,
+        "kNm": 1000,
+    }
+    others = {"kg-cm": kgf / 100, "kgf-cm": kgf / 100, "lbf-in": lbf * inch, "lbf-ft": 12 * lbf * inch}
+    assert force == FORCE_UNITS
+    assert metric | others == TORQUE_UNITS
 
 
 def test_the_scale_takes_units_into_account():
@@ -144,8 +137,8 @@ def test_nobody_serves():
     ],
 )
 def test_other_servers(answer, kind, words):
-    with server(answer) as port, pytest.raises(kind, match=words):
-        read_page("127.0.0.1", port)
+    with pytest.raises(kind, match=words):
+        read_page("127.0.0.1", server(answer))
 
 
 @pytest.mark.parametrize(
@@ -154,6 +147,5 @@ def test_other_servers(answer, kind, words):
     [([b""], 1.0), ([OK, *[b"X"] * 100], 0.02)],
 )
 def test_a_server_that_says_nothing_or_drips_is_left(chunks, pause_s):
-    words = r"did not answer within 0\.3 s"
-    with server(*chunks, pause_s=pause_s) as port, pytest.raises(TimeoutError, match=words):
-        read_page("127.0.0.1", port, timeout_s=0.3)
+    with pytest.raises(TimeoutError, match=r"did not answer within 0\.3 s"):
+        read_page("127.0.0.1", server(*chunks, pause_s=pause_s), timeout_s=0.3)
