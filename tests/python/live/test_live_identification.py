@@ -100,7 +100,7 @@ def test_only_the_final_answer_says_that_a_push_is_like_none_and_that_counts_as_
     strict, material, is_right
 ):
     said = []
-    with opened(simulated(materials=material, speed=20)) as stream:
+    with opened(simulated(materials=material, speed=5)) as stream:
         live = LiveIdentifier(stream, strict)
         push = live.push(said.append)
     assert (push.decision.unknown, push.is_right) == (True, is_right)

@@ -1,5 +1,6 @@
 """Snapshots tell the truth about the rows they were made of, and say it in words once for all views."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -102,6 +103,9 @@ def test_outline_is_the_extremes_of_each_piece(values, first, step):
     got = [(min(pair), max(pair)) for pair in kept.reshape(-1, 2).tolist()]
     assert np.array_equal(np.array(got).reshape(-1, 2), np.array(wanted).reshape(-1, 2), equal_nan=True)
     assert (np.diff(places) >= 0).all()
+    assert np.allclose(np.diff(places)[:-2], step / 2), (
+        "evenly spread, but for the last piece, which may be short"
+    )
 
 
 def test_rows_that_were_overwritten_are_a_gap_and_not_missing_and_an_epoch_begins_anew():
@@ -267,6 +271,8 @@ def test_the_last_outcome_is_held_and_spoken_until_the_next_push_begins():
     builder.end_capture(Push(answer(3.2, final=True, warnings=("gap",)), truth="rice"))
     words = builder.build("armed", hint="push now").words
     assert words.answer[:2] == ("final", "fine sugar")
+    assert re.fullmatch(rf"{FINAL}, at \d\d:\d\d:\d\d", words.answer.stage)
+    assert words.answer.stage.endswith(words.history[0].clock)
     assert words.state == "Armed: push now"
     assert words.warnings == ("gap: missing rows were filled in",)
     assert words.ranking[0][0] == "fine sugar"
