@@ -63,7 +63,7 @@ def simulated(*faults, materials="rice", seed=3, speed=10):
 
 
 def replayed(recordings):
-    return ReplaySource(Dataset(recordings), speed=20, pause_s=0.5)
+    return ReplaySource(Dataset(recordings), speed=5, pause_s=0.5)
 
 
 def test_rows_that_come_late_are_warned_of(model):
@@ -295,7 +295,7 @@ class Breaking(ReplaySource):
 @pytest.mark.parametrize(("kind", "state"), [(ReplaySource, "ended"), (Breaking, "failed")])
 def test_a_replay_that_is_over_is_shown_as_ended_and_a_broken_source_as_failed(model, pushes, kind, state):
     kept = Kept()
-    with opened(kind(Dataset([pushes[0]]), speed=20, pause_s=0.5)) as stream:
+    with opened(kind(Dataset([pushes[0]]), speed=5, pause_s=0.5)) as stream:
         live = LiveIdentifier(stream, model, views=Views([kept]))
         if state == "ended":
             assert len(list(live.pushes())) == live.n_pushes == 1, "the end of the source is no push"

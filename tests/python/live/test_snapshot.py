@@ -21,18 +21,12 @@ SPECS = {
 }
 
 
-def cuts(n):
-    """Borders of the blocks into which n rows are cut; some are empty."""
-    return st.lists(st.integers(0, n), max_size=30).map(sorted)
-
-
 @pytest.mark.parametrize("spec", SPECS.values(), ids=SPECS)
-@given(borders=cuts(len(WRENCH)))
-def test_the_histogram_of_a_whole_capture_is_that_of_its_features(spec, borders):
+def test_the_histogram_of_a_whole_capture_is_that_of_its_features(spec):
     builder = SnapshotBuilder(500.0, spec)
     builder.captured(WRENCH[:100])
     builder.begin_capture()
-    for piece in np.split(WRENCH, borders):
+    for piece in np.split(WRENCH, [0, 1, 7, 7, 500, 1599]):
         builder.captured(piece)
     counts = builder.build("complete").counts
     assert np.array_equal(counts.ravel(), extract_features(WRENCH, spec=spec)[WRENCH.size :])
@@ -43,7 +37,10 @@ def high_passed(rows):
     return sosfilt(sections, rows, axis=0, zi=sosfilt_zi(sections)[:, :, None] * rows[0])[0]
 
 
-@given(cuts(len(ROWS)), st.dictionaries(st.integers(1, len(ROWS) - 1), st.integers(1, 1200), max_size=4))
+@given(
+    st.lists(st.integers(0, len(ROWS)), max_size=30).map(sorted),
+    st.dictionaries(st.integers(1, len(ROWS) - 1), st.integers(1, 1200), max_size=4),
+)
 def test_traces_do_not_depend_on_how_the_rows_arrive_and_are_interrupted_where_some_never_did(borders, gaps):
     builder = SnapshotBuilder(500.0, view_s=1.0)
     at = 0
