@@ -16,7 +16,7 @@ RATE_HZ = 500.0
 @cache
 def pushes_and_model():
     """Pushes of one second, as a recorder would have them (0.1 s of rest, then the motion), and what learnt them."""
-    data = synthesize(["rice", "fine sugar"], n_per_class=12, duration_s=1.3, seed=5)
+    data = synthesize(["rice", "fine sugar"], n_per_class=8, duration_s=1.3, seed=5)
     pushes = data.align(trigger="recorded", lead_s=0.1, n_samples=500)
     return pushes, Identifier.fit(pushes, "hfmh", estimate=False)
 

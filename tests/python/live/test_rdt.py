@@ -15,18 +15,22 @@ from granular_id.live.rdt import RdtSource
 from granular_id.live.source import WrenchSource, open_source
 from granular_id.live.stream import opened
 from granular_id.testing import FakeNetft, Faults
-from rdt_cases import BIAS, LATCH, START, STOP, buffer_of, n_rows, run, signal, source_of, streaming
+from rdt_cases import BIAS, BUFFERED, LATCH, START, STOP, buffer_of, n_rows, run, signal, source_of, streaming
 from sink_cases import eventually
 
 
 def test_a_url_is_enough():
-    with FakeNetft(signal()) as box, opened(box.url + "&variant=axia&rate_hz=500&resume=1") as stream:
+    with (
+        FakeNetft(signal()) as box,
+        opened(box.url + "&variant=axia&rate_hz=500&buffered=1&resume=0") as stream,
+    ):
         eventually(lambda: stream.buffer.stats()["written"] >= 50)
         assert stream.buffer.window(10).wrench.shape == (10, 6)
         health = stream.health()
         assert (health.running, health.error) == (True, None)
         assert isinstance(stream.source, WrenchSource)
         assert stream.info.meta["variant"] == "axia"
+        assert set(box.requests) == {BUFFERED}
     assert not stream.health().running
 
 

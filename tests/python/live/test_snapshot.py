@@ -129,6 +129,9 @@ def test_histogram_and_ranking_stand_until_rows_of_the_next_capture_come():
     times, losses = seen.ranking_history
     assert times.tolist() == pytest.approx(np.arange(1, 11) / 10)
     assert dict(zip(CLASSES, losses[-1].tolist(), strict=True)) == dict(seen.decision.ranking)
+    assert len(builder.build("triggered", seen.decision).ranking_history[0]) == 10, (
+        "the same answer is no news"
+    )
     builder.begin_capture()
     armed = builder.build("armed")
     assert len(armed.ranking_history[0]) == 10
@@ -147,6 +150,7 @@ def test_a_session_that_goes_on_for_ever_stays_small():
         seen = builder.build("triggered", answer(i / 10))
     assert len(seen.ranking_history[0]) <= 240
     assert seen.ranking_history[0][-1] == pytest.approx(69.9)
+    assert builder.build("triggered", answer(0.1)).ranking_history[0].tolist() == [0.1], "it begins anew"
     assert builder.build("armed").held is None
     pushes = [Push(answer(3.2, final=True)) for _ in range(100)]
     for one in pushes:
