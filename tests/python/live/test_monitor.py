@@ -197,7 +197,8 @@ def test_no_other_interface_listens(served):
             socket.create_connection((address, served.port), timeout=10)
 
 
-def test_a_browser_gets_what_was_published(monitor):
+def test_a_browser_gets_what_was_published_as_it_comes(monitor, monkeypatch):
+    monkeypatch.setattr("granular_id.live.monitor._QUIET_S", 60.0)  # nobody waits for that
     monitor.publish(BIG)
     with stream(monitor) as browser:
         ((_, data),) = events(browser, has_number(1))
