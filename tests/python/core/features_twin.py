@@ -1,9 +1,11 @@
-"""The oracle of feature extraction: scipy filters, numpy counts, straight loops over recordings and axes."""
+"""The oracle of feature extraction: scipy filters, numpy counts, straight loops; and random cases for it."""
 
 import numpy as np
 from scipy import signal as scipy_signal
 
 from granular_id.signal import butter, sosfilt_zi
+
+AXES = [6, 6, 6, 1, 3, 13, 25, 40]
 
 
 def high_passed(batch, *, rate_hz=500.0, cutoff_hz=23.0, order=8, initial="zero", **_):
@@ -59,3 +61,42 @@ def differing_bits(got, wanted):
     assert got.flags.c_contiguous
     kind = np.int64 if got.dtype == np.float64 else np.int32
     return int(np.count_nonzero(got.view(kind) != np.ascontiguousarray(wanted).view(kind)))
+
+
+def a_wrench(rng, shape):
+    """Signals of many characters: noise, walks, offsets, silence, steps, huge and subnormal numbers."""
+    x = rng.standard_normal(shape)
+    kind = rng.integers(8)
+    if kind == 1:
+        x = 0.1 * np.cumsum(x, axis=1)
+    elif kind == 2:
+        x[rng.random(shape) < 0.9] = 0.0
+    elif kind == 3:
+        x = np.zeros(shape) + rng.standard_normal()
+    elif kind == 4:
+        x *= 10.0 ** rng.integers(-323, -300)
+    elif kind == 5:
+        x *= 10.0 ** rng.integers(1, 200)
+    elif kind == 6:
+        x = rng.integers(-9, 9, shape).astype(np.float64)
+    elif kind == 7:
+        x = x * 0.3 + rng.uniform(-40, 40, (1, 1, shape[2]))
+    return x
+
+
+def some_options(rng, n_axes):
+    low = rng.uniform(-3, 1, (n_axes, 1))
+    ranges = np.hstack([low, low + 10.0 ** rng.uniform(-2, 1, (n_axes, 1))])
+    raw, hfmh = [(True, True), (True, True), (False, True), (True, False)][rng.integers(4)]
+    return {
+        "rate_hz": float(rng.choice([100.0, 500.0, 1000.0])),
+        "cutoff_hz": float(rng.uniform(0.5, 49)),
+        "order": int(rng.integers(1, 13)),
+        "n_bins": int(rng.choice([1, 2, 3, 7, 10, 64, 100, 333])),
+        "bin_range": ranges if rng.random() < 0.5 else tuple(ranges[0]),
+        "raw": raw,
+        "hfmh": hfmh,
+        "outside": str(rng.choice(["drop", "clip"])),
+        "density": bool(rng.random() < 0.3),
+        "initial": str(rng.choice(["zero", "steady"])),
+    }

@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import time
 
 import numpy as np
 
@@ -21,6 +20,12 @@ def batch_digest(seed=0, threads=2):
     return hashlib.sha256(extract_features(a_batch(seed), threads=threads).tobytes()).hexdigest()
 
 
+def digest_and_process():
+    """The same batch twice, the second with threads that are there already; and who did it."""
+    batch_digest()
+    return batch_digest(), os.getpid()
+
+
 def a_stream(kind):
     """A stream, rows that it takes some milliseconds for, and what it says of those so far, as text."""
     n_samples, n_axes = (1 << 13, 1) if kind.startswith("multi-band") else (1 << 15, 6)
@@ -35,25 +40,17 @@ def a_stream(kind):
     return StreamingIdentifier(model), rows, lambda stream: stream.scores().tobytes().hex()
 
 
-def timed_digest(seed=0, threads=2):
-    """Digest, seconds it took, and the process that did it."""
-    begin = time.perf_counter()
-    digest = batch_digest(seed, threads)
-    return digest, time.perf_counter() - begin, os.getpid()
-
-
-def send_digest(connection, seed=0, threads=2):
-    """Work of a child process: the same batch twice, the second with threads that are there already."""
-    batch_digest(seed, threads)
-    connection.send(timed_digest(seed, threads))
+def send_digest(connection):
+    """Work of a child process."""
+    connection.send(digest_and_process())
     connection.close()
 
 
 def send_digest_of_a_child(connection, context, wait_s):
     """Work of a child that has a child."""
     own = batch_digest()
-    digest, seconds, process = in_child(context, wait_s)
-    connection.send((own if own == digest else f"{own} but {digest} in the child", seconds, process))
+    digest, process = in_child(context, wait_s)
+    connection.send((own if own == digest else f"{own} but {digest} in the child", process))
     connection.close()
 
 
@@ -68,8 +65,7 @@ def in_child(context, wait_s, target=send_digest, arguments=()):
             raise TimeoutError(f"the child {child.pid} hangs: nothing for {wait_s} s")
         return here.recv()
     finally:
-        if not here.closed:
-            here.close()
+        here.close()
         child.join(wait_s / 4)
         if child.is_alive():
             child.kill()

@@ -1,10 +1,12 @@
 """WrenchBuffer against a naive twin over random use, and from many threads at once."""
 
 import threading
+from functools import partial
 
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
+from core_cases import at_once
 from granular_id._core import WindowError, WrenchBuffer
 
 CAPACITY = 12
@@ -53,7 +55,7 @@ steps = st.one_of(
 )
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=100)
 @given(st.lists(steps, max_size=60))
 def test_equals_a_naive_twin(use):
     buffer, twin = WrenchBuffer(CAPACITY * PERIOD), Twin()
@@ -97,57 +99,36 @@ def test_equals_a_naive_twin(use):
     assert (stats["missing"], stats["non_finite"]) == (sum(twin.missing()), twin.non_finite)
 
 
-def all_at_once(n_threads, work):
-    errors = []
-    gate = threading.Barrier(n_threads)
-
-    def run(number):
-        try:
-            gate.wait()
-            work(number)
-        except BaseException as error:
-            errors.append(error)
-
-    threads = [threading.Thread(target=run, args=(number,)) for number in range(n_threads)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert errors == []
-
-
 def test_eight_threads_read_while_one_writes():
     n_blocks, n_rows = 400, 25
     buffer = WrenchBuffer(0.2)
-    readers = [buffer.reader() for _ in range(8)]
-    accounts = [[0, 0] for _ in readers]
     over = threading.Event()
 
-    def work(number):
-        if number == 8:
-            for k in range(n_blocks):
-                first = k * n_rows
-                block = np.repeat(np.arange(first, first + n_rows, dtype=float)[:, None], 6, axis=1)
-                assert buffer.push_block(block, block[:, 0] * PERIOD) == n_rows
-            over.set()
-            return
-        reader, account = readers[number], accounts[number]
+    def write():
+        for first in range(0, n_blocks * n_rows, n_rows):
+            block = np.repeat(np.arange(first, first + n_rows, dtype=float)[:, None], 6, axis=1)
+            assert buffer.push_block(block, block[:, 0] * PERIOD) == n_rows
+        over.set()
+
+    def read(number, reader):
+        """Each row once and in order, or counted as missed."""
+        n_read = n_missed = 0
         while True:
             last = over.is_set()
             block = reader.read(1 + 30 * number)
-            account[1] += block.missed
-            wanted = sum(account) + np.arange(len(block))
+            n_missed += block.missed
+            wanted = n_read + n_missed + np.arange(len(block))
             np.testing.assert_array_equal(block.wrench, np.repeat(wanted[:, None], 6, axis=1))
-            account[0] += len(block)
+            n_read += len(block)
             if len(block) == 0 and last:
-                return
+                return n_read + n_missed
             if len(block) == 0:
                 reader.wait(0.01)
-            window = buffer.window(10) if number % 2 and sum(account) > 10 else None
+            window = buffer.window(10) if number % 2 and n_read + n_missed > 10 else None
             assert window is None or (np.diff(window.wrench[:, 5]) == 1).all()
 
-    all_at_once(9, work)
-    assert [sum(account) for account in accounts] == [n_blocks * n_rows] * 8
+    readers = [partial(read, number, buffer.reader()) for number in range(8)]
+    assert at_once([write, *readers])[1:] == [n_blocks * n_rows] * 8
 
 
 def test_eight_threads_share_one_reader():
@@ -156,11 +137,11 @@ def test_eight_threads_share_one_reader():
     reader = buffer.reader()
     got = []
 
-    def work(number):
-        if number == 8:
-            for k in range(0, n_rows, 50):
-                buffer.push_block(np.full((50, 6), float(k)))
-            return
+    def write():
+        for k in range(0, n_rows, 50):
+            buffer.push_block(np.full((50, 6), float(k)))
+
+    def read():
         while sum(map(len, got)) < n_rows:
             block = reader.read(100)
             if len(block):
@@ -168,19 +149,19 @@ def test_eight_threads_share_one_reader():
             else:
                 reader.wait(0.001)
 
-    all_at_once(9, work)
+    at_once([write] + [read] * 8)
     np.testing.assert_array_equal(np.sort(np.concatenate(got)), np.arange(n_rows) * 2_000_000)
 
 
 def test_eight_threads_push_into_one_buffer():
-    n_rows = 2000
+    n_rows = 1000
     buffer = WrenchBuffer(8 * n_rows / 500, reorder_depth=8)
 
-    def work(number):
+    def write(number):
         for k in range(n_rows):
             buffer.push(np.full(6, float(number)), flags=k % 2)
 
-    all_at_once(8, work)
+    at_once([partial(write, number) for number in range(8)])
     stats = buffer.stats()
     assert (stats["written"], stats["gaps"], stats["late"]) == (8 * n_rows, 0, 0)
     values = buffer.window(8 * n_rows).wrench[:, 0]

@@ -1,13 +1,17 @@
 """Callers that do what they should not: arrays that change while they are read, sizes that no memory holds.
 
-Each case has a process of its own, which must live on.
+The cases of a test share a process of their own, which names each, and must live on.
 """
 
 import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
+
+from core_cases import printed_by
+from granular_id._core import MultiBandExtractor
 
 pytestmark = [
     pytest.mark.thread_unsafe(reason="starts processes"),
@@ -40,10 +44,12 @@ def model(coef, n_samples=100, n_axes=3, classes=("a", "b"), codes=((1,), (-1,))
 
 def low_pass(order):
     return _core.butter(order, "lowpass", 1.0, 0.0, 10.0)
+
+def case(name):
+    print(name, flush=True)
 """
 
 SHRINK = """
-X = np.zeros((2000, 100, 3))
 tried = []
 
 def shrink(*_, **__):
@@ -89,6 +95,17 @@ class Type:
         return np.dtype(float)
 """
 
+ASKED = """
+case({name!r})
+tried.clear()
+X = np.zeros((2000, 100, 3))
+try:
+    {call}
+except (ValueError, TypeError):
+    pass
+assert tried
+"""
+
 CHANGED = {
     "threads of multi-band features": "_core.MultiBandExtractor(100, 3).extract(X, Number())",
     "threads of sizes of bands": "_core.MultiBandExtractor(100, 3).band_rms(X, threads=Number())",
@@ -103,6 +120,8 @@ CHANGED = {
     "another array of a distance": "X = np.zeros((1000, 1000)); _core.NearestMean(Array(2, 1000), X)",
     "bins of a histogram": "X = np.zeros(1 << 20); _core.histogram(X, Number(), -1.0, 1.0)",
     "the end of a pause": "_core.sosfiltfilt(low_pass(2), X, 0, 'odd', Number())",
+    "nothing of a subclass": "out = np.empty((2000, 300)).view(Flags); out.flags;"
+    "_core.extract_features(X, SPEC, None, out, float); assert len(tried) == 1",
 }
 
 BESIDE = """
@@ -124,16 +143,20 @@ def resize():
 def work(array, out):
     gid.extract_features(array, raw=True, hfmh=False, out=out, threads=1)
 
-refused = []
 work(np.ones((1, 16, 6)), np.empty((1, 96)))
-for _ in range(100):
+"""
+
+RESIZED = """
+case({name!r})
+refused = []
+for _ in range({tries}):
     X, out = np.ones((400, 1600, 6)), np.empty((400, 9600))
     other = threading.Thread(target=resize)
     # It has its turn without the GIL alone: what is resized before it is borrowed is lost.
     sys.setswitchinterval(100)
     other.start()
     with contextlib.suppress(ValueError):
-        work(VIEW, VIEW_OF_OUT)
+        work({x}, {out})
     sys.setswitchinterval(0.005)
     other.join()
     if len(refused) >= 2:
@@ -150,7 +173,7 @@ VIEWS = {
     "a sliding window": "sliding_window_view({0}, 1, 0, writeable=True)[..., 0]",
 }
 
-COLLECTED = """
+COLLECTOR = """
 import gc
 
 def collected(phase, _):
@@ -159,8 +182,12 @@ def collected(phase, _):
         armed = False
         target.dtype = np.float32
 
+armed = False
 gc.callbacks.append(collected)
+"""
 
+COLLECTED = """
+case({name!r})
 for threshold in range(1, 60):
     {prepare}
     armed = False
@@ -180,7 +207,7 @@ for threshold in range(1, 60):
 
 WHILE_COLLECTED = {
     "columns": (
-        "target, more, out = np.full(1 << 20, 1.0), np.full(1 << 21, 2.0), np.zeros((1 << 21, 2))",
+        "target, more, out = np.full(1 << 17, 1.0), np.full(1 << 18, 2.0), np.zeros((1 << 18, 2))",
         "_core.interleave([target, more], out); assert False, 'read beyond its end'",
         "pass",
     ),
@@ -195,8 +222,19 @@ WHILE_COLLECTED = {
         "_core.extract_features(X, SPEC, 1, target, float)",
         "pass",
     ),
-    "weights of a model": ("target = np.ones((1, 1 << 20))", "model(target, 1 << 20, 1)", "pass"),
+    "weights of a model": ("target = np.ones((1, 1 << 17))", "model(target, 1 << 17, 1)", "pass"),
 }
+
+LIMITED = """
+case({name!r})
+limit()
+try:
+    {call}
+except MemoryError as error:
+    assert str(error)
+else:
+    raise AssertionError("there was memory enough")
+"""
 
 TOO_LARGE = {
     "multi-band features": "_core.MultiBandExtractor(100, 6).extract(np.zeros((3_000_000, 1, 6)))",
@@ -232,73 +270,49 @@ TOO_LARGE = {
 }
 
 
-def in_child(code):
-    child = subprocess.run(
-        [sys.executable, "-c", BEGIN + code],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-    )
-    assert child.returncode == 0, child.stderr[-2000:]
-    return child.stdout
+def lives_on(begin, template, cases):
+    """Run the cases one after the other: each is named before its turn, and the process ends as it should."""
+    program = BEGIN + begin + "".join(template.format(name=name, **case) for name, case in cases.items())
+    # A fixed threshold: memory that was freed goes back to the system, and is no room for the next case.
+    environment = {"OPENBLAS_NUM_THREADS": "1", "MALLOC_MMAP_THRESHOLD_": "131072"}
+    assert printed_by(program, **os.environ | environment).splitlines() == list(cases)
 
 
-@pytest.mark.parametrize("call", CHANGED.values(), ids=CHANGED)
-def test_an_array_that_shrinks_while_it_is_asked_for(call):
+def test_arrays_that_shrink_while_they_are_asked_for():
     """Whatever comes of it, an answer or an error: no memory that is not there is read."""
-    in_child(f"{SHRINK}\ntry:\n    {call}\nexcept (ValueError, TypeError):\n    pass\nassert tried")
+    lives_on(SHRINK, ASKED, {name: {"call": call} for name, call in CHANGED.items()})
 
 
-def test_an_array_of_a_subclass_is_asked_for_nothing():
-    in_child(
-        f"{SHRINK}\nout = np.empty((2000, 300)).view(Flags)\nout.flags\n"
-        "_core.extract_features(np.zeros((2000, 100, 3)), SPEC, None, out, float)\nassert len(tried) == 1"
-    )
-
-
-@pytest.mark.parametrize("view", VIEWS.values(), ids=VIEWS)
-def test_an_array_cannot_be_resized_while_it_is_read(view):
-    views = BESIDE.replace("VIEW_OF_OUT", view.format("out")).replace("VIEW", view.format("X"))
-    in_child(f"{views}\nassert refused")
+def test_arrays_cannot_be_resized_while_they_are_read():
+    cases = {name: {"x": v.format("X"), "out": v.format("out"), "tries": 100} for name, v in VIEWS.items()}
+    lives_on(BESIDE, RESIZED + "assert refused\n", cases)
 
 
 def test_an_array_of_an_unknown_owner_is_read_before_others_run():
-    in_child(
-        BESIDE.replace("VIEW_OF_OUT", "np.asarray(Interface(out))").replace(
-            "VIEW", "np.asarray(Interface(X))"
-        )
-    )
+    owner = {"x": "np.asarray(Interface(X))", "out": "np.asarray(Interface(out))", "tries": 30}
+    lives_on(BESIDE, RESIZED, {"an unknown owner": owner})
 
 
-@pytest.mark.parametrize(("prepare", "call", "check"), WHILE_COLLECTED.values(), ids=WHILE_COLLECTED)
-def test_an_array_that_changes_its_type_while_garbage_is_collected(prepare, call, check):
+def test_arrays_that_change_their_type_while_garbage_is_collected():
     """Up to Python 3.11 whatever is made may start the collector, and with it anything."""
-    in_child(COLLECTED.format(prepare=prepare, call=call, check=check))
+    keys = ("prepare", "call", "check")
+    lives_on(COLLECTOR, COLLECTED, {n: dict(zip(keys, c, strict=True)) for n, c in WHILE_COLLECTED.items()})
 
 
-@pytest.mark.parametrize("call", TOO_LARGE.values(), ids=TOO_LARGE)
-def test_sizes_for_which_there_is_no_memory(call):
-    caught = in_child(f"limit()\ntry:\n    {call}\nexcept MemoryError as error:\n    print(error)")
-    assert caught.strip()
+def test_sizes_for_which_there_is_no_memory():
+    lives_on("", LIMITED, {name: {"call": call} for name, call in TOO_LARGE.items()})
 
 
 def test_recordings_without_samples_ask_for_no_memory():
-    call = "_core.MultiBandExtractor(100, 6).extract(np.empty((10**12, 0, 6)))"
-    assert "must not be empty" in in_child(f"try:\n    {call}\nexcept ValueError as error:\n    print(error)")
+    with pytest.raises(ValueError, match="must not be empty"):
+        MultiBandExtractor(100, 6).extract(np.empty((10**12, 0, 6)))
 
 
 @pytest.mark.parametrize("asked", ["AVX2", "sse9"])
 def test_a_vector_unit_that_is_none_is_refused_by_name(asked):
     environment = os.environ | {"GRANULAR_ID_SIMD": asked}
-    child = subprocess.run(
-        [sys.executable, "-c", "import granular_id"],
-        check=False,
-        capture_output=True,
-        text=True,
-        env=environment,
-    )
+    command = [sys.executable, "-c", "import granular_id._core"]
+    child = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
     assert child.returncode == 1
     last = child.stderr.strip().splitlines()[-1]
     assert all(word in last for word in ("ValueError", "GRANULAR_ID_SIMD", asked, "baseline"))

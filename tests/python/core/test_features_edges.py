@@ -5,13 +5,12 @@ edges: a bin range is built around filtered values. The other sets the values: w
 sample after sample is chosen so that the filter's output becomes the value wanted.
 """
 
-import os
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
 import features_twin as twin
+from effort import cases
 from granular_id.features import extract_features
 from granular_id.signal import butter
 
@@ -34,7 +33,7 @@ def range_with_edge(value, bin_edge, n_bins, width):
     return None
 
 
-@settings(max_examples=150)
+@settings(max_examples=cases(60))
 @given(
     n_axes=st.sampled_from([1, 6, 6, 8, 13, 25]),
     n_bins=st.sampled_from([1, 2, 3, 7, 10, 64, 100, 1000, 32_768]),
@@ -93,45 +92,30 @@ BINS = [
 ]
 
 
-@pytest.mark.parametrize("n_axes", [1, 6, 7, 24, 25])
+@pytest.mark.parametrize("n_axes", [1, 6, 25])
 @pytest.mark.parametrize(("n_bins", "low", "high"), BINS)
 def test_filtered_values_that_are_edges(n_bins, low, high, n_axes):
-    n_cases = int(os.environ.get("GRANULAR_ID_CASES", "1"))
     section = butter(1, 23, "highpass", fs=500)[0]
     rng = np.random.default_rng(n_bins)
     edges = np.linspace(low, high, n_bins + 1)
-    compared = on_edge = beside = differing = 0
-    for _ in range(n_cases):
-        n_recordings = max(1, 60 // n_axes)
-        shape = (67, n_recordings * n_axes)
-        targets = np.where(rng.random(shape) < 0.15, edges[rng.choice([0, -1])], rng.choice(edges, shape))
-        kind = rng.integers(-1, 2, shape)
-        targets = np.where(kind < 0, one_ulp(targets, -1), np.where(kind > 0, one_ulp(targets, 1), targets))
-        x, reached = wrench_for(targets, section[:3], section[3:])
-        wrench = np.ascontiguousarray(x.reshape(67, n_recordings, n_axes).swapaxes(0, 1))
-        filtered = twin.high_passed(wrench, order=1)
-        assert np.array_equal(filtered.swapaxes(0, 1).reshape(shape), reached)
-        on_edge += np.isin(filtered, edges).sum()
-        beside += np.isin(one_ulp(filtered, 1), edges).sum() + np.isin(one_ulp(filtered, -1), edges).sum()
-        for outside in ("drop", "clip"):
-            options = {
-                "order": 1,
-                "n_bins": n_bins,
-                "bin_range": (low, high),
-                "outside": outside,
-                "raw": False,
-            }
-            got = extract_features(wrench, **options)
-            wanted = twin.features(wrench, **options)
-            compared += got.size
-            differing += twin.differing_bits(got, wanted)
-    print(f"{on_edge} values on an edge, {beside} one ulp beside, {compared} counts, {differing} differing")
-    assert on_edge > 100 * n_cases
-    assert beside > 100 * n_cases
-    assert differing == 0
+    n_recordings = max(1, 60 // n_axes)
+    shape = (67, n_recordings * n_axes)
+    targets = np.where(rng.random(shape) < 0.15, edges[rng.choice([0, -1])], rng.choice(edges, shape))
+    kind = rng.integers(-1, 2, shape)
+    targets = np.where(kind < 0, one_ulp(targets, -1), np.where(kind > 0, one_ulp(targets, 1), targets))
+    x, reached = wrench_for(targets, section[:3], section[3:])
+    wrench = np.ascontiguousarray(x.reshape(67, n_recordings, n_axes).swapaxes(0, 1))
+    filtered = twin.high_passed(wrench, order=1)
+    assert np.array_equal(filtered.swapaxes(0, 1).reshape(shape), reached)
+    assert np.isin(filtered, edges).sum() > 100
+    assert np.isin(one_ulp(filtered, 1), edges).sum() + np.isin(one_ulp(filtered, -1), edges).sum() > 100
+    for outside in ("drop", "clip"):
+        options = {"order": 1, "n_bins": n_bins, "bin_range": (low, high), "outside": outside, "raw": False}
+        got = extract_features(wrench, **options)
+        assert twin.differing_bits(got, twin.features(wrench, **options)) == 0
 
 
-@pytest.mark.parametrize("order", [2, 8, 11])
+@pytest.mark.parametrize("order", [2, 11])
 @pytest.mark.parametrize(("n_bins", "low", "high"), BINS)
 def test_first_samples_that_become_edges(n_bins, low, high, order):
     gain = np.prod(butter(order, 23, "highpass", fs=500)[:, 0])

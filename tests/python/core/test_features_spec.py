@@ -3,15 +3,14 @@
 import copy
 import pickle
 import re
-import subprocess
-import sys
 
 import joblib
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 import granular_id as gid
+from core_cases import printed_by
 from granular_id import FeatureSpec
 from granular_id.features import extract_features, feature_names
 
@@ -29,7 +28,6 @@ PARAMETERS = {
     "density": True,
     "initial": "steady",
 }
-OTHERS = [{name: value} for name, value in PARAMETERS.items() if name != "hfmh"] + [{"hfmh": False}]
 
 
 @st.composite
@@ -51,6 +49,7 @@ def specs(draw):
     )
 
 
+@settings(max_examples=40)
 @given(specs())
 def test_repr_pickle_and_copies_give_an_equal_spec(spec):
     same = [eval(repr(spec), {"FeatureSpec": FeatureSpec}), copy.copy(spec), copy.deepcopy(spec)]
@@ -61,7 +60,7 @@ def test_repr_pickle_and_copies_give_an_equal_spec(spec):
         assert not other != spec  # noqa: SIM202 - the two operators are two functions
         assert hash(other) == hash(spec)
         assert repr(other) == repr(spec)
-        assert joblib.hash(other) == joblib.hash(spec)
+    assert {joblib.hash(other) for other in same} == {joblib.hash(spec)}
 
 
 def test_the_default_is_the_paper():
@@ -77,24 +76,21 @@ def test_the_default_is_the_paper():
         density=False,
         initial="zero",
     )
-    assert FeatureSpec().n_features(1600, 6) == 10_200
-    assert len(feature_names()) == 10_200
+    assert FeatureSpec().n_features(1600, 6) == len(feature_names()) == 10_200
 
 
-@pytest.mark.parametrize("change", OTHERS, ids=lambda change: next(iter(change)))
-def test_every_parameter_counts(change):
-    (name, value), *_ = change.items()
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_every_parameter_counts(name):
+    change = {name: PARAMETERS[name] if name != "hfmh" else False}
     spec = FeatureSpec(**change)
-    assert getattr(spec, name) == value
+    assert getattr(spec, name) == change[name]
     assert spec != FeatureSpec()
     assert hash(spec) != hash(FeatureSpec())
     assert {spec: "a", FeatureSpec(): "b"}[FeatureSpec(**change)] == "a"
 
 
 def test_every_parameter_survives():
-    spec = FeatureSpec(**PARAMETERS)
-    assert {name: getattr(spec, name) for name in PARAMETERS} == PARAMETERS
-    restored = pickle.loads(pickle.dumps(spec))
+    restored = pickle.loads(pickle.dumps(FeatureSpec(**PARAMETERS)))
     assert {name: getattr(restored, name) for name in PARAMETERS} == PARAMETERS
 
 
@@ -113,11 +109,10 @@ def test_numbers_of_numpy_are_numbers():
     assert hash(FeatureSpec(bin_range=[-0.0, 1])) == hash(FeatureSpec(bin_range=(0.0, 1)))
 
 
-def test_other_things_are_not_equal():
-    spec = FeatureSpec()
-    for other in (None, 1, "FeatureSpec()", repr(spec), {}, object(), FeatureSpec):
-        assert spec != other
-        assert not spec == other  # noqa: SIM201 - as above
+@pytest.mark.parametrize("other", [None, 1, repr(FeatureSpec()), {}, FeatureSpec], ids=repr)
+def test_other_things_are_not_equal(other):
+    assert FeatureSpec() != other
+    assert not FeatureSpec() == other  # noqa: SIM201 - as above
 
 
 @pytest.mark.parametrize("name", [*PARAMETERS, "a_new_one"])
@@ -137,42 +132,36 @@ def test_the_range_given_is_copied():
     assert spec.bin_range == ((-1.0, 1.0), (0.0, 2.0))
 
 
-def test_it_is_not_a_base_class():
+def test_what_kind_of_class_it_is():
+    assert gid.FeatureSpec is FeatureSpec
+    assert FeatureSpec.__module__ == "granular_id"
+    assert "extract" in FeatureSpec.__doc__
     with pytest.raises(TypeError):
         type("Derived", (FeatureSpec,), {})
+    with pytest.raises(TypeError):
+        FeatureSpec(500.0)  # by keyword only
 
 
 BAD = [
     ({"rate_hz": 0}, ValueError, "rate_hz must be positive and finite, got 0"),
-    ({"rate_hz": -500.0}, ValueError, "rate_hz must be positive and finite, got -500"),
     ({"rate_hz": np.nan}, ValueError, "rate_hz must be positive and finite, got NaN"),
     ({"rate_hz": np.inf}, ValueError, "rate_hz must be positive and finite, got inf"),
     ({"rate_hz": 10**400}, ValueError, "rate_hz"),
     ({"rate_hz": "500"}, TypeError, "rate_hz.*str"),
-    ({"rate_hz": None}, TypeError, "rate_hz.*None"),
-    ({"rate_hz": 1j}, TypeError, "rate_hz.*complex"),
     ({"rate_hz": [500.0]}, TypeError, "rate_hz.*list"),
-    ({"cutoff_hz": 0}, ValueError, r"cutoff_hz must be in \(0, rate_hz / 2\) = \(0, 250\), got 0 at rate_hz"),
-    ({"cutoff_hz": 250}, ValueError, "cutoff_hz must be in .* got 250 at rate_hz = 500"),
+    ({"cutoff_hz": 0}, ValueError, r"cutoff_hz must be in \(0, rate_hz / 2\) = \(0, 250\), got 0"),
+    ({"cutoff_hz": 250}, ValueError, "cutoff_hz .* got 250 at rate_hz = 500"),
     ({"cutoff_hz": 30, "rate_hz": 50}, ValueError, r"cutoff_hz .*\(0, 25\), got 30 at rate_hz = 50"),
-    ({"cutoff_hz": -1}, ValueError, "cutoff_hz .* got -1"),
     ({"cutoff_hz": np.nan}, ValueError, "cutoff_hz .* got NaN"),
-    ({"cutoff_hz": 10**400}, ValueError, "cutoff_hz"),
     ({"cutoff_hz": "23"}, TypeError, "cutoff_hz.*str"),
-    ({"order": 0}, ValueError, r"order must be an integer from 1 to 32, got 0"),
-    ({"order": 33}, ValueError, r"order must be an integer from 1 to 32, got 33"),
-    ({"order": -1}, ValueError, "order must be .* got -1"),
-    ({"order": 10**30}, ValueError, "order must be .* got 10{30}"),
+    ({"order": 0}, ValueError, "order must be an integer from 1 to 32, got 0"),
+    ({"order": 33}, ValueError, "order must be an integer from 1 to 32, got 33"),
     ({"order": 10**5000}, ValueError, "order must be"),
     ({"order": 8.0}, TypeError, "order must be an integer, got .*float"),
-    ({"order": "8"}, TypeError, "order must be an integer, got .*str"),
-    ({"n_bins": 0}, ValueError, r"n_bins must be an integer from 1 to 32768, got 0"),
-    ({"n_bins": 32_769}, ValueError, r"n_bins must be an integer from 1 to 32768, got 32769"),
-    ({"n_bins": -3}, ValueError, "n_bins must be .* got -3"),
-    ({"n_bins": 2.5}, TypeError, "n_bins must be an integer, got .*float"),
+    ({"n_bins": 0}, ValueError, "n_bins must be an integer from 1 to 32768, got 0"),
+    ({"n_bins": 32_769}, ValueError, "n_bins must be an integer from 1 to 32768, got 32769"),
     ({"n_bins": [1, 2]}, TypeError, "n_bins must be an integer, got .*list"),
-    ({"bin_range": (1, 1)}, ValueError, r"bin_range must be finite with low < high, got \(1\.0, 1\.0\)"),
-    ({"bin_range": (1.5, -1.5)}, ValueError, r"bin_range .* low < high, got \(1.5, -1.5\)"),
+    ({"bin_range": (1.5, -1.5)}, ValueError, r"bin_range .* finite with low < high, got \(1.5, -1.5\)"),
     ({"bin_range": (np.nan, 1)}, ValueError, r"bin_range must be finite .* got \(NaN, 1\.0\)"),
     ({"bin_range": (-np.inf, 1)}, ValueError, r"bin_range must be finite .* got \(-inf, 1\.0\)"),
     ({"bin_range": ((0, 1), (2, 2))}, ValueError, r"bin_range .* got \(2\.0, 2\.0\)"),
@@ -180,30 +169,22 @@ BAD = [
     ({"bin_range": (-1e308, 1e308)}, ValueError, "bin_range"),
     ({"bin_range": 5}, ValueError, r"bin_range must be \(low, high\), .* shape \(\)"),
     ({"bin_range": (1, 2, 3)}, ValueError, r"bin_range must be \(low, high\), .* shape \(3,\)"),
-    ({"bin_range": ()}, ValueError, r"bin_range must be \(low, high\), .* shape \(0,\)"),
     ({"bin_range": np.ones((0, 2))}, ValueError, r"bin_range must be .* shape \(0, 2\)"),
-    ({"bin_range": np.ones((2, 2, 2))}, ValueError, r"bin_range must be .* shape \(2, 2, 2\)"),
-    ({"bin_range": np.ones((2, 0))}, ValueError, r"bin_range must be .* shape \(2, 0\)"),
     ({"bin_range": [[1, 2], [3]]}, ValueError, "bin_range must be an array of real numbers, got .*list"),
     ({"bin_range": "auto"}, TypeError, "bin_range must hold real numbers"),
     ({"bin_range": (1j, 2)}, TypeError, "bin_range must hold real numbers, got dtype complex128"),
-    ({"bin_range": (None, 1)}, TypeError, "bin_range must hold real numbers, got dtype object"),
     ({"bin_range": np.ma.array([0, 1], mask=[0, 1])}, TypeError, "bin_range must be a plain array"),
     ({"raw": 1}, TypeError, "raw.*int"),
-    ({"raw": None}, TypeError, "raw.*None"),
     ({"hfmh": "yes"}, TypeError, "hfmh.*str"),
-    ({"density": 0.0}, TypeError, "density.*float"),
+    ({"density": None}, TypeError, "density.*None"),
     ({"raw": False, "hfmh": False}, ValueError, "at least one of raw and hfmh must be true"),
-    ({"outside": "keep"}, ValueError, "outside must be 'drop' or 'clip', got .keep."),
     ({"outside": "Drop"}, ValueError, "outside must be 'drop' or 'clip', got .Drop."),
     ({"outside": "\ud800"}, ValueError, "outside"),
     ({"outside": 3}, TypeError, "outside.*int"),
-    ({"outside": None}, TypeError, "outside.*None"),
     ({"initial": "rest"}, ValueError, "initial must be 'zero' or 'steady', got .rest."),
     ({"initial": b"zero"}, TypeError, "initial.*bytes"),
     ({"bins": 3}, TypeError, "unexpected keyword argument 'bins'"),
 ]
-
 BAD_IDS = [f"{next(iter(keywords))}-{n}" for n, (keywords, *_) in enumerate(BAD)]
 
 
@@ -219,28 +200,20 @@ def test_bad_parameters(keywords, error, message):
             call()
         assert re.search(message, str(caught.value))  # in the message itself: not all show notes
         assert len(str(caught.value)) < 400
-    assert extract_features(WRENCH).shape == (2, 720)
 
 
 def test_spec_or_keywords_but_not_both():
     spec = FeatureSpec(n_bins=5)
     for call in (lambda **k: extract_features(WRENCH, **k), feature_names):
-        with pytest.raises(
-            ValueError, match="give spec or its keywords, not both: got spec and n_bins, order"
-        ):
+        with pytest.raises(ValueError, match="not both: got spec and n_bins, order"):
             call(spec=spec, order=8, n_bins=5)
         for wrong in ({}, "FeatureSpec()", FeatureSpec, 0):
             with pytest.raises(TypeError, match="spec must be a FeatureSpec, got"):
                 call(spec=wrong)
     by_spec = extract_features(WRENCH, spec=spec)
     assert np.array_equal(by_spec, extract_features(WRENCH, n_bins=5))
-
-
-def test_keywords_only():
     with pytest.raises(TypeError):
-        FeatureSpec(500.0)
-    with pytest.raises(TypeError):
-        extract_features(WRENCH, FeatureSpec())
+        extract_features(WRENCH, spec)  # by keyword only
 
 
 def test_ranges_must_be_as_many_as_axes():
@@ -269,19 +242,19 @@ def test_bad_sizes(sizes, error, message):
         FeatureSpec().n_features(**{"n_samples": 1600, "n_axes": 6} | sizes)
 
 
+BEYOND_MEMORY = """
+import granular_id as gid
+for sizes in ({"n_samples": 10**13}, {"n_samples": 2**58}, {"n_samples": 2**62}, {"n_axes": 2**61}):
+    try:
+        gid.feature_names(**sizes)
+    except (ValueError, MemoryError):
+        print("refused", len(gid.feature_names()))
+"""
+
+
 @pytest.mark.thread_unsafe(reason="starts a process")
-@pytest.mark.parametrize("sizes", ["n_samples=10**13", "n_samples=2**58", "n_samples=2**62", "n_axes=2**61"])
-def test_sizes_beyond_memory_are_an_exception_not_the_end_of_the_process(sizes):
-    program = (
-        "import granular_id as gid\n"
-        f"try: gid.feature_names({sizes})\n"
-        "except (ValueError, MemoryError) as error: print('refused:', error)\n"
-        "print(len(gid.feature_names()))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("refused:")
-    assert done.stdout.endswith("10200\n")
+def test_sizes_beyond_memory_are_an_exception_not_the_end_of_the_process():
+    assert printed_by(BEYOND_MEMORY) == 4 * "refused 10200\n"
 
 
 def test_a_number_of_features_is_never_wrong():
@@ -290,9 +263,3 @@ def test_a_number_of_features_is_never_wrong():
     for sizes in ((2**62, 6), (2**32, 2**32), (2**63, 2), (1, 2**62)):
         with pytest.raises((ValueError, MemoryError)):
             spec.n_features(*sizes)
-
-
-def test_it_says_where_it_lives():
-    assert FeatureSpec.__module__ == "granular_id"
-    assert gid.FeatureSpec is FeatureSpec
-    assert "extract" in FeatureSpec.__doc__

@@ -1,6 +1,7 @@
 """Counting against ``numpy.histogram``: the same bin for every value, above all beside the edges."""
 
 import importlib
+import itertools
 import math
 import types
 
@@ -8,9 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 
-from granular_id import signal
+from array_kinds import KINDS, digest
+from effort import cases
 from granular_id.signal import histogram
 
+X = np.random.default_rng(3).standard_normal((5, 24, 6))
 # The cases of numpy's own suite that are about uniform bins of float64.
 NUMPYS = [
     "test_simple",
@@ -24,27 +27,27 @@ NUMPYS = [
     "test_signed_overflow_bounds",
     "test_gh_23110",
 ]
-# ... and why the others are not: their ground is covered below where it is ours.
+# ... and what the others are about, which is not ours; their ground is covered below where it is.
 OTHERS = {
-    "test_one_bin": "bins as a sequence",
-    "test_density": "bins as a sequence",
-    "test_outliers": "weights",
-    "test_arr_weights_mismatch": "weights",
-    "test_type": "weights",
-    "test_f32_rounding": "two dimensions",
-    "test_bool_conversion": "numpy warns",
-    "test_weights": "weights",
-    "test_exotic_weights": "weights",
-    "test_empty": "bins as a sequence",
-    "test_bin_array_dims": "bins as a sequence",
-    "test_unsigned_monotonicity_check": "bins as a sequence",
-    "test_some_nan_values": "bins='auto'",
-    "test_datetime": "dates",
-    "test_precision": "edges in long double",
-    "test_histogram_bin_edges": "another function",
-    "test_small_value_range": "another message",
-    "test_big_arrays": "two dimensions",
-    "test_gh_28400": "bins='auto'",
+    "bins as a sequence": [
+        "test_one_bin",
+        "test_density",
+        "test_empty",
+        "test_bin_array_dims",
+        "test_unsigned_monotonicity_check",
+    ],
+    "bins='auto'": ["test_some_nan_values", "test_gh_28400"],
+    "weights": [
+        "test_outliers",
+        "test_arr_weights_mismatch",
+        "test_type",
+        "test_weights",
+        "test_exotic_weights",
+    ],
+    "two dimensions": ["test_f32_rounding", "test_big_arrays"],
+    "messages and warnings": ["test_bool_conversion", "test_small_value_range"],
+    "dates and long double": ["test_datetime", "test_precision"],
+    "another function": ["test_histogram_bin_edges"],
 }
 
 
@@ -87,7 +90,7 @@ def test_numpys_own_cases(test, monkeypatch):
 
 def test_no_case_of_numpy_is_left_out():
     found = {name for name in dir(numpys_tests().TestHistogram) if name.startswith("test")}
-    assert found <= {*NUMPYS, *OTHERS}
+    assert found <= {*NUMPYS, *itertools.chain(*OTHERS.values())}
 
 
 def same(a, bins, ends, **options):
@@ -103,58 +106,33 @@ def test_simple_counts():
     counts, edges = histogram(np.linspace(0, 10, 100))
     assert counts.tolist() == [10] * 10
     assert edges.tolist() == list(range(11))
-    assert histogram([1, 2], bins=1)[0].tolist() == [2]
-    assert histogram([1, 2], bins=1)[1].tolist() == [1, 2]
-
-
-def test_left_closed_bins_and_the_last_one_closed():
-    counts, _ = histogram([0, 1, 2, 3], bins=3, range=(0, 3))
-    assert counts.tolist() == [1, 1, 2]
-
-
-def test_values_outside_and_nan_are_not_counted():
-    a = [-1, np.nextafter(0, -1), 0, 0.5, 1, np.nextafter(1, 2), 2, np.nan, np.inf, -np.inf]
-    assert histogram(a, 4, (0, 1))[0].tolist() == [1, 0, 1, 1]
-    assert same(np.arange(10) + 0.5, 10, (1, 9))[0].sum() == 8
-    assert histogram([np.nan, np.nan], 3, (0, 1))[0].sum() == 0
-
-
-def test_types():
-    assert histogram([1, 2])[0].dtype == np.int64
-    assert histogram([1, 2], density=True)[0].dtype == np.float64
-    assert histogram([1, 2])[1].dtype == np.float64
+    assert histogram([0, 1, 2, 3], bins=3, range=(0, 3))[0].tolist() == [1, 1, 2]  # the last bin is closed
     assert histogram([True, True, False])[0].tolist() == [1, 0, 0, 0, 0, 0, 0, 0, 0, 2]
-    assert np.array_equal(histogram(np.ones((2, 3, 4)), 2, (0, 2))[0], [0, 24])
+    assert histogram(np.ones((2, 3, 4)), 2, (0, 2))[0].tolist() == [0, 24]
 
 
 def test_densities_integrate_to_one():
     a = np.random.default_rng(1).standard_normal(500)
     counts, edges = same(a, 17, (-1, 2), density=True)
     assert (counts * np.diff(edges)).sum() == pytest.approx(1)
-    nothing = histogram([5.0], 4, (0, 1), density=True)[0]
-    assert nothing.tolist() == [0, 0, 0, 0]
+    assert histogram([5.0], 4, (0, 1), density=True)[0].tolist() == [0, 0, 0, 0]
 
 
-def test_without_values():
-    for empty in ([], np.zeros((0, 5)), np.zeros(0, int)):
-        counts, edges = histogram(empty, 2)
-        assert counts.tolist() == [0, 0]
-        assert edges.tolist() == [0, 0.5, 1]
-
-
-def test_one_value_many_times():
-    counts, edges = same(np.full(7, 3.0), 4, None)
-    assert counts.tolist() == [0, 0, 7, 0]
-    assert edges[[0, -1]].tolist() == [2.5, 3.5]
-    same(np.full(7, 3.0), 5, (2, 2))
+@pytest.mark.parametrize("empty", [[], np.zeros((0, 5)), np.zeros(0, int)], ids=["list", "2-d", "int"])
+def test_without_values(empty):
+    counts, edges = histogram(empty, 2)
+    assert counts.tolist() == [0, 0]
+    assert edges.tolist() == [0, 0.5, 1]
 
 
 @pytest.mark.parametrize(
     ("a", "bins", "ends"),
     [
+        # one value many times
+        (np.full(7, 3.0), 4, None),
+        (np.full(7, 3.0), 5, (2, 2)),
         # a product of an index and a step that rounds to the wrong side of a value
         ([0.1, 0.2, 0.3, 0.6, 0.7, 0.8, 0.9], 10, (0, 1)),
-        (np.arange(-15, 16) / 10, 30, (-1.5, 1.5)),
         (np.arange(-150, 151) / 100, 300, (-1.5, 1.5)),
         (np.array([337, 404, 739, 806, 1007, 1811, 2012]), 8296, (2, 2280)),
         (np.array([0, 0, 0, 1, 2, 3, 3, 4, 5.0]), 30, (-0.5, 5)),
@@ -190,7 +168,7 @@ def bins(draw):
     return n_bins, low, low + width
 
 
-@settings(max_examples=200)
+@settings(max_examples=cases(60))
 @given(bins(), st.lists(st.floats(allow_nan=True), max_size=5), st.booleans(), st.integers(0, 2**32 - 1))
 def test_every_edge_and_its_neighbours(parameters, others, density, seed):
     n_bins, low, high = parameters
@@ -200,7 +178,7 @@ def test_every_edge_and_its_neighbours(parameters, others, density, seed):
     same(a, n_bins, (low, high), density=density)
 
 
-@settings(max_examples=100)
+@settings(max_examples=cases(50))
 @given(st.lists(st.floats(-1e9, 1e9), max_size=30), st.integers(1, 50))
 def test_the_range_of_the_values(a, n_bins):
     low, high = (min(a), max(a)) if a else (0, 1)
@@ -211,13 +189,11 @@ def test_the_range_of_the_values(a, n_bins):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"bins": 0}, ValueError, r"bins must be an integer from 1 to 32768, got 0"),
-        ({"bins": -1}, ValueError, "bins must be .* got -1"),
-        ({"bins": 32_769}, ValueError, r"bins must be an integer from 1 to 32768, got 32769"),
+        ({"bins": 0}, ValueError, "bins must be an integer from 1 to 32768, got 0"),
+        ({"bins": 32_769}, ValueError, "bins must be an integer from 1 to 32768, got 32769"),
         ({"bins": 2.4}, TypeError, "bins must be an integer, got .*float"),
         ({"bins": "auto"}, TypeError, "bins must be an integer, got .*str"),
         ({"bins": [0, 1, 2]}, TypeError, "bins must be an integer, got .*list"),
-        ({"bins": np.array([0.0, 1.0])}, TypeError, "bins must be an integer, got .*ndarray"),
         ({"range": (np.nan, 1)}, ValueError, r"range must be finite: range is \(nan, 1\.0\)"),
         ({"range": (0, np.inf)}, ValueError, r"range must be finite: range is \(0\.0, inf\)"),
         ({"range": (0.1, 0.01)}, ValueError, r"max must be larger than min in range, got \(0\.1, 0\.01\)"),
@@ -232,9 +208,7 @@ def test_the_range_of_the_values(a, n_bins):
         ({"a": [0, np.nan]}, ValueError, r"range must be finite: the values of a span \(nan, nan\)"),
         ({"a": [0, np.inf]}, ValueError, r"range must be finite: the values of a span \(0\.0, inf\)"),
         ({"a": [1j]}, TypeError, "a must hold real numbers, got dtype complex128"),
-        ({"a": ["x"]}, TypeError, "a must hold real numbers"),
         ({"a": [None]}, TypeError, "a must hold real numbers, got dtype object"),
-        ({"a": np.zeros(2, "M8[s]")}, TypeError, "a must hold real numbers, got dtype datetime64"),
         ({"a": np.ma.masked_array([1, 2], [0, 1])}, TypeError, "a must be a plain array, got a masked one"),
         ({"a": [[1], [1, 2]]}, ValueError, "a must be an array of real numbers, got list"),
     ],
@@ -244,13 +218,13 @@ def test_bad_arguments(arguments, error, message):
         histogram(**{"a": [1.0, 2.0], "range": None} | arguments)
 
 
-def test_the_input_is_not_changed():
-    a = np.random.default_rng(3).standard_normal((50, 4))
-    before = a.tobytes()
-    for view in (a, a[::2], a.T, np.asfortranarray(a), a[:, ::-1].astype(">f4")):
-        assert histogram(view, 5, (-1, 1))[0].tolist() == np.histogram(view, 5, (-1, 1))[0].tolist()
-    assert a.tobytes() == before
-
-
-def test_it_is_part_of_the_module():
-    assert "histogram" in signal.__all__
+@pytest.mark.filterwarnings("ignore:the matrix subclass:PendingDeprecationWarning")
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_array(kind):
+    value = KINDS[kind](X)
+    before = digest(value)
+    counts, edges = histogram(value, 5, (-1, 1))
+    wanted = np.histogram(np.array(value, np.float64), 5, (-1, 1))
+    np.testing.assert_array_equal(counts, wanted[0])
+    np.testing.assert_array_equal(edges, wanted[1])
+    assert digest(value) == before

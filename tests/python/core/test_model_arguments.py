@@ -30,40 +30,25 @@ def made(**changes):
     [
         ({"spec": None}, TypeError, "spec"),
         ({"coef": [[1.0, 2.0]]}, ValueError, r"coef must have shape \(1, 3\)"),
-        ({"coef": [0.0, 2.0, 0.0]}, ValueError, r"coef must have shape \(1, 3\)"),
         ({"coef": [["a", "b", "c"]]}, TypeError, "coef must hold real numbers"),
-        ({"coef": [[0.0, np.nan, 0.0]]}, ValueError, r"coef\[0, 1\] must be finite"),
         ({"coef": np.ma.masked_array([[0.0, 2.0, 0.0]])}, TypeError, "coef must be a plain array"),
-        ({"intercept": -1.0}, ValueError, r"intercept must have shape \(L,\)"),
-        ({"intercept": []}, ValueError, r"intercept must have shape \(L,\)"),
         ({"coding_matrix": [[1], [2]]}, ValueError, r"coding_matrix\[1, 0\] must be -1, 0 or 1"),
-        ({"coding_matrix": [[1], [1]]}, ValueError, "coding_matrix column 0 must hold both"),
         ({"classes": "ab"}, TypeError, "classes must be a sequence of str, got 'ab'"),
-        ({"classes": [1, 2]}, TypeError, "classes must be a sequence of str"),
         ({"classes": 5}, TypeError, "classes must be a sequence of str, got 5"),
-        ({"classes": ["rice"]}, ValueError, "classes must be from 2 to 1024, got 1"),
-        ({"classes": ["rice", "rice"]}, ValueError, r"classes\[0\] and classes\[1\] are both 'rice'"),
         ({"loss": "quadratic"}, ValueError, "loss must be 'hinge' or"),
-        ({"loss": 1}, TypeError, "loss must be 'hinge' or"),
         ({"decoding": "mean"}, ValueError, "decoding must be 'loss_weighted' or 'loss_based'"),
         ({"n_samples": 0}, ValueError, "n_samples must be an integer from 1 to 1048576, got 0"),
-        ({"n_samples": 1 << 21}, ValueError, "n_samples must be an integer from 1 to 1048576"),
         ({"n_samples": 3.0}, TypeError, "n_samples must be an integer"),
         ({"n_axes": 257}, ValueError, "n_axes must be an integer from 1 to 256, got 257"),
         ({"metadata": {"trained": 1}}, TypeError, "metadata must be a dict of str to str"),
-        ({"metadata": []}, TypeError, "metadata must be a dict of str to str"),
         ({"metadata": {"classes": "[]"}}, ValueError, "unknown entry 'classes'"),
         ({"metadata": {"trained": "NaN"}}, ValueError, "trained: is no valid JSON"),
-        ({"metadata": {"axes": "fx"}}, ValueError, "axes: is no valid JSON"),
-        ({"metadata": {"lead_s": "soon"}}, ValueError, "lead_s must be seconds"),
         ({"metadata": {"trained": '{"a": "' + "x" * (1 << 20) + '"}'}}, ValueError, "the header has"),
-        ({"raw_mean": [0.0]}, ValueError, r"raw_mean must have shape \(3,\)"),
         ({"raw_low": [0.0] * 3}, ValueError, "raw_low is of no use without raw_high"),
-        ({"early": [[4, 1.0]]}, ValueError, r"early\[0\] must be"),
-        ({"sigmoid": [[1.0, 0.0]]}, ValueError, "sigmoid is of no use without a posterior"),
     ],
 )
 def test_a_bad_part_is_named(changes, error, message):
+    """What a file can hold as well is refused like there: see ``model_bad_files.py``."""
     with pytest.raises(error, match=message) as caught:
         made(**changes)
     assert caught.type is not ModelFileError
@@ -74,15 +59,10 @@ def test_a_bad_part_is_named(changes, error, message):
     ("wrench", "error", "message"),
     [
         (np.zeros((3, 2)), ValueError, r"must have shape \(3, 1\), or one more dimension .* got \(3, 2\)"),
-        (np.zeros((1, 4, 1)), ValueError, r"got \(1, 4, 1\)"),
         (np.zeros(3), ValueError, r"got \(3,\)"),
         (np.zeros((0, 3, 1)), ValueError, "wrench must not be empty"),
         ([[1.0], ["x"], [2.0]], (TypeError, ValueError), "wrench must"),
-        (
-            [[1.0], [np.nan], [2.0]],
-            ValueError,
-            "wrench must be finite, got NaN at recording 0, sample 1, axis 0",
-        ),
+        ([[1.0], [np.nan], [2.0]], ValueError, "got NaN at recording 0, sample 1, axis 0"),
         ([[0.0], [1e308], [0.0]], ValueError, "score of learner 0 of recording 0 must be finite, got inf"),
     ],
 )
@@ -102,21 +82,23 @@ def test_the_bad_recording_of_a_batch_is_named():
         made().scores(wrench, threads=2)
 
 
-@pytest.mark.parametrize("threads", [0, -1, "two", 1.5])
+@pytest.mark.parametrize("threads", [0, 1.5])
 def test_threads_are_at_least_one(threads):
     with pytest.raises((TypeError, ValueError), match="threads must be an integer"):
         made().scores(np.zeros((1, 3, 1)), threads)
 
 
-@pytest.mark.parametrize("scores", [np.zeros((2, 2)), np.zeros(0), 1.0, np.zeros((1, 1, 1))])
-def test_scores_of_another_shape_are_refused(scores):
-    with pytest.raises(ValueError, match=r"scores must have shape \(n, 1\) or \(1,\), one per learner"):
+@pytest.mark.parametrize(
+    ("scores", "message"),
+    [
+        (np.zeros((2, 2)), r"scores must have shape \(n, 1\) or \(1,\), one per learner"),
+        (1.0, r"scores must have shape \(n, 1\) or \(1,\), one per learner"),
+        ([[0.0], [np.nan]], "score of learner 0 of recording 1 must be finite, got NaN"),
+    ],
+)
+def test_bad_scores_are_refused(scores, message):
+    with pytest.raises(ValueError, match=message):
         made().losses(scores)
-
-
-def test_losses_of_no_number_are_refused():
-    with pytest.raises(ValueError, match="score of learner 0 of recording 1 must be finite, got NaN"):
-        made().losses([[0.0], [np.nan]])
     assert made().losses(np.zeros((0, 1))).shape == (0, 2)
 
 

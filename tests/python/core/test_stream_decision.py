@@ -13,36 +13,23 @@ RANKING = (("rice", 0.1), ("salt", 0.3))
 
 
 def decided(**changes):
-    keywords = {
-        "probability": None,
-        "final": True,
-        "settled": True,
-        "n_seen": 1600,
-        "seconds": 3.2,
-        **changes,
-    }
-    return Decision("rice", RANKING, 0.2, **keywords)
+    known = {"probability": None, "final": True, "settled": True, "n_seen": 1600, "seconds": 3.2}
+    return Decision("rice", RANKING, 0.2, **{**known, **changes})
 
 
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
-        ({}, "rice after 3.20 s, final: margin 0.200 ahead of salt"),
-        ({"final": False}, "rice after 3.20 s, settled: margin 0.200 ahead of salt"),
-        (
-            {"final": False, "settled": False, "sure": True},
-            "rice after 3.20 s, sure: margin 0.200 ahead of salt",
-        ),
-        ({"final": False, "settled": False}, "rice after 3.20 s, provisional: margin 0.200 ahead of salt"),
-        ({"probability": 0.875}, "rice after 3.20 s, final: margin 0.200 ahead of salt, probability 0.875"),
-        (
-            {"warnings": ("gap", "lag")},
-            "rice after 3.20 s, final: margin 0.200 ahead of salt (gap, lag)",
-        ),
+        ({}, "final: margin 0.200 ahead of salt"),
+        ({"final": False}, "settled: margin 0.200 ahead of salt"),
+        ({"final": False, "settled": False, "sure": True}, "sure: margin 0.200 ahead of salt"),
+        ({"final": False, "settled": False}, "provisional: margin 0.200 ahead of salt"),
+        ({"probability": 0.875}, "final: margin 0.200 ahead of salt, probability 0.875"),
+        ({"warnings": ("gap", "lag")}, "final: margin 0.200 ahead of salt (gap, lag)"),
     ],
 )
 def test_one_line(changes, line):
-    assert str(decided(**changes)) == line
+    assert str(decided(**changes)) == f"rice after 3.20 s, {line}"
 
 
 def test_the_probability_is_computed_once_and_when_asked():

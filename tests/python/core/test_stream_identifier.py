@@ -5,15 +5,13 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import features_twin as twin
+from core_cases import N_THREADS, at_once, fill
 from effort import cases
 from granular_id import FeatureSpec, _core
 from granular_id.ecoc.codings import onevsall, onevsone
 from granular_id.identifier.rules import probabilities
 from granular_id.identifier.streaming import StreamingIdentifier
 from model_cases import random_model, small_model
-from test_features import a_wrench, some_options
-from test_stream import fill
-from test_threads import N_THREADS, at_once
 
 LOSSES = ["hinge", "hamming", "root", "linear", "exponential", "logit", "binodeviance"]
 
@@ -44,16 +42,16 @@ def identifications(draw, longest=80, kinds=("onevsone", "onevsall")):
         n_classes,
         n_samples,
         n_axes,
-        FeatureSpec(**some_options(rng, n_axes)),
+        FeatureSpec(**twin.some_options(rng, n_axes)),
         coding_matrix=matrix,
         loss=draw(st.sampled_from(LOSSES)),
         decoding=draw(st.sampled_from(["loss_weighted", "loss_based"])),
     )
-    rows = np.clip(a_wrench(rng, (1, n_samples, n_axes))[0], -1e6, 1e6)
+    rows = np.clip(twin.a_wrench(rng, (1, n_samples, n_axes))[0], -1e6, 1e6)
     return model, rows, draw(st.lists(st.integers(0, 40), min_size=1, max_size=8))
 
 
-@settings(max_examples=cases(60))
+@settings(max_examples=cases(30))
 @given(identifications())
 def test_the_final_answer_is_that_of_the_whole_recording(case):
     model, rows, blocks = case
@@ -74,7 +72,7 @@ def test_the_final_answer_is_that_of_the_whole_recording(case):
         stream.reset()
 
 
-@settings(max_examples=cases(40))
+@settings(max_examples=cases(20))
 @given(identifications(longest=40), st.data())
 def test_a_provisional_answer_fills_up_what_is_missing(case, data):
     model, rows, blocks = case
@@ -100,7 +98,7 @@ def test_a_provisional_answer_fills_up_what_is_missing(case, data):
     assert twin.differing_bits(stream.core.scores(), model.scores(rows)[0]) == 0
 
 
-@settings(max_examples=cases(40))
+@settings(max_examples=cases(20))
 @given(identifications(longest=30), st.integers(1, 45))
 def test_sliding_windows_have_the_scores_of_their_features(case, hop):
     model, rows, blocks = case
@@ -124,17 +122,8 @@ def test_settled_is_exact_where_it_can_be_worked_out():
     """One learner of two classes: settled as soon as the least that can still come keeps the sign."""
     low, high = -np.array([1.0, 2, 1, 1, 1]), np.array([1.0, 1, 1, 1, 1])
     spec = FeatureSpec(hfmh=False)
-    model = _core.Model(
-        spec,
-        [[1.0] * 5],
-        [0.5],
-        [[1], [-1]],
-        ["rice", "salt"],
-        n_samples=5,
-        n_axes=1,
-        raw_low=low,
-        raw_high=high,
-    )
+    sizes = {"n_samples": 5, "n_axes": 1, "raw_low": low, "raw_high": high}
+    model = _core.Model(spec, [[1.0] * 5], [0.5], [[1], [-1]], ["rice", "salt"], **sizes)
     stream = StreamingIdentifier(model)
     settled = []
     for sample in [1.0, 1.0, 0.25, 0.5, -1]:
@@ -161,23 +150,21 @@ def test_settled_is_exact_where_it_can_be_worked_out():
 def test_what_is_settled_never_changes(options, loss):
     rng = np.random.default_rng(3)
     spec = FeatureSpec(n_bins=6, order=2, **options)
+    n_samples, n_axes = 40, 2
     early = 0
-    for case in range(12):
-        n_samples, n_axes = 40, 2
+    for case in range(8):
         centre = rng.normal(size=n_samples * n_axes)
         reach = 10.0 ** rng.uniform(-3, 0)
         ranges = {"raw_low": centre - reach, "raw_high": centre + reach, "raw_mean": centre}
-        model = random_model(
-            case,
-            4,
-            n_samples,
-            n_axes,
-            spec,
-            coding_matrix=(onevsone, onevsall)[case % 2](4),
-            decoding=("loss_weighted", "loss_based")[case // 2 % 2],
-            loss=loss,
+        matrix = (onevsone, onevsall)[case % 2](4)
+        decoding = ("loss_weighted", "loss_based")[case // 2 % 2]
+        keywords = {
+            "coding_matrix": matrix,
+            "decoding": decoding,
+            "loss": loss,
             **(ranges if spec.raw else {}),
-        )
+        }
+        model = random_model(case, 4, n_samples, n_axes, spec, **keywords)
         lowest, highest = ((centre + side * reach).reshape(n_axes, -1).T for side in (-1, 1))
         rows = rng.uniform(lowest, highest)
         stream = StreamingIdentifier(model)
@@ -185,17 +172,17 @@ def test_what_is_settled_never_changes(options, loss):
             stream.push(rows[stream.n_seen])
         n_seen, label = stream.n_seen, stream.decision().label
         early += n_seen < n_samples
-        for future in range(20):
+        for future in range(10):
             stream.reset()
             stream.push(rows[:n_seen])
-            rest = np.where(rng.random(rows.shape) < future / 19, lowest, highest)[n_seen:]
+            rest = np.where(rng.random(rows.shape) < future / 9, lowest, highest)[n_seen:]
             if future % 2 and not spec.raw:
                 rest = rng.normal(size=rest.shape) * 10.0 ** rng.integers(-3, 3)
             for row in rest:
                 stream.push(row)
                 assert stream.is_settled
             assert stream.decision().label == label
-    assert early >= 3
+    assert early >= 2
 
 
 def test_nothing_is_settled_early_where_forces_may_be_anything():

@@ -3,74 +3,38 @@
 import sys
 import threading
 import time
+from functools import partial
 
 import numpy as np
 import pytest
 
 import features_twin as twin
+from core_cases import N_THREADS, at_once
 from granular_id.features import FeatureSpec, extract_features
 
-N_THREADS = 8
+
+def extracted_again_and_again(wrench, wanted, n, **options):
+    """How many numbers differ from what is wanted."""
+    return sum(twin.differing_bits(extract_features(wrench, **options), wanted) for _ in range(n))
 
 
-def at_once(functions):
-    """Results of functions that threads call at the same moment, in their order."""
-    results = [None] * len(functions)
-    errors = []
-    gate = threading.Barrier(len(functions))
-
-    def run(n, function):
-        try:
-            gate.wait()
-            results[n] = function()
-        except BaseException as error:
-            errors.append(error)
-
-    threads = [threading.Thread(target=run, args=pair) for pair in enumerate(functions)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not errors
-    return results
-
-
-def batches():
-    """A batch of its own size and with its own options for each thread."""
+@pytest.mark.parametrize("threads", [[1], [2], [1, 2, 3, 4]], ids=str)
+def test_different_batches_at_once(threads):
     rng = np.random.default_rng(31)
+    jobs = []
     for n in range(N_THREADS):
         wrench = rng.standard_normal((5 + 3 * n, 100 + 31 * n, (6, 6, 3, 13)[n % 4]))
-        yield wrench, {"n_bins": 10 + n, "order": 1 + n, "outside": ("drop", "clip")[n % 2]}
-
-
-@pytest.mark.parametrize("threads", [1, 2, (1, 2, 3, 4)], ids=str)
-def test_different_batches_at_once(threads):
-    given = list(batches())
-    wanted = [twin.features(wrench, **options) for wrench, options in given]
-
-    def job(n):
-        wrench, options = given[n]
-        count = threads if isinstance(threads, int) else threads[n % len(threads)]
-
-        def run():
-            differing = 0
-            for _ in range(10):
-                differing += twin.differing_bits(
-                    extract_features(wrench, threads=count, **options), wanted[n]
-                )
-            return differing
-
-        return run
-
-    assert at_once([job(n) for n in range(N_THREADS)]) == [0] * N_THREADS
+        options = {"n_bins": 10 + n, "order": 1 + n, "outside": ("drop", "clip")[n % 2]}
+        wanted, count = twin.features(wrench, **options), threads[n % len(threads)]
+        jobs.append(partial(extracted_again_and_again, wrench, wanted, 10, threads=count, **options))
+    assert at_once(jobs) == [0] * N_THREADS
 
 
 def test_one_input_and_one_spec_read_by_all():
     wrench = np.random.default_rng(32).standard_normal((30, 200, 6))
-    spec = FeatureSpec(n_bins=20)
     wanted = twin.features(wrench, n_bins=20)
-    results = at_once([lambda: extract_features(wrench, spec=spec, threads=2)] * N_THREADS)
-    assert [twin.differing_bits(result, wanted) for result in results] == [0] * N_THREADS
+    job = partial(extracted_again_and_again, wrench, wanted, 2, spec=FeatureSpec(n_bins=20), threads=2)
+    assert at_once([job] * N_THREADS) == [0] * N_THREADS
 
 
 def test_rows_of_one_output_written_by_many():
@@ -78,7 +42,7 @@ def test_rows_of_one_output_written_by_many():
     wanted = twin.features(wrench)
     table = np.empty_like(wanted)
     rows = [slice(n, n + 1) for n in range(N_THREADS)]
-    at_once([lambda row=row: extract_features(wrench[row], out=table[row]) for row in rows])
+    at_once([partial(extract_features, wrench[row], out=table[row]) for row in rows])
     assert twin.differing_bits(table, wanted) == 0
 
 
@@ -103,18 +67,15 @@ def test_errors_stay_with_their_thread():
     good = np.random.default_rng(35).standard_normal((20, 100, 6))
     bad = good.copy()
     bad[7, 50, 2] = np.nan
-    wanted = extract_features(good)
-
-    def well():
-        return all(np.array_equal(extract_features(good, threads=2), wanted) for _ in range(10))
+    well = partial(extracted_again_and_again, good, twin.features(good), 10, threads=2)
 
     def ill():
         for _ in range(10):
             with pytest.raises(ValueError, match="recording 7, sample 50, axis 2"):
                 extract_features(bad, threads=2)
-        return True
+        return 0
 
-    assert all(at_once([well, ill] * 4))
+    assert at_once([well, ill] * 4) == [0] * 8
 
 
 class Ticker:
@@ -157,28 +118,15 @@ class Ticker:
 )
 def test_the_interpreter_lock_is_released_during_long_work(shape, threads):
     wrench = np.random.default_rng(36).standard_normal(shape)
-    out = np.empty_like(extract_features(wrench))
+    wanted = extract_features(wrench)
+    out = np.empty_like(wanted)
     with Ticker() as ticker:
         # What holds the lock keeps the ticker from running: else a tick would prove nothing.
         assert ticker.during(lambda: [n * n for n in range(200_000)]) == 0
         # A busy machine may not run the ticker while the lock is free: then once more.
-        tries = (
-            ticker.during(lambda: extract_features(wrench, threads=threads, out=out)) for _ in range(500)
-        )
-        assert any(tries)
-
-
-@pytest.mark.thread_unsafe(reason="sets the switch interval of the interpreter")
-@pytest.mark.skipif(not getattr(sys, "_is_gil_enabled", lambda: True)(), reason="there is no lock to release")
-@pytest.mark.parametrize("bad", [False, True])
-def test_other_threads_can_use_the_interpreter_and_the_results_are_right(bad):
-    wrench = np.random.default_rng(37).standard_normal((100, 400, 6))
-    if bad:
-        wrench[99, 399, 5] = np.inf
-    with Ticker():
-        for _ in range(5):
-            if bad:
-                with pytest.raises(ValueError, match="recording 99, sample 399, axis 5"):
-                    extract_features(wrench, threads=2)
-            else:
-                assert twin.differing_bits(extract_features(wrench, threads=2), twin.features(wrench)) == 0
+        extract = partial(extract_features, wrench, threads=threads, out=out)
+        assert any(ticker.during(extract) for _ in range(500))
+        assert twin.differing_bits(out, wanted) == 0
+        wrench[-1, -1] = np.inf
+        with pytest.raises(ValueError, match="must be finite, got inf"):
+            extract()

@@ -1,19 +1,17 @@
 """Coding matrices: every design against its definition, own matrices, refusals."""
 
 import itertools
-import math
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
-from granular_id.ecoc import codings as random_codings
+from granular_id.ecoc import codings
 from granular_id.ecoc.codings import (
     CODINGS,
     best_random,
     check_coding_matrix,
     design,
-    onevsone,
     own_coding,
     smallest_distance,
 )
@@ -37,11 +35,8 @@ def seeded(seed=0):
 
 def all_columns(n_classes, codes):
     """Every column with both signs, once for the two that differ in sign only; plain and slow."""
-    kept = set()
-    for column in itertools.product(codes, repeat=n_classes):
-        if 1 in column and -1 in column and tuple(-m for m in column) not in kept:
-            kept.add(column)
-    return kept
+    both = [c for c in itertools.product(codes, repeat=n_classes) if 1 in c and -1 in c]
+    return {max(column, tuple(-m for m in column)) for column in both}
 
 
 def up_to_sign(matrix):
@@ -58,68 +53,54 @@ def plain_distance(matrix):
     )
 
 
-def test_every_design_is_counted_here():
-    assert set(COUNTS) == set(CODINGS)
+@pytest.mark.usefixtures("few_draws")
+@pytest.mark.parametrize("name", CODINGS)
+def test_number_of_learners(name):
+    for n_classes, n_learners in enumerate(COUNTS[name][:8], start=2):
+        matrix = design(name, n_classes, seeded())
+        assert matrix.shape == (n_classes, n_learners)
+        assert matrix.dtype == np.int8
+        np.testing.assert_array_equal(check_coding_matrix(matrix), matrix)
+        if (name, n_classes) != ("onevsall", 2):  # two classes: each against all others is the same twice
+            assert len(up_to_sign(matrix)) == n_learners
+    for n_classes, n_learners in enumerate(COUNTS[name], start=2):
+        assert CODINGS[name].n_learners(n_classes) == n_learners
 
 
-@pytest.mark.parametrize("name", COUNTS)
-@pytest.mark.parametrize("n_classes", range(2, 12))
-def test_number_of_learners(monkeypatch, name, n_classes):
-    monkeypatch.setattr(random_codings, "_DRAWS", 20)
-    matrix = design(name, n_classes, seeded())
-    assert matrix.shape == (n_classes, COUNTS[name][n_classes - 2])
-    assert matrix.dtype == np.int8
-    assert CODINGS[name].n_learners(n_classes) == matrix.shape[1]
-    np.testing.assert_array_equal(check_coding_matrix(matrix), matrix)
-    if (name, n_classes) != ("onevsall", 2):  # two classes: each against all others is the same learner twice
-        assert len(up_to_sign(matrix)) == matrix.shape[1]
-
-
-@pytest.mark.parametrize("n_classes", [2, 3, 4, 11])
-def test_onevsone(n_classes):
-    matrix = design("onevsone", n_classes, seeded())
-    learner = 0
-    for low in range(n_classes):
-        for high in range(low + 1, n_classes):
-            expected = np.zeros(n_classes)
-            expected[low], expected[high] = 1, -1
-            np.testing.assert_array_equal(matrix[:, learner], expected)
-            learner += 1
-
-
-@pytest.mark.parametrize("n_classes", [2, 3, 7])
-def test_onevsall_and_ordinal(n_classes):
+@pytest.mark.parametrize("n_classes", [2, 3, 4, 7])
+def test_simple_designs(n_classes):
+    pairs = design("onevsone", n_classes, seeded())
+    for learner, (low, high) in enumerate(itertools.combinations(range(n_classes), 2)):
+        expected = np.zeros(n_classes)
+        expected[low], expected[high] = 1, -1
+        np.testing.assert_array_equal(pairs[:, learner], expected)
     for a, b in itertools.product(range(n_classes), repeat=2):
         assert design("onevsall", n_classes, seeded())[a, b] == (1 if a == b else -1)
     for k, cut in itertools.product(range(n_classes), range(n_classes - 1)):
         assert design("ordinal", n_classes, seeded())[k, cut] == (1 if k > cut else -1)
 
 
-@pytest.mark.parametrize("n_classes", [2, 3, 4, 5, 6])
-def test_complete_designs_hold_every_column_once(n_classes):
-    binary = design("binarycomplete", n_classes, seeded())
-    assert up_to_sign(binary) == {max(c, tuple(-m for m in c)) for c in all_columns(n_classes, (1, -1))}
-    ternary = design("ternarycomplete", n_classes, seeded())
-    assert up_to_sign(ternary) == {max(c, tuple(-m for m in c)) for c in all_columns(n_classes, (1, 0, -1))}
+@pytest.mark.parametrize(("name", "codes"), [("binarycomplete", (1, -1)), ("ternarycomplete", (1, 0, -1))])
+@pytest.mark.parametrize("n_classes", [2, 3, 5])
+def test_complete_designs_hold_every_column_once(n_classes, name, codes):
+    assert up_to_sign(design(name, n_classes, seeded())) == all_columns(n_classes, codes)
+
+
+@pytest.mark.usefixtures("few_draws")
+@settings(max_examples=40)
+@given(st.integers(2, 14), st.integers(0, 2**32), st.sampled_from(["denserandom", "sparserandom"]))
+def test_random_columns_are_usable_and_different(n_classes, seed, name):
+    matrix = design(name, n_classes, seeded(seed))
+    np.testing.assert_array_equal(matrix, design(name, n_classes, seeded(seed)))
+    assert set(np.unique(matrix)) <= ({-1, 1} if name == "denserandom" else {-1, 0, 1})
+    # Own matrices with a column of one sign, or columns that are alike, would be refused.
+    np.testing.assert_array_equal(own_coding(matrix, n_classes), matrix)
 
 
 class TestRandomDesigns:
-    @given(
-        n_classes=st.integers(2, 14), seed=st.integers(0, 2**32), name=st.sampled_from(["dense", "sparse"])
-    )
-    def test_usable_different_columns(self, n_classes, seed, name):
-        with pytest.MonkeyPatch.context() as patched:
-            patched.setattr(random_codings, "_DRAWS", 30)
-            matrix = design(f"{name}random", n_classes, seeded(seed))
-            np.testing.assert_array_equal(matrix, design(f"{name}random", n_classes, seeded(seed)))
-        assert set(np.unique(matrix)) <= ({-1, 1} if name == "dense" else {-1, 0, 1})
-        np.testing.assert_array_equal(
-            own_coding(matrix, n_classes), matrix
-        )  # refuses one-sided, equal, negated
-
     @pytest.mark.parametrize("zeros", [False, True])
     def test_entries_have_their_probabilities(self, monkeypatch, zeros):
-        monkeypatch.setattr(random_codings, "_DRAWS", 1)
+        monkeypatch.setattr(codings, "_DRAWS", 1)
         entries = np.concatenate([best_random(30, 50, seeded(s), zeros=zeros).ravel() for s in range(40)])
         shares = [np.mean(entries == m) for m in (-1, 0, 1)]
         np.testing.assert_allclose(shares, [0.25, 0.5, 0.25] if zeros else [0.5, 0, 0.5], atol=0.01)
@@ -129,86 +110,60 @@ class TestRandomDesigns:
         drawn = seeded(1).choice([-1, 0, 1] if zeros else [-1, 1], size=(20, 13, 6)).astype(np.int8)
         np.testing.assert_array_equal(smallest_distance(drawn), [plain_distance(one.T) for one in drawn])
 
-    @pytest.mark.parametrize("name", ["denserandom", "sparserandom"])
-    def test_more_draws_find_rows_farther_apart(self, monkeypatch, name):
-        best = plain_distance(design(name, 11, seeded()))
-        monkeypatch.setattr(random_codings, "_DRAWS", 1)
-        single = [plain_distance(design(name, 11, seeded(seed))) for seed in range(100)]
+    def test_more_draws_find_rows_farther_apart(self, monkeypatch):
+        assert codings._DRAWS == 10_000
+        best = plain_distance(design("denserandom", 11, seeded()))
+        monkeypatch.setattr(codings, "_DRAWS", 1)
+        single = [plain_distance(design("denserandom", 11, seeded(seed))) for seed in range(50)]
         assert best > max(single)
 
     @pytest.mark.parametrize("block", [1, 10_000, 10**9])
     def test_the_best_of_all_blocks_is_kept(self, monkeypatch, block):
-        monkeypatch.setattr(random_codings, "_DRAWS", 40)
-        monkeypatch.setattr(random_codings, "_BLOCK_ENTRIES", block)
+        monkeypatch.setattr(codings, "_DRAWS", 40)
+        monkeypatch.setattr(codings, "_BLOCK_ENTRIES", block)
         seen = []
 
         def watched(columns):
             seen.extend(smallest_distance(columns).tolist())
             return np.array(seen[-len(columns) :])
 
-        monkeypatch.setattr(random_codings, "smallest_distance", watched)
+        monkeypatch.setattr(codings, "smallest_distance", watched)
         matrix = design("denserandom", 11, seeded())
         assert len(seen) == 40
         assert plain_distance(matrix) == max(seen)
-
-    def test_ten_thousand_draws(self):
-        assert random_codings._DRAWS == 10_000
-        assert math.ceil(15 * math.log2(50)) == design("sparserandom", 50, seeded()).shape[1]
-
-
-@pytest.mark.parametrize("name", CODINGS)
-def test_needs_two_classes(name):
-    with pytest.raises(ValueError, match="n_classes must be at least 2, got 1"):
-        design(name, 1, seeded())
 
 
 @pytest.mark.parametrize(
     ("name", "n_classes", "message"),
     [
+        *((name, 1, "n_classes must be at least 2, got 1") for name in CODINGS),
         ("ternarycomplete", 12, r"\(3\^K - 2\^\(K\+1\) \+ 1\) / 2 = 261,625 learners for K = 12 classes"),
         ("binarycomplete", 18, r"2\^\(K-1\) - 1 = 131,071 learners for K = 18 classes, more than 100,000"),
         ("binarycomplete", 200, r"= 8.03e\+59 learners for K = 200 classes, .*'denserandom' needs 77"),
-        ("ternarycomplete", 200, r"= 1.33e\+95 learners"),
         ("onevsone", 448, "= 100,128 learners for K = 448"),
-        ("binarycomplete", 20_000, r"learners for K = 20000"),
+        ("binarycomplete", 20_000, "learners for K = 20000"),
     ],
 )
-def test_too_many_learners(name, n_classes, message):
+def test_too_few_classes_and_too_many_learners(name, n_classes, message):
     with pytest.raises(ValueError, match=message):
         design(name, n_classes, seeded())
-
-
-@pytest.mark.parametrize(
-    ("matrix", "message"),
-    [
-        ([1, -1], r"shape \(n_classes >= 2, n_learners >= 1\), got shape \(2,\)"),
-        (np.zeros((3, 0)), r"got shape \(3, 0\)"),
-        ([[1, 2], [-1, -1]], r"-1, 0 and \+1 only"),
-        ([[1, 0.5], [-1, -1]], r"-1, 0 and \+1 only"),
-        ([[1, np.nan], [-1, -1]], r"-1, 0 and \+1 only"),
-        ([["1", "-1"], ["-1", "1"]], r"-1, 0 and \+1 only"),
-        ([[1, 1], [-1, 0]], "column 1 must hold both"),
-        ([[1], [-1], [0]], "row 2 is all 0"),
-    ],
-)
-def test_bad_coding_matrix(matrix, message):
-    with pytest.raises(ValueError, match=message):
-        check_coding_matrix(matrix)
 
 
 @pytest.mark.parametrize(
     ("matrix", "kind", "message"),
     [
         (None, TypeError, "coding must be the name of a design or a matrix of -1, 0 and .1, got None"),
-        (3, TypeError, "got 3"),
         ([["a", "b"]], TypeError, "name of a design or a matrix"),
+        ([[1, [2]], [1]], TypeError, "name of a design or a matrix"),
         ("votes", ValueError, "coding must be one of 'onevsone', .*, got 'votes'"),
-        (onevsone(4), ValueError, r"coding must have 3 rows, one per class, got shape \(4, 6\)"),
-        (
-            [[1, 1], [1, 1], [-1, -1]],
-            ValueError,
-            "rows 0 and 1 are alike: these classes are never told apart",
-        ),
+        ([1, -1, 0], ValueError, r"shape \(n_classes >= 2, n_learners >= 1\), got shape \(3,\)"),
+        (np.zeros((3, 0)), ValueError, r"got shape \(3, 0\)"),
+        ([[1, 2], [-1, -1], [0, 1]], ValueError, r"-1, 0 and \+1 only"),
+        ([[1, np.nan], [-1, -1], [0, 1]], ValueError, r"-1, 0 and \+1 only"),
+        ([[1, 1], [-1, 0], [-1, 0]], ValueError, "column 1 must hold both"),
+        ([[1], [-1], [0]], ValueError, "row 2 is all 0"),
+        ([[1], [-1]], ValueError, r"coding must have 3 rows, one per class, got shape \(2, 1\)"),
+        ([[1, 1], [1, 1], [-1, -1]], ValueError, "rows 0 and 1 are alike: .* never told apart"),
         ([[1, 1, 1], [-1, 0, -1], [0, -1, 0]], ValueError, "columns 0 and 2 are alike"),
         ([[1, 1, -1], [-1, 0, 1], [0, -1, 0]], ValueError, "columns 0 and 2 are alike: .* but for the sign"),
     ],

@@ -50,49 +50,35 @@ def test_definition_and_half_where_the_score_says_nothing(name, code):
 
 
 @pytest.mark.parametrize("name", DEFINITIONS)
-class TestLosses:
-    def test_finite_and_never_rising_up_to_a_million(self, name):
-        scores = np.concatenate([-np.logspace(6, -3, 400), [0.0], np.logspace(-3, 6, 400)])
-        loss = LOSSES[name](1, scores)
-        assert np.isfinite(loss).all()
-        assert (np.diff(loss) <= 0).all()
-        np.testing.assert_array_equal(LOSSES[name](-1, -scores), loss)
-        if name != "hamming":
-            assert (np.diff(loss[:400]) < 0).all()  # no ties among wrong answers, however wrong
-
-
-class TestQuadratic:
-    @pytest.mark.parametrize("score", [-0.01, 1.01, np.nan, np.inf])
-    def test_other_scores_are_refused(self, score):
-        with pytest.raises(
-            ValueError, match=r"scores must be in \[0, 1\] for loss='quadratic': scores\[1, 2\] is"
-        ):
-            decode([[0.1, 0.2, 0.3], [0.4, 0.5, score]], onevsone(3), "quadratic")
+def test_finite_and_never_rising_up_to_a_million(name):
+    scores = np.concatenate([-np.logspace(6, -3, 400), [0.0], np.logspace(-3, 6, 400)])
+    loss = LOSSES[name](1, scores)
+    assert np.isfinite(loss).all()
+    assert (np.diff(loss) <= 0).all()
+    np.testing.assert_array_equal(LOSSES[name](-1, -scores), loss)
+    if name != "hamming":
+        assert (np.diff(loss[:400]) < 0).all()  # no ties among wrong answers, however wrong
+    assert np.isfinite(decode(np.full((1, 55), -1e6), onevsone(11), name)).all()
 
 
 class TestFittingLoss:
     def test_auto(self):
-        assert fitting_loss("auto", "real").name == "hinge"
-        assert fitting_loss("auto", "unit").name == "quadratic"
-        assert fitting_loss("auto", None).name == "hinge"
+        found = {scores: fitting_loss("auto", scores).name for scores in ("real", "unit", None)}
+        assert found == {"real": "hinge", "unit": "quadratic", None: "hinge"}
 
     @pytest.mark.parametrize("name", LOSSES)
     def test_fits_one_range_only(self, name):
         assert fitting_loss(name, None) is fitting_loss(name, LOSSES[name].scores) is LOSSES[name]
-        other = "unit" if LOSSES[name].scores == "real" else "real"
-        fitting = "'quadratic'" if other == "unit" else "'hinge', 'hamming', 'root', 'linear'"
+        other, fitting = (
+            ("unit", "'quadratic'") if LOSSES[name].scores == "real" else ("real", "'hinge', 'ha")
+        )
         with pytest.raises(ValueError, match=f"loss='{name}' does not fit the learners: .* one of {fitting}"):
             fitting_loss(name, other)
 
-    @pytest.mark.parametrize("name", ["votes", None, 3])
+    @pytest.mark.parametrize("name", ["votes", None])
     def test_unknown(self, name):
         with pytest.raises(ValueError, match=r"loss must be one of 'auto', 'hinge', .*'quadratic', got"):
             fitting_loss(name, "real")
-
-
-def test_no_exponential_overflows_in_a_sum():
-    scores = np.full((1, 55), -1e6)
-    assert np.isfinite(decode(scores, onevsone(11), "exponential")).all()
 
 
 @pytest.mark.parametrize("name", LOSSES)
@@ -107,7 +93,7 @@ def test_decode_is_minus_the_mean_loss(name, decoding):
     np.testing.assert_allclose(decode(scores, matrix, name, decoding), expected, rtol=1e-12)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=30)
 @given(
     n_classes=st.integers(2, 7),
     seed=st.integers(0, 1000),
@@ -126,9 +112,8 @@ def test_a_row_alone_gives_the_bits_it_gives_in_a_batch(n_classes, seed, coding,
 def test_losses_are_added_in_the_order_of_the_learners():
     rng = np.random.default_rng(5)
     matrix = design("sparserandom", 9, rng)
-    scores = 10.0 ** rng.uniform(-8, 8, size=(20, matrix.shape[1])) * rng.choice(
-        [-1, 1], (20, matrix.shape[1])
-    )
+    shape = (20, matrix.shape[1])
+    scores = 10.0 ** rng.uniform(-8, 8, shape) * rng.choice([-1, 1], shape)
     expected = np.zeros((20, 9))
     for i, k in np.ndindex(20, 9):
         total = 0.0
@@ -140,6 +125,7 @@ def test_losses_are_added_in_the_order_of_the_learners():
 
 
 def test_two_hundred_classes_decode_by_their_pairs():
+    """More pairs than are decoded at once."""
     matrix = onevsone(200)
     truth = np.random.default_rng(0).integers(0, 200, 30)
     scores = 2.0 * matrix[truth] + np.random.default_rng(1).normal(scale=0.5, size=(30, 19_900))
@@ -162,6 +148,8 @@ def test_ties_are_exact_so_that_the_first_class_wins():
     [
         (([[1.0, 2.0]], onevsone(3)), r"shape \(n, 3\), one column per learner, got shape \(1, 2\)"),
         (([1.0, 2.0, 3.0], onevsone(3)), r"got shape \(3,\)"),
+        (([[0.1, 0.2, 1.01]], onevsone(3), "quadratic"), r"must be in \[0, 1\] .*: scores\[0, 2\] is 1.01"),
+        (([[0.1, -0.01, 0.3]], onevsone(3), "quadratic"), r"scores\[0, 1\] is -0.01"),
         (([[1.0, np.nan, 3.0]], onevsone(3)), r"scores\[0, 1\] is nan"),
         (([[1.0, 1.0, 3.0]], onevsone(3), "votes"), "loss must be one of .* got 'votes'"),
         (([[1.0, 1.0, 3.0]], onevsone(3), "hinge", "mean"), "decoding must be one of .* got 'mean'"),

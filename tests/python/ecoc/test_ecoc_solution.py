@@ -29,7 +29,7 @@ def worst_violation(gram, targets, upper, solution):
     return max(feasible, slack)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 10_000),
     n_rows=st.integers(2, 40),
@@ -64,47 +64,35 @@ def test_exact_where_libsvm_is_not(n_features):
 
 def kinds_of_rows():
     rng = np.random.default_rng(11)
-    y = np.repeat(np.arange(4), 25)
-    noise = rng.standard_normal((100, 900))
-    walk = np.cumsum(rng.standard_normal((100, 900)), axis=1) / 20
-    shift = np.cumsum(rng.standard_normal((4, 900)), axis=1)[y] / 40
+    y = np.repeat(np.arange(4), 15)
+    noise = rng.standard_normal((60, 600))
+    walk = np.cumsum(rng.standard_normal((60, 600)), axis=1) / 20
+    shift = np.cumsum(rng.standard_normal((4, 600)), axis=1)[y] / 40
     return {"noise": (noise, y), "walk": (walk, y), "separate walk": (walk + shift, y)}
 
 
-@pytest.mark.parametrize("kind", kinds_of_rows())
+ROWS = kinds_of_rows()
+
+
+@pytest.mark.parametrize("kind", ROWS)
 def test_origin_order_and_offset_do_not_matter(kind):
-    X, y = kinds_of_rows()[kind]
+    X, y = ROWS[kind]
     expected = ECOCClassifier().fit(X, y).binary_scores(X)
     close = {"rtol": 1e-6, "atol": 1e-8}
     order = np.random.default_rng(0).permutation(len(y))
     np.testing.assert_allclose(ECOCClassifier().fit(X[order], y[order]).binary_scores(X), expected, **close)
     for center in (None, X[0], X.mean(axis=0)):
         gram = linear_gram(X, center=center)
-        np.testing.assert_allclose(
-            ECOCClassifier().fit_gram(gram, y).binary_scores_gram(gram), expected, **close
-        )
-    for deviations in (10.0, 1e3, 1e5):
+        scores = ECOCClassifier().fit_gram(gram, y).binary_scores_gram(gram)
+        np.testing.assert_allclose(scores, expected, **close)
+    for deviations in (10.0, 1e5):
         moved = X + deviations * X.std()
-        np.testing.assert_allclose(
-            ECOCClassifier().fit(moved, y).binary_scores(moved), expected, rtol=1e-5, atol=1e-6
-        )
-
-
-@pytest.mark.parametrize("standardize", [False, True])
-@pytest.mark.parametrize("n_features", [2, 5, 300])
-def test_weights_equal_repeated_rows(standardize, n_features):
-    rng = np.random.default_rng(n_features)
-    y = np.arange(60) % 3
-    X = rng.standard_normal((60, n_features)) + np.eye(3)[y] @ rng.standard_normal((3, n_features))
-    times = rng.integers(0, 4, 60)
-    weighted = ECOCClassifier(standardize=standardize).fit(X, y, sample_weight=times)
-    repeated = ECOCClassifier(standardize=standardize).fit(np.repeat(X, times, axis=0), np.repeat(y, times))
-    np.testing.assert_allclose(weighted.binary_scores(X), repeated.binary_scores(X), rtol=1e-7, atol=1e-7)
-    assert (weighted.dual_coef_[:, times == 0] == 0).all()
+        scores = ECOCClassifier().fit(moved, y).binary_scores(moved)
+        np.testing.assert_allclose(scores, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_a_class_whose_weights_are_all_zero_is_absent():
-    X, y = kinds_of_rows()["noise"]
+    X, y = ROWS["noise"]
     clf = ECOCClassifier().fit(X, y, sample_weight=(y != 1).astype(float))
     without = ECOCClassifier().fit(X[y != 1], y[y != 1])
     np.testing.assert_array_equal(clf.classes_, [0, 2, 3])
@@ -112,7 +100,7 @@ def test_a_class_whose_weights_are_all_zero_is_absent():
 
 
 def test_share_of_multipliers_at_the_bound():
-    X, y = kinds_of_rows()["noise"]
+    X, y = ROWS["noise"]
     clf = ECOCClassifier(C=1e-6).fit(X, y)
     assert clf.alpha_at_bound_ == 1.0
     assert ECOCClassifier().fit(X, y).alpha_at_bound_ == 0.0
@@ -120,7 +108,7 @@ def test_share_of_multipliers_at_the_bound():
 
 class TestHardMargin:
     def test_no_row_inside_the_margin(self):
-        X, y = kinds_of_rows()["walk"]
+        X, y = ROWS["walk"]
         soft = ECOCClassifier(C=1e-3).fit(X, y)
         hard = ECOCClassifier(C=1e-3, hard_margin=True).fit(X, y)
         assert soft.alpha_at_bound_ > 0
@@ -131,10 +119,13 @@ class TestHardMargin:
         for learner in range(6):
             assert agreement[seen[:, learner], learner].min() < 1 + 1e-8
 
-    def test_equals_a_soft_margin_that_is_hard_already(self):
-        X, y = kinds_of_rows()["noise"]
-        soft, hard = ECOCClassifier().fit(X, y), ECOCClassifier(hard_margin=True).fit(X, y)
-        np.testing.assert_allclose(hard.coef_, soft.coef_, rtol=1e-9, atol=1e-12)
+    def test_equals_a_soft_margin_that_is_hard_already_whatever_the_weights(self):
+        X, y = ROWS["noise"]
+        soft, hard = ECOCClassifier().fit(X, y), ECOCClassifier(hard_margin=True)
+        weights = np.random.default_rng(0).uniform(0.5, 2.0, len(y))
+        for given_weights in (None, weights):
+            hard.fit(X, y, given_weights)
+            np.testing.assert_allclose(hard.coef_, soft.coef_, rtol=1e-9, atol=1e-12)
 
     def test_gap_known_by_construction(self):
         X = np.array([[0.0, 0.0], [0.0, 1.0], [3.0, 0.0], [4.0, 7.0]])
@@ -148,19 +139,10 @@ class TestHardMargin:
         X = rng.standard_normal((60, 2))
         X[:20, 0] += 20.0
         y = np.repeat(["rice", "sand", "soil"], 20)
-        with pytest.raises(
-            NotSeparableError, match=r"classes 'sand' and 'soil' cannot be separated: .*wrong side"
-        ):
+        with pytest.raises(NotSeparableError, match=r"'sand' and 'soil' cannot be separated: .*wrong side"):
             ECOCClassifier(hard_margin=True).fit(X, y)
         with pytest.raises(ValueError, match="'0' and '1' cannot be separated"):
             ECOCClassifier(hard_margin=True).fit(np.ones((4, 3)), [0, 0, 1, 1])
-
-    def test_weights_do_not_matter_but_zeros(self):
-        X, y = kinds_of_rows()["noise"]
-        weights = np.random.default_rng(0).uniform(0.5, 2.0, len(y))
-        plain = ECOCClassifier(hard_margin=True).fit(X, y)
-        weighted = ECOCClassifier(hard_margin=True).fit(X, y, weights)
-        np.testing.assert_allclose(weighted.coef_, plain.coef_, rtol=1e-9, atol=1e-12)
 
 
 def test_equal_rows_of_both_classes_do_not_hang_nor_fail():
@@ -217,3 +199,12 @@ def test_a_useless_guess_changes_nothing():
     for guess in (np.zeros(40), np.ones(40), np.random.default_rng(0).uniform(size=40)):
         guided = solve_binary(gram, targets, np.ones(40), guess=guess)
         np.testing.assert_allclose(guided.dual_coef, alone.dual_coef, rtol=1e-9, atol=1e-12)
+
+
+def test_the_tighter_tolerance_may_be_out_of_reach(monkeypatch):
+    monkeypatch.setattr(svm, "_MAX_STEPS", 3000)
+    X, targets = problem(13, 26, 5, distance=0.0)
+    gram, upper = linear_gram(X), np.full(26, 3.0)
+    solution = solve_binary(gram, targets, upper)
+    assert solution.converged
+    assert 1e-6 < worst_violation(gram, targets, upper, solution) < 1e-3
