@@ -3,22 +3,26 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-OLDEST := .venv-oldest
 PACKAGE := $(VENV)/.package
 TOOLS   := $(VENV)/.tools
+SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs' -o -name Cargo.toml)
+
+# What is measured is the wheel, built for speed: the checkout's own build is made to compile quickly.
+WHEEL   := dist/.built
+RELEASE := .venv-wheel
+OLDEST  := .venv-oldest
 BENCHES := .venv-bench
-BENCH_TOOLS := $(BENCHES)/.tools
-SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs')
 
 # Tests of functions that promise to be thread-safe, run once more in eight threads at a time.
 THREADED := tests/python/core/test_features.py tests/python/core/test_features_arrays.py tests/python/core/test_signal_arrays.py \
 	tests/python/core/test_buffer_arrays.py
 
-.PHONY: help demo test lint rust-test python-test bench bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign stress sanitize soak fuzz bench-formats bench-decision wheel clean toolchain
+.PHONY: help demo test lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign stress sanitize soak fuzz bench-formats bench-decision wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate the built-in synthetic recordings: table and figures in ./demo"
-	@echo "make test       lint, Rust tests, Python tests"
+	@echo "make test       lint, Rust tests, Python tests, doctests"
+	@echo "make check-all  all that takes long: threads, campaign, fuzz, stress, sanitize, soak, oldest (hours)"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
@@ -45,7 +49,7 @@ $(BIN)/python: | toolchain
 
 # Editable: Python files are used where they are, Rust is built again when it changes.
 $(PACKAGE): $(SOURCES) | toolchain $(BIN)/python
-	@echo "building granular_id (a minute or two the first time)"
+	@echo "building granular_id (a minute the first time)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[app]'
 	@touch $@
 
@@ -53,73 +57,98 @@ $(TOOLS): requirements-dev.txt $(PACKAGE)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-dev.txt
 	@touch $@
 
-# An environment of its own: the peers want other versions than the tools do.
-$(BENCH_TOOLS): requirements-bench.txt $(SOURCES) | toolchain
-	@$(PYTHON) -m venv $(BENCHES)
-	@$(BENCHES)/bin/python -m pip install --quiet --disable-pip-version-check --requirement requirements-bench.txt --editable .
+$(WHEEL): $(SOURCES) $(shell find python -name '*.py') | toolchain $(BIN)/python
+	@echo "building the wheel (two minutes the first time)"
+	@rm -rf dist
+	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
 	@touch $@
+
+# An environment with the wheel: $(call environment,folder,file of requirements,extras)
+define environment
+	@$(PYTHON) -m venv $(1)
+	@$(1)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps dist/*.whl
+	@$(1)/bin/python -m pip install --quiet --disable-pip-version-check $(2) "$$(echo dist/*.whl)$(3)"
+	@touch $@
+endef
+
+$(RELEASE)/.package: $(WHEEL)
+	$(call environment,$(RELEASE),,[all])
+
+# The peers want other versions than the tools do.
+$(BENCHES)/.package: requirements-bench.txt $(WHEEL)
+	$(call environment,$(BENCHES),--requirement requirements-bench.txt)
+
+# The oldest versions that pyproject.toml admits.
+$(OLDEST)/.package: requirements-oldest.txt $(WHEEL)
+	$(call environment,$(OLDEST),--requirement requirements-oldest.txt,[app])
 
 demo: $(PACKAGE)
 	$(BIN)/granular-id demo --output demo --force
 
 test: lint rust-test python-test
+	@echo "make test: everything passed"
+
+# A command, and how far it is: $(call step,3 of 9,command)
+define step
+	@printf '\033[1m[%s]\033[0m %s\n' '$(1)' '$(2)'
+	@$(2)
+endef
 
 lint: $(TOOLS)
-	cargo fmt --check
-	cargo fmt --check --manifest-path tests/fuzz/Cargo.toml
-	cargo clippy --quiet --all-targets -- -D warnings
-	cargo clippy --quiet --all-targets --features python -- -D warnings
-	cargo clippy --quiet --manifest-path tests/fuzz/Cargo.toml --no-default-features --target-dir target -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
-	$(BIN)/ruff check
-	$(BIN)/ruff format --check
-	$(BIN)/mypy
-	$(BIN)/lint-imports
-	$(BIN)/python -m mypy.stubtest granular_id._core
+	$(call step,lint 1 of 9,cargo fmt --all --check)
+	$(call step,lint 2 of 9,cargo clippy --quiet --workspace --all-targets -- -D warnings)
+	$(call step,lint 3 of 9,cargo clippy --quiet --manifest-path tests/fuzz/Cargo.toml --no-default-features --target-dir target -- -D warnings)
+	$(call step,lint 4 of 9,RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps)
+	$(call step,lint 5 of 9,$(BIN)/ruff check --quiet)
+	$(call step,lint 6 of 9,$(BIN)/ruff format --quiet --check)
+	$(call step,lint 7 of 9,$(BIN)/mypy --no-error-summary)
+	$(call step,lint 8 of 9,$(BIN)/lint-imports --no-logo)
+	$(call step,lint 9 of 9,$(BIN)/python -m mypy.stubtest --concise granular_id._core)
 
 rust-test: | toolchain
-	cargo test --quiet
+	$(call step,Rust tests,cargo test --quiet)
 
 python-test: $(TOOLS)
-	$(BIN)/python -m pytest --numprocesses auto
-	$(BIN)/python -m pytest --numprocesses auto -p no:run-parallel --doctest-modules python/granular_id
-	GRANULAR_ID_CASES=13 $(BIN)/python -m pytest --parallel-threads 8 $(THREADED)
+	$(call step,Python tests 1 of 2,$(BIN)/python -m pytest --numprocesses auto --doctest-modules tests/python python/granular_id)
+	$(call step,Python tests 2 of 2: eight threads,GRANULAR_ID_CASES=13 $(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(firstword $(THREADED)))
+
+# What takes too long for every change. `make test` runs a short form of each.
+check-all: threads campaign fuzz stress sanitize soak oldest
+
+threads: $(TOOLS)
+	$(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(THREADED)
 
 bench: bench-rust bench-peers bench-ecoc
 
-.PHONY: bench-rust
 bench-rust: | toolchain
-	cargo bench
+	cargo bench --package granular-id-benches
 
-bench-peers: $(BENCH_TOOLS)
+bench-peers: $(BENCHES)/.package
 	$(BENCHES)/bin/python benches/peers.py
 
 # Folders of recordings for bench-accuracy, and further options of it.
 FOLDERS ?= ../shared/data/sliding_wrench ../shared/data/robot_failures
 ACCURACY ?= --out target/accuracy.json
 
-bench-accuracy: $(BENCH_TOOLS)
+bench-accuracy: $(BENCHES)/.package
 	$(BENCHES)/bin/python benches/accuracy.py $(FOLDERS) $(ACCURACY)
 
-bench-ecoc: $(PACKAGE)
-	$(BIN)/python benches/ecoc.py
+bench-ecoc: $(RELEASE)/.package
+	$(RELEASE)/bin/python benches/ecoc.py
 
-bench-decision: $(PACKAGE)
-	$(BIN)/python benches/decision.py
+bench-decision: $(RELEASE)/.package
+	$(RELEASE)/bin/python benches/decision.py
 
-bench-formats: $(TOOLS)
-	$(BIN)/python benches/formats.py
+bench-formats: $(RELEASE)/.package
+	$(RELEASE)/bin/python benches/formats.py
 
-bench-table: $(PACKAGE)
-	$(BIN)/python benches/table.py
+bench-table: $(RELEASE)/.package
+	$(RELEASE)/bin/python benches/table.py
 
-false-positives: $(PACKAGE)
-	$(BIN)/python benches/false_positives.py
+false-positives: $(RELEASE)/.package
+	$(RELEASE)/bin/python benches/false_positives.py
 
-# An environment of its own: the oldest versions that pyproject.toml admits.
-oldest: requirements-oldest.txt $(SOURCES) | toolchain
-	@$(PYTHON) -m venv $(OLDEST)
-	@$(OLDEST)/bin/python -m pip install --quiet --disable-pip-version-check --requirement requirements-oldest.txt --editable '.[app]'
+oldest: $(OLDEST)/.package
 	$(OLDEST)/bin/python -m pytest -o filterwarnings=default
 
 campaign: $(TOOLS)
@@ -147,9 +176,9 @@ sanitize: | toolchain
 	RUSTFLAGS="-Zsanitizer=thread -Cunsafe-allow-abi-mismatch=sanitizer" GRANULAR_ID_RING_ITEMS=1000000 \
 	TSAN_OPTIONS=suppressions=$(CURDIR)/tests/data/tsan_suppressions.txt $(SANITIZE) --target-dir target/thread --test core -- buffer_stress rdt
 
-soak: $(TOOLS)
-	$(BIN)/python benches/rdt_soak.py --rate-hz 500 --seconds 600
-	$(BIN)/python benches/rdt_soak.py --rate-hz 7000 --seconds 60
+soak: $(RELEASE)/.package
+	$(RELEASE)/bin/python benches/rdt_soak.py --rate-hz 500 --seconds 600
+	$(RELEASE)/bin/python benches/rdt_soak.py --rate-hz 7000 --seconds 60
 
 # cargo-fuzz wants a nightly compiler; the stable one takes the same flags when told to.
 FUZZ := RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir tests/fuzz
@@ -162,8 +191,8 @@ fuzz: $(TOOLS)
 	$(FUZZ) model_file -- -runs=$(FUZZ_RUNS) -max_len=4096 -dict=tests/fuzz/model_file.dict
 	$(FUZZ) rdt_packets -- -runs=$(FUZZ_RUNS) -max_len=4096
 
-wheel: | toolchain $(BIN)/python
-	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+wheel: $(WHEEL)
+	@ls dist/*.whl
 
 clean:
-	rm -rf $(VENV) $(OLDEST) $(BENCHES) target dist demo
+	rm -rf $(VENV) $(RELEASE) $(OLDEST) $(BENCHES) target dist demo

@@ -1,7 +1,9 @@
 //! Everything that can go wrong with a caller's input.
 
 /// A number for a message. `Display` alone writes 1e300 as a row of 301 digits.
-pub(crate) fn brief(value: f64) -> String {
+#[doc(hidden)]
+#[must_use]
+pub fn brief(value: f64) -> String {
     let size = value.abs();
     if size == 0.0 || (1e-6..1e16).contains(&size) {
         value.to_string()
@@ -355,7 +357,9 @@ pub enum Error {
 
 impl Error {
     /// The same error in a batch that begins `recordings` earlier.
-    pub(crate) fn later(mut self, recordings: usize) -> Self {
+    #[doc(hidden)]
+    #[must_use]
+    pub fn later(mut self, recordings: usize) -> Self {
         if let Self::NonFinite { recording, .. }
         | Self::Overflow { recording, .. }
         | Self::TooLoud { recording, .. }

@@ -213,7 +213,8 @@ impl Extractor {
     }
 
     /// The same for a number of values.
-    pub(crate) fn check_len(&self, len: usize, shape: BatchShape) -> Result<usize> {
+    #[doc(hidden)]
+    pub fn check_len(&self, len: usize, shape: BatchShape) -> Result<usize> {
         let BatchShape { n_recordings, n_samples, n_axes } = shape;
         if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
             return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });

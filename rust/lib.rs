@@ -28,9 +28,6 @@ pub mod state;
 pub mod stream;
 pub mod wrench;
 
-#[cfg(feature = "python")]
-mod python;
-
 pub use butterworth::{butterworth, Band};
 pub use error::{Error, Result};
 pub use features::{BatchShape, Extractor, FeatureSpec};
@@ -41,3 +38,13 @@ pub use model::Model;
 pub use sos::Sos;
 pub use sosfilt::{sosfilt, sosfilt_from, sosfiltfilt, AlongAxis, Padding};
 pub use state::SosState;
+
+/// What the extension module needs beside the public face; no promise to anybody else.
+#[doc(hidden)]
+pub mod bindings {
+    pub use crate::error::brief;
+    pub use crate::memory::{collected, filled, reserved, room};
+    pub use crate::model::ranking;
+    pub use crate::names::listed;
+    pub use crate::pool::cores;
+}

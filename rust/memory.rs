@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 
 /// Room for `n` values.
-pub(crate) fn reserved<T>(n: usize) -> Result<Vec<T>> {
+pub fn reserved<T>(n: usize) -> Result<Vec<T>> {
     let mut values = Vec::new();
     let no_room = |_| Error::Memory { bytes: n.saturating_mul(size_of::<T>()) };
     values.try_reserve_exact(n).map_err(no_room)?;
@@ -11,21 +11,21 @@ pub(crate) fn reserved<T>(n: usize) -> Result<Vec<T>> {
 }
 
 /// `n` times a value.
-pub(crate) fn filled<T: Clone>(value: T, n: usize) -> Result<Vec<T>> {
+pub fn filled<T: Clone>(value: T, n: usize) -> Result<Vec<T>> {
     let mut values = reserved(n)?;
     values.resize(n, value);
     Ok(values)
 }
 
 /// Values of which the number is known.
-pub(crate) fn collected<T>(values: impl ExactSizeIterator<Item = T>) -> Result<Vec<T>> {
+pub fn collected<T>(values: impl ExactSizeIterator<Item = T>) -> Result<Vec<T>> {
     let mut all = reserved(values.len())?;
     all.extend(values);
     Ok(all)
 }
 
 /// Refuses what is made in many pieces, before the first of them, where there is no memory for all.
-pub(crate) fn room(bytes: usize) -> Result<()> {
+pub fn room(bytes: usize) -> Result<()> {
     reserved::<u8>(bytes).map(drop)
 }
 

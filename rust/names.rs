@@ -6,6 +6,6 @@ pub(crate) fn of<T: Copy + PartialEq>(value: T, named: &[(&'static str, T)]) -> 
 }
 
 /// The names of a table, for a message: `'drop' or 'clip'`.
-pub(crate) fn listed<T>(named: &[(&str, T)]) -> String {
+pub fn listed<T>(named: &[(&str, T)]) -> String {
     named.iter().map(|(name, _)| format!("'{name}'")).collect::<Vec<_>>().join(" or ")
 }

@@ -16,7 +16,7 @@ struct Owned {
 }
 
 /// Cores that this process may use. Asked once: the answer takes longer than filtering a recording.
-pub(crate) fn cores() -> usize {
+pub fn cores() -> usize {
     static CORES: OnceLock<usize> = OnceLock::new();
     *CORES.get_or_init(|| std::thread::available_parallelism().map_or(1, Into::into))
 }

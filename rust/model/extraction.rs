@@ -41,9 +41,10 @@ impl From<FeatureSpec> for Features<'_> {
 /// The same, checked and ready.
 #[allow(clippy::large_enum_variant)] // a model has one
 #[derive(Clone, Debug)]
-pub(crate) enum Extraction {
+pub enum Extraction {
     /// Samples as they are, and what counts them.
     Additive {
+        /// What extracts all of them.
         extractor: Extractor,
         /// The extractor without the raw block; `None` where there is nothing to count.
         histograms: Option<Extractor>,

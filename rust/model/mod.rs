@@ -28,7 +28,8 @@ mod scores;
 mod trained;
 mod weights;
 
-pub(crate) use extraction::Extraction;
+#[doc(hidden)]
+pub use extraction::Extraction;
 pub use extraction::{Features, MAX_MULTIBAND_AXES, MAX_MULTIBAND_VALUES};
 pub use fault::{Fault, FileFault};
 pub use file::{MAX_FILE_BYTES, MAX_HEADER_BYTES};
@@ -39,8 +40,8 @@ pub use parts::{ModelParts, Tensor, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_
 pub use rules::Rules;
 pub(crate) use rules::Verdict;
 pub(crate) use scores::best_and_margin;
-#[cfg(feature = "python")]
-pub(crate) use scores::ranking;
+#[doc(hidden)]
+pub use scores::ranking;
 pub use scores::Answer;
 pub use trained::Model;
 pub(crate) use weights::AddRows;

@@ -32,7 +32,8 @@ pub struct Notes {
 }
 
 /// Entries of the metadata, by name.
-pub(crate) type Entries = BTreeMap<String, String>;
+#[doc(hidden)]
+pub type Entries = BTreeMap<String, String>;
 
 impl Notes {
     /// Nothing known but the axes; those of a wrench have their units.
@@ -68,8 +69,9 @@ impl Notes {
     }
 
     /// As entries of the metadata.
+    #[doc(hidden)]
     #[must_use]
-    pub(crate) fn entries(&self) -> Entries {
+    pub fn entries(&self) -> Entries {
         let texts = [
             ("axes", json::list(&self.axes)),
             ("units", json::list(&self.units)),

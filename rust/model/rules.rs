@@ -7,7 +7,6 @@
 use super::nearest::NearestMean;
 use super::scores::{best_and_margin, rank};
 use super::Model;
-#[cfg(feature = "python")]
 use crate::{
     error::{Error, Result},
     memory::reserved,
@@ -124,25 +123,23 @@ impl Verdict {
 }
 
 /// What the rules say of many recordings.
-#[cfg(feature = "python")]
-pub(crate) struct Verdicts {
+pub struct Verdicts {
     candidates: Vec<usize>,
     /// Candidates of all recordings up to each one, and whether it is like no class.
     rows: Vec<(usize, Option<bool>)>,
 }
 
-#[cfg(feature = "python")]
 impl Verdicts {
-    pub(crate) fn n_rows(&self) -> usize {
+    pub fn n_rows(&self) -> usize {
         self.rows.len()
     }
 
-    pub(crate) fn n_candidates(&self) -> usize {
+    pub fn n_candidates(&self) -> usize {
         self.candidates.len()
     }
 
     /// Candidates of each recording, and whether it is like no class.
-    pub(crate) fn rows(&self) -> impl Iterator<Item = (&[usize], Option<bool>)> {
+    pub fn rows(&self) -> impl Iterator<Item = (&[usize], Option<bool>)> {
         let mut start = 0;
         self.rows.iter().map(move |(end, unknown)| {
             (&self.candidates[std::mem::replace(&mut start, *end)..*end], *unknown)
@@ -150,10 +147,10 @@ impl Verdicts {
     }
 }
 
-#[cfg(feature = "python")]
 impl Model {
     /// What the rules say of recordings, from rows of losses and of scores.
-    pub(crate) fn verdicts(&self, losses: &[f64], scores: &[f64]) -> Result<Verdicts> {
+    #[doc(hidden)]
+    pub fn verdicts(&self, losses: &[f64], scores: &[f64]) -> Result<Verdicts> {
         let mut verdict = self.rules().verdict();
         let rows = losses.chunks_exact(self.classes().len()).zip(scores.chunks_exact(self.n_learners()));
         let mut all = Verdicts { candidates: Vec::new(), rows: reserved(rows.len())? };

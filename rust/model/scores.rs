@@ -55,7 +55,9 @@ pub(crate) fn best_and_margin(losses: &[f64]) -> (usize, f64) {
 }
 
 /// Classes by their loss, the smallest first; of equal ones the first.
-pub(crate) fn ranking(losses: &[f64]) -> Vec<usize> {
+#[doc(hidden)]
+#[must_use]
+pub fn ranking(losses: &[f64]) -> Vec<usize> {
     let mut order = vec![0; losses.len()];
     rank(losses, &mut order);
     order

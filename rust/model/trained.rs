@@ -245,8 +245,9 @@ impl Model {
     }
 
     /// The same model as one of a file without a digest.
-    #[cfg(feature = "python")]
-    pub(crate) fn without_digest(self) -> Self {
+    #[doc(hidden)]
+    #[must_use]
+    pub fn without_digest(self) -> Self {
         Self { lacks_digest: true, ..self }
     }
 }
@@ -282,7 +283,9 @@ impl Model {
     }
 
     /// What is extracted.
-    pub(crate) fn extraction(&self) -> &Extraction {
+    #[doc(hidden)]
+    #[must_use]
+    pub fn extraction(&self) -> &Extraction {
         &self.extraction
     }
 

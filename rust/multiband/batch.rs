@@ -57,7 +57,8 @@ impl MultiBand {
     }
 
     /// Refuses a batch that is empty, of another number of values, or of recordings that are not of this shape.
-    pub(crate) fn check_batch(&self, len: usize, shape: BatchShape) -> Result<()> {
+    #[doc(hidden)]
+    pub fn check_batch(&self, len: usize, shape: BatchShape) -> Result<()> {
         let BatchShape { n_recordings, n_samples, n_axes } = shape;
         if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
             return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });

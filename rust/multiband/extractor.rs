@@ -99,7 +99,8 @@ impl MultiBand {
     }
 
     /// Refuses recordings of no samples or axes, or of too many, before anything of that size is made or counted.
-    pub(crate) fn check_size(n_samples: usize, n_axes: usize) -> Result<()> {
+    #[doc(hidden)]
+    pub fn check_size(n_samples: usize, n_axes: usize) -> Result<()> {
         if n_samples == 0 || n_axes == 0 {
             return Err(Error::Empty { what: "a recording", shape: vec![n_samples, n_axes] });
         }

@@ -13,8 +13,9 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyMemoryView, PyTuple, PyWeakrefReference};
 
 use super::pool::MANY_VALUES;
-use crate::memory::{collected, reserved, room};
-use crate::BatchShape;
+use crate::convert::OrRaise;
+use granular_id::bindings::{collected, reserved, room};
+use granular_id::BatchShape;
 
 /// A C-ordered, aligned float64 copy of real numbers that nothing else refers to: safe to change without the GIL.
 pub(super) fn owned_real<'py>(
@@ -56,7 +57,7 @@ fn is_aligned<T: Element>(array: &Bound<'_, PyArrayDyn<T>>) -> bool {
 /// A new array of zeros; a `MemoryError` where there is no room for it.
 pub(super) fn zeros<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let bytes = shape.iter().fold(size_of::<f64>(), |bytes, n| bytes.saturating_mul(*n));
-    room(bytes)?;
+    room(bytes).or_raise()?;
     let arguments = (PyTuple::new(py, shape)?, numpy::dtype::<f64>(py));
     Ok(get_array_module(py)?.call_method1("zeros", arguments)?.cast_into()?)
 }
@@ -66,7 +67,7 @@ pub(super) fn copied<'py, T: Element + Copy>(
     py: Python<'py>,
     values: &[T],
 ) -> PyResult<Bound<'py, PyArray1<T>>> {
-    Ok(PyArray1::from_vec(py, collected(values.iter().copied())?))
+    Ok(PyArray1::from_vec(py, collected(values.iter().copied()).or_raise()?))
 }
 
 /// Arrays that numpy does not resize while other threads run: it refuses where a weak reference points to the owner of the
@@ -80,7 +81,7 @@ pub(super) struct Hold<'py> {
 impl<'py> Hold<'py> {
     /// For work without the GIL; with it, where the owner of some memory cannot be told.
     pub(super) fn new(arrays: &[&Bound<'py, PyAny>]) -> PyResult<Self> {
-        let mut held = reserved(arrays.len())?;
+        let mut held = reserved(arrays.len()).or_raise()?;
         for array in arrays {
             match owner(array)? {
                 Owner::Array(owner) => held.push(PyWeakrefReference::new(&owner)?),

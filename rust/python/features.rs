@@ -10,8 +10,9 @@ use super::arrays::{contiguous_real, is_masked, readable, recordings, tuple, wri
 use super::pool::threads_for;
 use super::scalars::{count, shown};
 use super::spec::PyFeatureSpec;
-use crate::histogram::MAX_BINS;
-use crate::{BatchShape, Extractor};
+use crate::convert::OrRaise;
+use granular_id::histogram::MAX_BINS;
+use granular_id::{BatchShape, Extractor};
 
 /// More axes than this are most likely samples.
 const MANY_AXES: usize = 32;
@@ -34,7 +35,7 @@ pub(super) fn extract_features<'py>(
     }
     let extractor = &spec.get().extractor;
     // Before the output is made, which may be large.
-    let n_features = extractor.check_len(wrench.len(), shape)?;
+    let n_features = extractor.check_len(wrench.len(), shape).or_raise()?;
     if shape.n_axes > MANY_AXES.max(shape.n_samples) {
         let message = format!(
             "wrench of shape {} has more axes than samples: is it transposed? The last axis must be the axes of the sensor",
@@ -76,7 +77,7 @@ fn empty<'py>(shape: &[usize], dtype: &Bound<'py, PyAny>) -> PyResult<Bound<'py,
 }
 
 /// Extraction into numbers of one type.
-type Extract<T> = fn(&Extractor, &[f64], BatchShape, usize, &mut [T]) -> crate::Result<()>;
+type Extract<T> = fn(&Extractor, &[f64], BatchShape, usize, &mut [T]) -> granular_id::Result<()>;
 
 /// Everything but the two arrays.
 struct Work<'a> {
@@ -104,7 +105,7 @@ impl Work<'_> {
         let mut target = writable(out, "wrench", &[wrench])?;
         let target = target.as_slice_mut()?;
         let Self { extractor, shape, threads, .. } = *self;
-        hold.work(out.py(), || extract(extractor, wrench, shape, threads, target))?;
+        hold.work(out.py(), || extract(extractor, wrench, shape, threads, target)).or_raise()?;
         Ok(())
     }
 }
@@ -118,7 +119,7 @@ pub(super) fn histogram<'py>(
     high: f64,
 ) -> PyResult<(Vec<f64>, Vec<f64>)> {
     let py = values.py();
-    let bins = crate::UniformBins::new(count(n_bins, "bins", MAX_BINS)?, low, high)?;
+    let bins = granular_id::UniformBins::new(count(n_bins, "bins", MAX_BINS)?, low, high).or_raise()?;
     let values = contiguous_real(values, "a")?;
     let hold = Hold::for_values(values.len(), &[values.as_any()])?;
     let values = readable(&values, "a")?;

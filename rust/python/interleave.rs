@@ -7,12 +7,13 @@ use pyo3::types::PyList;
 
 use super::arrays::{readable, tuple, writable, Hold};
 use super::scalars::shown;
-use crate::memory::reserved;
+use crate::convert::OrRaise;
+use granular_id::bindings::reserved;
 
 /// Puts n columns of float64, shape (T,), side by side into `out`, shape (T, n); tells whether all values are finite.
 #[pyfunction]
 pub(super) fn interleave(columns: &Bound<'_, PyList>, out: &Bound<'_, PyArrayDyn<f64>>) -> PyResult<bool> {
-    let mut asked = reserved(columns.len())?;
+    let mut asked = reserved(columns.len()).or_raise()?;
     for column in columns {
         let column = column.cast_into::<PyArray1<f64>>().map_err(|error| {
             let came = shown(&error.into_inner());
@@ -23,15 +24,15 @@ pub(super) fn interleave(columns: &Bound<'_, PyList>, out: &Bound<'_, PyArrayDyn
         }
         asked.push(column.to_dyn().clone());
     }
-    let mut arrays = reserved(asked.len() + 1)?;
+    let mut arrays = reserved(asked.len() + 1).or_raise()?;
     arrays.extend(asked.iter().map(Bound::as_any));
     arrays.push(out.as_any());
     let hold = Hold::for_values(out.len(), &arrays)?;
-    let mut borrowed = reserved(asked.len())?;
+    let mut borrowed = reserved(asked.len()).or_raise()?;
     for column in &asked {
         borrowed.push(readable(column, "columns")?);
     }
-    let mut slices = reserved(borrowed.len())?;
+    let mut slices = reserved(borrowed.len()).or_raise()?;
     for column in &borrowed {
         slices.push(column.as_slice()?);
     }
@@ -45,5 +46,5 @@ pub(super) fn interleave(columns: &Bound<'_, PyList>, out: &Bound<'_, PyArrayDyn
     }
     let mut samples = writable(out, "columns", &slices)?;
     let samples = samples.as_slice_mut()?;
-    Ok(hold.work(out.py(), || crate::interleave(&slices, samples))?)
+    hold.work(out.py(), || granular_id::interleave(&slices, samples)).or_raise()
 }

@@ -8,8 +8,9 @@ use pyo3::types::{PyBytes, PyList};
 
 use super::arrays::{contiguous_real, readable};
 use super::scalars::shown;
-use crate::memory::{collected, reserved};
-use crate::number_table::{parse, write, Column, Fault, Kind};
+use crate::convert::{OrRaise, Raise};
+use granular_id::bindings::{collected, reserved};
+use granular_id::number_table::{parse, write, Column, Fault, Kind};
 
 create_exception!(
     granular_id._core,
@@ -18,11 +19,11 @@ create_exception!(
     "A text that is no table of numbers; ``args`` are row and column (from 0; None: the whole row) and the problem."
 );
 
-impl From<Fault> for PyErr {
-    fn from(fault: Fault) -> Self {
-        match fault.kind {
-            Kind::Memory(error) => error.into(),
-            kind => NumberTableError::new_err((fault.row, fault.column, kind.to_string())),
+impl Raise for Fault {
+    fn raise(self) -> PyErr {
+        match self.kind {
+            Kind::Memory(error) => error.raise(),
+            kind => NumberTableError::new_err((self.row, self.column, kind.to_string())),
         }
     }
 }
@@ -36,7 +37,7 @@ pub(super) fn parse_number_table<'py>(
     n_columns: usize,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let text = text.get(start..).unwrap_or_default();
-    let values = py.detach(|| parse(text, n_columns))?;
+    let values = py.detach(|| parse(text, n_columns)).or_raise()?;
     let rows = values.len() / n_columns.max(1);
     PyArray1::from_vec(py, values).reshape([rows, n_columns])
 }
@@ -45,12 +46,12 @@ pub(super) fn parse_number_table<'py>(
 #[pyfunction]
 pub(super) fn write_number_table<'py>(columns: &Bound<'py, PyList>) -> PyResult<Bound<'py, PyBytes>> {
     let py = columns.py();
-    let mut owned = reserved(columns.len())?;
+    let mut owned = reserved(columns.len()).or_raise()?;
     for column in columns {
         owned.push(Owned::new(&column)?);
     }
-    let columns = collected(owned.iter().map(Owned::borrow))?;
-    let text = py.detach(|| write(&columns))?;
+    let columns = collected(owned.iter().map(Owned::borrow)).or_raise()?;
+    let text = py.detach(|| write(&columns)).or_raise()?;
     bytes(py, text.as_bytes())
 }
 
@@ -73,9 +74,11 @@ impl Owned {
         if column.cast::<PyArray1<f64>>().is_ok() {
             // Steps that are no multiple of the item are numpy's matter.
             let column = contiguous_real(column, "columns")?;
-            Ok(Self::Numbers(collected(readable(&column, "columns")?.as_slice()?.iter().copied())?))
+            Ok(Self::Numbers(
+                collected(readable(&column, "columns")?.as_slice()?.iter().copied()).or_raise()?,
+            ))
         } else if let Ok(column) = column.extract::<PyReadonlyArray1<'_, u8>>() {
-            Ok(Self::Whole(collected(column.as_array().iter().copied())?))
+            Ok(Self::Whole(collected(column.as_array().iter().copied()).or_raise()?))
         } else {
             Err(PyTypeError::new_err(format!(
                 "each column must be a 1-D array of float64 or uint8, got {}",

@@ -11,7 +11,7 @@ pub(super) const MANY_VALUES: usize = 1 << 14;
 /// How many cores this process may use, by affinity and by quota of its control group.
 #[pyfunction]
 pub(super) fn available_cores() -> usize {
-    crate::pool::cores()
+    granular_id::bindings::cores()
 }
 
 /// Work on so many values, without the GIL where they are many.
@@ -26,5 +26,5 @@ pub(super) fn work_on<T: Send>(py: Python<'_>, n_values: usize, work: impl FnOnc
 /// Threads that are asked for; all cores by default, and one for a single recording.
 pub(super) fn threads_for(asked: Option<&Bound<'_, PyAny>>) -> PyResult<impl Fn(bool) -> usize> {
     let asked = asked.map(|asked| count(asked, "threads", usize::MAX)).transpose()?;
-    Ok(move |single| asked.unwrap_or_else(|| if single { 1 } else { crate::pool::cores() }))
+    Ok(move |single| asked.unwrap_or_else(|| if single { 1 } else { granular_id::bindings::cores() }))
 }

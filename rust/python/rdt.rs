@@ -10,20 +10,22 @@ use pyo3::types::{IntoPyDict, PyDict};
 
 use super::buffer::PyWrenchBuffer;
 use super::scalars::word;
-use crate::rdt::{Fault, Receiver, Scale, Settings, State, Variant};
+use crate::convert::{OrRaise, Raise};
+use granular_id::rdt::{Fault, Receiver, Scale, Settings, State, Variant};
 
 /// Words for the kinds of box.
 const VARIANTS: [(&str, Variant); 3] =
     [("netft", Variant::NetFt), ("axia", Variant::Axia), ("onrobot", Variant::OnRobot)];
 
-impl From<Fault> for PyErr {
-    fn from(fault: Fault) -> Self {
-        let message = fault.to_string();
-        match fault {
+impl Raise for Fault {
+    fn raise(self) -> PyErr {
+        let message = self.to_string();
+        match self {
             Fault::Scale { .. } | Fault::Setting { .. } => PyValueError::new_err(message),
             Fault::Refused { .. } => PyConnectionRefusedError::new_err(message),
             Fault::Silent { .. } => PyTimeoutError::new_err(message),
-            Fault::Host { .. } | Fault::System { .. } => PyConnectionError::new_err(message),
+            // the host and the system, and what is to come
+            _ => PyConnectionError::new_err(message),
         }
     }
 }
@@ -64,9 +66,9 @@ impl PyRdtReceiver {
         resume: bool,
     ) -> PyResult<Self> {
         let variant = word(variant, "variant", &VARIANTS)?;
-        let scale = Scale::new(counts_per_newton, counts_per_newton_metre)?;
+        let scale = Scale::new(counts_per_newton, counts_per_newton_metre).or_raise()?;
         let settings = Settings { host, port, variant, scale, limits, rate_hz, buffered, resume };
-        settings.check()?;
+        settings.check().or_raise()?;
         Ok(Self { settings, place: Mutex::new(Place::Idle { counters: Vec::new() }) })
     }
 
@@ -87,7 +89,7 @@ impl PyRdtReceiver {
             Err(failed) => {
                 let (fault, writer) = *failed;
                 buffer.get().give_back(writer);
-                (Place::Idle { counters: Vec::new() }, Err(fault.into()))
+                (Place::Idle { counters: Vec::new() }, Err(fault.raise()))
             }
         };
         *self.place() = place;
@@ -154,7 +156,7 @@ impl PyRdtReceiver {
 
     fn ask(&self, ask: impl FnOnce(&Receiver) -> Result<(), Fault>) -> PyResult<()> {
         match &*self.place() {
-            Place::Running { receiver, .. } => Ok(ask(receiver)?),
+            Place::Running { receiver, .. } => Ok(ask(receiver).or_raise()?),
             Place::Idle { .. } | Place::Busy => {
                 Err(PyRuntimeError::new_err("the source does not run: start it first"))
             }

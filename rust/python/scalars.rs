@@ -62,7 +62,7 @@ pub(super) fn word<T: Copy>(value: &Bound<'_, PyAny>, name: &str, words: &[(&str
     if let Some((_, meaning)) = words.iter().find(|(word, _)| text == Some(*word)) {
         return Ok(*meaning);
     }
-    let message = format!("{name} must be {}, got {}", crate::names::listed(words), shown(value));
+    let message = format!("{name} must be {}, got {}", granular_id::bindings::listed(words), shown(value));
     if value.is_instance_of::<PyString>() {
         Err(PyValueError::new_err(message))
     } else {

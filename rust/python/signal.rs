@@ -6,8 +6,9 @@ use pyo3::prelude::*;
 
 use super::arrays::{axis_index, owned_real, tuple};
 use super::pool::work_on;
-use crate::sosfilt::default_padlen;
-use crate::{AlongAxis, Band, Padding, Result, Sos};
+use crate::convert::OrRaise;
+use granular_id::sosfilt::default_padlen;
+use granular_id::{AlongAxis, Band, Padding, Result, Sos};
 
 /// A float64 array of any rank.
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
@@ -31,8 +32,8 @@ pub(super) fn butter<'py>(
             return Err(PyValueError::new_err(format!("band must be the name of a band, got {other:?}")))
         }
     };
-    let sos = crate::butterworth(order, band, rate_hz)?;
-    let rows: Vec<f64> = sos.sections().iter().flat_map(crate::sos::Section::row).collect();
+    let sos = granular_id::butterworth(order, band, rate_hz).or_raise()?;
+    let rows: Vec<f64> = sos.sections().iter().flat_map(granular_id::sos::Section::row).collect();
     PyArray::from_vec(py, rows).reshape([sos.sections().len(), 6])
 }
 
@@ -49,7 +50,7 @@ pub(super) fn sosfilt<'py>(
     let sos = sections(sos)?;
     let (y, axis, along) = signal(x, axis)?;
     let Some(zi) = zi else {
-        filter(py, &y, |y| crate::sosfilt(&sos, y, along))?;
+        filter(py, &y, |y| granular_id::sosfilt(&sos, y, along))?;
         return Ok((y, None));
     };
     let zf = owned_real(zi, "zi")?;
@@ -67,7 +68,7 @@ pub(super) fn sosfilt<'py>(
     }
     let mut borrowed = zf.try_readwrite()?;
     let z = borrowed.as_slice_mut()?;
-    filter(py, &y, |y| crate::sosfilt_from(&sos, y, along, z))?;
+    filter(py, &y, |y| granular_id::sosfilt_from(&sos, y, along, z))?;
     drop(borrowed);
     Ok((y, Some(zf)))
 }
@@ -76,7 +77,7 @@ pub(super) fn sosfilt<'py>(
 #[pyfunction]
 pub(super) fn sosfilt_zi<'py>(sos: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let py = sos.py();
-    let states = sections(sos)?.steady_state()?;
+    let states = sections(sos)?.steady_state().or_raise()?;
     let n = states.len();
     PyArray::from_vec(py, states.into_flattened()).reshape([n, 2])
 }
@@ -96,7 +97,7 @@ pub(super) fn sosfiltfilt<'py>(
     let padding = padding(padtype)?;
     let padlen = padlen.map_or_else(|| Ok(default_padlen(&sos)), padding_length)?;
     let (y, _, along) = signal(x, axis)?;
-    filter(py, &y, |y| crate::sosfiltfilt(&sos, y, along, padding, padlen))?;
+    filter(py, &y, |y| granular_id::sosfiltfilt(&sos, y, along, padding, padlen))?;
     Ok(y)
 }
 
@@ -108,7 +109,7 @@ fn sections(value: &Bound<'_, PyAny>) -> PyResult<Sos> {
         return Err(PyValueError::new_err(format!("sos must have shape (n_sections, 6), got {shape}")));
     }
     let array = array.try_readonly()?;
-    Ok(Sos::new(array.as_slice()?.as_chunks().0)?)
+    Sos::new(array.as_slice()?.as_chunks().0).or_raise()
 }
 
 /// A copy of the signal to filter in place, its axis, and the view from there.
@@ -127,7 +128,7 @@ fn signal<'py>(x: &Bound<'py, PyAny>, axis: &Bound<'py, PyAny>) -> PyResult<(Arr
 fn filter(py: Python<'_>, y: &Array<'_>, run: impl FnOnce(&mut [f64]) -> Result<()> + Send) -> PyResult<()> {
     let mut borrowed = y.try_readwrite()?;
     let y = borrowed.as_slice_mut()?;
-    Ok(work_on(py, y.len(), || run(y))?)
+    work_on(py, y.len(), || run(y)).or_raise()
 }
 
 fn padding(padtype: &Bound<'_, PyAny>) -> PyResult<Padding> {

@@ -9,10 +9,11 @@ use pyo3::types::{PyDict, PyTuple};
 
 use super::arrays::{owned_real, tuple};
 use super::scalars::{count, flag, number, word};
-use crate::butterworth::MAX_ORDER;
-use crate::features::Initial;
-use crate::histogram::{Outside, MAX_BINS};
-use crate::{Extractor, FeatureSpec};
+use crate::convert::OrRaise;
+use granular_id::butterworth::MAX_ORDER;
+use granular_id::features::Initial;
+use granular_id::histogram::{Outside, MAX_BINS};
+use granular_id::{Extractor, FeatureSpec};
 
 /// What to extract from a recording, as one checked, immutable, hashable value.
 ///
@@ -76,7 +77,7 @@ impl PyFeatureSpec {
                 }
             }
         }
-        Ok(Self { extractor: Extractor::new(spec)? })
+        Ok(Self { extractor: Extractor::new(spec).or_raise()? })
     }
 
     #[getter]
@@ -134,9 +135,9 @@ impl PyFeatureSpec {
 
     /// Number of features of one recording.
     fn n_features(&self, n_samples: &Bound<'_, PyAny>, n_axes: &Bound<'_, PyAny>) -> PyResult<usize> {
-        Ok(self
-            .extractor
-            .n_features(count(n_samples, "n_samples", usize::MAX)?, count(n_axes, "n_axes", usize::MAX)?)?)
+        self.extractor
+            .n_features(count(n_samples, "n_samples", usize::MAX)?, count(n_axes, "n_axes", usize::MAX)?)
+            .or_raise()
     }
 
     /// Names of the features of one recording, in order.
@@ -145,10 +146,9 @@ impl PyFeatureSpec {
         n_samples: &Bound<'_, PyAny>,
         n_axes: &Bound<'_, PyAny>,
     ) -> PyResult<Vec<String>> {
-        Ok(self.extractor.feature_names(
-            count(n_samples, "n_samples", usize::MAX)?,
-            count(n_axes, "n_axes", usize::MAX)?,
-        )?)
+        self.extractor
+            .feature_names(count(n_samples, "n_samples", usize::MAX)?, count(n_axes, "n_axes", usize::MAX)?)
+            .or_raise()
     }
 
     fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyTuple>, Bound<'py, PyDict>)> {

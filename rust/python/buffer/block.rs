@@ -3,9 +3,9 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::buffer::{BufferedRow, Reader};
-use crate::memory::reserved;
-use crate::Result;
+use granular_id::bindings::reserved;
+use granular_id::buffer::{BufferedRow, Reader};
+use granular_id::Result;
 
 /// Consecutive rows of one epoch, as arrays of their own.
 ///
@@ -29,7 +29,7 @@ use crate::Result;
 ///     Rows overwritten before the first of the block, because the reader came too late for them.
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "Block", module = "granular_id.live")]
-pub(in crate::python) struct PyBlock {
+pub(crate) struct PyBlock {
     #[pyo3(get)]
     wrench: Py<PyArray2<f64>>,
     #[pyo3(get)]

@@ -1,6 +1,6 @@
 //! Device time of rows that come without any: one period after the last.
 
-use crate::buffer::{BufferSpec, Writer};
+use granular_id::buffer::{BufferSpec, Writer};
 
 /// Counts periods from the last row whose time is known, so that a period of no whole number of ticks does not drift.
 pub(super) struct DeviceClock {

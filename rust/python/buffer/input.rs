@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 
 use super::clock::DeviceClock;
 use super::PyWrenchBuffer;
-use crate::buffer::{BufferSpec, Writer};
+use granular_id::buffer::{BufferSpec, Writer};
 
 pub(super) struct Input {
     /// Nothing while a sensor has it.
@@ -29,12 +29,12 @@ impl Input {
 impl PyWrenchBuffer {
     /// The writer, for a sensor that pushes from a thread of its own; pushing from Python is refused until
     /// [`give_back`](Self::give_back). An error when another sensor has it.
-    pub(in crate::python) fn take_writer(&self) -> PyResult<Writer> {
+    pub(crate) fn take_writer(&self) -> PyResult<Writer> {
         self.input().writer.take().ok_or_else(sensor_writes)
     }
 
     /// Takes the writer back from a sensor that has stopped; rows that wait are written.
-    pub(in crate::python) fn give_back(&self, mut writer: Writer) {
+    pub(crate) fn give_back(&self, mut writer: Writer) {
         writer.flush();
         self.input().writer = Some(writer);
     }

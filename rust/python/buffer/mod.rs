@@ -18,5 +18,5 @@ pub(super) use wrench_buffer::PyWrenchBuffer;
 /// Monotonic nanoseconds since an origin of this process: the clock of `Block.host_ns`.
 #[pyfunction]
 pub(super) fn host_ns() -> u64 {
-    crate::buffer::host_ns()
+    granular_id::buffer::host_ns()
 }

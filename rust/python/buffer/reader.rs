@@ -8,8 +8,9 @@ use pyo3::prelude::*;
 
 use super::super::scalars::{count, number};
 use super::block::{Columns, PyBlock};
-use crate::buffer::Reader;
-use crate::error::brief;
+use crate::convert::OrRaise;
+use granular_id::bindings::brief;
+use granular_id::buffer::Reader;
 
 /// Longest time without a look at signals: Ctrl-C ends a wait.
 const BETWEEN_SIGNALS: Duration = Duration::from_millis(50);
@@ -30,7 +31,7 @@ const BETWEEN_SIGNALS: Duration = Duration::from_millis(50);
 /// (2, [2.0, 3.0, 4.0, 5.0, 6.0])
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "WrenchReader", module = "granular_id.live")]
-pub(in crate::python) struct PyWrenchReader {
+pub(crate) struct PyWrenchReader {
     reader: Mutex<Reader>,
     tick_hz: f64,
     /// Time between two looks while waiting: an eighth of a period.
@@ -54,7 +55,7 @@ impl PyWrenchReader {
     #[pyo3(signature = (max_rows=None))]
     fn read(&self, py: Python<'_>, max_rows: Option<&Bound<'_, PyAny>>) -> PyResult<PyBlock> {
         let max_rows = max_rows.map(|value| count(value, "max_rows", usize::MAX)).transpose()?;
-        let columns = Columns::read(&mut self.reader(), max_rows)?;
+        let columns = Columns::read(&mut self.reader(), max_rows).or_raise()?;
         PyBlock::new(py, columns, self.tick_hz)
     }
 

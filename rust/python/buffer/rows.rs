@@ -9,10 +9,11 @@ use pyo3::prelude::*;
 
 use super::super::arrays::{contiguous_real, readable, tuple};
 use super::super::scalars::{shown, whole};
-use crate::buffer;
-use crate::error::brief;
-use crate::memory::{collected, reserved};
-use crate::wrench::KNOWN_FLAGS;
+use crate::convert::OrRaise;
+use granular_id::bindings::brief;
+use granular_id::bindings::{collected, reserved};
+use granular_id::buffer;
+use granular_id::wrench::KNOWN_FLAGS;
 
 /// Ticks that a time may reach.
 const MOST_TICKS: f64 = (1_u64 << 63) as f64;
@@ -119,7 +120,7 @@ fn times(t: &Bound<'_, PyAny>, n_rows: usize, tick_hz: f64) -> PyResult<Vec<u64>
 
 /// Values of all rows, or the first error.
 fn checked<T>(n_rows: usize, values: impl Iterator<Item = PyResult<T>>) -> PyResult<Vec<T>> {
-    let mut all = reserved(n_rows)?;
+    let mut all = reserved(n_rows).or_raise()?;
     for value in values {
         all.push(value?);
     }
@@ -143,7 +144,7 @@ fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
     check_length(untyped.shape(), n_rows, "host_ns")?;
     if untyped.dtype().kind() != b'i' {
         let whole: PyReadonlyArray1<'_, u64> = array.call_method1("astype", ("uint64",))?.extract()?;
-        return Ok(collected(whole.as_array().iter().copied())?);
+        return collected(whole.as_array().iter().copied()).or_raise();
     }
     let signed: PyReadonlyArray1<'_, i64> = array.call_method1("astype", ("int64",))?.extract()?;
     let place = |(row, value): (usize, &i64)| {

@@ -5,8 +5,9 @@ use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::buffer;
-use crate::memory::collected;
+use crate::convert::{OrRaise, Raise};
+use granular_id::bindings::collected;
+use granular_id::buffer;
 
 create_exception!(
     granular_id.live,
@@ -15,10 +16,10 @@ create_exception!(
     "There is no such window of a buffer: too few rows, a gap, a new epoch or saturation; the message says which."
 );
 
-impl From<buffer::WindowError> for PyErr {
-    fn from(error: buffer::WindowError) -> Self {
-        match error {
-            buffer::WindowError::Memory(error) => error.into(),
+impl Raise for buffer::WindowError {
+    fn raise(self) -> PyErr {
+        match self {
+            Self::Memory(error) => error.raise(),
             error => WindowError::new_err(error.to_string()),
         }
     }
@@ -42,7 +43,7 @@ impl From<buffer::WindowError> for PyErr {
 ///     Bits of ``granular_id.recording.SampleFlag``.
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "Window", module = "granular_id.live")]
-pub(in crate::python) struct PyWindow {
+pub(crate) struct PyWindow {
     #[pyo3(get)]
     wrench: Py<PyArray2<f64>>,
     #[pyo3(get)]
@@ -62,7 +63,7 @@ impl PyWindow {
     pub(super) fn new(py: Python<'_>, window: buffer::Window, tick_hz: f64) -> PyResult<Self> {
         let n_rows = window.ticks.len();
         let shape = (n_rows, window.mask.len());
-        let time_s = collected(window.ticks.iter().map(|ticks| *ticks as f64 / tick_hz))?;
+        let time_s = collected(window.ticks.iter().map(|ticks| *ticks as f64 / tick_hz)).or_raise()?;
         let wrench = PyArray1::from_vec(py, window.wrench.into_flattened()).reshape([n_rows, 6])?;
         Ok(Self {
             wrench: wrench.unbind(),

@@ -11,7 +11,8 @@ use super::input::Input;
 use super::reader::PyWrenchReader;
 use super::rows::{flags_of_one, host_time, number_of_ticks, one_wrench, Rows};
 use super::window::PyWindow;
-use crate::buffer::{self, wrench_buffer, BufferSpec, Fill, Pushed, Reader, MAX_REORDER_DEPTH};
+use crate::convert::OrRaise;
+use granular_id::buffer::{self, wrench_buffer, BufferSpec, Fill, Pushed, Reader, MAX_REORDER_DEPTH};
 
 /// Words for what stands for an instant without a row.
 const FILLS: [(&str, Fill); 3] = [("none", Fill::None), ("nan", Fill::Nan), ("linear", Fill::Linear)];
@@ -60,7 +61,7 @@ const FILLS: [(&str, Fill); 3] = [("none", Fill::None), ("nan", Fill::Nan), ("li
 /// array([0.02])
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "WrenchBuffer", module = "granular_id.live")]
-pub(in crate::python) struct PyWrenchBuffer {
+pub(crate) struct PyWrenchBuffer {
     reader: Reader,
     pub(super) input: Mutex<Input>,
 }
@@ -92,7 +93,7 @@ impl PyWrenchBuffer {
         if let Some(value) = reorder_depth {
             spec.reorder_depth = whole(value, "reorder_depth", MAX_REORDER_DEPTH)?;
         }
-        let (writer, reader) = wrench_buffer(spec)?;
+        let (writer, reader) = wrench_buffer(spec).or_raise()?;
         Ok(Self { reader, input: Mutex::new(Input::new(writer, &spec)) })
     }
 
@@ -250,7 +251,7 @@ impl PyWrenchBuffer {
             max_gap: max_gap.map_or(Ok(0), |value| whole(value, "max_gap", u32::MAX))?,
             allow_saturated: allow_saturated.map_or(Ok(false), |value| flag(value, "allow_saturated"))?,
         };
-        let window = py.detach(|| self.reader.window(&spec))?;
+        let window = py.detach(|| self.reader.window(&spec)).or_raise()?;
         PyWindow::new(py, window, self.tick_hz())
     }
 

@@ -7,8 +7,9 @@ use pyo3::types::{PyList, PyString, PyTuple};
 
 use super::super::arrays::{contiguous_real, readable, tuple, writable, zeros, Hold};
 use super::super::pool::threads_for;
-use crate::memory::room;
-use crate::Model;
+use crate::convert::OrRaise;
+use granular_id::bindings::room;
+use granular_id::Model;
 
 /// Scores (n, L) of recordings (n, `n_samples`, `n_axes`), or (1, L) of one.
 pub(super) fn scores<'py>(
@@ -38,7 +39,7 @@ pub(super) fn scores<'py>(
         let mut target = writable(&out, "wrench", &[values])?;
         let target = target.as_slice_mut()?;
         let threads = threads(n_recordings == 1);
-        hold.work(py, || model.scores_into(values, n_recordings, threads, target))?;
+        hold.work(py, || model.scores_into(values, n_recordings, threads, target)).or_raise()?;
     }
     Ok(out.cast_into()?)
 }
@@ -68,7 +69,8 @@ pub(super) fn losses<'py>(model: &Model, scores: &Bound<'py, PyAny>) -> PyResult
             rows.try_for_each(|(row, (scores, losses))| {
                 model.decode(scores, losses).map_err(|error| error.later(row))
             })
-        })?;
+        })
+        .or_raise()?;
     }
     Ok(out.cast_into()?)
 }
@@ -82,11 +84,12 @@ pub(super) fn verdicts<'py>(model: &Model, scores: &Bound<'py, PyAny>) -> PyResu
         let hold = Hold::for_values(scores.len(), &[scores.as_any()])?;
         let (losses, scores) = (losses.readonly(), readable(&scores, "scores")?);
         let (losses, scores) = (losses.as_slice()?, scores.as_slice()?);
-        hold.work(py, || model.verdicts(losses, scores))?
+        hold.work(py, || model.verdicts(losses, scores)).or_raise()?
     };
     // The list, a pair for each row, and its candidates: objects of Python with a header of some 50 bytes.
     let per_row = size_of::<usize>() + 2 * (56 + 2 * size_of::<usize>());
-    room(verdicts.n_rows().saturating_mul(per_row) + size_of::<usize>() * verdicts.n_candidates())?;
+    room(verdicts.n_rows().saturating_mul(per_row) + size_of::<usize>() * verdicts.n_candidates())
+        .or_raise()?;
     let labels: Vec<_> = model.classes().iter().map(|label| PyString::new(py, label)).collect();
     let told = PyList::empty(py);
     for (candidates, unknown) in verdicts.rows() {

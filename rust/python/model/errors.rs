@@ -7,8 +7,9 @@ use pyo3::create_exception;
 use pyo3::exceptions::{PyMemoryError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 
-use crate::model::{Fault, FileFault};
-use crate::Error;
+use crate::convert::Raise;
+use granular_id::model::{Fault, FileFault};
+use granular_id::Error;
 
 create_exception!(
     granular_id._core,
@@ -21,7 +22,7 @@ create_exception!(
 #[allow(clippy::needless_pass_by_value)] // for `map_err`
 pub(super) fn bad_part(fault: Fault) -> PyErr {
     match fault {
-        Fault::Spec(error) => error.into(),
+        Fault::Spec(error) => error.raise(),
         fault => PyValueError::new_err(fault.to_string()),
     }
 }
@@ -30,7 +31,7 @@ pub(super) fn bad_part(fault: Fault) -> PyErr {
 #[allow(clippy::needless_pass_by_value)] // for `map_err`
 pub(super) fn no_model(fault: Fault) -> PyErr {
     match fault {
-        Fault::Spec(error @ Error::Memory { .. }) => error.into(),
+        Fault::Spec(error @ Error::Memory { .. }) => error.raise(),
         fault => ModelFileError::new_err(fault.to_string()),
     }
 }
@@ -44,7 +45,7 @@ pub(super) fn bad_file(py: Python<'_>, fault: FileFault) -> PyErr {
         FileFault::Unreadable { path, source } => {
             unreadable(py, path.into(), &source).unwrap_or_else(|error| error)
         }
-        FileFault::NoModel { fault: Fault::Spec(error @ Error::Memory { .. }), .. } => error.into(),
+        FileFault::NoModel { fault: Fault::Spec(error @ Error::Memory { .. }), .. } => error.raise(),
         fault @ FileFault::NoModel { .. } => ModelFileError::new_err(fault.to_string()),
     }
 }

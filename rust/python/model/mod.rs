@@ -17,11 +17,14 @@ use super::multiband::PyMultiBandExtractor;
 use super::number_table::bytes;
 use super::scalars::{count, flag, word};
 use super::spec::PyFeatureSpec;
-use crate::memory::collected;
-use crate::model::{Decoding, Extraction, Loss, ModelParts, Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW};
-use crate::Model;
+use crate::convert::OrRaise;
 pub(super) use errors::ModelFileError;
 use errors::{bad_file, bad_part, no_model};
+use granular_id::bindings::collected;
+use granular_id::model::{
+    Decoding, Extraction, Loss, ModelParts, Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
+};
+use granular_id::Model;
 pub(super) use nearest::PyNearestMean;
 use parts::{labels, notes, tensor, Spec};
 
@@ -128,7 +131,8 @@ impl PyModel {
         let py = coef.py();
         let lacks_digest = lacks_digest.map_or(Ok(false), |value| flag(value, "lacks_digest"))?;
         let spec = Spec::of(spec)?;
-        let (own_samples, own_axes) = spec.shape().unwrap_or((PAPER_SAMPLES, crate::wrench::AXES.len()));
+        let (own_samples, own_axes) =
+            spec.shape().unwrap_or((PAPER_SAMPLES, granular_id::wrench::AXES.len()));
         let n_axes = n_axes.map_or(Ok(own_axes), |value| count(value, "n_axes", MAX_AXES))?;
         let n_samples = n_samples.map_or(Ok(own_samples), |value| count(value, "n_samples", MAX_WINDOW))?;
         spec.check_shape(n_samples, n_axes)?;
@@ -207,7 +211,7 @@ impl PyModel {
 
     /// The bytes of a file with this model, always the same ones.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        bytes(py, &py.detach(|| self.model.to_bytes())?)
+        bytes(py, &py.detach(|| self.model.to_bytes()).or_raise()?)
     }
 
     /// Scores (n, L) of the learners for recordings (n, `n_samples`, `n_axes`), or (1, L) for one recording.
@@ -258,7 +262,7 @@ impl PyModel {
     fn coef<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let shape = [self.model.n_learners(), self.model.n_features()];
         let at = |index| self.model.coef(index / shape[1], index % shape[1]);
-        PyArray1::from_vec(py, collected((0..shape[0] * shape[1]).map(at))?).reshape(shape)
+        PyArray1::from_vec(py, collected((0..shape[0] * shape[1]).map(at)).or_raise()?).reshape(shape)
     }
 
     #[getter]
@@ -270,7 +274,7 @@ impl PyModel {
     fn coding_matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i8>>> {
         let shape = [self.model.classes().len(), self.model.n_learners()];
         let at = |index| self.model.code(index / shape[1], index % shape[1]);
-        PyArray1::from_vec(py, collected((0..shape[0] * shape[1]).map(at))?).reshape(shape)
+        PyArray1::from_vec(py, collected((0..shape[0] * shape[1]).map(at)).or_raise()?).reshape(shape)
     }
 
     #[getter]

@@ -5,8 +5,9 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use super::super::arrays::{contiguous_real, readable, tuple, Hold};
-use crate::model::NearestMean;
-use crate::Error;
+use crate::convert::{OrRaise, Raise};
+use granular_id::model::NearestMean;
+use granular_id::Error;
 
 /// Distances of recordings to the nearest of some means, one per class, after whitening.
 ///
@@ -38,7 +39,7 @@ use crate::Error;
 /// array([2., 1.])
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "NearestMean", module = "granular_id._core")]
-pub(in crate::python) struct PyNearestMean {
+pub(crate) struct PyNearestMean {
     nearest: NearestMean,
 }
 
@@ -64,7 +65,7 @@ impl PyNearestMean {
             }
         }
         let make = if of_pairs { NearestMean::of_pairs } else { NearestMean::new };
-        Ok(Self { nearest: make(means, whitener)? })
+        Ok(Self { nearest: make(means, whitener).or_raise()? })
     }
 
     /// Distances (n,) of rows of S values, or of S (S - 1) / 2 scores of pairs, or (1,) of one row; `name` is what messages
@@ -85,7 +86,7 @@ impl PyNearestMean {
             Error::Score { .. } => {
                 PyValueError::new_err(format!("{name} must be finite, got NaN or infinity"))
             }
-            error => error.into(),
+            error => error.raise(),
         };
         let scores = scores.as_slice()?;
         let distances = hold.work(py, || self.nearest.distances(scores)).map_err(not_finite)?;

@@ -11,7 +11,7 @@ use super::super::multiband::PyMultiBandExtractor;
 use super::super::scalars::shown;
 use super::super::spec::PyFeatureSpec;
 use super::errors::bad_part;
-use crate::model::{Features, Notes, Tensor};
+use granular_id::model::{Features, Notes, Tensor};
 
 /// What is extracted, of either kind.
 pub(super) enum Spec<'a, 'py> {

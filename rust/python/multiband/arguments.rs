@@ -5,10 +5,11 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-use crate::memory::{collected, filled};
-use crate::multiband::{Block, MultiBandSpec};
-use crate::python::arrays::{owned_real, tuple};
-use crate::python::scalars::{shown, word};
+use crate::arrays::{owned_real, tuple};
+use crate::convert::OrRaise;
+use crate::scalars::{shown, word};
+use granular_id::bindings::{collected, filled};
+use granular_id::multiband::{Block, MultiBandSpec};
 
 /// Names of blocks, in any order.
 pub(super) fn blocks_of(value: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<MultiBandSpec> {
@@ -35,7 +36,7 @@ pub(super) fn given_scales(
     shape: &[usize],
 ) -> PyResult<Vec<f64>> {
     let Some(value) = value else {
-        return Ok(filled(1.0, shape.iter().product())?);
+        return filled(1.0, shape.iter().product()).or_raise();
     };
     let array = owned_real(value, name)?;
     if array.shape() != shape {
@@ -43,5 +44,5 @@ pub(super) fn given_scales(
         return Err(PyValueError::new_err(format!("{name} must have shape {wanted}, got {got}")));
     }
     let array = array.try_readonly()?;
-    Ok(collected(array.as_slice()?.iter().copied())?)
+    collected(array.as_slice()?.iter().copied()).or_raise()
 }

@@ -10,8 +10,9 @@ use self::arguments::{blocks_of, given_scales};
 use super::arrays::{self, contiguous_real, copied, readable, writable, zeros, Hold};
 use super::pool::threads_for;
 use super::scalars::{count, number};
-use crate::error::brief;
-use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
+use crate::convert::OrRaise;
+use granular_id::bindings::brief;
+use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 
 /// Multi-band features of recordings of one shape, as one checked, immutable value.
 ///
@@ -75,13 +76,13 @@ impl PyMultiBandExtractor {
         if let Some(blocks) = blocks {
             spec = blocks_of(blocks, spec.rate_hz)?;
         }
-        MultiBand::check_size(n_samples, n_axes)?;
+        MultiBand::check_size(n_samples, n_axes).or_raise()?;
         let n_bands = n_bands(n_samples);
         let scales = Scales {
             bands: given_scales(scales, "scales", &[n_bands, n_axes])?,
             level: given_scales(level_scales, "level_scales", &[n_axes])?,
         };
-        Ok(Self { design: MultiBand::new(spec, n_samples, n_axes, &scales)? })
+        Ok(Self { design: MultiBand::new(spec, n_samples, n_axes, &scales).or_raise()? })
     }
 
     #[getter]
@@ -113,7 +114,7 @@ impl PyMultiBandExtractor {
     #[getter]
     fn blocks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         let spec = self.design.spec();
-        let named = crate::multiband::Block::NAMED.into_iter();
+        let named = granular_id::multiband::Block::NAMED.into_iter();
         PyTuple::new(
             py,
             named.filter(|(_, block)| spec.wants(*block)).map(|(name, _)| name).collect::<Vec<_>>(),
@@ -133,7 +134,7 @@ impl PyMultiBandExtractor {
     /// Names of the features, in order.
     #[getter]
     fn names(&self) -> PyResult<Vec<String>> {
-        Ok(self.design.names()?)
+        self.design.names().or_raise()
     }
 
     /// Lower and upper edge in hertz, rate in hertz and samples of each band.
@@ -222,7 +223,7 @@ impl PyMultiBandExtractor {
         let array = contiguous_real(recordings, "X")?;
         let (shape, single) = arrays::recordings(&array, "X")?;
         // Refused here, before the result is made, which may be large.
-        self.design.check_batch(array.len(), shape)?;
+        self.design.check_batch(array.len(), shape).or_raise()?;
         let dims: Vec<_> = if single { row.to_vec() } else { [&[shape.n_recordings], row].concat() };
         let out = zeros(py, &dims)?;
         {
@@ -235,7 +236,8 @@ impl PyMultiBandExtractor {
             hold.work(py, || match wanted {
                 Wanted::Features => design.extract_batch(values, shape, threads, target),
                 Wanted::RootMeanSquares => design.rms_batch(values, shape, threads, target),
-            })?;
+            })
+            .or_raise()?;
         }
         Ok(out.into_any())
     }

@@ -9,7 +9,8 @@ use super::super::scalars::count;
 use super::super::spec::PyFeatureSpec;
 use super::turns::Turns;
 use super::{push_rows, written};
-use crate::stream::{StreamingExtractor, Windows, MAX_WINDOW};
+use crate::convert::OrRaise;
+use granular_id::stream::{StreamingExtractor, Windows, MAX_WINDOW};
 
 /// Features of a recording while its samples arrive, equal to those of the whole recording bit for bit.
 ///
@@ -62,7 +63,7 @@ use crate::stream::{StreamingExtractor, Windows, MAX_WINDOW};
 /// (True, True)
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "StreamingExtractor", module = "granular_id._core")]
-pub(in crate::python) struct PyStreamingExtractor {
+pub(crate) struct PyStreamingExtractor {
     spec: Py<PyFeatureSpec>,
     windows: Windows,
     stream: Turns<StreamingExtractor>,
@@ -86,7 +87,7 @@ impl PyStreamingExtractor {
             windows.n_axes = count(n_axes, "n_axes", MAX_WINDOW)?;
         }
         windows.hop = hop.map(|hop| count(hop, "hop", usize::MAX)).transpose()?;
-        let stream = Turns::new(StreamingExtractor::new(&spec.get().extractor, windows)?);
+        let stream = Turns::new(StreamingExtractor::new(&spec.get().extractor, windows).or_raise()?);
         Ok(Self { spec: spec.clone().unbind(), windows, stream })
     }
 
@@ -113,7 +114,7 @@ impl PyStreamingExtractor {
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
     fn next(&self, py: Python<'_>) -> PyResult<()> {
-        Ok(self.locked(py)?.advance()?)
+        self.locked(py)?.advance().or_raise()
     }
 
     /// Back to the state before the first row.

@@ -10,8 +10,9 @@ use super::super::model::PyModel;
 use super::super::scalars::count;
 use super::turns::Turns;
 use super::{push_rows, written};
-use crate::model::ranking;
-use crate::stream::StreamingIdentifier;
+use crate::convert::OrRaise;
+use granular_id::bindings::ranking;
+use granular_id::stream::StreamingIdentifier;
 
 /// The answer of a model while samples arrive; `granular_id.identifier.StreamingIdentifier` makes decisions of it.
 ///
@@ -58,7 +59,7 @@ use crate::stream::StreamingIdentifier;
 /// (array([0.8]), False)
 #[allow(clippy::doc_markdown, clippy::doc_link_with_quotes)] // numpydoc, read by Python
 #[pyclass(frozen, name = "StreamingIdentifier", module = "granular_id._core")]
-pub(in crate::python) struct PyStreamingIdentifier {
+pub(crate) struct PyStreamingIdentifier {
     model: Py<PyModel>,
     hop: Option<usize>,
     n_axes: usize,
@@ -74,7 +75,7 @@ impl PyStreamingIdentifier {
         let hop = hop.map(|hop| count(hop, "hop", usize::MAX)).transpose()?;
         let py = model.py();
         let shared = &model.get().model;
-        let stream = py.detach(|| StreamingIdentifier::new(shared.clone(), hop))?;
+        let stream = py.detach(|| StreamingIdentifier::new(shared.clone(), hop)).or_raise()?;
         let labels = shared.classes().iter().map(|label| PyString::new(py, label).unbind()).collect();
         let n_axes = shared.n_axes();
         Ok(Self { model: model.clone().unbind(), hop, n_axes, labels, stream: Turns::new(stream) })
@@ -126,7 +127,7 @@ impl PyStreamingIdentifier {
         let (scores, losses, candidates, first_row, rest) = {
             let mut stream = self.locked(py)?;
             let first_row = stream.first_row();
-            let at = stream.standing()?;
+            let at = stream.standing().or_raise()?;
             let rest = (at.margin, at.is_final, at.is_settled, at.is_sure, at.n_seen, at.unknown);
             (at.scores.to_vec(), at.losses.to_vec(), at.candidates.to_vec(), first_row, rest)
         };
@@ -141,7 +142,7 @@ impl PyStreamingIdentifier {
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
     fn next(&self, py: Python<'_>) -> PyResult<()> {
-        Ok(self.locked(py)?.advance()?)
+        self.locked(py)?.advance().or_raise()
     }
 
     /// Back to the state before the first row.
@@ -177,7 +178,7 @@ impl PyStreamingIdentifier {
 
     #[getter]
     fn is_settled(&self, py: Python<'_>) -> PyResult<bool> {
-        Ok(self.locked(py)?.is_settled()?)
+        self.locked(py)?.is_settled().or_raise()
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {

@@ -14,6 +14,7 @@ pub(super) use identifier::PyStreamingIdentifier;
 use self::turns::Turns;
 use super::arrays::{contiguous_real, readable, tuple, writable, zeros, Hold};
 use super::scalars::shown;
+use crate::convert::OrRaise;
 
 /// Rows from which on other threads may run meanwhile: some 20 microseconds of work, more than the way back costs.
 const MANY_ROWS: usize = 128;
@@ -23,7 +24,7 @@ fn push_rows<T: Send>(
     wrench: &Bound<'_, PyAny>,
     n_axes: usize,
     stream: &Turns<T>,
-    push: fn(&mut T, &[f64]) -> crate::Result<usize>,
+    push: fn(&mut T, &[f64]) -> granular_id::Result<usize>,
 ) -> PyResult<usize> {
     let py = wrench.py();
     let array = contiguous_real(wrench, "wrench")?;
@@ -37,13 +38,13 @@ fn push_rows<T: Send>(
         if hold.detaches() {
             let rows = readable(&array, "wrench")?;
             let values = rows.as_slice()?;
-            return Ok(stream.work(py, |stream| push(stream, values))??);
+            return stream.work(py, |stream| push(stream, values))?.or_raise();
         }
     }
     // First the stream, which others may run for; then the rows, in which nobody may meddle.
     let mut stream = stream.locked(py)?;
     let taken = push(&mut stream, readable(&array, "wrench")?.as_slice()?);
-    Ok(taken?)
+    taken.or_raise()
 }
 
 /// A float64 vector of `len` values, the caller's `out` or a new one, after `write` has written it.
@@ -52,7 +53,7 @@ fn written<'py, T: Send>(
     out: Option<&Bound<'py, PyAny>>,
     len: usize,
     stream: &Turns<T>,
-    write: impl FnOnce(&mut T, &mut [f64]) -> crate::Result<()> + Send,
+    write: impl FnOnce(&mut T, &mut [f64]) -> granular_id::Result<()> + Send,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let out = match out {
         None => zeros(py, &[len])?,
@@ -72,11 +73,11 @@ fn written<'py, T: Send>(
     if hold.detaches() {
         let mut target = borrowed()?;
         let target = target.as_slice_mut()?;
-        stream.work(py, |stream| write(stream, target))??;
+        stream.work(py, |stream| write(stream, target))?.or_raise()?;
     } else {
         // As above: first the stream, then the array.
         let mut stream = stream.locked(py)?;
-        write(&mut stream, borrowed()?.as_slice_mut()?)?;
+        write(&mut stream, borrowed()?.as_slice_mut()?).or_raise()?;
     }
     Ok(out)
 }

@@ -23,6 +23,8 @@ mod _core {
     use pyo3::prelude::*;
     use pyo3::types::{IntoPyDict, PyTuple};
 
+    use super::convert::OrRaise;
+
     #[pymodule_export]
     use super::buffer::{host_ns, PyBlock, PyWindow, PyWrenchBuffer, PyWrenchReader, WindowError};
     #[pymodule_export]
@@ -49,19 +51,19 @@ mod _core {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-        module.add("MAX_MODEL_FILE_BYTES", crate::model::MAX_FILE_BYTES)?;
-        module.add("MAX_MULTIBAND_VALUES", crate::model::MAX_MULTIBAND_VALUES)?;
-        module.add("MAX_NAME_BYTES", crate::model::MAX_NAME_BYTES)?;
-        module.add("MAX_LINE_BYTES", crate::number_table::MAX_LINE_BYTES)?;
-        module.add("RDT_PORT", crate::rdt::PORT)?;
-        let limits = (crate::rdt::COUNTS_PER_NEWTON, crate::rdt::COUNTS_PER_NEWTON_METRE);
+        module.add("MAX_MODEL_FILE_BYTES", granular_id::model::MAX_FILE_BYTES)?;
+        module.add("MAX_MULTIBAND_VALUES", granular_id::model::MAX_MULTIBAND_VALUES)?;
+        module.add("MAX_NAME_BYTES", granular_id::model::MAX_NAME_BYTES)?;
+        module.add("MAX_LINE_BYTES", granular_id::number_table::MAX_LINE_BYTES)?;
+        module.add("RDT_PORT", granular_id::rdt::PORT)?;
+        let limits = (granular_id::rdt::COUNTS_PER_NEWTON, granular_id::rdt::COUNTS_PER_NEWTON_METRE);
         module.add("RDT_SCALE_LIMITS", limits)?;
-        module.add("SIMD", crate::Path::detect()?.name())?;
+        module.add("SIMD", granular_id::Path::detect().or_raise()?.name())?;
         // Found out here: a process that is forked while another thread is finding out would wait for it for ever.
-        crate::pool::cores();
-        let _ = crate::buffer::host_ns();
-        module.add("AXES", PyTuple::new(module.py(), crate::wrench::AXES)?)?;
-        module.add("SAMPLE_FLAGS", crate::wrench::SAMPLE_FLAGS.into_py_dict(module.py())?)?;
-        module.add("UNITS", PyTuple::new(module.py(), crate::wrench::UNITS)?)
+        granular_id::bindings::cores();
+        let _ = granular_id::buffer::host_ns();
+        module.add("AXES", PyTuple::new(module.py(), granular_id::wrench::AXES)?)?;
+        module.add("SAMPLE_FLAGS", granular_id::wrench::SAMPLE_FLAGS.into_py_dict(module.py())?)?;
+        module.add("UNITS", PyTuple::new(module.py(), granular_id::wrench::UNITS)?)
     }
 }
