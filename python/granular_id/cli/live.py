@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 from rich.console import Console
 
+from granular_id._files import made_folder
 from granular_id._text import counted
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
 from granular_id.cli.options import FORCE, at_least, command, names_in, numbers_in, option, positive
@@ -307,35 +308,36 @@ def record(
     # All of them before the first push: a misspelt material is found out now.
     places = [(sensing.open(url), names) for url, names in _places(labels, sensing.source).items()]
     n_refused = 0
-    for source, names in places:
-        with opened(source, sensing.buffer_s) as stream, closing(moving.setup(source)) as setup:
-            recorder = Recorder(
-                stream,
-                setup.robot,
-                output,
-                session=session,
-                trigger=setup.trigger,
-                n_samples=round(duration_s * source.info.rate_hz),
-                pre_s=pre_s,
-                on_step=None if quiet or source.info.synthetic else _Prompt(by_hand=setup.robot is None),
-                **moving.of_pushes,
-            )
-            session = recorder.session  # one session, whatever the number of sources
-            for name in names:
-                for k in range(n):
-                    title = f"{name} {k + 1}/{n}"
-                    if (
-                        not source.info.synthetic
-                        and (setup.robot is not None or k == 0)
-                        and (name, k) != (labels[0], 0)
-                    ):
-                        _wait_for(title)
-                    refused, said = _recorded(recorder, name, title, retries)
-                    if k == 0:
-                        _check_truth(name, stream)
-                    n_refused += refused
-                    if not quiet:
-                        show(said)
+    with made_folder(output):
+        for source, names in places:
+            with opened(source, sensing.buffer_s) as stream, closing(moving.setup(source)) as setup:
+                recorder = Recorder(
+                    stream,
+                    setup.robot,
+                    output,
+                    session=session,
+                    trigger=setup.trigger,
+                    n_samples=round(duration_s * source.info.rate_hz),
+                    pre_s=pre_s,
+                    on_step=None if quiet or source.info.synthetic else _Prompt(by_hand=setup.robot is None),
+                    **moving.of_pushes,
+                )
+                session = recorder.session  # one session, whatever the number of sources
+                for name in names:
+                    for k in range(n):
+                        title = f"{name} {k + 1}/{n}"
+                        if (
+                            not source.info.synthetic
+                            and (setup.robot is not None or k == 0)
+                            and (name, k) != (labels[0], 0)
+                        ):
+                            _wait_for(title)
+                        refused, said = _recorded(recorder, name, title, retries)
+                        if k == 0:
+                            _check_truth(name, stream)
+                        n_refused += refused
+                        if not quiet:
+                            show(said)
     synthetic = "SYNTHETIC " if any(source.info.synthetic for source, _ in places) else ""
     again = f"; {n_refused} refused and recorded again" if n_refused else ""
     wrote = f"{counted(n * len(labels), f'{synthetic}recording')} of {counted(len(labels), 'material')}"
