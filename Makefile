@@ -21,7 +21,7 @@ THREADED := tests/python/core/test_features.py tests/python/core/test_features_a
 
 help:
 	@echo "make demo       evaluate the built-in synthetic recordings: table and figures in ./demo"
-	@echo "make test       lint, Rust tests, Python tests, doctests"
+	@echo "make test       lint, Rust tests, Python tests"
 	@echo "make check-all  all that takes long: threads, campaign, fuzz, stress, sanitize, soak, oldest (hours)"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
@@ -109,7 +109,7 @@ rust-test: | toolchain
 	$(call step,Rust tests,cargo test --quiet)
 
 python-test: $(TOOLS)
-	$(call step,Python tests 1 of 2,$(BIN)/python -m pytest --numprocesses auto --doctest-modules tests/python python/granular_id)
+	$(call step,Python tests 1 of 2,$(BIN)/python -m pytest --numprocesses auto)
 	$(call step,Python tests 2 of 2: eight threads,GRANULAR_ID_CASES=13 $(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(firstword $(THREADED)))
 
 # What takes too long for every change. `make test` runs a short form of each.

@@ -1,0 +1,20 @@
+"""The examples in the docstrings say what they say they do."""
+
+import doctest
+import importlib
+import pkgutil
+
+import pytest
+
+import granular_id
+
+MODULES = [
+    module.name
+    for module in pkgutil.walk_packages(granular_id.__path__, "granular_id.")
+    if not module.name.endswith(("._core", ".__main__"))
+]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_of_the_docstrings(name):
+    assert doctest.testmod(importlib.import_module(name)).failed == 0
