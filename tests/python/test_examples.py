@@ -18,3 +18,10 @@ MODULES = [
 @pytest.mark.parametrize("name", MODULES)
 def test_examples_of_the_docstrings(name):
     assert doctest.testmod(importlib.import_module(name)).failed == 0
+
+
+def test_there_are_examples():
+    found = [
+        example for name in MODULES for example in doctest.DocTestFinder().find(importlib.import_module(name))
+    ]
+    assert sum(bool(example.examples) for example in found) > 100

@@ -126,6 +126,12 @@ def test_a_provisional_answer_is_that_of_the_beginning(best, new):
     )
 
 
+def test_probabilities_of_best_agree_with_its_answers(best, new):
+    chances = best.predict_proba(new.X)
+    np.testing.assert_allclose(chances.sum(axis=1), 1)
+    assert np.mean(np.array(best.classes)[chances.argmax(axis=1)] == best.predict(new.X)) > 0.8
+
+
 def test_windows_of_a_stream_are_recordings(best, new):
     signal = np.concatenate(new.X[:3])
     stream = StreamingIdentifier(best, hop=30)

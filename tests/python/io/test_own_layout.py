@@ -172,6 +172,25 @@ def test_links_to_other_files_are_not_opened(tmp_path):
             load(path)
 
 
+@pytest.mark.parametrize(
+    ("place", "units", "message"),
+    [
+        ("wrench", ["mN"] * 3 + ["mN m"] * 3, None),
+        ("wrench", ["lb"] * 6, "attribute units: names lb"),
+        ("recordings/rate_hz", "kHz", "rate_hz: is in kHz"),
+    ],
+)
+def test_units_in_a_file_are_obeyed_or_refused(tmp_path, place, units, message):
+    path = save(SMALL, tmp_path / "x.h5")
+    with h5py.File(path, "a") as file:
+        file[place].attrs["units"] = np.bytes_(units)
+    if message is None:
+        np.testing.assert_allclose(load(path)[0].wrench, PUSHES[0] / 1e3, rtol=1e-15)
+        return
+    with pytest.raises(RecordingFileError, match=message):
+        load(path)
+
+
 def test_the_same_data_gives_the_same_bytes(tmp_path):
     one, other = save(SMALL, tmp_path / "a.npz"), save(SMALL, tmp_path / "b.npz")
     assert one.read_bytes() == other.read_bytes()

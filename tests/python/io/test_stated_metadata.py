@@ -209,8 +209,11 @@ READ = {
         [W],
     ),
     # padding
-    **{f"{name}": (at_500(PADDED, **{name: LENGTHS}), CUT) for name in ("lengths", "n_samples")},
-    "mask": (at_500(PADDED, mask=np.arange(50) < np.array(LENGTHS)[:, None]), CUT),
+    **{f"{name}": (at_500(PADDED, **{name: LENGTHS}), CUT) for name in ("lengths", "n_samples", "seq_len")},
+    **{
+        f"{name}": (at_500(PADDED, **{name: np.arange(50) < np.array(LENGTHS)[:, None]}), CUT)
+        for name in ("mask", "valid_mask")
+    },
     "lengths of what lies in a row": (tree(X=np.concatenate(CUT), lengths=LENGTHS, fs=500, y=LABELS), CUT),
     "n_samples counts recordings": (at_500(X, n_samples=4), X),
     "padding_mask": (at_500(PADDED, padding_mask=np.arange(50) >= np.array(LENGTHS)[:, None]), CUT),
@@ -266,7 +269,9 @@ REFUSED = {
     "units of five": (at_500(X, units=["N"] * 5), "units"),
     "units counts": (at_500(X, units=["counts"] * 6), "units"),
     "wrench_mN": (tree(wrench_mN=X, fs=500), "mN"),
+    "h5 attribute scale_factor": (h5_at_500(X, {"scale_factor": 0.1}), "scale_factor"),
     "scale_factor": (at_500(X, scale_factor=0.01), "scale_factor"),
+    "counts": (at_500(X.astype(int), counts_per_force=1e6), "counts_per_force"),
     "parquet rate of the table": (parquet(about={"fs": "100"}, time=T), "100"),
     "h5 fill values": (
         h5({"X": (np.where(PADDED == 0, -9999, PADDED), {"_FillValue": -9999.0}), "fs": 500}),

@@ -216,6 +216,9 @@ def test_what_the_users_robot_raises_fails_the_recording(tmp_path):
         recorder = Recorder(stream, robot, tmp_path / "data", **SHORT)
         assert refused(recorder, "motion failed: ConnectionError: arm is off") is FailureReason.ROBOT
         assert stops == [1]
+        robot.move_line = refuse  # at once, not on its way
+        assert refused(recorder, "refused the motion: arm is off") is FailureReason.ROBOT
+        assert stops == [1, 1]
 
 
 def test_a_motion_that_never_ends_is_stopped_and_what_was_recorded_is_good(tmp_path):

@@ -19,7 +19,7 @@ FEW = {"shrinkages": [1e-3], "n_folds": 2}
 
 
 @parametrize_with_checks(
-    [BestClassifier(**FEW), BestClassifier(loss="hinge", shrinkages=[1e-3], relative_costs=[1.0])]
+    [BestClassifier(**FEW), BestClassifier(loss="hinge", shrinkages=[None], relative_costs=[1.0])]
 )
 def test_sklearn_contract(estimator, check):
     check(estimator)
