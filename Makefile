@@ -57,7 +57,7 @@ $(TOOLS): requirements-dev.txt $(PACKAGE)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-dev.txt
 	@touch $@
 
-$(WHEEL): $(SOURCES) $(shell find python -name '*.py') | toolchain $(BIN)/python
+$(WHEEL): $(SOURCES) README.md $(shell find python -type f -not -name '*.so' -not -path '*/__pycache__/*') | toolchain $(BIN)/python
 	@echo "building the wheel (two minutes the first time)"
 	@rm -rf dist
 	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
@@ -72,7 +72,7 @@ define environment
 endef
 
 $(RELEASE)/.package: $(WHEEL)
-	$(call environment,$(RELEASE),,[all])
+	$(call environment,$(RELEASE),$(shell grep '^pandas==' requirements-dev.txt),[all])
 
 # The peers want other versions than the tools do.
 $(BENCHES)/.package: requirements-bench.txt $(WHEEL)
@@ -95,7 +95,7 @@ define step
 endef
 
 lint: $(TOOLS)
-	$(call step,lint 1 of 9,cargo fmt --all --check)
+	$(call step,lint 1 of 9,cargo fmt --all --check && cargo fmt --check --manifest-path tests/fuzz/Cargo.toml)
 	$(call step,lint 2 of 9,cargo clippy --quiet --workspace --all-targets -- -D warnings)
 	$(call step,lint 3 of 9,cargo clippy --quiet --manifest-path tests/fuzz/Cargo.toml --no-default-features --target-dir target -- -D warnings)
 	$(call step,lint 4 of 9,RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps)

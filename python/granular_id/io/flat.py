@@ -149,8 +149,8 @@ def read_own(
         raise expansion.fault(missing, f"is missing; wanted all of {MARK!r}")
     columns = {name: found[name].read() for name in NUMBERS}
     expansion.spend(columns["n_samples"].size * _RECORDING_BYTES, "n_samples")
-    texts = {name: _texts_of(found[name], expansion) for name in ("axes", *TEXTS)}
-    meta, history = ("\n".join(_texts_of(found[name], expansion)) for name in WHOLE_TEXTS)
+    texts = {name: texts_of(found[name], expansion) for name in ("axes", *TEXTS)}
+    meta, history = ("\n".join(texts_of(found[name], expansion, as_bytes=True)) for name in WHOLE_TEXTS)
     flat = FlatRecordings(
         axes=tuple(texts["axes"]),
         label=[text or None for text in texts["label"]],
@@ -168,10 +168,10 @@ def read_own(
     return content
 
 
-def _texts_of(column: Leaf, expansion: Expansion) -> list[str]:
-    """Return the texts of a column, which may also be the bytes of one text."""
+def texts_of(column: Leaf, expansion: Expansion, *, as_bytes: bool = False) -> list[str]:
+    """Return the texts of a column; with `as_bytes` it may also hold the bytes of one text."""
     array = column.read()
-    if array.dtype == np.uint8:
+    if as_bytes and array.dtype == np.uint8:
         array = np.array([array.tobytes()])
     words = plain_texts(array.reshape(-1)) if array.dtype.kind in "SU" and array.ndim < 2 else None
     if words is None:

@@ -32,8 +32,8 @@ from granular_id.io.flat import (
     Leaf,
     check_mark,
     flatten,
-    plain_texts,
     read_own,
+    texts_of,
 )
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
@@ -96,7 +96,7 @@ def _read_own(file: Any, expansion: Expansion, source: FileSource) -> FileConten
     if "wrench" in columns:
         axes = np.asarray(attribute(file["wrench"], "axes", "wrench", expansion))
         columns["axes"] = Leaf("axes of wrench", axes.shape, axes.dtype, lambda: axes)
-        columns["wrench"].values = partial(_wrench, file["wrench"], axes, expansion)
+        columns["wrench"].values = partial(_wrench, file["wrench"], columns["axes"], expansion)
     return read_own(columns, sorted(set(file) - {*SAMPLES, "recordings", "history"}), expansion, source)
 
 
@@ -107,18 +107,21 @@ def _refuse_other_unit(item: Any, place: str, unit: str, expansion: Expansion) -
         raise expansion.fault(place, problem)
 
 
-def _wrench(item: Any, axes: Any, expansion: Expansion) -> NDArray[Any]:
+def _wrench(item: Any, axes: Leaf, expansion: Expansion) -> NDArray[Any]:
     """Return the samples in the units of their axes, from those that the attribute ``units`` states."""
     wrench = values(item, "wrench", expansion)
     said = attribute(item, "units", "wrench", expansion)
     if said is None:
         return wrench
-    units, of_axes = (plain_texts(np.atleast_1d(found)) or [] for found in (said, axes))
+    stated = np.asarray(said)
+    place = "wrench, attribute units"
+    units = texts_of(Leaf(place, stated.shape, stated.dtype, lambda: stated), expansion)
+    of_axes = texts_of(axes, expansion)
     scales = [factor(unit, unit_of(axis)) for unit, axis in zip(units, of_axes, strict=False)]
     if len(units) != len(of_axes) or None in scales:
         wanted = ", ".join(map(unit_of, of_axes))
         problem = f"names {', '.join(units)[:80]}; wanted {wanted}, or mN, mN m ..."
-        raise expansion.fault("wrench, attribute units", problem)
+        raise expansion.fault(place, problem)
     return wrench if set(scales) == {1} else wrench * np.array(scales, np.float64)
 
 

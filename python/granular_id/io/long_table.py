@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray
+from granular_id._checks import FloatArray, checked_text
 from granular_id.io.arrays.details import Entries, stated_rates
 from granular_id.io.arrays.names import Role, role_of
 from granular_id.io.arrays.stated import ALL, Columns, single_unit, time_unit_in_name, units_of, what_has_unit
@@ -108,7 +108,6 @@ def recordings_of(
     table: LongTable, source: FileSource, options: LoadOptions, *, clock: str = "time"
 ) -> tuple[list[Recording], list[dict[str, Any]]]:
     """Make the recordings of a table, in the order in which they begin, and remarks on them."""
-    _check_flags(table, source)
     made = [
         _recording(table, rows, replace(source, name=name), options, clock)
         for rows, name in _parts(table, source)
@@ -123,16 +122,6 @@ def refuse_mask(values: Iterable[Any], name: str, path: Path) -> None:
     if not {str(value).lower() for value in values} <= kept:
         wanted = "leave the others out first, and then the column"
         raise RecordingFileError(path, f"tells which rows are samples: {wanted}", column=name)
-
-
-def _check_flags(table: LongTable, source: FileSource) -> None:
-    flags = np.zeros(0) if table.flags is None else table.flags
-    wrong = np.flatnonzero((flags != np.floor(flags)) | (flags < 0) | (flags > KNOWN_FLAGS))
-    if len(wrong):
-        row = int(wrong[0])
-        place = table.place(source.name, row) | {"column": table.columns[FLAGS]}
-        problem = f"{flags[row]:g} is not a sum of SampleFlag bits (0 to {KNOWN_FLAGS})"
-        raise RecordingFileError(source.path, problem, **place)
 
 
 def _parts(table: LongTable, source: FileSource) -> list[tuple[NDArray[np.intp], str]]:
@@ -188,7 +177,7 @@ def _recording(
         scales=table.stated.scales,
         stamps=stamps,
         start_time=start_time,
-        flags=None if table.flags is None else picked(table.flags).astype(np.uint8),
+        flags=_flags(table, rows, source),
         label=_one_text(table, LABEL, rows, source),
         session=_one_text(table, SESSION, rows, source),
         locate=locate,
@@ -199,6 +188,18 @@ def _recording(
     if varies:  # it was measured
         remarks["remark"] = f"column {table.columns[RATE]!r} changes: the stamps give the rate"
     return recording, remarks
+
+
+def _flags(table: LongTable, rows: NDArray[np.intp], source: FileSource) -> NDArray[np.uint8] | None:
+    if table.flags is None:
+        return None
+    flags = table.flags[rows]
+    wrong = np.flatnonzero((flags != np.floor(flags)) | (flags < 0) | (flags > KNOWN_FLAGS))
+    if len(wrong):
+        place = table.place(source.name, int(rows[wrong[0]])) | {"column": table.columns[FLAGS]}
+        problem = f"{flags[wrong[0]]:g} is not a sum of SampleFlag bits (0 to {KNOWN_FLAGS})"
+        raise RecordingFileError(source.path, problem, **place)
+    return flags.astype(np.uint8)
 
 
 def _rate_hz(table: LongTable, rows: NDArray[np.intp], source: FileSource) -> float | None:
@@ -229,4 +230,8 @@ def _one_text(table: LongTable, meaning: str, rows: NDArray[np.intp], source: Fi
         shown = ", ".join(sorted(f"{text!r:.30}" for text in said))[:80]
         problem = f"recording {source.name!r:.60} has {len(said)} values: {shown}; wanted one"
         raise RecordingFileError(source.path, problem, column=table.columns[meaning])
-    return said.pop()
+    text = said.pop()
+    try:
+        return None if text is None else checked_text(text, meaning, spaced=False)
+    except ValueError as error:
+        raise RecordingFileError(source.path, str(error), column=table.columns[meaning]) from None

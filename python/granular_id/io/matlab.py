@@ -111,6 +111,8 @@ def _is_v73(file: BinaryIO, reading: MatReading) -> bool:
         return True
     if head.startswith(b"# Created by Octave"):
         raise reading.fault("header", "is text as Octave's save writes it by default; save it with -v7")
+    if head.startswith(b"MATLAB 7.3"):
+        raise reading.fault("header", "says MATLAB 7.3, but no HDF5 file follows: it is cut off or damaged")
     return False
 
 

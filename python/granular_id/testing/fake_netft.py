@@ -145,7 +145,7 @@ class FakeNetft:
             **(page or {}),
         }
         force, torque = (_unit(told, *of) for of in (("scfgfu", FORCE_UNITS), ("scfgtu", TORQUE_UNITS)))
-        counts = [float(told.get(name) or _FACTORY[name]) for name in ("cfgcpf", "cfgcpt")]
+        counts = [_counts(told, name) for name in ("cfgcpf", "cfgcpt")]
         self._counts = counts_of(signal, counts[0] / force, counts[1] / torque)
         # an ATI Mini45 SI-290-10, in the units of the page
         full_scale = [290 / force, 290 / force, 580 / force, 10 / torque, 10 / torque, 10 / torque]
@@ -286,6 +286,14 @@ def _unit(page: Mapping[str, str | None], name: str, units: Mapping[str, Fractio
     if unit not in units:
         raise ValueError(f"page[{name!r}] must be one of {', '.join(units)}, got {unit!r}")
     return float(units[unit])
+
+
+def _counts(page: Mapping[str, str | None], name: str) -> float:
+    told = page.get(name) or _FACTORY[name]
+    try:
+        return float(told)
+    except ValueError:
+        raise ValueError(f"page[{name!r}] must be a number of counts, got {told!r}") from None
 
 
 def counts_of(signal: ArrayLike | None, per_newton: float, per_newton_metre: float) -> NDArray[np.int32]:

@@ -10,8 +10,7 @@ use pyo3::prelude::*;
 use super::super::arrays::{contiguous_real, readable, tuple};
 use super::super::scalars::{shown, whole};
 use crate::convert::OrRaise;
-use granular_id::bindings::brief;
-use granular_id::bindings::{collected, reserved};
+use granular_id::bindings::{brief, collected, reserved};
 use granular_id::buffer;
 use granular_id::wrench::KNOWN_FLAGS;
 

@@ -65,6 +65,7 @@ BAD = {
     "huge header": (b"a" * 100_000, 1, None),
     "huge line": (HEADER + ROW1 + b"1" * 100_000 + b"\n", 3, None),
     "flags out of range": (b"time,fx,fy,fz,tx,ty,tz,flags\n0,1,2,3,4,5,6,16\n", 2, "flags"),
+    "bad label": (b"time,fx,fy,fz,tx,ty,tz,material\n0,1,2,3,4,5,6,r\x07\n", None, "material"),
     "html": (b"<!DOCTYPE html>\n<html><body>404</body></html>\n", 1, "1"),
 }
 

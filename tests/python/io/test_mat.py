@@ -257,6 +257,13 @@ def test_what_version_73_must_not_hold_is_refused(tmp_path: Path, make: Callable
         load(path)
 
 
+def test_a_file_of_version_73_that_is_cut_off_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "cut.mat"
+    path.write_bytes((GOLDEN / "ragged_cell_v73.mat").read_bytes()[:500])
+    with pytest.raises(RecordingFileError, match="it is cut off or damaged"):
+        load(path)
+
+
 def test_octaves_text_files_that_are_too_large_and_a_missing_h5py(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -177,6 +177,7 @@ def test_links_to_other_files_are_not_opened(tmp_path):
     [
         ("wrench", ["mN"] * 3 + ["mN m"] * 3, None),
         ("wrench", ["lb"] * 6, "attribute units: names lb"),
+        ("wrench", [b"\xff"] * 6, "attribute units: has shape .* wanted texts"),
         ("recordings/rate_hz", "kHz", "rate_hz: is in kHz"),
     ],
 )

@@ -109,6 +109,10 @@ def test_dates_and_times_give_start_and_rate(tmp_path, unit):
             "holds duration.*; wanted seconds as numbers, or dates",
         ),
         ({"flags": [0, 1, 2, 3, 4, 99]}, "column flags, .*row 5: 99 is not a sum of SampleFlag bits"),
+        (
+            {"flags": [0, 0, 0, 0, 99, 0], "recording": [1, 1, 1, 2, 2, 2]},
+            r"column flags, recording '.*\[2\]', row 4: 99 is",
+        ),
         ({"label": ["a", "a", "b", "a", "a", "a"]}, "has 2 values: 'a', 'b'; wanted one"),
         ({"label": [1] * 6}, "column label: holds int64; wanted texts"),
         ({"label": ["a\tb"] * 6}, "control character"),

@@ -59,6 +59,7 @@ def test_faults_are_checked(text, words):
 def test_arguments_are_checked():
     for options, words in [
         ({"page": {"scfgfu": "pound"}}, r"page\['scfgfu'\] must be one of N, .*, got 'pound'"),
+        ({"page": {"cfgcpf": "many"}}, r"page\['cfgcpf'\] must be a number of counts, got 'many'"),
         ({"signal": np.zeros((5, 3))}, r"signal has shape \(5, 3\)"),
         ({"rate_hz": 0}, "rate_hz must be positive"),
     ]:

@@ -310,7 +310,10 @@ class Search:
         columns = max(widths)
         along_columns = columns in known.n_recordings and rows not in known.n_recordings
         if along_columns or {rows * columns, *([rows] if rows == columns else [])} & known.n_recordings:
-            problem = f"{rows} x {columns} cells: whether labels go along rows or columns cannot be told"
+            unclear = (
+                "labels go along the columns" if along_columns else "labels may go along rows or columns"
+            )
+            problem = f"{rows} x {columns} cells: {unclear}"
             way_out = "save a struct or variable per material, or a vector of cells"
             raise self.origin.unclear(f"{problem}; {way_out}")
 
