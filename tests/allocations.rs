@@ -8,6 +8,7 @@ use granular_id::multiband::MultiBandSpec;
 use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
 use granular_id::{Extractor, FeatureSpec, Model};
 
+#[allow(dead_code)] // not all of it
 #[path = "core/twins/models.rs"]
 mod models;
 #[allow(dead_code)] // strategies

@@ -1,6 +1,6 @@
 //! One writer and two readers, one of which sleeps: nothing torn, nothing lost uncounted.
 //!
-//! `GRANULAR_ID_RING_ITEMS=1000000000 cargo test --release --test buffer_stress -- --nocapture` is the long run.
+//! `GRANULAR_ID_RING_ITEMS=1000000000 cargo test --release --test core buffer_stress -- --nocapture` is the long run.
 
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::{Acquire, Release};

@@ -11,13 +11,11 @@ use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, Model};
 use proptest::prelude::*;
 
-use crate::twins::models::{no_flipped_bit_is_read, random_banded, without_digest};
-use crate::twins::signals::{bits, uniform};
-
-fn noise(seed: u64, n: usize) -> Vec<f64> {
-    let mut noise = uniform(seed);
-    (0..n).map(|_| 3.0 * noise()).collect()
-}
+use crate::twins::models::{
+    damage_is_a_fault_or_a_model, no_flipped_bit_is_read, random_banded, stream_has_the_scores_of_the_batch,
+    without_digest,
+};
+use crate::twins::signals::{bits, noise};
 
 /// Any selection of blocks but none.
 fn spec() -> impl Strategy<Value = MultiBandSpec> {
@@ -116,17 +114,8 @@ proptest! {
 /// 200 recordings of the paper's size in rows and blocks.
 #[test]
 fn recordings_of_the_papers_size_differ_in_no_bit() {
-    let model = Arc::new(random_banded(11, 1600, 6, MultiBandSpec::default()));
-    let wrench = noise(1, 200 * 9600);
-    let wanted = model.scores(&wrench, 200, 2).unwrap();
-    let mut stream = StreamingIdentifier::new(model, None).unwrap();
-    for (k, (recording, wanted)) in wrench.chunks_exact(9600).zip(wanted.chunks_exact(55)).enumerate() {
-        for block in recording.chunks(6 * (1 + k % 40)) {
-            stream.push(block).unwrap();
-        }
-        assert!(bits(stream.scores().unwrap()) == bits(wanted), "recording {k}");
-        stream.reset();
-    }
+    let model = random_banded(11, 1600, 6, MultiBandSpec::default());
+    stream_has_the_scores_of_the_batch(model, &noise(1, 200 * 9600));
 }
 
 /// Windows long enough for sums and counts to grow, with and without questions in between, and a reset.
@@ -219,28 +208,9 @@ fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
     let spec = MultiBandSpec { coupling: false, spectrum: false, level: true, ..MultiBandSpec::default() };
     let good = random_banded(3, 5, 1, spec).to_bytes().unwrap();
     no_flipped_bit_is_read(&good);
-    let good = without_digest(&good);
-    for len in 0..good.len() {
-        assert!(Model::from_bytes(&good[..len], MAX_FILE_BYTES).is_err(), "{len} bytes");
-    }
-    let wrench = [0.25, -1.0, 2.0, 0.0, 1.0];
-    let mut read = 0;
-    for place in 0..good.len() {
-        for change in [1, 0x20, 0x80, 0xff] {
-            let mut bytes = good.clone();
-            bytes[place] ^= change;
-            let Ok(model) = Model::from_bytes(&bytes, MAX_FILE_BYTES) else { continue };
-            assert_eq!(Model::from_bytes(&model.to_bytes().unwrap(), MAX_FILE_BYTES), Ok(model.clone()));
-            match model.identify(&wrench) {
-                Ok(answer) => assert!(answer.losses.iter().all(|loss| !loss.is_nan())),
-                Err(error) => {
-                    assert!(matches!(error, Error::Score { .. } | Error::TooLoud { .. }), "{error}");
-                }
-            }
-            read += 1;
-        }
-    }
-    assert!(read > 100); // weights, scales and labels can be many things
+    damage_is_a_fault_or_a_model(&without_digest(&good), &[0.25, -1.0, 2.0, 0.0, 1.0], |error| {
+        matches!(error, Error::Score { .. } | Error::TooLoud { .. })
+    });
 }
 
 /// What a small file with other sizes in its header is refused for.

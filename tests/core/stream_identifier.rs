@@ -6,8 +6,8 @@ use granular_id::stream::{Standing, StreamingIdentifier};
 use granular_id::{Error, FeatureSpec};
 use proptest::prelude::*;
 
-use crate::twins::models::random_model;
-use crate::twins::signals::{bits, spec, uniform, value};
+use crate::twins::models::{random_model, stream_has_the_scores_of_the_batch};
+use crate::twins::signals::{bits, noise, spec, uniform, value};
 
 proptest! {
     #[test]
@@ -44,18 +44,8 @@ proptest! {
 /// 625 recordings of the paper's size and model, in rows and blocks: a million samples.
 #[test]
 fn a_million_samples_give_the_scores_of_the_batch() {
-    let model = Arc::new(random_model(11, 1600, 6, FeatureSpec::default()));
-    let mut noise = uniform(1);
-    let wrench: Vec<f64> = (0..625 * 9600).map(|_| 3.0 * noise()).collect();
-    let wanted = model.scores(&wrench, 625, 2).unwrap();
-    let mut stream = StreamingIdentifier::new(model, None).unwrap();
-    for (k, (recording, wanted)) in wrench.chunks_exact(9600).zip(wanted.chunks_exact(55)).enumerate() {
-        for block in recording.chunks(6 * (1 + k % 40)) {
-            stream.push(block).unwrap();
-        }
-        assert!(bits(stream.scores().unwrap()) == bits(wanted), "recording {k}");
-        stream.reset();
-    }
+    let model = random_model(11, 1600, 6, FeatureSpec::default());
+    stream_has_the_scores_of_the_batch(model, &noise(1, 625 * 9600));
 }
 
 /// 2^63 rows to skip of two axes each: their number of values is no number of 64 bits.

@@ -1,10 +1,13 @@
 //! Models with random weights.
 
-use granular_id::model::{Decoding, Fault, Features, Loss, ModelParts, Notes, Tensor};
-use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
-use granular_id::{FeatureSpec, Model};
+use std::sync::Arc;
 
-use super::signals::uniform;
+use granular_id::model::{Decoding, Fault, Features, Loss, ModelParts, Notes, Tensor, MAX_FILE_BYTES};
+use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
+use granular_id::stream::StreamingIdentifier;
+use granular_id::{Error, FeatureSpec, Model};
+
+use super::signals::{bits, uniform};
 
 /// One-vs-one, with everything that provisional answers and bounds need.
 pub fn random_model(n_classes: usize, n_samples: usize, n_axes: usize, spec: FeatureSpec) -> Model {
@@ -14,7 +17,6 @@ pub fn random_model(n_classes: usize, n_samples: usize, n_axes: usize, spec: Fea
 }
 
 /// The same with multi-band features and scales of its own.
-#[allow(dead_code)] // not in all tests
 pub fn random_banded(n_classes: usize, n_samples: usize, n_axes: usize, spec: MultiBandSpec) -> Model {
     let mut noise = uniform(10);
     let mut scales = |n: usize| (0..n).map(|_| 0.5 + noise().abs()).collect::<Vec<_>>();
@@ -30,7 +32,6 @@ pub fn random_banded(n_classes: usize, n_samples: usize, n_axes: usize, spec: Mu
 }
 
 /// The file as earlier versions wrote it: without a digest.
-#[allow(dead_code)] // not in all tests
 pub fn without_digest(file: &[u8]) -> Vec<u8> {
     let (length, rest) = file.split_first_chunk().unwrap();
     let (header, numbers) = rest.split_at(usize::try_from(u64::from_le_bytes(*length)).unwrap());
@@ -44,7 +45,6 @@ pub fn without_digest(file: &[u8]) -> Vec<u8> {
 }
 
 /// Asserts that a file with any one bit flipped is refused.
-#[allow(dead_code)] // not in all tests
 pub fn no_flipped_bit_is_read(good: &[u8]) {
     let mut bytes = good.to_vec();
     for bit in 0..8 * good.len() {
@@ -55,8 +55,43 @@ pub fn no_flipped_bit_is_read(good: &[u8]) {
     assert!(Model::from_bytes(&bytes, good.len()).is_ok());
 }
 
+/// Asserts that a file without a digest, cut off anywhere or with any byte changed, is refused or a model whose answers are
+/// numbers or such errors as `told`.
+pub fn damage_is_a_fault_or_a_model(good: &[u8], wrench: &[f64], told: impl Fn(&Error) -> bool) {
+    for len in 0..good.len() {
+        assert!(Model::from_bytes(&good[..len], MAX_FILE_BYTES).is_err(), "{len} bytes");
+    }
+    let mut read = 0;
+    for place in 0..good.len() {
+        for change in [1, 0x20, 0x80, 0xff] {
+            let mut bytes = good.to_vec();
+            bytes[place] ^= change;
+            let Ok(model) = Model::from_bytes(&bytes, MAX_FILE_BYTES) else { continue };
+            assert_eq!(Model::from_bytes(&model.to_bytes().unwrap(), MAX_FILE_BYTES), Ok(model.clone()));
+            match model.identify(wrench) {
+                Ok(answer) => assert!(answer.losses.iter().all(|loss| !loss.is_nan())),
+                Err(error) => assert!(told(&error), "{error}"),
+            }
+            read += 1;
+        }
+    }
+    assert!(read > 100); // weights, scales and labels can be many things
+}
+
+/// Asserts that recordings of the paper's size, in rows and blocks, have the scores of the batch bit for bit.
+pub fn stream_has_the_scores_of_the_batch(model: Model, wrench: &[f64]) {
+    let wanted = model.scores(wrench, wrench.len() / 9600, 2).unwrap();
+    let mut stream = StreamingIdentifier::new(Arc::new(model), None).unwrap();
+    for (k, (recording, wanted)) in wrench.chunks_exact(9600).zip(wanted.chunks_exact(55)).enumerate() {
+        for block in recording.chunks(6 * (1 + k % 40)) {
+            stream.push(block).unwrap();
+        }
+        assert!(bits(stream.scores().unwrap()) == bits(wanted), "recording {k}");
+        stream.reset();
+    }
+}
+
 /// A model of two classes and one learner with nothing that a model may lack.
-#[allow(dead_code)] // not in all tests
 pub fn parts_of(
     features: Features<'_>,
     coef: &[f64],

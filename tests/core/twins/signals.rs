@@ -55,3 +55,9 @@ pub fn uniform(mut seed: u64) -> impl FnMut() -> f64 {
         (seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
     }
 }
+
+/// Noise in [-1.5, 1.5), the same in every run.
+pub fn noise(seed: u64, n: usize) -> Vec<f64> {
+    let mut noise = uniform(seed);
+    (0..n).map(|_| 3.0 * noise()).collect()
+}
