@@ -45,6 +45,7 @@ class Target:
 @command
 def info(
     reading: Reading,
+    steps: Steps,
     *,
     json: Path | None = option(OUTPUT, "Write the summary and all steps."),
     force: bool = FORCE,
@@ -58,13 +59,14 @@ def info(
     `granular-id data info recordings --json info.json`
     """
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
-    data = reading.load()
+    loaded = reading.load()
+    data = steps.taken(loaded)
     summary = data.summary()
     axes = sorted({" ".join(recording.axes) for recording in data})
     keys = sorted({key for recording in data for key in recording.meta})
     synthetic = sum(recording.is_synthetic for recording in data)
     lines = [
-        f"format: {data.history[-1].parameters['format']}",
+        f"format: {loaded.history[-1].parameters['format']}",
         f"axes: {' or '.join(axes)}",
         *([f"SYNTHETIC: {synthetic} of {len(data)} recordings"] if synthetic else []),
         f"meta: {', '.join(keys) or 'none'}",
@@ -80,6 +82,7 @@ def info(
 @command
 def head(
     reading: Reading,
+    steps: Steps,
     *,
     n: int = option("Shown", "Samples to print.", "-n", default=10),
     name: str | None = option("Shown", "Name of the recording. Default: the first one."),
@@ -94,7 +97,7 @@ def head(
     at_least("-n", n, 1)
     from granular_id.recording import first_samples
 
-    data = reading.load()
+    data = steps.taken(reading.load())
     show("\n" + first_samples(_chosen(data, name), n))
 
 
@@ -113,6 +116,7 @@ def _chosen(data: Dataset, name: str | None) -> Recording:
 @command
 def check(
     reading: Reading,
+    steps: Steps,
     *,
     sensor_range: str | None = option(SENSOR, "Largest values of axes, or a name: 'ATI Mini45 SI-145-5'."),
     false_alarm_rate: float = option(
@@ -137,7 +141,7 @@ def check(
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     between("--false-alarm-rate", false_alarm_rate)
     limits = _range_of(sensor_range)
-    data = reading.load()
+    data = steps.taken(reading.load())
     report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate, progress=True)
     show("\n" + report.text(width=min(Console().width, 100)))
     write_files((json, lambda path: write_json(path, report.to_dict())))
@@ -170,8 +174,10 @@ def plot(
     what: Literal["recordings", "mean", "onset"] = option(
         PICTURES, "Single recordings, means of materials, or onsets of motion.", default="recordings"
     ),
-    axes: str = option(
-        PICTURES, "Axes separated by commas, of one unit. Default: fx,fy,fz; fx,fz for mean.", default=""
+    draw: str = option(
+        PICTURES,
+        "Axes to draw, of one unit. Default: fx,fy,fz (fx,fz for mean); of others those with the first one's unit.",
+        default="",
     ),
     n: int | None = option(PICTURES, "Recordings per material (recordings) or in all (onset).", "-n"),
     force: bool = FORCE,
@@ -182,11 +188,12 @@ def plot(
 
     `granular-id data plot recordings -o recordings.png`
     `granular-id data plot recordings -o onset.png --what onset --rate-hz 100 --max-gap-s inf`
-    `granular-id data plot recordings -o mean.svg --what mean --n-samples shortest --axes tx,ty`
+    `granular-id data plot recordings -o mean.svg --what mean --n-samples shortest --draw tx,ty`
+    `granular-id data plot drives --axes wx,wy,wz,ax,ay,az --units rad/s,m/s2`
     """
     at_least("-n", n, 1)
-    if axes and what == "onset":
-        raise ValueError("--axes does not go with --what onset, which draws all forces")
+    if draw and what == "onset":
+        raise ValueError("--draw does not go with --what onset, which draws all forces")
     if n is not None and what == "mean":
         raise ValueError("-n does not go with --what mean, which is made of all recordings")
     check_outputs(("--output", output, PICTURE), source=reading.path, force=force)
@@ -194,7 +201,7 @@ def plot(
     from granular_id import plotting
 
     data = steps.taken(reading.load(), onsets_later=what == "onset")
-    chosen = names_in(axes)
+    chosen = names_in(draw)
     if what == "mean":
         plotting.plot_mean_forces(data, axes=chosen or ("fx", "fz"), path=output)
     elif what == "onset":
@@ -202,8 +209,18 @@ def plot(
         show(str(data.history[-1]))
         plotting.plot_onsets(data, output, n=n or 10, rest_s=steps.rest_s)
     else:
-        plotting.plot_recordings(data, output, axes=chosen or None, n=n or 5)
+        plotting.plot_recordings(data, output, axes=chosen or _of_one_unit(data), n=n or 5)
     say_written([output])
+
+
+def _of_one_unit(data: Dataset) -> list[str] | None:
+    """Return the axes with the unit of the first one; None for a wrench, of which its forces are drawn."""
+    from granular_id.recording import AXES, unit_of
+
+    if data.axes == AXES:
+        return None
+    units = {axis: unit_of(axis, data[0].meta) for axis in data.axes}
+    return [axis for axis, unit in units.items() if unit == units[data.axes[0]]]
 
 
 @command

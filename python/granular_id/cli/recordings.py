@@ -59,8 +59,17 @@ class ReadingOptions:
     )
     array: str | None = option(PANEL, "Array or group of a file that holds the samples, where several may.")
     label: str | None = option(PANEL, "Array or column of a file that holds the labels, where several may.")
+    axes: str | None = option(
+        PANEL, "Columns that are the axes, in this order: wx,wy,wz. Default: fx,fy,fz,tx,ty,tz."
+    )
+    units: str | None = option(
+        PANEL,
+        "Units of the axes, where files do not state them: one, one per axis, or one per run: rad/s,m/s2.",
+    )
+    session: str | None = option(
+        PANEL, "What was recorded in one go: file, folder, or a column. Default: as the files say."
+    )
     max_file_mb: float | None = option(PANEL, "Largest file to read. Default: 8 of text, 2048 of binary.")
-
     isolate: bool = option(
         PANEL,
         "Read files from strangers in a child process, which takes a crash or hang upon itself.",
@@ -86,6 +95,9 @@ class ReadingOptions:
                 time_unit=self.time_unit,
                 array=self.array,
                 label=self.label,
+                axes=self.axes,
+                units=self.units,
+                session=self.session,
                 isolate=self.isolate,
                 max_file_bytes=None if self.max_file_mb is None else math.ceil(self.max_file_mb * 2**20),
             )
@@ -164,6 +176,8 @@ class Steps(StepOptions):
     lead_s: float = option(PANEL, "Seconds to keep ahead of trigger or onset.", default=0.0)
     duration_s: float | None = option(PANEL, "Keep this many seconds from there on.")
     n_samples: str | None = option(PANEL, "Keep this many samples, or: shortest.")
+    window_s: float | None = option(PANEL, "Cut recordings into windows of so many seconds, after all else.")
+    hop_s: float | None = option(PANEL, "From one window to the next. Default: --window-s, no overlap.")
     exclude: str = option(PANEL, "Materials to leave out, separated by commas.", default="")
     length: int | Literal["shortest"] | None = field(init=False)
 
@@ -178,6 +192,10 @@ class Steps(StepOptions):
         if self.lead_s and self.begin_at == "first":
             raise ValueError("--lead-s is time kept ahead of a trigger: add --begin-at trigger or onset")
         positive("--duration-s", self.duration_s)
+        positive("--window-s", self.window_s)
+        positive("--hop-s", self.hop_s)
+        if self.hop_s is not None and self.window_s is None:
+            raise ValueError("--hop-s is the way from one window to the next: add --window-s")
         super().__post_init__()
         if self.rate_hz is None and (self.max_gap_s != MAX_GAP_S or self.on_gap != "raise"):
             unused = "--max-gap-s" if self.max_gap_s != MAX_GAP_S else "--on-gap"
@@ -185,7 +203,7 @@ class Steps(StepOptions):
         self.length = _length_of(self.n_samples)
 
     def taken(self, data: Dataset, *, quiet: bool = False, onsets_later: bool = False) -> Dataset:
-        """Leave out labels, resample, find onsets and crop as asked; say what each step did.
+        """Leave out labels, resample, find onsets, crop and cut into windows as asked; say what each step did.
 
         `onsets_later`: stating some onsets makes sense without ``--begin-at onset``.
         """
@@ -195,18 +213,21 @@ class Steps(StepOptions):
         if self.begin_at == "onset":
             data = say_step(self.with_onsets(data), quiet=quiet)
             self._refuse_missing_onsets(data)
-        if self.duration_s is None and self.length is None:
-            return data
-        _refuse_unequal_rates(data)
-        aligned = data.align(
-            self.length,
-            duration_s=self.duration_s,
-            trigger=None if self.begin_at == "first" else "recorded",
-            lead_s=self.lead_s,
-            on_short=self.on_short,
-            on_missing=self.on_short,
-        )
-        return say_step(aligned, quiet=quiet)
+        if self.duration_s is not None or self.length is not None:
+            _refuse_unequal_rates(data)
+            data = data.align(
+                self.length,
+                duration_s=self.duration_s,
+                trigger=None if self.begin_at == "first" else "recorded",
+                lead_s=self.lead_s,
+                on_short=self.on_short,
+                on_missing=self.on_short,
+            )
+            say_step(data, quiet=quiet)
+        if self.window_s is not None:
+            _refuse_unequal_rates(data)
+            data = say_step(data.windows(self.window_s, self.hop_s, on_short=self.on_short), quiet=quiet)
+        return data
 
     def _without_excluded(self, data: Dataset, *, quiet: bool) -> Dataset:
         excluded = names_in(self.exclude)
@@ -263,7 +284,8 @@ def refuse_unequal(data: Dataset) -> None:
         f"recordings last {lengths[0]} to {lengths[-1]} samples ({lengths[0] / data.rate_hz:g} to "
         f"{lengths[-1] / data.rate_hz:g} s), the shortest is {short.name!r}; nothing is cropped unasked: "
         f"add --n-samples shortest to keep the first {lengths[0]} of all, or a larger number with "
-        f"--on-short skip to leave out the shorter ones (half have at least {middle})"
+        f"--on-short skip to leave out the shorter ones (half have at least {middle}), or --window-s to cut all into "
+        "windows of one length"
     )
 
 

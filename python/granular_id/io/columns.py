@@ -20,6 +20,7 @@ also tell recordings apart, label them and state their rate. Other columns are l
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -68,6 +69,15 @@ def factor(unit: str, wanted: str) -> float | None:
     return _KNOWN[wanted].get(plain)
 
 
+def same_unit(one: str, other: str) -> bool:
+    """Tell whether two texts of units differ in their writing only: m/s^2, m/s2, m/s\N{SUPERSCRIPT TWO}."""
+
+    def plain(unit: str) -> str:
+        return re.sub(r"[\s^*_.\N{MIDDLE DOT}\N{DOT OPERATOR}-]+", "", unicodedata.normalize("NFKC", unit))
+
+    return plain(one) == plain(other)
+
+
 TIME, FLAGS = "time", "flags"
 RECORDING, LABEL, SESSION, RATE, MASK = "recording", "label", "session", "rate", "mask"
 
@@ -91,6 +101,8 @@ ABOUT = {
     for name in (word, *(f"{word}{end}" for end in ("id", "index", "number") if what == RECORDING))
 }
 """What a column of a table says about the recordings in it, by its name without case and separators."""
+
+RESERVED = (TIME, FLAGS, RECORDING, LABEL, SESSION, RATE, MASK)
 
 _WORDS = {
     **{word + axis: "f" + axis for axis in "xyz" for word in ("f", "force")},
@@ -123,12 +135,13 @@ _TRAILING = re.compile(
 
 
 class ColumnError(ValueError):
-    """A set of names that does not make a recording."""
+    """A set of names that does not make a recording; `others` may be axes of another sensor."""
 
-    def __init__(self, problem: str, index: int | None = None) -> None:
+    def __init__(self, problem: str, index: int | None = None, others: Sequence[int] = ()) -> None:
         super().__init__(problem)
         self.problem = problem
         self.index = index
+        self.others = others
 
 
 @dataclass(frozen=True)
@@ -175,36 +188,99 @@ def refusal(name: str) -> str:
     return f"unknown column {shown}; wanted {', '.join(AXES)}, and optionally time (s) and flags ({also})"
 
 
-def columns_of(
-    names: Sequence[str], *, label: str | None = None, known: Mapping[str, str] | None = None
-) -> dict[str, int]:
-    """Find the six axes, and the time, flags and what tells recordings apart where they are there, among all columns.
+def axes_among(names: Sequence[str], axes: Sequence[str]) -> list[tuple[int, str | None]]:
+    """Find the columns that axes name, each with the unit that its name states.
 
-    What means none of these is left out, unless it may be an axis or the time.
+    A column is named by all that it is called, in small or large letters (then nothing of it is a unit), or without its
+    unit, or, for fx to tz, by another name of these.
     """
-    if label is not None and label not in names:
-        raise ColumnError(f"label={label!r} is no column of it")
-    found: dict[str, int] = {}
+    words = [name.strip() for name in names]
+    parted = [_parted(word) for word in words]
+    meant = [_meaning(word).axis for word in words]
+    picked: list[tuple[int, str | None]] = []
+    for axis in axes:
+        small = axis.lower()
+        tiers = (
+            [i for i, word in enumerate(words) if word == axis],
+            [i for i, word in enumerate(words) if word.lower() == small],
+            [i for i, (base, _) in enumerate(parted) if base.lower() == small],
+            [i for i, meaning in enumerate(meant) if meaning == axis and axis in AXES],
+        )
+        places = next((places for places in tiers if places), [])
+        if not places:
+            raise ColumnError(f"axes: there is no column {axis!r}; there are {_listed(words)}")
+        if len(places) > 1:
+            both = " and ".join(repr(words[i]) for i in places[:2])
+            problem = f"columns {both} may both be {axis!r}; wanted one of them in axes, as it is called"
+            same = f"column {words[places[0]]!r} occurs twice"
+            raise ColumnError(same if words[places[0]] == words[places[1]] else problem, places[1])
+        (place,) = places
+        picked.append((place, None if place in tiers[1] else parted[place][1]))
+    twice = next((i for k, (i, _) in enumerate(picked) if i in [j for j, _ in picked[:k]]), None)
+    if twice is not None:
+        raise ColumnError(f"axes names column {words[twice]!r} twice", twice)
+    return picked
+
+
+def without_unit(name: str) -> str:
+    """Return what a column is called before its unit."""
+    return _parted(name.strip())[0]
+
+
+def axes_shown(names: Sequence[str]) -> str:
+    """Return the way out of a file without the six axes of a wrench: `names` are its columns of numbers."""
+    bare = [without_unit(name) if name.endswith("]") else name for name in names]
+    return f"for other axes pass axes={','.join(names if len(set(bare)) < len(bare) else bare)!r}"
+
+
+def _parted(name: str) -> tuple[str, str | None]:
+    """Part a name in what comes before its unit, and the unit."""
+    bracketed = _BRACKETED.fullmatch(name) if len(name) <= _LONGEST else None
+    if bracketed is not None:
+        base, square, round_ = bracketed.groups()
+        return base, (square if round_ is None else round_).strip() or None
+    trailing = _TRAILING.fullmatch(name) if len(name) <= _LONGEST and _word(name) is None else None
+    return (name, None) if trailing is None else (trailing[1], trailing[2])
+
+
+def _listed(names: Sequence[str], most: int = 20) -> str:
+    return ", ".join(name[:40] for name in names[:most]) + (", ..." if len(names) > most else "")
+
+
+def columns_of(
+    names: Sequence[str],
+    *,
+    label: str | None = None,
+    session: str | None = None,
+    axes: Sequence[str] | None = None,
+    known: Mapping[str, str] | None = None,
+) -> dict[str, int]:
+    """Find the axes, and the time, flags and what tells recordings apart where they are there, among all columns.
+
+    The axes are those named, or else the six of a wrench. What means none of these is left out, unless it may be one of
+    the six, where none are named, or the time.
+    """
+    asked_for = {what: asked for what, asked in ((LABEL, label), (SESSION, session)) if asked is not None}
+    _refuse_asked(names, asked_for)
+    refused = (TIME,) if axes is not None else (*AXES, TIME, FLAGS)
+    found = {} if axes is None else _asked_axes(names, axes)
+    chosen = set(found.values())
     others: list[int] = []
     for i, name in enumerate(names):
+        if i in chosen:
+            continue
         what = (known or {}).get(name) or _what_in_table(name)
-        if label is not None and (name == label or what == LABEL):
-            what = LABEL if name == label else None
-        elif what is None and _meaning(name).axis is not None:
+        if asked_for.keys() & {what} or name in asked_for.values():
+            what = next((meaning for meaning, asked in asked_for.items() if asked == name), None)
+        elif axes is not None and what in AXES:
+            what = None
+        elif what is None and _meaning(name).axis in refused:
             raise ColumnError(refusal(name), i)
         if what is None:
             others.append(i)
             continue
         if what in found:
-            first = names[found[what]]
-            same = first.strip().lower() == name.strip().lower()
-            problem = (
-                f"column {name!r} occurs twice"
-                if same
-                else f"columns {first!r} and {name!r} both mean {what}; wanted one of them"
-            )
-            problem += ", or label= with its name" if what == LABEL and not same else ""
-            raise ColumnError(problem, i)
+            raise ColumnError(_twice(names[found[what]], name, what), i)
         found[what] = i
     if TIME in found and RATE in found and "freq" in names[found[RATE]].lower():
         others.append(found.pop(RATE))  # of a vibration, say: stamps tell the rate
@@ -213,22 +289,47 @@ def columns_of(
     if second is not None:
         both = f"columns {whole!r} and {names[second]!r} are one time in two parts"
         raise ColumnError(f"{both}; wanted one column, sec + nanosec / 1e9", second)
-    missing = [axis for axis in AXES if axis not in found]
+    missing = [axis for axis in AXES if axes is None and axis not in found]
     unclear = next((i for i in others if names[i].strip() == "T"), None)
     if unclear is not None and (missing or TIME not in found):
         raise ColumnError(refusal(names[unclear]), unclear)
     if missing and others:
-        raise ColumnError(f"{refusal(names[others[0]])}; column {missing[0]!r} is missing", others[0])
+        problem = f"{refusal(names[others[0]])}; column {missing[0]!r} is missing"
+        raise ColumnError(problem, others[0], others)
     if missing:
-        raise ColumnError(f"column {missing[0]!r} is missing; wanted {', '.join(AXES)}")
+        raise ColumnError(f"column {missing[0]!r} is missing; wanted {', '.join(AXES)}", None, others)
     _refuse_half_stated(names, found)
     return found
+
+
+def _refuse_asked(names: Sequence[str], asked_for: Mapping[str, str]) -> None:
+    """Refuse columns that are asked for and not there, and a session in what labels recordings or tells them apart."""
+    for what, asked in asked_for.items():
+        if asked not in names:
+            raise ColumnError(f"{what}={asked!r} is no column of it; there are {_listed(names)}")
+        other = _what_in_table(asked)
+        if what == SESSION and other not in (None, SESSION):
+            raise ColumnError(f"session={asked!r} is the column of the {other}; wanted another one")
+
+
+def _twice(first: str, second: str, what: str) -> str:
+    if first.strip().lower() == second.strip().lower():
+        return f"column {second!r} occurs twice"
+    way_out = f", or {what}= with its name" if what in (LABEL, SESSION) else ""
+    return f"columns {first!r} and {second!r} both mean {what}; wanted one of them{way_out}"
+
+
+def _asked_axes(names: Sequence[str], axes: Sequence[str]) -> dict[str, int]:
+    reserved = next((axis for axis in axes if axis in RESERVED), None)
+    if reserved is not None:
+        raise ColumnError(f"axes names {reserved!r}, which means something else in a table; wanted axes")
+    return {axis: i for axis, (i, _) in zip(axes, axes_among(names, axes), strict=True)}
 
 
 def _refuse_half_stated(names: Sequence[str], found: Mapping[str, int]) -> None:
     """Refuse a unit other than N or N m that only some of the forces, or of the torques, state."""
     for alike in (AXES[:3], AXES[3:]):
-        columns = [found[axis] for axis in alike]
+        columns = [found[axis] for axis in alike if axis in found]
         other = next((i for i in columns if _meaning(names[i]).scale not in (None, 1)), None)
         silent = next((i for i in columns if _meaning(names[i]).unit is None), None)
         if other is not None and silent is not None:

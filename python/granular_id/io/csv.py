@@ -24,17 +24,28 @@ from granular_id.io.columns import (
     MASK,
     RATE,
     RECORDING,
+    RESERVED,
     SESSION,
     TIME,
     ColumnError,
+    axes_among,
+    axes_shown,
     columns_of,
     split_unit,
+    without_unit,
 )
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import read_text_bounded
-from granular_id.io.folder_save import checked_dataset, indexed_folder, refuse_other_axes
+from granular_id.io.folder_save import checked_dataset, indexed_folder
 from granular_id.io.long_table import Coded, LongTable, Stated, recordings_of, refuse_mask
-from granular_id.io.numbers import Header, parse_numbers, picked_columns, split_header
+from granular_id.io.numbers import (
+    Header,
+    parse_numbers,
+    picked_columns,
+    plain_number,
+    split_header,
+    split_rows,
+)
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES, Dataset, Recording
@@ -46,9 +57,16 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     """Read one file; see ``stamped_recording`` for what its stamps mean."""
     path = source.path
     data = read_text_bounded(path, source.root, options.max_text_bytes)
-    header = split_header(data, path)
+    header = split_header(data, path, options.axes or AXES)
     names = header.names
-    columns = csv_columns(names, path, label=options.label)
+    axes = options.axes or AXES
+    try:
+        columns = csv_columns(
+            names, path, label=options.label, session=source.session_column(options), axes=options.axes
+        )
+    except RecordingFileError as error:
+        others = getattr(error.__cause__, "others", ())
+        raise _with_way_out(error, others, data, header) from error
     called = {meaning: names[i] for meaning, i in columns.items()}
     stated = Stated.of(called, path, options)
     notes = list(stated.notes)
@@ -70,7 +88,8 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
 
     keys, key_names = texts.get(RECORDING, (None, []))
     table = LongTable(
-        _wrench(values, numbers),
+        _wrench(values, [numbers[axis] for axis in axes]),
+        axes,
         called,
         stated,
         place,
@@ -87,19 +106,29 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         if remarked and remarked[-1]["name"] == last["name"]:
             last = remarked.pop() | last
         remarked.append(last)
-    return FileContent(recordings, remarked, notes + _renamed(called, stated))
+    return FileContent(recordings, remarked, notes + _renamed(called, stated), obeyed=("axes", "session"))
 
 
-def csv_columns(
-    names: Sequence[str], path: Path, *, label: str | None = None, known: Mapping[str, str] | None = None
-) -> dict[str, int]:
+def csv_columns(names: Sequence[str], path: Path, **options: Any) -> dict[str, int]:
     """Find what is read among the names in line 1, as `columns_of` does."""
     try:
-        return columns_of(names, label=label, known=known)
+        return columns_of(names, **options)
     except ColumnError as error:
         column = None if error.index is None else str(error.index + 1)
         no_names = "" if set(AXES) & {split_unit(name)[0] for name in names} else "; line 1 names the columns"
         raise RecordingFileError(path, error.problem + no_names, line=1, column=column) from error
+
+
+def _with_way_out(
+    error: RecordingFileError, others: Sequence[int], data: bytes, header: Header
+) -> RecordingFileError:
+    """Name in an error the columns of numbers, which may be the axes of another sensor."""
+    _, cells = next(split_rows(data, header, error.path), (0, []))
+    numbers = [header.names[i] for i in others if i < len(cells) and plain_number(cells[i]) is not None]
+    if not numbers or not all(numbers):
+        return error
+    problem = f"{error.problem}; {axes_shown(numbers)}"
+    return RecordingFileError(error.path, problem, line=error.line, column=error.column)
 
 
 def _picked(
@@ -139,9 +168,9 @@ def _check_index(cells: Sequence[str], column: int, path: Path) -> None:
         raise RecordingFileError(path, f"{problem}; {way_out}", line=1, column=str(column + 1))
 
 
-def _wrench(values: NDArray[np.float64], columns: Mapping[str, int]) -> NDArray[np.float64]:
-    """Return the six axes, in memory of their own that nobody can write to."""
-    wrench = np.ascontiguousarray(values[:, [columns[axis] for axis in AXES]])
+def _wrench(values: NDArray[np.float64], columns: Sequence[int]) -> NDArray[np.float64]:
+    """Return the axes, in memory of their own that nobody can write to."""
+    wrench = np.ascontiguousarray(values[:, columns])
     wrench.flags.writeable = False
     return wrench
 
@@ -150,7 +179,9 @@ def _renamed(called: Mapping[str, str], stated: Stated) -> list[str]:
     names = {
         name: meaning
         for meaning, name in called.items()
-        if name.lower() not in (meaning, "timestamp") and not (stated.notes and meaning in AXES)
+        if name.lower() not in (meaning.lower(), "timestamp")
+        and not (stated.notes and meaning in AXES)
+        and not (meaning in stated.meta_units and without_unit(name).lower() == meaning.lower())
     }
     if not names:
         return []
@@ -199,16 +230,42 @@ def save_csv(
     ...     load(save_csv(data, folder + "/oats")) == data
     True
     """
-    refuse_other_axes(checked_dataset(dataset), "CSV")
-    return indexed_folder(dataset, folder, ".csv", _write, progress)
+    return indexed_folder(checked_dataset(dataset), folder, ".csv", _write, progress)
+
+
+def _heads(recording: Recording) -> Sequence[str]:
+    """Name the columns of the axes, with their units where these are stated and are not those of a wrench."""
+    axes, units = recording.axes, recording.meta.get("units")
+    wrong = next(
+        (axis for axis in axes if "," in axis or axis[0] == axis[-1] == '"' or axis in RESERVED), None
+    )
+    if wrong is not None:
+        problem = (
+            f"recording {recording.name!r} has the axis {wrong!r}, which cannot stand in line 1 of a CSV file"
+        )
+        raise ValueError(f"{problem}; name it otherwise, or save npz")
+    stated = units if isinstance(units, Mapping) else {}
+    heads = [
+        f"{axis} [{unit}]" if axis not in AXES and isinstance(unit := stated.get(axis), str) else axis
+        for axis in axes
+    ]
+    try:
+        found = [(i, unit or None) for i, unit in axes_among(heads, axes)]
+    except ColumnError:
+        return axes
+    told = [
+        (i, None if head == axis else stated[axis])
+        for i, (axis, head) in enumerate(zip(axes, heads, strict=True))
+    ]
+    return heads if found == told and "," not in "".join(heads) else axes
 
 
 def _write(recording: Recording, path: Path) -> None:
-    header = [TIME, *AXES]
+    header = [TIME, *_heads(recording)]
     columns: list[NDArray[np.float64] | NDArray[np.uint8]] = [recording.times(), *recording.wrench.T]
     if recording.flags is not None:
         header.append(FLAGS)
         columns.append(recording.flags)
     with path.open("wb") as file:
-        file.write(",".join(header).encode("ascii") + b"\n")
+        file.write(",".join(header).encode() + b"\n")
         file.write(write_number_table(columns))

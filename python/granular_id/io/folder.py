@@ -41,7 +41,7 @@ from granular_id.io.formats import format_of
 from granular_id.io.numbers import plain_number, split_header, split_rows
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
-from granular_id.recording import StepReport
+from granular_id.recording import StepReport, checked_axes
 
 _FOLDERS, _INDEX = "label/*.csv, label/session/*.csv", "or an index.csv with the columns file and label"
 LAYOUTS = f"{_FOLDERS}, label_*.csv, {_INDEX}"
@@ -65,6 +65,7 @@ class FoundFiles:
     problems: list[RecordingFileError] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     history: Sequence[StepReport] = ()
+    columns: Sequence[str] = ()  # of index.csv
 
 
 def find_files(root: Path, options: LoadOptions) -> FoundFiles:
@@ -112,7 +113,7 @@ def _listed(folder: Path, root: Path) -> tuple[list[Path], list[Path]]:
 
 def _find_indexed(root: Path, entries: list[Path], options: LoadOptions) -> FoundFiles:
     found = FoundFiles("index.csv")
-    columns = _read_index(root, found, options.max_text_bytes)
+    columns = found.columns = _read_index(root, found, options.max_text_bytes)
     if "label" not in columns:
         found.notes.append(f"index.csv has no column label (found: {', '.join(columns)})")
     extra = [column for column in columns if column not in INDEX_COLUMNS]
@@ -202,7 +203,8 @@ def _add_folder(found: FoundFiles, folder: Path, known: FileSource, *, split: bo
 
 # ``index.csv``: what is known about the files of a folder, a line each. Column ``file`` (path within the folder) is
 # needed; ``label``, ``session``, ``start_time`` (seconds since 1970, or ISO 8601 with its zone), ``rate_hz`` (or
-# ``irregular``: keep the stamps), ``trigger_index``, ``name`` and ``meta`` (a JSON object) may follow in any order,
+# ``irregular``: keep the stamps), ``trigger_index``, ``name``, ``meta`` (a JSON object) and ``axes`` (a JSON list, or
+# names with commas between them: those of the file that are the axes, where it is no wrench) may follow in any order,
 # empty cells meaning "not known". Any other column goes into ``meta`` as text.
 
 
@@ -265,6 +267,7 @@ def _indexed(root: Path, columns: list[str], cells: list[str], line: int) -> Fil
         rate_hz=None if irregular else known["rate_hz"],
         irregular=irregular,
         trigger_index=known["trigger_index"],
+        axes=known["axes"],
         meta={**extra, **(known["meta"] or {})},
     )
 
@@ -315,7 +318,17 @@ def _meta(text: str) -> dict[str, Any]:
     return value
 
 
+def _axes(text: str) -> tuple[str, ...]:
+    listed = json.loads(text) if text.startswith("[") else text.split(",")
+    if not isinstance(listed, list) or not listed:
+        raise TypeError(f"{text[:40]!r} is no list of names; wanted one like wx,wy,wz")
+    return checked_axes(
+        tuple(name.strip() if isinstance(name, str) else name for name in listed), (0, len(listed))
+    )
+
+
 _VALUES: dict[str, Callable[[str], Any]] = {
+    "axes": _axes,
     "trigger_index": _trigger,
     "rate_hz": _rate,
     "meta": _meta,

@@ -20,7 +20,8 @@ from granular_id._progress import ProgressCallback
 from granular_id.recording import AXES, Dataset, Recording
 
 INDEX_NAME = "index.csv"
-INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta")
+INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta", "axes")
+"""The last one is there where recordings have other axes than the six of a wrench."""
 
 IRREGULAR = "irregular"
 """What stands for a rate where a recording's own stamps are to be kept as they are."""
@@ -98,13 +99,15 @@ def indexed_folder(
     with new_folder(folder) as partial:
         with (partial / INDEX_NAME).open("w", encoding="utf-8", newline="") as file:
             index = csv.writer(file, lineterminator="\n")
-            index.writerow(INDEX_COLUMNS)
+            usual = all(recording.axes == AXES for recording in dataset)
+            index.writerow(INDEX_COLUMNS[: -1 if usual else None])
             for number, recording in enumerate(dataset, start=1):
                 part = safe_name(recording.label)
                 (partial / part).mkdir(exist_ok=True)
                 name = f"{part}/{part}_{number:0{digits}d}{suffix}"
                 write(recording, partial / name)
-                index.writerow(_index_row(name, recording))
+                row = _index_row(name, recording)
+                index.writerow(row if usual else [*row, json.dumps(recording.axes, ensure_ascii=False)])
                 if progress is not None:
                     progress(number, len(dataset), name)
         write_history(dataset, partial)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from granular_id._checks import argument_error
@@ -21,7 +21,7 @@ from granular_id.io.parquet.table import read_parquet
 from granular_id.io.ros.echo import is_echo, read_echo
 from granular_id.io.ros.mcap import save_mcap
 from granular_id.io.ros.read import is_bag_folder, read_ros
-from granular_id.io.source import FileContent, FileSource
+from granular_id.io.source import FileContent, FileSource, obeying
 
 __all__ = ["FORMATS", "FileFormat", "format_of", "read_file", "writer"]
 
@@ -101,7 +101,9 @@ def read_file(source: FileSource, options: LoadOptions) -> FileContent:
         raise RecordingFileError(source.path, "is of no known format any more")
     with naming(source.path, f"reading it as {known.name}"):
         check_place(source.path, source.root)
-        return known.read(source, options)
+        if options.axes is None and source.axes is not None:
+            options = replace(options, axes=source.axes)
+        return obeying(known.read(source, options), source, options)
 
 
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:

@@ -222,7 +222,7 @@ def _line(value: dict[str, Any]) -> bytes:
 
 def _sent(source: FileSource) -> dict[str, Any]:
     """Return what a reader must know; label, session and meta are put on by the parent."""
-    kept = ("name", "start_time", "trigger_index", "rate_hz", "irregular")
+    kept = ("name", "start_time", "trigger_index", "rate_hz", "irregular", "axes", "session_is_known")
     places = {name: os.fspath(getattr(source, name)) for name in ("path", "root")}
     return {"source": {**places, **{name: getattr(source, name) for name in kept}}}
 
@@ -247,6 +247,7 @@ def _serve() -> None:
         asked = json.loads(line)
         _limit("RLIMIT_CPU", int(time.process_time() + asked["cpu_s"]) + 1, for_good=False)
         known = asked["source"]
+        known["axes"] = known["axes"] and tuple(known["axes"])
         source = FileSource(Path(known.pop("path")), Path(known.pop("root")), **known)
         head, columns = _answer(source, options)
         answers.write(_line(head))

@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +17,7 @@ from granular_id._progress import ProgressCallback, showing
 from granular_id._text import counted
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
+from granular_id.io.folder_save import INDEX_COLUMNS
 from granular_id.io.formats import FORMATS, format_of, read_file
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource, completed
@@ -42,14 +43,19 @@ def load(
     time_unit: Literal["s", "ms", "us", "ns", "sample"] | None = None,
     array: str | None = None,
     label: str | None = None,
+    axes: str | Sequence[str] | None = None,
+    units: str | Sequence[str] | None = None,
+    window_s: float | None = None,
+    hop_s: float | None = None,
+    session: str | None = None,
     isolate: bool = False,
     progress: bool | ProgressCallback = False,
 ) -> Dataset:
     r"""Read recordings from a file or folder.
 
-    Nothing is resampled or cropped here. Recordings whose stamps lie within 1 % of a step of an even grid
-    become uniform at the shortest decimal rate that fits; the others keep their stamps (`time_s`) and wait
-    for ``.resample``. Stamps above 1e8 are taken as seconds since 1970 and give `start_time`.
+    Nothing is resampled here, or cropped but for windows. Recordings whose stamps lie within 1 % of a step of an even
+    grid become uniform at the shortest decimal rate that fits; the others keep their stamps (`time_s`) and wait for
+    ``.resample``. Stamps above 1e8 are taken as seconds since 1970 and give `start_time`.
 
     Parameters
     ----------
@@ -83,6 +89,22 @@ def load(
         with the names of the groups around it or without. It counts whatever it is called.
     label : str, optional
         Which array, or column of a table (CSV, Parquet), holds the labels.
+    axes : str or sequence of str, optional
+        Columns that are the axes, in this order: ``("wx", "wy", "wz")`` or ``"wx,wy,wz"``. They are named with or
+        without a unit behind their name, ``wx [rad/s]``; other columns are left out, by name. Unnamed arrays of that
+        width have these axes. By default fx fy fz tx ty tz, or what the file itself says of its axes.
+    units : str or sequence of str, optional
+        Units of the axes, where the file does not state them: one for all, one per axis, or one for each of several
+        runs of equal length (six axes and ``"rad/s,m/s2"``: three and three). They come into ``meta["units"]`` as they
+        stand; forces and torques (fx to tz) are converted to N and N m. A file that states another unit is refused.
+        By default what the file states; nothing is guessed.
+    window_s, hop_s : float, optional
+        Cut every recording into windows this long, from one to the next by `hop_s` (by default `window_s`: they do not
+        overlap), as `Dataset.windows` does. Recordings must be uniform: resample others first, and then cut them.
+    session : str, optional
+        What was recorded in one go: ``"file"`` (each file is a session), ``"folder"`` (all files of a folder), or the
+        name of a column of index.csv, or of the file, where it has one value in a recording. By default what index.csv,
+        the file or three levels of folders say; windows without a session have their recording's name.
     isolate : bool, default False
         Read the files in a child process: for files from strangers. A crash, a hang or a hunger for memory of the
         library that reads a file becomes a RecordingFileError; the child may use 1 GiB and eight times the size of
@@ -95,7 +117,8 @@ def load(
     Returns
     -------
     Dataset
-        ``history[-1]`` says what was read, skipped, repaired and guessed; steps stored in the file come before.
+        ``history[-1]`` says what was read, skipped, repaired and guessed; steps stored in the file come before, and
+        one about windows after it.
 
     Raises
     ------
@@ -120,7 +143,19 @@ def load(
     Recording('rice_1.csv', label='rice', 2 samples at 500 Hz)
     """
     options = LoadOptions(
-        rate_hz, on_error, on_time_error, max_file_bytes, topic, time_unit=time_unit, array=array, label=label
+        rate_hz,
+        on_error,
+        on_time_error,
+        max_file_bytes,
+        topic,
+        time_unit=time_unit,
+        array=array,
+        label=label,
+        axes=axes,  # type: ignore[arg-type]  # which makes tuples of both
+        units=units,  # type: ignore[arg-type]
+        window_s=window_s,
+        hop_s=hop_s,
+        session=session,
     )
     isolate = checked_flag("isolate", isolate)
     place = check_source(path)
@@ -128,9 +163,9 @@ def load(
     with showing(progress) as callback:
         if known is not None:
             found = FoundFiles(known.what, [FileSource.alone(place)])
-            return _read(found, place, options, callback, isolate=isolate, alone=True)
+            return _cut(_read(found, place, options, callback, isolate=isolate, alone=True), options)
         if place.is_dir():
-            return _read(find_files(place, options), place, options, callback, isolate=isolate)
+            return _cut(_read(find_files(place, options), place, options, callback, isolate=isolate), options)
     wanted = "; ".join(known.what for known in FORMATS)
     problem = f"is of no known format; what can be read: {wanted}; or a folder of such files ({LAYOUTS})"
     raise RecordingFileError(place, problem)
@@ -147,15 +182,14 @@ def _read(
 ) -> Dataset:
     """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
     _refuse_unused(found.sources, options)
+    sources = [_with_session(source, found.columns, options.session) for source in found.sources]
     if options.on_error == "raise" and found.problems:
         raise _skippable(found.problems[0]) if found.sources else found.problems[0]
     contents: list[FileContent] = []
     problems = list(found.problems)
-    with _reader(found.sources, options, isolate=isolate) as read:
-        for done, source in enumerate(found.sources, start=1):
-            content = attempt(
-                problems, lambda source: completed(read(source), source, options.rate_hz), source
-            )
+    with _reader(sources, options, isolate=isolate) as read:
+        for done, source in enumerate(sources, start=1):
+            content = attempt(problems, lambda source: completed(read(source), source, options), source)
             if content is not None:
                 contents.append(content)
             elif alone:
@@ -163,13 +197,46 @@ def _read(
             elif options.on_error == "raise":
                 raise _skippable(problems[-1])
             if progress is not None:
-                progress(done, len(found.sources), source.name)
+                progress(done, len(sources), source.name)
     recordings = [recording for content in contents for recording in content.recordings]
     if not recordings:
         problem = f"none of {counted(len(problems))} could be read; the first problem: {problems[0]}"
         raise RecordingFileError(root, problem) from problems[0]
     history = [*found.history, *(step for content in contents for step in content.history)]
     return Dataset(recordings, [*history, _report(found, options, contents, recordings, problems)])
+
+
+def _with_session(source: FileSource, columns: Sequence[str], session: str | None) -> FileSource:
+    """Say of a file which session it is, where that stands outside of it: its place, index.csv, names of folders."""
+    if session is None:
+        return source
+    inside = source.path.is_relative_to(source.root)
+    place = source.path.relative_to(source.root) if inside else Path(source.path.name)
+    own: object
+    if session == "file":
+        own = place.as_posix()
+    elif session == "folder":
+        own = place.parent.as_posix() if place.parent.name else source.root.resolve().name
+    elif session.lower() in columns:
+        column = session.lower()
+        own = getattr(source, column) if column in INDEX_COLUMNS else source.meta.get(column)
+    elif session in source.meta:
+        own = source.meta[session]
+    else:
+        return source
+    return replace(source, session=None if own is None else str(own), session_is_known=True)
+
+
+def _cut(data: Dataset, options: LoadOptions) -> Dataset:
+    if options.window_s is None:
+        return data
+    try:
+        _ = data.rate_hz
+    except ValueError as error:
+        came = str(error).partition(";")[0]
+        way_out = f"load without window_s, then call .resample(rate_hz) and .windows({options.window_s:g})"
+        raise argument_error(ValueError, "window_s", f"={options.window_s:g}: {came}; {way_out}") from error
+    return data.windows(options.window_s, options.hop_s)
 
 
 @contextmanager

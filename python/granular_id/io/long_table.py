@@ -33,6 +33,7 @@ class Stated:
     """What the names of columns, and the metadata of them and of the table, say."""
 
     scales: tuple[float, ...] | None  # what each axis must be multiplied with
+    meta_units: dict[str, str]  # of axes that are no part of a wrench
     time_unit: str | None
     rate_hz: float | None  # of the whole table
     rate_unit: str  # of the column of rates
@@ -50,6 +51,7 @@ class Stated:
         units_of_columns: Mapping[str, str] | None = None,
     ) -> Stated:
         """Read what is stated."""
+        axes = options.axes or AXES
         origin = Origin(path, "metadata", about or {})
         units: dict[str, tuple[str, tuple[str, ...]]] = {}
         entries: Entries = {}
@@ -62,14 +64,14 @@ class Stated:
         units |= {
             meaning: (f"of column {name}", (unit,))
             for meaning, name in columns.items()
-            if meaning in (*AXES, TIME, RATE) and (unit := (units_of_columns or {}).get(name))
+            if meaning in (*axes, TIME, RATE) and (unit := (units_of_columns or {}).get(name))
         }
-        named = tuple(columns[axis] for axis in AXES)
+        named = tuple(columns[axis] for axis in axes)
         rates = stated_rates(entries, 1, units, origin, options)
         time_unit = single_unit(units.get(TIME))
         if time_unit is None and TIME in columns:
             time_unit = time_unit_in_name(columns[TIME])
-        wrench = Columns.named(named, {ALL: ("", ()), **units}, "the table", origin)
+        wrench = Columns.named(named, {ALL: ("", ()), **units}, "the table", origin, options)
         texts = {
             what: text
             for key, text in (about or {}).items()
@@ -77,6 +79,7 @@ class Stated:
         }
         return cls(
             scales=wrench.scales,
+            meta_units=wrench.meta_units,
             time_unit=time_unit,
             rate_hz=None if rates is None else rates[0],
             rate_unit=single_unit(units.get(RATE)) or split_unit(columns.get(RATE, ""))[1] or "Hz",
@@ -90,6 +93,7 @@ class LongTable:
     """The columns that were read, T rows each."""
 
     wrench: FloatArray
+    axes: tuple[str, ...]
     columns: Mapping[str, str]  # what each is called in the file, by what it means
     stated: Stated
     place: Callable[
@@ -180,6 +184,8 @@ def _recording(
         flags=_flags(table, rows, source),
         label=_one_text(table, LABEL, rows, source),
         session=_one_text(table, SESSION, rows, source),
+        axes=table.axes,
+        meta={"units": table.stated.meta_units} if table.stated.meta_units else None,
         locate=locate,
         clock=clock,
         time_unit="s" if table.nanoseconds is not None else table.stated.time_unit,

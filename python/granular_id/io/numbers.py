@@ -44,8 +44,11 @@ def first_line(path: Path, max_bytes: int) -> bytes:
         return b""
 
 
-def split_header(data: bytes, path: str | PathLike[str]) -> Header:
-    """Split line 1; ``#`` before the names, as numpy.savetxt writes it, is left out."""
+def split_header(data: bytes, path: str | PathLike[str], axes: Sequence[str] = AXES) -> Header:
+    """Split line 1; ``#`` before the names, as numpy.savetxt writes it, is left out.
+
+    Blanks part them where all `axes` are among what they part.
+    """
     if not data:
         raise RecordingFileError(path, "is empty (0 bytes)")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -76,7 +79,7 @@ def split_header(data: bytes, path: str | PathLike[str]) -> Header:
         text = text[1:]
     for separator in () if "," in text else (";", "\t", "|", None):
         cells = text.split(separator)
-        if len(cells) > 1 and (separator or set(AXES) <= {split_unit(cell)[0] for cell in cells}):
+        if len(cells) > 1 and (separator or set(axes) <= {*cells, *(split_unit(cell)[0] for cell in cells)}):
             return Header([_plain(cell) for cell in cells], end + 1, separator)
     return Header([_plain(cell) for cell in text.split(",")], end + 1, ",")
 

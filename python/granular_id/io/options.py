@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from granular_id._checks import argument_error, checked_text, finite_number, whole_number
+from granular_id._checks import argument_error, checked_text, finite_number, positive_number, whole_number
+from granular_id.recording import AXES
 
 MAX_TEXT_BYTES = 8 * 1024 * 1024
 """Default cap of one text file: three minutes of 500 Hz samples, read or refused within a second."""
@@ -36,6 +38,11 @@ class LoadOptions:
     time_unit: Literal["s", "ms", "us", "ns", "sample"] | None = None
     array: str | None = None
     label: str | None = None
+    axes: tuple[str, ...] | None = None
+    units: tuple[str, ...] | None = None
+    window_s: float | None = None
+    hop_s: float | None = None
+    session: str | None = None
 
     def __post_init__(self) -> None:
         if self.rate_hz is not None:
@@ -46,9 +53,38 @@ class LoadOptions:
             if getattr(self, name) not in wanted:
                 words = ", ".join(repr(word) for word in wanted if word is not None)
                 raise argument_error(ValueError, name, f"={getattr(self, name)!r}; wanted one of {words}")
-        for name in ("topic", "array", "label"):
+        for name in ("topic", "array", "label", "session"):
             if getattr(self, name) is not None:
                 checked_text(getattr(self, name), name)
+        for name in ("axes", "units"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _names(name, getattr(self, name), empty=name == "units"))
+        if self.axes is not None and self.units is not None:
+            self.units_of(self.axes)
+        for name in ("window_s", "hop_s"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, positive_number(name, getattr(self, name), "seconds"))
+        if self.hop_s is not None and self.window_s is None:
+            raise argument_error(
+                ValueError, "hop_s", "is the way from one window to the next: give window_s too"
+            )
+
+    def units_of(self, axes: Sequence[str]) -> dict[str, str]:
+        """Return the unit that is stated of each axis; empty where none is."""
+        units = self.units or ()
+        if not units:
+            return {}
+        run, rest = divmod(len(axes), len(units))
+        if rest or not run:
+            problem = f"has {len(units)} for {len(axes)} axes ({', '.join(axes)})"
+            wanted = "wanted one for all, one per axis, or one for each of several runs of equal length"
+            raise argument_error(ValueError, "units", f"{problem}; {wanted}")
+        return {axis: unit for i, axis in enumerate(axes) if (unit := units[i // run])}
+
+    @property
+    def other_sensor(self) -> bool:
+        """Whether the axes are named, and are not those of a wrench or some of them."""
+        return self.axes is not None and not set(self.axes) <= set(AXES)
 
     @property
     def max_text_bytes(self) -> int:
@@ -59,3 +95,19 @@ class LoadOptions:
     def max_binary_bytes(self) -> int:
         """Cap of one binary file, bytes."""
         return MAX_BINARY_BYTES if self.max_file_bytes is None else self.max_file_bytes
+
+
+def _names(argument: str, value: object, *, empty: bool) -> tuple[str, ...]:
+    """Return names that come as a sequence, or as one text with commas between them."""
+    if isinstance(value, str):
+        value = [name.strip() for name in value.split(",")]
+    if not isinstance(value, Iterable):
+        raise argument_error(TypeError, argument, f"must be texts, got {type(value).__name__}")
+    names = tuple(
+        checked_text(name, f"{argument}[{i}]", empty=empty, spaced=False) for i, name in enumerate(value)
+    )
+    if not names:
+        raise argument_error(ValueError, argument, "is empty; leave it out, or give names like 'wx,wy,wz'")
+    if not empty and len(set(names)) < len(names):
+        raise argument_error(ValueError, argument, f"={','.join(names)!r} names one twice")
+    return names

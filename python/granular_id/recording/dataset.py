@@ -18,7 +18,7 @@ from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onset
 from granular_id.recording.recording import Recording, common_axes, common_rate, stack
 from granular_id.recording.report import StepReport, subject
 from granular_id.recording.resampling import MAX_GAP_S, Method, resample_recordings
-from granular_id.recording.steps import align_recordings, select_recordings
+from granular_id.recording.steps import align_recordings, cut_windows, select_recordings
 from granular_id.recording.summary import Summary, summarise
 
 
@@ -267,6 +267,52 @@ class Dataset:
         return self._after(
             align_recordings(self.recordings, n_samples, duration_s, trigger, lead_s, on_short, on_missing)
         )
+
+    def windows(
+        self,
+        duration_s: float,
+        hop_s: float | None = None,
+        *,
+        on_short: Literal["raise", "skip"] = "raise",
+    ) -> Dataset:
+        """Cut every recording into windows of one length, each a recording of its own.
+
+        What is left at the end of a recording, shorter than a window, is dropped and counted. A window keeps label,
+        metadata, and the flags and trigger that lie in it; `start_time` moves along, and ``meta["window"]`` says of
+        which recording it is and from which second on. Windows of one recording have one session: the recording's or,
+        where that is not known, its name. So where sessions are held out, no window that overlaps another is on the
+        other side.
+
+        Parameters
+        ----------
+        duration_s : float
+            Length of a window, seconds (n = round(duration_s * rate) samples).
+        hop_s : float, optional
+            From the beginning of one window to that of the next, seconds. Default: `duration_s`, so that they lie
+            side by side.
+        on_short : {"raise", "skip"}
+            What to do with a recording that is shorter than a window: refuse, or leave it out and say so.
+
+        Returns
+        -------
+        Dataset
+            ``history[-1]`` counts the windows and the samples dropped of each recording.
+
+        Raises
+        ------
+        ValueError
+            Bad settings, no common rate (resample first), a recording too short.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from granular_id.recording import Dataset, Recording
+        >>> drive = Recording(np.zeros((500, 2)), rate_hz=100, label="gravel", name="drive_1", axes=("wx", "ax"))
+        >>> windows = Dataset([drive]).windows(1.7)
+        >>> windows.X.shape, windows.names[1], windows.sessions.tolist()
+        ((2, 170, 2), 'drive_1 @ 1.7 s', ['drive_1', 'drive_1'])
+        """
+        return self._after(cut_windows(self.recordings, duration_s, hop_s, on_short))
 
     def find_onsets(
         self,

@@ -1,4 +1,4 @@
-"""Steps of a data set: pick recordings and axes out of it, crop recordings to one length."""
+"""Steps of a data set: pick recordings and axes out of it, crop recordings to one length, cut them into windows."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granular_id._checks import argument_error, checked_choice, checked_index, finite_number
+from granular_id._checks import argument_error, checked_choice, checked_index, finite_number, thaw
 from granular_id._text import counted, fixed
 from granular_id.recording.recording import Recording, common_axes, common_rate
 from granular_id.recording.report import StepReport, first_names, subject
@@ -268,3 +268,85 @@ def _crop(kept: Sequence[tuple[Recording, int]], n: int, rate_hz: float) -> list
         )
         cropped.append(result)
     return cropped
+
+
+WINDOW = "window"
+"""Where a window's ``meta`` says what it was cut from: ``recording`` and ``start_s``, seconds from its first sample."""
+
+
+def cut_windows(
+    recordings: Sequence[Recording],
+    duration_s: float,
+    hop_s: float | None,
+    on_short: Literal["raise", "skip"],
+) -> tuple[list[Recording], StepReport]:
+    """Cut recordings into windows; see :meth:`Dataset.windows`, which calls this."""
+    rate_hz = common_rate(recordings)
+    checked_choice("on_short", on_short, "raise", "skip")
+    n = _samples("duration_s", duration_s, rate_hz)
+    hop = n if hop_s is None else _samples("hop_s", hop_s, rate_hz)
+    windows: list[Recording] = []
+    rows: list[dict[str, Any]] = []
+    skipped: list[dict[str, Any]] = []
+    for i, recording in enumerate(recordings):
+        spare = recording.n_samples - n
+        if spare >= 0:
+            starts = range(0, spare + 1, hop)
+            windows += _windows_of(recording, i, starts, n, rate_hz)
+            rows.append(
+                {"name": recording.name, "windows": len(starts), "dropped_end": max(0, spare - starts[-1])}
+            )
+            continue
+        short = f"is shorter than a window: {fixed(recording.n_samples)} samples, {fixed(n)} wanted"
+        if on_short == "raise":
+            n_short = sum(one.n_samples < n for one in recordings)
+            raise ValueError(
+                f"recording {recording.name!r} {short}; {n_short} of {len(recordings)} recordings are too short: "
+                "ask for shorter windows, or pass on_short='skip' to leave such recordings out"
+            )
+        skipped.append({"name": recording.name, "samples_before": recording.n_samples, "skipped": short})
+    if not windows:
+        longest = max(recording.n_samples for recording in recordings)
+        raise ValueError(
+            f"none of the {counted(len(recordings))} is as long as a window of {fixed(n)} samples; the longest has "
+            f"{counted(longest, 'sample')}"
+        )
+    totals = {
+        "recordings": len(rows),
+        "windows": len(windows),
+        "recordings_skipped": len(skipped),
+        "dropped_samples": sum(row["dropped_end"] for row in rows) if hop <= n else 0,
+    }
+    parameters = {"duration_s": n / rate_hz, "hop_s": hop / rate_hz, "n_samples": n, "on_short": on_short}
+    return windows, StepReport("windows", parameters, totals, skipped + rows)
+
+
+def _samples(name: str, seconds: float, rate_hz: float) -> int:
+    n = round(finite_number(f"{name} times the rate", finite_number(name, seconds, positive=True) * rate_hz))
+    if n < 1:
+        raise argument_error(ValueError, name, f"={seconds:g} at {rate_hz:g} Hz is less than one sample")
+    return n
+
+
+def _windows_of(
+    recording: Recording, place: int, starts: Iterable[int], n: int, rate_hz: float
+) -> Iterable[Recording]:
+    """Yield the windows of one recording, which are views of its samples."""
+    begin, flags, trigger = recording.start_time, recording.flags, recording.trigger_index
+    before = recording.meta.get(WINDOW, {})  # of a window that is cut once more
+    whole, offset_s = before.get("recording", recording.name), before.get("start_s", 0.0)
+    session = recording.session or whole.strip() or f"recording {place + 1}"
+    meta = thaw(recording.meta)
+    for start in starts:
+        start_s = offset_s + start / rate_hz
+        marks = None if flags is None else flags[start : start + n]
+        yield replace(
+            recording,
+            wrench=recording.wrench[start : start + n],
+            name=f"{whole} @ {round(start_s, 6):.12g} s",
+            session=session,
+            start_time=None if begin is None else begin + start / rate_hz,
+            trigger_index=None if trigger is None or not start <= trigger < start + n else trigger - start,
+            meta={**meta, WINDOW: {"recording": whole, "start_s": start_s}},
+            flags=marks,
+        )

@@ -65,7 +65,10 @@ def recordings_of(
     """
     origin = Origin(source.path, describe, arrays, single)
     search = Search(origin, options)
-    found = search.level(arrays, "", Known())
+    unnamed = Known(options.axes) if options.axes is not None and options.other_sensor else Known()
+    found = search.level(arrays, "", unnamed)
+    if not len(found) and options.axes is not None and len(options.axes) < len(AXES):
+        found = search.level(arrays, "", Known(options.axes))
     if options.label is not None and not search.label_found:
         raise origin.unclear(f"label={options.label!r} is not there")
     if not len(found) and options.array is not None:
@@ -81,6 +84,7 @@ def recordings_of(
     else:
         content = unflatten(_flat(found), source.path, source, finite=True)
     more = len(origin.notes) - _MOST_NOTES
+    content.obeyed = ("axes",)
     content.notes += origin.notes[:_MOST_NOTES]
     content.notes += [f"... and {more} more notes like these"] if more > 0 else []
     return content

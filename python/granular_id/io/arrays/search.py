@@ -73,7 +73,7 @@ class Search:
             entries.setdefault("class_names", dict(class_names))
         known = self._known(entries, others, known)
         chosen = self._is_chosen(name)
-        vectors = shapes.axis_arrays(others, self.origin) if chosen else {}
+        vectors = shapes.axis_arrays(others, self.origin, self.options.axes) if chosen else {}
         samples = self._samples({k: n for k, n in others.items() if k not in vectors}, name, known, depth)
         lone = len(samples) == 1 and self.options.array is None and all(map(is_leaf, samples.values()))
         n_notes = len(self.origin.notes)
@@ -173,7 +173,9 @@ class Search:
             if self._counts(key, node, level) and self._holds(node, known, depth)
         }
         if self.options.array is None:
-            samples = _without_tables(samples, len(known.axes), beside_parts=shapes.in_parts(others))
+            samples = _without_tables(
+                samples, len(known.axes), beside_parts=shapes.in_parts(others, self.options.axes)
+            )
         return {} if shapes.only_halves(samples) else samples
 
     def _is_chosen(self, path: str) -> bool:
@@ -183,7 +185,11 @@ class Search:
     def _counts(self, key: str, node: Any, level: str) -> bool:
         """Tell whether an array may be the recordings, going by its name and the option `array`."""
         if self.options.array is None:  # the name of a group says nothing of the arrays in it
-            return not names.is_other_thing(key) or (isinstance(node, Mapping) and "samples" not in node)
+            return (
+                self.options.other_sensor
+                or not names.is_other_thing(key)
+                or (isinstance(node, Mapping) and "samples" not in node)
+            )
         path = _path(level, key)
         return self._is_chosen(path) or any(map(self._is_chosen, _paths(node, path, 0)))
 
@@ -194,7 +200,7 @@ class Search:
         node = as_tree(node)
         if isinstance(node, Mapping):
             items = {key: as_tree(item) for key, item in node.items()}
-            return shapes.in_parts(items) or any(
+            return shapes.in_parts(items, self.options.axes) or any(
                 self._holds(item, known, depth + 1)
                 for key, item in items.items()
                 if role_of(key) is None and (self.options.array is not None or self._counts(key, item, ""))
@@ -219,7 +225,10 @@ class Search:
         )
         several = any(not is_leaf(node) or len(node.shape) > 2 for node in samples.values())
         alike = not several and len({tuple(node.shape) for node in samples.values()}) == 1
-        signals = any(names.is_signal(key) for key in samples)
+        signals = any(
+            names.is_signal(key) or (self.options.other_sensor and names.is_other_thing(key))
+            for key in samples
+        )
         if (signals and (of_one or several or not numbered)) or (name and of_one and alike and not numbered):
             rivals = " and ".join(map(repr, list(samples)[:5]))
             raise self.origin.unclear(f"{rivals} may all be the recordings{way_out}")
@@ -326,11 +335,12 @@ class Search:
         halves = None if vectors else shapes.halves_of(others, self.origin)
         if not vectors and halves is None:
             return None
-        if tuple(axis_of(axis) or axis for axis in known.axes) not in (AXES, shapes.THREE):
+        usual = (AXES, shapes.THREE, self.options.axes)
+        if known.axes not in usual and tuple(axis_of(axis) or axis for axis in known.axes) not in usual:
             named = ", ".join(known.axes)[:80]
             raise self.origin.unclear(f"{level or 'the file'} names the axes {named}, and arrays others")
         if halves is None:
-            name = "fx ... tz"
+            name = "fx ... tz" if self.options.axes is None else ", ".join(vectors)
             return name, self._stacked(vectors, level, _path(level, name), known), vectors
         found = self._joined(halves, others, level, replace(known, axes=AXES))
         return " and ".join(halves), found, dict.fromkeys(halves)
@@ -389,7 +399,7 @@ class Search:
 
     def _found(self, array: FloatArray, name: str, known: Known) -> Found:
         """Return the recordings of an array whose axes are in order."""
-        columns = Columns.named(known.axes, known.units, name, self.origin)
+        columns = Columns.named(known.axes, known.units, name, self.origin, self.options)
         wrench = columns.wrench(array)
         if columns.order is not None or columns.scales is not None:
             self.origin.note(f"{name}: {columns.said(known.axes)}")

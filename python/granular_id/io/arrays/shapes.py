@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 from typing import Any
@@ -13,7 +13,7 @@ from granular_id._checks import FloatArray, all_finite
 from granular_id.io.arrays.names import FORCES, TORQUES, plain_name
 from granular_id.io.arrays.stated import Units
 from granular_id.io.arrays.tree import Origin, has_axis, is_leaf
-from granular_id.io.columns import split_unit
+from granular_id.io.columns import ColumnError, axes_among, split_unit
 from granular_id.recording import AXES
 
 THREE = ("x", "y", "z")
@@ -167,8 +167,11 @@ def pairs_of(halves: tuple[str, str], others: Mapping[str, Any], origin: Origin)
     return list(zip(*lists, strict=True))
 
 
-def in_parts(items: Mapping[str, Any]) -> bool:
-    """Tell whether a struct or group holds a wrench in parts, going by names and shapes alone."""
+def in_parts(items: Mapping[str, Any], axes: Sequence[str] | None = None) -> bool:
+    """Tell whether a struct or group holds a wrench, or the axes named, in parts, going by names and shapes alone."""
+    vectors = [key for key, node in items.items() if is_leaf(node)]
+    if axes is not None:
+        return bool(_named_so(vectors, axes)) or (set(axes) <= set(AXES) and all(_halves(items)))
     return set(AXES) <= {split_unit(key)[0] for key in items} or all(_halves(items))
 
 
@@ -178,8 +181,13 @@ def only_halves(samples: Mapping[str, Any]) -> bool:
     return bool(forces and torques) and set(samples) <= {*forces, *torques}
 
 
-def axis_arrays(others: Mapping[str, Any], origin: Origin) -> dict[str, Any]:
-    """Return the six arrays called fx ... tz in this order, under their names, also with units; else nothing."""
+def axis_arrays(
+    others: Mapping[str, Any], origin: Origin, axes: Sequence[str] | None = None
+) -> dict[str, Any]:
+    """Return the arrays called as the axes are, by default fx ... tz, in this order, also with units; else nothing."""
+    if axes is not None:
+        vectors = [key for key, node in others.items() if is_leaf(node)]
+        return {key: others[key] for key in _named_so(vectors, axes)}
     found: dict[str | None, str] = {}
     for key, node in others.items():
         axis = split_unit(key)[0]
@@ -188,6 +196,13 @@ def axis_arrays(others: Mapping[str, Any], origin: Origin) -> dict[str, Any]:
                 raise origin.unclear(f"{found[axis]!r} and {key!r} both mean {axis}")
             found[axis] = key
     return {found[axis]: others[found[axis]] for axis in AXES} if len(found) == len(AXES) else {}
+
+
+def _named_so(names: Sequence[str], axes: Sequence[str]) -> list[str]:
+    try:
+        return [names[place] for place, _ in axes_among(names, axes)]
+    except ColumnError:
+        return []
 
 
 def _halves(others: Mapping[str, Any]) -> tuple[list[str], list[str]]:

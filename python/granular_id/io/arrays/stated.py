@@ -11,7 +11,9 @@ from typing import Any
 from granular_id._checks import FloatArray
 from granular_id.io.arrays.names import FORCES, TORQUES, is_general, is_other_thing, plain_name, role_of
 from granular_id.io.arrays.tree import Origin, is_leaf, n_values, texts
-from granular_id.io.columns import TIME, factor, split_unit
+from granular_id.io.columns import TIME, ColumnError, axes_among, factor, same_unit, split_unit
+from granular_id.io.errors import RecordingFileError
+from granular_id.io.options import LoadOptions
 from granular_id.recording import AXES, unit_of
 
 Units = Mapping[str, tuple[str, tuple[str, ...]]]
@@ -149,7 +151,8 @@ def dimensions_of(key: str, node: Any, origin: Origin) -> tuple[int, ...]:
 class Columns:
     """What the columns of an array of samples hold, by their names and units.
 
-    `axes` are fx ... tz where all of them are named, else the names as they stand; `order` their columns and `scales`
+    `axes` are those that are asked for, else fx ... tz where all of them are named, else the names as they stand;
+    `order` their columns and `scales`
     what each must be multiplied with (None: as they stand); `time` is the column of stamps; `meta_units` are the units
     of axes that are no part of a wrench.
     """
@@ -162,15 +165,27 @@ class Columns:
     meta_units: dict[str, str]
 
     @classmethod
-    def named(cls, names: tuple[str, ...], units: Units, place: str, origin: Origin) -> Columns:
+    def named(
+        cls, names: tuple[str, ...], units: Units, place: str, origin: Origin, options: LoadOptions
+    ) -> Columns:
         """Tell what the columns of the array at `place` are; refuse two of one meaning, and units that do not fit."""
         meant = [split_unit(name) for name in names]
+        in_names = [unit for _, unit in meant]
         axes, order, time, time_unit = names, None, None, None
         found = [axis for axis, _ in meant]
-        twice = next((axis for axis in (*AXES, TIME) if found.count(axis) > 1), None)
+        wanted = (*AXES, TIME) if options.axes is None else (TIME,)
+        twice = next((axis for axis in wanted if found.count(axis) > 1), None)
         if twice is not None:
             raise origin.unclear(f"two columns of {place} mean {twice}: {', '.join(names)[:80]}")
-        if set(AXES) <= set(found):
+        if options.axes is not None:
+            try:
+                picked = dict(axes_among(names, options.axes))
+            except ColumnError as error:
+                raise RecordingFileError(origin.path, error.problem, place=place) from error
+            axes, order = options.axes, list(picked)
+            in_names = [picked.get(column) for column in range(len(names))]
+            time = found.index(TIME) if TIME in found and found.index(TIME) not in picked else None
+        elif set(AXES) <= set(found):
             axes, order = AXES, [found.index(axis) for axis in AXES]
             time = found.index(TIME) if TIME in found else None
         elif all(is_other_thing(name) for name in names):
@@ -183,15 +198,17 @@ class Columns:
             time_unit = single_unit(units.get(TIME)) or of_column or time_unit_in_name(names[time])
         scales: list[float] = []
         meta_units: dict[str, str] = {}
+        asked = options.units_of(axes)
         for axis, column, of_axis in zip(axes, columns, of_all, strict=True):
-            said = [(place, meant[column][1]), (entry, of_axis)]
+            said = [(place, in_names[column]), (entry, of_axis)]
             of_half = (FORCE if axis[0] == "f" else TORQUE,) if axis in AXES else ()
             said += [(units[w][0], single_unit(units[w])) for w in (axis, *of_half) if w in units]
             known = [(key, unit) for key, unit in said if unit]
-            if axis in AXES:
-                scales.append(_scale(axis, known, origin))
-            elif known:
-                meta_units[axis] = known[0][1]
+            if axis in asked:
+                known = _agreed(axis, known, asked[axis], origin)
+            scales.append(_scale(axis, known, origin) if axis in AXES else 1.0)
+            if axis not in AXES and known:
+                meta_units[axis] = asked.get(axis, known[0][1])
         return cls(
             axes=axes,
             order=None if columns == list(range(len(names))) else columns,
@@ -234,6 +251,24 @@ def _unit_of_each(
     if len(listed) > 1:
         raise origin.fault(key, f"states {len(listed)} units for {len(names)} axes; wanted one per axis")
     return key, (listed or ("",)) * len(axes)
+
+
+def _agreed(axis: str, known: list[tuple[str, str]], asked: str, origin: Origin) -> list[tuple[str, str]]:
+    """Add the unit that the options state to what the file states: it may be no other.
+
+    Of forces and torques N and N m may be asked for, whatever the file states: that is what they are converted to.
+    """
+    if axis in AXES:
+        scale = factor(asked, unit_of(axis))
+        if scale is None:
+            raise RecordingFileError(origin.path, f"units= states {asked!r:.40} of {axis}; {_WANTED}")
+        if known and scale == 1:
+            return known
+    other = next((said for said in known if axis not in AXES and not same_unit(said[1], asked)), None)
+    if other is not None:
+        problem = f"the unit of {axis} is {other[1]!r:.40} in the file, and units= states {asked!r:.40}"
+        raise RecordingFileError(origin.path, f"{problem}; leave it out, or convert the values first")
+    return [*known, ("units=", asked)]
 
 
 def _scale(axis: str, said: Sequence[tuple[str, str]], origin: Origin) -> float:

@@ -20,6 +20,7 @@ from granular_id.io.columns import (
     SESSION,
     TIME,
     ColumnError,
+    axes_shown,
     columns_of,
     split_unit,
 )
@@ -48,7 +49,7 @@ def read_parquet(source: FileSource, options: LoadOptions) -> FileContent:
         return ParquetArchive(path, max_file_bytes=most).content(source)
     with open_parquet(path, source.root, most) as opened:
         schema = opened.schema_arrow
-        columns = _columns(schema, path, options.label)
+        columns = _columns(schema, source, options)
         units = {field.name: unit for field in schema if (unit := _unit_of(field))}
         about = _metadata(labels_of(opened))
         stated = Stated.of(columns, path, options, about=about, units_of_columns=units)
@@ -56,10 +57,11 @@ def read_parquet(source: FileSource, options: LoadOptions) -> FileContent:
         table.validate(full=True)
     if not table.num_rows:
         raise RecordingFileError(path, "holds no samples")
-    found, remarked = recordings_of(_Columns(table, columns, path).decoded(stated), source, options)
+    axes = options.axes or AXES
+    found, remarked = recordings_of(_Columns(table, columns, axes, path).decoded(stated), source, options)
     unread = ", ".join(name for name in schema.names if name not in columns.values())[:200]
     notes = [*stated.notes, *([f"columns that are not read: {unread}"] if unread else [])]
-    return FileContent(recordings=found, rows=remarked, notes=notes)
+    return FileContent(recordings=found, rows=remarked, notes=notes, obeyed=("axes", "session"))
 
 
 def _metadata(labels: Mapping[str, str]) -> dict[str, Any]:
@@ -87,7 +89,7 @@ def _unit_of(field: Any) -> str | None:
     return said.decode("utf-8", "replace").strip() or None
 
 
-def _columns(schema: Any, path: Path, label: str | None) -> dict[str, str]:
+def _columns(schema: Any, source: FileSource, options: LoadOptions) -> dict[str, str]:
     """Return the name of the column that holds each axis, the time, the flags, the recording ..."""
     names, kinds = schema.names, schema.types
     dated = {
@@ -96,13 +98,18 @@ def _columns(schema: Any, path: Path, label: str | None) -> dict[str, str]:
         if name == _PANDAS_INDEX and str(kind).startswith(("timestamp", "duration"))
     }
     try:
-        found = columns_of(names, label=label, known=dated)
+        session = source.session_column(options)
+        found = columns_of(names, label=options.label, session=session, axes=options.axes, known=dated)
     except ColumnError as error:
         lists = (name for name, kind in zip(names, kinds, strict=True) if _is_list(kind))
         six = next((name for name in lists if split_unit(name)[0] is None), None)
         wide = f"frame[{list(AXES)}] = frame[{six!r:.60}].tolist()"
         split = f"; if {six!r:.60} holds a wrench in each row, with pandas: {wide}"
-        raise RecordingFileError(path, error.problem + (split if six else "")) from error
+        numbers = [
+            names[i] for i in error.others if str(kinds[i]).startswith(("float", "double", "int", "uint"))
+        ]
+        other = f"; {axes_shown(numbers)}" if numbers else ""
+        raise RecordingFileError(source.path, error.problem + (split if six else other)) from error
     return {meaning: names[i] for meaning, i in found.items()}
 
 
@@ -113,9 +120,9 @@ def _is_list(kind: Any) -> bool:
 class _Columns:
     """A table that was read, its columns called by what they mean: categories decoded, lists as long columns."""
 
-    def __init__(self, table: Any, names: Mapping[str, str], path: Path) -> None:
+    def __init__(self, table: Any, names: Mapping[str, str], axes: tuple[str, ...], path: Path) -> None:
         self._arrow = need("pyarrow", extra="app", why="to read Parquet files")
-        self._names, self._path = names, path
+        self._names, self._axes, self._path = names, axes, path
         types = self._arrow.types
         self._table = {}
         for meaning, name in names.items():
@@ -137,7 +144,8 @@ class _Columns:
             return {"place": said if row is None else f"{said}, row {row}"}
 
         return LongTable(
-            np.stack([self._numbers(axis) for axis in AXES], axis=1),
+            np.stack([self._numbers(axis) for axis in self._axes], axis=1),
+            self._axes,
             names,
             stated,
             place,
@@ -156,18 +164,18 @@ class _Columns:
         if not listed:
             return None
         compute = need("pyarrow.compute", extra="app", why="to read Parquet files")
-        for meaning in (*AXES, *({TIME, FLAGS} & set(self._names))):
+        for meaning in (*self._axes, *({TIME, FLAGS} & set(self._names))):
             if meaning not in listed:
                 other = self._names[min(listed)]
                 self._refuse(meaning, f"holds a value a row, {other!r} a list; wanted lists in both")
         lengths = {
             m: compute.list_value_length(self._filled(m)).to_numpy() for m in self._table if m in listed
         }
-        first = lengths[AXES[0]]
+        first = lengths[self._axes[0]]
         for meaning, own in lengths.items():
             wrong = np.flatnonzero((own != first) | (own < 1))
             if len(wrong):
-                wanted = f"as many as {self._names[AXES[0]]!r}, and at least one"
+                wanted = f"as many as {self._names[self._axes[0]]!r}, and at least one"
                 self._refuse(meaning, f"row {wrong[0]} has {own[wrong[0]]} values; wanted {wanted}")
         rows = np.repeat(np.arange(len(first)), first)
         for meaning, column in self._table.items():
