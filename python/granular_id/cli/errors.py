@@ -114,7 +114,7 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
         if value is None and "_" not in name:  # without a value it is also an everyday word
             return name
         option = rate_option if name == "rate_hz" else OPTIONS[name]
-        return option + (" " + value.strip("'") if value else "")
+        return option + (" " + shlex.quote(value.strip("'")) if value else "")
 
     return _MENTION.sub(as_option, said)
 

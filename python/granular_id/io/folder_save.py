@@ -150,5 +150,6 @@ def refuse_other_axes(dataset: Dataset, what: str) -> None:
     other = next((recording for recording in dataset if recording.axes != AXES), None)
     if other is not None:
         raise ValueError(
-            f"recording {other.name!r} has the axes {' '.join(other.axes)}; {what} holds {' '.join(AXES)} only"
+            f"recording {other.name!r} has the axes {' '.join(other.axes)}; {what} holds {' '.join(AXES)} only, "
+            "and csv, npz, hdf5 and parquet any axes"
         )

@@ -198,9 +198,9 @@ AFTER_READING = [
         "data convert {folder} x.npz --begin-at trigger --n-samples 9",
         "have no trigger_index ... add --begin-at onset, state it with --onset-at NAME=SECONDS",
     ),
-    ("data plot {folder} -o x.png --axes fx,tx", "mixes units"),
-    ("data plot {folder} -o x.png --axes force", "must name some of fx"),
-    ("data plot {pushes} -o x.png --what onset --axes fx", "--axes does not go with"),
+    ("data plot {folder} -o x.png --draw fx,tx", "mixes units"),
+    ("data plot {folder} -o x.png --draw force", "must name some of fx"),
+    ("data plot {pushes} -o x.png --what onset --draw fx", "--draw does not go with"),
     ("data plot {pushes} -o x.png --what mean -n 3", "-n does not go with"),
     (
         "data plot {pushes} -o x.png --what onset --onset-at rice",

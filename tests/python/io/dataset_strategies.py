@@ -19,6 +19,9 @@ _JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
     max_leaves=6,
 )
+_UNITS = st.dictionaries(
+    st.sampled_from(["fx", "force", "mx", "WX [V]"]), st.sampled_from(["mN", "a,b", "[", "\u00b5T"])
+)
 _META = st.dictionaries(st.text(max_size=5), _JSON, max_size=3)
 
 
@@ -41,7 +44,7 @@ def recordings(draw, axes=None):
         session=draw(st.none() | _LABEL),
         start_time=draw(st.none() | _FINITE),
         trigger_index=draw(st.none() | st.integers(0, n - 1)),
-        meta=draw(_META),
+        meta=draw(_META | st.builds(lambda units: {"units": units}, _UNITS)),
         flags=draw(st.none() | flags),
         name=draw(_TEXT),
         axes=axes,
@@ -51,7 +54,9 @@ def recordings(draw, axes=None):
 @st.composite
 def datasets(draw):
     """Ragged, irregular, flagged, unlabelled recordings with nested meta; six axes, or others."""
-    axes = draw(st.sampled_from([None, None, ("force",), ("fx", "fz", "depth \u03b1")]))
+    axes = draw(
+        st.sampled_from([None, None, ("force",), ("fx", "fz", "depth \u03b1"), ("wx (raw)", "WX [V]", "mx")])
+    )
     items = draw(st.lists(recordings(axes), min_size=1, max_size=4))
     steps = draw(st.lists(st.builds(StepReport, st.just("made"), _META, _META), max_size=2))
     return Dataset(items, steps)

@@ -1,0 +1,123 @@
+"""``Dataset.windows``: long recordings cut into short ones that know where they come from."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from granular_id.recording import Dataset, Recording, SampleFlag
+
+
+def drive(n=100, **fields):
+    samples = np.arange(3.0 * n).reshape(n, 3)
+    return Recording(
+        samples, **{"rate_hz": 10, "axes": ("ax", "ay", "az"), "name": "drive", "label": "mud", **fields}
+    )
+
+
+@pytest.mark.parametrize(
+    ("n", "duration_s", "hop_s", "starts", "dropped"),
+    [
+        (100, 2.5, None, [0, 25, 50, 75], 0),
+        (109, 2.5, None, [0, 25, 50, 75], 9),
+        (100, 2.5, 2, [0, 20, 40, 60], 15),
+        (100, 4.0, 8.0, [0], 60),
+        (25, 2.5, 0.1, [0], 0),
+        (100, 2.449, 2.551, [0, 26, 52], 28),  # to the nearest sample
+    ],
+)
+def test_where_windows_begin_and_what_is_dropped(n, duration_s, hop_s, starts, dropped):
+    one = drive(n)
+    data = Dataset([one]).windows(duration_s, hop_s)
+    length = round(10 * duration_s)
+    assert data.X.tolist() == [one.wrench[start : start + length].tolist() for start in starts]
+    assert dict(data.history[-1].rows[0]) == {"name": "drive", "windows": len(starts), "dropped": dropped}
+    assert data.history[-1].totals["windows"] == len(starts)
+
+
+def test_a_window_knows_where_it_comes_from():
+    meta = {"units": {"ax": "m/s2"}, "tool": "wheel"}
+    window = Dataset([drive(session="s1", start_time=1e9, meta=meta)]).windows(3.4)[1]
+    assert window.name == "drive @ 3.4 s"
+    assert (window.label, window.session, window.rate_hz, window.axes) == (
+        "mud",
+        "s1",
+        10,
+        ("ax", "ay", "az"),
+    )
+    assert window.start_time == 1e9 + 3.4
+    assert window.meta == {**meta, "window": {"recording": "drive", "start_s": 3.4}}
+
+
+@pytest.mark.parametrize(
+    ("fields", "sessions"),
+    [
+        ([{"session": "s1"}, {"name": "b"}], ["s1", "b"]),
+        ([{}, {"name": " b "}], ["drive", "b"]),
+        ([{}, {"name": ""}], ["drive", "recording 2"]),
+    ],
+)
+def test_windows_of_a_recording_share_a_session(fields, sessions):
+    data = Dataset([drive(**one) for one in fields]).windows(5, 1)
+    assert data.sessions.tolist() == [session for session in sessions for _ in range(6)]
+
+
+def test_flags_and_triggers_go_where_they_lie():
+    flags = np.zeros(100, np.uint8)
+    flags[42] = SampleFlag.SATURATED
+    data = Dataset([drive(flags=flags, trigger_index=57)]).windows(2)
+    assert [None if r.flags is None else r.flags.nonzero()[0].tolist() for r in data] == [
+        None,
+        None,
+        [2],
+        None,
+        None,
+    ]
+    assert [r.trigger_index for r in data] == [None, None, 17, None, None]
+
+
+def test_windows_of_windows_are_of_the_recording():
+    data = Dataset([drive()]).windows(5).windows(2)
+    assert data.names == ("drive @ 0 s", "drive @ 2 s", "drive @ 5 s", "drive @ 7 s")
+    assert set(data.sessions) == {"drive"}
+    assert data[3].meta["window"] == {"recording": "drive", "start_s": 7.0}
+
+
+def test_samples_are_not_copied():
+    one = drive()
+    assert all(np.shares_memory(window.wrench, one.wrench) for window in Dataset([one]).windows(2))
+
+
+def test_recordings_shorter_than_a_window():
+    data = Dataset([drive(19, name="short"), drive(20)])
+    with pytest.raises(
+        ValueError, match=r"'short' is shorter than a window: 19 samples, 20 wanted; 1 of 2 .*on_short='skip'"
+    ):
+        data.windows(2)
+    kept = data.windows(2, on_short="skip")
+    assert kept.names == ("drive @ 0 s",)
+    assert kept.history[-1].rows[0]["skipped"].startswith("is shorter")
+    with pytest.raises(
+        ValueError, match="none of the 2 recordings is as long as a window of 30 samples; the longest has 20"
+    ):
+        data.windows(3, on_short="skip")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        ((0.04,), r"duration_s=0.04 at 10 Hz is less than one sample"),
+        ((-1,), "duration_s must be positive"),
+        ((1, 0), "hop_s must be positive"),
+        ((1e300,), "none of the"),
+    ],
+)
+def test_windows_that_are_none(arguments, problem):
+    with pytest.raises(ValueError, match=problem):
+        Dataset([drive()]).windows(*arguments, on_short="skip")
+
+
+@pytest.mark.parametrize("clock", [{"rate_hz": 20}, {"rate_hz": None, "time_s": np.arange(100) ** 1.1}])
+def test_one_rate_is_needed(clock):
+    with pytest.raises(ValueError, match=r"call \.resample\(rate_hz\) first"):
+        Dataset([drive(), drive(**clock)]).windows(1)
