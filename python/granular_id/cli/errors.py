@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
 import re
 import shlex
@@ -124,6 +125,10 @@ def _excluded(few: re.Match[str]) -> str:
     return f"leave out with --exclude {shlex.quote(names)}, or record more"
 
 
+def _in_mb(n_bytes: re.Match[str]) -> str:
+    return f"raise --max-file-mb to {math.ceil(int(n_bytes[1]) / 2**20)}"
+
+
 _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"\bNone(?=(:| for) no limit)": "inf",
     r"pass train_per_class=(\d+), test_per_class=(\d+)": r"add --train \1 --test \2",
@@ -134,6 +139,7 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"(?:call )?\.resample\(rate_hz\)": "add --rate-hz",
     r"call \.select\(axes=\.\.\.\) to keep those that all have": "add --axes with those that all have",
     r"(?:call )?\.resample\(([\d.e+]+)\)": r"add --rate-hz \1",
+    r"raise max_file_bytes to (\d+)": _in_mb,
     r"raise max_file_bytes\b": "raise --max-file-mb",
     r"\bpass accept=\('(\w+)',\)": r"add --accept \1",
 }

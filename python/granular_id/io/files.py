@@ -127,7 +127,8 @@ def read_text_bounded(path: Path, root: Path, max_bytes: int) -> bytes:
         problem = (
             f"has {lines} lines, more than {most} (max_file_bytes={max_bytes}, {MIN_LINE_BYTES} bytes a line)"
         )
-        raise RecordingFileError(path, f"{problem}; raise max_file_bytes to read it")
+        needed = lines * MIN_LINE_BYTES
+        raise RecordingFileError(path, f"{problem}; raise max_file_bytes to {needed} to read it")
     return data
 
 
@@ -179,7 +180,7 @@ def _checked_size(status: os.stat_result, path: Path, max_bytes: int) -> int:
         raise RecordingFileError(path, "is not a regular file")
     if status.st_size > max_bytes:
         problem = f"has {status.st_size} bytes, more than max_file_bytes={max_bytes}"
-        raise RecordingFileError(path, f"{problem}; raise max_file_bytes to read it")
+        raise RecordingFileError(path, f"{problem}; raise max_file_bytes to {status.st_size} to read it")
     return status.st_size
 
 

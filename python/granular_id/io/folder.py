@@ -46,6 +46,12 @@ from granular_id.recording import StepReport, checked_axes
 _FOLDERS, _INDEX = "label/*.csv, label/session/*.csv", "or an index.csv with the columns file and label"
 LAYOUTS = f"{_FOLDERS}, label_*.csv, {_INDEX}"
 
+OTHER_FILES = (
+    "a table with names of columns in line 1 is read under a name that ends with .csv; anything else from arrays: "
+    "numpy.savez('all.npz', X=X, labels=labels, fs=rate), X of shape (recordings, samples, axes)"
+)
+"""What to do about files of no known format."""
+
 _SPLITS = frozenset(("train", "training", "test", "testing", "val", "valid", "validation"))
 _STATED = re.compile(r"(\w+)=(.+)")
 _WHOLE_NUMBER = re.compile(r"[0-9]{1,15}")
@@ -97,7 +103,7 @@ def _found_instead(root: Path) -> str:
         if seen >= _LOOKED_AT:
             break
     common = [ending for ending, _ in Counter(endings).most_common(3)]
-    return f"; it holds files of no known format ({', '.join(common)})" if common else ""
+    return f"; it holds files of no known format ({', '.join(common)}); {OTHER_FILES}" if common else ""
 
 
 def _listed(folder: Path, root: Path) -> tuple[list[Path], list[Path]]:

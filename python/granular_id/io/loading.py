@@ -16,7 +16,7 @@ from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, showing
 from granular_id._text import counted
 from granular_id.io.errors import RecordingFileError, attempt
-from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
+from granular_id.io.folder import LAYOUTS, OTHER_FILES, FoundFiles, find_files
 from granular_id.io.folder_save import INDEX_COLUMNS
 from granular_id.io.formats import FORMATS, format_of, read_file
 from granular_id.io.options import LoadOptions
@@ -75,9 +75,9 @@ def load(
         What to do where time runs backwards or a stamp is repeated: raise with the place, or sort the samples
         and average those that share a stamp, count them in ``history[-1]`` and flag them ``TIME_REPAIRED``.
     max_file_bytes : int, optional
-        Largest file that is read; by default 8 MiB for text, of which a line counts as at least 40 bytes (three
-        minutes at 500 Hz), and 2 GiB for binary files, which may not expand more than 64-fold beyond 64 MiB: a
-        file that is no recording is refused within a second and 256 MB.
+        Largest file that is read; by default 24 MiB for text, of which a line counts as at least 40 bytes (an hour
+        of six axes at 50 Hz, nine minutes at 500 Hz), and 2 GiB for binary files, which may not expand more than
+        64-fold beyond 64 MiB: a file that is no recording is refused within seconds and 256 MB.
     topic : str, optional
         Which topic of a bag holds the wrench, where there are several; ``"/topic.field"`` is the wrench in a field of
         its messages. Refused where no file is a bag or MCAP.
@@ -168,6 +168,8 @@ def load(
             return _cut(_read(find_files(place, options), place, options, callback, isolate=isolate), options)
     wanted = "; ".join(known.what for known in FORMATS)
     problem = f"is of no known format; what can be read: {wanted}; or a folder of such files ({LAYOUTS})"
+    if place.is_file():
+        problem += f"; {OTHER_FILES}"
     raise RecordingFileError(place, problem)
 
 

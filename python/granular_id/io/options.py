@@ -9,8 +9,8 @@ from typing import Literal
 from granular_id._checks import argument_error, checked_text, finite_number, positive_number, whole_number
 from granular_id.recording import AXES
 
-MAX_TEXT_BYTES = 8 * 1024 * 1024
-"""Default cap of one text file: three minutes of 500 Hz samples, read or refused within a second."""
+MAX_TEXT_BYTES = 24 * 1024 * 1024
+"""Default cap of one text file: more than an hour of six axes at 50 Hz, read or refused within seconds."""
 
 MAX_BINARY_BYTES = 2 * 1024 * 1024 * 1024
 """Default cap of one binary file, which may hold a whole data set: 28,000 pushes of 1600 x 6."""

@@ -51,7 +51,7 @@ def test_large_text_files_are_read_when_asked_for(tmp_path):
     rows = "".join(f"{i / 500},1,2,3,4,5,6\n" for i in range(3000))
     (tmp_path / "a.csv").write_text("time,fx,fy,fz,tx,ty,tz\n" + rows)
     words = ("data", "info", tmp_path / "a.csv", "--max-file-mb")
-    assert "raise --max-file-mb to read it" in refused(*words, 0.05)
+    assert "raise --max-file-mb to 1 to read it" in refused(*words, 0.05)
     assert "3000 samples" in ended_well(*words, 1)
 
 

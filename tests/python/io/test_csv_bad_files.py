@@ -185,7 +185,7 @@ def test_a_file_beyond_the_size_cap_is_not_read(tmp_path):
     with pytest.raises(RecordingFileError, match="max_file_bytes"):
         load(file, max_file_bytes=len(GOOD) - 1)
     assert len(load(file, max_file_bytes=4 * 40)) == 1
-    file.write_bytes(HEADER + b"\n" * 300_000)
+    file.write_bytes(HEADER + b"\n" * 700_000)
     with pytest.raises(RecordingFileError, match="max_file_bytes"):
         load(file)
     with file.open("r+b") as sparse:
