@@ -57,7 +57,8 @@ def by_name(
         times = [name for name in names if _TIME.fullmatch(name)]
         beside = [name for name in names if _axis(name) not in AXES] if own.keys() >= set(AXES) else []
         if times or beside:
-            axes = [name for name in names if name not in times and name not in beside]
+            left = [name for name in names if name not in times and name not in beside]
+            axes = [name for name in left if np.asarray(table[name]).dtype.kind in "iuf"]
             what = "no axis" if times else "no force or torque"
             raise ValueError(
                 f"{argument} has the column {(times or beside)[0]!r}, which is {what}: its columns are {have}; choose "

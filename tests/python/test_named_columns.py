@@ -82,6 +82,7 @@ def test_axes_choose_columns_and_numbers_are_no_names(table):
     ("given", "keywords", "named"),
     [
         (frame().assign(time=0.0), {}, "time"),
+        (frame(names=GYRO).assign(time=0.0, ground="mud"), {}, r"as in wrench\[\['gx', .*'az'\]\]$"),
         (frame().assign(time_ms=0.0)[["time_ms", "fx", "fy", "fz"]], {}, "time_ms"),
         (frame().assign(**{"Time [s]": 0.0})[["Time [s]", "fx"]], {}, "Time"),
         (frame(WRENCH[:, :3], ["Timestamp", "gx", "gy"]), {}, "Timestamp"),
