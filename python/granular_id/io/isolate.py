@@ -75,7 +75,7 @@ _ABOUT: dict[str, Any] = {
     **{name: [(str, None), ...] for name in ("label", "session", "name", "meta_json")},
     "axes": [str, ...],
     "history_json": str,
-    "rows": [{"name": str, "moved?": int, "merged?": int}, ...],
+    "rows": [{"name": str, "moved?": int, "merged?": int, "first_stamp_s?": float, "remark?": str}, ...],
     "notes": [str, ...],
 }
 _QUIET = {

@@ -62,6 +62,22 @@ def test_recordings_and_what_is_said_of_them_are_the_same_in_every_format(tmp_pa
     assert there.history == here.history
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time,fx,fy,fz,tx,ty,tz\n5," + ROW + "5.01," + ROW,
+        "time,fx,fy,fz,tx,ty,tz\n0," + ROW + "0.01," + ROW.strip(),
+        "time,fx,fy,fz,tx,ty,tz,rate\n0,1,2,3,4,5,6,99\n0.01,1,2,3,4,5,6,100\n",
+    ],
+    ids=["a clock that begins late", "no line end", "rates that change"],
+)
+def test_remarks_are_the_same(tmp_path, text):
+    (tmp_path / "a.csv").write_text(text)
+    here, there = load(tmp_path), load(tmp_path, isolate=True)
+    assert there.history == here.history
+    assert len(there.history[-1].rows) == 1
+
+
 def test_a_folder_with_an_index_and_a_relative_path(tmp_path, monkeypatch):
     (tmp_path / "set").mkdir()
     (tmp_path / "set" / "a.csv").write_text(TABLE)
