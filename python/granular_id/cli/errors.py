@@ -125,6 +125,11 @@ def _excluded(few: re.Match[str]) -> str:
     return f"leave out with --exclude {shlex.quote(names)}, or record more"
 
 
+def _axes_listed(listed: re.Match[str]) -> str:
+    names = ",".join(re.findall(r"'([^']*)'", listed[1]))
+    return f"add --axes {shlex.quote(names)}"
+
+
 def _in_mb(n_bytes: re.Match[str]) -> str:
     return f"raise --max-file-mb to {math.ceil(int(n_bytes[1]) / 2**20)}"
 
@@ -137,6 +142,7 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"call \.find_onsets\(\)": "add --begin-at onset",
     r"load without window_s, then call \.resample\(rate_hz\) and \.windows\([\d.e+]+\)": "add --rate-hz",
     r"(?:call )?\.resample\(rate_hz\)": "add --rate-hz",
+    r"call \.select\(axes=\[([^\]]*)\]\)": _axes_listed,
     r"call \.select\(axes=\.\.\.\) to keep those that all have": "add --axes with those that all have",
     r"(?:call )?\.resample\(([\d.e+]+)\)": r"add --rate-hz \1",
     r"raise max_file_bytes to (\d+)": _in_mb,

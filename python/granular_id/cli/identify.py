@@ -75,11 +75,15 @@ class Recordings(ReadingOptions):
                 f"{words_of(error)}; the model comes first: granular-id identify MODEL PATH..."
             ) from None
 
-    def load(self, *, quiet: bool) -> Dataset:
-        """Read the recordings into one data set and say what was read; when quiet, only what was skipped."""
-        from granular_id.recording import Dataset
+    def load(self, identifier: Identifier, *, quiet: bool) -> Dataset:
+        """Read the recordings into one data set and say what was read; when quiet, only what was skipped.
 
-        parts = [self.load_path(path, quiet=quiet) for path in self.paths]
+        Without ``--axes`` files have the axes of the model.
+        """
+        from granular_id.recording import AXES, Dataset
+
+        axes = None if identifier.axes == AXES else identifier.axes
+        parts = [self.load_path(path, axes=axes, quiet=quiet) for path in self.paths]
         data = parts[0]
         if len(parts) > 1:
             data = Dataset.concatenate([_placed(*each) for each in zip(self.paths, parts, strict=True)])
@@ -170,7 +174,7 @@ def identify(
     for path in (recordings.model_file, *recordings.paths):
         check_outputs(("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), source=path, force=force)
     identifier = recordings.load_model()
-    data, differences = fitting.taken(recordings.load(quiet=quiet), identifier, quiet=quiet)
+    data, differences = fitting.taken(recordings.load(identifier, quiet=quiet), identifier, quiet=quiet)
 
     from granular_id.identifier import identify_all
 

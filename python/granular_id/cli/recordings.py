@@ -80,8 +80,8 @@ class ReadingOptions:
         positive("--recorded-hz", self.recorded_hz)
         positive("--max-file-mb", self.max_file_mb)
 
-    def load_path(self, path: Path, *, quiet: bool) -> Dataset:
-        """Read one file or folder."""
+    def load_path(self, path: Path, *, axes: Sequence[str] | None = None, quiet: bool) -> Dataset:
+        """Read one file or folder; `axes` are those it has unless an option names others."""
         from granular_id.io import RecordingFileError, load
 
         try:
@@ -95,7 +95,7 @@ class ReadingOptions:
                 time_unit=self.time_unit,
                 array=self.array,
                 label=self.label,
-                axes=self.axes,
+                axes=self.axes or axes,
                 units=self.units,
                 session=self.session,
                 isolate=self.isolate,

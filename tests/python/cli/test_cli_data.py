@@ -235,3 +235,11 @@ def test_windows_are_cut_after_all_else(drives):
     said = ended_well("data", "info", drives, *IMU, "--rate-hz", 50, "--duration-s", 4, "--window-s", 2)
     assert "align" in said
     assert "windows: 8" in said
+
+
+def test_a_model_of_another_sensor_reads_the_axes_it_was_trained_on(drives, tmp_path):
+    model, file = tmp_path / "m.safetensors", drives / "sand" / "drive_1.csv"
+    ended_well("train", drives, "-o", model, "--space", "raw", "--target-error", 0.2, *IMU, *WINDOWS)
+    assert "drive_1.csv" in ended_well("identify", model, file, "--begin-at", "first")
+    said = refused("identify", model, file, "--begin-at", "first", "--axes", "ax,wy,wz,wx,ay,az")
+    assert said.endswith("the model was trained on wx wy wz ax ay az: add --axes wx,wy,wz,ax,ay,az")
