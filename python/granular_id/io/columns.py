@@ -14,7 +14,8 @@ matter. A unit may follow: ``Fx [N]``, ``tx (Nm)``, ``time_ms``. One that ``unit
 could mean two things (``T``: time, torque, temperature).
 
 ``actual_TCP_force_0`` to ``_5`` are what RTDE recorders of Universal Robots call fx to tz. Columns of tables may
-also tell recordings apart, label them and state their rate. Other columns are left out, by name.
+also tell recordings apart, label them and state their rate. Other columns are left out, by name. Axes of other sensors
+are the columns that somebody names; nothing is guessed of them.
 """
 
 from __future__ import annotations

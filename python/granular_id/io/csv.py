@@ -1,8 +1,9 @@
 """A CSV file, one recording or many told apart by a column, and the folder of such files that is written.
 
-Line 1 names the columns, in any order: the six axes of a wrench (N, N m), and optionally a time (seconds), ``flags``
-(bits of ``SampleFlag``), and what tells recordings apart and names them. ``columns`` lists the names that are known.
-Names with other units (``fx_mN``) are converted, or refused; other columns are not read, and a note names them.
+Line 1 names the columns, in any order: the six axes of a wrench (N, N m) or those that the options name, and optionally
+a time (seconds), ``flags`` (bits of ``SampleFlag``), and what tells recordings apart and names them. ``columns`` lists
+the names that are known. Forces and torques with other units (``fx_mN``) are converted, or refused; units of other
+axes (``wx [rad/s]``) are kept as they stand. Other columns are not read, and a note names them.
 """
 
 from __future__ import annotations
@@ -194,7 +195,7 @@ def _renamed(called: Mapping[str, str], stated: Stated) -> list[str]:
 def save_csv(
     dataset: Dataset, folder: str | os.PathLike[str], *, progress: ProgressCallback | None = None
 ) -> Path:
-    """Write a folder of CSV files with an ``index.csv``.
+    """Write a folder of CSV files with an ``index.csv``, which names the axes where they are no wrench's.
 
     Samples are written with as many digits as float64 needs; ``load(folder) == dataset`` holds. Everything is
     written under a temporary name beside `folder` and renamed when complete: no half-written folder is ever seen
@@ -203,7 +204,7 @@ def save_csv(
     Parameters
     ----------
     dataset : Dataset
-        Of 6-axis recordings.
+        Of any axes; their units in ``meta["units"]`` stand in line 1, ``wx [rad/s]``.
     folder : str or path
         New or empty folder.
     progress : callable, optional
@@ -221,7 +222,7 @@ def save_csv(
     FileNotFoundError
         The folder to put it in does not exist.
     ValueError
-        A recording has other axes.
+        The name of an axis has a comma in it, or is that of another column, like time or label.
 
     Examples
     --------
