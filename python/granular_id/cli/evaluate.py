@@ -123,7 +123,7 @@ class Outputs:
         return written
 
 
-def _evaluate_and_show(
+def evaluate_and_show(
     data: Dataset,
     spaces: Mapping[str, FeatureSpace],
     protocol: str,
@@ -150,7 +150,8 @@ def _evaluate_and_show(
 
 
 @contextmanager
-def _saying_how_to_go_on(checkpoint: Path | None) -> Iterator[None]:
+def saying_how_to_go_on(checkpoint: Path | None) -> Iterator[None]:
+    """Say after Ctrl-C how many partitions the checkpoint keeps."""
     try:
         yield
     except KeyboardInterrupt:
@@ -260,7 +261,7 @@ def evaluate(
     """
     method.refuse_impossible(steps.rate_hz)
     chosen = chosen_spaces(spaces, confusion)
-    with outputs.ready(reading.path), _saying_how_to_go_on(outputs.checkpoint):
+    with outputs.ready(reading.path), saying_how_to_go_on(outputs.checkpoint):
         reading.refuse_absent()
         notes = method.unused_in(chosen)
         data = equal_recordings(reading, steps, quiet=quiet)
@@ -271,7 +272,7 @@ def evaluate(
         for note in [] if quiet else notes:
             show(f"note: {note}")
         known = method.spaces(data.rate_hz)
-        _evaluate_and_show(
+        evaluate_and_show(
             data,
             {name: known[name] for name in chosen or in_paper_order(known)},
             parts.protocol,
@@ -354,7 +355,7 @@ def demo(
     )
     named = dict.fromkeys(("--report", "--json", "--csv", "--figures"), "--output")
     counts: dict[str, Any] = QUICK if quick else FULL
-    with outputs.ready(named=named), _saying_how_to_go_on(checkpoint):
+    with outputs.ready(named=named), saying_how_to_go_on(checkpoint):
         from granular_id.evaluation import in_paper_order
         from granular_id.spaces import feature_spaces
         from granular_id.synthetic import PAPER_MATERIALS, synthesize
@@ -368,7 +369,7 @@ def demo(
         show(f"simulating {n} pushes", err=True)
         data = synthesize(n_per_class=n_per_class, seed=seed)
         known = feature_spaces(rate_hz=data.rate_hz, threads=threads)
-        _evaluate_and_show(
+        evaluate_and_show(
             data,
             {name: known[name] for name in in_paper_order(known)},
             "auto",
