@@ -1,4 +1,4 @@
-"""How partitions are drawn: random counts, random folds, halves and blocks in time, whole sessions."""
+"""How partitions are drawn: at random, in random folds, halves and blocks in time, whole sessions."""
 
 from __future__ import annotations
 
@@ -21,8 +21,12 @@ PROTOCOLS = {
     "session": "held-out sessions",  # or blocks in time order, where a class has one session only
     "chronological": "halves in time order",
     "kfold": "random folds",
+    "matched": "as many at random",  # in the sizes of the strict partitions beside them, see `matched_partitions`
 }
 """Each protocol, and what it is called in words."""
+
+MATCHED = "matched"
+"""The protocol that only comes with a strict one."""
 
 MAX_SESSION_FOLDS = 10
 """Up to this many sessions per class one is left out at a time; more are held out in groups."""
@@ -161,6 +165,27 @@ def block_partitions(y: ArrayLike, order: ArrayLike, *, n_folds: int = 5) -> lis
         for j, block in enumerate(np.array_split(in_time, n_folds)):
             fold_of[block] = j
     return _from_folds("session", fold_of, [block_name(j, n_folds) for j in range(n_folds)])
+
+
+def matched_partitions(y: ArrayLike, strict: Sequence[Partition], *, seed: int = 0) -> list[Partition]:
+    """Draw at random partitions of the sizes of strict ones: fold by fold as many of each class train and are tested.
+
+    They are the strict ones with the rows of each class exchanged at random, so that a recording is tested as often.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(8,)))
+    exchanged = np.empty(np.size(y), dtype=np.intp)
+    for own in rows_of_class(y).values():
+        exchanged[own] = rng.permutation(own)
+    return [
+        Partition(
+            MATCHED,
+            part.index,
+            f"as many as {part.description}",
+            np.sort(exchanged[part.train]),
+            np.sort(exchanged[part.test]),
+        )
+        for part in strict
+    ]
 
 
 def session_partitions(

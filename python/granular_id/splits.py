@@ -19,6 +19,7 @@ from granular_id._checks import argument_error, whole_number
 from granular_id._estimators import routed
 from granular_id._text import counted, verb
 from granular_id.partitions import (
+    MATCHED,
     MAX_SESSION_FOLDS,
     PROTOCOLS,
     Partition,
@@ -29,6 +30,7 @@ from granular_id.partitions import (
     chronological_partitions,
     kfold_partitions,
     lone_session,
+    matched_partitions,
     paper_partitions,
     rows_of_class,
     session_partitions,
@@ -38,7 +40,13 @@ from granular_id.partitions import (
 from granular_id.recording import Dataset
 
 AUTO = "auto"
-"""The paper's protocol and, beside it, the strictest that the data allow."""
+"""The strictest protocol that the data allow and, beside it, as many at random."""
+
+N_FOLDS = 5
+MANY_RECORDINGS, FOLDS_OF_MANY = (
+    2000,
+    3,
+)  # sessions in fewer folds: time grows faster than the number of recordings
 
 SESSIONS, HALVES, BLOCKS, RANDOM = "sessions", "halves in time", "blocks in time", "random recordings"
 """What a fold is, for those who take the strictest folds that there are."""
@@ -178,21 +186,101 @@ def strictest(data: Dataset) -> tuple[str | None, str]:
     return (drawn[0].protocol if drawn else None), why
 
 
-def plan_protocols(protocol: str | Sequence[str], data: Dataset) -> tuple[list[str], list[str]]:
-    """Turn the `protocol` argument of `evaluate` into names, and lines for the reader on what was left out."""
+def plan_protocols(
+    data: Dataset, protocol: str | Sequence[str], *, n_folds: int | None = None, seed: int = 0, **counts: Any
+) -> tuple[dict[str, tuple[Partition, ...]], list[str]]:
+    """Draw the partitions of the `protocol` argument of `evaluate`, by name, with lines on how they were drawn.
+
+    `counts` are those of `plan_partitions`; `n_folds` as there, of ``"auto"`` the most folds of sessions.
+    """
     if protocol == AUTO:
-        name, why = strictest(data)
-        return ["paper"] + ([] if name is None else [name]), [why] if why else []
+        return _auto_partitions(data, n_folds, seed)
     names = [protocol] if isinstance(protocol, str) else list(protocol)
-    known = ", ".join(map(repr, PROTOCOLS))
+    choices = [name for name in PROTOCOLS if name != MATCHED]
+    known = ", ".join(map(repr, choices))
     for name in names:
-        if name not in PROTOCOLS:
+        if name not in choices:
             raise argument_error(ValueError, "protocol", f"must be {AUTO!r} or among {known}, got {name!r}")
     if not names or len(set(names)) < len(names):
         raise argument_error(
             ValueError, "protocol", f"must name one or more of {known}, each once, got {names!r}"
         )
-    return names, []
+    drawn, notes = {}, []
+    for name in names:
+        parts, note = plan_partitions(data, name, n_folds=n_folds or N_FOLDS, seed=seed, **counts)
+        drawn[name] = tuple(parts)
+        notes.append(note)
+    return drawn, notes
+
+
+def _auto_partitions(
+    data: Dataset, n_folds: int | None, seed: int
+) -> tuple[dict[str, tuple[Partition, ...]], list[str]]:
+    """Draw the strictest partitions that a data set allows, and as many at random beside them.
+
+    Whole sessions where possible, else halves in time; else random folds, and nothing beside them.
+    """
+    if n_folds is None:
+        n_folds = N_FOLDS if len(data) <= MANY_RECORDINGS else FOLDS_OF_MANY
+    y, groups = data.y, groups_of(data)
+    drawn, notes = sessions_where_possible(y, groups, max_folds=n_folds)
+    if not drawn and groups.order is not None:
+        try:
+            drawn = chronological_partitions(y, groups.order)
+            notes.append(f"halves in time order, {groups.basis}")
+        except ValueError as reason:
+            notes.append(f"halves in time left out: {reason}")
+    elif not drawn:
+        notes.append(f"halves in time left out: {groups.basis}")
+    if not drawn:
+        largest = max(own.size for own in splittable_rows(y, "random").values())
+        drawn = kfold_partitions(y, n_folds=min(n_folds, largest), seed=seed)
+        return {"kfold": tuple(drawn)}, [*notes, f"{len(drawn)} random folds, seed {seed}"]
+    beside = f"as many at random: the same number of each class, fold by fold, seed {seed}"
+    partitions = {drawn[0].protocol: tuple(drawn), MATCHED: tuple(matched_partitions(y, drawn, seed=seed))}
+    return partitions, [*notes, beside]
+
+
+def sessions_where_possible(
+    y: ArrayLike, groups: Groups, *, max_folds: int = MAX_SESSION_FOLDS
+) -> tuple[list[Partition], list[str]]:
+    """Hold out whole sessions of every class that has several, and say what becomes of the others, one line each.
+
+    Another class is split into blocks in time, one a fold, where an order is known and it has two recordings; else it
+    stays in training. No partition where fewer than two classes have several sessions.
+    """
+    labels, sessions = np.asarray(y), groups.sessions
+    of_class = rows_of_class(labels)
+    several, why = [], {}
+    for label, own in of_class.items():
+        if why_not := why_no_sessions(labels[own], sessions[own]):
+            why[label] = "one session only" if why_not.startswith("class") else why_not
+        else:
+            several.append(label)
+    if len(several) < 2:
+        if not any(session for session in sessions):
+            return [], ["held-out sessions left out: no recording says which session it is from"]
+        return [], ["held-out sessions left out: fewer than two classes have several sessions"]
+    inside = np.flatnonzero(np.isin(labels, several))
+    names = None if groups.names is None else groups.names[inside]
+    drawn = session_partitions(labels[inside], sessions[inside], max_folds=max_folds, names=names)
+    tests = [inside[part.test] for part in drawn]
+    n_sessions = np.unique(sessions[inside].astype(str)).size
+    notes = [f"{counted(n_sessions, 'session')} held out whole, in {len(drawn)} folds"]
+    for label, reason in why.items():
+        own = of_class[label]
+        if groups.rank is None or own.size < 2:
+            notes.append(f"{label}: {reason}; stays in training and is never tested")
+            continue
+        blocks = np.array_split(own[np.argsort(groups.rank[own])], len(drawn))
+        tests = [np.concatenate(both) for both in zip(tests, blocks, strict=True)]
+        notes.append(f"{label}: {reason}; split in time, {groups.basis}")
+    rows = np.arange(labels.size)
+    folds = [
+        replace(part, train=np.setdiff1d(rows, test), test=np.sort(test))
+        for part, test in zip(drawn, tests, strict=True)
+    ]
+    return folds, notes
 
 
 def plan_partitions(

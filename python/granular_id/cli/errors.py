@@ -147,7 +147,7 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"(?:call )?\.resample\(([\d.e+]+)\)": r"add --rate-hz \1",
     r"raise max_file_bytes to (\d+)": _in_mb,
     r"raise max_file_bytes\b": "raise --max-file-mb",
-    r"\bpass accept=\('(\w+)',\)": r"add --accept \1",
+    r"\bpass accept=\('([\w-]+)',\)": r"add --accept \1",
 }
 """Ways out that the command line offers under other words."""
 

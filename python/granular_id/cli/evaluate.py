@@ -40,6 +40,9 @@ if TYPE_CHECKING:
 
 SPLIT, METHOD, OUTPUT = "Partitions", "Method", "Output"
 
+SPOILED = 3
+"""Exit code of an evaluation that something known to `data check` spoils."""
+
 CHECKPOINT = "Keep each finished partition in this folder; after Ctrl-C the same command goes on from there."
 """Help of ``--checkpoint``."""
 
@@ -134,7 +137,10 @@ def evaluate_and_show(
     progress: bool | ProgressCallback = True,
     **arguments: Any,
 ) -> None:
-    """Evaluate, print the tables, write the files, say where they are; when quiet print accuracies only."""
+    """Evaluate, print the tables, write the files, say where they are; when quiet print accuracies only.
+
+    Ends with exit code 3 where the recordings hold what spoils the figures, unless that is among `accept`.
+    """
     from granular_id.evaluation import evaluate as evaluate_spaces
 
     progress = not quiet and progress
@@ -142,11 +148,29 @@ def evaluate_and_show(
         data, spaces, protocol, checkpoint=outputs.checkpoint, progress=progress, **arguments
     )
     result = replace(result, command=repeated_command())
+    _print_findings(result)
     _print_result(result, confusion, brief=quiet)
     written = outputs.write(result, confusion)
     if not quiet and outputs.report is None:
         show("\nall tables and figures on one page: add --report FILE.html")
     say_written(written, repeat=not quiet)
+    if result.spoiling:
+        raise typer.Exit(SPOILED)
+
+
+def _print_findings(result: EvaluationResult) -> None:
+    """Say above the tables what spoils them, and how to state that it is known."""
+    from granular_id.evaluation import finding_lines
+
+    spoiling = result.spoiling
+    for number, line in enumerate(finding_lines(result)):
+        show(("" if number else "\n") + line, "bold red" if number < len(spoiling) else "")
+    if spoiling:
+        known = " ".join(f"--accept {finding.code}" for finding in spoiling)
+        show(
+            f"Believe no figure below before that is settled; where it is known and meant: {known}",
+            "bold red",
+        )
 
 
 @contextmanager
@@ -193,7 +217,7 @@ def _print_result(result: EvaluationResult, space: str | None, *, brief: bool) -
     for table in (*comparison_tables(result)[:1], *choice_tables(result)):
         print_table(table)
     # The matrix of the protocol that flatters least; the report and the figures have all of them.
-    protocol = result.strictest or result.protocols[0]
+    protocol = result.headline
     chosen = space or result.best_space(protocol)
     matrix = confusion_table(result, chosen, protocol)
     if fits(matrix):
@@ -208,19 +232,40 @@ class Partitions:
     """What trains and what is tested."""
 
     protocol: Literal["auto", "paper", "session", "chronological", "kfold"] = option(
-        SPLIT, "auto: paper, and the strictest that the recordings allow.", default="auto"
+        SPLIT, "auto: the strictest that the recordings allow, and as many at random.", default="auto"
     )
-    train: int = option(
-        SPLIT, "Training recordings of each class (random partitions).", default=50, callback=count(1)
+    paper: bool = option(
+        SPLIT, "The paper's table: its feature spaces, 20 random partitions of 50 and 12.", default=False
     )
-    test: int = option(
-        SPLIT, "Test recordings of each class (random partitions).", default=12, callback=count(1)
+    train: int | None = option(
+        SPLIT, "Training recordings of each class, of --paper. Default: 50.", callback=count(1)
     )
-    partitions: int = option(SPLIT, "Number of random partitions.", default=20, callback=count(1))
-    folds: int = option(
-        SPLIT, "Folds of kfold, and of session with one session per class.", default=5, callback=count(2)
+    test: int | None = option(
+        SPLIT, "Test recordings of each class, of --paper. Default: 12.", callback=count(1)
+    )
+    partitions: int | None = option(
+        SPLIT, "Number of random partitions, of --paper. Default: 20.", callback=count(1)
+    )
+    folds: int | None = option(
+        SPLIT,
+        "Folds of kfold, the most of auto, and of session with one session per class. Default: 5; of auto 3 for more "
+        "than 2000 recordings.",
+        callback=count(2),
+    )
+    accept: list[str] | None = option(
+        SPLIT, "A finding, by its name in data check, that is known: no exit code 3. Repeatable."
     )
     seed: int = option(SPLIT, "Same seed, same numbers.", default=0, callback=count(0))
+
+    def __post_init__(self) -> None:
+        if self.paper and self.protocol not in ("auto", "paper"):
+            raise ValueError(f"--paper is random partitions: leave out --protocol {self.protocol}")
+        if self.paper:
+            self.protocol = "paper"
+        of_paper = {"--train": self.train, "--test": self.test, "--partitions": self.partitions}
+        for name, value in of_paper.items():
+            if value is not None and self.protocol != "paper":
+                raise ValueError(f"{name} is for the paper's random partitions: add --paper, or leave it out")
 
 
 @command
@@ -232,7 +277,11 @@ def evaluate(
     outputs: Outputs,
     *,
     controls: bool = option(SPLIT, "What the rest, the means, the clock alone would give.", default=True),
-    spaces: str = option(METHOD, "Feature spaces separated by commas; paper: the paper's.", default="all"),
+    spaces: str = option(
+        METHOD,
+        "Feature spaces separated by commas; paper: the paper's; all. Default: raw+hfmh,multiband,best.",
+        default="",
+    ),
     confusion: str | None = option(OUTPUT, "Space of the confusion matrix. Default: the best."),
     quiet: bool = option(OUTPUT, "Print the table of accuracies only.", "--quiet", default=False),
 ) -> None:
@@ -247,20 +296,25 @@ def evaluate(
     Examples:
 
     `granular-id evaluate recordings --report report.html`
-    `granular-id evaluate recordings --train 40 --test 10 --json result.json --csv predictions.csv`
+    `granular-id evaluate recordings --paper --train 40 --test 10 --json result.json --csv predictions.csv`
     `granular-id evaluate irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest --bin-range auto`
     `granular-id evaluate recordings --protocol session --spaces raw,raw+hfmh --figures figures`
     `granular-id evaluate few --protocol kfold --folds 5`
 
-    Random partitions (the paper's protocol) flatter a method that recognises the session instead of the
-    material. The strictest protocol that the recordings allow runs beside them: whole sessions held out, or
-    halves in time order; the gap between the two is shown. Controls say what can be had without touching the
-    material.
+    The headline is the strictest protocol that the recordings allow: whole sessions held out, or halves in time
+    order. Beside it as many recordings are drawn at random, which flatters a method that recognises the session
+    instead of the material; the gap between the two is shown. Controls say what can be had without touching the
+    material. Each accuracy is printed as soon as it is known.
+
+    Exit code 3: the checks of `granular-id data check` found what spoils the figures, such as a clock that
+    names the label; `--accept NAME` says that it is known.
 
     `--checkpoint FOLDER` keeps what is finished: after Ctrl-C the same command goes on from there.
     """
     method.refuse_impossible(steps.rate_hz)
-    chosen = chosen_spaces(spaces, confusion)
+    from granular_id.evaluation import USUAL_SPACES
+
+    chosen = chosen_spaces(spaces or ("paper" if parts.paper else ",".join(USUAL_SPACES)), confusion)
     with outputs.ready(reading.path), saying_how_to_go_on(outputs.checkpoint):
         reading.refuse_absent()
         notes = method.unused_in(chosen)
@@ -284,6 +338,7 @@ def evaluate(
             test_per_class=parts.test,
             n_folds=parts.folds,
             controls=controls,
+            accept=parts.accept or (),
             classifier=ECOCClassifier(C=method.c),
             n_jobs=method.n_jobs,
             random_state=parts.seed,

@@ -10,7 +10,7 @@ from granular_id.evaluation.gap import gap_of as gap_of
 from granular_id.evaluation.outcome import Prediction, SpaceSummary
 from granular_id.evaluation.report_data import HighPass as HighPass, ReportData as ReportData
 from granular_id.evaluation.result import EvaluationResult
-from granular_id.evaluation.runner import evaluate
+from granular_id.evaluation.runner import USUAL_SPACES as USUAL_SPACES, evaluate
 from granular_id.evaluation.selection import Selection, select
 from granular_id.evaluation.tables import (
     PAPER_NOTE as PAPER_NOTE,
@@ -19,6 +19,7 @@ from granular_id.evaluation.tables import (
     comparison_tables as comparison_tables,
     confusion_table as confusion_table,
     controls_table as controls_table,
+    finding_lines as finding_lines,
     mistakes_table as mistakes_table,
     recall_table as recall_table,
     seconds_table as seconds_table,

@@ -27,12 +27,9 @@ from granular_id.statistics import (
 Floats = NDArray[np.float64]
 
 _NOTES = (
-    "† Mann-Whitney, as the paper reports it, but far too small: it takes partitions that share recordings for "
-    "independent. With 20 random partitions it calls one of two equally good methods better in about 4 of 10 data "
-    "sets, not in 1 of 20.",
-    "p: corrected resampled t-test (Nadeau & Bengio 2003); Holm: the same, adjusted for {tests}",
-    "worse, equal, better: probability that the first is so, equal meaning within {rope:g} % (Bayesian correlated "
-    "t-test, Corani & Benavoli 2015)",
+    "† Mann-Whitney, as in the paper: far too small, as it takes partitions for independent",
+    "p: corrected resampled t-test (Nadeau & Bengio 2003); Holm: adjusted for {tests}",
+    "worse, equal (within {rope:g} %), better: probabilities (Bayesian correlated t-test)",
 )
 
 

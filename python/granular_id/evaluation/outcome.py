@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,8 +15,12 @@ from granular_id.evaluation.compare import Comparison, compare
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.report_data import ReportData
 from granular_id.partitions import Partition, are_blocks, protocol_name
+from granular_id.recording import Finding
 from granular_id.spaces import Chosen
 from granular_id.statistics import confusion_counts, macro_f1, mean_interval, recall_per_class, sample_sd
+
+_ALIKE = 0.05
+"""Numbers of recordings that differ by no more than this share count as equal."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,7 @@ class Outcome:
     portrait: ReportData | None = None
     chosen: Mapping[tuple[str, str], tuple[Chosen, ...]] = field(default_factory=dict)
     wall_s: float = math.nan
+    findings: tuple[Finding, ...] = ()
 
     @property
     def protocols(self) -> tuple[str, ...]:
@@ -96,15 +101,42 @@ class Outcome:
 
         Whole sessions, then halves in time order, then blocks in time that stood in for sessions.
         """
-        order = ["session", "chronological"]
-        if "session" in self.partitions and are_blocks(self.partitions["session"]):
-            order.reverse()
-        return next((name for name in order if name in self.partitions), None)
+        return strictest_of(self.partitions)
 
     @property
     def random(self) -> str | None:
         """The protocol with random draws that ran, against which the strictest is held; None where none did."""
-        return next((name for name in ("paper", "kfold") if name in self.partitions), None)
+        return next((name for name in ("matched", "paper", "kfold") if name in self.partitions), None)
+
+    @property
+    def headline(self) -> str:
+        """The protocol whose figures count: `strictest`, or the first that ran."""
+        return self.strictest or self.protocols[0]
+
+    @property
+    def spoiling(self) -> tuple[Finding, ...]:
+        """Those of `findings` that nobody accepted: the figures mislead."""
+        accepted = self.settings.get("accept", ())
+        return tuple(finding for finding in self.findings if finding.code not in accepted)
+
+    @property
+    def exceptions(self) -> dict[str, str]:
+        """Classes whose own sessions were not held out where those of others were, and what was done instead."""
+        drawn = self.partitions.get("session", ())
+        if are_blocks(drawn):
+            return {}
+        found = {}
+        sessions = np.array(self.sessions, dtype=object)
+        for code, label in enumerate(self.labels):
+            sides = [
+                [sessions[rows[self.truth[rows] == code]].tolist() for rows in (p.test, p.train)]
+                for p in drawn
+            ]
+            if drawn and not any(test for test, _ in sides):
+                found[label] = "never tested"
+            elif any(set(test) & set(train) for test, train in sides):
+                found[label] = "split in time"
+        return found
 
     @property
     def chance(self) -> float:
@@ -212,11 +244,12 @@ class Outcome:
         return macro_f1(self.confusion(space, protocol))
 
     def gap(self, space: str) -> float | None:
-        """Accuracy lost between random draws and the strictest protocol; None unless both ran.
+        """Accuracy lost between random draws and the strictest protocol; None unless both ran on equal numbers.
 
-        Mean accuracy of `random` minus that of `strictest`, each over its partitions.
+        Mean accuracy of `random` minus that of `strictest`, each over its partitions; None too where the numbers of
+        training or test recordings of a class differ by more than 5 %.
         """
-        if self.random is None or self.strictest is None:
+        if self.random is None or self.strictest is None or not self._are_equals(self.random, self.strictest):
             return None
         return self.mean_accuracy(space, self.random) - self.mean_accuracy(space, self.strictest)
 
@@ -237,6 +270,19 @@ class Outcome:
                             predicted=self.labels[code],
                         )
 
+    def class_sizes(self, protocol: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Count the recordings of each class that train and that are tested, (K,) each, the mean over partitions."""
+        drawn = self.partitions[protocol]
+        train, test = (
+            np.mean([np.bincount(self.truth[rows], minlength=len(self.labels)) for rows in each], axis=0)
+            for each in ([p.train for p in drawn], [p.test for p in drawn])
+        )
+        return train, test
+
+    def _are_equals(self, first: str, second: str) -> bool:
+        sizes = zip(self.class_sizes(first), self.class_sizes(second), strict=True)
+        return all((np.abs(one - other) <= _ALIKE * np.maximum(one, other)).all() for one, other in sizes)
+
     def _runs(
         self, space: str, protocol: str | None
     ) -> tuple[tuple[Partition, ...], tuple[NDArray[np.intp], ...]]:
@@ -247,6 +293,14 @@ class Outcome:
             problem = f"must be one of those that ran ({known}), got {protocol!r}"
             raise argument_error(ValueError, "protocol", problem)
         return self.partitions[chosen], self.predicted[chosen, name]
+
+
+def strictest_of(partitions: Mapping[str, Sequence[Partition]]) -> str | None:
+    """Name the strictest of the protocols that held out a time or session of its own; None where none did."""
+    order = ["session", "chronological"]
+    if "session" in partitions and are_blocks(partitions["session"]):
+        order.reverse()
+    return next((name for name in order if name in partitions), None)
 
 
 def _sizes(partitions: tuple[Partition, ...]) -> tuple[list[int], list[int]]:

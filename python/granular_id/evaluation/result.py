@@ -24,6 +24,7 @@ from granular_id.evaluation.outcome import Outcome, Prediction, SpaceSummary
 from granular_id.evaluation.report_data import ReportData
 from granular_id.evaluation.tables import plain_text
 from granular_id.partitions import PROTOCOLS, Partition
+from granular_id.recording import Finding
 from granular_id.spaces import Chosen
 
 FORMAT = "granular_id.evaluation/2"
@@ -69,16 +70,24 @@ class EvaluationResult(Outcome):
         (protocol, space) to what the classifier of the space chose in each partition, of spaces that choose.
     wall_s : float
         Seconds that passed from start to end, controls included; after a resumed run, those of its last part.
+    findings : tuple of Finding
+        What the checks found that spoils an evaluation; of results of earlier versions empty. `spoiling` are those
+        that ``evaluate(accept=...)`` did not name.
     """
 
     def table(self) -> str:
-        """Tables of accuracies, gaps, choices and seconds as plain text."""
+        """Return what spoils the figures, and tables of accuracies, gaps, choices and seconds, as plain text.
+
+        Long notes are cut: `notes` and the report have all of them.
+        """
         return plain_text(self)
 
     __str__ = table
 
     def __repr__(self) -> str:
-        means = ", ".join(f"{s.name} {percent(self.mean_accuracy(s.name))}" for s in self.spaces)
+        means = ", ".join(
+            f"{s.name} {percent(self.mean_accuracy(s.name, self.headline))}" for s in self.spaces
+        )
         mark = "SYNTHETIC, " if self.synthetic else ""
         return f"EvaluationResult({mark}{counted(len(self.names))}, {counted(len(self.labels), 'label')}, {means})"
 
@@ -89,6 +98,7 @@ class EvaluationResult(Outcome):
             "synthetic": self.synthetic,
             "command": self.command,
             "notes": list(self.notes),
+            "findings": [finding.to_dict() for finding in self.findings],
             "versions": dict(self.versions),
             "settings": dict(self.settings),
             "data": dict(self.data),
@@ -196,12 +206,19 @@ def _figures(result: Outcome, space: str, protocol: str) -> dict[str, Any]:
     }
 
 
+_FINDING = {
+    "severity": {"error", "warning", "info"},
+    **{"code": str, "message": str, "recordings": [str, ...], "indices": [int, ...], "values": {}},
+}
+
+
 def _form(protocols: Iterable[str]) -> dict[str, Any]:
     """Return the form of a file, as far as it is read: other programs may read the other entries."""
     return {
         "synthetic": bool,
         "command": str,
         "notes": [str, ...],
+        "findings?": [_FINDING, ...],
         "versions": {"granular_id": str},
         "settings": {"seed": int},
         "data": {
@@ -278,6 +295,7 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
         "sessions": tuple(one["session"] for one in recordings),
         **{name: saved[name] for name in ("settings", "data", "versions", "synthetic", "command")},
         "notes": tuple(saved["notes"]),
+        "findings": tuple(map(_finding, saved.get("findings", ()))),
         "controls": tuple(map(Control.from_dict, saved["controls"])),
         "portrait": None
         if saved["portrait"] is None
@@ -285,6 +303,11 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
         "chosen": chosen,
         "wall_s": math.nan if saved["wall_s"] is None else saved["wall_s"],
     }
+
+
+def _finding(saved: Mapping[str, Any]) -> Finding:
+    given = {name: saved[name] for name in _FINDING}
+    return Finding(**given | {name: tuple(saved[name]) for name in ("recordings", "indices")})
 
 
 def _partition(protocol: str, index: int, saved: Mapping[str, Any], n_rows: int) -> Partition:

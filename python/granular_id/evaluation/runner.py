@@ -4,76 +4,97 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from granular_id._checks import checked_flag
 from granular_id._estimators import describe_estimator, versions
-from granular_id._progress import ProgressCallback, Ticker, check_progress, showing
+from granular_id._progress import ProgressCallback, check_progress
+from granular_id._text import percent
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.arguments import check_dataset, plan_seed, plan_spaces
-from granular_id.evaluation.checkpoint import Checkpoint, fingerprint
-from granular_id.evaluation.controls import plan_controls, run_control
+from granular_id.evaluation.checkpoint import Answer, Checkpoint, fingerprint
+from granular_id.evaluation.controls import (
+    MOST_PARTITIONS,
+    Control,
+    PlannedControl,
+    plan_controls,
+    run_control,
+)
 from granular_id.evaluation.features import STAGES, GramBank
-from granular_id.evaluation.outcome import SpaceSummary
+from granular_id.evaluation.findings import accepted_names, refuse_copies, spoiling
+from granular_id.evaluation.outcome import SpaceSummary, strictest_of
 from granular_id.evaluation.report_data import not_drawn, portrait_of_result
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.scoring import Task, answers_of
-from granular_id.partitions import Partition
+from granular_id.evaluation.telling import Run, telling
+from granular_id.partitions import PROTOCOLS, Partition, protocol_name
 from granular_id.recording import Dataset, data_warnings, describe_data
 from granular_id.spaces import FeatureSpace
-from granular_id.splits import groups_of, plan_partitions, plan_protocols
+from granular_id.splits import AUTO, groups_of, plan_protocols
+
+USUAL_SPACES = ("raw+hfmh", "multiband", "best")
+"""The paper's best space and this package's two."""
 
 
 def evaluate(
     data: Dataset,
-    spaces: str | Sequence[str] | Mapping[str, BaseEstimator | FeatureSpace] = "all",
+    spaces: str | Sequence[str] | Mapping[str, BaseEstimator | FeatureSpace] = USUAL_SPACES,
     protocol: str | Sequence[str] = "auto",
     *,
-    n_partitions: int = 20,
-    train_per_class: int = 50,
-    test_per_class: int = 12,
-    n_folds: int = 5,
+    n_partitions: int | None = None,
+    train_per_class: int | None = None,
+    test_per_class: int | None = None,
+    n_folds: int | None = None,
     classifier: BaseEstimator | None = None,
     controls: bool = True,
+    accept: str | Sequence[str] = (),
     checkpoint: str | os.PathLike[str] | None = None,
     n_jobs: int | None = None,
     random_state: int | None = 0,
     progress: bool | ProgressCallback = True,
 ) -> EvaluationResult:
-    """Train and test on many partitions of a data set, in one or more feature spaces.
+    """Train and test on partitions of a data set, the strictest that it allows first, in one or more feature spaces.
 
     Parameters
     ----------
     data : Dataset
         Recordings of equal length and rate with a label each.
     spaces : str, sequence of str or mapping
-        ``"all"``: the spaces of the paper, then ``"multiband"`` and ``"best"`` of this package; ``"paper"``: the
-        paper's alone; names such as ``["raw", "raw+hfmh"]``; or ``{name: transformer}`` for other settings (see
+        Names such as ``["raw", "raw+hfmh"]``; ``"paper"``: those of the paper's table; ``"all"``: these, then
+        ``"multiband"`` and ``"best"`` of this package; or ``{name: transformer}`` for other settings (see
         `feature_spaces`) or one's own. A transformer that learns from data is fitted on the training rows of
-        each partition.
+        each partition. Default: the paper's best, ``"multiband"`` and ``"best"``, which together take a minute or so.
     protocol : str or sequence of str
-        ``"auto"``: the paper's and, beside it, the strictest that the data allow (`strictest`), so that the gap
-        between them is seen without asking. Or one or more of ``"paper"`` (random partitions), ``"session"``
+        ``"auto"``: the strictest that the data allow, and beside it as many recordings of each class drawn at random,
+        fold by fold, so that the gap compares equals. The strictest are whole sessions held out of every class that has
+        several (another class is split in time, or stays in training where no order is known; the result marks it);
+        else halves in time; else random folds. Or one or more of ``"paper"`` (random partitions), ``"session"``
         (whole sessions held out; blocks in time where a class has one session only), ``"chronological"`` (first
         half of each class trains, second half is tested, and the reverse), ``"kfold"`` (stratified random
-        folds, for small sets).
-    n_partitions, train_per_class, test_per_class : int
-        Of ``"paper"``. Defaults: 20 partitions with 50 and 12 recordings of each class, as in the paper.
-    n_folds : int
-        Of ``"kfold"``, and of ``"session"`` where blocks in time stand in for sessions. Default 5.
+        folds, for small sets). The paper's table: ``spaces="paper", protocol="paper"``.
+    n_partitions, train_per_class, test_per_class : int, optional
+        Of ``"paper"``. Default: 20 partitions with 50 and 12 recordings of each class, as in the paper.
+    n_folds : int, optional
+        Of ``"kfold"``, of ``"session"`` where blocks in time stand in for sessions, and of ``"auto"`` the most folds of
+        sessions. Default: 5; of ``"auto"`` 3 where there are more than 2000 recordings, whose folds take minutes.
     classifier : estimator, optional
         Any scikit-learn classifier; default `ECOCClassifier`, the paper's. ``"best"`` has its own.
     controls : bool
         Whether to measure what could be answered without the method: from the rest before the motion, from
         means, from the clock, with shuffled labels, with samples in random order. Default True, as they are
-        cheap and accuracies without them may mislead.
+        cheap and accuracies without them may mislead. They run last, under the strictest protocol.
+    accept : str or sequence of str
+        Findings of `Dataset.check` that are known, by their code, such as ``"leak-clock"``. Findings that spoil an
+        evaluation (errors, clocks that name the label, copies on both sides of a split) stand above the table, and in
+        `EvaluationResult.spoiling` unless they are accepted; copies on both sides of the headline's split stop it.
     checkpoint : path-like, optional
         Folder that keeps each space and partition as it is finished; the same call goes on from there after an
         interrupt. A folder of another evaluation is refused; of a transformer or classifier of one's own only the
@@ -84,8 +105,9 @@ def evaluate(
         Seed of the partitions and of every ``random_state`` left None in transformers and classifier. None
         draws a fresh seed; either way the result records it.
     progress : bool or callable
-        True draws a bar on a terminal (with rich installed), elsewhere a line at most every 30 s; a callable is called
-        as ``progress(done, total, what)``.
+        True prints each accuracy as soon as it is known, and draws a bar on a terminal (with rich installed), elsewhere
+        a line at most every 30 s; the time left is told by what the partitions took so far. A callable is called as
+        ``progress(done, total, what)``.
 
     Returns
     -------
@@ -98,8 +120,9 @@ def evaluate(
         `data` is not a `Dataset`, or an argument has the wrong type.
     ValueError
         Lengths or rates differ, a recording has no label (or, for ``"session"``, some have no session), there is
-        one class only, a class has too few recordings, no order in time exists, a name is unknown, features are
-        not finite, a transformer is for another rate, or `checkpoint` belongs to something else.
+        one class only, a class has too few recordings, no order in time exists, a name is unknown, recordings hold
+        the same samples and one trains while the other is tested, features are not finite, a transformer is for
+        another rate, or `checkpoint` belongs to something else.
     OSError
         `checkpoint` cannot be made or written.
 
@@ -121,9 +144,9 @@ def evaluate(
     ...         for k in range(6)
     ...     ]
     ... )
-    >>> result = evaluate(data, "raw", n_partitions=2, train_per_class=4, test_per_class=2)
+    >>> result = evaluate(data, "raw", progress=False)
     >>> result.protocols
-    ('paper', 'chronological')
+    ('chronological', 'matched')
     >>> result.mean_accuracy("raw")
     1.0
     >>> [control.name for control in result.controls]
@@ -133,29 +156,33 @@ def evaluate(
     check_dataset(data)
     check_progress(progress)
     controls = checked_flag("controls", controls)
+    accepted = accepted_names(accept)
     seed = plan_seed(random_state)
     X = data.X  # before the counts: resampling and cropping come first, and may change them
-    protocols, notes = plan_protocols(protocol, data)
-    planned = plan_spaces(spaces, data.rate_hz)
-    counts = {
+    of_paper = {
         "n_partitions": n_partitions,
         "train_per_class": train_per_class,
         "test_per_class": test_per_class,
-        "n_folds": n_folds,
     }
-    partitions: dict[str, tuple[Partition, ...]] = {}
-    for name in protocols:
-        drawn, note = plan_partitions(data, name, **counts, seed=seed)
-        partitions[name] = tuple(drawn)
-        notes.append(note)
+    given = {name: value for name, value in of_paper.items() if value is not None}
+    partitions, notes = plan_protocols(data, protocol, n_folds=n_folds, seed=seed, **given)
+    if given and "paper" not in partitions:
+        notes.append(f"no use for {', '.join(given)}: of the protocol 'paper', which did not run")
+    planned = plan_spaces(spaces, data.rate_hz)
     every = list(chain.from_iterable(partitions.values()))
+    first = partitions[next(iter(partitions))]
+    checked = data.check()
+    findings = spoiling(checked, first, len(data))
+    refuse_copies(findings, accepted, first, data.names)
     model = ECOCClassifier() if classifier is None else classifier
     settings = {
         "spaces": [space.name for space in planned],
-        "protocol": protocols,
-        **counts,
+        "protocol": AUTO if protocol == AUTO else list(partitions),
+        **given,
+        **({} if n_folds is None else {"n_folds": n_folds}),
         "classifier": describe_estimator(model),
         "controls": controls,
+        **({"accept": list(accepted)} if accepted else {}),
         "seed": seed,
     }
     transformers = {space.name: describe_estimator(space.transformer) for space in planned}
@@ -169,44 +196,19 @@ def evaluate(
 
     labels, truth = np.unique(data.y, return_inverse=True)
     bank, groups = GramBank(X), groups_of(data)
+    tasks = [Task(space, space.classifier or model, bank, groups) for space in planned]
     checks = plan_controls(data, planned, model, bank) if controls else []
-    n_tasks = len(planned) + sum(check.task is not None for check in checks)
-    with showing(progress) as callback:
-        ask = partial(
-            answers_of,
-            partitions=partitions,
-            labels=labels,
-            truth=truth,
-            seed=seed,
-            n_jobs=n_jobs,
-            ticker=Ticker(n_tasks * (len(every) + 1), callback),
-            checkpoint=kept,
-        )
-        runs = [ask(Task(space, space.classifier or model, bank, groups)) for space in planned]
-        verdicts = tuple(run_control(check, ask, partitions, truth) for check in checks)
+    ask = partial(answers_of, labels=labels, truth=truth, seed=seed, n_jobs=n_jobs, checkpoint=kept)
+    answered, not_converged, verdicts = _run(tasks, checks, partitions, truth, ask, progress)
     summaries, predicted, chosen, has_weights = [], {}, {}, {}
-    for space, (answers, _) in zip(planned, runs, strict=True):
-        for name, given in answers.items():
-            predicted[name, space.name] = tuple(answer.predicted for answer in given)
-            choices = tuple(answer.chosen for answer in given if answer.chosen is not None)
-            if len(choices) == len(given):
+    for space in planned:
+        for name, own in answered[space.name].items():
+            predicted[name, space.name] = tuple(answer.predicted for answer in own)
+            choices = tuple(answer.chosen for answer in own if answer.chosen is not None)
+            if len(choices) == len(own):
                 chosen[name, space.name] = choices
-        given = list(chain.from_iterable(answers.values()))
-        seconds = {
-            stage: given[-1].shared_seconds[stage] + sum(answer.seconds[stage] for answer in given)
-            for stage in STAGES
-        }
-        summaries.append(
-            SpaceSummary(
-                space.name,
-                space.paper_accuracy,
-                space.learns,
-                given[-1].n_features,
-                seconds,
-                transformers[space.name],
-            )
-        )
-        has_weights[space.name] = given[-1].has_weights
+        summaries.append(_summary(space, answered[space.name], transformers[space.name]))
+        has_weights[space.name] = all(own[-1].has_weights for own in answered[space.name].values())
     result = EvaluationResult(
         spaces=tuple(summaries),
         partitions=partitions,
@@ -221,25 +223,91 @@ def evaluate(
         versions=versions(),
         notes=(
             *notes,
-            *data_warnings(data),
+            *data_warnings(data, [finding for finding in checked if finding not in findings]),
             *not_drawn(data),
-            *(line for _, not_converged in runs for line in not_converged),
+            *dict.fromkeys(not_converged),
             *(kept.notes() if kept is not None else ()),
         ),
         synthetic=data.is_synthetic,
         command=_call(settings, classifier),
         controls=verdicts,
+        findings=findings,
     )
     accuracies = {space.name: result.mean_accuracy(space.name) for space in planned}
     portrait = portrait_of_result(data, planned, accuracies, model, seed, has_weights)
     return replace(result, portrait=portrait, wall_s=time.perf_counter() - start)
 
 
+def _run(
+    tasks: Sequence[Task],
+    checks: Sequence[PlannedControl],
+    partitions: Mapping[str, Sequence[Partition]],
+    truth: NDArray[np.intp],
+    ask: Callable[..., tuple[dict[str, list[Answer]], list[str]]],
+    progress: bool | ProgressCallback,
+) -> tuple[dict[str, dict[str, list[Answer]]], list[str], tuple[Control, ...]]:
+    """Answer every space under one protocol after the other, then the controls, and tell each accuracy at once.
+
+    Returns answers by space and protocol, lines on what did not converge, and the controls.
+    """
+    # The cheapest first, so that an accuracy is known soon: classifiers that choose take longest.
+    in_turn = sorted(tasks, key=lambda task: (task.space.classifier is not None, task.space.learns))
+    judged = strictest_of(partitions) or next(iter(partitions))
+    to_control = {judged: partitions[judged][:MOST_PARTITIONS]}
+    runs = [Run(task.space.name, name, len(drawn)) for name, drawn in partitions.items() for task in in_turn]
+    widest = max(len(run.name) for run in runs)
+    of_controls = [Run(check.name, "", len(to_control[judged])) for check in checks if check.task is not None]
+    answered: dict[str, dict[str, list[Answer]]] = {task.space.name: {} for task in tasks}
+    not_converged: list[str] = []
+    verdicts = []
+    with telling(progress, [*runs, *of_controls]) as teller:
+        for run, (name, task) in zip(runs, product(partitions, in_turn), strict=True):
+            drawn = partitions[name]
+            teller.begin(run)
+            answers, lines = ask(task, partitions={name: drawn}, ticker=teller)
+            answered[run.name] |= answers
+            not_converged += lines
+            hits = [
+                np.mean(truth[p.test] == one.predicted) for p, one in zip(drawn, answers[name], strict=True)
+            ]
+            place = f"{protocol_name(name, drawn):<{_WIDEST}}  {run.name:<{widest}}"
+            teller.tell(f"{place}  {percent(float(np.mean(hits))):>7}  ({run.seconds:.0f} s)")
+        begun = iter(of_controls)
+        for check in checks:
+            if check.task is not None:
+                teller.begin(next(begun))
+            asked = partial(ask, partitions=to_control, ticker=teller)
+            verdicts.append(run_control(check, asked, to_control, truth))
+            if check.task is not None:
+                accuracy = percent(verdicts[-1].accuracies.get(judged))
+                teller.tell(f"{'control':<{_WIDEST}}  {check.name:<{widest}}  {accuracy:>7}")
+    return answered, not_converged, tuple(verdicts)
+
+
+_WIDEST = max(map(len, PROTOCOLS.values()))
+
+
+def _summary(
+    space: FeatureSpace, answers: Mapping[str, Sequence[Answer]], settings: Mapping[str, Any]
+) -> SpaceSummary:
+    """Sum up the seconds of a space."""
+    every = list(chain.from_iterable(answers.values()))
+    last = every[-1]
+    seconds = {
+        stage: last.shared_seconds[stage] + sum(one.seconds[stage] for one in every) for stage in STAGES
+    }
+    return SpaceSummary(space.name, space.paper_accuracy, space.learns, last.n_features, seconds, settings)
+
+
 def _call(settings: Mapping[str, Any], classifier: BaseEstimator | None) -> str:
     """Return the call as text, for the reader of a result."""
     arguments = [
         f"{name}={settings[name]!r}"
-        for name in ("spaces", "protocol", "n_partitions", "train_per_class", "test_per_class", "n_folds")
+        for name in (
+            *("spaces", "protocol", "n_partitions", "train_per_class", "test_per_class", "n_folds"),
+            "accept",
+        )
+        if name in settings
     ]
     if classifier is not None:
         arguments.append(f"classifier={' '.join(repr(classifier).split())}")

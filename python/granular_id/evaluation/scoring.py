@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -17,6 +17,7 @@ from granular_id._progress import Ticker
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.checkpoint import Answer, Checkpoint
 from granular_id.evaluation.features import STAGES, GramBank, SpaceFeatures, seeded, timed
+from granular_id.evaluation.telling import Teller
 from granular_id.gram import spread
 from granular_id.partitions import Partition
 from granular_id.spaces import Chosen, FeatureSpace, tell_blocks
@@ -38,6 +39,8 @@ class Task:
     """Sessions and order, for a classifier that asks for them."""
     shuffled: bool = False
     """Whether the labels of the training rows are shuffled first."""
+    most_rows: int | None = None
+    """Of more training rows so many are taken, in proportion of each class."""
     kind: str = "space"
     """Or "control", which may be called like a space."""
 
@@ -96,7 +99,7 @@ def answers_of(
     truth: Codes,
     seed: int,
     n_jobs: int | None,
-    ticker: Ticker,
+    ticker: Ticker | Teller,
     checkpoint: Checkpoint | None,
 ) -> tuple[dict[str, list[Answer]], list[str]]:
     """Answer one task for every partition, by protocol; return also lines on what did not converge.
@@ -111,7 +114,6 @@ def answers_of(
     if missing:
         with named_errors(space.name, kind):
             features = SpaceFeatures(space.name, space.transformer, task.bank, seed, by_gram=task.by_gram)
-    ticker.tick(f"{name}: ready")
     for _ in range(len(every) - len(missing)):
         ticker.tick(f"{name}: from the checkpoint")
 
@@ -120,7 +122,7 @@ def answers_of(
             answer = _answer(task, features, partition, labels, truth, seed)
         if checkpoint is not None:
             checkpoint.save(task.key, partition, answer)
-        ticker.tick(f"{name}: {partition.protocol}, {partition.description}")
+        ticker.tick(f"{name}: {partition.description}")
         return answer
 
     # Threads, not processes: scalar products are shared, and libsvm works outside the interpreter lock. The
@@ -142,6 +144,10 @@ def _answer(
     """Train on one part of a partition and name the recordings of the other."""
     # Our own classifier names classes in its messages; of others not all take text.
     takes_text = isinstance(task.classifier, ECOCClassifier | CostGrid)
+    if task.most_rows is not None and partition.train.size > task.most_rows:
+        by_class = partition.train[np.argsort(truth[partition.train], kind="stable")]
+        taken = np.linspace(0, by_class.size - 1, task.most_rows).round().astype(np.intp)
+        partition = replace(partition, train=np.sort(by_class[taken]))
     targets = labels[truth[partition.train]] if takes_text else truth[partition.train]
     if task.shuffled:
         words = np.random.SeedSequence(seed, spawn_key=(4, partition.index))

@@ -161,7 +161,7 @@ def select(
     bank = GramBank(X)
     every = [partition for fold in folds for partition in (fold.outer, *fold.inner)]
     with showing(progress) as callback:
-        ticker = Ticker((len(every) + 1) * len(candidates), callback)
+        ticker = Ticker(len(every) * len(candidates), callback)
         scores, n_features, not_converged = score_all(
             candidates, costs, every, y, bank, n_jobs=n_jobs, ticker=ticker
         )

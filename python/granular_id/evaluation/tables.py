@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
@@ -12,7 +13,6 @@ from granular_id._text import Table, percent, whole_percent
 from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.gap import gap_lines
 from granular_id.evaluation.outcome import Outcome
-from granular_id.partitions import are_blocks
 from granular_id.recording import labelled_check_note
 from granular_id.spaces import Chosen
 from granular_id.synthetic import PAPER_MATERIALS
@@ -20,8 +20,22 @@ from granular_id.synthetic import PAPER_MATERIALS
 PAPER_NOTE = "* the paper's accuracy on the paper's own recordings (arXiv 2403.17606); not measured here"
 
 
+LONGEST_NOTE = 120
+"""Characters of a note below a table; `EvaluationResult.notes` and the report have all of it."""
+
+
+def finding_lines(result: Outcome) -> tuple[str, ...]:
+    """Say what spoils the figures, for above them, and how to state that it is known; then what is known already."""
+    spoiling = result.spoiling
+    known = tuple(finding for finding in result.findings if finding not in spoiling)
+    return (
+        *(f"SPOILED by {finding.code}: {finding.message}" for finding in spoiling),
+        *(f"accepted: {finding.code}: {finding.message}" for finding in known),
+    )
+
+
 def plain_text(result: Outcome) -> str:
-    """Accuracies with gaps and notes, controls, comparisons, what was chosen, then seconds."""
+    """Return what spoils the figures, accuracies with gaps, controls, comparisons, choices, then seconds."""
     tables = (
         accuracy_table(result),
         *((controls_table(result),) if result.controls else ()),
@@ -29,11 +43,11 @@ def plain_text(result: Outcome) -> str:
         *choice_tables(result),
         seconds_table(result),
     )
-    return "\n\n".join(map(str, tables))
+    return "\n\n".join((*finding_lines(result), *map(str, tables)))
 
 
 def accuracy_table(result: Outcome) -> Table:
-    """Accuracy per space for each protocol, then the gap between random draws and the strictest.
+    """Accuracy per space for each protocol, the strictest first, then the gap where equals were compared.
 
     The paper's accuracies stand beside them where the labels are the paper's eleven materials.
     """
@@ -41,11 +55,11 @@ def accuracy_table(result: Outcome) -> Table:
     columns = [("space", [space.name for space in result.spaces])]
     if papers:
         columns.append(("paper*", [percent(space.paper_accuracy, 2) for space in result.spaces]))
-    for protocol in result.protocols:
+    for protocol in _strictest_first(result):
         columns += _columns(result, protocol)
-    if result.random is not None and result.strictest is not None:
-        gaps = (100 * (result.gap(space.name) or 0.0) for space in result.spaces)
-        columns.append(("gap", [f"{round(gap, 1) + 0.0:.1f}" for gap in gaps]))  # never -0.0
+    gaps = [result.gap(space.name) for space in result.spaces]
+    if any(gap is not None for gap in gaps):
+        columns.append(("gap", [f"{round(100 * (gap or 0.0), 1) + 0.0:.1f}" for gap in gaps]))  # never -0.0
     header, cells = zip(*columns, strict=True)
     kind = (
         "SYNTHETIC recordings: says nothing about real materials" if result.synthetic else "these recordings"
@@ -55,8 +69,16 @@ def accuracy_table(result: Outcome) -> Table:
         f"Accuracy on {kind} ({counts})",
         header,
         tuple(zip(*cells, strict=True)),
-        (*((PAPER_NOTE,) if papers else ()), *gap_lines(result), *map(labelled_check_note, result.notes)),
+        (*((PAPER_NOTE,) if papers else ()), *gap_lines(result), *map(_brief, result.notes)),
     )
+
+
+def _brief(note: str) -> str:
+    return textwrap.shorten(labelled_check_note(note), LONGEST_NOTE, placeholder=" ...")
+
+
+def _strictest_first(result: Outcome) -> list[str]:
+    return sorted(result.protocols, key=lambda protocol: protocol != result.headline)
 
 
 def shows_paper(result: Outcome) -> bool:
@@ -66,51 +88,44 @@ def shows_paper(result: Outcome) -> bool:
 
 
 def _columns(result: Outcome, protocol: str) -> list[tuple[str, list[str]]]:
-    """Headers and cells of one protocol: the two halves by name, of others the mean, of the first also macro-F1."""
-    partitions, names = result.partitions[protocol], [space.name for space in result.spaces]
-    if protocol == "chronological":
-        halves = zip(*(result.accuracies(name, protocol).tolist() for name in names), strict=True)
-        return [
-            (partition.description, [*map(percent, half)])
-            for partition, half in zip(partitions, halves, strict=True)
-        ]
-    kinds = {
-        "paper": "random",
-        "kfold": "folds",
-        "session": "blocks" if are_blocks(partitions) else "session folds",
-    }
+    """Headers and cells of one protocol: the mean over its partitions, of the headline also macro-F1."""
+    names = [space.name for space in result.spaces]
     cells = []
     for name in names:
         sd = result.sd_accuracy(name, protocol)
         spread = "" if math.isnan(sd) else f" ± {100 * sd:.2f}"
         cells.append(f"{100 * result.mean_accuracy(name, protocol):.2f}{spread} %")
-    columns = [(f"{len(partitions)} {kinds[protocol]}", cells)]
-    if protocol == result.protocols[0]:
+    mark = "†" if result.exceptions and protocol == "session" else ""
+    header = f"{result.protocol_name(protocol)}{mark} ({len(result.partitions[protocol])})"
+    columns = [(header, cells)]
+    if protocol == result.headline:
         columns.append(("macro-F1", [f"{result.macro_f1(name, protocol):.3f}" for name in names]))
     return columns
 
 
 def controls_table(result: Outcome, space: str | None = None) -> Table:
-    """Accuracy of each control under each protocol below that of the method; verdicts in the notes.
+    """Accuracy of each control below that of the method, under the protocols that it ran; verdicts in the notes.
 
-    The method is `space`, by default the best under random draws.
+    The method is `space`, by default the best under the headline's protocol.
     """
-    method = space or result.best_space(result.random)
-    first = (method, *(percent(result.mean_accuracy(method, protocol)) for protocol in result.protocols))
+    method = space or result.best_space(result.headline)
+    ran = {protocol for control in result.controls for protocol in control.accuracies}
+    protocols = [protocol for protocol in result.protocols if protocol in ran]
+    first = (method, *(percent(result.mean_accuracy(method, protocol)) for protocol in protocols))
     rows = (
-        (control.name, *(percent(control.accuracies.get(protocol)) for protocol in result.protocols))
+        (control.name, *(percent(control.accuracies.get(protocol)) for protocol in protocols))
         for control in result.controls
     )
     return Table(
         f"Controls beside the method, {method} (chance {percent(result.chance)}){_mark(result)}",
-        ("control", *(result.protocol_name(protocol) for protocol in result.protocols)),
+        ("control", *(result.protocol_name(protocol) for protocol in protocols)),
         (first, *rows),
         tuple(f"{control.name}: {control.what}; {control.verdict}" for control in result.controls),
     )
 
 
 def comparison_tables(result: Outcome, space: str | None = None) -> tuple[Table, ...]:
-    """One space against each other, under random draws and under the strictest protocol.
+    """One space against each other, under the strictest protocol and under random draws.
 
     None where there is one space only. Default: the space that is best in each protocol.
     """
@@ -118,7 +133,7 @@ def comparison_tables(result: Outcome, space: str | None = None) -> tuple[Table,
         return ()
     return tuple(
         result.comparison(protocol).table(of=space or result.best_space(protocol))
-        for protocol in (result.random, result.strictest)
+        for protocol in dict.fromkeys((result.headline, result.random))
         if protocol is not None
     )
 
@@ -153,14 +168,19 @@ def confusion_table(result: Outcome, space: str, protocol: str) -> Table:
 
 def recall_table(result: Outcome, space: str) -> Table:
     """Share of each class named rightly under each protocol, the worst under the strictest first."""
-    recalls = {protocol: result.recall(space, protocol) for protocol in result.protocols}
-    order = np.argsort(recalls[result.strictest or result.protocols[-1]], kind="stable")
+    recalls = {protocol: result.recall(space, protocol) for protocol in _strictest_first(result)}
+    order = np.argsort(recalls[result.headline], kind="stable")
+    exceptions = result.exceptions
     rows = (
-        (result.labels[k], *(percent(float(recall[k])) for recall in recalls.values()))
+        (
+            result.labels[k] + "†" * (result.labels[k] in exceptions),
+            *(percent(float(recall[k])) for recall in recalls.values()),
+        )
         for k in order.tolist()
     )
-    names = (result.protocol_name(protocol) for protocol in result.protocols)
-    return Table(f"Recall of {space}{_mark(result)}", ("class", *names), tuple(rows))
+    names = (result.protocol_name(protocol) for protocol in recalls)
+    notes = tuple(f"† {label}: {what}" for label, what in exceptions.items())
+    return Table(f"Recall of {space}{_mark(result)}", ("class", *names), tuple(rows), notes)
 
 
 def mistakes_table(result: Outcome, space: str, protocol: str, limit: int = 10) -> Table:

@@ -138,7 +138,7 @@ def plot_gap(
     ----------
     result : EvaluationResult
     space : str, optional
-        Default: the best under random draws.
+        Default: the best under the strictest protocol.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 
@@ -147,7 +147,7 @@ def plot_gap(
     matplotlib.figure.Figure
         One row a protocol: dots are partitions, the large mark is their mean, the line the 95 % interval
         (`EvaluationResult.interval`; none below three partitions). The shaded stretch is the gap between
-        random draws and the strictest protocol; the dashed line is chance.
+        random draws and the strictest protocol, where equal numbers ran; the dashed line is chance.
 
     Raises
     ------
@@ -165,12 +165,12 @@ def plot_gap(
     >>> [label.get_text() for label in plot_gap(result).axes[0].get_yticklabels()]
     ['random partitions', 'halves in time order']
     """
-    name = result.space(space).name if space is not None else result.best_space(result.random)
+    name = result.space(space).name if space is not None else result.best_space(result.headline)
     shown = looks(result)
     figure = new_figure(5.2, 0.75 + 0.42 * len(shown))
     panel = figure.subplots()
     strictest = result.strictest
-    if result.random is not None and strictest is not None:
+    if result.random is not None and strictest is not None and result.gap(name) is not None:
         means = [result.mean_accuracy(name, protocol) for protocol in (result.random, strictest)]
         panel.axvspan(min(means), max(means), color=_GAP_COLOUR, alpha=0.3, linewidth=0)
     for row, (protocol, look) in enumerate(shown.items()):
@@ -209,7 +209,7 @@ def plot_recall(
     ----------
     result : EvaluationResult
     space : str, optional
-        Default: the best under random draws.
+        Default: the best under the strictest protocol.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 
@@ -233,7 +233,7 @@ def plot_recall(
     >>> [label.get_text() for label in plot_recall(result).axes[0].get_yticklabels()]
     ['fine sugar', 'rice']
     """
-    name = result.space(space).name if space is not None else result.best_space(result.random)
+    name = result.space(space).name if space is not None else result.best_space(result.headline)
     shown = looks(result)
     recalls = {protocol: result.recall(name, protocol) for protocol in shown}
     rows = range(len(result.labels))
@@ -260,6 +260,7 @@ _MARKS = {
     "session": ("#D55E00", "s"),
     "chronological": ("#CC79A7", "D"),
     "kfold": ("#009E73", "^"),
+    "matched": ("#0072B2", "o"),
 }
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 from granular_id._checks import argument_error, thaw
+from granular_id.recording.checks import Finding
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.onset import ONSET_STEP as ONSET
 from granular_id.recording.recording import KNOWN_UNITS, unit_of
@@ -257,10 +258,14 @@ SEVERE_PREFIXES = ("error: ", "warning: ")
 """How the lines of `data_warnings` begin."""
 
 
-def data_warnings(data: Dataset) -> list[str]:
-    """Return what may mislead a reader of the accuracies: set-ups that differ, errors and warnings of the checks."""
-    findings = [str(finding) for finding in data.check() if finding.severity != "info"]
-    return mixed_setup_warnings(data) + findings
+def data_warnings(data: Dataset, findings: Iterable[Finding] | None = None) -> list[str]:
+    """Return what may mislead a reader of the accuracies: set-ups that differ, errors and warnings of the checks.
+
+    `findings`: of the checks, where they have been made already.
+    """
+    made = data.check() if findings is None else findings
+    told = [str(finding) for finding in made if finding.severity != "info"]
+    return mixed_setup_warnings(data) + told
 
 
 def labelled_check_note(note: str) -> str:

@@ -16,6 +16,7 @@ from granular_id.evaluation import (
     choice_tables,
     comparison_tables,
     controls_table,
+    finding_lines,
     gap_of,
     mistakes_table,
     recall_table,
@@ -69,10 +70,10 @@ def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
 def html(result: EvaluationResult) -> str:
     """Return the page that `report` writes."""
     template = _template()
-    space = result.best_space(result.random)
+    space = result.best_space(result.headline)
     warnings, notes = split_notes(result)
     accuracies = accuracy_table(result)
-    judged = result.strictest or result.protocols[0]
+    judged = result.headline
     return str(
         template.render(
             result=result,
@@ -81,6 +82,7 @@ def html(result: EvaluationResult) -> str:
             space=space,
             warnings=warnings,
             notes=notes,
+            spoiled=finding_lines(result),
             figures=pictures(result, space),
             accuracies=replace(accuracies, notes=(PAPER_NOTE,) if shows_paper(result) else ()),
             controls=controls_table(result, space),

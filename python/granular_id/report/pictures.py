@@ -98,7 +98,7 @@ def figures(
     endings = [formats] if isinstance(formats, str) else list(formats)
     if not endings:
         raise ValueError("formats must name at least one ending, such as png, got none")
-    chosen = result.space(space).name if space is not None else result.best_space(result.random)
+    chosen = result.space(space).name if space is not None else result.best_space(result.headline)
     written = []
     with made_folder(folder) as place:
         for name, plot in _plots(result, chosen).items():
@@ -208,7 +208,7 @@ def _of_results(result: EvaluationResult, space: str) -> Iterator[Picture]:
     alt = f"Mean accuracy of {len(result.spaces)} feature spaces with 95 % intervals; numbers in the table"
     yield Picture("accuracy", "", figure, alt, 0.75)
     for protocol in result.protocols:
-        if protocol not in {result.random, result.strictest, result.protocols[0]}:
+        if protocol not in {result.random, result.headline}:
             continue
         name = result.protocol_name(protocol)
         shares = as_percent(result.confusion(space, protocol).astype(float))
