@@ -63,10 +63,10 @@ def test_table_marks_mann_whitney_and_explains_each_column():
     for words in (
         "on the same 20 partitions (random partitions)",
         "U test†",
-        "† Mann-Whitney, as the paper reports it, but far too small",
+        "† Mann-Whitney, as in the paper: far too small",
         "Nadeau & Bengio 2003",
         "adjusted for 6 pairs",
-        "equal meaning within 1 % (Bayesian",
+        "equal (within 1 %)",
     ):
         assert words in str(comparison)
     of_one = comparison.table("dft").rows
@@ -84,7 +84,7 @@ def test_halves_in_time_give_differences_and_say_why_nothing_else(n, words):
     assert all(math.isnan(getattr(pair, name)) for name in figures)
     assert all(map(math.isnan, comparison.intervals["raw"]))
     assert comparison.table().header == ("first", "second", "points")
-    assert f"{words}: too few to tell a difference from chance" in str(comparison)
+    assert f"{words}: too few for p-values" in str(comparison)
 
 
 def test_a_constant_difference_is_said_to_be_beyond_a_test():

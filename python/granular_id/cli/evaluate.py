@@ -262,10 +262,6 @@ class Partitions:
             raise ValueError(f"--paper is random partitions: leave out --protocol {self.protocol}")
         if self.paper:
             self.protocol = "paper"
-        of_paper = {"--train": self.train, "--test": self.test, "--partitions": self.partitions}
-        for name, value in of_paper.items():
-            if value is not None and self.protocol != "paper":
-                raise ValueError(f"{name} is for the paper's random partitions: add --paper, or leave it out")
 
 
 @command

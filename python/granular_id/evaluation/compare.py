@@ -256,10 +256,7 @@ def _tested(pair: Pair, a: Floats, b: Floats, n_train: float, n_test: float) -> 
 def _why_not(n_partitions: int, pairs: Sequence[Pair]) -> str:
     if n_partitions < MIN_PARTITIONS:
         count = {1: "one partition", 2: "two partitions"}[n_partitions]
-        return (
-            f"{count}: too few to tell a difference from chance, so no p-values, probabilities or intervals "
-            f"are given (at least {MIN_PARTITIONS} are needed)"
-        )
+        return f"{count}: too few for p-values, probabilities or intervals (at least {MIN_PARTITIONS} are needed)"
     same = [pair for pair in pairs if math.isnan(pair.corrected_p)]
     if not same:
         return ""

@@ -42,7 +42,7 @@ def refuse_copies(
     partitions: Sequence[Partition],
     names: Sequence[str],
 ) -> None:
-    """Refuse recordings that hold each other's samples on both sides of a split, unless that is accepted."""
+    """Refuse recordings that share samples on both sides of a split, unless that is accepted."""
     for finding in findings:
         pairs = set(_apart(finding, partitions, len(names)))
         if not pairs or finding.code in accepted:
@@ -50,8 +50,8 @@ def refuse_copies(
         one, other = min(pairs)
         more = f", and {len(pairs) - 1} more such pairs" if len(pairs) > 1 else ""
         raise ValueError(
-            f"{names[one]!r} and {names[other]!r} hold the same samples, and one trains while the other is "
-            f"tested{more}: leave one out, give both one session, or pass accept=('{finding.code}',)"
+            f"{names[one]!r} and {names[other]!r} share samples, and one trains while the other is tested{more}: "
+            f"leave one out, give both one session, or pass accept=('{finding.code}',)"
         )
 
 

@@ -167,7 +167,7 @@ def evaluate(
     given = {name: value for name, value in of_paper.items() if value is not None}
     partitions, notes = plan_protocols(data, protocol, n_folds=n_folds, seed=seed, **given)
     if given and "paper" not in partitions:
-        notes.append(f"no use for {', '.join(given)}: of the protocol 'paper', which did not run")
+        notes.append(f"{', '.join(given)} had no use: that is of the protocol 'paper' (--paper), which did not run")
     planned = plan_spaces(spaces, data.rate_hz)
     every = list(chain.from_iterable(partitions.values()))
     first = partitions[next(iter(partitions))]
@@ -255,8 +255,8 @@ def _run(
     judged = strictest_of(partitions) or next(iter(partitions))
     to_control = {judged: partitions[judged][:MOST_PARTITIONS]}
     runs = [Run(task.space.name, name, len(drawn)) for name, drawn in partitions.items() for task in in_turn]
-    widest = max(len(run.name) for run in runs)
     of_controls = [Run(check.name, "", len(to_control[judged])) for check in checks if check.task is not None]
+    widest = max(len(run.name) for run in [*runs, *of_controls])
     answered: dict[str, dict[str, list[Answer]]] = {task.space.name: {} for task in tasks}
     not_converged: list[str] = []
     verdicts = []

@@ -4,18 +4,21 @@ import csv
 import itertools
 import re
 import sys
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
 import pytest
 
 from cli_cases import SMALL, ended_well, make, refused, run, saved, written
+from granular_id.cli.method import chosen_spaces
 from granular_id.cli.outputs import repeated_command
 from granular_id.evaluation import runner
+from granular_id.recording import Dataset
 from granular_id.report import pictures
 from granular_id.rica import descend
 
-NAMES = "accuracy confusion_paper confusion_chronological gap hfmh mean_forces recall residual weights"
+NAMES = "accuracy confusion_matched confusion_chronological gap hfmh mean_forces recall residual weights"
 FIGURES = tuple(f"{name}.png" for name in NAMES.split())
 
 
@@ -33,17 +36,17 @@ def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path, monk
     with (tmp_path / "p.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [space["name"] for space in result["spaces"]] == ["raw+hfmh", "hfmh", "raw"]
-    assert list(result["partitions"]) == ["paper", "chronological"]
+    assert list(result["partitions"]) == ["chronological", "matched"]
     for space in result["spaces"]:
-        figures = space["protocols"]["paper"]
-        mine = [r for r in rows if (r["space"], r["protocol"]) == (space["name"], "paper")]
-        shares = [np.mean([int(r["correct"]) for r in mine if r["partition"] == str(j)]) for j in range(3)]
+        figures = space["protocols"]["matched"]
+        mine = [r for r in rows if (r["space"], r["protocol"]) == (space["name"], "matched")]
+        shares = [np.mean([int(r["correct"]) for r in mine if r["partition"] == str(j)]) for j in range(2)]
         assert figures["accuracies"] == pytest.approx(shares, abs=0)
         mean, sd = 100 * np.mean(shares), 100 * np.std(shares, ddof=1)
         assert re.search(rf"^{re.escape(space['name'])} .* {mean:.2f} ± {sd:.2f} %", out, re.M)
     assert out.startswith("30 recordings, 3 materials, 60 samples at 125 Hz\n")
     assert "paper*" not in out
-    for words in ("in percent of the true class", "training", "chronological: by start time"):
+    for words in ("in percent of the true class", "training", "halves in time order, by start time"):
         assert words in out
     assert result["synthetic"] is False
     assert result["command"] == "python -m granular_id evaluate 'my folder'"
@@ -88,8 +91,8 @@ def test_options_reach_the_evaluation(folder, tmp_path):
 def test_learned_ranges_one_protocol_and_excluded_materials(folder):
     words = ("--bin-range", "auto", "--protocol", "chronological", "--exclude", "oat")
     out = ended_well("evaluate", folder, *SMALL, *words)
-    assert "3 random" not in out
-    assert "1st->2nd half" in out
+    assert "random" not in out.split("Controls")[0]
+    assert "halves in time order (2)" in out
     assert "--exclude left out oat (10 recordings); 20 recordings, 2 materials remain\n" in out
 
 
@@ -103,7 +106,8 @@ def test_quiet_prints_accuracies_and_names_files_written_and_skipped(folder, tmp
     assert "repeat with" not in out
     lines = ended_well("evaluate", folder, *SMALL, "--quiet").strip().splitlines()
     assert lines[0] == "Accuracy on these recordings (30 recordings, 3 classes, chance 33.3 %)"
-    assert [line.split()[0] for line in lines[3:]] == ["raw+hfmh", "hfmh", "raw"]
+    assert [line.split()[0] for line in lines[3:6]] == ["raw+hfmh", "hfmh", "raw"]
+    assert len(lines) == 6
 
 
 def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monkeypatch):
@@ -115,7 +119,7 @@ def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monk
     out = ended_well("evaluate", folder, *SMALL, *words)
     of_raw = written(tmp_path / "r.json")["spaces"][2]
     assert of_raw["name"] == "raw"
-    for (counts, more), protocol in zip(drawn, ("paper", "chronological"), strict=True):
+    for (counts, more), protocol in zip(drawn, ("chronological", "matched"), strict=True):
         assert counts.tolist() == of_raw["protocols"][protocol]["confusion"]
         assert more["path"].name == f"confusion_{protocol}.png"
         assert more["title"].startswith("raw, ")
@@ -137,16 +141,45 @@ def test_help_names_every_option_with_examples():
     out = ended_well("evaluate", "--help", columns=120)
     options = (
         "rate-hz max-gap-s duration-s n-samples on-gap on-short on-error train test partitions protocol folds "
-        "controls no-controls spaces cutoff-hz order n-bins bin-range initial tare-s block-weights C seed threads "
-        "report json csv figures checkpoint quiet"
+        "paper accept controls no-controls spaces cutoff-hz order n-bins bin-range initial tare-s block-weights C "
+        "seed threads report json csv figures checkpoint quiet"
     )
     for option in options.split():
         assert f"--{option}" in out
-    assert "granular-id evaluate recordings --train 40 --test 10" in out
+    assert "granular-id evaluate recordings --paper --train 40 --test 10" in out
     assert "granular-id demo -o somewhere --quick" in ended_well("demo", "--help", columns=120)
     for command in ("record", "live"):
         assert "Examples" in ended_well(command, "--help")
     assert re.fullmatch(r"granular-id \d+\.\d+\.\d+\S*\n", ended_well("--version"))
+
+
+def test_paper_is_the_papers_table(folder, tmp_path):
+    counts = ("--train", "6", "--test", "3", "--partitions", "2")
+    spaces = ("--spaces", "raw,hfmh", "--no-controls")  # those of the paper take long
+    ended_well("evaluate", folder, "--paper", *counts, *spaces, "--json", tmp_path / "r.json")
+    result = written(tmp_path / "r.json")
+    assert {name: len(drawn) for name, drawn in result["partitions"].items()} == {"paper": 2}
+    assert chosen_spaces("paper")[:2] == ["raw+hfmh", "norm-raw+hfmh"]
+
+
+def test_what_spoils_the_figures_stands_above_them_and_ends_with_3_unless_accepted(tmp_path):
+    apart = Dataset([replace(r, start_time=1e9 + 1e4 * ord(r.label[0]) + i) for i, r in enumerate(make())])
+    data = saved(apart, tmp_path / "x")
+    words = ("evaluate", data, "--spaces", "raw", "--no-controls")
+    result = run(*words)
+    assert result.exit_code == 3
+    out = result.stdout
+    assert out.index("SPOILED by leak-clock: ") < out.index("Accuracy on these")
+    assert "--accept leak-clock" in out
+    assert "accepted: leak-clock: " in ended_well(*words, "--accept", "leak-clock")
+
+
+def test_copies_across_a_split_are_refused_with_the_option_that_accepts_them(folder, tmp_path):
+    data = make()
+    twin = replace(data[0], name="oat/twin.csv", start_time=2e9)
+    copies = saved(Dataset([*data, twin]), tmp_path / "x")
+    line = refused("evaluate", copies, "--spaces", "raw")
+    assert line.endswith("leave one out, give both one session, or add --accept duplicates")
 
 
 def test_demo_says_that_it_is_synthetic_and_writes_its_files(tmp_path, monkeypatch, no_pictures):

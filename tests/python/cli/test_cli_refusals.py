@@ -126,7 +126,10 @@ def test_what_cannot_be_is_refused_before_anything_is_read(typed, said):
 
 
 AFTER_READING = [
-    ("evaluate {folder} --train 50", "class 'oat' has 10 recordings, wanted ... : add --train 8 --test 2"),
+    (
+        "evaluate {folder} --paper --train 50",
+        "class 'oat' has 10 recordings, wanted ... : add --train 8 --test 2",
+    ),
     ("evaluate {folder} {small} --n-samples 999", "too short"),
     (
         "evaluate {folder} --exclude salt",
@@ -327,7 +330,7 @@ def test_files_without_time_need_the_rate_they_were_recorded_at(tmp_path):
     line = refused("evaluate", tmp_path, *SMALL)
     assert "has no time column and no rate is stated; pass --recorded-hz, or a rate_hz column" in line
     out = ended_well("evaluate", tmp_path, *SMALL, "--recorded-hz", 500)
-    assert "chronological: by file order: the recordings carry no start time" in out
+    assert "halves in time order, by file order: the recordings carry no start time" in out
 
 
 @pytest.mark.parametrize("fault", ["broken", "backward", "cut off"])
@@ -361,7 +364,7 @@ def test_no_order_in_time_leaves_the_second_protocol_out_and_says_so(tmp_path):
     without = Recording(one.wrench, rate_hz=125.0, label=one.label, name=one.name)
     data = saved(Dataset([*timed[:4], without, *timed[5:]]), tmp_path / "x")
     out = ended_well("evaluate", data, *SMALL)
-    assert f"chronological protocol left out: recording {one.name!r} has no start time" in out
+    assert f"halves in time left out: recording {one.name!r} has no start time" in out
     assert "no start time" in refused("evaluate", data, *SMALL, "--protocol", "chronological")
 
 

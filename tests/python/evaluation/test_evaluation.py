@@ -19,7 +19,7 @@ from granular_id._estimators import describe_estimator
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
 from granular_id.partitions import chronological_partitions, paper_partitions
-from granular_id.recording import SampleFlag
+from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.spaces import feature_spaces
 
 
@@ -171,18 +171,59 @@ def test_seed_none_draws_one_and_records_it(data):
 def test_progress_is_told_step_by_step(data):
     steps = []
     settings = {**SMALL, "progress": lambda *step: steps.append(step)}
-    evaluate(data, ["raw", "hfmh"], "paper", n_jobs=2, **settings)
+    result = evaluate(data, ["raw", "hfmh"], "paper", n_jobs=2, **settings)
     assert [done for done, _, _ in steps] == list(range(1, 9))
     assert {total for _, total, _ in steps} == {8}
-    assert {what for _, _, what in steps} >= {"raw: ready", "hfmh: paper, partition 3"}
+    told = [what for _, _, what in steps]
+    assert "hfmh: partition 3" in told
+    assert told[3].split()[:4] == ["random", "partitions", "raw", f"{100 * result.mean_accuracy('raw'):.1f}"]
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_without_a_terminal_or_rich_short_work_is_silent(data, capfd, monkeypatch, terminal):
+def test_each_accuracy_is_a_line_with_or_without_a_terminal(data, capfd, monkeypatch, terminal):
     monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
-    monkeypatch.setitem(sys.modules, "rich.progress", None)
-    evaluate(data, "raw", "paper", **{**SMALL, "progress": True})
-    assert capfd.readouterr() == ("", "")
+    monkeypatch.setitem(sys.modules, "rich", None)
+    evaluate(data, ["multiband", "raw"], **{**SMALL, "progress": True})
+    out, err = capfd.readouterr()
+    lines = [line.split("  ")[0] for line in err.splitlines() if "%" in line]
+    assert out == ""
+    assert lines == ["held-out sessions", "held-out sessions", "as many at random", "as many at random"]
+    assert err.index(" raw ") < err.index(" multiband ")  # the cheapest first
+
+
+def test_usual_spaces_and_partitions(data):
+    result = evaluate(data, **SMALL)
+    assert [space.name for space in result.spaces] == ["raw+hfmh", "multiband", "best"]
+    assert result.protocols == ("session", "matched")
+    assert result.gap("raw+hfmh") is not None
+    note = (
+        "n_partitions, train_per_class, test_per_class had no use: that is of the protocol 'paper' (--paper)"
+    )
+    assert any(line.startswith(note) for line in result.notes)
+
+
+def copied(data, session):
+    """The recordings, and one of them again under the next name."""
+    twin = Recording(
+        data[0].wrench, rate_hz=500.0, label=data[0].label, name="twin", session=session, start_time=2e9
+    )
+    return Dataset([*data, twin])
+
+
+def test_copies_on_both_sides_of_a_split_stop_it(data):
+    apart = next(one.session for one in data if one.label == data[0].label and one.session != data[0].session)
+    message = r"'oat_0' and 'twin' share samples, and one trains .* pass accept=\('duplicates',\)"
+    with pytest.raises(ValueError, match=message):
+        evaluate(copied(data, apart), "raw", **SMALL)
+    known = evaluate(copied(data, apart), "raw", **SMALL, accept="duplicates")
+    assert [finding.code for finding in known.findings] == ["duplicates"]
+    assert known.spoiling == ()
+
+
+def test_copies_within_a_session_spoil_nothing_where_sessions_are_held_out(data):
+    result = evaluate(copied(data, data[0].session), "raw", **SMALL)
+    assert result.protocols == ("session", "matched")
+    assert result.findings == ()
 
 
 @pytest.mark.parametrize(("error", "n_jobs"), [(KeyboardInterrupt, 1), (RuntimeError, 2)])

@@ -1,17 +1,19 @@
 """Partitions and folds: disjoint, stratified, seeded, whole sessions held out whatever the data; and clear errors."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from evaluation_cases import SMALL, changed, make_data
-from granular_id.evaluation import evaluate
+from evaluation_cases import LABELS, SMALL, changed, make_data
+from granular_id.evaluation import evaluate, recall_table
 from granular_id.partitions import (
     block_partitions,
     chronological_partitions,
     kfold_partitions,
+    matched_partitions,
     paper_partitions,
     protocol_name,
     session_partitions,
@@ -20,7 +22,10 @@ from granular_id.recording import Dataset, Recording
 from granular_id.splits import (
     checked_groups,
     describe_order,
+    groups_of,
     plan_partitions,
+    plan_protocols,
+    sessions_where_possible,
     strict_partitions,
     strictest,
 )
@@ -280,15 +285,16 @@ def test_the_strictest_that_ran_is_whole_sessions_then_halves_then_blocks(data):
     assert evaluate(alone, "raw", **both).strictest == "chronological"
     result = evaluate(alone, "raw", ["kfold", "session"], **SMALL)
     assert result.strictest == "session"
-    assert result.gap("raw") == result.mean_accuracy("raw", "kfold") - result.mean_accuracy("raw", "session")
+    difference = result.mean_accuracy("raw", "kfold") - result.mean_accuracy("raw", "session")
+    assert result.gap("raw") == difference
     assert evaluate(alone, "raw", "kfold", **SMALL).strictest is None
 
 
 def test_auto_says_what_it_left_out(data):
     result = evaluate(changed(data, session=lambda r: None), "raw", **SMALL)
-    assert result.protocols == ("paper", "chronological")
-    assert "session protocol left out: no recording says which session it is from" in result.notes
-    assert evaluate(data, "raw", **SMALL).protocols == ("paper", "session")
+    assert result.protocols == ("chronological", "matched")
+    assert "held-out sessions left out: no recording says which session it is from" in result.notes
+    assert evaluate(data, "raw", **SMALL).protocols == ("session", "matched")
 
 
 def test_blocks_in_time_stand_in_for_sessions_and_the_note_says_why():
@@ -328,3 +334,126 @@ def test_sessions_of_nan_are_not_known_and_numbers_are_names():
     assert why.endswith("chronological protocol left out: no order in time is known")
     halves, _ = strict_partitions(y[2:], checked_groups(6, None, [5, 4, 3, 2, 1, 0]).take(np.arange(2, 6)))
     assert halves[0].train.tolist() == [2, 3]
+
+
+def lone(**sessions):
+    """Recordings of which some classes have another session, by label."""
+    return changed(make_data(n=6), session=lambda r: sessions.get(r.label, r.session))
+
+
+def split_of(data, **fields):
+    drawn, notes = sessions_where_possible(data.y, groups_of(changed(data, **fields) if fields else data))
+    return drawn, notes, data.y, data.sessions
+
+
+def test_a_class_of_one_session_is_split_in_time_and_the_others_keep_their_sessions():
+    drawn, notes, y, sessions = split_of(lone(oat="the only one"))
+    assert [part.protocol for part in drawn] == ["session", "session"]
+    assert notes[-1] == "oat: one session only; split in time, by start time"
+    for part in drawn:
+        others = [rows[y[rows] != "oat"] for rows in (part.train, part.test)]
+        assert not set(sessions[others[0]]) & set(sessions[others[1]])
+        assert (y[part.test] == "oat").sum() == 3
+        assert sorted([*part.train, *part.test]) == list(range(y.size))
+
+
+def test_a_class_of_one_session_without_an_order_stays_in_training():
+    data = changed(
+        lone(oat="the only one"), start_time=lambda r: None if r.name == "rice_1" else r.start_time
+    )
+    drawn, notes, y, _ = split_of(data)
+    assert notes[-1] == "oat: one session only; stays in training and is never tested"
+    assert all((y[part.train] == "oat").sum() == 6 for part in drawn)
+
+
+def test_a_recording_without_session_costs_its_class_alone_its_sessions():
+    drawn, notes, *_ = split_of(lone(), session=lambda r: None if r.name == "rice_1" else r.session)
+    assert len(drawn) == 2
+    assert notes[-1].startswith("rice: the session of 1 of 6 recordings is not known; split in time")
+
+
+@pytest.mark.parametrize(
+    ("sessions", "why"),
+    [
+        (dict.fromkeys(LABELS), "no recording says which session it is from"),
+        (dict.fromkeys(LABELS, "one"), "fewer than two classes have several sessions"),
+        (dict.fromkeys(LABELS[1:], "one"), "fewer than two classes have several sessions"),
+    ],
+)
+def test_sessions_are_left_out_where_fewer_than_two_classes_have_several(sessions, why):
+    drawn, notes, *_ = split_of(lone(**sessions))
+    assert (drawn, notes) == ([], [f"held-out sessions left out: {why}"])
+
+
+def test_where_every_class_has_sessions_the_folds_are_those_of_the_session_protocol():
+    data = make_data(n=7)
+    drawn, *_ = split_of(data)
+    same = session_partitions(data.y, data.sessions)
+    assert [(p.train.tolist(), p.test.tolist()) for p in drawn] == [
+        (p.train.tolist(), p.test.tolist()) for p in same
+    ]
+
+
+def test_the_result_marks_classes_whose_sessions_were_not_held_out():
+    result = evaluate(lone(oat="the only one"), "raw", **SMALL)
+    assert result.exceptions == {"oat": "split in time"}
+    table = recall_table(result, "raw")
+    assert "oat†" in [row[0] for row in table.rows]
+    assert table.notes == ("† oat: split in time",)
+    assert "held-out sessions† (2)" in result.table()
+
+
+def test_a_class_that_is_never_tested_is_marked():
+    data = changed(
+        lone(oat="the only one"), start_time=lambda r: None if r.name == "rice_1" else r.start_time
+    )
+    result = evaluate(data, "raw", **SMALL)
+    assert result.exceptions == {"oat": "never tested"}
+    assert "oat†" in [row[0] for row in recall_table(result, "raw").rows]
+
+
+@given(with_sessions(), st.integers(0, 9))
+def test_as_many_at_random_have_the_sizes_of_the_strict_folds(case, seed):
+    y, sessions = case
+    strict = session_partitions(y, sessions)
+    matched = matched_partitions(y, strict, seed=seed)
+    check_folds(matched, y, "matched")
+    for one, other in zip(strict, matched, strict=True):
+        for label in np.unique(y):
+            assert (y[one.train] == label).sum() == (y[other.train] == label).sum()
+            assert (y[one.test] == label).sum() == (y[other.test] == label).sum()
+
+
+def test_as_many_at_random_depend_on_the_seed():
+    y = np.repeat(["a", "b"], 20)
+    strict = chronological_partitions(y, np.arange(40))
+    one, same, other = (matched_partitions(y, strict, seed=seed)[0].test.tolist() for seed in (1, 1, 2))
+    assert one == same != other
+
+
+@pytest.mark.parametrize(("n_folds", "folds"), [(None, 5), (3, 3), (9, 8)])
+def test_folds_of_sessions_are_few_unless_asked_for(n_folds, folds):
+    sessions = changed(make_data(n=8), session=lambda r: r.name[-1])
+    partitions, _ = plan_protocols(sessions, "auto", n_folds=n_folds)
+    assert {name: len(drawn) for name, drawn in partitions.items()} == {"session": folds, "matched": folds}
+
+
+def test_many_recordings_are_split_into_three_folds_of_sessions():
+    few = make_data(n=12, samples=2)
+    many = Dataset([replace(r, name=f"{k} {r.name}", session=f"s{k % 6}") for k in range(45) for r in few])
+    partitions, _ = plan_protocols(many, "auto")
+    assert len(partitions["session"]) == 3
+
+
+def test_random_folds_stand_alone_where_nothing_stricter_is_known():
+    data = data_with(
+        session=lambda r: None, start_time=lambda r: None if r.name == "rice_1" else r.start_time
+    )
+    partitions, notes = plan_protocols(data, "auto")
+    assert {name: len(drawn) for name, drawn in partitions.items()} == {"kfold": 4}
+    assert notes[1].startswith("halves in time left out: recording 'rice_1' has no start time")
+
+
+def test_as_many_at_random_cannot_be_asked_for_by_itself():
+    with pytest.raises(ValueError, match=r"protocol must be 'auto' or among .*, got 'matched'"):
+        plan_protocols(make_data(n=4), "matched")

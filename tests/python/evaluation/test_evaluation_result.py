@@ -13,6 +13,7 @@ from granular_id.evaluation.gap import gap_lines
 from granular_id.evaluation.result import CSV_COLUMNS, EvaluationResult, SpaceSummary
 from granular_id.evaluation.tables import confusion_table, mistakes_table, seconds_table
 from granular_id.partitions import chronological_partitions, paper_partitions
+from granular_id.recording import Finding
 from granular_id.synthetic import PAPER_MATERIALS
 
 LABELS = ("oat flakes", "rice", 'süß, "fine"')
@@ -22,7 +23,7 @@ def make_result(*, protocols=("paper", "chronological"), right=(0.9, 0.5), synth
     rng = np.random.default_rng(seed)
     truth = np.repeat(np.arange(3), n)
     made = {
-        "paper": paper_partitions(truth, n_partitions=4, train_per_class=6, test_per_class=3, seed=seed),
+        "paper": paper_partitions(truth, n_partitions=4, train_per_class=6, test_per_class=6, seed=seed),
         "chronological": chronological_partitions(truth, np.arange(truth.size)),
     }
     predicted = {}
@@ -93,7 +94,7 @@ def test_csv_alone_recomputes_every_figure_of_the_json(result, tmp_path):
             assert figures["macro_f1"] == pytest.approx(f1_score(truth, predicted, average="macro"))
         means = {name: figures["accuracy_mean"] for name, figures in space["protocols"].items()}
         assert space["gap"] == pytest.approx(means["paper"] - means["chronological"])
-    assert len(rows) == 2 * (4 * 9 + 36)
+    assert len(rows) == 2 * (4 * 18 + 36)
 
 
 def test_json_is_strict_and_marks_the_paper_and_synthetic_data(tmp_path):
@@ -116,7 +117,7 @@ def test_defaults_are_the_first_protocol_and_the_best_space(result):
     best = max(("raw+hfmh", "raw"), key=lambda name: result.accuracies(name, "paper").mean())
     assert result.best_space() == best
     np.testing.assert_array_equal(result.confusion(), result.confusion(best, "paper"))
-    assert result.confusion().sum() == 36
+    assert result.confusion().sum() == 72
     assert make_result(protocols=("paper",)).gap("raw") is None
 
 
@@ -147,7 +148,7 @@ def test_table_shows_the_paper_as_the_papers_and_the_gap(result):
     text = result.table()
     row = next(line for line in text.splitlines() if line.startswith("raw+hfmh "))
     assert "97.05 %" in row
-    mean, sd = result.mean_accuracy("raw+hfmh"), result.sd_accuracy("raw+hfmh")
+    mean, sd = (f("raw+hfmh", result.headline) for f in (result.mean_accuracy, result.sd_accuracy))
     assert f"{100 * mean:.2f} ± {100 * sd:.2f} %" in row
     assert row.endswith(f" {100 * result.gap('raw+hfmh'):.1f}")
     assert (
@@ -160,20 +161,59 @@ def test_table_shows_the_paper_as_the_papers_and_the_gap(result):
     assert len(widths) == 1
 
 
-def test_gap_sentence_states_the_figures(result):
-    shares = {name: f"{100 * result.mean_accuracy('raw', name):.1f} %" for name in result.protocols}
-    assert next(line for line in gap_lines(result) if line.startswith("raw ")) == (
-        f"raw names {shares['paper']} of recordings rightly when training and test are drawn at random, "
-        f"but only {shares['chronological']} when they come from different halves in time"
+def test_the_headline_states_the_strictest_figure_first(result):
+    best = result.best_space(result.headline)
+    shares = {name: f"{100 * result.mean_accuracy(best, name):.1f} %" for name in result.protocols}
+    assert gap_lines(result) == (
+        f"{best} names {shares['chronological']} of recordings rightly with halves in time order, "
+        f"{shares['paper']} with random partitions",
     )
-    assert gap_lines(make_result(protocols=("paper",))) == ()
-    assert "and still 100.0 %" in gap_lines(make_result(right=(1.0, 1.0)))[0]
-    # and says when training sizes differ
-    assert "6 recordings of each class" not in " ".join(gap_lines(make_result(n=12)))
-    assert (
-        "train on 6 recordings of each class, halves in time order on 7" in gap_lines(make_result(n=14))[-1]
+    lines = gap_lines(make_result(protocols=("paper",)))
+    assert len(lines) == 1
+    assert lines[0].endswith("of recordings rightly with random partitions")
+
+
+@pytest.mark.parametrize(("n", "equal"), [(12, True), (13, False), (14, False)])
+def test_a_gap_is_given_between_equal_numbers_only(n, equal):
+    """6 recordings of a class train and 6 are tested at random, beside halves of n."""
+    made = make_result(n=n)
+    assert (made.gap("raw") is not None) == equal
+    assert ("gap" in made.table().splitlines()[2]) == equal
+    told = "No gap is given, as the numbers differ: halves in time order train on"
+    assert any(line.startswith(told) for line in gap_lines(made)) != equal
+
+
+def test_numbers_that_differ_by_a_twentieth_count_as_equal():
+    made = make_result(n=210, right=(0.9, 0.9))
+    truth = made.truth
+    for train, equal in ((105, True), (100, True), (99, False)):
+        drawn = paper_partitions(truth, n_partitions=4, train_per_class=train, test_per_class=105)
+        partitions = {**made.partitions, "paper": tuple(drawn)}
+        predicted = {key: tuple(truth[p.test] for p in partitions[key[0]]) for key in made.predicted}
+        assert (replace(made, partitions=partitions, predicted=predicted).gap("raw") is not None) == equal
+
+
+FINDING = Finding("warning", "leak-clock", "the clock alone names 100 % of the labels", values={"p": 0.005})
+
+
+def test_what_spoils_the_figures_stands_above_them(result):
+    spoiled = replace(result, findings=(FINDING,))
+    assert spoiled.spoiling == (FINDING,)
+    assert spoiled.table().startswith(
+        "SPOILED by leak-clock: the clock alone names 100 % of the labels\n\nAcc"
     )
-    assert "halves in time order on 6 to 7" in gap_lines(make_result(n=13))[-1]
+
+
+def test_an_accepted_finding_is_still_told(result):
+    known = replace(result, findings=(FINDING,), settings={**result.settings, "accept": ["leak-clock"]})
+    assert known.spoiling == ()
+    assert known.table().startswith("accepted: leak-clock: ")
+
+
+def test_no_line_of_the_table_is_longer_than_120_characters(result):
+    long = replace(result, notes=("warning: " + 40 * "a long note ",), findings=())
+    assert max(map(len, long.table().splitlines())) <= 120
+    assert long.notes[0] not in long.table()
 
 
 def test_synthetic_is_in_every_title():
@@ -203,7 +243,7 @@ def test_rare_mistakes_are_not_rounded_away_and_none_are_said(result):
     assert {"<1", ">99"} <= set(row)
     assert "100" not in row
     (mistake,) = mistakes_table(rare, "raw", "paper").rows
-    assert mistake[2] == "1 of 300"
+    assert mistake[2] == "1 of 600"
     perfect = make_result(right=(1.0, 1.0))
     assert mistakes_table(perfect, "raw", "paper").notes == (
         "none: every tested recording was named rightly",
