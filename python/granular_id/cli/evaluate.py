@@ -16,7 +16,7 @@ from rich.text import Text
 
 from granular_id._files import made_folder
 from granular_id.cli.method import Features, Method, chosen_spaces
-from granular_id.cli.options import FORCE, command, count, option, with_defaults
+from granular_id.cli.options import FORCE, as_typed, command, count, option, with_defaults
 from granular_id.cli.outputs import (
     JSON_FILE,
     PAGE,
@@ -28,13 +28,15 @@ from granular_id.cli.outputs import (
     repeated_command,
     say_written,
     show,
+    typed_command,
     write_files,
 )
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
+from granular_id.cli.train import ModelOptions
 
 if TYPE_CHECKING:
     from granular_id._progress import ProgressCallback
-    from granular_id.evaluation import EvaluationResult
+    from granular_id.evaluation import EvaluationResult, Training
     from granular_id.recording import Dataset
     from granular_id.spaces import FeatureSpace
 
@@ -454,7 +456,7 @@ def select(
     steps: Steps,
     method: Features,
     *,
-    spaces: str = option(CHOICE, "Candidates, by commas. Default: the paper's, but slow ones.", default=""),
+    spaces: str = option(CHOICE, "Candidates, by commas. Default: those that run live.", default=""),
     outer: int = option(
         CHOICE, "Folds that judge the choice. Halves in time are 2.", default=5, callback=count(2)
     ),
@@ -468,10 +470,10 @@ def select(
 
     Cross-validation inside cross-validation: what is chosen is judged on recordings that had no say in the
     choice. Whole sessions are held out where the recordings have several of each material; else halves in
-    time order, as `granular-id evaluate` does; else random folds. The output says which.
+    time order; else random folds. The output says which, and ends with the command that trains the choice.
 
-    Spaces that bring their own classifier, multiband and best, are none of the candidates: best chooses for
-    itself. `granular-id evaluate --spaces` compares them with others.
+    The candidates are the spaces that run live; others can be named, and are marked in the table. Where one
+    of them is chosen the command trains the best of those that run live.
 
     Examples:
 
@@ -480,7 +482,7 @@ def select(
     `granular-id select irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest`
     """
     method.refuse_impossible(steps.rate_hz)
-    chosen = _candidates(spaces) if spaces else None
+    chosen = chosen_spaces(spaces) or _every_space() if spaces else None
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     notes = method.unused_in(chosen) if chosen else []
     data = equal_recordings(reading, steps, quiet=quiet)
@@ -503,13 +505,27 @@ def select(
     if not quiet:
         print_table(selection.table(), strong=selection.synthetic)
     write_files((json, selection.to_json), repeat=not quiet)
+    if selection.to_train is not None:
+        show(f"\ntrain it with: {_command_to_train(reading, steps, method, selection.to_train, seed)}")
 
 
-def _candidates(spaces: str) -> list[str]:
-    from granular_id.evaluation import in_paper_order, refuse_own_classifiers
+def _every_space() -> list[str]:
+    from granular_id.evaluation import in_paper_order
     from granular_id.spaces import feature_spaces
 
-    known = feature_spaces()
-    chosen = chosen_spaces(spaces) or in_paper_order(known)
-    refuse_own_classifiers([known[name] for name in chosen])
-    return chosen
+    return in_paper_order(feature_spaces())
+
+
+def _command_to_train(reading: Reading, steps: Steps, method: Features, chosen: Training, seed: int) -> str:
+    """Return the words that train what was chosen on the same recordings: options that the space has no use for go."""
+    of_method = {name: value for name, value in vars(method).items() if name not in ("settings", "threads")}
+    weights = {} if chosen.block_weights is None else {"block_weights": chosen.block_weights}
+    cost = {} if chosen.C is None else {"c": chosen.C}
+    wanted = with_defaults(ModelOptions, **of_method, **weights, **cost, space=chosen.space)
+    usual = with_defaults(ModelOptions)
+    idle = {name: getattr(usual, name) for name in wanted.without_use()}
+    words = as_typed(reading, steps, replace(wanted, **idle))
+    if chosen.space == usual.space:
+        words += ["--space", chosen.space]  # to be read, though it is the default
+    seeded = ["--seed", seed] if seed else []
+    return typed_command("train", reading.path, *words, *seeded, "-o", "model.safetensors")

@@ -145,6 +145,10 @@ class OneSpace(Method):
         for name, reason in self._unused((self.space,))[self.space].items():
             raise ValueError(f"{OPTIONS[name]} must be left out with --space {self.space}, which {reason}")
 
+    def without_use(self) -> list[str]:
+        """Name the options given that would change nothing in the feature space."""
+        return [name.replace("C", "c") for name in self._unused((self.space,))[self.space]]
+
     def pipeline(self, rate_hz: float) -> Pipeline:
         """Return the feature space with its own classifier, or the paper's, unfitted."""
         from sklearn.base import clone

@@ -11,6 +11,7 @@ from inspect import Parameter
 from typing import Any, TypeVar, get_type_hints
 
 import typer
+from typer.models import OptionInfo
 
 from granular_id.cli.errors import guarded
 
@@ -98,6 +99,25 @@ def _options_of(group: Callable[..., Any]) -> list[Parameter]:
 def with_defaults(group: Callable[..., Group], **given: Any) -> Group:
     """Return a group of options, at their defaults where none is given."""
     return group(**{each.name: each.default.default for each in _options_of(group)} | given)
+
+
+def as_typed(*groups: Any) -> list[str]:
+    """Return the words that give options of groups the values that they have, those at their defaults left out."""
+    words: list[str] = []
+    for group in groups:
+        kind: Callable[..., Any] = type(group)
+        for each in _options_of(kind):
+            value, known = getattr(group, each.name), each.default
+            if value == known.default or not isinstance(known, OptionInfo):
+                continue
+            flags = [word for word in known.param_decls or () if word.startswith("--")]
+            flag = flags[0] if flags else f"--{each.name.replace('_', '-')}"
+            if isinstance(value, bool):
+                words.append(flag if value else flag.replace("--", "--no-", 1))
+                continue
+            for one in value if isinstance(value, list) else [value]:
+                words += [flag, str(getattr(one, "value", one))]
+    return words
 
 
 # Values of options, checked before any file is read.

@@ -83,15 +83,22 @@ def write_files(*outputs: tuple[Path | None, Callable[[Path], object]], repeat: 
 
 def repeated_command() -> str:
     """Return what to type to repeat this run, by the name under which the program was started."""
+    return shlex.join([*_program(), *sys.argv[1:]])
+
+
+def typed_command(*words: object) -> str:
+    """Return what to type for another command, by the name under which the program was started."""
+    return shlex.join([*_program(), *map(str, words)])
+
+
+def _program() -> list[str]:
     started = Path(sys.argv[0])
     if started.name in {"granular-id", "granular-id.exe"}:
         found = shutil.which(started.name)
         elsewhere = started.exists() and not (found and Path(found).samefile(started))
-        program = [str(started) if elsewhere else started.name]
-    else:
-        by_package = started.name == "__main__.py" and started.parent.name == "granular_id"
-        program = ["python", "-m", "granular_id" if by_package else "granular_id.cli"]
-    return shlex.join([*program, *sys.argv[1:]])
+        return [str(started) if elsewhere else started.name]
+    by_package = started.name == "__main__.py" and started.parent.name == "granular_id"
+    return ["python", "-m", "granular_id" if by_package else "granular_id.cli"]
 
 
 # Files, checked before any work.

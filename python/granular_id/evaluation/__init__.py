@@ -1,9 +1,6 @@
 """Evaluation that can be believed: protocols, runner, controls, result, tables and files."""
 
-from granular_id.evaluation.candidates import (
-    DEFAULT_SPACES as DEFAULT_SPACES,
-    refuse_own_classifiers as refuse_own_classifiers,
-)
+from granular_id.evaluation.candidates import DEFAULT_SPACES as DEFAULT_SPACES
 from granular_id.evaluation.checkpoint import RUN as RUN
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.gap import gap_of as gap_of
@@ -11,7 +8,7 @@ from granular_id.evaluation.outcome import Prediction, SpaceSummary
 from granular_id.evaluation.report_data import HighPass as HighPass, ReportData as ReportData
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.runner import USUAL_SPACES as USUAL_SPACES, evaluate
-from granular_id.evaluation.selection import Selection, select
+from granular_id.evaluation.selection import Selection, Training as Training, select
 from granular_id.evaluation.tables import (
     PAPER_NOTE as PAPER_NOTE,
     accuracy_table as accuracy_table,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,26 +19,16 @@ from granular_id.evaluation.arguments import plan_spaces
 from granular_id.evaluation.features import GramBank, SpaceFeatures
 from granular_id.evaluation.scoring import CostGrid, Task, answers_of, nonzero_spread
 from granular_id.partitions import Partition
-from granular_id.spaces import BlockUnion, FeatureSpace, RawHFMH, learns
+from granular_id.spaces import HFMH, BlockUnion, FeatureSpace, MultiBand, RawHFMH, RawSignal, learns
+from granular_id.splits import Groups
 
 Floats = NDArray[np.float64]
 
-DEFAULT_SPACES = (
-    "raw+hfmh",
-    "norm-raw+hfmh",
-    "norm-raw",
-    "hfmh",
-    "norm-raw+dft",
-    "raw",
-    "pca",
-    "raw-histogram",
-)
-"""The paper's spaces but three, in its order.
+DEFAULT_SPACES = ("raw+hfmh", "hfmh", "raw", "multiband", "best")
+"""The spaces that run live: what is chosen among them, ``train`` takes."""
 
-The complex Fourier transform is a rotation: with a linear classifier and C in units of the spread, "dft" and
-"raw+dft" are "raw" again, and three names for one candidate would split its votes. "pca+rica" takes many times
-the time of all others together.
-"""
+_LIVE = (RawSignal, HFMH, RawHFMH, MultiBand)
+"""Features that are computed while samples arrive."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +39,12 @@ class Candidate:
     block_weights: Any
     transformer: BaseEstimator
     parts: int
+    classifier: BaseEstimator | None = field(default=None, kw_only=True)
+
+    @property
+    def live(self) -> bool:
+        """Whether its features can be computed while samples arrive."""
+        return type(self.transformer) in _LIVE
 
     @property
     def name(self) -> str:
@@ -69,11 +65,15 @@ def plan_candidates(
     """Turn the arguments of `select` into candidates: a space of several blocks becomes one for each of the weights."""
     weightings = _checked_weightings(block_weights)
     planned = plan_spaces(DEFAULT_SPACES if spaces is None else spaces, rate_hz)
-    refuse_own_classifiers(planned)
     candidates = []
     for k, space in enumerate(planned):
         transformer = seeded_clone(space.transformer, np.random.SeedSequence(seed, spawn_key=(5, k)))
         key = _weights_key(transformer)
+        if space.classifier is not None:
+            own = seeded_clone(space.classifier, np.random.SeedSequence(seed, spawn_key=(6, k)))
+            parts = _parts(transformer, own)
+            candidates.append(Candidate(space.name, None, transformer, parts, classifier=own))
+            continue
         if key is None:
             candidates.append(Candidate(space.name, None, transformer, _parts(transformer)))
             continue
@@ -85,19 +85,6 @@ def plan_candidates(
         problem = f"and block_weights must give each candidate a name of its own, got {names!r}"
         raise argument_error(ValueError, "spaces", problem)
     return candidates
-
-
-def refuse_own_classifiers(spaces: Sequence[FeatureSpace]) -> None:
-    """Refuse spaces that bring a classifier, whose cost cannot be chosen here, and say what compares them."""
-    names = [space.name for space in spaces]
-    own = [repr(space.name) for space in spaces if space.classifier is not None]
-    if own:
-        raise argument_error(
-            ValueError,
-            "spaces",
-            f"must leave out {' and '.join(own)}, with a classifier of {'its' if len(own) == 1 else 'their'} "
-            f"own: granular-id evaluate --spaces {','.join(names)}, or evaluate() in Python, compares them",
-        )
 
 
 def checked_costs(relative_costs: Any) -> tuple[float, ...]:
@@ -146,12 +133,19 @@ def _weights_key(transformer: Any) -> str | None:
     return f"{outermost}__block_weights" if outermost else "block_weights"
 
 
-def _parts(transformer: Any) -> int:
+def _parts(transformer: Any, classifier: Any = None) -> int:
+    """Count blocks and steps, and what learns; of a classifier that chooses, the blocks that it may leave out."""
     steps = real_steps(transformer) if isinstance(transformer, Pipeline) else [transformer]
     n_blocks = (
         len(step.blocks) if isinstance(step, BlockUnion) else 1 + isinstance(step, RawHFMH) for step in steps
     )
-    return sum(n_blocks) + sum(map(learns, steps))
+    of_statistics = len(getattr(steps[-1], "blocks", ())) if isinstance(steps[-1], MultiBand) else 0
+    return (
+        sum(n_blocks)
+        + sum(map(learns, steps))
+        + of_statistics
+        + len(getattr(classifier, "optional_blocks", ()))
+    )
 
 
 def score_all(
@@ -160,14 +154,15 @@ def score_all(
     partitions: Sequence[Partition],
     y: NDArray[np.str_],
     bank: GramBank,
+    groups: Groups,
     *,
     n_jobs: int | None,
     ticker: Ticker,
 ) -> tuple[Floats, list[int], list[str]]:
     """Train and test every candidate with every relative cost (ascending) on every partition.
 
-    Returns the accuracies (n_partitions, n_candidates, n_costs), the length of each candidate's feature vectors, and
-    the convergence warnings.
+    One that brings its own classifier has one accuracy for all costs. Returns the accuracies (n_partitions,
+    n_candidates, n_costs), the length of each candidate's feature vectors, and the convergence warnings.
     """
     labels, truth = np.unique(y, return_inverse=True)
     accuracies = np.empty((len(partitions), len(candidates), len(costs)))
@@ -175,7 +170,12 @@ def score_all(
     not_converged: list[str] = []
     for k, candidate in enumerate(candidates):
         answers, lines = answers_of(
-            Task(FeatureSpace(candidate.space, candidate.transformer, None), CostGrid(costs), bank),
+            Task(
+                FeatureSpace(candidate.space, candidate.transformer, None),
+                CostGrid(costs) if candidate.classifier is None else candidate.classifier,
+                bank,
+                groups,
+            ),
             partitions={"folds": partitions},
             labels=labels,
             truth=truth,
@@ -185,7 +185,8 @@ def score_all(
             checkpoint=None,
         )
         for j, (partition, answer) in enumerate(zip(partitions, answers["folds"], strict=True)):
-            accuracies[j, k] = np.mean(answer.predicted == truth[partition.test, np.newaxis], axis=0)
+            named = answer.predicted.reshape(partition.test.size, -1)
+            accuracies[j, k] = np.mean(named == truth[partition.test, np.newaxis], axis=0)
         n_features.append(answers["folds"][0].n_features)
         not_converged += lines
     return accuracies, n_features, list(dict.fromkeys(not_converged))

@@ -167,7 +167,9 @@ def evaluate(
     given = {name: value for name, value in of_paper.items() if value is not None}
     partitions, notes = plan_protocols(data, protocol, n_folds=n_folds, seed=seed, **given)
     if given and "paper" not in partitions:
-        notes.append(f"{', '.join(given)} had no use: that is of the protocol 'paper' (--paper), which did not run")
+        notes.append(
+            f"{', '.join(given)} had no use: that is of the protocol 'paper' (--paper), which did not run"
+        )
     planned = plan_spaces(spaces, data.rate_hz)
     every = list(chain.from_iterable(partitions.values()))
     first = partitions[next(iter(partitions))]

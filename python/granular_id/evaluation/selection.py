@@ -6,7 +6,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -22,6 +22,7 @@ from granular_id._text import Table, percent
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.arguments import check_dataset, plan_seed
 from granular_id.evaluation.candidates import (
+    DEFAULT_SPACES,
     Candidate,
     checked_costs,
     plan_candidates,
@@ -32,8 +33,8 @@ from granular_id.evaluation.compare import Comparison, Pair, compare, probabilit
 from granular_id.evaluation.features import GramBank
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset, data_warnings, describe_data, labelled_check_note
-from granular_id.spaces import FeatureSpace
-from granular_id.splits import HALVES, RANDOM, SESSIONS, nested_folds
+from granular_id.spaces import FeatureSpace, block_sizes, tell_blocks
+from granular_id.splits import HALVES, RANDOM, SESSIONS, groups_of, nested_folds
 from granular_id.statistics import MIN_PARTITIONS, ROPE, corrected_resampled_t, mean_interval, sample_sd
 
 Floats = NDArray[np.float64]
@@ -71,7 +72,7 @@ def select(
     n_jobs: int | None = None,
     progress: bool | ProgressCallback = True,
 ) -> Selection:
-    """Choose a feature space, the weights of its blocks and C for `ECOCClassifier`, and judge the choice.
+    """Choose a feature space, the weights of its blocks and C of its classifier, and judge the choice.
 
     Cross-validation inside cross-validation. Each outer fold holds recordings out, the inner folds of the others
     choose, and the chosen candidate is trained on the others and tested on what was held out: that accuracy is
@@ -85,8 +86,9 @@ def select(
     data : Dataset
         Recordings of equal length and rate with a label each.
     spaces : str, sequence of str or mapping, optional
-        As in `evaluate`: names, or ``{name: transformer}``. Default: the paper's spaces but "pca+rica" (its time)
-        and "dft" and "raw+dft" (rotations of "raw": to a linear classifier the same).
+        As in `evaluate`: names, or ``{name: transformer}``. Default: those that run live, "raw+hfmh", "hfmh", "raw",
+        "multiband" and "best": `Identifier.fit` takes what is chosen. Others can be named; `Selection.to_train` is the
+        choice among those that run live. Spaces with a classifier of their own keep it, without a C.
     block_weights : sequence
         Choices for spaces of several blocks, each None, "unit" or one number per block; see `BlockUnion`.
     relative_costs : sequence of float
@@ -163,7 +165,7 @@ def select(
     with showing(progress) as callback:
         ticker = Ticker(len(every) * len(candidates), callback)
         scores, n_features, not_converged = score_all(
-            candidates, costs, every, y, bank, n_jobs=n_jobs, ticker=ticker
+            candidates, costs, every, y, bank, groups_of(data), n_jobs=n_jobs, ticker=ticker
         )
 
     def chosen_on(accuracies: Sequence[Floats], partitions: Sequence[Partition]) -> Choice:
@@ -186,6 +188,25 @@ def select(
         )
         outer_scores.append(tested)
     final = chosen_on(outer_scores, [fold.outer for fold in folds])
+    for candidate in candidates:
+        if candidate.classifier is not None:
+            tell_blocks(candidate.classifier, block_sizes(clone(candidate.transformer).fit(X[:1], y[:1])))
+
+    def cost_of(choice: Choice) -> float | None:
+        candidate = candidates[choice.candidate]
+        return (
+            None if candidate.classifier is not None else costs[choice.cost] / spread_of(candidate, bank, y)
+        )
+
+    live = [k for k, candidate in enumerate(candidates) if candidate.live]
+    to_train = None
+    if live:
+        n_train, n_test = np.mean([(f.outer.train.size, f.outer.test.size) for f in folds], axis=0).tolist()
+        among = np.array(outer_scores)[:, live]
+        choice = choose(among, [candidates[k] for k in live], [n_features[k] for k in live], n_train, n_test)
+        choice = replace(choice, candidate=live[choice.candidate])
+        found = candidates[choice.candidate]
+        to_train = Training(found.space, found.block_weights, cost_of(choice), choice.accuracy)
     return Selection(
         candidates=tuple(
             Scored(**vars(candidate), n_features=length, accuracies=shares)
@@ -195,7 +216,8 @@ def select(
         ),
         relative_costs=costs,
         final=final,
-        C=costs[final.cost] / spread_of(candidates[final.candidate], bank, y),
+        C=cost_of(final),
+        to_train=to_train,
         outer=tuple(outer),
         n_classes=np.unique(y).size,
         settings={
@@ -261,6 +283,20 @@ class Choice:
 
 
 @dataclass(frozen=True)
+class Training:
+    """What `Identifier.fit` takes to train the best candidate that runs live.
+
+    ``C`` is None where the classifier of the space finds its own; ``accuracy`` is the mean over the outer folds, which
+    made the choice.
+    """
+
+    space: str
+    block_weights: Any
+    C: float | None
+    accuracy: float
+
+
+@dataclass(frozen=True)
 class OuterFold:
     """What the inner folds of one outer fold chose, and the accuracy of that on the recordings held out."""
 
@@ -317,8 +353,8 @@ class Selection:
         The grid, ascending.
     final : Choice
         What was chosen, from all recordings.
-    C : float
-        Its C, for features as they are.
+    C : float or None
+        Its C, for features as they are; None where the space brings a classifier of its own.
     outer : tuple of OuterFold
         The choices without the recordings held out, and how they did on those.
     n_classes : int
@@ -331,12 +367,14 @@ class Selection:
         What kind of folds were used, and what else a reader has to know.
     synthetic : bool
         True when recordings were simulated: such a choice says nothing about real materials.
+    to_train : Training or None
+        The choice among the candidates that run live, by the same rule; None where none does.
     """
 
     candidates: tuple[Scored, ...]
     relative_costs: tuple[float, ...]
     final: Choice
-    C: float
+    C: float | None
     outer: tuple[OuterFold, ...]
     n_classes: int
     held_out: str
@@ -345,6 +383,7 @@ class Selection:
     versions: Mapping[str, str]
     notes: tuple[str, ...] = ()
     synthetic: bool = False
+    to_train: Training | None = None
 
     @property
     def best(self) -> Scored:
@@ -398,16 +437,16 @@ class Selection:
         return self.comparison.pair(self.best.name, other)
 
     def model(self) -> Pipeline:
-        """Return the chosen pipeline, not fitted: features and `ECOCClassifier`.
+        """Return the chosen pipeline, not fitted: features, and `ECOCClassifier` or the classifier of the space.
 
         Returns
         -------
         sklearn.pipeline.Pipeline
             For recordings (n, T, C).
         """
-        return Pipeline(
-            [("features", clone(self.best.transformer)), ("classifier", ECOCClassifier(C=self.C))]
-        )
+        own = self.best.classifier
+        classifier = clone(own) if self.C is None else ECOCClassifier(C=self.C)
+        return Pipeline([("features", clone(self.best.transformer)), ("classifier", classifier)])
 
     def verdict(self) -> str:
         """Say what to take, what to expect of it and how sure that is, in a few lines."""
@@ -421,8 +460,13 @@ class Selection:
         others = ", ".join(f"{name} {n}" for name, n in self.votes.most_common() if name != best.name)
         final = (self.final.candidate, self.final.cost)
         same_cost = sum((fold.choice.candidate, fold.choice.cost) == final for fold in self.outer)
+        cost = (
+            ""
+            if self.C is None
+            else f" with C = {self.C:.3g} ({relative:g} relative to the spread of the features)"
+        )
         lines = [
-            f"Take {best.name} with C = {self.C:.3g} ({relative:g} relative to the spread of the features)",
+            f"Take {best.name}{cost}",
             f"Expect {percent(self.accuracy)} ({reach}) {EXPECTED_OF[self.held_out]}; chance is "
             f"{percent(1 / self.n_classes)}",
             f"That is the mean over {folds} outer folds of {self.held_out}, of what was chosen without them",
@@ -430,6 +474,8 @@ class Selection:
             f"{same_cost} the same C too{f'; others chose {others}' if others else ''}",
             self._how_sure(),
         ]
+        if not best.live:
+            lines.append(self._what_runs_live())
         if self.synthetic:
             lines.insert(0, "SYNTHETIC recordings: this choice says nothing about real materials")
         return "\n".join(lines)
@@ -440,24 +486,24 @@ class Selection:
         rows = [
             (
                 f"{'> ' if candidate is self.best else '  '}{candidate.name}",
-                f"{self.relative_costs[candidate.best_cost]:g}",
+                "-" if candidate.classifier is not None else f"{self.relative_costs[candidate.best_cost]:g}",
                 percent(float(candidate.at_best_cost.mean())),
                 f"{100 * sample_sd(candidate.at_best_cost):.1f}",
                 str(self.votes[candidate.name]),
                 str(candidate.n_features),
+                "yes" if candidate.live else "no",
             )
             for candidate in best_first
         ]
         notes = (
-            "accuracy: mean over the outer folds at the candidate's best C; these figures made the choice, so the "
-            "highest of them is too good",
+            "accuracy: mean over outer folds, which made the choice: the highest is too good",
             f"> chosen: the simplest of those within one standard error and {100 * ROPE:g} point of the best",
-            "chosen by: outer folds whose inner folds chose it; relative C: C times the mean squared distance of the "
-            "features from their mean",
+            "chosen by: outer folds whose inner folds chose it; live: can run while samples arrive",
+            "relative C: C times the mean squared distance of the features from their mean; -: has its own",
         )
         return Table(
             f"Candidates{' (SYNTHETIC recordings)' if self.synthetic else ''}",
-            ("candidate", "relative C", "accuracy", "SD", "chosen by", "dimension"),
+            ("candidate", "relative C", "accuracy", "SD", "chosen by", "dimension", "live"),
             tuple(rows),
             (*notes, *map(labelled_check_note, self.notes)),
         )
@@ -467,7 +513,8 @@ class Selection:
 
     def __repr__(self) -> str:
         synthetic = "SYNTHETIC, " if self.synthetic else ""
-        return f"Selection({synthetic}{self.best.name}, C={self.C:.3g}, accuracy {self.accuracy:.3f})"
+        cost = "" if self.C is None else f", C={self.C:.3g}"
+        return f"Selection({synthetic}{self.best.name}{cost}, accuracy {self.accuracy:.3f})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows; NaN becomes None."""
@@ -479,6 +526,7 @@ class Selection:
             "space": self.best.space,
             "block_weights": json_value(self.best.block_weights),
             "C": self.C,
+            "to_train": json_value(self.to_train),
             "relative_cost": self.relative_costs[self.final.cost],
             "held_out": self.held_out,
             "accuracy": self.accuracy,
@@ -519,6 +567,12 @@ class Selection:
 
     def _sizes(self) -> tuple[list[int], list[int]]:
         return [fold.n_train for fold in self.outer], [fold.n_test for fold in self.outer]
+
+    def _what_runs_live(self) -> str:
+        said = f"{self.best.name} cannot run live: its features need the whole recording"
+        if self.to_train is None:
+            return f"{said}; nor can the other candidates (those of train can: {', '.join(DEFAULT_SPACES)})"
+        return f"{said}; of those that can take {self.to_train.space} ({percent(self.to_train.accuracy)})"
 
     def _how_sure(self) -> str:
         pair = self.runner_up
