@@ -37,7 +37,7 @@ from granular_id.io.flat import (
 )
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import Dataset, unit_of
+from granular_id.recording import AXES, Dataset, unit_of
 
 _LISTED = 3
 _ROOT = "root"
@@ -117,9 +117,12 @@ def _wrench(item: Any, axes: Leaf, expansion: Expansion) -> NDArray[Any]:
     place = "wrench, attribute units"
     units = texts_of(Leaf(place, stated.shape, stated.dtype, lambda: stated), expansion)
     of_axes = texts_of(axes, expansion)
-    scales = [factor(unit, unit_of(axis)) for unit, axis in zip(units, of_axes, strict=False)]
+    # Other axes than a wrench's are not converted; old files say N where nobody stated a unit.
+    scales = [
+        factor(unit, unit_of(axis)) if axis in AXES else 1 for unit, axis in zip(units, of_axes, strict=False)
+    ]
     if len(units) != len(of_axes) or None in scales:
-        wanted = ", ".join(map(unit_of, of_axes))
+        wanted = ", ".join(unit_of(axis) or "any" for axis in of_axes)
         problem = f"names {', '.join(units)[:80]}; wanted {wanted}, or mN, mN m ..."
         raise expansion.fault(place, problem)
     return wrench if set(scales) == {1} else wrench * np.array(scales, np.float64)

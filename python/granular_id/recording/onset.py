@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granular_id._checks import FloatArray, argument_error, as_floats, checked_flag, finite_number
-from granular_id._core import AXES
 from granular_id.recording.change_detection import SPAN, WINDOWS_IN_REST, Detection, change_times, detect
 from granular_id.recording.recording import (
     Recording,
@@ -256,11 +255,8 @@ def _why_not(found: Detection, i: int, scale: FloatArray, rest_s: float, axes: t
         return f"no change stands out from the noise of the first {rest_s:g} s"
     with np.errstate(over="ignore"):
         distance = found.wander[i, axis] * scale[axis]
-    unit = f" {unit_of(axes[axis])}" if axes[axis] in AXES else ""  # others are in units of the caller's
-    return (
-        f"no abrupt change, though {axes[axis]} strays by {distance:.2g}{unit}: it starts in motion, drifts, or needs "
-        "a longer rest"
-    )
+    strays = f"{axes[axis]} strays by {distance:.2g} {unit_of(axes[axis])}".rstrip()
+    return f"no abrupt change, though {strays}: it starts in motion, drifts, or needs a longer rest"
 
 
 # Onsets of a whole data set: found, kept or overruled, each said in the report.

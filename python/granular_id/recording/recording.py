@@ -303,17 +303,17 @@ def _unsaid(names: object) -> bool:
 
 
 def unit_of(axis: str, meta: Mapping[str, object] | None = None) -> str:
-    """Return the unit of an axis: N or N m for the six of a wrench, else what ``meta["units"]`` says, else N.
+    """Return the unit of an axis: what ``meta["units"]`` says, else N or N m for the six of a wrench, else "".
 
     Examples
     --------
     >>> from granular_id.recording import unit_of
-    >>> unit_of("tz"), unit_of("force"), unit_of("depth", {"units": {"depth": "mm"}})
-    ('N m', 'N', 'mm')
+    >>> unit_of("tz"), unit_of("depth", {"units": {"depth": "mm"}}), unit_of("load")
+    ('N m', 'mm', '')
     """
     units = (meta or {}).get("units")
     stated = units.get(axis) if isinstance(units, Mapping) else None
-    return stated if isinstance(stated, str) else KNOWN_UNITS.get(axis, "N")
+    return stated if isinstance(stated, str) else KNOWN_UNITS.get(axis, "")
 
 
 # What recordings have in common.

@@ -167,12 +167,13 @@ def setup_differences(trained: Mapping[str, Sequence[str]], now: Setup) -> list[
 
 
 def unit_differences(trained: Mapping[str, str], meta: Mapping[str, Any]) -> list[Difference]:
-    """Compare units of axes with those of a recording; an axis whose unit nobody stated counts as N, and agrees."""
+    """Compare units of axes with those of a recording; what nobody stated agrees."""
     return [
         Difference("units", (f"{axis}: {unit}",), f"{axis}: {now}", "refuse")
         for axis, unit in trained.items()
-        if _plain(now := unit_of(axis, meta)) != _plain(unit)
-        and (axis in KNOWN_UNITS or "N" not in (now, unit))
+        if (now := unit_of(axis, meta))
+        and _plain(now) != _plain(unit)
+        and (axis in KNOWN_UNITS or unit != "N")  # which old models say of any axis whose unit nobody stated
         and unit
     ]
 

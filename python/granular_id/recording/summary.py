@@ -107,7 +107,7 @@ def first_samples(recording: Recording, n: int) -> str:
     known = ("label", "session", "start_time", "trigger_index")
     facts = [f"{field}: {value}" for field in known if (value := getattr(recording, field)) is not None]
     facts += [f"meta.{key}: {shorten(str(thaw(value)), 100)}" for key, value in recording.meta.items()]
-    header = ["time s", *(f"{axis} {unit_of(axis, recording.meta)}" for axis in recording.axes)]
+    header = ["time s", *(f"{axis} {unit_of(axis, recording.meta)}".rstrip() for axis in recording.axes)]
     samples = np.column_stack([recording.times(), recording.wrench])[:n]
     rows = [dict(zip(header, map("{:.6g}".format, sample), strict=True)) for sample in samples]
     if recording.flags is not None:

@@ -192,6 +192,15 @@ def test_units_in_a_file_are_obeyed_or_refused(tmp_path, place, units, message):
         load(path)
 
 
+def test_old_files_that_say_newton_of_any_axis_still_load(tmp_path):
+    other = Dataset([replace(r, axes=("wx", "wy", "wz", "ax", "ay", "az")) for r in SMALL])
+    path = save(other, tmp_path / "x.h5")
+    with h5py.File(path, "a") as file:
+        assert file["wrench"].attrs["units"].tolist() == [b""] * 6
+        file["wrench"].attrs["units"] = np.bytes_(["N"] * 6)
+    assert load(path) == other
+
+
 def test_the_same_data_gives_the_same_bytes(tmp_path):
     one, other = save(SMALL, tmp_path / "a.npz"), save(SMALL, tmp_path / "b.npz")
     assert one.read_bytes() == other.read_bytes()

@@ -1,6 +1,7 @@
 """Parquet archives: whole data sets there and back, with plain pyarrow as the other side in both directions."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,6 +70,14 @@ def test_plain_pyarrow_reads_what_is_saved(tmp_path):
     mark = {"format": "recordings", "version": 1, "axes": AXES, "columns": AXES}
     assert json.loads(footer[b"granular_id"]) == {**mark, "units": ["N"] * 3 + ["N m"] * 3}
     assert json.loads((folder / "history.json").read_bytes()) == [small().history[0].to_dict()]
+
+
+def test_old_archives_that_say_newton_of_any_axis_still_load(tmp_path, monkeypatch):
+    other = Dataset([replace(r, axes=("wx", "wy", "wz", "ax", "ay", "az")) for r in small()])
+    with monkeypatch.context() as once:
+        once.setattr("granular_id.io.parquet.archive.unit_of", lambda axis: "N")
+        folder = save(other, tmp_path / "archive", "parquet")
+    assert load(folder) == other
 
 
 def test_what_plain_pyarrow_writes_in_the_format_is_loaded(tmp_path):

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from granular_id.recording import Recording, SampleFlag
+from granular_id.recording import Recording, SampleFlag, first_samples, unit_of
 
 WRENCH = np.arange(24.0).reshape(4, 6)
 
@@ -35,6 +35,29 @@ def test_keeps_what_it_was_given():
     assert repr(r) == "Recording('rice_01', label='rice', 4 samples at 500 Hz)"
     one = Recording(WRENCH[:1, :2], time_s=[0], axes=["a", "b"])
     assert repr(one) == "Recording('', label=None, 1 samples irregular, axes a b)"
+
+
+@pytest.mark.parametrize(
+    ("axis", "units", "unit"),
+    [
+        ("fx", None, "N"),
+        ("tz", {}, "N m"),
+        ("tz", {"tz": "N mm"}, "N mm"),
+        ("wx", {"wx": "rad/s"}, "rad/s"),
+        ("wx", {"ax": "m/s2"}, ""),
+        ("wx", None, ""),
+        ("wx", "rad/s", ""),
+        ("wx", {"wx": 1}, ""),
+    ],
+)
+def test_a_unit_is_stated_or_that_of_a_wrench_or_not_known(axis, units, unit):
+    assert unit_of(axis, None if units is None else {"units": units}) == unit
+
+
+def test_the_head_of_a_table_of_samples_has_units_where_they_are_known():
+    meta = {"units": {"wx": "rad/s"}}
+    shown = first_samples(Recording(WRENCH[:, :3], rate_hz=1, axes=["wx", "ax", "fx"], meta=meta), 1)
+    assert shown.splitlines()[-2].split("  ") == ["time s", "wx rad/s", "ax", "fx N"]
 
 
 def test_irregular_recording_keeps_its_stamps():

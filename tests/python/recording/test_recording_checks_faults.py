@@ -162,9 +162,10 @@ def test_readings_in_another_unit(sound, places, factor, stated, code, severity)
     assert code == "beyond-range" or "are they in mN, N mm or counts?" in finding.message
 
 
-def test_other_units_are_their_own_affair():
+@pytest.mark.parametrize("meta", [{"units": {"depth": "mm"}}, {}])
+def test_other_units_are_their_own_affair(meta):
     rng = np.random.default_rng(0)
-    stated = {"axes": ("depth",), "meta": {"units": {"depth": "mm"}}}
+    stated = {"axes": ("depth",), "meta": meta}
     depth = [
         Recording(rng.normal(size=(50, 1)) * 1e4, rate_hz=50, label="ab"[i % 2], **stated) for i in range(6)
     ]

@@ -16,7 +16,7 @@ from granular_id.identifier import check_recordings, describe_model, describe_pe
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
 from granular_id.recording import Dataset, Setup
-from granular_id.recording.setup import ACCEPTABLE, data_warnings, setups_in, values_in
+from granular_id.recording.setup import ACCEPTABLE, data_warnings, setups_in, unit_differences, values_in
 from model_cases import put_together, taken_apart
 
 PAGE = Path(__file__).parents[3] / "docs" / "live" / "setup.md"
@@ -188,6 +188,22 @@ def test_a_training_on_several_set_ups_knows_each(data):
     assert note in "\n".join(data_warnings(mixed))
     varied = Dataset([replace(r, meta={"tool": f"spoon {k}"}) for k, r in enumerate(data)])
     assert gid.Identifier.fit(varied, "hfmh", estimate=False).trained["setup"] == {}
+
+
+@pytest.mark.parametrize(
+    ("axis", "trained", "now", "differs"),
+    [
+        ("fx", "N", "mN", True),
+        ("fx", "N", None, False),
+        ("wx", "rad/s", "deg/s", True),
+        ("wx", "rad/s", None, False),
+        ("wx", "", "deg/s", False),
+        ("wx", "N", "deg/s", False),  # models once said N where nobody stated a unit
+    ],
+)
+def test_units_differ_where_both_are_known(axis, trained, now, differs):
+    meta = {} if now is None else {"units": {axis: now}}
+    assert bool(unit_differences({axis: trained}, meta)) is differs
 
 
 def test_other_units_train_nothing_and_other_axes_are_told_how_to_come_into_order(data, model):

@@ -315,6 +315,9 @@ def read_mark(labels: Mapping[str, str], what: str, path: Path) -> Mark:
         problem = f"has no entry {MARK!r} that names axes and as many columns, each once"
         raise RecordingFileError(path, problem, place="footer") from error
     said = {"units": wanted["units"], **said}
+    once = [unit or "N" for unit in wanted["units"]]  # old archives say N where nobody stated a unit
+    if said["units"] == once:
+        said["units"] = wanted["units"]
     other = next((key for key in wanted if said.get(key) != wanted[key]), None)
     if other is not None:
         problem = f"the entry {MARK!r} says that the {other} is {said.get(other)!r:.80}; wanted {wanted[other]!r:.80}"

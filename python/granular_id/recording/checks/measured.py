@@ -85,11 +85,9 @@ def by_axis(recording: Recording) -> FloatArray:
     return np.asfortranarray(recording.wrench)
 
 
-def unit_columns(axes: Sequence[str]) -> list[list[int]]:
-    """Return the columns that share a unit: torques (tx, ty, tz) apart from the rest."""
-    torques = [i for i, axis in enumerate(axes) if unit_of(axis) == "N m"]
-    forces = [i for i in range(len(axes)) if i not in torques]
-    return [columns for columns in (forces, torques) if columns]
+def unit_columns(recording: Recording) -> dict[str, list[int]]:
+    """Return the columns of each unit; those whose unit is not known count as of one."""
+    return places_of(unit_of(axis, recording.meta) for axis in recording.axes)
 
 
 def is_number(value: object) -> TypeGuard[int | float]:
@@ -151,7 +149,7 @@ def _rest(recording: Recording) -> Rest | None:
         return None
     wrench = by_axis(recording)
     noise, whole = wrench[:n_rest].std(axis=0), wrench.std(axis=0)
-    for unit in unit_columns(recording.axes):  # together: weak axes are all noise
+    for unit in unit_columns(recording).values():  # together: weak axes are all noise
         if np.linalg.norm(noise[unit]) > QUIET * np.linalg.norm(whole[unit]):
             return None
     return Rest(wrench[:n_rest].mean(axis=0), noise)

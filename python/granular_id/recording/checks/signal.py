@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc, pdtrc, stdtr, stdtrit
 
 from granular_id._checks import FloatArray
-from granular_id._text import counted, fixed, verb
+from granular_id._text import counted, fixed, short, verb
 from granular_id.recording.checks.measured import Measured, by_axis, unit_columns
 from granular_id.recording.checks.report import Finding, Severity
-from granular_id.recording.recording import Recording, places_of, unit_of
+from granular_id.recording.recording import KNOWN_UNITS, Recording, places_of, unit_of
 from granular_id.recording.report import subject
 
 # No sensor reads this, in any unit; the squares of such readings would overflow in other checks.
@@ -37,7 +37,7 @@ def check_absurd(data: Measured) -> Iterator[Finding]:
 
 
 def check_units(data: Measured) -> Iterator[Finding]:
-    """Find recordings whose largest readings, of each axis, are too large to be in newton and newton metre."""
+    """Find recordings whose largest readings, of axes in N and N m, are too large for that; others are not judged."""
     beyond: dict[int, tuple[float, str, str]] = {}
     for i, r in enumerate(data.recordings):
         for peak, axis in zip(data.peaks[i].tolist(), r.axes, strict=True):
@@ -84,7 +84,9 @@ def check_clipping(data: Measured) -> Iterator[Finding]:
             clipped[i] = columns
             samples += number
     if far:
-        message = f"{counted(len(far))} with readings above twice the range: are they in N and N m?"
+        of_wrench = (data.ranges or {}).keys() <= KNOWN_UNITS.keys()
+        units = "N and N m" if of_wrench else "the units of the range"
+        message = f"{counted(len(far))} with readings above twice the range: are they in {units}?"
         yield data.finding("error", "beyond-range", message, far)
     if clipped:
         axes = data.axes_among(clipped)
@@ -314,7 +316,7 @@ def check_drift(data: Measured) -> Iterator[Finding]:
     noise = np.median([rest.noise for rest in rests], axis=0)
     signal = np.median([by_axis(recordings[i]).std(axis=0) for i in resting], axis=0)
     scale = np.empty(len(axes))
-    for unit in unit_columns(axes):
+    for unit in unit_columns(recordings[0]).values():
         scale[unit] = np.linalg.norm(signal[unit])
     sessions = places_of(recordings[i].session for i in resting)
     sessions = {name: rows for name, rows in sessions.items() if len(rows) >= FEWEST_TO_COMPARE}
@@ -330,9 +332,10 @@ def check_drift(data: Measured) -> Iterator[Finding]:
             return
         rows = sessions[session]
         axis = axes[column]
+        amount = f"{abs(size):.2g} {unit_of(axis, recordings[0].meta)}".rstrip()
         where = "over the set" if session is None else f"in {session!r}"
         message = (
-            f"the rest level of {axis} {words} {abs(size):.2g} {unit_of(axis, recordings[0].meta)} {where} "
+            f"the rest level of {axis} {words} {amount} {where} "
             f"({counted(len(rows))}): {100 * share:.0f} % of the signal, "
             f"{fixed(of_noise, 0)} times the noise; subtract it"
         )
@@ -396,6 +399,7 @@ _MAD_TO_SD = 1.4826  # of the normal distribution
 _EFFICIENCY = 0.37  # of the median deviation: as certain as a standard deviation from 37 % of the values
 _FLOOR = 0.01  # least spread of a figure, relative: a label cannot be known better than this
 _TINY = 1e-12
+_QUANTITIES = {"N": "force", "N m": "torque"}
 
 
 def check_outliers(data: Measured) -> Iterator[Finding]:
@@ -429,14 +433,14 @@ def check_outliers(data: Measured) -> Iterator[Finding]:
 
 
 def _figures(recording: Recording) -> dict[str, float]:
-    """Return logarithms of mean, spread and roughness of forces and torques: such figures vary by factors."""
+    """Return logarithms of mean, spread and roughness of the axes of each unit: such figures vary by factors."""
     described = {}
     wrench = by_axis(recording)
     steps = np.diff(wrench, axis=0) ** 2
     power = wrench**2
     variance = wrench.var(axis=0)
-    for columns in unit_columns(recording.axes):
-        name = "torque" if unit_of(recording.axes[columns[0]]) == "N m" else "force"
+    for unit, columns in unit_columns(recording).items():
+        name = _QUANTITIES.get(unit) or short(" ".join(recording.axes[column] for column in columns))
         described[f"mean {name}"] = float(np.sqrt(power[:, columns].sum(axis=1)).mean())
         described[f"spread of {name}"] = float(np.sqrt(variance[columns].sum()))
         changes = np.sort(np.sqrt(steps[:, columns].sum(axis=1)))
