@@ -87,18 +87,24 @@ def samples_of(
         return value, None
     named = [k for k, item in enumerate(value) if column_names(item, f"{argument}[{k}]") is not None]
     if not named:
+        _refuse_ragged([np.shape(item) for item in value if isinstance(item, np.ndarray)], argument)
         return value, None
     first, axes = samples_of(value[named[0]], f"{argument}[{named[0]}]", wanted)
     every = list(value)
     every[named[0]] = first
     for k in named[1:]:
         every[k], _ = samples_of(value[k], f"{argument}[{k}]", axes)
-    shapes = sorted({np.shape(item) for item in every})
-    if len(shapes) > 1:
-        raise ValueError(
-            f"{argument} must hold recordings of one shape, got {' and '.join(map(str, shapes[:2]))}"
-        )
+    _refuse_ragged([np.shape(item) for item in every], argument)
     return np.stack(every), axes
+
+
+def _refuse_ragged(shapes: Iterable[tuple[int, ...]], argument: str) -> None:
+    different = sorted(set(shapes))
+    if len(different) > 1:
+        raise ValueError(
+            f"{argument} must hold recordings of one shape, got {different[0]} and {different[-1]}: cut them to one "
+            "length, as Dataset.align(n_samples=...) and Dataset.windows(duration_s) do"
+        )
 
 
 def wrench_of(

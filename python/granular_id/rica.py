@@ -22,6 +22,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import checked_flag, finite_number, float_array, named, whole_number
+from granular_id._estimators import origin_of, traced
 from granular_id._parallel import in_threads, single_threaded_blas
 
 FloatArray = npt.NDArray[np.float64]
@@ -205,7 +206,7 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         rows: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
         if self.mean_ is not None and self.scale_ is not None:
             rows = (rows - self.mean_) / self.scale_
-        projections: FloatArray = rows @ self.components_.T
+        projections: FloatArray = traced(rows @ self.components_.T, origin_of(X), blocks=None)
         return projections
 
     def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:

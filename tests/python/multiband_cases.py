@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.signal import butter, sosfilt
 
+from granular_id.recording import Dataset, Recording
+
 RATE_HZ = 500.0
 ALL = ("coupling", "quantiles", "envelope", "spectrum", "level")
 
@@ -19,6 +21,11 @@ def two_materials(n_each=12, n_samples=512, n_axes=6, seed=0):
     random = np.random.default_rng(seed)
     y = np.tile(["oat", "rice"], n_each)
     return random.normal(scale=0.1, size=(2 * n_each, n_samples, n_axes)), y, random
+
+
+def as_wrench(X):
+    """The same as recordings of a wrench, whose axes have names."""
+    return Dataset([Recording(one, RATE_HZ) for one in X])
 
 
 def louder():

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import MethodType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.base import BaseEstimator
 from sklearn.utils import check_random_state
-from sklearn.utils.metaestimators import available_if
 from sklearn.utils.validation import check_is_fitted, column_or_1d, validate_data
 
 from granular_id._checks import argument_error, checked_flag, checked_n_jobs, float_array, named, real_number
+from granular_id._estimators import LabelledClassifier, labels_of
 from granular_id.ecoc.codings import CodingMatrix, design
 from granular_id.ecoc.decoding import DECODINGS, class_values, fitting_loss
 from granular_id.ecoc.estimators import (
@@ -56,14 +57,26 @@ IntArray = npt.NDArray[np.intp]
 _CONDITIONAL = ("coef_", "intercept_", "dual_coef_", "alpha_at_bound_", "_estimators", "_posterior")
 
 
-def _has_posterior(classifier: ECOCClassifier) -> bool:
-    """Whether `predict_proba` exists."""
-    if classifier.posterior is None:
-        raise AttributeError(f"predict_proba needs posterior={' or '.join(map(repr, POSTERIORS))}")
-    return True
+class _WithPosterior:
+    """A method that exists where `posterior` is set; where not, the error says what to choose."""
+
+    def __init__(self, method: Callable[..., FloatArray]) -> None:
+        self._method = method
+        self.__doc__ = method.__doc__
+
+    def __get__(self, classifier: Any, owner: Any = None) -> Callable[..., FloatArray]:
+        if classifier is None:
+            return self._method
+        if classifier.posterior is None:
+            name = self._method.__name__
+            raise AttributeError(
+                f"{name} needs probabilities, which are fitted with posterior={' or '.join(map(repr, POSTERIORS))}: "
+                f"fit an ECOCClassifier(posterior={next(iter(POSTERIORS))!r})"
+            )
+        return MethodType(self._method, classifier)
 
 
-class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
+class ECOCClassifier(LabelledClassifier, BaseEstimator):  # type: ignore[misc]
     """Error-correcting output codes: K classes are told apart by L learners of two sides each.
 
     By default the learners are linear support vector machines, one for each pair of classes. The Gram matrix of
@@ -203,7 +216,7 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.random_state = random_state
 
     def fit(
-        self, X: npt.ArrayLike, y: npt.ArrayLike, sample_weight: npt.ArrayLike | None = None
+        self, X: npt.ArrayLike, y: npt.ArrayLike | None = None, sample_weight: npt.ArrayLike | None = None
     ) -> ECOCClassifier:
         """Train all learners.
 
@@ -211,8 +224,9 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         ----------
         X : array-like, shape (n, D)
             Features, finite.
-        y : array-like, shape (n,)
-            Labels: strings, integers or other values that can be sorted.
+        y : array-like, shape (n,), optional
+            Labels: strings, integers or other values that can be sorted. Without them those of the `Dataset` that a
+            feature space in front was given.
         sample_weight : array-like, shape (n,), optional
             Non-negative factors of C, or passed to the estimator. A row of weight 0 is as good as absent, its
             label included.
@@ -223,7 +237,7 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             This estimator.
         """
         self._check_parameters(weighted=sample_weight is not None)
-        rows, labels = validate_data(self, X, y, dtype=np.float64)
+        rows, labels = validate_data(self, X, labels_of(X, y, self), dtype=np.float64)
         weights = None if sample_weight is None else checked_weights(sample_weight, len(rows))
         task, fold_seed, learner_seed = self._start(labels, weights)
         learned: PrimalLearners | EstimatorLearners
@@ -297,7 +311,7 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         """Label of each row of features (n, D); of tied classes the first in `classes_`."""
         return self._winners(self.binary_scores(X))
 
-    @available_if(_has_posterior)  # type: ignore[untyped-decorator]
+    @_WithPosterior
     def predict_proba(self, X: npt.ArrayLike) -> FloatArray:
         """Probability (n, K) of each class for features (n, D); rows sum to 1. Exists when `posterior` is set."""
         return self._probabilities(self.binary_scores(X))
@@ -392,7 +406,7 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         """`predict` for scalar products (m, n) with the training rows."""
         return self._winners(self.binary_scores_gram(gram))
 
-    @available_if(_has_posterior)  # type: ignore[untyped-decorator]
+    @_WithPosterior
     def predict_proba_gram(self, gram: npt.ArrayLike) -> FloatArray:
         """`predict_proba` for scalar products (m, n) with the training rows."""
         return self._probabilities(self.binary_scores_gram(gram))

@@ -203,12 +203,12 @@ def _high_pass(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH | None
     sizes = np.diff(starts, append=X.shape[1])
     residual = np.empty((len(groups), X.shape[2], len(starts)))
     for axis in range(X.shape[2]):  # one at a time: a copy of one axis, not of all
-        power = np.add.reduceat(histogram.high_passed(X[:, :, axis]) ** 2, starts, axis=1) / sizes
+        power = np.add.reduceat(fitted.high_passed(X[:, :, axis]) ** 2, starts, axis=1) / sizes
         for k, rows in enumerate(groups):
             residual[k, axis] = np.sqrt(power[rows].mean(axis=0))
     return HighPass(
         settings=describe_estimator(histogram),
-        time_s=rounded((starts + (sizes - 1) / 2) / histogram.rate_hz),
+        time_s=rounded((starts + (sizes - 1) / 2) / fitted.spec_.rate_hz),
         residual=rounded(residual),
         bin_range=np.array(fitted.bin_range_, dtype=np.float64),
         hfmh=rounded(np.stack([counts[rows].mean(axis=0) for rows in groups])),

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import whole_number
-from granular_id._core import AXES, UNITS
 from granular_id._text import fixed
 from granular_id.explanation.result import Explanation
 from granular_id.spaces import BandColumn, BandColumns, FrequencyBand
@@ -25,7 +24,7 @@ _WORDS = {
     "level": "the level of the signal",
 }
 
-_MOST_LISTED = len(AXES)
+_MOST_LISTED = 6
 _MOST_COUPLINGS = 3
 
 
@@ -245,17 +244,17 @@ def said(columns: BandColumns, means: FloatArray, labels: tuple[str, str], numbe
     """Say how the mean of a feature differs between two materials."""
     column = columns.columns[number]
     first, second = (float(value) for value in means[:, number])
-    axis = columns.axes[column.first]
+    axis, unit = columns.axes[column.first], columns.units[column.first]
     if column.block == "coupling":
         return _coupling(columns, means, labels, column)
     if column.block == "quantiles" and column.detail != "logrms":
         scale = columns.scales[column.band or 0, column.first]
         what = f"{_ordinal(int(column.detail[1:]))} percentile of {axis} in {_band(columns, column)}"
-        return _values(what, np.sinh([first, second]) * scale, axis, labels)
+        return _values(what, np.sinh([first, second]) * scale, unit, labels)
     if column.block == "level":
         what = f"mean of {axis} {_stretch(*columns.stretch_s('level', column.detail))}"
         values = np.sinh([first, second]) * columns.level_scales[column.first]
-        return _values(what, values, axis, labels)
+        return _values(what, values, unit, labels)
     where = f"on {axis}"
     if column.block == "spectrum":
         return _energy(
@@ -322,9 +321,8 @@ def _energy(where: str, log_ratio: float, labels: tuple[str, str]) -> str:
     return f"more energy {where} in {more} than in {less} ({_size(ratio)})"
 
 
-def _values(what: str, values: FloatArray, axis: str, labels: tuple[str, str]) -> str:
-    unit = f" {UNITS[AXES.index(axis)]}" if axis in AXES else ""
-    first, second = (f"{value:+.3g}{unit}" for value in values.tolist())
+def _values(what: str, values: FloatArray, unit: str, labels: tuple[str, str]) -> str:
+    first, second = (f"{value:+.3g} {unit}".rstrip() for value in values.tolist())
     return f"{what}: {first} in {labels[0]}, {second} in {labels[1]}"
 
 

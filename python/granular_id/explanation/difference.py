@@ -11,12 +11,12 @@ import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted, column_or_1d
 
-from granular_id._columns import wrench_of
+from granular_id._columns import samples_of
 from granular_id._estimators import real_steps
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation.bands import BandExplanation
 from granular_id.explanation.result import ExplainedBlock, Explanation
-from granular_id.recording import Dataset
+from granular_id.recording import Dataset, common_units, unit_of
 from granular_id.spaces import (
     LINEAR_STEPS,
     BandColumns,
@@ -24,12 +24,13 @@ from granular_id.spaces import (
     Chosen,
     FeatureBlock,
     RecordingFilter,
-    axis_names,
     band_columns,
     feature_blocks,
     fit_pipeline,
     folded_back,
     is_linear_step,
+    joined_units,
+    renamed,
 )
 from granular_id.splits import groups_of, pair_partition
 
@@ -40,7 +41,7 @@ def explain(
     model: Any,
     first: Any,
     second: Any,
-    X: npt.ArrayLike,
+    X: Dataset | npt.ArrayLike,
     y: npt.ArrayLike | None = None,
     *,
     axes: Sequence[str] | None = None,
@@ -60,13 +61,14 @@ def explain(
         ``PCA`` and ``StandardScaler``; last an `ECOCClassifier` with linear learners or a `BestClassifier`.
     first, second : label
         The two materials, among ``model.classes_``.
-    X : array-like, shape (n, T, C)
-        Recordings, N and N m; those of other materials are left out. Those the model was not trained on say
-        what decides; those it was trained on, what it has learned.
+    X : Dataset, or array-like of shape (n, T, C)
+        Recordings; those of other materials are left out. Those the model was not trained on say what decides; those
+        it was trained on, what it has learned.
     y : array-like, shape (n,), optional
-        Material of each recording. Without it they count for what the model names them.
+        Material of each recording. Without it that of the `Dataset`; of arrays, what the model names them.
     axes : sequence of C str, optional
-        Names of the axes, as in `Dataset.axes`. Default: fx, fy, fz, tx, ty, tz for six, numbers for others.
+        Names of the axes. Default: those that the model was fitted on or, where these had none, those of the
+        `Dataset`; else axis0, axis1, ...
 
     Returns
     -------
@@ -105,7 +107,7 @@ def explain(
     >>> y = np.repeat(["oat", "rice"], 10)
     >>> X[y == "oat", 50:, 2] += 1.0
     >>> model = make_pipeline(RawSignal(rate_hz=500), ECOCClassifier()).fit(X, y)
-    >>> oat_or_rice = explain(model, "oat", "rice", X, y)
+    >>> oat_or_rice = explain(model, "oat", "rice", X, y, axes=["fx", "fy", "fz", "tx", "ty", "tz"])
     >>> max(oat_or_rice.by_axis(), key=oat_or_rice.by_axis().get)
     'fz'
     >>> region = oat_or_rice.regions(1)[0]
@@ -117,11 +119,16 @@ def explain(
     pair = (_row_of("first", first, classes), _row_of("second", second, classes))
     if pair[0] == pair[1]:
         raise ValueError(f"first and second must be two materials, got {first!r} twice")
-    if isinstance(X, (list, tuple)):
-        X, _ = wrench_of(X, "X", getattr(model[0], "axes_in_", None))
-    recordings = _recordings(X)
+    known = getattr(model[0], "axes_in_", None)
+    recordings = X if isinstance(X, Dataset) else _recordings(X, known)
+    if isinstance(X, Dataset):
+        if y is None and all(recording.label is not None for recording in X):
+            y = X.y
+        if known is None:
+            chain = _with_axis_names(chain, X.axes, common_units(X))
     if axes is not None:
-        chain = _with_axis_names(chain, axes, recordings.shape[2] if recordings.ndim == 3 else 1)
+        names = _checked_names(axes, len(chain.axes))
+        chain = _with_axis_names(chain, names, [unit_of(axis) for axis in names])
     labels = _labels(model, recordings, y)
     rows = [_rows_of(classes[row], labels, given=y is not None) for row in pair]
     decoding = getattr(chain.classifier, "decoding", "loss_weighted")
@@ -153,12 +160,12 @@ def explain_held_out(
     data: Dataset, pipeline: Pipeline, first: str, second: str
 ) -> tuple[Explanation, str, dict[str, Any]]:
     """Train on some recordings, explain those held out of two materials; say what was trained, and the split."""
-    X, y = data.X, data.y
+    y = data.y
     for label in (first, second):
         if (y == label).sum() < 2:
             raise ValueError(f"{label!r} has 1 recording; one to train and one to explain are needed")
     part, held_out = pair_partition(data, first, second)
-    model = fit_pipeline(pipeline, X[part.train], y[part.train], groups_of(data).take(part.train))
+    model = fit_pipeline(pipeline, data[part.train], y[part.train], groups_of(data).take(part.train))
     chosen = Chosen.of(model)
     how = "" if chosen is None else f"; {chosen.words}"
     split = {
@@ -167,19 +174,21 @@ def explain_held_out(
         "train": [data.names[row] for row in part.train.tolist()],
         "explained": [data.names[row] for row in part.test.tolist()],
     }
-    explanation = explain(model, first, second, X[part.test], y[part.test], axes=data.axes)
+    explanation = explain(model, first, second, data[part.test])
     return explanation, f"trained on {len(part.train)} of {len(y)} recordings{how}", split
 
 
-def _recordings(X: npt.ArrayLike) -> npt.NDArray[Any]:
+def _recordings(X: npt.ArrayLike, axes: Sequence[str] | None) -> npt.NDArray[Any]:
+    if isinstance(X, (list, tuple)):
+        X, _ = samples_of(X, "X", axes)
     try:
         recordings = np.asarray(X)
     except ValueError as reason:
         raise ValueError(f"X must be recordings of one shape, an array (n, T, C): {reason}") from None
     if recordings.ndim not in (2, 3):
         raise ValueError(
-            f"X must be recordings, an array (n, T, C), got {type(X).__name__} of shape {recordings.shape}; "
-            "of a Dataset pass its X and y"
+            f"X must be recordings, a Dataset or an array (n, T, C), got {type(X).__name__} of shape "
+            f"{recordings.shape}"
         )
     return recordings
 
@@ -191,13 +200,13 @@ def _row_of(argument: str, label: Any, classes: npt.NDArray[Any]) -> int:
     return known.index(label)
 
 
-def _labels(model: Any, recordings: npt.NDArray[Any], y: npt.ArrayLike | None) -> npt.NDArray[Any]:
+def _labels(model: Any, recordings: Dataset | npt.NDArray[Any], y: npt.ArrayLike | None) -> npt.NDArray[Any]:
     if y is None:
         return np.asarray(model.predict(recordings))
     labels: npt.NDArray[Any] = column_or_1d(y)
     if len(labels) != len(recordings):
         raise ValueError(
-            f"y must have one label per recording of X, got {len(labels)} for X of shape {recordings.shape}"
+            f"y must have one label per recording of X, got {len(labels)} for X of {len(recordings)} recordings"
         )
     return labels
 
@@ -222,8 +231,15 @@ class Chain:
     blocks: tuple[FeatureBlock, ...]
     bands: BandColumns | None = None
 
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes, as the columns are told."""
+        if self.bands is not None:
+            return self.bands.axes
+        return tuple(dict.fromkeys(axis for block in self.blocks for axis in block.axes))
+
     def columns_and_scores(
-        self, recordings: npt.NDArray[Any], factors: FloatArray
+        self, recordings: Dataset | npt.NDArray[Any], factors: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Columns (n, D) of recordings (n, T, C), and weighted sums (n,) of the learners' scores."""
         columns = features = self.space.transform(recordings)
@@ -297,22 +313,30 @@ def pair_factors(
     return factors
 
 
-def _with_axis_names(chain: Chain, axes: Any, n_axes: int) -> Chain:
-    """Return a chain whose columns are told by the names of the axes."""
+def _checked_names(axes: Any, n_axes: int) -> tuple[str, ...]:
     if isinstance(axes, str) or not isinstance(axes, Sequence) or not all(isinstance(a, str) for a in axes):
         raise TypeError(f"axes must be a sequence of names of axes, got {axes!r}")
     if len(axes) != n_axes or len(set(axes)) < n_axes:
         raise ValueError(f"axes must be {n_axes} different names, one for each axis of X, got {tuple(axes)}")
-    own = dict(zip(axis_names(n_axes), axes, strict=True))
+    return tuple(axes)
 
-    def told(name: str) -> str:
-        return "_".join(own.get(part, part) for part in name.split("_"))
 
-    blocks = tuple(
-        replace(block, name=told(block.name), axes=tuple(own[axis] for axis in block.axes))
-        for block in chain.blocks
-    )
+def _with_axis_names(chain: Chain, axes: Sequence[str], units: Sequence[str]) -> Chain:
+    """Return a chain whose columns are told by these names of the axes, in these units."""
+    own, unit = (dict(zip(chain.axes, values, strict=True)) for values in (axes, units))
+
+    def told(block: FeatureBlock) -> FeatureBlock:
+        named = replace(block, axes=tuple(own[axis] for axis in block.axes))
+        (*_, last) = block.axes
+        if len(block.axes) == 1 and block.name.endswith(f"_{last}"):  # a histogram with a range of its own
+            named = replace(named, name=block.name.removesuffix(last) + own[last])
+        if block.kind == "magnitude":
+            of_axes = tuple(unit[axis] for axis in block.axes)
+            named = replace(named, units=of_axes, unit=joined_units(of_axes))
+        return named
+
     bands = chain.bands
     if bands is not None:
-        bands = replace(bands, axes=tuple(axes), names=tuple(map(told, bands.names)))
-    return replace(chain, blocks=blocks, bands=bands)
+        names = renamed(chain.space[-1].extractor_.names, axes)
+        bands = replace(bands, axes=tuple(axes), units=tuple(units), names=tuple(names))
+    return replace(chain, blocks=tuple(map(told, chain.blocks)), bands=bands)

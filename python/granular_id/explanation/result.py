@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import whole_number
-from granular_id._core import AXES, UNITS
 from granular_id._text import fixed
 from granular_id.spaces import FeatureBlock
 
@@ -301,9 +300,5 @@ def _stretch(values: FloatArray) -> tuple[int, int, float] | None:
 
 
 def _unit(block: FeatureBlock, axis: str) -> str:
-    """Return the unit of one axis, also where bins of a block are in N and N m."""
-    return (
-        UNITS[AXES.index(axis)]
-        if axis in AXES and block.unit == ", ".join(dict.fromkeys(UNITS))
-        else block.unit
-    )
+    """Return the unit of one axis, also where bins of a block are in several."""
+    return block.units[block.axes.index(axis)] if block.units else block.unit

@@ -177,7 +177,7 @@ def model_of(
     """
     space, between, classifier = _steps(pipeline)
     check_is_fitted(space)
-    known = getattr(space, "rate_hz", None)
+    known = getattr(space, "rate_hz_", None)
     if rate_hz is not None and known is not None and known != rate_hz:
         problem = f"={rate_hz:g}, but the feature space was made for {known:g} Hz"
         raise argument_error(ValueError, "rate_hz", problem)
@@ -188,7 +188,8 @@ def model_of(
     shape = int(space.n_features_in_), int(space.n_axes_in_)
     if samples is not None and samples.shape[1:] != shape:
         raise ValueError(f"samples must have shape (n, {shape[0]}, {shape[1]}), got {samples.shape}")
-    axes = getattr(space, "axes_in_", None) if axes is None else axes
+    if axes is None and space.axes_in_ is not None:
+        axes, units = space.axes_in_, units or space.units_in_
     if units is None:
         units = axis_units(shape[1]) if axes is None else [unit_of(axis) for axis in axes]
     posterior = getattr(classifier, "_posterior", None) if posterior is None else posterior

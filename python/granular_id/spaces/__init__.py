@@ -9,6 +9,8 @@ from granular_id.spaces.base import (
     axis_units as axis_units,
     block_sizes,
     feature_blocks,
+    joined_units as joined_units,
+    renamed as renamed,
     tell_blocks,
 )
 from granular_id.spaces.best import DECODING as DECODING, BestClassifier, Choice as Choice, Chosen as Chosen

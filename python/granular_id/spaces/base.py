@@ -15,18 +15,22 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from granular_id._checks import positive_number
-from granular_id._columns import column_names, wrench_of
+from granular_id._checks import argument_error, positive_number
+from granular_id._columns import column_names, samples_of
 from granular_id._core import AXES, UNITS
-from granular_id._estimators import real_steps
+from granular_id._estimators import Origin, origin_of, real_steps, traced
 from granular_id.features import FeatureSpec, extract_features, feature_names
-from granular_id.recording import Dataset
+from granular_id.recording import Dataset, Recording, common_units, unit_differences, unit_of
 
 FloatArray = npt.NDArray[np.float64]
+Recordings = Dataset | Sequence[Recording] | npt.ArrayLike
 
 _INSIDE = ("granular_id", "joblib", "sklearn")
 _MOST_AXES = 12
 """Most axes that a sensor, or two, would have: two dimensions that end in as few may be samples and axes."""
+
+PAPER_RATE_HZ = 500.0
+"""What spaces that need a rate take where nobody states one: that of the paper's sensor."""
 
 
 class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -39,11 +43,16 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
     n_features_in_: int
     n_axes_in_: int
     axes_in_: tuple[str, ...] | None
-    """Names of the axes that `fit` saw; None where recordings had none."""
+    """Names of the axes that `fit` saw; None where recordings had none: features then say axis0, axis1, ..."""
+    units_in_: tuple[str, ...]
+    """Units of the axes, C of them; "" where not known."""
+    rate_hz_: float | None
+    """Sampling rate in use, Hz: `rate_hz` or, without it, that of the `Dataset`, or the space's default."""
 
     without_effect: ClassVar[frozenset[str]] = frozenset()
     """Parameters that change no feature: threads, or a rate that labels coordinates only."""
 
+    _default_rate_hz: ClassVar[float | None] = None
     _core_refuses_gaps: ClassVar[bool] = False
     """Whether `_features` hands recordings to the core, which refuses NaN and infinity: looking twice takes time."""
 
@@ -52,49 +61,63 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         """Whether `fit` takes anything from the data but their shape."""
         return False
 
-    def fit(self, X: npt.ArrayLike, y: object = None) -> Any:  # noqa: ARG002 - scikit-learn passes y
+    def fit(self, X: Recordings, y: object = None) -> Any:  # noqa: ARG002 - scikit-learn passes y
         """Check the parameters, remember the shape of a recording, and learn where there is something to learn.
 
         Parameters
         ----------
-        X : array-like, shape (n, T, C) or (n, T)
-            Recordings: n of T samples on C axes, in N and N m. Two dimensions are n signals of one axis. A list of
-            tables with named columns is taken by name: fx fy fz tx ty tz in this order whatever their own, six
-            others and stamps are refused; `transform` then wants the same names.
+        X : Dataset, or array-like of shape (n, T, C) or (n, T)
+            Recordings: n of T samples on C axes. Two dimensions are n signals of one axis. A `Dataset` (or a list of
+            `Recording`) of one length brings names and units of its axes, its rate and, for the steps behind, labels,
+            sessions and order. A list of tables with named columns is taken by name: fx fy fz tx ty tz in this order
+            whatever their own, stamps are refused. Where axes have names, `transform` wants the same.
         y : ignored
 
         Returns
         -------
         self
 
+        Raises
+        ------
+        TypeError, ValueError
+            Parameters out of range, a `rate_hz` that is not that of the `Dataset`, recordings of several lengths,
+            NaN or infinity.
+
         Warns
         -----
         UserWarning
             Two dimensions that look like one recording: as few samples as a sensor has axes, and more signals.
         """
-        recordings = self._recordings(X, reset=True)
-        self.n_axes_in_ = recordings.shape[2]
+        recordings, _ = self._recordings(X, reset=True)
         self._learn(recordings)
         return self
 
-    def transform(self, X: npt.ArrayLike) -> FloatArray:
+    def transform(self, X: Recordings) -> FloatArray:
         """Features (n, D) of recordings of the shape given to `fit`.
 
         Raises
         ------
         ValueError
-            Another shape, NaN or infinity.
+            Another shape, other axes, units or rate where they are known, NaN or infinity.
         """
         check_is_fitted(self)
-        recordings = self._recordings(X, reset=False)
+        recordings, origin = self._recordings(X, reset=False)
         try:
-            return self._features(recordings)
+            features = self._features(recordings)
         except ValueError:
             _refuse_gaps(recordings)  # the core's error knows no name of the caller's
             raise
+        return self._traced(features, origin)
+
+    def _traced(self, features: FloatArray, origin: Origin) -> FloatArray:
+        """Let features of a data set know it, for the steps behind."""
+        if origin.dataset is None:
+            return features
+        known: FloatArray = traced(features, origin, blocks=getattr(self, "block_sizes_", None))
+        return known
 
     def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:
-        """Names (D,) of the features, for instance ``fx_0000`` or ``hfmh_tz_99``.
+        """Names (D,) of the features, for instance ``fx_0000`` or ``hfmh_tz_99``; axes without names are axis0 ...
 
         Parameters
         ----------
@@ -103,7 +126,16 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         """
         check_is_fitted(self)
         check_input_names(self, input_features)
-        return np.asarray(self._names(), dtype=object)
+        return np.asarray(self._own_names(), dtype=object)
+
+    def _own_names(self) -> list[str]:
+        """Names of the D features, with the axes of this one."""
+        return renamed(self._names(), self._axes)
+
+    @property
+    def _axes(self) -> tuple[str, ...]:
+        """Names of the axes, those of nameless ones included."""
+        return self.axes_in_ or tuple(f"axis{k}" for k in range(self.n_axes_in_))
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """Say what the columns stand for: instants, bins or frequencies of each axis.
@@ -129,19 +161,14 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         raise NotImplementedError
 
     def _names(self) -> list[str]:
-        """Names of the D features."""
+        """Names of the D features, with the axes that `axis_names` gives."""
         raise NotImplementedError
 
-    def _recordings(self, X: npt.ArrayLike, *, reset: bool) -> FloatArray:
-        if isinstance(X, Dataset):
-            raise TypeError("X must be an array of shape (n, T, C) or (n, T), got a Dataset: pass its X")
-        names = column_names(X, "X")
-        if names is not None and {name.strip().lower() for name in names} >= set(AXES):
-            raise ValueError(f"X must be a batch, got one table with the columns {' '.join(names)}: pass [X]")
-        if names is None:
-            X, axes = wrench_of(X, "X", None if reset else getattr(self, "axes_in_", None))
-            if reset:
-                self.axes_in_ = axes
+    def _recordings(self, X: Any, *, reset: bool) -> tuple[FloatArray, Origin]:
+        """Check recordings, and with `reset` learn their shape, axes and rate; otherwise compare them."""
+        X, origin = _taken(X, None if reset else getattr(self, "axes_in_", None))
+        if reset:
+            self._learn_rate(origin.rate_hz)
         if _rank(X) > 3:
             raise ValueError(f"X must have shape (n, T, C) or (n, T), got {_rank(X)} dimensions")
         if not reset and self.n_axes_in_ > 1:
@@ -160,7 +187,40 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         recordings: FloatArray = values
         if reset or not self._core_refuses_gaps:
             _refuse_gaps(recordings)
-        return recordings
+        if reset:
+            self.n_axes_in_ = recordings.shape[2]
+            self.axes_in_, self.units_in_ = origin.axes, origin.units or ("",) * self.n_axes_in_
+        else:
+            self._refuse_other(origin)
+        return recordings, origin
+
+    def _learn_rate(self, rate_hz: float | None) -> None:
+        stated = getattr(self, "rate_hz", None)
+        check_rate(stated)
+        if stated is not None and rate_hz is not None and not np.isclose(stated, rate_hz, rtol=1e-6):
+            problem = f"={stated:g}, but the recordings have {rate_hz:g} Hz: leave it out, or resample them"
+            raise argument_error(ValueError, "rate_hz", problem)
+        known = rate_hz if stated is None else float(stated)
+        self.rate_hz_ = self._default_rate_hz if known is None else known
+
+    def _refuse_other(self, origin: Origin) -> None:
+        """Refuse recordings of other axes, units or another rate than `fit` saw, as far as both are known."""
+        if self.axes_in_ is not None and origin.axes is not None:
+            if origin.axes != self.axes_in_:
+                raise ValueError(
+                    f"X has the axes {' '.join(origin.axes)}, in fit they were {' '.join(self.axes_in_)}: "
+                    "call .select(axes=...)"
+                )
+            for other in unit_differences(
+                dict(zip(self.axes_in_, self.units_in_, strict=True)),
+                {"units": dict(zip(origin.axes, origin.units, strict=True))},
+            ):
+                raise ValueError(
+                    f"X has the unit {other.now}, in fit it was {other.trained[0]}: convert the samples"
+                )
+        known, now = self.rate_hz_, origin.rate_hz
+        if known is not None and now is not None and not np.isclose(known, now, rtol=1e-6):
+            raise ValueError(f"X has {now:g} Hz, in fit it was {known:g}: call .resample({known:g}) first")
 
     def _same_shape(self, shape: tuple[int, ...]) -> None:
         fitted = (self.n_features_in_, self.n_axes_in_)
@@ -203,7 +263,7 @@ class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: igno
         """Do nothing, so that a pipeline can set its steps behind; recordings stay arrays."""
         return self
 
-    def transform(self, X: npt.ArrayLike) -> FloatArray:
+    def transform(self, X: Recordings) -> FloatArray:
         """Filter recordings; the result has as many dimensions as `X`.
 
         Raises
@@ -212,8 +272,11 @@ class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: igno
             Another shape than in `fit`, NaN or infinity.
         """
         check_is_fitted(self)
-        filtered = self._filtered(self._recordings(X, reset=False))
-        return filtered[:, :, 0] if _rank(X) == 2 else filtered
+        recordings, origin = self._recordings(X, reset=False)
+        filtered = self._filtered(recordings)
+        flat = origin.dataset is None and _rank(X) == 2
+        result: FloatArray = traced(filtered[:, :, 0] if flat else filtered, origin)
+        return result
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """Refused: recordings are no features yet."""
@@ -248,11 +311,30 @@ def check_input_names(estimator: Any, input_features: npt.ArrayLike | None) -> N
         raise ValueError("input_features is not equal to feature_names_in_")
 
 
-def check_rate(rate_hz: Any, *, optional: bool = True) -> None:
-    """Refuse a rate that is no positive number."""
-    if rate_hz is None and optional:
-        return
-    positive_number("rate_hz", rate_hz, "a number of hertz or None" if optional else "a number of hertz")
+def check_rate(rate_hz: Any) -> None:
+    """Refuse a rate that is no positive number, and not None."""
+    if rate_hz is not None:
+        positive_number("rate_hz", rate_hz, "a number of hertz or None")
+
+
+def _taken(X: Any, axes: tuple[str, ...] | None) -> tuple[Any, Origin]:
+    """Return the samples of what a caller passes, in the order of `axes` where it has names, and what it says."""
+    if isinstance(X, Recording):
+        raise TypeError("X must be a batch, got one Recording: pass [X]")
+    if isinstance(X, (list, tuple)) and X and all(isinstance(one, Recording) for one in X):
+        X = Dataset(X)  # what scikit-learn makes of a Dataset when it takes some of its rows
+    if isinstance(X, Dataset):
+        return X.X, Origin(X.axes, tuple(common_units(X)), X.rate_hz, X)
+    origin = origin_of(X)
+    if origin is not None:
+        return np.asarray(X), origin
+    names = column_names(X, "X")
+    if names is not None:
+        if {name.strip().lower() for name in names} >= set(AXES):
+            raise ValueError(f"X must be a batch, got one table with the columns {' '.join(names)}: pass [X]")
+        return X, Origin()
+    samples, named = samples_of(X, "X", axes)
+    return samples, Origin() if named is None else Origin(named, tuple(map(unit_of, named)))
 
 
 def _rank(X: Any) -> int:
@@ -267,11 +349,11 @@ def _warn_of_axes(shape: tuple[int, int]) -> None:
             f"X of shape {shape} is taken as {n} recordings of {n_samples} samples on one axis. If it is one recording "
             f"of {n} samples on {n_samples} axes, pass X[np.newaxis]; if not, X[:, :, np.newaxis] says so",
             UserWarning,
-            stacklevel=_level_of_caller(),
+            stacklevel=level_of_caller(),
         )
 
 
-def _level_of_caller() -> int:
+def level_of_caller() -> int:
     """Level of the first frame outside of this package and what calls it, as the caller's own would count it."""
     level, frame = 0, sys._getframe(1)  # from Python 3.12 on warnings could skip packages
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _INSIDE:
@@ -311,11 +393,13 @@ class FeatureBlock:
     coordinates : ndarray, shape (m,)
         Instants, centres of bins or frequencies.
     unit : str
-        Unit of the coordinates: "s" or "sample", "Hz" or "1/sample" when the rate is not known; "N", "N m" or
-        "N, N m" of magnitudes, "" when the axes are not those of a wrench.
+        Unit of the coordinates: "s" or "sample", "Hz" or "1/sample" when the rate is not known; of magnitudes that of
+        the axes, such as "N, N m" where they differ, "" where not known.
     columns : slice
         Where the block lies in the feature vector. Axis-major: axis ``a`` occupies the ``m`` columns from
         ``columns.start + a * m``.
+    units : tuple of str
+        Of magnitudes, the unit of each axis; else empty.
 
     Examples
     --------
@@ -332,10 +416,11 @@ class FeatureBlock:
     coordinates: FloatArray
     unit: str
     columns: slice
+    units: tuple[str, ...] = ()
 
 
 def axis_names(n_axes: int) -> tuple[str, ...]:
-    """Names of the axes as feature names spell them: ``fx ... tz`` for six, else ``axis0 ...``."""
+    """Names of the axes as the core spells them in feature names: ``fx ... tz`` for six, else ``axis0 ...``."""
     return tuple(name.rpartition("_")[0] for name in feature_names(n_samples=1, n_axes=n_axes, hfmh=False))
 
 
@@ -344,26 +429,42 @@ def axis_units(n_axes: int) -> tuple[str, ...]:
     return UNITS if n_axes == len(AXES) else ("",) * n_axes
 
 
-def time_block(name: str, n_samples: int, n_axes: int, rate_hz: float | None) -> FeatureBlock:
+def renamed(names: Sequence[str], axes: Sequence[str]) -> list[str]:
+    """Return names of features with these axes in place of those that `axis_names` gives."""
+    own = dict(zip(axis_names(len(axes)), axes, strict=True))
+    if all(name == axis for name, axis in own.items()):
+        return list(names)
+    return ["_".join([own.get(part, part) for part in name.split("_")]) for name in names]
+
+
+def time_block(name: str, n_samples: int, axes: tuple[str, ...], rate_hz: float | None) -> FeatureBlock:
     """Every sample of every axis."""
     step, unit = (1.0, "sample") if rate_hz is None else (1.0 / rate_hz, "s")
     instants: FloatArray = np.arange(n_samples, dtype=np.float64) * step
-    return FeatureBlock(name, "time", axis_names(n_axes), instants, unit, slice(0, n_samples * n_axes))
+    return FeatureBlock(name, "time", axes, instants, unit, slice(0, n_samples * len(axes)))
 
 
-def range_blocks(name: str, bounds: FloatArray, n_bins: int) -> tuple[FeatureBlock, ...]:
+def range_blocks(
+    name: str, bounds: FloatArray, n_bins: int, axes: tuple[str, ...], units: tuple[str, ...]
+) -> tuple[FeatureBlock, ...]:
     """Histograms: one block where all axes share a range, else one an axis, named ``<name>_<axis>``."""
-    axes, units = axis_names(len(bounds)), axis_units(len(bounds))
     if (bounds == bounds[0]).all():
-        unit = ", ".join(dict.fromkeys(units))
+        unit = joined_units(units)
         span = slice(0, n_bins * len(axes))
-        return (FeatureBlock(name, "magnitude", axes, _centres(bounds[0], n_bins), unit, span),)
+        return (FeatureBlock(name, "magnitude", axes, _centres(bounds[0], n_bins), unit, span, units),)
     blocks = []
     for k, axis in enumerate(axes):
         span = slice(k * n_bins, (k + 1) * n_bins)
         centres = _centres(bounds[k], n_bins)
-        blocks.append(FeatureBlock(f"{name}_{axis}", "magnitude", (axis,), centres, units[k], span))
+        blocks.append(
+            FeatureBlock(f"{name}_{axis}", "magnitude", (axis,), centres, units[k], span, units[k : k + 1])
+        )
     return tuple(blocks)
+
+
+def joined_units(units: Sequence[str]) -> str:
+    """Return the units that are known, each once, as one text."""
+    return ", ".join(dict.fromkeys(filter(None, units)))
 
 
 def shifted(blocks: Sequence[FeatureBlock], by: int) -> tuple[FeatureBlock, ...]:

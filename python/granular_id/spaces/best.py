@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.base import BaseEstimator
 from sklearn.pipeline import Pipeline
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import checked_n_jobs, positive_number
+from granular_id._estimators import LabelledClassifier, labels_of, origin_of
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._schema import check_form
 from granular_id._text import Table, percent
@@ -29,9 +30,10 @@ from granular_id.spaces.scaling import (
     WithinClassWhitening,
     block_slices,
     folded_back,
+    own_blocks,
     whitened_grams,
 )
-from granular_id.splits import NONE, ChoiceFolds, choice_folds
+from granular_id.splits import NONE, ChoiceFolds, choice_folds, groups_of
 
 FloatArray = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
@@ -43,7 +45,7 @@ DECODING = "loss_weighted"
 _MOST_AT_BOUND = 0.5
 
 
-class BestClassifier(OrderedBlocks, ClassifierMixin, BaseEstimator):  # type: ignore[misc]
+class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type: ignore[misc]
     """A linear one-vs-one classifier that chooses its own preparation of the features.
 
     Every candidate model standardises the columns, gives each block the same weight, may whiten within classes
@@ -56,7 +58,8 @@ class BestClassifier(OrderedBlocks, ClassifierMixin, BaseEstimator):  # type: ig
     Parameters
     ----------
     blocks : mapping of name to number of columns, sequence of int, or None, default None
-        Blocks of columns, as in `BlockScaler`.
+        Blocks of columns, as in `BlockScaler`. None: those of the feature space in front, where that was given a
+        `Dataset` and has blocks, as `MultiBand`; else one block.
     optional_blocks : sequence of str, default ()
         Blocks that may hurt: each is tried with and without. The level of the raw signal, for instance, tells
         materials apart until the zero of the sensor has moved.
@@ -154,7 +157,7 @@ class BestClassifier(OrderedBlocks, ClassifierMixin, BaseEstimator):  # type: ig
     def fit(
         self,
         X: npt.ArrayLike,
-        y: npt.ArrayLike,
+        y: npt.ArrayLike | None = None,
         sessions: Sequence[Any] | npt.NDArray[Any] | None = None,
         order: npt.ArrayLike | None = None,
     ) -> BestClassifier:
@@ -164,12 +167,15 @@ class BestClassifier(OrderedBlocks, ClassifierMixin, BaseEstimator):  # type: ig
         ----------
         X : array-like, shape (n, D)
             Plain features, finite.
-        y : array-like, shape (n,)
+        y : array-like, shape (n,), optional
             Labels: strings, integers or other values that can be sorted.
         sessions : sequence of n, optional
             Session of each row; None or "" where it is not known.
         order : array-like of int, shape (n,), optional
             Row numbers from the earliest to the latest recording, see `Dataset.chronological_order`.
+
+            Labels, sessions and order that are left out are those of the `Dataset` that a feature space in front was
+            given.
 
         Returns
         -------
@@ -177,9 +183,13 @@ class BestClassifier(OrderedBlocks, ClassifierMixin, BaseEstimator):  # type: ig
         """
         checked_n_jobs(self.n_jobs)
         loss = fitting_loss(self.loss, "real")
-        rows, labels = validate_data(self, X, y, dtype=np.float64)
+        origin = origin_of(X)
+        rows, labels = validate_data(self, X, labels_of(X, y, self), dtype=np.float64)
+        if origin is not None and origin.dataset is not None and sessions is None and order is None:
+            known = groups_of(origin.dataset).fit_arguments(self, np.arange(len(rows)))
+            sessions, order = known["sessions"], known["order"]
         classes, codes = class_indices(labels, None)
-        slices = block_slices(self.blocks, rows.shape[1])
+        slices = block_slices(own_blocks(self.blocks, origin), rows.shape[1])
         sizes = {name: columns.stop - columns.start for name, columns in slices.items()}
         candidates = plan_candidates(list(sizes), self.optional_blocks, self.shrinkages, self.relative_costs)
         seed = int(check_random_state(self.random_state).randint(np.iinfo(np.int32).max))

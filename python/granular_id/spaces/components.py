@@ -11,6 +11,7 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import float_array, whole_number
+from granular_id._estimators import origin_of, traced
 from granular_id._parallel import single_threaded_blas
 from granular_id.gram import check_symmetric, linear_gram
 from granular_id.spaces.base import check_input_names
@@ -117,7 +118,7 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
 
     def fit_transform(self, X: npt.ArrayLike, y: object = None) -> FloatArray:  # noqa: ARG002
         """`fit` and `transform` of the same rows."""
-        scores: FloatArray = self._fit_rows(X) @ self.components_.T
+        scores: FloatArray = traced(self._fit_rows(X) @ self.components_.T, origin_of(X), blocks=None)
         return scores
 
     def transform(self, X: npt.ArrayLike) -> FloatArray:
@@ -126,7 +127,7 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
         if not hasattr(self, "components_"):
             raise ValueError("PrincipalComponents was fitted on scalar products: use transform_gram")
         rows = validate_data(self, X, reset=False, dtype=np.float64)
-        scores: FloatArray = (rows - self.mean_) @ self.components_.T
+        scores: FloatArray = traced((rows - self.mean_) @ self.components_.T, origin_of(X), blocks=None)
         return scores
 
     def fit_gram(self, gram: npt.ArrayLike, y: object = None) -> PrincipalComponents:  # noqa: ARG002

@@ -7,6 +7,7 @@ Measurements" (arXiv 2403.17606), section on features.
 from __future__ import annotations
 
 import operator
+import warnings
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,9 +18,11 @@ from granular_id._checks import argument_error
 from granular_id.features import FeatureSpec
 from granular_id.signal import butter, sosfilt, sosfilt_zi
 from granular_id.spaces.base import (
+    PAPER_RATE_HZ,
     CoreTransformer,
     FeatureBlock,
     axis_series,
+    level_of_caller,
     range_blocks,
     shifted,
     time_block,
@@ -35,7 +38,10 @@ DEFAULT_RANGE = (-1.5, 1.5)
 # This share of |high-passed| samples lies in the automatic range: a few impacts must not set the bin width.
 _AUTO_QUANTILE = 0.995
 
-_OF_SPEC = ("rate_hz", "cutoff_hz", "order", "n_bins", "outside", "density", "initial")
+# A cut-off above this share of half the rate leaves too little to count.
+_MOST_TAKEN = 0.8
+
+_OF_SPEC = ("cutoff_hz", "order", "n_bins", "outside", "density", "initial")
 
 
 class _Histogram(CoreTransformer):
@@ -54,7 +60,7 @@ class _Histogram(CoreTransformer):
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """One block, "hfmh" or "hist", over the centres of bins; one an axis, "hfmh_fx", where ranges differ."""
-        return range_blocks(self._block, self.bin_range_, self.spec_.n_bins)
+        return range_blocks(self._block, self.bin_range_, self.spec_.n_bins, self._axes, self.units_in_)
 
     def _learn(self, recordings: FloatArray) -> None:
         bounds = self.bin_range
@@ -86,18 +92,19 @@ class HFMH(_Histogram):
 
     Parameters
     ----------
-    rate_hz : float, default 500.0
-        Sampling rate; the paper's sensor. Other rates need other cut-offs to see the same signal.
+    rate_hz : float or None, default None
+        Sampling rate. None: that of a `Dataset`, and 500 Hz, the paper's, of arrays.
     cutoff_hz, order : float and int, default 23.0 and 8
-        Butterworth high-pass of the paper.
+        Butterworth high-pass of the paper. Of a signal at rate r only what lies between the cut-off and r / 2 is
+        counted: slow sensors need a lower one.
     n_bins : int, default 100
         Bins per axis, of equal width.
     bin_range : (low, high), array of shape (C, 2), or "auto", default (-1.5, 1.5)
-        Range of the bins, N and N m. The default is the paper's, one for every axis. Torques are much
-        smaller than forces, and other sensors are quieter or louder: one fixed range then puts all counts of
-        an axis in its middle bins, or drops most of them. "auto" learns one symmetric range per axis from the
-        rows given to `fit`: +- the 99.5 % quantile of the high-passed magnitude. An axis
-        without any signal keeps the paper's range.
+        Range of the bins, in the units of the axes. The default is the paper's, N and N m, one for every axis.
+        Torques are much smaller than forces, and other sensors are quieter or louder: one fixed range then puts all
+        counts of an axis in its middle bins, or drops most of them. "auto" learns one symmetric range per axis from
+        the rows given to `fit`: +- the 99.5 % quantile of the high-passed magnitude. An axis without any signal
+        keeps the paper's range.
     outside : {"drop", "clip"}, default "drop"
         What becomes of values outside the range; the paper does not count them.
     density : bool, default False
@@ -117,6 +124,11 @@ class HFMH(_Histogram):
     spec_ : FeatureSpec
         What is extracted.
 
+    Warns
+    -----
+    UserWarning
+        From `fit`, where the high-pass leaves less than a fifth of what the rate carries.
+
     Examples
     --------
     >>> import numpy as np
@@ -130,11 +142,12 @@ class HFMH(_Histogram):
 
     _block = "hfmh"
     _raw = False
+    _default_rate_hz = PAPER_RATE_HZ
 
     def __init__(
         self,
         *,
-        rate_hz: float = 500.0,
+        rate_hz: float | None = None,
         cutoff_hz: float = 23.0,
         order: int = 8,
         n_bins: int = 100,
@@ -156,16 +169,30 @@ class HFMH(_Histogram):
 
     def high_passed(self, signals: FloatArray) -> FloatArray:
         """One axis of recordings, shape (n, T), after the filter whose output is counted."""
-        sos = butter(self.order, self.cutoff_hz, "highpass", fs=self.rate_hz, output="sos")
+        rate_hz = getattr(self, "rate_hz_", self.rate_hz) or PAPER_RATE_HZ
+        sos = butter(self.order, self.cutoff_hz, "highpass", fs=rate_hz, output="sos")
         signals = np.ascontiguousarray(signals)
         if self.initial == "steady":
             state = sosfilt_zi(sos)[:, np.newaxis, :] * signals[:, :1]
             return sosfilt(sos, signals, axis=1, zi=state)[0]
         return sosfilt(sos, signals, axis=1)
 
+    def _learn(self, recordings: FloatArray) -> None:
+        super()._learn(recordings)
+        carried_hz = self.spec_.rate_hz / 2
+        if self.spec_.cutoff_hz > _MOST_TAKEN * carried_hz:
+            warnings.warn(
+                f"cutoff_hz={self.cutoff_hz:g} leaves nearly nothing of a signal at {self.spec_.rate_hz:g} Hz, which "
+                f"carries no more than {carried_hz:g} Hz: choose a lower one, such as cutoff_hz={carried_hz / 2:.2g}, "
+                "or MultiBand, whose bands follow the rate",
+                UserWarning,
+                stacklevel=level_of_caller(),
+            )
+
     def _spec(self, **bin_range: Any) -> FeatureSpec:
+        options = {name: getattr(self, name) for name in _OF_SPEC}
         return FeatureSpec(
-            raw=self._raw, hfmh=True, **{name: getattr(self, name) for name in _OF_SPEC}, **bin_range
+            raw=self._raw, hfmh=True, rate_hz=self.rate_hz_ or PAPER_RATE_HZ, **options, **bin_range
         )
 
     def _learned_range(self, recordings: FloatArray) -> FloatArray:
@@ -186,7 +213,7 @@ class RawHFMH(HFMH):
     rate_hz, cutoff_hz, order, n_bins, bin_range, outside, density, initial, threads
         As in `HFMH`.
     block_weights : None, "unit" or two numbers, default None
-        Factors of the raw and of the HFMH block, as in `BlockUnion`. None is the paper: plain newtons next to
+        Factors of the raw and of the HFMH block, as in `BlockUnion`. None is the paper: plain samples next to
         plain counts.
 
     Attributes
@@ -212,7 +239,7 @@ class RawHFMH(HFMH):
     def __init__(
         self,
         *,
-        rate_hz: float = 500.0,
+        rate_hz: float | None = None,
         cutoff_hz: float = 23.0,
         order: int = 8,
         n_bins: int = 100,
@@ -243,7 +270,7 @@ class RawHFMH(HFMH):
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """Blocks "raw", in seconds, and "hfmh" as in `HFMH`."""
-        raw = time_block("raw", self.n_features_in_, self.n_axes_in_, self.rate_hz)
+        raw = time_block("raw", self.n_features_in_, self._axes, self.rate_hz_)
         return (raw, *shifted(super().feature_blocks(), raw.columns.stop))
 
     def _learn(self, recordings: FloatArray) -> None:
@@ -265,16 +292,16 @@ class RawHFMH(HFMH):
 
 
 class RawHistogram(_Histogram):
-    """How often each force occurs, whatever the order: counts of the raw samples in equal bins, axis by axis.
+    """How often each value occurs, whatever the order: counts of the raw samples in equal bins, axis by axis.
 
     Parameters
     ----------
     n_bins : int, default 100
         Bins per axis, of equal width.
     bin_range : "auto", (low, high) or array of shape (C, 2), default "auto"
-        Range of the bins, N and N m. "auto" learns the smallest and the largest value of each axis from the rows
-        given to `fit`: forces under load have no natural range as high-passed ones have, and the paper states
-        none. An axis that never changes gets the range of numpy: half a unit to either side.
+        Range of the bins, in the units of the axes. "auto" learns the smallest and the largest value of each axis
+        from the rows given to `fit`: forces under load have no natural range as high-passed ones have, and the paper
+        states none. An axis that never changes gets the range of numpy: half a unit to either side.
     outside : {"drop", "clip"}, default "drop"
         What becomes of values outside the range, which later rows may well have: they are not counted, as in
         `HFMH`, so that a row of strange values has few counts; or they are counted in the first and last bin.

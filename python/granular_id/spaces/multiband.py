@@ -21,10 +21,10 @@ from sklearn.utils.validation import check_is_fitted
 from granular_id._core import MultiBandExtractor
 from granular_id._text import counted, fixed, listed
 from granular_id.spaces.base import (
+    PAPER_RATE_HZ,
     FeatureBlock,
     RecordingTransformer,
     axis_names,
-    check_rate,
     steps_behind_filters,
 )
 
@@ -83,8 +83,9 @@ class MultiBand(RecordingTransformer):
 
     Parameters
     ----------
-    rate_hz : float, default 500.0
-        Sampling rate; the paper's sensor. Names the bands; changes no feature.
+    rate_hz : float or None, default None
+        Sampling rate. None: that of a `Dataset`, and 500 Hz, the paper's, of arrays. Names the bands; changes no
+        feature.
     blocks : sequence of str, default ("coupling", "quantiles", "envelope", "spectrum")
         Any of the five. Without the level, which knows the session (weight of the tool, zero of the sensor) as well
         as it knows the material. Their order does not matter.
@@ -96,10 +97,10 @@ class MultiBand(RecordingTransformer):
     bands_ : tuple of FrequencyBand
         Edges in Hz, rate and samples of each band; band 0 is the recording without its mean.
     scales_ : ndarray, shape (n_bands, C)
-        Median over the recordings of the RMS of each band and axis, N and N m; at least a billionth of the whole
+        Median over the recordings of the RMS of each band and axis, in its unit; at least a billionth of the whole
         signal; 1 for an axis without any.
     level_scales_ : ndarray, shape (C,)
-        Median magnitude of the means over stretches of time, N and N m, with the same floor.
+        Median magnitude of the means over stretches of time, in the unit of the axis, with the same floor.
     frequencies_hz_ : ndarray, shape (m,)
         Middle of each bin of the spectrum; empty without that block.
     block_sizes_ : dict of str to int
@@ -136,11 +137,12 @@ class MultiBand(RecordingTransformer):
     ((3, 1506), {'coupling': 624, 'quantiles': 480, 'envelope': 240, 'spectrum': 162})
     >>> [(band.low_hz, band.high_hz) for band in space.bands_[:3]]
     [(0.0, 250.0), (122.5, 245.0), (61.25, 122.5)]
-    >>> space.get_feature_names_out()[[0, 624, 631, 1104, 1344]].tolist()
-    ['b0_coupling_fx_fx', 'b0_q02_fx', 'b0_logrms_fx', 'b0_envelope_fx_0', 'spectrum_fx_00']
+    >>> space.get_feature_names_out()[[0, 624, 631, 1104, 1344]].tolist()  # of a Dataset fx in place of axis0
+    ['b0_coupling_axis0_axis0', 'b0_q02_axis0', 'b0_logrms_axis0', 'b0_envelope_axis0_0', 'spectrum_axis0_00']
     """
 
     _core_refuses_gaps = True
+    _default_rate_hz = PAPER_RATE_HZ
     without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz", "threads"})
 
     bands_: tuple[FrequencyBand, ...]
@@ -152,7 +154,11 @@ class MultiBand(RecordingTransformer):
     dropped_: str
 
     def __init__(
-        self, *, rate_hz: float = 500.0, blocks: Sequence[str] = USUAL_BLOCKS, threads: int | None = None
+        self,
+        *,
+        rate_hz: float | None = None,
+        blocks: Sequence[str] = USUAL_BLOCKS,
+        threads: int | None = None,
     ) -> None:
         self.rate_hz = rate_hz
         self.blocks = blocks
@@ -176,9 +182,9 @@ class MultiBand(RecordingTransformer):
         return f"bands: {bands}\nfeatures: {sizes}{left_out}"
 
     def _learn(self, recordings: FloatArray) -> None:
-        check_rate(self.rate_hz, optional=False)
         n_samples, n_axes = recordings.shape[1:]
-        plain = MultiBandExtractor(n_samples, n_axes, rate_hz=self.rate_hz, blocks=self.blocks)
+        rate_hz = self.rate_hz_ or PAPER_RATE_HZ
+        plain = MultiBandExtractor(n_samples, n_axes, rate_hz=rate_hz, blocks=self.blocks)
         # Medians, so that a few violent recordings do not make all others small.
         typical = np.median(plain.band_rms(recordings, self.threads), axis=0)
         energies = np.einsum("ntc,ntc->nc", recordings, recordings) / n_samples
@@ -188,7 +194,7 @@ class MultiBand(RecordingTransformer):
         self.extractor_ = MultiBandExtractor(
             n_samples,
             n_axes,
-            rate_hz=self.rate_hz,
+            rate_hz=rate_hz,
             blocks=self.blocks,
             scales=self.scales_,
             level_scales=self.level_scales_,
@@ -269,11 +275,11 @@ class BandColumns:
     ----------
     names : tuple of D str
     columns : tuple of D BandColumn
-    axes : tuple of C str
+    axes, units : tuple of C str
     bands : tuple of FrequencyBand
         From the whole signal and the highest octave down to the lowest.
     scales : ndarray, shape (n_bands, C)
-        What the signal of each band and axis was divided by, N and N m.
+        What the signal of each band and axis was divided by, in its unit.
     level_scales : ndarray, shape (C,)
         The same for the level.
     frequencies_hz : ndarray, shape (m,)
@@ -290,6 +296,7 @@ class BandColumns:
     level_scales: FloatArray = field(repr=False)
     frequencies_hz: FloatArray = field(repr=False)
     duration_s: float
+    units: tuple[str, ...]
 
     @property
     def blocks(self) -> tuple[str, ...]:
@@ -342,17 +349,17 @@ def band_columns(transformer: Any) -> BandColumns | None:
         return None
     (space,) = steps
     check_is_fitted(space)
-    names = tuple(map(str, space.get_feature_names_out()))
     axes = axis_names(space.n_axes_in_)
     return BandColumns(
-        names=names,
-        columns=tuple(_column(name, axes) for name in names),
-        axes=axes,
+        names=tuple(map(str, space.get_feature_names_out())),
+        columns=tuple(_column(name, axes) for name in space.extractor_.names),
+        axes=space._axes,
+        units=space.units_in_,
         bands=space.bands_,
         scales=space.scales_,
         level_scales=space.level_scales_,
         frequencies_hz=space.frequencies_hz_,
-        duration_s=space.n_features_in_ / space.rate_hz,
+        duration_s=space.n_features_in_ / space.rate_hz_,
     )
 
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 
 from granular_id._estimators import learns
+from granular_id.recording import Dataset
 from granular_id.rica import RICA
 from granular_id.spaces.base import block_sizes, tell_blocks
 from granular_id.spaces.best import BestClassifier
@@ -179,11 +180,11 @@ def _tared(space: FeatureSpace, tare_s: float, rate_hz: float) -> FeatureSpace:
 
 def fit_pipeline(
     pipeline: Pipeline,
-    X: npt.NDArray[np.float64],
+    X: Dataset | npt.NDArray[np.float64],
     y: npt.NDArray[np.str_],
     groups: Groups | None = None,
 ) -> Pipeline:
-    """Fit a feature space and what follows it in place, on recordings X (n, T, C) and labels y (n,).
+    """Fit a feature space and what follows it in place, on recordings, a data set or X (n, T, C), and labels y (n,).
 
     Steps that ask are told the blocks of columns, and sessions and order of the recordings.
     """

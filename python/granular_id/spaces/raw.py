@@ -12,12 +12,12 @@ from sklearn.utils import check_random_state
 from granular_id._checks import argument_error, positive_number
 from granular_id.features import FeatureSpec, feature_names
 from granular_id.spaces.base import (
+    PAPER_RATE_HZ,
     CoreTransformer,
     FeatureBlock,
     RecordingFilter,
     RecordingTransformer,
     axis_series,
-    check_rate,
     time_block,
 )
 
@@ -30,8 +30,8 @@ class RawSignal(CoreTransformer):
     Parameters
     ----------
     rate_hz : float or None, default None
-        Sampling rate, with which `feature_blocks` tells instants in seconds; in samples without it. Changes no
-        feature.
+        Sampling rate, with which `feature_blocks` tells instants in seconds. None: that of a `Dataset`; of arrays it
+        is not known, and instants are told in samples. Changes no feature.
     threads : int or None, default None
         Threads of a batch; None takes all cores.
 
@@ -59,10 +59,9 @@ class RawSignal(CoreTransformer):
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """One block, "raw": instants in seconds, or in samples where the rate is not known."""
-        return (time_block("raw", self.n_features_in_, self.n_axes_in_, self.rate_hz),)
+        return (time_block("raw", self.n_features_in_, self._axes, self.rate_hz_),)
 
     def _learn(self, recordings: FloatArray) -> None:  # noqa: ARG002
-        check_rate(self.rate_hz)
         self.spec_ = FeatureSpec(raw=True, hfmh=False)
 
 
@@ -103,10 +102,7 @@ class RangeNormalizer(RecordingTransformer):
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """One block, "norm_raw": instants in seconds, or in samples where the rate is not known."""
-        return (time_block("norm_raw", self.n_features_in_, self.n_axes_in_, self.rate_hz),)
-
-    def _learn(self, recordings: FloatArray) -> None:  # noqa: ARG002
-        check_rate(self.rate_hz)
+        return (time_block("norm_raw", self.n_features_in_, self._axes, self.rate_hz_),)
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         series = axis_series(recordings)
@@ -139,8 +135,8 @@ class Tare(RecordingFilter):
     tare_s : float, default 0.1
         Length of the rest at the start of each recording, in seconds. The paper's recordings start a fraction
         of a second before the motion. Rounded to whole samples.
-    rate_hz : float, default 500.0
-        Sampling rate of the recordings.
+    rate_hz : float or None, default None
+        Sampling rate of the recordings. None: that of a `Dataset`, and 500 Hz, the paper's, of arrays.
 
     Attributes
     ----------
@@ -164,20 +160,21 @@ class Tare(RecordingFilter):
 
     n_tare_: int
 
-    def __init__(self, tare_s: float = 0.1, *, rate_hz: float = 500.0) -> None:
+    _default_rate_hz = PAPER_RATE_HZ
+
+    def __init__(self, tare_s: float = 0.1, *, rate_hz: float | None = None) -> None:
         self.tare_s = tare_s
         self.rate_hz = rate_hz
 
     def _learn(self, recordings: FloatArray) -> None:
-        check_rate(self.rate_hz, optional=False)
         tare_s = positive_number("tare_s", self.tare_s, "a number of seconds")
         n_samples = recordings.shape[1]
-        n_tare = round(min(tare_s * float(self.rate_hz), 1e300))  # infinity has no whole number
+        n_tare = round(min(tare_s * float(self.rate_hz_ or 0.0), 1e300))  # infinity has no whole number
         if not 1 <= n_tare <= n_samples:
             raise argument_error(
                 ValueError,
                 "tare_s",
-                f"={self.tare_s:g} at rate_hz={self.rate_hz:g} is {n_tare:g} samples, "
+                f"={self.tare_s:g} at rate_hz={self.rate_hz_:g} is {n_tare:g} samples, "
                 f"must be from 1 to the {n_samples} of a recording",
             )
         self.n_tare_ = n_tare

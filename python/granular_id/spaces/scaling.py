@@ -15,6 +15,7 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import positive_number, whole_number
+from granular_id._estimators import Origin, labels_of, origin_of, traced
 from granular_id.gram import linear_gram
 from granular_id.rica import RICA
 from granular_id.spaces.components import PrincipalComponents
@@ -58,7 +59,8 @@ class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEst
     ----------
     blocks : mapping of name to number of columns, sequence of int, or None, default None
         Columns of each block, from left to right, for instance ``{"coupling": 624, "spectrum": 192}``. They must
-        add up to the number of columns. None: one block.
+        add up to the number of columns. None: those of the feature space in front, where that was given a `Dataset`
+        and has blocks, as `MultiBand`; else one block.
 
     Attributes
     ----------
@@ -119,8 +121,9 @@ class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEst
         -------
         self
         """
+        origin = origin_of(X)
         rows = validate_data(self, X, dtype=np.float64)
-        self.block_slices_ = block_slices(self.blocks, rows.shape[1])
+        self.block_slices_ = block_slices(own_blocks(self.blocks, origin), rows.shape[1])
         self.mean_, deviation = _column_moments(rows)
         self.factor_ = np.zeros(rows.shape[1])
         varying = deviation > 0
@@ -147,7 +150,13 @@ class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEst
             raise ValueError(
                 "X must be in reach of the training rows: scaled, it leaves the range of float64"
             )
-        return scaled
+        known: FloatArray = traced(scaled, origin_of(X))
+        return known
+
+
+def own_blocks(blocks: BlockSizes, origin: Origin | None) -> BlockSizes:
+    """Return the blocks that were stated, else those that a feature space told of its columns."""
+    return origin.blocks if blocks is None and origin is not None else blocks
 
 
 def block_slices(blocks: BlockSizes, n_columns: int) -> dict[str, slice]:
@@ -264,22 +273,22 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
         """True: directions come from the rows given to `fit`."""
         return True
 
-    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> WithinClassWhitening:
+    def fit(self, X: npt.ArrayLike, y: npt.ArrayLike | None = None) -> WithinClassWhitening:
         """Learn how rows vary about the mean of their class.
 
         Parameters
         ----------
         X : array-like, shape (n, D)
             Training rows, finite.
-        y : array-like, shape (n,)
-            Label of each.
+        y : array-like, shape (n,), optional
+            Label of each; without them those of the `Dataset` that a feature space in front was given.
 
         Returns
         -------
         self
         """
         shrinkage = positive_number("shrinkage", self.shrinkage)
-        rows, labels = validate_data(self, X, y, dtype=np.float64)
+        rows, labels = validate_data(self, X, labels_of(X, y, self), dtype=np.float64)
         check_classification_targets(labels)
         self.classes_, codes = np.unique(labels, return_inverse=True)
         with np.errstate(over="ignore", invalid="ignore"):  # their scalar products are refused below
@@ -300,12 +309,13 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
         check_is_fitted(self)
         rows: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
         if self.ridge_ == 0.0:
-            unchanged: FloatArray = rows.copy()
+            unchanged: FloatArray = traced(rows.copy(), origin_of(X))
             return unchanged
         still = self.ridge_**-0.5
         moved = (self.variances_ + self.ridge_) ** -0.5 - still
         whitened: FloatArray = rows * still + ((rows @ self.components_.T) * moved) @ self.components_
-        return whitened
+        known: FloatArray = traced(whitened, origin_of(X))
+        return known
 
     def __sklearn_tags__(self) -> Any:
         """Tags of scikit-learn: labels are needed."""

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from granular_id._checks import positive_number
 from granular_id.features import feature_names
-from granular_id.spaces.base import FeatureBlock, RecordingTransformer, axis_names, axis_series, check_rate
+from granular_id.spaces.base import FeatureBlock, RecordingTransformer, axis_series
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -37,11 +37,11 @@ class DFT(RecordingTransformer):
         frequencies count beside strong low ones.
     floor : float, default 1e-3
         Smaller magnitudes are raised to this before the logarithm, which a silent or constant axis would
-        otherwise send to minus infinity, or to the rounding of zero. In N and N m, of the unnormalised transform:
-        1e-3 is the magnitude of white noise of 25 uN over 1,600 samples, far below any force sensor's.
+        otherwise send to minus infinity, or to the rounding of zero. In the unit of the axis, of the unnormalised
+        transform: 1e-3 N is the magnitude of white noise of 25 uN over 1,600 samples, far below any force sensor's.
     rate_hz : float or None, default None
-        Sampling rate, with which `feature_blocks` tells frequencies in hertz; in cycles per sample without it.
-        Changes no feature.
+        Sampling rate, with which `feature_blocks` tells frequencies in hertz. None: that of a `Dataset`; of arrays it
+        is not known, and frequencies are told in cycles per sample. Changes no feature.
 
     Attributes
     ----------
@@ -73,8 +73,8 @@ class DFT(RecordingTransformer):
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """Blocks "dft_re" and "dft_im", or one "dft" or "dft_log"; frequencies in Hz, or cycles per sample."""
-        step, unit = (1.0, "1/sample") if self.rate_hz is None else (float(self.rate_hz), "Hz")
-        axes = axis_names(self.n_axes_in_)
+        step, unit = (1.0, "1/sample") if self.rate_hz_ is None else (self.rate_hz_, "Hz")
+        axes = self._axes
         blocks = []
         start = 0
         for name, kept in self._parts():
@@ -88,7 +88,6 @@ class DFT(RecordingTransformer):
         if not isinstance(self.kind, str) or self.kind not in _KINDS:
             raise ValueError(f"kind must be one of {', '.join(map(repr, _KINDS))}, got {self.kind!r}")
         positive_number("floor", self.floor)
-        check_rate(self.rate_hz)
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         parts = list(self._parts())

@@ -12,8 +12,8 @@ from sklearn.base import clone
 from sklearn.utils.metaestimators import _BaseComposition
 
 from granular_id._checks import argument_error
-from granular_id._estimators import learns
-from granular_id.spaces.base import FeatureBlock, RecordingTransformer, feature_blocks, shifted
+from granular_id._estimators import Origin, learns, traced
+from granular_id.spaces.base import FeatureBlock, Recordings, RecordingTransformer, feature_blocks, shifted
 
 FloatArray = npt.NDArray[np.float64]
 BlockWeights = str | Sequence[float] | npt.NDArray[Any] | None
@@ -85,12 +85,12 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
         self._set_params("blocks", **params)
         return self
 
-    def fit(self, X: npt.ArrayLike, y: object = None) -> Any:
+    def fit(self, X: Recordings, y: object = None) -> Any:
         """Fit a clone of each block, and the weights where they are learned.
 
         Parameters
         ----------
-        X : array-like, shape (n, T, C) or (n, T)
+        X : Dataset, or array-like of shape (n, T, C) or (n, T)
             Recordings, as in every feature space.
         y : array-like, optional
             Passed to the blocks.
@@ -102,10 +102,10 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
         self._fit(X, y)
         return self
 
-    def fit_transform(self, X: npt.ArrayLike, y: object = None) -> FloatArray:
+    def fit_transform(self, X: Recordings, y: object = None) -> FloatArray:
         """`fit` and `transform` without computing features twice."""
-        recordings, features = self._fit(X, y)
-        return self._weighted(features or self._each(recordings))
+        recordings, features, origin = self._fit(X, y)
+        return self._traced(self._weighted(features or self._each(recordings)), origin)
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """Blocks of all parts, in their order; names are made unique as those of the features are."""
@@ -142,16 +142,16 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
         self._validate_names([name for name, _ in pairs])
         return pairs
 
-    def _fit(self, X: npt.ArrayLike, y: object) -> tuple[FloatArray, list[FloatArray]]:
-        """Fit; return the recordings, and the features of each block where the weights needed them."""
+    def _fit(self, X: Recordings, y: object) -> tuple[FloatArray, list[FloatArray], Origin]:
+        """Fit; return the recordings, the features of each block where the weights needed them, and the origin."""
         blocks = self.checked_blocks()
         weights = check_block_weights(self.block_weights, [name for name, _ in blocks])
-        recordings = self._recordings(X, reset=True)
-        self.n_axes_in_ = recordings.shape[2]
-        self.blocks_ = [(name, clone(block).fit(recordings, y)) for name, block in blocks]
+        recordings, origin = self._recordings(X, reset=True)
+        known = traced(recordings, origin)
+        self.blocks_ = [(name, clone(block).fit(known, y)) for name, block in blocks]
         features = self._each(recordings) if weights == "unit" else []
         self.block_weights_ = block_factors(weights, len(blocks), features)
-        return recordings, features
+        return recordings, features, origin
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         return self._weighted(self._each(recordings))
@@ -170,7 +170,7 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
         weigh(together, [block.shape[1] for block in blocks], self.block_weights_)
         return together
 
-    def _names(self) -> list[str]:
+    def _own_names(self) -> list[str]:
         return _unique([(name, block.get_feature_names_out().tolist()) for name, block in self.blocks_])
 
 

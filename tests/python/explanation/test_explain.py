@@ -33,7 +33,7 @@ from granular_id.spaces import (
     Tare,
     TimePermutation,
 )
-from multiband_cases import louder
+from multiband_cases import as_wrench, louder
 
 
 def recordings(labels=("oat", "peas", "rice"), n_each=12, n_samples=400):
@@ -130,7 +130,7 @@ def test_planted_stretch_of_time_is_found(after):
     y = np.repeat(["oat", "rice"], 15)
     X[y == "oat", 500:600, 2] += 0.5
     seen = explain(
-        make_pipeline(RawSignal(rate_hz=500), *after, ECOCClassifier()).fit(X, y), "oat", "rice", X, y
+        make_pipeline(RawSignal(), *after, ECOCClassifier()).fit(as_wrench(X), y), "oat", "rice", X, y
     )
     (region,) = seen.regions(1)
     assert (region.block, region.kind, region.axis, region.unit) == ("raw", "time", "fz", "s")
@@ -148,7 +148,7 @@ def test_planted_vibration_is_found(bin_range):
     y = np.tile(["oat", "rice"], 10)
     X[y == "rice", :, 3] += random.normal(scale=0.3, size=(10, 1600))
     model = make_pipeline(RawHFMH(bin_range=bin_range, block_weights="unit"), ECOCClassifier()).fit(
-        X[:10], y[:10]
+        as_wrench(X[:10]), y[:10]
     )
     # On recordings that are new to it: what it learned of the noise of others adds up to nothing there.
     seen = explain(model, "rice", "oat", X[10:], y[10:])
@@ -288,7 +288,7 @@ def test_axes_in_another_order_keep_their_names(space):
     seen = explain(model, "rice", "oat", X[..., ORDER], y, axes=NAMES)
     assert tuple(seen.by_axis()) == NAMES
     assert list(seen.by_axis().values()) == list(plain.by_axis().values())
-    assert (largest(plain.by_axis()), largest(seen.by_axis())) == ("fx", "fz")
+    assert (largest(plain.by_axis()), largest(seen.by_axis())) == ("axis0", "fz")
     assert "fz" in str(seen).lower()
 
 
@@ -303,12 +303,52 @@ def test_features_and_units_follow_the_names():
     assert {region.axis for region in seen.regions(3)} <= {"left", "right", "up"}
 
 
+GYRO = ("wx", "wy", "wz", "ax", "ay", "az")
+
+
+def imu(X, y, units=("rad/s",) * 3 + ("m/s2",) * 3):
+    meta = {"units": dict(zip(GYRO, units, strict=True))}
+    return Dataset([Recording(x, 100.0, label, axes=GYRO, meta=meta) for x, label in zip(X, y, strict=True)])
+
+
+@pytest.mark.parametrize("fitted_on", ["a data set", "arrays"])
+@pytest.mark.parametrize("bin_range", [(-1.5, 1.5), "auto"])
+def test_axes_and_units_are_those_of_the_data_set(fitted_on, bin_range):
+    data = imu(*louder())
+    given = data if fitted_on == "a data set" else data.X
+    model = make_pipeline(HFMH(rate_hz=100, bin_range=bin_range), ECOCClassifier()).fit(given, data.y)
+    seen = explain(model, "rice", "oat", data)
+    assert tuple(seen.by_axis()) == GYRO
+    assert {region.unit for region in seen.regions(20) if region.axis[0] == "w"} == {"rad/s"}
+    assert seen.scores == explain(model, "rice", "oat", data.X, data.y).scores
+    if bin_range == "auto":
+        assert [part.block.name for part in seen.blocks] == [f"hfmh_{axis}" for axis in GYRO]
+
+
+@pytest.mark.parametrize("units", [("rad/s",) * 3 + ("m/s2",) * 3, ("",) * 6])
+def test_values_in_words_have_the_units_of_the_data_set(units):
+    X, y = louder()
+    data = imu(X + 3.0 * (y == "rice")[:, None, None], y, units)
+    model = make_pipeline(MultiBand(blocks=["level"]), ECOCClassifier()).fit(data)
+    words = explain(model, "rice", "oat", data).findings(1)[0].words
+    axis = words.removeprefix("mean of ").split()[0]
+    unit = dict(zip(GYRO, units, strict=True))[axis]
+    assert f" {unit} in rice".replace("  ", " ") in words
+
+
+def test_a_data_set_of_other_axes_than_the_models_is_refused():
+    data = imu(*louder())
+    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(data)
+    with pytest.raises(ValueError, match=r"X has the axes fx .*, in fit they were wx"):
+        explain(model, "rice", "oat", as_wrench(data.X), data.y)
+
+
 # -- stretches that hold most of the contributions, beside a search over all stretches
 
 
-def block(n, kind="time", axes=("fx",), coordinates=None, unit="s"):
+def block(n, kind="time", axes=("fx",), coordinates=None, unit="s", units=()):
     points = np.arange(float(n)) if coordinates is None else np.asarray(coordinates, dtype=float)
-    return FeatureBlock("b", kind, axes, points, unit, slice(0, n * len(axes)))
+    return FeatureBlock("b", kind, axes, points, unit, slice(0, n * len(axes)), units)
 
 
 @given(arrays(np.float64, st.integers(1, 25), elements=st.integers(-5, 5).map(float)))
@@ -337,11 +377,11 @@ def test_stretches_do_not_overlap_and_leave_nothing_positive(values):
 
 
 def test_bins_around_zero_are_read_by_size():
-    bins = block(4, "magnitude", ("tx",), [-1.5, -0.5, 0.5, 1.5], "N, N m")
+    bins = block(4, "magnitude", ("tx",), [-1.5, -0.5, 0.5, 1.5], "N, N m", ("N m",))
     (first, *_) = regions_of(bins, np.array([[3.0, -1.0, -1.0, 2.0]]))
     assert (first.low, first.high, first.contribution, first.either_sign) == (1.0, 2.0, 5.0, True)
     assert str(first) == "tx of b, 1 .. 2 N m of either sign"
-    odd = block(3, "magnitude", ("fx",), [-1.0, 0.0, 1.0], "N, N m")
+    odd = block(3, "magnitude", ("fx",), [-1.0, 0.0, 1.0], "N, N m", ("N",))
     (only,) = regions_of(odd, np.array([[1.0, 7.0, -9.0]]))
     assert (only.low, only.high, only.contribution, only.unit) == (0.0, 0.5, 7.0, "N")
 
@@ -356,7 +396,6 @@ def test_bins_that_are_not_around_zero_keep_their_sign():
 
 
 X, Y = recordings(n_samples=100)
-FEW = Dataset([Recording(one, 500.0) for one in X[:3]])
 
 
 @pytest.fixture(scope="module")
@@ -372,9 +411,12 @@ def fitted():
         ({"first": np.array(["oat", "peas"])}, "first must be one of 'oat', 'peas', 'rice', got array"),
         ({"X": X[Y != "rice"], "y": Y[Y != "rice"]}, "y has no 'rice'"),
         ({"X": X[Y == "oat"], "y": None}, "model names no recording of X 'rice'"),
-        ({"y": Y[:3]}, "y must have one label per recording of X, got 3 for X of shape"),
+        ({"y": Y[:3]}, "y must have one label per recording of X, got 3 for X of 36 recordings"),
         ({"X": X[:, :30]}, r"X must have shape \(n, 100, 6\) as in fit"),
-        ({"X": FEW}, r"X must be recordings, an array \(n, T, C\), got Dataset"),
+        (
+            {"X": X[0, 0]},
+            r"X must be recordings, a Dataset or an array \(n, T, C\), got ndarray of shape \(6,\)",
+        ),
         ({"X": [[1.0, 2.0], [1.0]], "y": ["oat", "rice"]}, "X must be recordings of one shape"),
         ({"axes": ("fx", "fy", "fz")}, "axes must be 6 different names, one for each axis of X, got"),
         ({"axes": ("fx",) * 6}, "axes must be 6 different names"),

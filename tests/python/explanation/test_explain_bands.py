@@ -14,7 +14,7 @@ from granular_id.explanation.bands import moments, said
 from granular_id.spaces import BlockScaler, MultiBand, RawSignal, Tare, WithinClassWhitening
 from granular_id.spaces.best import BestClassifier
 from granular_id.spaces.multiband import band_columns
-from multiband_cases import ALL, coupled, louder, two_materials
+from multiband_cases import ALL, as_wrench, coupled, louder, two_materials
 
 
 def sizes_of(space):
@@ -25,7 +25,7 @@ def sizes_of(space):
 def model_of(X, y, *, blocks=ALL, whitened=False):
     space = MultiBand(blocks=blocks).fit(X)
     after = [BlockScaler(sizes_of(space)), *([WithinClassWhitening(0.01)] if whitened else [])]
-    return make_pipeline(MultiBand(blocks=blocks), *after, ECOCClassifier()).fit(X, y)
+    return make_pipeline(MultiBand(blocks=blocks), *after, ECOCClassifier()).fit(as_wrench(X), y)
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +149,7 @@ def test_moments_are_those_of_the_signal():
 )
 def test_stretches_of_short_recordings_have_two_different_ends(n_samples, level, envelope):
     X, _, _ = two_materials(n_each=2)
-    columns = band_columns(MultiBand(blocks=("level", "envelope")).fit(X[:, :n_samples]))
+    columns = band_columns(MultiBand(blocks=("level", "envelope")).fit(as_wrench(X[:, :n_samples])))
     means = np.ones((2, len(columns.names)))
     for name, stretch in (("level_fz_04", level), ("b0_envelope_fz_1", envelope)):
         assert stretch in said(columns, means, ("oat", "rice"), columns.names.index(name))
@@ -215,7 +215,7 @@ def test_one_recording_of_a_material_is_told(space, rows, said):
 )
 def test_words_are_those_of_the_means(name, oat, rice, words):
     X, _, _ = two_materials(n_each=2)
-    space = MultiBand(blocks=ALL).fit(X)
+    space = MultiBand(blocks=ALL).fit(as_wrench(X))
     columns = band_columns(space)
     means = np.zeros((2, len(columns.names)))
     means[:, columns.names.index(name)] = oat, rice
@@ -225,7 +225,7 @@ def test_words_are_those_of_the_means(name, oat, rice, words):
 
 def test_a_model_that_does_not_tell_them_apart_is_told_in_scores():
     X, y = louder()
-    model = make_pipeline(Tare(0.1), MultiBand(), StandardScaler(), ECOCClassifier()).fit(X, y)
+    model = make_pipeline(Tare(0.1), MultiBand(), StandardScaler(), ECOCClassifier()).fit(as_wrench(X), y)
     assert explain(model, "rice", "oat", X, y).findings(1)[0].axes == ("fz",)
     found = explain(model, "oat", "rice", X, np.where(y == "oat", "rice", "oat"))
     assert found.difference < 0
@@ -244,7 +244,7 @@ def test_to_dict_is_json(seen):
 
 def test_the_best_classifier_is_explained():
     X, y = louder()
-    space = MultiBand().fit(X)
+    space = MultiBand().fit(as_wrench(X))
     features = space.transform(X)
     best = BestClassifier(blocks=sizes_of(space)).fit(features, y)
     found = explain(make_pipeline(space, best), "rice", "oat", X, y)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from granular_id.recording import AXES, Dataset, Recording
 from granular_id.rica import RICA
 from granular_id.spaces import (
     DFT,
@@ -24,6 +25,30 @@ def recordings(n=5, n_samples=300, n_axes=6, seed=0):
     """Noise around an offset, the first axis loudest."""
     rng = np.random.default_rng(seed)
     return rng.normal(size=(n, n_samples, n_axes)) * np.linspace(0.5, 0.01, n_axes) + rng.normal(size=n_axes)
+
+
+IMU = ("wx", "wy", "wz", "ax", "ay", "az")
+IMU_UNITS = ("rad/s",) * 3 + ("m/s2",) * 3
+
+
+def data_set(n=6, n_samples=300, axes=AXES, units=(), rate_hz=500.0, seed=0):
+    """The same with names of axes, in three sessions of two labels that differ in their size."""
+    X = recordings(n, n_samples, len(axes), seed)
+    meta = {"units": dict(zip(axes, units, strict=True))} if units else {}
+    return Dataset(
+        [
+            Recording(
+                X[k] * (1 + k % 2),
+                rate_hz,
+                label=("oat", "rice")[k % 2],
+                session=f"day {k // 2 % 3}",
+                name=f"r{k}",
+                axes=axes,
+                meta=meta,
+            )
+            for k in range(n)
+        ]
+    )
 
 
 def two_bands(**keywords):

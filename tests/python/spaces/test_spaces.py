@@ -10,7 +10,7 @@ from sklearn.pipeline import make_pipeline
 
 from granular_id.features import extract_features, feature_names
 from granular_id.spaces import HFMH, MultiBand, RawHFMH, RawSignal, TimePermutation
-from spaces_cases import SPACES, recordings
+from spaces_cases import SPACES, data_set, recordings
 
 # --- The twins: features of `X`, fitted on `fitted`
 
@@ -166,7 +166,7 @@ def test_automatic_range_of_a_silent_axis_is_that_of_the_paper():
     ],
 )
 def test_names_say_what_a_column_is_in_order(name, count, some):
-    names = SPACES[name].fit(recordings(n=2)).get_feature_names_out().tolist()
+    names = SPACES[name].fit(data_set(n=2)).get_feature_names_out().tolist()
     places = [names.index(one) for one in some]
     assert len(names) == count
     assert places == sorted(places)
@@ -174,7 +174,7 @@ def test_names_say_what_a_column_is_in_order(name, count, some):
 
 
 def test_names_of_the_fast_path_are_those_of_the_extraction():
-    assert RawHFMH().fit(recordings(n=2)).get_feature_names_out().tolist() == feature_names(n_samples=300)
+    assert RawHFMH().fit(data_set(n=2)).get_feature_names_out().tolist() == feature_names(n_samples=300)
 
 
 def test_names_of_axes_are_no_input_names_and_the_message_says_so():

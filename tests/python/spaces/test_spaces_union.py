@@ -5,6 +5,7 @@ import pytest
 from sklearn.decomposition import PCA
 from sklearn.pipeline import make_pipeline
 
+from granular_id._core import UNITS
 from granular_id.spaces import (
     DFT,
     HFMH,
@@ -17,7 +18,7 @@ from granular_id.spaces import (
     feature_blocks,
     unit_weight,
 )
-from spaces_cases import SPACES, recordings, two_bands
+from spaces_cases import SPACES, data_set, recordings, two_bands
 
 RANGES = [[-0.5, 0.5], [-0.2, 0.1], [-0.1, 0.1], [-1.0, 1.0], [-0.3, 0.3], [-0.01, 0.01]]
 
@@ -105,8 +106,10 @@ def test_instants_bins_and_frequencies_in_their_units():
     seconds, samples = (RawSignal(rate_hz=rate).fit(X).feature_blocks()[0] for rate in (500.0, None))
     assert (seconds.unit, seconds.coordinates[-1]) == ("s", pytest.approx(0.998))
     assert (samples.unit, samples.coordinates[-1]) == ("sample", 499.0)
+    (bins,) = HFMH().fit(data_set()).feature_blocks()
+    assert (bins.kind, bins.unit, bins.units) == ("magnitude", "N, N m", UNITS)
     (bins,) = HFMH().fit(X).feature_blocks()
-    assert (bins.kind, bins.unit) == ("magnitude", "N, N m")
+    assert (bins.kind, bins.unit) == ("magnitude", "")
     np.testing.assert_allclose(bins.coordinates, np.arange(-1.485, 1.5, 0.03))
     real, imaginary = DFT(rate_hz=500.0).fit(X).feature_blocks()
     assert (real.name, real.unit, imaginary.name) == ("dft_re", "Hz", "dft_im")
@@ -119,7 +122,7 @@ def test_instants_bins_and_frequencies_in_their_units():
 def test_axes_with_ranges_of_their_own_have_blocks_of_their_own():
     slow, fast = two_bands().fit(recordings()).feature_blocks()
     assert (slow.name, fast.name) == ("slow__hfmh", "fast__hfmh")
-    blocks = RawHistogram(n_bins=10).fit(recordings()).feature_blocks()
+    blocks = RawHistogram(n_bins=10).fit(data_set()).feature_blocks()
     seen = [(block.name, block.axes, block.unit) for block in blocks[2:4]]
     assert seen == [("hist_fz", ("fz",), "N"), ("hist_tx", ("tx",), "N m")]
     assert [block.columns.start for block in blocks] == [0, 10, 20, 30, 40, 50]
