@@ -203,7 +203,7 @@ def plot(
     data = steps.taken(reading.load(), onsets_later=what == "onset")
     chosen = names_in(draw)
     if what == "mean":
-        plotting.plot_mean_forces(data, axes=chosen or ("fx", "fz"), path=output)
+        plotting.plot_mean_forces(data, axes=chosen or None, path=output)
     elif what == "onset":
         data = steps.with_onsets(data)
         show(str(data.history[-1]))

@@ -5,7 +5,11 @@ from granular_id.evaluation.checkpoint import RUN as RUN
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.gap import gap_of as gap_of
 from granular_id.evaluation.outcome import Prediction, SpaceSummary
-from granular_id.evaluation.report_data import HighPass as HighPass, ReportData as ReportData
+from granular_id.evaluation.report_data import (
+    HighPass as HighPass,
+    ReportData as ReportData,
+    most_different as most_different,
+)
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.runner import USUAL_SPACES as USUAL_SPACES, evaluate
 from granular_id.evaluation.selection import Selection, Training as Training, select

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
-from granular_id._core import AXES
 from granular_id._estimators import describe_estimator
 from granular_id._parallel import single_threaded_blas
 from granular_id.ecoc import ECOCClassifier
@@ -23,11 +22,14 @@ from granular_id.evaluation.weights import (
     weight_blocks,
     window_starts,
 )
-from granular_id.recording import Dataset
+from granular_id.recording import AXES, Dataset, common_units
 from granular_id.spaces import HFMH, Chosen, FeatureSpace, block_sizes, tell_blocks
 from granular_id.splits import groups_of
 
 Floats = NDArray[np.float64]
+
+MOST_AXES = 6
+"""Most axes that figures show: of more, those in which the materials differ most."""
 
 _WINDOWS = 40  # of the residual: 80 ms in the paper's 3.2 s, in which the tool moves a seventh of its width
 
@@ -43,9 +45,9 @@ class HighPass:
     time_s : (W,) float array
         Middle of each time window, seconds from the first sample.
     residual : (K, C, W) float array
-        Root mean square of the high-passed signal over a window and over the recordings, N and N m.
+        Root mean square of the high-passed signal over a window and over the recordings, in the unit of the axis.
     bin_range : (C, 2) float array
-        Lower edge of the first bin and upper edge of the last, N and N m.
+        Lower edge of the first bin and upper edge of the last, in the unit of the axis.
     hfmh : (K, C, n_bins) float array
         Mean histogram over the recordings: counts, or densities where the settings say so.
     """
@@ -73,7 +75,8 @@ class ReportData:
     n_synthetic : int
         How many recordings were simulated.
     axes : tuple of C str
-        Axes, in the order of the second.
+        Axes, in the order of the second: of recordings of more than six, the six in which the materials differ most,
+        by `most_different`.
     rate_hz : float
         Sampling rate of the recordings.
     n_samples : int
@@ -81,15 +84,19 @@ class ReportData:
     time_s : (P,) float array
         Seconds from the first sample.
     mean, sd : (K, C, P) float arrays
-        Mean and standard deviation (divisor n) over the recordings of a material, N and N m.
+        Mean and standard deviation (divisor n) over the recordings of a material, in the unit of the axis.
     high_pass : HighPass or None
-        None where the sampling rate is too low for the cut-off.
+        None in results of before, where the sampling rate was too low for the cut-off.
     looked_at : str or None
         Feature space of the model; None where the features of none belong to a time, axis and bin.
     weights : tuple of WeightBlock
         Of one linear model, fitted on all recordings in that space; nothing was held out.
     looked_with : str
         What that model chose, where it is of a classifier that chooses.
+    units : tuple of C str
+        Unit of each axis, "" where not known; empty in results of before, whose axes are N and N m.
+    n_axes : int
+        Axes of the recordings, those left out included; 0 in results of before, which left out none.
     """
 
     labels: tuple[str, ...]
@@ -105,15 +112,21 @@ class ReportData:
     looked_at: str | None
     weights: tuple[WeightBlock, ...]
     looked_with: str = ""
+    units: tuple[str, ...] = ()
+    n_axes: int = 0
 
 
-def not_drawn(data: Dataset) -> list[str]:
-    """Return one line on why a report does not draw the recordings; none where it does."""
-    if data.axes == AXES:
-        return []
-    return [
-        f"recordings and weights are not drawn: that is for the axes {' '.join(AXES)}, these have {' '.join(data.axes)}"
-    ]
+def most_different(mean: Floats, sd: Floats) -> list[int]:
+    """Rank axes by how much materials differ in them, most first.
+
+    `mean` and `sd` are (K, C, P), over the recordings of each material. What counts is the spread of the means of the
+    materials, over the spread of recordings within a material, both as root mean squares over time.
+    """
+    apart = np.sqrt(mean.var(axis=0).mean(axis=-1))
+    within = np.sqrt((sd**2).mean(axis=(0, 2)))
+    score = np.divide(apart, within, out=np.where(apart > 0, np.inf, 0.0), where=within > 0)
+    ranked: list[int] = np.argsort(-score, kind="stable").tolist()
+    return ranked
 
 
 def portrait_of_result(
@@ -123,10 +136,8 @@ def portrait_of_result(
     classifier: BaseEstimator,
     seed: int,
     has_weights: Mapping[str, bool],
-) -> ReportData | None:
+) -> ReportData:
     """Gather the report data of an evaluation: weights in the most accurate space whose features are not mixed."""
-    if not_drawn(data):
-        return None
     best_first = sorted(spaces, key=lambda space: -accuracies[space.name])
     unmixed = {
         space.name: space.transformer
@@ -156,7 +167,8 @@ def gather_report_data(
 
     The first of `spaces` whose features belong to instants, bins, frequencies or bands gives the weights: those of
     `classifier` (see `weight_blocks`) or, where `own` has one for the space, of that, trained here; None there means
-    that it has no weights. The first space that holds an `HFMH` says how to high-pass, else the paper's settings do.
+    that it has no weights. The first space that holds an `HFMH` says how to high-pass; else the paper's settings do,
+    with a cut-off of at most a quarter of the rate and, for axes other than a wrench's, bins over what each axis has.
     """
     X, y, rate_hz = data.X, data.y, data.rate_hz
     labels = np.unique(y)
@@ -165,52 +177,57 @@ def gather_report_data(
         rounded(downsampled(np.stack([statistic(X[rows], axis=0).T for rows in groups])))
         for statistic in (np.mean, np.std)
     )
+    shown = sorted(most_different(mean, sd)[:MOST_AXES])
     looked_at, weights, looked_with = _weights(data, spaces, classifier, own or {})
     return ReportData(
         labels=tuple(labels.tolist()),
         counts=tuple(map(len, groups)),
         n_synthetic=sum(recording.is_synthetic for recording in data),
-        axes=AXES,
+        axes=tuple(data.axes[axis] for axis in shown),
         rate_hz=float(rate_hz),
         n_samples=X.shape[1],
         time_s=rounded(downsampled(np.arange(X.shape[1]) / rate_hz)),
-        mean=mean,
-        sd=sd,
-        high_pass=_high_pass(X, groups, _histogram_of(spaces, rate_hz)),
+        mean=mean[:, shown],
+        sd=sd[:, shown],
+        high_pass=_high_pass(X, groups, _histogram_of(spaces, data), shown),
         looked_at=looked_at,
         weights=weights,
         looked_with=looked_with,
+        units=tuple(common_units(data)[axis] for axis in shown),
+        n_axes=len(data.axes),
     )
 
 
-def _histogram_of(spaces: Mapping[str, BaseEstimator], rate_hz: float) -> HFMH | None:
-    """Return the first histogram in use, else the paper's; None where the rate is too low for that."""
+def _histogram_of(spaces: Mapping[str, BaseEstimator], data: Dataset) -> HFMH:
+    """Return the first histogram in use, else the paper's, fitted to what the rate carries and the axes hold."""
     for space in spaces.values():
         for part in (space, *space.get_params().values()):
             if isinstance(part, HFMH):
                 # RawHFMH is one too and has more parameters; only its counts are wanted here.
                 return HFMH(**{name: getattr(part, name) for name in HFMH().get_params()})
-    papers = HFMH(rate_hz=rate_hz)
-    return papers if papers.cutoff_hz < rate_hz / 2 else None
+    rate_hz, papers = data.rate_hz, HFMH()
+    return HFMH(
+        rate_hz=rate_hz,
+        cutoff_hz=min(papers.cutoff_hz, rate_hz / 4),
+        bin_range=papers.bin_range if data.axes == AXES else "auto",
+    )
 
 
-def _high_pass(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH | None) -> HighPass | None:
-    if histogram is None:
-        return None
+def _high_pass(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH, shown: list[int]) -> HighPass:
     fitted = clone(histogram).fit(X)
-    counts = fitted.transform(X).reshape(len(X), X.shape[2], -1)
+    counts = fitted.transform(X).reshape(len(X), X.shape[2], -1)[:, shown]
     starts = window_starts(X.shape[1], _WINDOWS)
     sizes = np.diff(starts, append=X.shape[1])
-    residual = np.empty((len(groups), X.shape[2], len(starts)))
-    for axis in range(X.shape[2]):  # one at a time: a copy of one axis, not of all
+    residual = np.empty((len(groups), len(shown), len(starts)))
+    for place, axis in enumerate(shown):  # one at a time: a copy of one axis, not of all
         power = np.add.reduceat(fitted.high_passed(X[:, :, axis]) ** 2, starts, axis=1) / sizes
         for k, rows in enumerate(groups):
-            residual[k, axis] = np.sqrt(power[rows].mean(axis=0))
+            residual[k, place] = np.sqrt(power[rows].mean(axis=0))
     return HighPass(
         settings=describe_estimator(histogram),
         time_s=rounded((starts + (sizes - 1) / 2) / fitted.spec_.rate_hz),
         residual=rounded(residual),
-        bin_range=np.array(fitted.bin_range_, dtype=np.float64),
+        bin_range=np.array(fitted.bin_range_[shown], dtype=np.float64),
         hfmh=rounded(np.stack([counts[rows].mean(axis=0) for rows in groups])),
     )
 
@@ -226,7 +243,7 @@ def _weights(
     for name, space in spaces.items():
         if name in own and own[name] is None:
             continue
-        fitted = clone(space).fit(X, y)
+        fitted = clone(space).fit(data, y)
         if not is_traceable(fitted):
             continue
         if name not in own:

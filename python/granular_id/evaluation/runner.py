@@ -31,7 +31,7 @@ from granular_id.evaluation.controls import (
 from granular_id.evaluation.features import STAGES, GramBank
 from granular_id.evaluation.findings import accepted_names, refuse_copies, spoiling
 from granular_id.evaluation.outcome import SpaceSummary, strictest_of
-from granular_id.evaluation.report_data import not_drawn, portrait_of_result
+from granular_id.evaluation.report_data import portrait_of_result
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.scoring import Task, answers_of
 from granular_id.evaluation.telling import Run, telling
@@ -226,7 +226,6 @@ def evaluate(
         notes=(
             *notes,
             *data_warnings(data, [finding for finding in checked if finding not in findings]),
-            *not_drawn(data),
             *dict.fromkeys(not_converged),
             *(kept.notes() if kept is not None else ()),
         ),

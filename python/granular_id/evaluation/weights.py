@@ -47,7 +47,7 @@ class WeightBlock:
     kind : str
         ``"time"``, ``"magnitude"``, ``"frequency"`` or ``"band"``: what `coordinates` mean.
     axes : tuple of str
-        Which of fx fy fz tx ty tz, in the order of the rows below.
+        Axes, in the order of the rows below.
     unit : str
         Unit of `coordinates`.
     coordinates : (m,) float array

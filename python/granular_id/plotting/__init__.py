@@ -18,10 +18,10 @@ from granular_id.plotting.explanation import (
     draw_weights as draw_weights,
     plot_explanation,
     plot_weights,
+    rows_of_weights as rows_of_weights,
 )
 from granular_id.plotting.onset import plot_onsets
 from granular_id.plotting.recordings import (
-    AXIS_LINES as AXIS_LINES,
     curves_in as curves_in,
     draw_hfmh as draw_hfmh,
     draw_mean_forces as draw_mean_forces,
@@ -30,12 +30,18 @@ from granular_id.plotting.recordings import (
     plot_mean_forces,
     plot_recordings,
     plot_residual,
+    quantity_of as quantity_of,
+    telling_curves as telling_curves,
+    units_of as units_of,
 )
 from granular_id.plotting.style import (
     FAINT as FAINT,
     INK as INK,
+    axis_line as axis_line,
     file_format as file_format,
     new_figure as new_figure,
+    pretty as pretty,
+    with_unit as with_unit,
 )
 
 __all__ = [

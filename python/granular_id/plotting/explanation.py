@@ -32,6 +32,7 @@ from granular_id.plotting.style import (
     row_names,
     save,
     synthetic_mark,
+    with_unit,
 )
 from granular_id.recording import AXIS_COLOURS
 
@@ -191,7 +192,7 @@ def _coordinate(kind: str, unit: str, *, own_range: bool) -> str:
     if own_range:
         return "bin, share of the range of its axis"
     what = {"time": "time", "magnitude": "bin", "frequency": "frequency"}.get(kind, kind)
-    return f"{what}, {unit.replace(', ', ' or ')}" if unit else what
+    return with_unit(what, unit)
 
 
 def _draw_bands(explanation: BandExplanation) -> Figure:
@@ -327,9 +328,10 @@ def _draw_along(figure: Any, parts: list[ExplainedBlock], scale: float, unit: st
         column[-1].set_xlim(edges[0], edges[-1])
         tallest = f"{largest:.2g} {'%' if unit.startswith('%') else unit}"
         heading(column[0], f"{block.name.capitalize()}: tallest {tallest}", 9)
-        column[-1].set_xlabel(f"{block.kind}, {block.unit}", fontsize=8, color=INK)
+        column[-1].set_xlabel(with_unit(block.kind, block.unit), fontsize=8, color=INK)
 
 
+_MOST_ROWS = 6
 _ACROSS = {"time": "time", "magnitude": "bin", "frequency": "frequency", "band": "bands"}
 
 
@@ -348,8 +350,9 @@ def plot_weights(portrait: ReportData, *, path: str | os.PathLike[str] | None = 
     matplotlib.figure.Figure
         One column a block of features, two of them side by side, one row an axis. Heights are the size of a
         weight times the standard deviation of its feature, mean over the binary learners, on one scale within a
-        block; bars of bands add up all features of a band. The per cent are the share of an axis in all decisions.
-        A block that the model does not use, as `level` where it was not chosen, is left out.
+        block; bars of bands add up all features of a band. The per cent are the share of an axis in all decisions; of
+        more than six axes those with the largest share are shown. A block that the model does not use, as `level`
+        where it was not chosen, is left out.
 
     Raises
     ------
@@ -371,7 +374,7 @@ def plot_weights(portrait: ReportData, *, path: str | os.PathLike[str] | None = 
     blocks = blocks_with_weight(portrait)
     across = min(2, len(blocks))
     down = math.ceil(len(blocks) / across)
-    rows = max(len(block.axes) for block in blocks)
+    rows = max(len(rows_of_weights(block)) for block in blocks)
     figure = new_figure(0.4 + 4.2 * across, 0.4 + down * (0.5 + 0.62 * rows))
     cells = figure.subfigures(down, across, squeeze=False).ravel()
     for block, cell in zip(blocks, cells, strict=False):
@@ -389,13 +392,18 @@ def blocks_with_weight(portrait: ReportData) -> tuple[WeightBlock, ...]:
     return tuple(block for block in portrait.weights if block.influence.any()) or portrait.weights
 
 
+def rows_of_weights(block: WeightBlock) -> list[int]:
+    """Numbers of the axes of a block that are drawn, in their own order: those with the largest share of many."""
+    return sorted(np.argsort(-block.shares, kind="stable")[:_MOST_ROWS].tolist())
+
+
 def draw_weights(panels: Any, block: WeightBlock) -> None:
-    """Draw one block into a column of panels, one an axis; panels left over are removed."""
+    """Draw one block into a column of panels, one for each of `rows_of_weights`; panels left over are removed."""
     top = float(block.influence.max()) or 1.0
     bands = block.kind == "band"
     left, right = _reach(block, top)
-    for axis, panel in zip(block.axes, panels, strict=False):
-        number = block.axes.index(axis)
+    rows = rows_of_weights(block)
+    for number, panel in zip(rows, panels, strict=False):
         colour = AXIS_COLOURS[number % len(AXIS_COLOURS)]
         if bands:
             panel.bar(_places(block), block.influence[number], 0.94, color=colour, alpha=0.75, linewidth=0)
@@ -407,19 +415,17 @@ def draw_weights(panels: Any, block: WeightBlock) -> None:
         panel.set_ylim(0.0, top)
         quiet(panel, "left")
         panel.set_yticks([])
-        name_row(panel, f"{pretty(axis)}\n{100 * float(block.shares[number]):.1f} %")
-        last = number == len(block.axes) - 1
+        name_row(panel, f"{pretty(block.axes[number])}\n{100 * float(block.shares[number]):.1f} %")
+        last = number == rows[-1]
         if bands:
             _name_edges(panel, block)
         elif _is_geometric(block):
             log_axis(panel, left, right)
         panel.tick_params(labelbottom=last, length=3 if last else 0, colors=INK)
-    for unused in panels[len(block.axes) :]:
+    for unused in panels[len(rows) :]:
         unused.remove()
     what = _ACROSS.get(block.kind, block.kind)
-    panels[len(block.axes) - 1].set_xlabel(
-        f"{what}, {block.unit.replace(', ', ' or ')}", fontsize=8, color=INK
-    )
+    panels[len(rows) - 1].set_xlabel(with_unit(what, block.unit), fontsize=8, color=INK)
 
 
 def _reach(block: WeightBlock, top: float) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from granular_id._checks import whole_number
 from granular_id._text import fixed, short
+from granular_id.plotting.recordings import axes_of_one_unit
 from granular_id.plotting.style import (
     INK,
     axis_line,
@@ -21,6 +22,7 @@ from granular_id.plotting.style import (
     pretty,
     quiet,
     save,
+    with_unit,
 )
 from granular_id.recording import (
     FALSE_ALARM_RATE,
@@ -127,9 +129,8 @@ def plot_onsets(
     )
     for panel, origin in zip(panels[-1], ("first sample", zero), strict=True):
         panel.set_xlabel(f"time from the {origin}, s", fontsize=9, color=INK)
-    figure.supylabel(
-        f"relative to rest, {unit_of(_drawn(shown[0])[0], shown[0].meta)}", fontsize=9, color=INK
-    )
+    unit = unit_of(_drawn(shown[0])[0], shown[0].meta)
+    figure.supylabel(with_unit("relative to rest", unit), fontsize=9, color=INK)
     heading(figure, _title(shown, len(dataset), settings))
     kinds = {rows.get(r.name, {}).get("how", "kept") for r in shown if r.trigger_index is not None}
     key = _key(shown, kinds)
@@ -148,9 +149,8 @@ def _places(dataset: Dataset, rows: Mapping[str, Mapping[str, Any]], n: int) -> 
 
 
 def _drawn(recording: Recording) -> list[str]:
-    """Return the axes to draw: those of the same unit as the first, which are the forces of a wrench."""
-    unit = unit_of(recording.axes[0], recording.meta)
-    return [axis for axis in recording.axes if unit_of(axis, recording.meta) == unit]
+    """Return the axes to draw: the forces of a wrench, of others those that share a unit with the first."""
+    return axes_of_one_unit(recording)
 
 
 def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mark, rest_s: float) -> None:
@@ -158,8 +158,8 @@ def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mar
     at_rest = max(1, int(np.searchsorted(times, rest_s)))
     axes = _drawn(recording)
     columns = [recording.axes.index(axis) for axis in axes]
-    force = recording.wrench[:, columns] - recording.wrench[:at_rest, columns].mean(axis=0)
-    band = 4 * float(force[:at_rest].std(axis=0).max())
+    signal = recording.wrench[:, columns] - recording.wrench[:at_rest, columns].mean(axis=0)
+    band = 4 * float(signal[:at_rest].std(axis=0).max())
     zero_s = rest_s if index is None else float(times[index])
     near = (times >= zero_s - _BEFORE_S) & (times <= zero_s + _AFTER_S)
     for panel, origin_s, chosen in ((panels[0], 0.0, slice(None)), (panels[1], zero_s, near)):
@@ -167,7 +167,7 @@ def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mar
         panel.axhspan(-band, band, color=_REST_COLOUR, linewidth=0, zorder=0)
         for place, axis in enumerate(axes):
             panel.plot(
-                times[chosen] - origin_s, force[chosen, place], linewidth=_WIDTH, **axis_line(axis, place)
+                times[chosen] - origin_s, signal[chosen, place], linewidth=_WIDTH, **axis_line(axis, place)
             )
         if index is not None:
             line = {"color": mark.colour, "linestyle": mark.dashes, "linewidth": 1.2, "zorder": 3}
@@ -186,7 +186,7 @@ def _draw_row(panels: Any, recording: Recording, onset: Onset | None, mark: _Mar
     panels[0].set_title(title, fontsize=8, color=colour, loc=side, pad=2, parse_math=False)
     if onset is not None and onset.detected_index is not None:
         seen = onset.detected_index
-        strongest = force[seen, np.abs(force[seen]).argmax()]
+        strongest = signal[seen, np.abs(signal[seen]).argmax()]
         style = {"mec": INK, "mfc": "white", "ms": 4, "zorder": 4}
         if near[seen]:
             panels[1].plot(times[seen] - zero_s, strongest, "o", **style)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import whole_number
-from granular_id._core import AXES, UNITS
+from granular_id._core import AXES
 from granular_id._text import short
+from granular_id.evaluation import most_different
 from granular_id.plotting.style import (
-    AXIS_DASHES,
     INK,
     axis_line,
     colour_bar,
@@ -27,8 +27,9 @@ from granular_id.plotting.style import (
     pretty,
     row_names,
     save,
+    with_unit,
 )
-from granular_id.recording import Dataset, Recording, unit_of
+from granular_id.recording import Dataset, Recording, common_units, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from granular_id.evaluation import HighPass, ReportData
 _FLAG_COLOUR = "#CC3311"
 _NO_LABEL = "no label"
+_MOST_LINES = 6  # of one recording
+_MOST_MEANS = 2  # with their bands
 
 
 def plot_recordings(
@@ -54,7 +57,8 @@ def plot_recordings(
     path : path-like, optional
         Where to save; the ending chooses the format (png, svg, pdf). Whole or not at all.
     axes : sequence of str, optional
-        Axes to draw, all of one unit; the forces by default, or all where recordings have other axes.
+        Axes to draw, all of one unit; by default the forces or, where recordings have other axes, those that share a
+        unit with the first, at most six.
     n : int, default 5
         Recordings per material, spread evenly over the material's recordings.
 
@@ -82,7 +86,7 @@ def plot_recordings(
     whole_number("n", n)
     have = dataset.axes
     if axes is None:
-        axes = AXES[:3] if have == AXES else have
+        axes = axes_of_one_unit(dataset[0])
     units = [unit_of(axis, dataset[0].meta) for axis in have]
     wanted, unit = _chosen(axes, have, units)
     groups: dict[str, list[Recording]] = {}
@@ -95,12 +99,26 @@ def plot_recordings(
         handles = _draw(panel, shown, list(wanted))
         heading(panel, f"{short(label)} ({len(shown)} of {len(group)})", 10)
     figure.supxlabel("time from the first sample, s", fontsize=10, color=INK)
-    figure.supylabel(unit, fontsize=10, color=INK)
+    figure.supylabel(quantity_of(wanted, unit), fontsize=10, color=INK)
     what = "Synthetic recordings" if dataset.is_synthetic else "Recordings"
     heading(figure, f"{what} as they are stored")
     legend(figure, "lower right", size=9, handles=handles, ncols=len(handles))
     save(figure, path)
     return figure
+
+
+def axes_of_one_unit(recording: Recording) -> list[str]:
+    """Return the first axes that share a unit: the forces of a wrench."""
+    unit = unit_of(recording.axes[0], recording.meta)
+    return [axis for axis in recording.axes if unit_of(axis, recording.meta) == unit][:_MOST_LINES]
+
+
+def quantity_of(axes: Iterable[str], unit: str) -> str:
+    """Say what is drawn, with its unit: force and torque of a wrench, else the axes by name."""
+    names = list(axes)
+    if set(names) <= set(AXES) and unit in ("N", "N m"):
+        return f"{'force' if unit == 'N' else 'torque'}, {unit}"
+    return with_unit(" ".join(names), unit)
 
 
 def _chosen(
@@ -115,7 +133,8 @@ def _chosen(
     columns = {axis: have.index(axis) for axis in wanted}
     mixed = sorted({units[column] for column in columns.values()})
     if len(mixed) > 1:
-        raise ValueError(f"axes mixes units ({', '.join(mixed)}), got {', '.join(wanted)}")
+        told = ", ".join(unit or "not known" for unit in mixed)
+        raise ValueError(f"axes mixes units ({told}), got {', '.join(wanted)}: choose axes of one unit")
     return columns, mixed[0]
 
 
@@ -144,7 +163,7 @@ def _draw(panel: Any, recordings: Sequence[Recording], axes: Sequence[str]) -> l
 def plot_mean_forces(
     dataset: Dataset | ReportData,
     *,
-    axes: Sequence[str] = ("fx", "fz"),
+    axes: Sequence[str] | None = None,
     path: str | os.PathLike[str] | None = None,
 ) -> Figure:
     """Plot the mean and spread over time of each material, one panel a material.
@@ -153,8 +172,9 @@ def plot_mean_forces(
     ----------
     dataset : Dataset or granular_id.evaluation.report_data.ReportData
         Recordings of equal length and rate, with labels; or ``result.portrait``, which keeps their curves.
-    axes : sequence of str, default ("fx", "fz")
-        Which of fx fy fz (N) or of tx ty tz (N m); not both kinds, their units differ.
+    axes : sequence of str, optional
+        Axes to draw, all of one unit. Default: fx and fz of a wrench; of other axes two of one unit, the one in which
+        the materials differ most over their own spread, and the next of its unit.
     path : path-like, optional
         Where to save; the ending chooses the format (png, svg, pdf). Written under a temporary name and
         renamed, so that a reader never sees half a file.
@@ -180,25 +200,22 @@ def plot_mean_forces(
     >>> [panel.get_title() for panel in figure.axes]
     ['rice', 'fine sugar']
     """
-    columns, unit = _chosen(axes, AXES, UNITS)
-    curves = curves_of(dataset, columns) if isinstance(dataset, Dataset) else curves_in(dataset, columns)
+    units = common_units(dataset) if isinstance(dataset, Dataset) else units_of(dataset)
+    unit = None if axes is None else _chosen(axes, dataset.axes, units)[1]
+    of_axes = dataset.axes if axes is None else axes
+    curves = curves_of(dataset, of_axes) if isinstance(dataset, Dataset) else curves_in(dataset, of_axes)
+    if unit is None:
+        curves, unit = telling_curves(curves, dict(zip(dataset.axes, units, strict=True)))
     figure, panels = material_panels(len(curves))
     for curve, panel in zip(curves, panels, strict=True):
         handles = draw_mean_forces(panel, curve)
-    quantity = "force" if unit == "N" else "torque"
+    quantity = quantity_of(curves[0].mean, unit)
     figure.supxlabel("time, s", fontsize=10, color=INK)
-    figure.supylabel(f"{quantity}, {unit}", fontsize=10, color=INK)
-    heading(figure, _title(dataset, quantity))
+    figure.supylabel(quantity, fontsize=10, color=INK)
+    heading(figure, _title(dataset, quantity.partition(",")[0]))
     legend(figure, "lower right", size=9, handles=handles, ncols=len(handles))
     save(figure, path)
     return figure
-
-
-AXIS_LINES = tuple(
-    (axis, axis[1], AXES.index(axis), {"-": "", "--": "6 4", ":": "2 3"}[AXIS_DASHES[AXES.index(axis)]])
-    for axis in ("fx", "fz")
-)
-"""The lines of the default axes for a legend outside a figure: name, index, colour number, dashes of SVG."""
 
 
 class Curves(NamedTuple):
@@ -210,9 +227,10 @@ class Curves(NamedTuple):
     sd: dict[str, NDArray[np.float64]]
 
 
-def curves_of(dataset: Dataset, columns: Mapping[str, int]) -> list[Curves]:
+def curves_of(dataset: Dataset, axes: Iterable[str]) -> list[Curves]:
     """Compute the curves of recordings, in the order in which materials first appear: the user's own."""
     X, y = dataset.X, dataset.y
+    columns = {axis: dataset.axes.index(axis) for axis in axes}
     time_s = np.arange(X.shape[1]) / dataset.rate_hz
     curves = []
     for label in dict.fromkeys(y.tolist()):
@@ -223,8 +241,9 @@ def curves_of(dataset: Dataset, columns: Mapping[str, int]) -> list[Curves]:
     return curves
 
 
-def curves_in(portrait: ReportData, columns: Mapping[str, int]) -> list[Curves]:
+def curves_in(portrait: ReportData, axes: Iterable[str]) -> list[Curves]:
     """Take the curves from a portrait, in the order of its labels."""
+    columns = {axis: portrait.axes.index(axis) for axis in axes}
     return [
         Curves(
             label,
@@ -236,11 +255,33 @@ def curves_in(portrait: ReportData, columns: Mapping[str, int]) -> list[Curves]:
     ]
 
 
+def telling_curves(curves: Sequence[Curves], units: Mapping[str, str]) -> tuple[list[Curves], str]:
+    """Keep the curves of the axes that are drawn by default, and return the unit that they share."""
+    names = list(curves[0].mean)
+    chosen = ["fx", "fz"]
+    if not set(chosen) <= set(names):
+        mean = np.array([[curve.mean[axis] for axis in names] for curve in curves])
+        sd = np.array([[curve.sd[axis] for axis in names] for curve in curves])
+        ranked = [names[place] for place in most_different(mean, sd)]
+        chosen = [axis for axis in ranked if units[axis] == units[ranked[0]]][:_MOST_MEANS]
+    kept = [axis for axis in names if axis in chosen]
+    own = [
+        Curves(one.label, one.time_s, {a: one.mean[a] for a in kept}, {a: one.sd[a] for a in kept})
+        for one in curves
+    ]
+    return own, units[kept[0]]
+
+
+def units_of(portrait: ReportData) -> tuple[str, ...]:
+    """Return the unit of each axis; results of before are of a wrench."""
+    return portrait.units or tuple(map(unit_of, portrait.axes))
+
+
 def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
     """Draw one material; return the lines for a legend."""
     lines = []
-    for axis, mean in curves.mean.items():
-        style = {**axis_line(axis), "linewidth": 1.3}
+    for place, (axis, mean) in enumerate(curves.mean.items()):
+        style = {**axis_line(axis, place), "linewidth": 1.3}
         low, high = mean - curves.sd[axis], mean + curves.sd[axis]
         panel.fill_between(curves.time_s, low, high, color=style["color"], alpha=0.25, linewidth=0)
         lines += panel.plot(curves.time_s, mean, label=pretty(axis), **style)
@@ -297,18 +338,18 @@ def plot_hfmh(portrait: ReportData, *, path: str | os.PathLike[str] | None = Non
     >>> [panel.get_xlabel() for panel in figure.axes if panel.get_title()][3:]
     ['bin, N m', 'bin, N m', 'bin, N m']
     """
-    return _six_panels(portrait, draw_hfmh, "Histograms of the signal", "mean of a material", path)
+    return _axis_panels(portrait, draw_hfmh, "Histograms of the signal", "mean of a material", path)
 
 
 def draw_hfmh(panel: Any, portrait: ReportData, axis: int) -> None:
     """Draw the heat map of one axis, by its number."""
     part = high_pass_of(portrait)
     values, (low, high) = part.hfmh[:, axis], part.bin_range[axis].tolist()
-    unit = axis_unit(portrait.axes[axis])
+    units = units_of(portrait)
     alike = [
         other
-        for other, name in enumerate(portrait.axes)
-        if axis_unit(name) == unit and part.bin_range[other].tolist() == [low, high]
+        for other, unit in enumerate(units)
+        if unit == units[axis] and part.bin_range[other].tolist() == [low, high]
     ]
     edges = np.linspace(low, high, values.shape[1] + 1)
     used = np.flatnonzero(part.hfmh[:, alike].any(axis=(0, 1)))
@@ -322,7 +363,7 @@ def draw_hfmh(panel: Any, portrait: ReportData, axis: int) -> None:
         key="density" if part.settings.get("density") else "samples in a bin",
     )
     panel.locator_params(axis="x", nbins=5)
-    panel.set_xlabel(f"bin, {unit}", fontsize=8, color=INK)
+    panel.set_xlabel(with_unit("bin", units[axis]), fontsize=8, color=INK)
 
 
 # The first of forty windows may hold the filter's response to an offset: it must not take all the colours.
@@ -360,7 +401,7 @@ def plot_residual(portrait: ReportData, *, path: str | os.PathLike[str] | None =
     >>> [panel.get_title() for panel in figure.axes if panel.get_title()][:2]
     ['$F_x$', '$F_y$']
     """
-    return _six_panels(portrait, draw_residual, "Signal", "root mean square over time", path)
+    return _axis_panels(portrait, draw_residual, "Signal", "root mean square over time", path)
 
 
 def draw_residual(panel: Any, portrait: ReportData, axis: int) -> None:
@@ -373,7 +414,7 @@ def draw_residual(panel: Any, portrait: ReportData, axis: int) -> None:
         across=(0.0, portrait.n_samples / portrait.rate_hz),
         labels=portrait.labels,
         limits=shared_limits(values, share=_SHARE),
-        key=f"RMS, {axis_unit(portrait.axes[axis])}",
+        key=with_unit("RMS", units_of(portrait)[axis]),
     )
     panel.set_xlabel("time, s", fontsize=8, color=INK)
 
@@ -389,11 +430,6 @@ def high_pass_of(portrait: ReportData) -> HighPass:
 
 # Dark to light in an order that survives any colour vision and a grey print.
 _COLOURS = "cividis"
-
-
-def axis_unit(axis: str) -> str:
-    """Return the unit of an axis, N or N m."""
-    return UNITS[AXES.index(axis)]
 
 
 def draw_heat(
@@ -447,19 +483,25 @@ def shared_limits(
     return max(min(smallest, 0.5 * top), top * 10.0**-decades), top
 
 
-def _six_panels(
+def _axis_panels(
     portrait: ReportData,
     draw: Callable[[Any, ReportData, int], None],
     what: str,
     shown: str,
     path: str | os.PathLike[str] | None,
 ) -> Figure:
-    """Lay out one panel an axis, forces above torques, each filled by ``draw(panel, portrait, axis number)``."""
+    """Lay out one panel an axis, three in a row, each filled by ``draw(panel, portrait, axis number)``."""
     cutoff_hz = high_pass_of(portrait).settings["cutoff_hz"]
-    figure = new_figure(12.0, 2 * (1.0 + 0.17 * len(portrait.labels)) + 0.5)
-    for number, panel in enumerate(figure.subplots(2, 3).ravel()):
+    n_axes = len(portrait.axes)
+    across = min(3, n_axes)
+    down = math.ceil(n_axes / across)
+    figure = new_figure(max(4.0 * across, 6.0), down * (1.0 + 0.17 * len(portrait.labels)) + 0.5)
+    panels = figure.subplots(down, across, squeeze=False).ravel()
+    for number, panel in enumerate(panels[:n_axes]):
         draw(panel, portrait, number)
         panel.set_title(pretty(portrait.axes[number]), fontsize=10, color=INK)
+    for unused in panels[n_axes:]:
+        unused.remove()
     synthetic = "synthetic recordings, " if portrait.n_synthetic else ""
     heading(figure, f"{what} above {cutoff_hz:g} Hz: {synthetic}{shown}")
     save(figure, path)

@@ -152,8 +152,13 @@ def file_format(path: str | os.PathLike[str], name: str = "path") -> str:
 
 
 def pretty(axis: str) -> str:
-    """Return the name of an axis of a wrench as mathematics, ``$F_x$`` for fx; any other name as it is."""
-    return f"${axis[0].upper()}_{axis[1]}$" if axis in AXES else axis
+    """Return the name of an axis of a wrench as mathematics, ``$F_x$`` for fx; any other name as it stands."""
+    return f"${axis[0].upper()}_{axis[1]}$" if axis in AXES else axis.replace("$", r"\$")
+
+
+def with_unit(what: str, unit: str) -> str:
+    """Return the label of an axis of a figure: what it shows and, where known, in which units."""
+    return f"{what}, {unit.replace(', ', ' or ')}" if unit else what
 
 
 def middles_to_edges(middles: NDArray[np.float64]) -> NDArray[np.float64]:

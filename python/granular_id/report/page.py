@@ -23,9 +23,8 @@ from granular_id.evaluation import (
     seconds_table,
     shows_paper,
 )
-from granular_id.plotting import AXIS_LINES
 from granular_id.recording import SEVERE_PREFIXES, StepReport, text_table
-from granular_id.report.pictures import inline_svg, pictures
+from granular_id.report.pictures import inline_svg, mean_lines, pictures
 
 
 def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
@@ -95,7 +94,7 @@ def html(result: EvaluationResult) -> str:
             history=[str(StepReport(**step)) for step in result.data["history"]],
             settings=json.dumps(result.settings, ensure_ascii=False, indent=2),
             portrait=result.portrait,
-            axis_lines=AXIS_LINES,
+            means=None if result.portrait is None else mean_lines(result.portrait),
         )
     )
 

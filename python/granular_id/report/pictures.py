@@ -22,6 +22,7 @@ from granular_id.plotting import (
     FAINT,
     INK,
     as_percent,
+    axis_line,
     blocks_with_weight,
     curves_in,
     draw_confusion,
@@ -38,8 +39,12 @@ from granular_id.plotting import (
     plot_recall,
     plot_residual,
     plot_weights,
+    quantity_of,
+    rows_of_weights,
+    telling_curves,
+    units_of,
 )
-from granular_id.recording import AXIS_COLOURS
+from granular_id.recording import AXES, AXIS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,6 +145,7 @@ _VARIABLES = {INK.lower(): "ink", FAINT.lower(): "faint"} | {
     colour.lower(): f"okabe-{number}" for number, colour in enumerate(AXIS_COLOURS)
 }
 _COLOUR = re.compile(rf"(?<=: )({'|'.join(_VARIABLES)})(?=[;\"])")
+_DASHES = {"-": "", "--": "6 4", ":": "2 3"}  # of matplotlib, as SVG writes them
 _NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _settings_lock = Lock()  # matplotlib's settings are global: one drawing at a time changes them
 
@@ -193,7 +199,7 @@ def pictures(result: EvaluationResult, space: str) -> list[Picture]:
     """Draw all figures in the order of the page: gap, confusion and recall of one space, then the recordings."""
     drawn = [*_of_results(result, space)]
     if result.portrait is not None:
-        for draw in (_of_forces, _of_high_pass, _of_weights):
+        for draw in (_of_means, _of_high_pass, _of_weights):
             drawn += draw(result.portrait)
     return drawn
 
@@ -221,25 +227,59 @@ def _of_results(result: EvaluationResult, space: str) -> Iterator[Picture]:
     yield Picture("recall", "", plot_recall(result, space), alt, 0.75)
 
 
-def _of_forces(portrait: ReportData) -> Iterator[Picture]:
-    columns = {axis: portrait.axes.index(axis) for axis in ("fx", "fz")}
-    curves = curves_in(portrait, columns)
-    low = min(float((own.mean[axis] - own.sd[axis]).min()) for own in curves for axis in columns)
-    high = max(float((own.mean[axis] + own.sd[axis]).max()) for own in curves for axis in columns)
+@dataclass(frozen=True)
+class MeanLines:
+    """What the curves of the means are, for the words beside them."""
+
+    quantity: str  # with its unit
+    lines: tuple[tuple[str, str, int, str], ...]  # name, index, colour number and dashes of SVG of each axis
+    left_out: str
+
+
+def mean_lines(portrait: ReportData) -> MeanLines:
+    """Say which axes the curves of the means show."""
+    curves, unit = _mean_curves(portrait)
+    lines = []
+    for place, axis in enumerate(curves[0].mean):
+        style = axis_line(axis, place)
+        name, index = (axis[0].upper(), axis[1]) if axis in AXES else (axis, "")
+        lines.append((name, index, AXIS_COLOURS.index(style["color"]), _DASHES[style["linestyle"]]))
+    few = len(portrait.axes)
+    left_out = ""
+    if portrait.n_axes > few:
+        left_out = f"{few} of {portrait.n_axes} axes, those in which the materials differ most"
+    return MeanLines(quantity_of(curves[0].mean, unit), tuple(lines), left_out)
+
+
+def _mean_curves(portrait: ReportData) -> tuple[list[Any], str]:
+    return telling_curves(
+        curves_in(portrait, portrait.axes), dict(zip(portrait.axes, units_of(portrait), strict=True))
+    )
+
+
+def _of_means(portrait: ReportData) -> Iterator[Picture]:
+    curves, unit = _mean_curves(portrait)
+    axes = list(curves[0].mean)
+    low = min(float((own.mean[axis] - own.sd[axis]).min()) for own in curves for axis in axes)
+    high = max(float((own.mean[axis] + own.sd[axis]).max()) for own in curves for axis in axes)
     room = 0.04 * (high - low or 1.0)
     for own in curves:
         figure = new_figure(2.3, 1.55)
         panel = figure.subplots()
         draw_mean_forces(panel, own)
         panel.set_ylim(low - room, high + room)
-        panel.set_ylabel("N", fontsize=8, color=INK)
+        panel.set_ylabel(unit, fontsize=8, color=INK)
         panel.set_xlabel("s", fontsize=8, color=INK, labelpad=1)
         ranges = ", ".join(
-            f"{axis.capitalize()} from {mean.min():.2g} to {mean.max():.2g} N"
+            f"{_titled(axis)} from {mean.min():.2g} to {mean.max():.2g} {unit}".rstrip()
             for axis, mean in own.mean.items()
         )
         alt = f"{own.label}: mean and standard deviation over time, {ranges}"
-        yield Picture("forces", "", figure, alt, 0.5)
+        yield Picture("means", "", figure, alt, 0.5)
+
+
+def _titled(axis: str) -> str:
+    return axis.capitalize() if axis in AXES else axis
 
 
 def _of_high_pass(portrait: ReportData) -> Iterator[Picture]:
@@ -252,18 +292,16 @@ def _of_high_pass(portrait: ReportData) -> Iterator[Picture]:
         for number, axis in enumerate(portrait.axes):
             figure = new_figure(3.7, 0.8 + 0.16 * max(3, len(portrait.labels)))
             draw(figure.subplots(), portrait, number)
-            alt = f"{axis.capitalize()}: {what}, one row a material"
-            yield Picture(group, axis.capitalize(), figure, alt, 0.75)
+            alt = f"{_titled(axis)}: {what}, one row a material"
+            yield Picture(group, _titled(axis), figure, alt, 0.75)
 
 
 def _of_weights(portrait: ReportData) -> Iterator[Picture]:
     for block in blocks_with_weight(portrait):
-        figure = new_figure(4.4, 0.5 + 0.52 * len(block.axes))
-        draw_weights(figure.subplots(len(block.axes), 1, squeeze=False)[:, 0], block)
-        shares = ", ".join(
-            f"{axis.capitalize()} {100 * share:.1f} %"
-            for axis, share in zip(block.axes, block.shares.tolist(), strict=True)
-        )
+        rows = rows_of_weights(block)
+        figure = new_figure(4.4, 0.5 + 0.52 * len(rows))
+        draw_weights(figure.subplots(len(rows), 1, squeeze=False)[:, 0], block)
+        shares = ", ".join(f"{_titled(block.axes[row])} {100 * block.shares[row]:.1f} %" for row in rows)
         share = 100 * float(block.shares.sum())
         title = f"{block.name}: {share:.0f} % of the influence"
         yield Picture("weights", title, figure, f"Influence in {block.name} by axis: {shares}", 0.75)

@@ -206,17 +206,19 @@ def test_only_a_choice_of_ours_is_one(data):
     ("axes", "space"),
     [(("fz",), "best"), (("x", "y", "z"), "hfmh"), (tuple(f"s{k}" for k in range(13)), "hfmh")],
 )
-def test_recordings_of_other_axes_are_evaluated_and_not_drawn(tmp_path, axes, space):
+def test_recordings_of_other_axes_are_evaluated_and_drawn(tmp_path, axes, space):
     random = np.random.default_rng(0)
     noise = [(1 + k % 2) * random.normal(size=(60, len(axes))) for k in range(12)]
     data = Dataset([Recording(x, 100.0, label="ab"[k % 2], axes=axes) for k, x in enumerate(noise)])
     spaces = {"best": plan_spaces("best", 100.0)[0], "hfmh": HFMH(rate_hz=100.0)}
     result = evaluate(data, {space: spaces[space]}, "kfold", n_folds=3, progress=False)
-    assert any(f"these have {' '.join(axes)}" in note for note in result.notes)
+    assert set(result.portrait.axes) <= set(axes)
+    assert (len(result.portrait.axes), result.portrait.n_axes) == (min(6, len(axes)), len(axes))
     result.report(tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert ("What best chose:" in page) == (space == "best")
-    assert "Feature importance" not in page
+    assert "Feature importance" in page
+    assert ("All figures of signals show 6 of 13 axes" in page) == (len(axes) > 6)
 
 
 def test_shuffled_labels_are_learned_by_the_classifier_of_the_space(data):

@@ -102,6 +102,7 @@ def test_unbalanced_classes_of_short_recordings_work_with_every_protocol_of_fold
         assert all(set(data.y[p.train]) == set(data.y) for p in result.partitions[protocol])
 
 
+@pytest.mark.filterwarnings("ignore:cutoff_hz=23 leaves nearly nothing")
 def test_all_spaces_and_controls_over_folds(data_dir):
     data = load_failures(data_dir / "robot_failures", "lp2")
     spaces = feature_spaces(rate_hz=RATE_HZ, bin_range=(-100.0, 100.0))

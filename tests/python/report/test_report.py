@@ -80,7 +80,7 @@ def no_pictures(monkeypatch):
 
 
 def test_sections_come_in_the_order_of_what_matters(page):
-    order = "gap accuracy controls comparison confusions forces high weights data warnings repeat"
+    order = "gap accuracy controls comparison confusions means high weights data warnings repeat"
     assert " ".join(page.sections) == order
 
 

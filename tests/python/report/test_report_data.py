@@ -18,7 +18,7 @@ from granular_id._schema import from_json
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.report_data import ReportData, gather_report_data
 from granular_id.evaluation.weights import POINTS, downsampled, is_traceable, rounded, weight_blocks
-from granular_id.plotting import plot_weights
+from granular_id.plotting import plot_weights, units_of
 from granular_id.recording import Dataset, Recording
 from granular_id.report.page import html
 from granular_id.spaces import (
@@ -77,11 +77,18 @@ def test_residual_and_histogram_follow_the_settings_of_the_space(data, seen):
     assert part.time_s[0] == pytest.approx((starts[1] - 1) / 2 / 500)
 
 
-def test_a_rate_too_low_for_the_filter_leaves_it_out():
+def test_without_a_filter_in_use_the_cutoff_follows_the_rate():
     data = changed(make_data(n=3), rate_hz=lambda r: 10.0)
     slow = gather_report_data(data, {"raw": RawSignal()})
-    assert slow.high_pass is None
-    assert from_json(ReportData, json.loads(json.dumps(json_value(slow)))).high_pass is None
+    assert slow.high_pass.settings["cutoff_hz"] == 2.5
+
+
+def test_results_of_before_have_neither_units_nor_a_filter_for_low_rates(data):
+    seen = json_value(gather_report_data(data, {"raw": RawSignal()})) | {"high_pass": None}
+    old = {name: value for name, value in seen.items() if name not in ("units", "n_axes")}
+    again = from_json(ReportData, json.loads(json.dumps(old)))
+    assert (again.high_pass, again.units, again.n_axes) == (None, (), 0)
+    assert units_of(again) == ("N",) * 3 + ("N m",) * 3
 
 
 def test_influence_equals_that_of_the_weights_themselves(data):
@@ -107,7 +114,7 @@ def test_the_weights_lie_where_the_classes_differ():
     X = np.zeros((4, 3, 6))
     X[2:, 1, 0] = 1.0  # in Fx, in the second of three samples
     (raw,) = weight_blocks(X, np.array(["a", "a", "b", "b"]), RawSignal().fit(X))
-    assert raw.axes[raw.shares.argmax()] == "fx"
+    assert raw.axes[raw.shares.argmax()] == "axis0"
     assert raw.influence[0].tolist() == [0.0, 1.0, 0.0]
 
 
@@ -181,7 +188,7 @@ def test_influence_of_bands_equals_that_of_the_weights_themselves(pushes, whiten
         assert block.influence.sum() == pytest.approx(share[own].sum(), rel=1e-3)
     quantiles = blocks[1]
     number = next(k for k, c in enumerate(quantiles.coordinates) if 15 < c < 31)
-    named = [k for k, name in enumerate(columns.names) if name.startswith("b4_") and name.endswith("_fz")]
+    named = [k for k, name in enumerate(columns.names) if name.startswith("b4_") and name.endswith("_axis2")]
     cell = [k for k in named if columns.columns[k].block == "quantiles"]
     assert len(cell) == 8
     assert quantiles.influence[2, number] == pytest.approx(share[cell].sum(), rel=1e-4)
