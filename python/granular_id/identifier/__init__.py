@@ -26,16 +26,19 @@ from granular_id.identifier.streaming import StreamingIdentifier
 if TYPE_CHECKING:
     from granular_id.identifier.recipe import Recipe as Recipe
     from granular_id.identifier.time_course import OverTime, accuracy_over_time, over_time as over_time
+    from granular_id.identifier.timeline import Timeline, write_csv as write_csv
     from granular_id.identifier.training import train as train
 
-__all__ = ["Decision", "Identifier", "OverTime", "StreamingIdentifier", "accuracy_over_time"]
+__all__ = ["Decision", "Identifier", "OverTime", "StreamingIdentifier", "Timeline", "accuracy_over_time"]
 
 _LAZY = {
     "OverTime": "time_course",
     "Recipe": "recipe",
+    "Timeline": "timeline",
     "accuracy_over_time": "time_course",
     "over_time": "time_course",
     "train": "training",
+    "write_csv": "timeline",
 }
 
 

@@ -32,6 +32,7 @@ from granular_id.recording import Dataset, Recording
 # Training and probabilities are imported where they are called for: they bring in scikit-learn.
 
 if TYPE_CHECKING:
+    from granular_id.identifier.timeline import Timeline
     from granular_id.spaces import BinRange, BlockWeights
 
 FloatArray = npt.NDArray[np.float64]
@@ -68,9 +69,13 @@ class Identifier:
     True
     """
 
-    def __init__(self, core: _core.Model) -> None:
+    def __init__(self, core: _core.Model | None = None) -> None:
         if not isinstance(core, _core.Model):
-            raise TypeError(f"core must be a granular_id._core.Model, got {type(core).__name__}")
+            came = "nothing" if core is None else type(core).__name__
+            raise TypeError(
+                "an Identifier is made by Identifier.fit(data), Identifier.load(path) or "
+                f"Identifier.from_classifier(pipeline); it holds a granular_id._core.Model, got {came}"
+            )
         self.core = core
 
     @classmethod
@@ -468,6 +473,52 @@ class Identifier:
         stream = _core.StreamingIdentifier(self.core)
         stream.push(wrench)
         return decision_of(stream, dict.fromkeys(differences, 0))
+
+    def predict_over(
+        self,
+        recording: Recording | npt.ArrayLike,
+        hop_s: float | None = None,
+        *,
+        accept: str | Sequence[str] = (),
+        threads: int | None = None,
+    ) -> Timeline:
+        """Name the materials in a long recording: one answer for the window of the model's length at each hop.
+
+        Parameters
+        ----------
+        recording : Recording, or array-like of shape (T, C)
+            Of the rate and axes of the training, and at least its length. An array has that rate.
+        hop_s : float, optional
+            Seconds from one answer to the next, to the nearest sample. Default: the length of a window, so that none
+            shares samples with another.
+        accept : str or sequence of str, default ()
+            As in `identify`.
+        threads : int, optional
+            As in `scores`.
+
+        Returns
+        -------
+        Timeline
+            Each answer is that about its window alone, bit for bit; memory does not grow with overlapping windows.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As `identify`; a recording shorter than a window; a hop below one sample.
+
+        Examples
+        --------
+        >>> import granular_id as gid
+        >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
+        >>> model = gid.Identifier.fit(data, "hfmh", estimate=False)
+        >>> drive = gid.synthesize(["rice"], n_per_class=1, duration_s=3.2, seed=1)[0]
+        >>> answers = model.predict_over(drive, hop_s=0.3)
+        >>> len(answers), answers.times_s[:3].tolist()
+        (10, [0.5, 0.8, 1.1])
+        """
+        from granular_id.identifier.timeline import predict_over
+
+        return predict_over(self.core, recording, hop_s, accept, threads)
 
     def __repr__(self) -> str:
         on = ", trained on SYNTHETIC recordings" if self.synthetic else ""

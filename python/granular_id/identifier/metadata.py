@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._schema import EACH, check_form
@@ -151,10 +152,12 @@ def fingerprint(data: Dataset, settings: Mapping[str, Any]) -> str:
 
 def marks_of(data: Dataset) -> list[str]:
     """Hash the samples of each recording, to know it again: 8 hexadecimal digits, alike once in four billion."""
-    return [
-        hashlib.sha256(np.ascontiguousarray(samples, dtype="<f8").data).hexdigest()[:_MARK_DIGITS]
-        for samples in data.X
-    ]
+    return [mark_of(samples) for samples in data.X]
+
+
+def mark_of(samples: npt.NDArray[np.float64]) -> str:
+    """Hash the samples (T, C) of one recording."""
+    return hashlib.sha256(np.ascontiguousarray(samples, dtype="<f8").data).hexdigest()[:_MARK_DIGITS]
 
 
 def stored_marks(data: Dataset) -> dict[str, str]:

@@ -1,0 +1,346 @@
+"""Answers over a long recording: that for the window which ends at each hop."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from granular_id import _core
+from granular_id._checks import argument_error, finite_number
+from granular_id._columns import samples_of
+from granular_id._files import TABLES, refuse_other_kind, whole_file
+from granular_id._text import Table, counted, fixed, percent
+from granular_id.identifier.metadata import Metadata, check_recordings, mark_of
+from granular_id.identifier.rules import probabilities
+from granular_id.recording import Dataset, Recording, setup_mismatch
+
+FloatArray = npt.NDArray[np.float64]
+
+CSV_COLUMNS = (
+    *("recording", "from_s", "to_s", "label", "margin", "probability"),
+    *("candidates", "unknown", "truth", "flagged", "trained_on"),
+)
+
+_BLOCK = 2**22
+"""Values of the windows that are predicted at a time: 32 MB."""
+
+_MOST_SAID, _MOST_ROWS = 6, 40
+"""Stretches in one sentence, and in a table."""
+
+
+class Stretch(NamedTuple):
+    """Answers in a row that say the same: the seconds that they stand for, and how many they are.
+
+    Of a stretch like no known material `label` is the nearest one of most answers.
+    """
+
+    from_s: float
+    to_s: float
+    label: str
+    unknown: bool
+    n_answers: int
+    margin: float
+
+    def __str__(self) -> str:
+        said = f"unknown, nearest {self.label}" if self.unknown else self.label
+        return f"{self.from_s:.1f} to {self.to_s:.1f} s {said}"
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """Answers over one recording, by `Identifier.predict_over`; ``print`` it for its stretches in a sentence.
+
+    Answer `i` is about the window that ends `times_s[i]` seconds after the beginning of the recording. It stands for
+    the time since the answer before; the first one for all of its window. Where the material changes, answers follow
+    while the window passes the change: up to `window_s` later.
+
+    Attributes
+    ----------
+    name : str
+        Of the recording.
+    classes : tuple of str
+        The K materials that the model knows.
+    times_s : ndarray, shape (n,)
+        End of each window, seconds from the first sample.
+    labels : ndarray of str, shape (n,)
+        The best material of each window.
+    losses : ndarray, shape (n, K)
+        Mean loss of each of `classes`: the smallest wins.
+    margins : ndarray, shape (n,)
+        Loss of the second material minus that of the first.
+    probabilities : ndarray, shape (n, K), or None
+        Share of each of `classes`, of a model that was trained with `posterior`.
+    candidates : tuple of tuple of str
+        What each window may be, as in `Decision`; empty tuples without such a rule.
+    unknown : ndarray of bool, shape (n,), or None
+        Which windows are like none of the materials; None without such a rule.
+    flagged : ndarray of bool, shape (n,)
+        Which windows hold samples with a flag: filled gaps, saturation.
+    trained_on : ndarray of bool, shape (n,), or None
+        Which windows, sample for sample, the model was trained on; None where it does not know.
+    window_s, hop_s : float
+        Length of a window, and the time from one answer to the next.
+    duration_s : float
+        Length of the recording.
+    truth : str or None
+        Label of the recording.
+    synthetic : str
+        What is simulated, in words; empty where nothing is.
+    differences : tuple of str
+        What of the set-up is not as in the training.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import granular_id as gid
+    >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
+    >>> model = gid.Identifier.fit(data, "hfmh", estimate=False)
+    >>> both = gid.Recording(np.concatenate([data.X[0], data.X[-1]]), rate_hz=500, name="drive")
+    >>> answers = model.predict_over(both, hop_s=0.5)
+    >>> print(answers)
+    SYNTHETIC: drive: 0.0 to 0.5 s rice, then 0.5 to 1.0 s fine sugar
+    >>> answers.times_s.tolist(), answers.labels.tolist()
+    ([0.5, 1.0], ['rice', 'fine sugar'])
+    """
+
+    name: str
+    classes: tuple[str, ...]
+    times_s: FloatArray
+    losses: FloatArray
+    probabilities: FloatArray | None
+    candidates: tuple[tuple[str, ...], ...]
+    unknown: npt.NDArray[np.bool_] | None
+    flagged: npt.NDArray[np.bool_]
+    trained_on: npt.NDArray[np.bool_] | None
+    window_s: float
+    hop_s: float
+    duration_s: float
+    truth: str | None = None
+    synthetic: str = ""
+    differences: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    @property
+    def labels(self) -> npt.NDArray[np.str_]:
+        """The best material of each window; of tied ones the first of `classes`."""
+        labels: npt.NDArray[np.str_] = np.array(self.classes)[self.losses.argmin(axis=1)]
+        return labels
+
+    @property
+    def margins(self) -> FloatArray:
+        """Loss of the second material minus that of the first."""
+        two: FloatArray = np.partition(self.losses, 1, axis=1)[:, :2]
+        return two[:, 1] - two[:, 0]
+
+    @property
+    def stretches(self) -> tuple[Stretch, ...]:
+        """Answers in a row that say the same, in order; those like no known material are one stretch."""
+        labels, margins = self.labels, self.margins
+        unknown = np.zeros(len(self), np.bool_) if self.unknown is None else self.unknown
+        said = np.where(unknown, "", labels)
+        ends = [*(np.flatnonzero(said[1:] != said[:-1]) + 1).tolist(), len(self)]
+        made, begin, from_s = [], 0, float(self.times_s[0]) - self.window_s
+        for end in ends:
+            nearest = Counter(labels[begin:end].tolist()).most_common(1)[0][0]
+            to_s = float(self.times_s[end - 1])
+            margin = float(margins[begin:end].mean())
+            made.append(Stretch(from_s, to_s, nearest, bool(unknown[begin]), end - begin, margin))
+            begin, from_s = end, to_s
+        return tuple(made)
+
+    def shares(self) -> dict[str, float]:
+        """Return the share of all answers that each material has, the largest first; of none known as "unknown"."""
+        labels = self.labels if self.unknown is None else np.where(self.unknown, "", self.labels)
+        return {label or "unknown": n / len(self) for label, n in Counter(labels.tolist()).most_common()}
+
+    def sentence(self) -> str:
+        """Return the stretches in a sentence: the first ones where they are many."""
+        every = self.stretches
+        few = every if len(every) <= _MOST_SAID else every[: _MOST_SAID - 1]
+        rest = f", and {len(every) - len(few)} more" if len(few) < len(every) else ""
+        return ", then ".join(map(str, few)) + rest
+
+    def __str__(self) -> str:
+        mark = "SYNTHETIC: " if self.synthetic else ""
+        return f"{mark}{self.name}: {self.sentence()}" if self.name else f"{mark}{self.sentence()}"
+
+    def table(self) -> Table:
+        """Return the stretches as a table with notes."""
+        every = self.stretches
+        shown = every[:_MOST_ROWS]
+        columns = {
+            "seconds": [f"{one.from_s:.2f} to {one.to_s:.2f}" for one in shown],
+            "answer": ["unknown" if one.unknown else one.label for one in shown],
+            "answers": [str(one.n_answers) for one in shown],
+            "mean margin": [fixed(one.margin, 3) for one in shown],
+        }
+        if any(one.unknown for one in shown):
+            columns["nearest"] = [one.label if one.unknown else "" for one in shown]
+        title = ", ".join(filter(None, (f"Answers over {self.name or 'the recording'}", self.synthetic)))
+        rows = tuple(zip(*columns.values(), strict=True))
+        left = len(every) - len(shown)
+        more = [f"and {left} more: to_csv, or --csv, has every answer"]
+        return Table(title, tuple(columns), rows, (*more[: left > 0], *self._notes()))
+
+    def _notes(self) -> list[str]:
+        notes = [f"warning: {setup_mismatch(*self.differences)}"] if self.differences else []
+        step = f"one each {self.hop_s:g} s about the last {self.window_s:g} s"
+        shares = ", ".join(f"{name} {percent(share, 0)}" for name, share in self.shares().items())
+        notes.append(f"{counted(len(self), 'answer')}, {step}: {shares}")
+        if self.truth in self.classes:
+            n_right = int((self.labels == self.truth).sum())
+            notes.append(f"the recording is labelled {self.truth}: {n_right} of {len(self)} name it")
+        elif self.truth is not None:
+            notes.append(f"the recording is labelled {self.truth}, which the model does not know")
+        left_s = self.duration_s - float(self.times_s[-1])
+        if left_s > 0.005:
+            notes.append(f"the last {fixed(left_s, 2)} s are less than a hop: no answer is about them")
+        if self.flagged.any():
+            notes.append(
+                f"{counted(int(self.flagged.sum()), 'answer')} about samples with a flag (gaps that were filled, "
+                "saturation)"
+            )
+        n_trained_on = 0 if self.trained_on is None else int(self.trained_on.sum())
+        if n_trained_on:
+            notes.append(
+                f"the model was trained on {n_trained_on} of these {counted(len(self), 'window')}, whose answers say "
+                "nothing about new recordings"
+            )
+        return notes
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything in types that JSON knows."""
+        return {
+            "recording": self.name,
+            "synthetic": self.synthetic,
+            "differences": list(self.differences),
+            "classes": list(self.classes),
+            "truth": self.truth,
+            "window_s": self.window_s,
+            "hop_s": self.hop_s,
+            "duration_s": self.duration_s,
+            "stretches": [one._asdict() for one in self.stretches],
+            "answers": [
+                row | {"losses": losses, "candidates": list(candidates)}
+                for row, losses, candidates in zip(
+                    self._rows(), self.losses.tolist(), self.candidates, strict=True
+                )
+            ],
+        }
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write one line for each answer, whole or not at all."""
+        write_csv(path, [self])
+
+    def _rows(self) -> list[dict[str, Any]]:
+        n, labels, margins = len(self), self.labels.tolist(), self.margins.tolist()
+        best = self.losses.argmin(axis=1)
+        shares = [None] * n if self.probabilities is None else self.probabilities[range(n), best].tolist()
+        unknown = [None] * n if self.unknown is None else self.unknown.tolist()
+        trained_on = [None] * n if self.trained_on is None else self.trained_on.tolist()
+        ends = [round(end_s, 9) for end_s in self.times_s.tolist()]
+        return [
+            {
+                "from_s": round(ends[i] - self.window_s, 9),
+                "to_s": ends[i],
+                "label": labels[i],
+                "margin": margins[i],
+                "probability": shares[i],
+                "candidates": "; ".join(self.candidates[i]),
+                "unknown": unknown[i],
+                "truth": self.truth,
+                "flagged": bool(self.flagged[i]),
+                "trained_on": trained_on[i],
+            }
+            for i in range(n)
+        ]
+
+
+def write_csv(path: str | os.PathLike[str], timelines: Sequence[Timeline]) -> None:
+    """Write one line for each answer over some recordings, whole or not at all."""
+    refuse_other_kind(path, TABLES)
+    with whole_file(path) as draft, draft.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(CSV_COLUMNS)
+        for timeline in timelines:
+            for row in timeline._rows():
+                writer.writerow((timeline.name, *map(_cell, row.values())))
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return "" if value is None else repr(value) if isinstance(value, float) else str(value)
+
+
+def predict_over(
+    core: _core.Model,
+    recording: Recording | npt.ArrayLike,
+    hop_s: float | None,
+    accept: str | Sequence[str],
+    threads: int | None,
+) -> Timeline:
+    """Answer for each window of a recording; see `Identifier.predict_over`."""
+    rate_hz, n, known = core.rate_hz, core.n_samples, Metadata(core)
+    n_hop = n if hop_s is None else round(finite_number("hop_s", hop_s, positive=True) * rate_hz)
+    if n_hop < 1:
+        problem = f"={hop_s:g} is less than a sample: at {rate_hz:g} Hz at least {1 / rate_hz:g}"
+        raise argument_error(ValueError, "hop_s", problem)
+    if not isinstance(recording, Recording):
+        if isinstance(recording, Dataset):
+            raise TypeError(
+                "recording must be one Recording or an array, got a Dataset: pass them one by one"
+            )
+        samples, _ = samples_of(recording, "recording", known.axes)
+        recording = Recording(samples, rate_hz=rate_hz, axes=known.axes)
+    differences = check_recordings(Dataset([recording]), core, accept)
+    if recording.n_samples < n:
+        raise ValueError(
+            f"recording {recording.name!r} has {recording.n_samples} samples ({recording.duration_s:g} s), the model "
+            f"takes windows of {n} ({n / rate_hz:g} s): record for longer, or train on shorter windows"
+        )
+    windows = np.lib.stride_tricks.sliding_window_view(recording.wrench, n, axis=0)[::n_hop]
+    marks = known.marks
+    losses, shares, verdicts = [], [], []
+    seen: list[bool] = []
+    step = max(1, _BLOCK // (n * recording.wrench.shape[1]))
+    for begin in range(0, len(windows), step):
+        # As each window alone: contiguous, axes last.
+        block = np.ascontiguousarray(windows[begin : begin + step].transpose(0, 2, 1))
+        scores = core.scores(block, threads)
+        losses.append(core.losses(scores))
+        verdicts += core.verdicts(scores)
+        if core.sigmoid is not None:
+            shares.append(probabilities(core, scores))
+        if marks is not None:
+            seen += [mark_of(window) in marks for window in block]
+    flags = np.zeros(recording.n_samples, np.bool_) if recording.flags is None else recording.flags != 0
+    unknown = np.array([verdict is True for _, verdict in verdicts])
+    simulated = ["a model of SYNTHETIC recordings"] if known.trained.get("synthetic", False) else []
+    simulated += ["SYNTHETIC recordings"] if recording.is_synthetic else []
+    return Timeline(
+        name=recording.name,
+        classes=core.classes,
+        times_s=(n + n_hop * np.arange(len(windows))) / rate_hz,
+        losses=np.concatenate(losses),
+        probabilities=np.concatenate(shares) if shares else None,
+        candidates=tuple(candidates for candidates, _ in verdicts),
+        unknown=None if verdicts[0][1] is None else unknown,
+        flagged=np.asarray(np.lib.stride_tricks.sliding_window_view(flags, n)[::n_hop].any(axis=1)),
+        trained_on=None if marks is None else np.array(seen),
+        window_s=n / rate_hz,
+        hop_s=n_hop / rate_hz,
+        duration_s=recording.n_samples / rate_hz,
+        truth=recording.label,
+        synthetic=" and ".join(simulated),
+        differences=differences,
+    )

@@ -1,0 +1,194 @@
+"""Answers over long recordings: those of each window alone, in stretches, as tables and files."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from granular_id.identifier import Identifier, Timeline, timeline
+from granular_id.recording import Dataset, Recording
+
+N = 80
+RATE = 500.0
+
+
+def long(data, *places, **fields):
+    """Some recordings, one after another, as one."""
+    return Recording(np.concatenate([data.X[i] for i in places]), rate_hz=RATE, name="drive", **fields)
+
+
+@pytest.fixture(scope="module")
+def drive(new):
+    return long(new, 0, 0, 11, 11, 3)
+
+
+@pytest.mark.parametrize("kind", ["raw+hfmh", "best"])
+@pytest.mark.parametrize("hop_s", [0.03, 0.16, 0.21])
+def test_each_answer_is_that_about_its_window_alone(models, drive, kind, hop_s, monkeypatch):
+    model = models[kind]
+    monkeypatch.setattr(timeline, "_BLOCK", 3 * N * 6)  # three windows at a time
+    answers = model.predict_over(drive, hop_s)
+    n_hop = round(hop_s * RATE)
+    starts = range(0, drive.n_samples - N + 1, n_hop)
+    assert answers.times_s.tolist() == [(start + N) / RATE for start in starts]
+    for i, start in enumerate(starts):
+        alone = model.identify(drive.wrench[start : start + N])
+        assert (answers.labels[i], answers.margins[i]) == (alone.label, alone.margin)
+        assert dict(zip(answers.classes, answers.losses[i], strict=True)) == dict(alone.ranking)
+        assert (answers.candidates[i], answers.unknown[i]) == (alone.candidates, alone.unknown)
+        if kind == "best":
+            assert answers.probabilities[i, answers.losses[i].argmin()] == alone.probability
+    assert (answers.probabilities is None) == (kind != "best")
+
+
+def test_windows_share_nothing_unless_told(plain, drive):
+    answers = plain.predict_over(drive)
+    assert (answers.hop_s, answers.window_s, len(answers)) == (0.16, 0.16, 5)
+    assert answers.labels.tolist() == plain.predict(drive.wrench.reshape(5, N, 6)).tolist()
+    assert plain.predict_over(drive.wrench).labels.tolist() == answers.labels.tolist()
+
+
+def made(labels, unknown=None, **fields):
+    """A timeline of these labels, one a second about two seconds."""
+    classes = ("oat", "rice", "salt")
+    losses = np.array([[0.1 + 0.3 * (name != label) for name in classes] for label in labels])
+    n = len(labels)
+    usual = {
+        "name": "drive",
+        "classes": classes,
+        "times_s": 2.0 + np.arange(n),
+        "losses": losses,
+        "probabilities": None,
+        "candidates": ((),) * n,
+        "unknown": None if unknown is None else np.array(unknown),
+        "flagged": np.zeros(n, bool),
+        "trained_on": None,
+        "window_s": 2.0,
+        "hop_s": 1.0,
+        "duration_s": 1.0 + n,
+    }
+    return Timeline(**{**usual, **fields})
+
+
+SENTENCES = [
+    (["rice"], None, "0.0 to 2.0 s rice"),
+    (["rice", "rice", "oat"], None, "0.0 to 3.0 s rice, then 3.0 to 4.0 s oat"),
+    # those like nothing known are one stretch, whatever each is nearest to
+    (
+        ["rice", "oat", "salt", "oat"],
+        [False, True, True, True],
+        "0.0 to 2.0 s rice, then 2.0 to 5.0 s unknown, nearest oat",
+    ),
+    (["oat", "oat"], [True, False], "0.0 to 2.0 s unknown, nearest oat, then 2.0 to 3.0 s oat"),
+]
+
+
+@pytest.mark.parametrize(("labels", "unknown", "said"), SENTENCES)
+def test_stretches_are_answers_in_a_row_that_say_the_same(labels, unknown, said):
+    answers = made(labels, unknown)
+    assert answers.sentence() == said
+    assert sum(one.n_answers for one in answers.stretches) == len(answers)
+    assert str(answers) == f"drive: {said}"
+
+
+def test_many_stretches_are_cut_in_words_and_in_the_table():
+    answers = made(["rice", "oat"] * 30)
+    assert answers.sentence().endswith("5.0 to 6.0 s rice, and 55 more")
+    table = answers.table()
+    assert len(table.rows) == 40
+    assert table.notes[0].startswith("and 20 more: ")
+    assert len(answers.to_dict()["stretches"]) == 60
+
+
+def test_the_table_says_what_the_answers_are_worth():
+    answers = made(
+        ["rice", "rice", "oat"],
+        truth="rice",
+        synthetic="SYNTHETIC recordings",
+        flagged=np.array([True, False, False]),
+        trained_on=np.array([True, True, False]),
+        duration_s=4.5,
+        differences=("speed",),
+    )
+    table = answers.table()
+    assert table.title == "Answers over drive, SYNTHETIC recordings"
+    assert table.rows[0] == ("0.00 to 3.00", "rice", "2", "0.300")
+    for note in (
+        "warning: another set-up than in the training: speed",
+        "3 answers, one each 1 s about the last 2 s: rice 67 %, oat 33 %",
+        "the recording is labelled rice: 2 of 3 name it",
+        "the last 0.50 s are less than a hop: no answer is about them",
+        "1 answer about samples with a flag (gaps that were filled, saturation)",
+        "the model was trained on 2 of these 3 windows, whose answers say nothing about new recordings",
+    ):
+        assert note in table.notes
+    assert (
+        "the recording is labelled foam, which the model does not know"
+        in made(["oat"], truth="foam").table().notes
+    )
+    assert made(["oat"], [True]).shares() == {"unknown": 1.0}
+
+
+def test_windows_of_the_training_are_known_again(plain, data):
+    answers = plain.predict_over(long(data, 0, 1, 2), 0.08)
+    assert answers.trained_on.tolist() == [True, False, True, False, True]
+
+
+def test_flags_are_those_of_the_window(plain, new):
+    flags = np.zeros(3 * N, np.uint8)
+    flags[N] = 1
+    answers = plain.predict_over(long(new, 0, 1, 2, flags=flags), 0.08)
+    assert answers.flagged.tolist() == [False, True, True, False, False]
+
+
+def test_files_hold_every_answer(models, drive, tmp_path):
+    answers = models["best"].predict_over(drive, 0.08)
+    answers.to_csv(tmp_path / "answers.csv")
+    with (tmp_path / "answers.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["label"] for row in rows] == answers.labels.tolist()
+    assert [float(row["to_s"]) for row in rows] == pytest.approx(answers.times_s)
+    shares = [share[loss.argmin()] for share, loss in zip(answers.probabilities, answers.losses, strict=True)]
+    assert [float(row["probability"]) for row in rows] == shares
+    assert {row["unknown"] for row in rows} <= {"true", "false"}
+    told = json.loads(json.dumps(answers.to_dict()))
+    assert [row["losses"] for row in told["answers"]] == answers.losses.tolist()
+    assert told["stretches"][0]["from_s"] == 0.0
+
+
+REFUSED = [
+    ("too short", lambda new: Recording(new.X[0][:70], rate_hz=RATE), None, "record for longer"),
+    ("another rate", lambda new: Recording(new.X[0], rate_hz=250.0), None, r"\.resample\(500\)"),
+    ("other axes", lambda new: Recording(new.X[0], rate_hz=RATE, axes=tuple("abcdef")), None, "the axes a b"),
+    ("no hop", lambda new: long(new, 0), 0.0005, "hop_s=0.0005 is less than a sample: at 500 Hz"),
+    ("a hop of nothing", lambda new: long(new, 0), 0.0, "hop_s must be positive"),
+    ("a data set", lambda new: new, None, "one by one"),
+]
+
+
+@pytest.mark.parametrize(
+    ("make", "hop_s", "said"), [row[1:] for row in REFUSED], ids=[row[0] for row in REFUSED]
+)
+def test_what_does_not_fit_is_refused_with_the_way_out(plain, new, make, hop_s, said):
+    with pytest.raises((TypeError, ValueError), match=said):
+        plain.predict_over(make(new), hop_s)
+
+
+def test_units_other_than_those_of_the_training_are_refused(new):
+    axes = ("wx", "wy", "wz", "ax", "ay", "az")
+
+    def of(unit):
+        meta = {"units": dict.fromkeys(axes[3:], unit)}
+        return Dataset([replace(one, axes=axes, meta=meta) for one in new])
+
+    model = Identifier.fit(of("m/s2"), "raw", estimate=False)
+    assert len(model.predict_over(of("m/s2")[0])) == 1
+    with pytest.raises(ValueError, match=r"units.*ax: g.*accept"):
+        model.predict_over(of("g")[0])
+
+
+def test_an_identifier_is_made_by_fit_or_load():
+    with pytest.raises(TypeError, match=r"Identifier\.fit\(data\), Identifier\.load\(path\).*got nothing"):
+        Identifier()
