@@ -3,6 +3,7 @@
 Each takes an optional `path`, saves whole or not at all, and returns the ``matplotlib.figure.Figure``.
 """
 
+from granular_id.plotting.answers import plot_answers
 from granular_id.plotting.confidence import plot_confidence
 from granular_id.plotting.evaluation import (
     as_percent as as_percent,
@@ -46,6 +47,7 @@ from granular_id.plotting.style import (
 
 __all__ = [
     "plot_accuracy",
+    "plot_answers",
     "plot_confidence",
     "plot_confusion",
     "plot_explanation",
