@@ -48,9 +48,10 @@ class Stretch(NamedTuple):
     n_answers: int
     margin: float
 
-    def __str__(self) -> str:
+    def sentence(self, digits: int = 1) -> str:
+        """Say from when to when it was what."""
         said = f"unknown, nearest {self.label}" if self.unknown else self.label
-        return f"{self.from_s:.1f} to {self.to_s:.1f} s {said}"
+        return f"{fixed(self.from_s, digits)} to {fixed(self.to_s, digits)} s {said}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +168,8 @@ class Timeline:
         every = self.stretches
         few = every if len(every) <= _MOST_SAID else every[: _MOST_SAID - 1]
         rest = f", and {len(every) - len(few)} more" if len(few) < len(every) else ""
-        return ", then ".join(map(str, few)) + rest
+        digits = 1 if all(abs(10 * s - round(10 * s)) < 1e-6 for s in (self.window_s, self.hop_s)) else 2
+        return ", then ".join(one.sentence(digits) for one in few) + rest
 
     def __str__(self) -> str:
         mark = "SYNTHETIC: " if self.synthetic else ""
@@ -197,7 +199,8 @@ class Timeline:
         shares = ", ".join(f"{name} {percent(share, 0)}" for name, share in self.shares().items())
         notes.append(f"{counted(len(self), 'answer')}, {step}: {shares}")
         if self.truth in self.classes:
-            n_right = int((self.labels == self.truth).sum())
+            known = True if self.unknown is None else ~self.unknown
+            n_right = int(((self.labels == self.truth) & known).sum())
             notes.append(f"the recording is labelled {self.truth}: {n_right} of {len(self)} name it")
         elif self.truth is not None:
             notes.append(f"the recording is labelled {self.truth}, which the model does not know")
