@@ -25,10 +25,10 @@ BAD_INPUT, MISSING_EXTRA, INTERRUPTED = 2, 1, 130
 P = ParamSpec("P")
 
 _SAME = (
-    "array axes begin_at bin_range block_weights C checkpoint coding cutoff_hz direction duration_s false_alarm_rate "
-    "hop_s initial label lead_s max_gap_s n_bins n_samples on_error on_gap on_short on_time_error order posterior "
-    "pre_s protocol rate_hz rest_s robot sensor_range session space spaces speed_m_s tare_s target_error threads "
-    "threshold_n time_unit topic trigger units window_s"
+    "array begin_at bin_range block_weights C checkpoint coding cutoff_hz direction duration_s false_alarm_rate "
+    "hop_s label lead_s max_gap_s n_bins n_samples on_error on_gap on_short on_time_error order posterior pre_s "
+    "protocol rate_hz rest_s robot sensor_range space spaces speed_m_s tare_s target_error threads threshold_n "
+    "initial time_unit topic trigger"
 )
 OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "format": "--to",
@@ -139,6 +139,7 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"pass train_per_class=(\d+), test_per_class=(\d+)": r"add --train \1 --test \2",
     r"leave out ((?:'[^']*', )*'[^']*'), or record more": _excluded,
     r"\.find_onsets\(overrule=\{name: seconds\}\)": "--onset-at NAME=SECONDS",
+    r"call \.predict_over\(recording\)": "answer over all of it with --hop-s",
     r"call \.find_onsets\(\)": "add --begin-at onset",
     r"load without window_s, then call \.resample\(rate_hz\) and \.windows\([\d.e+]+\)": "add --rate-hz",
     r"(?:call )?\.resample\(rate_hz\)": "add --rate-hz",

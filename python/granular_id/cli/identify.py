@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from granular_id._files import MODELS, write_json
+from granular_id._files import MODELS, check_source, write_json
+from granular_id._text import counted
 from granular_id.cli.errors import words_of
-from granular_id.cli.options import FORCE, command, option
+from granular_id.cli.options import FORCE, command, option, positive
 from granular_id.cli.outputs import (
     ANSWERS,
     JSON_FILE,
+    PICTURE,
     check_outputs,
     print_table,
     show,
@@ -31,7 +33,7 @@ from granular_id.cli.recordings import (
 )
 
 if TYPE_CHECKING:
-    from granular_id.identifier import Identifier
+    from granular_id.identifier import Identifier, Timeline
     from granular_id.recording import Dataset
 
 OUTPUT = "Output"
@@ -61,6 +63,8 @@ class Recordings(ReadingOptions):
                 "MODEL that granular-id train wrote"
             )
         self.model_file, *self.paths = given
+        for path in given:  # before imports that take longer than a look
+            check_source(path)
 
     def load_model(self) -> Identifier:
         """Read the model; where it may stand in another place, say which is the first."""
@@ -114,20 +118,35 @@ class Fitting(StepOptions):
     )
     lead_s: float | None = option(PANEL, "Seconds ahead of trigger or onset. Default: as in the training.")
     accept: list[Difference] | None = option(PANEL, ACCEPT)
+    hop_s: float | None = option(
+        PANEL,
+        "Answer over all of each recording: every so many seconds, about the model's length before.",
+        "--hop-s",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        positive("--hop-s", self.hop_s)
+        if self.hop_s is not None and (self.begin_at != "auto" or self.lead_s is not None):
+            unused = "--lead-s" if self.begin_at == "auto" else "--begin-at"
+            raise ValueError(
+                f"{unused} says where the one answer begins; with --hop-s there are many: leave it out"
+            )
         if self.lead_s is not None and self.begin_at == "first":
             raise ValueError("--lead-s is time kept ahead of a trigger: leave it out, or --begin-at first")
         if self.onsets and self.begin_at != "onset":
             raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
 
+    @property
+    def accepted(self) -> list[str]:
+        """What may differ from the training."""
+        return [one.value for one in self.accept or []]
+
     def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> tuple[Dataset, tuple[str, ...]]:
-        """Bring recordings to the rate and length of a model, saying what each step did; return how they differ."""
+        """Bring recordings to the length of a model, saying what each step did; return how they differ."""
         from granular_id.identifier import check_recordings, cropped_to_model
 
-        accepted = [one.value for one in self.accept or []]
-        data = self.resampled(data, quiet=quiet)
+        accepted = self.accepted
         differences = check_recordings(data, identifier.core, accepted)
         if self.begin_at == "onset":
             data = say_step(self.with_onsets(data), quiet=quiet)
@@ -141,6 +160,33 @@ class Fitting(StepOptions):
         )
         return cropped if cropped is data else say_step(cropped, quiet=quiet), differences
 
+    def over_all(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> list[Timeline]:
+        """Answer over all of each recording, but those that are too short where these are to be left out."""
+        whole = [one for one in data if one.n_samples >= identifier.n_samples or self.on_short == "raise"]
+        if not whole:
+            raise ValueError(f"every recording is shorter than the model's {_window_s(identifier):g} s")
+        if len(whole) < len(data) and not quiet:
+            show(
+                f"left out {counted(len(data) - len(whole))} shorter than the model's {_window_s(identifier):g} s"
+            )
+        return [identifier.predict_over(one, self.hop_s, accept=self.accepted) for one in whole]
+
+
+def _window_s(identifier: Identifier) -> float:
+    return identifier.n_samples / identifier.rate_hz
+
+
+def _say_how_little(data: Dataset, identifier: Identifier, *, quiet: bool) -> None:
+    """Say of recordings much longer than the model's length that most of them was not looked at."""
+    window_s, longest_s = _window_s(identifier), max(one.n_samples for one in data) / identifier.rate_hz
+    if longest_s >= 2 * window_s:
+        show(
+            f"note: of {'the recording' if len(data) == 1 else 'each recording'} only {window_s:g} s of up to "
+            f"{longest_s:g} s were looked at; --hop-s {window_s:g} answers over all of it",
+            "yellow",
+            err=quiet,
+        )
+
 
 @command
 def identify(
@@ -148,7 +194,8 @@ def identify(
     fitting: Fitting,
     *,
     json: Path | None = option(OUTPUT, "Write answers with their rankings."),
-    csv: Path | None = option(OUTPUT, "Write answers as a table."),
+    csv: Path | None = option(OUTPUT, "Write answers as a table; with --hop-s each of them."),
+    figure: Path | None = option(OUTPUT, "Draw the answers over one recording; needs --hop-s."),
     force: bool = FORCE,
     quiet: bool = option(OUTPUT, "Print recording and answer only.", "--quiet", default=False),
 ) -> None:
@@ -159,7 +206,8 @@ def identify(
 
     Recordings must have the rate of the model (`granular-id model info MODEL`) and at least its length.
     Longer ones begin as those of the training: at their stored trigger, less the rest ahead of it, or at
-    their first sample; --begin-at says otherwise.
+    their first sample; --begin-at says otherwise. With --hop-s long recordings are answered from beginning
+    to end, each answer about the model's length before it; --figure draws them.
 
     A model knows what its recordings were made with. Another frame or sign is refused, another sensor,
     filter, tool, trigger or speed is said; what is not known is not compared. `--accept` takes what is the
@@ -170,15 +218,35 @@ def identify(
     `granular-id identify kitchen.safetensors fresh`
     `granular-id identify -m kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`
     `granular-id identify kitchen.safetensors bags --rate-hz 500 --begin-at onset --lead-s 0.1`
+    `granular-id identify grounds.safetensors drive.csv --hop-s 0.5 --figure answers.png`
     """
+    if figure is not None and fitting.hop_s is None:
+        raise ValueError("--figure draws answers over time: add --hop-s")
+    outputs = ("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), ("--figure", figure, PICTURE)
     for path in (recordings.model_file, *recordings.paths):
-        check_outputs(("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), source=path, force=force)
+        check_outputs(*outputs, source=path, force=force)
     identifier = recordings.load_model()
-    data, differences = fitting.taken(recordings.load(identifier, quiet=quiet), identifier, quiet=quiet)
+    data = fitting.resampled(recordings.load(quiet=quiet), quiet=quiet)
+    if fitting.hop_s is None:
+        _answer_each(data, fitting, identifier, json, csv, quiet=quiet)
+    else:
+        _answer_over(data, fitting, identifier, json, csv, figure, quiet=quiet)
 
+
+def _answer_each(
+    data: Dataset,
+    fitting: Fitting,
+    identifier: Identifier,
+    json: Path | None,
+    csv: Path | None,
+    *,
+    quiet: bool,
+) -> None:
+    """Print and write one answer for each recording."""
     from granular_id.identifier import identify_all
 
-    answers = identify_all(identifier, data, differences)
+    taken, differences = fitting.taken(data, identifier, quiet=quiet)
+    answers = identify_all(identifier, taken, differences)
     if quiet:
         for answer in answers:
             said = f"like no known material, nearest {answer.label}" if answer.unknown else answer.label
@@ -188,4 +256,48 @@ def identify(
             show(answers.synthetic, "bold yellow", err=True)
     else:
         print_table(answers.table(), strong=bool(answers.synthetic))
+    _say_how_little(data, identifier, quiet=quiet)
     write_files((json, lambda path: write_json(path, answers.to_dict())), (csv, answers.to_csv))
+
+
+def _answer_over(
+    data: Dataset,
+    fitting: Fitting,
+    identifier: Identifier,
+    json: Path | None,
+    csv: Path | None,
+    figure: Path | None,
+    *,
+    quiet: bool,
+) -> None:
+    """Print and write answers over all of each recording: of one in a table, of several a line each."""
+    from granular_id.identifier import write_csv
+
+    if figure is not None and len(data) > 1:
+        raise ValueError(
+            f"--figure draws one recording, got {len(data)}: name its file, or leave --figure out"
+        )
+    each = fitting.over_all(data, identifier, quiet=quiet)
+    if quiet:
+        for answers in each:
+            typer.echo(f"{answers.name}\t{answers.sentence()}")
+        warn_of_setups(dict.fromkeys(one for answers in each for one in answers.differences), err=True)
+        if each[0].synthetic:
+            show(each[0].synthetic, "bold yellow", err=True)
+    elif len(each) == 1:
+        print_table(each[0].table(), strong=bool(each[0].synthetic))
+    else:
+        for answers in each:
+            show(str(answers))
+        warn_of_setups(dict.fromkeys(one for answers in each for one in answers.differences))
+
+    def draw(path: Path) -> None:
+        from granular_id.plotting import plot_answers
+
+        plot_answers(each[0], next(one for one in data if one.name == each[0].name), path)
+
+    write_files(
+        (json, lambda path: write_json(path, {"recordings": [one.to_dict() for one in each]})),
+        (csv, lambda path: write_csv(path, each)),
+        (figure, draw),
+    )

@@ -6,7 +6,7 @@ import re
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ def show(text: str, style: str = "", *, err: bool = False) -> None:
     Console(stderr=err).print(Text(text, style=style), soft_wrap=True)
 
 
-def warn_of_setups(differences: Sequence[str], *, err: bool = False) -> None:
+def warn_of_setups(differences: Iterable[str], *, err: bool = False) -> None:
     """Warn of what recordings or a sensor have otherwise than the training of a model."""
     from granular_id.recording import setup_mismatch
 
@@ -116,7 +116,7 @@ JSON_FILE = Kind("a JSON file", JSON, rb"\s*[{\[]")
 PAGE = Kind("an HTML page", PAGES, rb"\s*<(!doctype\s+)?html")
 MODEL = Kind("a model", MODELS, rb".{8}\{")
 PREDICTIONS = Kind("a table of predictions", TABLES, rb"protocol,partition,")
-ANSWERS = Kind("a table of answers", TABLES, rb"recording,label,margin,")
+ANSWERS = Kind("a table of answers", TABLES, rb"recording,(label,margin|from_s,to_s),")
 LIVE_ANSWERS = Kind("a file of live answers", (".jsonl", ".ndjson", *JSON), rb"\s*\{")
 PICTURE = Kind("a picture", (), rb"\x89PNG|%PDF|\s*<(\?xml|svg)")
 """Its ending chooses the format, and so is asked for; matplotlib knows more of them than begin like this."""

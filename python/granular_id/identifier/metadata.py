@@ -240,7 +240,7 @@ def cropped_to_model(
         longer = next((r for r in data if r.n_samples > n), data[0])
         raise ValueError(
             f"recording {longer.name!r} has {longer.n_samples} samples, the model takes {n}, and does not know how "
-            "much rest comes before the motion: state lead_s, or pass begin_at='first'"
+            "much rest comes before the motion: state lead_s, pass begin_at='first', or call .predict_over(recording)"
         )
     marked = data
     if begin_at == "auto":

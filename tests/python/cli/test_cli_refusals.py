@@ -176,7 +176,7 @@ AFTER_READING = [
         "identify {folder} {model}",
         "{folder}: is a directory; the model comes first: granular-id identify MODEL PATH",
     ),
-    ("identify -m absent.safetensors {model}", "error: absent.safetensors: no such file or directory"),
+    ("identify -m absent.safetensors {model}", "error: absent.safetensors: no such file or folder"),
     ("identify -m {model}", "error: no recordings given: granular-id identify -m MODEL PATH..."),
     ("identify {model} {folder} --lead-s 1 --begin-at first", "--lead-s is time kept"),
     ("identify {model} {folder} --onset-at a=1", "add --begin-at onset"),
