@@ -295,7 +295,7 @@ class Capture:
 
         Returns
         -------
-        ndarray, shape (k, 6)
+        ndarray, shape (k, C)
             Rows that belong to the recording, in order: those before the trigger come with the first ones after it.
         """
         if self.state.is_over:
@@ -380,6 +380,7 @@ class Capture:
             start_time=start_time,
             meta=meta_of(self.info, facts),
             flags=rows.flags,
+            axes=() if self.info is None else self.info.axes,
         )
 
     def _go_through(self, block: BlockLike) -> None:
@@ -511,4 +512,5 @@ class Capture:
 def meta_of(info: SourceInfo | None, facts: Mapping[str, Any]) -> dict[str, Any]:
     """Return the metadata of a recording: what its source says, and `facts`."""
     of_source = {} if info is None else {"source": info.to_dict(), "synthetic": info.synthetic}
-    return {**of_source, **facts}
+    units = {} if info is None or not info.units_of_axes else {"units": info.units_of_axes}
+    return {**of_source, **units, **facts}

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._core import WrenchReader
 from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason
+from granular_id.live.channels import AnyReader
 from granular_id.live.robot import Motion, Robot
 from granular_id.live.rows import BlockLike, Rows
 from granular_id.live.setup import starts_exactly
@@ -35,7 +35,7 @@ _BEHIND_S, _AHEAD_S = 0.02, 30.0
 class Step:
     """What came of one look at the buffer.
 
-    All rows that were read, none perhaps; those of them that belong to the capture, shape (k, 6); and the motion of the
+    All rows that were read, none perhaps; those of them that belong to the capture, shape (k, C); and the motion of the
     robot, once commanded.
     """
 
@@ -63,7 +63,7 @@ def drive(
     direction: Sequence[float] = (1.0, 0.0, 0.0),
     speed_m_s: float = 0.03,
     rows_timeout_s: float = 1.0,
-    reader: WrenchReader | None = None,
+    reader: AnyReader | None = None,
 ) -> Generator[Step, None, None]:
     """Feed a capture until it is over and the robot stands; it is set in motion as soon as the rest is there.
 

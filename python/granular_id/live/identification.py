@@ -8,7 +8,6 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from granular_id._checks import argument_error
-from granular_id._core import AXES
 from granular_id._text import counted
 from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, setup_comparison
@@ -146,6 +145,8 @@ class LiveIdentifier:
             source=info.name,
             synthetic=info.synthetic,
             max_lag_s=capture.max_lag_s,
+            axes=info.axes,
+            units=info.units,
         )
         # Refused before anything moves.
         checked_move(direction, speed_m_s, motion_duration_s(capture))
@@ -307,9 +308,9 @@ def _refuse_other_stream(model: Identifier, stream: Stream) -> None:
     if abs(rate_hz / model.rate_hz - 1) > 1e-3:
         problem = f"{name} delivers {rate_hz:g} Hz: train one at that rate, or set the sensor's"
         raise ValueError(f"the model is for {model.rate_hz:g} Hz, {problem}")
-    if model.axes != AXES:
+    if model.axes != stream.info.axes:
         raise ValueError(
-            f"the model is for the axes {' '.join(model.axes)}; live sources have {' '.join(AXES)}"
+            f"the model is for the axes {' '.join(model.axes)}; {name} has {' '.join(stream.info.axes)}"
         )
 
 

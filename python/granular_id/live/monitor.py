@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular_id._checks import checked_index
-from granular_id._core import AXES, UNITS
 from granular_id._text import fixed
 from granular_id.live.snapshot import SYNTHETIC, Snapshot
 from granular_id.live.view import MAX_HZ, BackgroundView, checked_max_hz
@@ -267,8 +266,8 @@ def frame(snapshot: Snapshot, number: int) -> bytes:
             "synthetic": SYNTHETIC if snapshot.synthetic else "",
             "ranking": words.ranking,
             "values": words.values,
-            "axes": AXES,
-            "units": UNITS,
+            "axes": snapshot.axes,
+            "units": snapshot.units,
             "cutoff_hz": snapshot.cutoff_hz,
             "capture_s": snapshot.capture_s,
             "age_s": _packed(snapshot.row_age_s),

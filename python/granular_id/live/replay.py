@@ -15,7 +15,7 @@ from granular_id.io import load
 from granular_id.live.source import SourceInfo, ThreadedSource, WrenchSink
 from granular_id.live.source_url import SourceUrl
 from granular_id.live.trigger import ForceTrigger, TimeTrigger, Trigger
-from granular_id.recording import AXES, Dataset, setups_in, values_in
+from granular_id.recording import AXES, Dataset, common_units, setups_in, values_in
 
 __all__ = ["ReplaySource", "common_rate", "open_url"]
 
@@ -28,7 +28,7 @@ class ReplaySource(ThreadedSource):
     Parameters
     ----------
     recordings : Dataset
-        All of one rate, with the axes fx fy fz tx ty tz.
+        All of one rate.
     speed : float, default 1
         Device seconds per second.
     pause_s : float, default 1
@@ -42,7 +42,7 @@ class ReplaySource(ThreadedSource):
     Raises
     ------
     ValueError
-        Recordings are irregular or of different rates: resample them first.
+        Recordings are irregular or of different rates (resample them first), or differ in their units.
 
     Examples
     --------
@@ -78,6 +78,8 @@ class ReplaySource(ThreadedSource):
                     "sensor": None,  # not known, unless the recordings say it
                     **known,
                 },
+                axes=recordings.axes,
+                units=tuple(common_units(recordings)),
             )
         )
         self._tick = 0
@@ -94,7 +96,14 @@ class ReplaySource(ThreadedSource):
             for start, recording in zip(self._starts, self._recordings, strict=True)
             if recording.trigger_index is not None
         ]
-        return TimeTrigger(times_s) if len(times_s) == len(self._recordings) else ForceTrigger()
+        if len(times_s) == len(self._recordings):
+            return TimeTrigger(times_s)
+        if self.info.axes[:3] != AXES[:3]:
+            raise ValueError(
+                "the recordings do not say when a push began, and without forces nobody else does: answer at each hop "
+                "with hop_s"
+            )
+        return ForceTrigger()
 
     def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
         """Write samples as they fall due."""
@@ -123,10 +132,6 @@ def common_rate(recordings: Dataset) -> float:
     if None in rates or len(rates) > 1:
         what = "are irregular" if None in rates else f"have the rates {sorted(map(str, rates))}"
         raise ValueError(f"recordings {what}; resample them first: .resample(500)")
-    for recording in recordings:
-        if recording.axes != AXES:
-            has, wanted = " ".join(recording.axes), " ".join(AXES)
-            raise ValueError(f"recording {recording.name!r} has the axes {has}; wanted {wanted}")
     return float(next(iter(rates)))  # type: ignore[arg-type]
 
 

@@ -24,7 +24,7 @@ class BlockLike(Protocol):
 
     @property
     def wrench(self) -> NDArray[np.float64]:
-        """N and N m, shape (n, 6)."""
+        """Shape (n, C): six axes of a wrench in N and N m, or those of another sensor."""
 
     @property
     def time_s(self) -> NDArray[np.float64]:
@@ -70,14 +70,15 @@ class Rows:
         return cls(block.wrench, block.time_s, host_ns, block.flags, missing)
 
     @classmethod
-    def none(cls) -> Rows:
+    def none(cls, n_axes: int = 6) -> Rows:
         """Return no rows."""
         numbers = np.zeros(0, np.int64)
-        return cls(np.zeros((0, 6)), np.zeros(0), numbers, np.zeros(0, np.uint8), numbers)
+        return cls(np.zeros((0, n_axes)), np.zeros(0), numbers, np.zeros(0, np.uint8), numbers)
 
     @classmethod
     def joined(cls, parts: Sequence[Rows]) -> Rows:
-        """Put parts behind one another."""
+        """Put parts behind one another; those without rows say nothing of the number of axes."""
+        parts = [part for part in parts if len(part)] or list(parts[-1:])
         if not parts:
             return cls.none()
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS))

@@ -137,7 +137,7 @@ class Words(NamedTuple):
 class Snapshot:
     """One instant of a session. Made by a `SnapshotBuilder`; nothing in it changes afterwards.
 
-    Forces are in N, torques in N m, times in seconds of the device; the six axes are fx fy fz tx ty tz.
+    Times are in seconds of the device; of C axes, in general the six of a wrench in N and N m.
 
     Parameters
     ----------
@@ -156,16 +156,16 @@ class Snapshot:
         Sampling rate, and the cut-off of the high-pass.
     n_samples : int
         Length of a capture.
-    latest : ndarray, shape (6,)
+    latest : ndarray, shape (C,)
         Newest row; NaN before the first.
     row_age_s : ndarray, shape (m,)
         Seconds from the newest row back to each row of `wrench`, oldest first.
-    wrench, residual : ndarray, shape (m, 6)
+    wrench, residual : ndarray, shape (m, C)
         The last seconds and what the high-pass leaves of them. Long spans are thinned to the extremes of short
         pieces, so no peak is lost; instants that never arrived are NaN.
-    bin_edges : ndarray, shape (6, n_bins + 1)
+    bin_edges : ndarray, shape (C, n_bins + 1)
         Edges of the histogram's bins.
-    counts : ndarray of int64, shape (6, n_bins)
+    counts : ndarray of int64, shape (C, n_bins)
         Histogram of the residual since the capture began.
     classes : tuple of str
         Materials the model knows, in its order.
@@ -185,6 +185,8 @@ class Snapshot:
         Captures finished so far.
     n_correct : int or None
         How many of them were named rightly; None where the truth is unknown.
+    axes, units : tuple of str
+        Names and units of the C axes.
 
     Examples
     --------
@@ -222,6 +224,8 @@ class Snapshot:
     warnings: tuple[str, ...] = ()
     n_captures: int = 0
     n_correct: int | None = None
+    axes: tuple[str, ...] = AXES
+    units: tuple[str, ...] = UNITS
 
     @property
     def held(self) -> Outcome | None:
@@ -269,8 +273,8 @@ class Snapshot:
             score=score,
             source=" · ".join(filter(None, (printable(self.source), *mark, f"{self.rate_hz:g} Hz"))),
             values=tuple(
-                "-" if math.isnan(value) else fixed(value, 3 if unit == "N" else 4)
-                for value, unit in zip(self.latest.tolist(), UNITS, strict=True)
+                "-" if math.isnan(value) else fixed(value, 4 if unit == "N m" else 3)
+                for value, unit in zip(self.latest.tolist(), self.units, strict=True)
             ),
             ranking=tuple((printable(name), fixed(loss, 3)) for name, loss in ranking),
             history=history,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular_id._checks import argument_error, as_floats, finite_number, whole_number
-from granular_id._core import AXES, StreamingExtractor
+from granular_id._core import AXES, UNITS, StreamingExtractor
 from granular_id.features import FeatureSpec
 from granular_id.live.snapshot import Outcome, Snapshot
 from granular_id.signal import butter, sosfilt, sosfilt_zi
@@ -28,7 +28,6 @@ __all__ = ["SnapshotBuilder"]
 _MOST_ROWS = 600  # more than a trace on any screen has columns of its own
 _MOST_ANSWERS = 240  # eight seconds at thirty answers a second; thinned beyond
 _MOST_OUTCOMES = 40  # sent to each page thirty times a second
-_N_AXES = len(AXES)
 
 
 class SnapshotBuilder:
@@ -57,6 +56,8 @@ class SnapshotBuilder:
         Do they come from a model instead of a sensor?
     max_lag_s : float, default 0.02
         A newest row older than this is an alarm.
+    axes, units : sequence of str
+        Names of the columns, and the unit of each. Default: those of a wrench.
 
     Raises
     ------
@@ -89,6 +90,8 @@ class SnapshotBuilder:
         source: str = "",
         synthetic: bool = False,
         max_lag_s: float = 0.02,
+        axes: Sequence[str] = AXES,
+        units: Sequence[str] = UNITS,
     ) -> None:
         rate = finite_number("rate_hz", rate_hz, positive=True)
         spec = FeatureSpec(rate_hz=rate, cutoff_hz=min(23.0, rate / 4)) if spec is None else spec
@@ -108,19 +111,22 @@ class SnapshotBuilder:
             "n_samples": n_samples,
             "classes": self._classes,
             "max_lag_s": max_lag_s,
+            "axes": tuple(axes),
+            "units": tuple(units),
         }
+        self._n_axes = n_axes = len(axes)
         self._rate_hz = rate
         self._view_rows = n = max(1, round(view * rate))
         # Thinned rows come in pairs of each piece, and a piece at either end may be unfinished.
         self._step = 1 if n <= _MOST_ROWS else math.ceil(n / (_MOST_ROWS // 2 - 1))
         self._sections = butter(spec.order, spec.cutoff_hz, "highpass", fs=spec.rate_hz)
-        self._histogram = StreamingExtractor(_counting(spec), n_samples=n_samples, n_axes=_N_AXES)
-        ranges = np.broadcast_to(np.asarray(spec.bin_range, np.float64), (_N_AXES, 2))
+        self._histogram = StreamingExtractor(_counting(spec), n_samples=n_samples, n_axes=n_axes)
+        ranges = np.broadcast_to(np.asarray(spec.bin_range, np.float64), (n_axes, 2))
         self._edges = np.array([np.linspace(low, high, spec.n_bins + 1) for low, high in ranges])
         self._recent: deque[NDArray[np.float64]]
         self._filtered: NDArray[np.float64] | None  # state of the filter; None: it begins anew
         self._clear_traces()
-        self._latest = np.full(_N_AXES, math.nan)
+        self._latest = np.full(n_axes, math.nan)
         self._time_s: float | None = None
         self._epoch: int | None = None
         self._counted = {"rows": 0, "missing": 0, "missed": 0, "epochs": 0}
@@ -139,7 +145,7 @@ class SnapshotBuilder:
         ValueError
             A block of another number of columns, or with values that are no finite numbers.
         """
-        wrench = _checked(block.wrench, "block.wrench")
+        wrench = _checked(block.wrench, "block.wrench", self._n_axes)
         if not len(wrench):
             return
         missing = np.asarray(block.missing_before, np.int64)
@@ -158,7 +164,7 @@ class SnapshotBuilder:
             if end < len(wrench):
                 self._filtered = None
                 n_missing = int(gaps[end])
-                nothing = np.full((min(n_missing, self._view_rows), 2 * _N_AXES), math.nan)
+                nothing = np.full((min(n_missing, self._view_rows), 2 * self._n_axes), math.nan)
                 self._trace(nothing, n_missing)
             begin = end
         self._latest = wrench[-1].copy()
@@ -172,14 +178,14 @@ class SnapshotBuilder:
         self._anew = True
 
     def captured(self, rows: NDArray[np.float64]) -> None:
-        """Take rows that belong to the capture, shape (k, 6), in order and each once; after `n_samples` it is full.
+        """Take rows that belong to the capture, shape (k, C), in order and each once; after `n_samples` it is full.
 
         Raises
         ------
         ValueError
             As for `rows`.
         """
-        checked = _checked(rows, "rows")
+        checked = _checked(rows, "rows", self._n_axes)
         if self._anew and len(checked):
             self._histogram.reset()
             self._answers.clear()
@@ -236,10 +242,10 @@ class SnapshotBuilder:
             hint=hint,
             latest=self._latest,
             row_age_s=(len(recent) - 1 - places) / self._rate_hz,
-            wrench=shown[:, :_N_AXES],
-            residual=shown[:, _N_AXES:],
+            wrench=shown[:, : self._n_axes],
+            residual=shown[:, self._n_axes :],
             bin_edges=self._edges,
-            counts=self._histogram.features().reshape(_N_AXES, -1).astype(np.int64),
+            counts=self._histogram.features().reshape(self._n_axes, -1).astype(np.int64),
             ranking_history=(np.array([seconds for seconds, _ in self._answers]), losses),
             decision=decision,
             history=tuple(self._history),
@@ -253,7 +259,7 @@ class SnapshotBuilder:
 
     def _clear_traces(self) -> None:
         self._n_instants = self._n_kept = 0
-        self._recent = deque([np.empty((0, 2 * _N_AXES))])
+        self._recent = deque([np.empty((0, 2 * self._n_axes))])
         self._filtered = None
 
     def _trace(self, rows: NDArray[np.float64], n_instants: int) -> None:
@@ -285,12 +291,12 @@ class SnapshotBuilder:
             del self._answers[1::2]
 
 
-def _checked(rows: object, name: str) -> NDArray[np.float64]:
-    values = as_floats(rows, name, f"numbers of shape (k, {_N_AXES})")
-    if values.ndim != 2 or values.shape[1] != _N_AXES:
-        raise ValueError(f"{name} has shape {values.shape}, wanted (k, {_N_AXES})")
+def _checked(rows: object, name: str, n_axes: int) -> NDArray[np.float64]:
+    values = as_floats(rows, name, f"numbers of shape (k, {n_axes})")
+    if values.ndim != 2 or values.shape[1] != n_axes:
+        raise ValueError(f"{name} has shape {values.shape}, wanted (k, {n_axes})")
     if not np.isfinite(values).all():
-        raise ValueError(f"{name} holds values that are not finite, wanted N and N m of every row")
+        raise ValueError(f"{name} holds values that are not finite, wanted numbers in every row")
     return values
 
 

@@ -16,7 +16,16 @@ from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import ArrayLike
 
-from granular_id._checks import argument_error, checked_text, finite_number, freeze, positive_number, thaw
+from granular_id._checks import (
+    argument_error,
+    checked_text,
+    finite_number,
+    freeze,
+    items_of,
+    positive_number,
+    thaw,
+)
+from granular_id._core import AXES, UNITS
 from granular_id.live.robot import Robot
 from granular_id.live.source_url import SourceUrl
 
@@ -72,8 +81,8 @@ class SourceInfo:
         Whether the tool's weight is taken off; None: not known.
     filter_hz : float, optional
         Cut-off of the low-pass filter within the sensor; None: not known, or none.
-    full_scale : tuple of 6 float, optional
-        Range of each axis, N and N m, above 0.
+    full_scale : tuple of float, optional
+        Range of each axis, in its unit, above 0.
     serial : str, optional
         Serial number or calibration.
     synthetic : bool, default False
@@ -82,6 +91,10 @@ class SourceInfo:
         Device seconds per second: another number for simulations and replays that run faster or slower.
     meta : mapping, optional
         Whatever else is known, JSON-like.
+    axes : tuple of str, default fx fy fz tx ty tz
+        Names of the columns of its rows.
+    units : tuple of str, optional
+        Unit of each axis, empty where it is not known. Default: N and N m of a wrench, else not known.
 
     Examples
     --------
@@ -104,23 +117,48 @@ class SourceInfo:
     synthetic: bool = False
     speed: float = 1.0
     meta: Mapping[str, Any] = field(default_factory=dict)
+    axes: tuple[str, ...] = AXES
+    units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         checked_text(self.name, "name")
+        axes = items_of("axes", self.axes, str)
+        units = items_of("units", self.units, str) or (UNITS if axes == AXES else ("",) * len(axes))
+        if len(units) != len(axes):
+            raise argument_error(
+                ValueError, "units", f"must be one for each of {len(axes)} axes, got {len(units)}"
+            )
+        object.__setattr__(self, "axes", axes)
+        object.__setattr__(self, "units", units)
         object.__setattr__(self, "rate_hz", finite_number("rate_hz", self.rate_hz, positive=True))
         object.__setattr__(self, "tick_hz", finite_number("tick_hz", self.tick_hz, positive=True))
         if self.full_scale is not None:
             full_scale = tuple(positive_number("full_scale", value) for value in self.full_scale)
-            if len(full_scale) != 6:
-                raise ValueError(f"full_scale must hold six numbers, N and N m, got {len(full_scale)}")
+            if len(full_scale) != len(axes):
+                raise ValueError(
+                    f"full_scale must hold {len(axes)} numbers, one an axis, got {len(full_scale)}"
+                )
             object.__setattr__(self, "full_scale", full_scale)
         object.__setattr__(self, "speed", positive_number("speed", self.speed))
         object.__setattr__(self, "meta", freeze(self.meta, "meta"))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything that is known as plain JSON-like values; what is unknown (None) is left out."""
+        """Return everything that is known as plain JSON-like values; what is unknown (None) is left out.
+
+        So are the axes of a wrench and their units.
+        """
         known = ((f.name, thaw(getattr(self, f.name))) for f in fields(self))
-        return {name: value for name, value in known if value is not None and value != {}}
+        usual = {"axes"} | ({"units"} if self.units == UNITS else set()) if self.axes == AXES else set()
+        return {
+            name: value for name, value in known if value is not None and value != {} and name not in usual
+        }
+
+    @property
+    def units_of_axes(self) -> dict[str, str]:
+        """Unit of each axis that is not as in a wrench, by its name, as recordings keep them."""
+        of_wrench = dict(zip(AXES, UNITS, strict=True))
+        each = zip(self.axes, self.units, strict=True)
+        return {axis: unit for axis, unit in each if unit and unit != of_wrench.get(axis)}
 
 
 @dataclass(frozen=True)
@@ -151,7 +189,7 @@ class WrenchSink(Protocol):
     def push(
         self, wrench: ArrayLike, t: float | None = None, *, flags: int = 0, host_ns: int | None = None
     ) -> Any:
-        """Write one row (6,); `t` is device time in seconds, None: one period after the last row."""
+        """Write one row (C,); `t` is device time in seconds, None: one period after the last row."""
 
     def push_block(
         self,
@@ -161,7 +199,7 @@ class WrenchSink(Protocol):
         flags: ArrayLike | None = None,
         host_ns: ArrayLike | None = None,
     ) -> Any:
-        """Write rows (n, 6) with their times (n,)."""
+        """Write rows (n, C) with their times (n,)."""
 
     def new_epoch(self) -> Any:
         """Say that device time begins anew: nothing that follows joins what came before."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from granular_id._checks import positive_number
-from granular_id._core import WrenchBuffer
+from granular_id.live.channels import AnyBuffer, buffer_for
 from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
 
 __all__ = ["Stream", "opened"]
@@ -22,9 +22,10 @@ class Stream:
     ----------
     source : WrenchSource
     buffer : WrenchBuffer
+        Or one with the same methods, where rows have other than six axes.
     """
 
-    def __init__(self, source: WrenchSource, buffer: WrenchBuffer) -> None:
+    def __init__(self, source: WrenchSource, buffer: AnyBuffer) -> None:
         self.source = source
         self.buffer = buffer
         self._opened_utc_s = time.time()
@@ -104,8 +105,12 @@ def opened(
         )
     info = chosen.info
     try:
-        buffer = WrenchBuffer(
-            seconds * info.speed, rate_hz=info.rate_hz, tick_hz=info.tick_hz, reorder_depth=reorder_depth
+        buffer = buffer_for(
+            seconds * info.speed,
+            info.rate_hz,
+            len(info.axes),
+            tick_hz=info.tick_hz,
+            reorder_depth=reorder_depth,
         )
         first = buffer.reader(from_oldest=True)
         chosen.start(buffer)

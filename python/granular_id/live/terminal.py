@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular_id._core import AXES, UNITS
 from granular_id._text import short
 from granular_id.live.snapshot import GIVEN, SYNTHETIC
 from granular_id.live.view import BackgroundView
@@ -179,7 +178,9 @@ def _axes(snapshot: Snapshot, width: int, *, ascii_only: bool) -> RenderableType
     room = max(8, (width - 46) // 2 if wide else width - 22)
     heads = ("", "", "", "last seconds", "from to", f"above {snapshot.cutoff_hz:g} Hz", "at most")
     table = _grid(*"<><<><>", heads=heads[: 7 if wide else 4])
-    for i, (axis, unit, value) in enumerate(zip(AXES, UNITS, snapshot.words.values, strict=True)):
+    for i, (axis, unit, value) in enumerate(
+        zip(snapshot.axes, snapshot.units, snapshot.words.values, strict=True)
+    ):
         trace, size = snapshot.wrench[:, i], abs(snapshot.residual[:, i])
         colour = AXIS_COLOURS[i % len(AXIS_COLOURS)]
         cells = [

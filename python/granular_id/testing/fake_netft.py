@@ -31,6 +31,7 @@ from granular_id._checks import as_floats, finite_number
 from granular_id.io import load
 from granular_id.live.netft_page import FORCE_UNITS, PATH, SYNTHETIC_FIELD, TORQUE_UNITS
 from granular_id.live.replay import common_rate
+from granular_id.recording import AXES
 from granular_id.synthetic import synthesize
 from granular_id.testing.faults import Datagram, Faults, Injected, RecordStream
 
@@ -342,6 +343,8 @@ def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64]
     data = load(Path(path))
     try:
         own_hz = common_rate(data)
+        if data.axes != AXES:
+            raise ValueError(f"recordings have the axes {' '.join(data.axes)}; wanted {' '.join(AXES)}")
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     wrench = np.concatenate([recording.wrench for recording in data])

@@ -245,7 +245,7 @@ def test_replay_is_paced():
     [
         ({"time_s": [0, 0.1, 0.3]}, "are irregular; resample them first"),
         ({"rate_hz": 100}, "resample them first"),
-        ({"rate_hz": 500, "axes": ("fx", "fz")}, "has the axes fx fz; wanted fx fy fz tx ty tz"),
+        ({"rate_hz": 500, "axes": ("fx", "fz")}, r"\.select\(axes="),
     ],
 )
 def test_replay_refuses_what_has_no_common_rate_or_axes(other, match):
@@ -253,7 +253,7 @@ def test_replay_refuses_what_has_no_common_rate_or_axes(other, match):
     odd = Recording(np.zeros((3, n_axes)), label="a", **other)
     fast = Recording(np.zeros((3, 6)), rate_hz=500, label="a")
     with pytest.raises(ValueError, match=match):
-        ReplaySource(Dataset([odd] if n_axes == 2 else [fast, odd]))
+        ReplaySource(Dataset([fast, odd]))
 
 
 @pytest.mark.parametrize(

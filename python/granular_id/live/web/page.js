@@ -221,7 +221,8 @@ function figure(kind, about, spans) {
 function makeAxes({ axes, units }) {
   axisRows = axes.map((axis, i) => {
     const value = node("span", { class: "value" });
-    const name = node("span", { class: "name" }, axis[0].toUpperCase(), node("sub", {}, axis.slice(1)));
+    const parts = /^[ft][xyz]$/.test(axis) ? [axis[0].toUpperCase(), node("sub", {}, axis[1])] : [axis];
+    const name = node("span", { class: "name" }, ...parts);
     const trace = figure("trace", `${axis}, last seconds`, ["high", "low"]);
     const residual = figure("residual", `${axis}, high-passed`, ["high", "low"]);
     const bins = figure("bins", `${axis}, histogram of the high-passed signal`, ["low", "most", "high"]);
