@@ -25,10 +25,10 @@ BAD_INPUT, MISSING_EXTRA, INTERRUPTED = 2, 1, 130
 P = ParamSpec("P")
 
 _SAME = (
-    "array begin_at bin_range block_weights C checkpoint coding cutoff_hz direction duration_s false_alarm_rate "
-    "hop_s label lead_s max_gap_s n_bins n_samples on_error on_gap on_short on_time_error order posterior pre_s "
-    "protocol rate_hz rest_s robot sensor_range space spaces speed_m_s tare_s target_error threads threshold_n "
-    "initial time_unit topic trigger"
+    "array axes begin_at bin_range block_weights C checkpoint coding cutoff_hz direction duration_s false_alarm_rate "
+    "hop_s initial label lead_s max_gap_s n_bins n_samples on_error on_gap on_short on_time_error order posterior "
+    "pre_s protocol rate_hz rest_s robot sensor_range session space spaces speed_m_s tare_s target_error threads "
+    "threshold_n time_unit topic trigger units window_s"
 )
 OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "format": "--to",
@@ -143,7 +143,6 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"call \.find_onsets\(\)": "add --begin-at onset",
     r"load without window_s, then call \.resample\(rate_hz\) and \.windows\([\d.e+]+\)": "add --rate-hz",
     r"(?:call )?\.resample\(rate_hz\)": "add --rate-hz",
-    r"call \.select\(axes=\[([^\]]*)\]\)": _axes_listed,
     r"call \.select\(axes=\.\.\.\) to keep those that all have": "add --axes with those that all have",
     r"(?:call )?\.resample\(([\d.e+]+)\)": r"add --rate-hz \1",
     r"raise max_file_bytes to (\d+)": _in_mb,

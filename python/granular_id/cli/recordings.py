@@ -69,7 +69,7 @@ class ReadingOptions:
     session: str | None = option(
         PANEL, "What was recorded in one go: file, folder, or a column. Default: as the files say."
     )
-    max_file_mb: float | None = option(PANEL, "Largest file to read. Default: 24 of text, 2048 of binary.")
+    max_file_mb: float | None = option(PANEL, "Largest file to read. Default: 8 of text, 2048 of binary.")
     isolate: bool = option(
         PANEL,
         "Read files from strangers in a child process, which takes a crash or hang upon itself.",
@@ -95,7 +95,7 @@ class ReadingOptions:
                 time_unit=self.time_unit,
                 array=self.array,
                 label=self.label,
-                axes=self.axes or axes,
+                axes=self.axes,
                 units=self.units,
                 session=self.session,
                 isolate=self.isolate,
