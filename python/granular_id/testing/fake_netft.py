@@ -342,11 +342,11 @@ def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64]
     """Read recordings to be sent one after the other, their rate, and whether any of them is synthetic."""
     data = load(Path(path))
     try:
-        own_hz = common_rate(data)
-        if data.axes != AXES:
-            raise ValueError(f"recordings have the axes {' '.join(data.axes)}; wanted {' '.join(AXES)}")
+        own_hz, axes = common_rate(data), data.axes
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    if axes != AXES:
+        raise ValueError(f"{path}: recordings have the axes {' '.join(axes)}; wanted {' '.join(AXES)}")
     wrench = np.concatenate([recording.wrench for recording in data])
     return wrench, own_hz if rate_hz is None else rate_hz, data.is_synthetic
 
