@@ -82,12 +82,13 @@ class Recordings(ReadingOptions):
     def load(self, identifier: Identifier, *, quiet: bool) -> Dataset:
         """Read the recordings into one data set and say what was read; when quiet, only what was skipped.
 
-        Without ``--axes`` files have the axes of the model.
+        Of files with many columns those that the model was trained on.
         """
         from granular_id.recording import AXES, Dataset
 
-        axes = None if identifier.axes == AXES else identifier.axes
-        parts = [self.load_path(path, axes=axes, quiet=quiet) for path in self.paths]
+        if self.axes is None and identifier.axes != AXES:
+            self.axes = ",".join(identifier.axes)
+        parts = [self.load_path(path, quiet=quiet) for path in self.paths]
         data = parts[0]
         if len(parts) > 1:
             data = Dataset.concatenate([_placed(*each) for each in zip(self.paths, parts, strict=True)])
@@ -226,7 +227,7 @@ def identify(
     for path in (recordings.model_file, *recordings.paths):
         check_outputs(*outputs, source=path, force=force)
     identifier = recordings.load_model()
-    data = fitting.resampled(recordings.load(quiet=quiet), quiet=quiet)
+    data = fitting.resampled(recordings.load(identifier, quiet=quiet), quiet=quiet)
     if fitting.hop_s is None:
         _answer_each(data, fitting, identifier, json, csv, quiet=quiet)
     else:

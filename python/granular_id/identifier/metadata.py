@@ -125,10 +125,11 @@ class Metadata:
 
     @property
     def begins_at_first(self) -> bool:
-        """Whether the recordings were cropped to begin at their first sample, with no lead in common."""
-        crops = [step["parameters"] for step in self.trained.get("history", []) if step["step"] == "align"]
+        """Whether the recordings were cropped to begin at their first sample, or are windows; with no lead in common."""
+        history = self.trained.get("history", [])
+        crops = [step["parameters"] for step in history if step["step"] == "align"]
         at_first = bool(crops) and all(crop.get("trigger", "unknown") is None for crop in crops)
-        return at_first and self.lead_s is None
+        return self.lead_s is None and (at_first or any(step["step"] == "windows" for step in history))
 
     @property
     def marks(self) -> frozenset[str] | None:
