@@ -5,6 +5,7 @@ from __future__ import annotations
 import json as json_format
 import sys
 import webbrowser
+from collections.abc import Sequence
 from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 from rich.console import Console
 
-from granular_id._files import made_folder
+from granular_id._files import check_source, made_folder
 from granular_id._text import counted
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
 from granular_id.cli.options import FORCE, at_least, command, names_in, numbers_in, option, positive
@@ -55,12 +56,30 @@ class Sensing:
             if value is not None and value > most:
                 raise ValueError(f"{name} must be at most {most:g}, got {value:g}")
 
-    def open(self, url: str | None = None) -> WrenchSource:
-        """Make the source; nothing is read yet."""
-        from granular_id.live import open_source
+    def refuse_absent(self) -> None:
+        """Refuse recordings that are not there, before imports that take longer than a look."""
+        from granular_id.live.source_url import SourceUrl
 
+        url = SourceUrl.parse(self.source, {})
+        if url.scheme == "replay":
+            check_source(url.path)
+
+    def open(self, url: str | None = None, axes: Sequence[str] | None = None) -> WrenchSource:
+        """Make the source; nothing is read yet. `axes` are those to read of recordings, unless the URL says which."""
+        from granular_id.live import SourceUrl, open_source
+        from granular_id.recording import AXES
+
+        address = self.source if url is None else url
         options: dict[str, object] = {} if self.speed is None else {"speed": self.speed}
-        return open_source(self.source if url is None else url, **options)
+        parsed = SourceUrl.parse(address, {})
+        if (
+            parsed.scheme == "replay"
+            and axes is not None
+            and tuple(axes) != AXES
+            and "axes" not in parsed.options
+        ):
+            options["axes"] = tuple(axes)
+        return open_source(address, **options)
 
 
 @dataclass(kw_only=True)
@@ -142,6 +161,9 @@ def live(
     ),
     accept: list[Difference] | None = option(MODEL, ACCEPT),
     pre_s: float | None = option(MODEL, "Rest before the motion; needed where the model does not know it."),
+    hop_s: float | None = option(
+        MODEL, "Answer every so many seconds about the newest samples; no trigger, and no robot moves."
+    ),
     view: bool = option(VIEWS, "Also show a page in the browser (127.0.0.1 only).", "--view", default=False),
     port: int = option(VIEWS, "Of that page; 0: any free one.", default=0),
     no_browser: bool = option(VIEWS, "Print its address, do not open it.", "--no-browser", default=False),
@@ -152,10 +174,13 @@ def live(
 ) -> None:
     """Name the material of each push while the tool moves.
 
-    The screen shows the six axes, the ranking of materials as it grows, the answer, lag and losses. `--view`
+    The screen shows the axes, the ranking of materials as it grows, the answer, lag and losses. `--view`
     adds a page for the browser, on this machine only. Without `--n` it goes on until Ctrl-C or the end of a
     replay; how many answers there were, and how many of them were right where the source knows it, stands at
     the end of either.
+
+    With `--hop-s` it answers on and on, each time about the newest samples, as `granular-id identify
+    --hop-s` does: for recordings of a robot that drives, and models of windows of them.
 
     A final answer says whether the signal is like no known material, with the nearest one, and which others
     it may be, where the model has rules for that (see `granular-id model info`); answers before the end of a
@@ -172,10 +197,18 @@ def live(
 
     `granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --view`
     `granular-id live --source "sim:unknown?materials=rice,fine_sugar" --model simulated.safetensors --n 20 --speed 10`
+    `granular-id live --source replay:drive.csv --model grounds.safetensors --hop-s 0.5 --view`
     """
     at_least("--n", n, 1)
     _check_views(view=view, port=port, no_browser=no_browser, rerun=rerun)
     positive("--pre-s", pre_s)
+    positive("--hop-s", hop_s)
+    if hop_s is not None:
+        _refuse_with_hop(
+            robot=moving.robot != "auto", trigger=moving.trigger != "auto", early=early, pre_s=pre_s
+        )
+    check_source(model)
+    sensing.refuse_absent()
     check_outputs(("--json", json, LIVE_ANSWERS), source=model, force=force)
 
     from granular_id._files import whole_lines
@@ -183,7 +216,7 @@ def live(
     from granular_id.live import CaptureError, LiveIdentifier, Views, opened
 
     identifier = Identifier.load(model)
-    source = sensing.open()
+    source = sensing.open(axes=identifier.axes)
     if identifier.synthetic and not source.info.synthetic:
         show(
             "warning: the model was trained on SYNTHETIC recordings; its answers about real materials mean nothing",
@@ -205,6 +238,7 @@ def live(
             setup,
             early=early,
             pre_s=pre_s,
+            hop_s=hop_s,
             views=views,
             accept=[one.value for one in accept or []],
             **moving.of_pushes,
@@ -212,7 +246,7 @@ def live(
         warn_of_setups(identifying.differences)
         answer = stack.enter_context(nullcontext() if json is None else whole_lines(json))
         synthetic = {"synthetic": source.info.synthetic, "synthetic_model": identifier.synthetic}
-        over = False
+        over, window_s = False, identifier.n_samples / identifier.rate_hz
         try:
             for push in identifying.pushes(n):
                 if quiet:
@@ -221,7 +255,8 @@ def live(
                     answer(json_format.dumps(push.to_dict() | synthetic))
             over = n is None
             if over and not identifying.n_answered:
-                raise ValueError("the source came to its end before any push was answered")
+                before = "any push was answered" if hop_s is None else f"{window_s:g} s of signal were there"
+                raise ValueError(f"the source came to its end before {before}")
         except CaptureError as error:
             raise ValueError(str(error)) from error
         except (KeyboardInterrupt, SystemExit):  # how a session without --n ends: with its tally
@@ -232,6 +267,15 @@ def live(
             for complaint in views.complaints:
                 show(f"a view ended: {complaint}", "yellow")
             show(f"{identifying.tally()}{'; the source came to its end' * over}")
+
+
+def _refuse_with_hop(**given: object) -> None:
+    """Refuse what is about pushes, where answers go on."""
+    for name, value in given.items():
+        if value not in (None, False):
+            raise ValueError(
+                f"--{name.replace('_', '-')} is about pushes; with --hop-s answers go on: leave it out"
+            )
 
 
 def _check_views(*, view: bool, port: int, no_browser: bool, rerun: str | None) -> None:

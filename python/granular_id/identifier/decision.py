@@ -92,8 +92,13 @@ class Decision:
         stage = (
             "final" if self.final else "settled" if self.settled else "sure" if self.sure else "provisional"
         )
-        name = f"like no known material, nearest {self.label}," if self.unknown else self.label
-        line = f"{name} after {fixed(self.seconds, 2)} s, {stage}: margin {fixed(self.margin, 3)}"
+        return self.sentence(f"after {fixed(self.seconds, 2)} s, {stage}")
+
+    def sentence(self, stage: str = "") -> str:
+        """Return the answer in words; `stage` says how far it is."""
+        name = f"like no known material, nearest {self.label}" if self.unknown else self.label
+        before = f"{name}{',' * bool(self.unknown)} {stage}:" if stage else f"{name},"
+        line = f"{before} margin {fixed(self.margin, 3)}"
         if len(self.ranking) > 1:
             line += f" ahead of {self.ranking[1][0]}"
         if self.probability is not None:

@@ -125,7 +125,7 @@ class Metadata:
 
     @property
     def begins_at_first(self) -> bool:
-        """Whether the recordings were cropped to begin at their first sample, or are windows; with no lead in common."""
+        """Whether recordings were cropped to begin at their first sample, or are windows; with no lead in common."""
         history = self.trained.get("history", [])
         crops = [step["parameters"] for step in history if step["step"] == "align"]
         at_first = bool(crops) and all(crop.get("trigger", "unknown") is None for crop in crops)

@@ -138,12 +138,15 @@ class Push:
     text : str
     truth : str or None
         The material, where the source knows it: simulations and recordings played again.
+    time_s : float or None
+        Device time of the newest row, of an answer at a hop; None of pushes.
     """
 
     decision: Decision | None = None
     reason: FailureReason | None = None
     text: str = ""
     truth: str | None = None
+    time_s: float | None = None
 
     @property
     def is_right(self) -> bool | None:
@@ -163,17 +166,21 @@ class Push:
             "decision": None if self.decision is None else self.decision.to_dict(),
             "failure": None if self.reason is None else {"reason": self.reason.value, "text": self.text},
             "truth": self.truth,
+            **({} if self.time_s is None else {"time_s": self.time_s}),
         }
 
     def __str__(self) -> str:
         if self.decision is None:
             return f"no answer: {self.text}"
+        said = str(self.decision)
+        if self.time_s is not None:
+            said = f"{fixed(self.time_s, 2)} s: {self.decision.sentence()}"
         verdict = {True: "  right", False: f"  WRONG, it was {self.truth}", None: ""}[self.is_right]
         if self.is_right and self.decision.unknown:
             verdict += f", it was {self.truth}"
         if self.is_right is not None and self.truth not in dict(self.decision.ranking):
             verdict += ", which the model does not know"
-        return f"{self.decision}{verdict}"
+        return f"{said}{verdict}"
 
 
 class Capture:

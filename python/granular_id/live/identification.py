@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
-from granular_id._checks import argument_error
+import numpy as np
+
+from granular_id._checks import argument_error, finite_number
 from granular_id._text import counted
 from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, setup_comparison
 from granular_id.live.capture import CaptureError, CaptureState, FailureReason, Push, meta_of
 from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
 from granular_id.live.robot import Robot, checked_move
+from granular_id.live.rows import HoppingWindows, Rows
 from granular_id.live.setup import Setup, setup_of, starts_exactly
 from granular_id.live.snapshot_builder import SnapshotBuilder
 from granular_id.live.source import WrenchSource
@@ -29,6 +33,9 @@ if TYPE_CHECKING:
 __all__ = ["LiveIdentifier", "identify"]
 
 _PRE_S = 0.25
+
+_WAIT_S, _SILENT_S = 0.02, 5.0
+"""How long to wait for a row at a time; a source that delivers nothing for so long has failed."""
 
 _SYNTHETIC_MODEL = (
     "the model was trained on SYNTHETIC recordings: its answers say nothing about real materials"
@@ -53,6 +60,10 @@ class LiveIdentifier:
         looks more often finds more answers that are early and wrong.
     pre_s : float, optional
         Rest before the trigger that belongs to a recording. Default: what the model was trained with.
+    hop_s : float, optional
+        Answer every so many seconds about the newest samples, as `Identifier.predict_over` does, instead of once a
+        push: nobody waits for a trigger and no robot moves. Samples that are missing or overwritten, or of another
+        recording, begin the window anew. For models of windows.
     views : Views, optional
         What shows it all.
     direction, speed_m_s
@@ -94,6 +105,7 @@ class LiveIdentifier:
         *,
         early: bool = False,
         pre_s: float | None = None,
+        hop_s: float | None = None,
         views: Views | None = None,
         direction: Sequence[float] = (1.0, 0.0, 0.0),
         speed_m_s: float = 0.03,
@@ -101,11 +113,12 @@ class LiveIdentifier:
         **limits: Any,
     ) -> None:
         _refuse_other_stream(model, stream)
-        rest_s = model.lead_s if pre_s is None else pre_s
+        self._n_hop = 0 if hop_s is None else _hop_of(hop_s, model.rate_hz, early=early, pre_s=pre_s)
+        rest_s = 0.0 if hop_s is not None else model.lead_s if pre_s is None else pre_s
         if rest_s is None:
             problem = (
                 "must be given: the recordings that the model was trained on do not say how much rest they begin with "
-                f"(recorded here, it is {_PRE_S:g} s)"
+                f"(recorded here, it is {_PRE_S:g} s); or answer at each hop with hop_s"
             )
             raise argument_error(ValueError, "pre_s", problem)
         if pre_s is not None and model.lead_s is not None and abs(pre_s - model.lead_s) > 0.5 / model.rate_hz:
@@ -125,10 +138,15 @@ class LiveIdentifier:
         # Most of the work on multi-band features is done for each answer, others have grown with the rows.
         self._grows = isinstance(model.spec, FeatureSpec)
         info = stream.info
-        capture = self.new_capture()
-        facts: dict[str, Any] = {"trigger": getattr(capture.trigger, "name", None)}
-        if starts_exactly(self._setup.robot):
-            facts["robot"] = {"speed_m_s": speed_m_s}
+        facts: dict[str, Any] = {}
+        max_lag_s = limits.get("max_lag_s", 0.02)
+        if not self._n_hop:
+            capture = self.new_capture()
+            facts, max_lag_s = {"trigger": getattr(capture.trigger, "name", None)}, capture.max_lag_s
+            # Refused before anything moves.
+            checked_move(direction, speed_m_s, motion_duration_s(capture))
+            if starts_exactly(self._setup.robot):
+                facts["robot"] = {"speed_m_s": speed_m_s}
         meta = meta_of(info, facts)
         compared, now = setup_comparison(model.core), RecordedSetup.of(meta)
         # Recordings that are played again may be of several set-ups.
@@ -144,12 +162,13 @@ class LiveIdentifier:
             n_samples=model.n_samples,
             source=info.name,
             synthetic=info.synthetic,
-            max_lag_s=capture.max_lag_s,
+            max_lag_s=max_lag_s,
             axes=info.axes,
-            units=info.units,
+            # Nobody states what the samples are in: they were taken for those of the training.
+            units=[now or of for now, of in zip(info.units, Metadata(model.core).units, strict=True)],
+            hop_s=self._n_hop / info.rate_hz if self._n_hop else None,
         )
-        # Refused before anything moves.
-        checked_move(direction, speed_m_s, motion_duration_s(capture))
+        self._max_lag_s = max_lag_s
 
     def new_capture(self) -> Capture:
         """Return the capture of the next push; nothing is read yet."""
@@ -203,7 +222,7 @@ class LiveIdentifier:
         return self._finished(capture, decision, answered_early=answered_early, patient=patient)
 
     def pushes(self, n: int | None = None) -> Iterator[Push]:
-        """Name the material of one push after another.
+        """Name the material of one push after another, or with `hop_s` at one hop after another.
 
         Parameters
         ----------
@@ -213,7 +232,7 @@ class LiveIdentifier:
         Yields
         ------
         Push
-            Those that could not be captured too.
+            Those that could not be captured too. An answer at a hop has its `Push.time_s`.
 
         Raises
         ------
@@ -221,6 +240,9 @@ class LiveIdentifier:
             A failure that the next push would share: nobody delivers or moves, a signal ended it (see
             `granular_id.live.stop_on_signals`); the end of a source before `n` answers.
         """
+        if self._n_hop:
+            yield from self._at_hops(n)
+            return
         while n is None or self.n_answered < n:
             push = self._push(patient=n is None)
             if n is None and self._at_end(push):
@@ -229,6 +251,65 @@ class LiveIdentifier:
             if push.reason is not None and push.reason.is_lasting and not waits:
                 raise CaptureError(push.reason, push.text)
             yield push
+
+    def _at_hops(self, n: int | None) -> Iterator[Push]:
+        windows = HoppingWindows(self.model.n_samples, self._n_hop, self._limits.get("max_gap", 0))
+        window_s = self.model.n_samples / self.model.rate_hz
+        newest: Push | None = None
+        heard_s, finished = time.monotonic(), False
+        while n is None or self.n_answered < n:
+            self._reader.wait(_WAIT_S)
+            health = self.stream.health()  # before the rows: what it wrote last was read then
+            block = self._reader.read()
+            if len(block):
+                heard_s = time.monotonic()
+            elif health.error is not None:
+                raise CaptureError(FailureReason.SOURCE, f"the source died: {health.error}")
+            elif health.finished:
+                finished = True
+                break
+            elif time.monotonic() - heard_s > _SILENT_S:
+                said = f"{self.stream.info.name} delivered nothing for {_SILENT_S:g} s"
+                raise CaptureError(FailureReason.NO_ROWS, said)
+            self._builder.rows(block)
+            late = ("lag",) if self.stream.lag_s() > self._max_lag_s else ()
+            for window in windows.feed(block):
+                newest = self._answered(window, late, newest)
+                yield newest
+                if self.n_answered == n:
+                    break
+            if newest is not None and windows.begins_anew:
+                newest = None
+            if self._views.wants_snapshot():
+                if newest is None:
+                    self._show("arming", None, f"the first answer comes after {window_s:g} s of signal")
+                else:
+                    self._show("answering", newest.decision)
+        self._show("ended" if finished else "answering", None if newest is None else newest.decision)
+        if finished and n is not None:
+            said = f"the source came to its end after {counted(self.n_answered, 'answer')}"
+            raise CaptureError(FailureReason.SOURCE, said)
+
+    def _answered(self, window: Rows, late: tuple[str, ...], before: Push | None) -> Push:
+        """Name the material of a window: the answer that its rows get alone."""
+        flags = int(np.bitwise_or.reduce(window.flags))
+        told = {"gap": flags & SampleFlag.GAP_FILLED, "saturation": flags & SampleFlag.SATURATED}
+        self._answer.reset()
+        for warning in (*self.differences, *late, *(name for name, is_so in told.items() if is_so)):
+            self._answer.warn(warning)
+        self._answer.push(window.wrench)
+        self._builder.begin_capture()
+        self._builder.captured(window.wrench)
+        decision, truth = self._answer.decision(), self.stream.truth
+        push = Push(decision, truth=truth, time_s=float(window.time_s[-1]))
+        self.n_pushes += 1
+        self.n_answered += 1
+        self.knows_truth |= truth is not None
+        self.n_right += bool(push.is_right)
+        self.n_unknown += bool(decision.unknown)
+        if before is None or before.decision is None or _said(before.decision) != _said(decision):
+            self._builder.end_capture(push)  # the history has changes only
+        return push
 
     def tally(self) -> str:
         """Sum up all pushes so far in one line: how many answers, how many right where the truth is known."""
@@ -314,6 +395,23 @@ def _refuse_other_stream(model: Identifier, stream: Stream) -> None:
         )
 
 
+def _said(decision: Decision) -> str | None:
+    return None if decision.unknown else decision.label
+
+
+def _hop_of(hop_s: float, rate_hz: float, *, early: bool, pre_s: float | None) -> int:
+    """Return the samples from one answer to the next, or say what does not go with that."""
+    for name, given in (("early", early), ("pre_s", pre_s is not None)):
+        if given:
+            raise argument_error(ValueError, name, "is about pushes; with hop_s answers go on: leave it out")
+    n_hop = round(finite_number("hop_s", hop_s, positive=True) * rate_hz)
+    if n_hop < 1:
+        raise argument_error(
+            ValueError, "hop_s", f"={hop_s:g} is less than a sample: at least {1 / rate_hz:g}"
+        )
+    return n_hop
+
+
 def _warnings(capture: Capture, step: Step, lag_s: float, *, is_first: bool) -> Iterator[str]:
     # Putting all rows of a capture together takes the longer, the longer it lasts: only where there is something to
     # find. The first rows came in earlier blocks as well.
@@ -358,7 +456,7 @@ def identify(
         A push that could not be captured (a gap, saturation ...): raise CaptureError, or go on with the next.
         A source or robot that fails is always raised.
     **settings
-        `pre_s`, `views`, `accept` and the limits of `LiveIdentifier`.
+        `pre_s`, `hop_s`, `views`, `accept` and the limits of `LiveIdentifier`.
 
     Yields
     ------

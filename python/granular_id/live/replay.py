@@ -131,15 +131,22 @@ def common_rate(recordings: Dataset) -> float:
     rates = {recording.rate_hz for recording in recordings}
     if None in rates or len(rates) > 1:
         what = "are irregular" if None in rates else f"have the rates {sorted(map(str, rates))}"
-        raise ValueError(f"recordings {what}; resample them first: .resample(500)")
+        raise ValueError(
+            f"recordings {what}; resample them first: .resample(500), or granular-id data convert with --rate-hz 500"
+        )
     return float(next(iter(rates)))  # type: ignore[arg-type]
 
 
 def open_url(url: SourceUrl) -> ReplaySource:
-    """Make the source of ``replay:PATH``. Options: ``speed``, ``pause_s``."""
-    url.allow("speed", "pause_s")
+    """Make the source of ``replay:PATH``.
+
+    Options: ``speed``, ``pause_s``, and ``axes``, ``units`` and ``rate_hz`` of `granular_id.load`.
+    """
+    url.allow("speed", "pause_s", "axes", "units", "rate_hz")
     speed, pause_s = url.number("speed", 1.0), url.number("pause_s", 1.0, positive=False)
+    rate_hz = url.number("rate_hz", 1.0) if "rate_hz" in url.options else None
     try:
-        return ReplaySource(load(url.path), speed=speed, pause_s=pause_s)
+        data = load(url.path, axes=url.words("axes"), units=url.words("units"), rate_hz=rate_hz)
+        return ReplaySource(data, speed=speed, pause_s=pause_s)
     except ValueError as error:
         raise ValueError(f"url {url.text!r}: {error}") from error

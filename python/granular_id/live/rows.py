@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,7 +12,16 @@ from numpy.typing import NDArray
 
 from granular_id.recording import SampleFlag
 
-__all__ = ["ArrivalClock", "BlockLike", "Rows", "filled", "late_s", "measured_rate_hz", "start_utc_s"]
+__all__ = [
+    "ArrivalClock",
+    "BlockLike",
+    "HoppingWindows",
+    "Rows",
+    "filled",
+    "late_s",
+    "measured_rate_hz",
+    "start_utc_s",
+]
 
 _COLUMNS = ("wrench", "time_s", "host_ns", "flags", "missing_before")
 
@@ -121,6 +131,54 @@ def _between(left: Rows, right: Rows, n: int) -> Rows:
         np.repeat((left.flags | right.flags) & _PASSED_ON | np.uint8(SampleFlag.GAP_FILLED), n),
         np.zeros(n, dtype=np.int64),
     )
+
+
+class HoppingWindows:
+    """Cuts a stream into windows of `n` rows, one every `hop` rows, whatever pieces it comes in.
+
+    Gaps of at most `max_gap` instants are filled, flagged; at longer ones, at rows that were overwritten and at a new
+    epoch the windows begin anew.
+    """
+
+    def __init__(self, n: int, hop: int, max_gap: int = 0) -> None:
+        self._n, self._hop, self._max_gap = n, hop, max_gap
+        self._epoch: int | None = None
+        self._last = self._rows = Rows.none()
+        self._skip = 0
+        self.begins_anew = True
+        """Whether no window is complete since the beginning, or since it began anew."""
+
+    def feed(self, block: BlockLike) -> Iterator[Rows]:
+        """Take the next rows of the stream; yield the windows that they complete, in order."""
+        if not len(block):
+            return
+        if block.epoch != self._epoch or block.missed:
+            self._begin_anew()
+            self._last = Rows.none()
+        self._epoch = block.epoch
+        rows = Rows.of(block)
+        if not len(self._last):
+            rows.missing_before[0] = 0  # nobody's loss
+        rows = filled(self._last, rows, self._max_gap)
+        self._last = rows[-1:]
+        edges = [*np.flatnonzero(rows.missing_before > 0).tolist(), len(rows)]
+        yield from self._cut(rows[: edges[0]])
+        for begin, end in pairwise(edges):
+            self._begin_anew()
+            yield from self._cut(rows[begin:end])
+
+    def _begin_anew(self) -> None:
+        self._rows, self._skip, self.begins_anew = Rows.none(), 0, True
+
+    def _cut(self, rows: Rows) -> Iterator[Rows]:
+        skipped = min(self._skip, len(rows))
+        self._skip -= skipped
+        self._rows = Rows.joined([self._rows, rows[skipped:]])
+        while len(self._rows) >= self._n:
+            window = self._rows[: self._n]
+            self._skip = max(0, self._hop - len(self._rows))
+            self._rows, self.begins_anew = self._rows[self._hop :], False
+            yield window
 
 
 def measured_rate_hz(rows: Rows, *, device_clock: bool) -> float:

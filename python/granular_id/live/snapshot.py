@@ -31,6 +31,7 @@ _STATES = {
     "armed": "Armed",
     "triggered": "Listening",
     "complete": "Done",
+    "answering": "Answering",
     "failed": "Failed",
     "ended": "Ended",
 }
@@ -55,6 +56,7 @@ _WARNINGS = {
     "lag": "lag: rows were read late",
 }
 
+_SPAN_S = 30.0
 _MOST_CANDIDATES = 6  # more are no help to anybody, and hide the rest of a screen
 
 Kind = Literal["none", "provisional", "final", "unknown", "failed"]
@@ -142,8 +144,8 @@ class Snapshot:
     Parameters
     ----------
     state : str
-        State of the capture in lower case: idle, arming, armed, triggered, complete or failed; ended after the
-        last row of a replay.
+        State of the capture in lower case: idle, arming, armed, triggered, complete, answering or failed; ended
+        after the last row of a replay.
     time_s : float or None
         Device time of the newest row; None before the first.
     hint : str
@@ -187,6 +189,8 @@ class Snapshot:
         How many of them were named rightly; None where the truth is unknown.
     axes, units : tuple of str
         Names and units of the C axes.
+    hop_s : float or None
+        Answers come every so many seconds (state answering); None: one a capture.
 
     Examples
     --------
@@ -226,11 +230,13 @@ class Snapshot:
     n_correct: int | None = None
     axes: tuple[str, ...] = AXES
     units: tuple[str, ...] = UNITS
+    hop_s: float | None = None
 
     @property
     def held(self) -> Outcome | None:
         """What views go on showing: the last outcome, until the next push is triggered."""
-        return self.history[-1] if self.history and self.state in _WAITING else None
+        holds = self.history and self.hop_s is None and self.state in _WAITING
+        return self.history[-1] if holds else None
 
     @property
     def lost(self) -> int:
@@ -241,6 +247,11 @@ class Snapshot:
     def capture_s(self) -> float:
         """Seconds that a whole capture takes."""
         return self.n_samples / self.rate_hz
+
+    @property
+    def ranking_s(self) -> float:
+        """Seconds over which the ranking is shown: those of a capture, or the last ones where answers go on."""
+        return ranking_span_s(self.capture_s, self.hop_s)
 
     @cached_property
     def words(self) -> Words:
@@ -295,8 +306,13 @@ class Snapshot:
         if not self.n_captures:
             return ""
         if self.n_correct is None:
-            return counted(self.n_captures, "capture")
+            return counted(self.n_captures, "capture" if self.hop_s is None else "answer")
         return f"{self.n_correct} of {self.n_captures} right"
+
+
+def ranking_span_s(capture_s: float, hop_s: float | None) -> float:
+    """Return over how many seconds the ranking is shown."""
+    return capture_s if hop_s is None else max(_SPAN_S, 10 * capture_s)
 
 
 def _answer(snapshot: Snapshot) -> Answer:
@@ -304,14 +320,16 @@ def _answer(snapshot: Snapshot) -> Answer:
     if snapshot.state == "failed":
         return Answer("failed", "no answer", "the capture failed", hint)
     if snapshot.state == "ended":
-        return Answer("none", "no more pushes", hint, "")
+        return Answer("none", "no more pushes" if snapshot.hop_s is None else "no more samples", hint, "")
     decision = snapshot.decision
     if decision is None:
         title = "recorded" if snapshot.state == "complete" else "no answer yet"
         return Answer("none", title, hint or _STATES.get(snapshot.state, "").lower(), "")
     seconds = f"{fixed(decision.seconds, 2)} s"
     given = decision.final or snapshot.state == "complete"
-    if decision.final:
+    if snapshot.hop_s is not None:
+        stage = f"about the last {seconds}"
+    elif decision.final:
         stage = f"final, after {seconds}"
     else:
         stage = f"{'early' if given else 'provisional'}, {seconds} of {fixed(snapshot.capture_s, 2)} s"

@@ -13,7 +13,7 @@ import numpy as np
 from granular_id._checks import argument_error, as_floats, finite_number, whole_number
 from granular_id._core import AXES, UNITS, StreamingExtractor
 from granular_id.features import FeatureSpec
-from granular_id.live.snapshot import Outcome, Snapshot
+from granular_id.live.snapshot import Outcome, Snapshot, ranking_span_s
 from granular_id.signal import butter, sosfilt, sosfilt_zi
 
 if TYPE_CHECKING:
@@ -58,6 +58,9 @@ class SnapshotBuilder:
         A newest row older than this is an alarm.
     axes, units : sequence of str
         Names of the columns, and the unit of each. Default: those of a wrench.
+    hop_s : float, optional
+        Answers come every so many seconds, each about the last `n_samples`; None: one a capture. The ranking is then
+        that of the last half minute, or of ten captures where these are longer.
 
     Raises
     ------
@@ -92,6 +95,7 @@ class SnapshotBuilder:
         max_lag_s: float = 0.02,
         axes: Sequence[str] = AXES,
         units: Sequence[str] = UNITS,
+        hop_s: float | None = None,
     ) -> None:
         rate = finite_number("rate_hz", rate_hz, positive=True)
         spec = FeatureSpec(rate_hz=rate, cutoff_hz=min(23.0, rate / 4)) if spec is None else spec
@@ -113,7 +117,9 @@ class SnapshotBuilder:
             "max_lag_s": max_lag_s,
             "axes": tuple(axes),
             "units": tuple(units),
+            "hop_s": hop_s,
         }
+        self._hop_s, self._span_s = hop_s, ranking_span_s(n_samples / rate, hop_s)
         self._n_axes = n_axes = len(axes)
         self._rate_hz = rate
         self._view_rows = n = max(1, round(view * rate))
@@ -188,7 +194,8 @@ class SnapshotBuilder:
         checked = _checked(rows, "rows", self._n_axes)
         if self._anew and len(checked):
             self._histogram.reset()
-            self._answers.clear()
+            if self._hop_s is None:
+                self._answers.clear()
             self._anew = False
         self._histogram.push(checked)
 
@@ -246,7 +253,7 @@ class SnapshotBuilder:
             residual=shown[:, self._n_axes :],
             bin_edges=self._edges,
             counts=self._histogram.features().reshape(self._n_axes, -1).astype(np.int64),
-            ranking_history=(np.array([seconds for seconds, _ in self._answers]), losses),
+            ranking_history=(np.array([seconds for seconds, _ in self._answers]) - self._before_s(), losses),
             decision=decision,
             history=tuple(self._history),
             lag_s=lag_s,
@@ -256,6 +263,10 @@ class SnapshotBuilder:
             n_correct=n_correct,
             **self._fixed,
         )
+
+    def _before_s(self) -> float:
+        """When the time begins over which the ranking is shown."""
+        return self._answers[-1][0] - self._span_s if self._hop_s is not None and self._answers else 0.0
 
     def _clear_traces(self) -> None:
         self._n_instants = self._n_kept = 0
@@ -278,15 +289,19 @@ class SnapshotBuilder:
         return left
 
     def _remember(self, decision: Decision) -> None:
-        if self._answers and decision.seconds < self._answers[-1][0]:
+        seconds = decision.seconds if self._hop_s is None else self._time_s or 0.0
+        if self._answers and seconds < self._answers[-1][0]:
             self._answers.clear()  # the answer begins anew
-        if self._answers and decision.seconds == self._answers[-1][0]:
+        if self._answers and seconds == self._answers[-1][0]:
             return
         losses = dict(decision.ranking)
         unknown = sorted(set(self._classes) ^ set(losses))
         if unknown:
             raise ValueError(f"decision ranks other materials than classes: {', '.join(unknown[:5])} differ")
-        self._answers.append((decision.seconds, [losses[name] for name in self._classes]))
+        self._answers.append((seconds, [losses[name] for name in self._classes]))
+        begin_s = self._before_s()
+        while self._hop_s is not None and self._answers[0][0] < begin_s:
+            del self._answers[0]
         if len(self._answers) > _MOST_ANSWERS:
             del self._answers[1::2]
 

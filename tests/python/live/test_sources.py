@@ -47,7 +47,7 @@ from sink_cases import Sink, eventually
         ("rdt://host:99999", "has no proper host and port"),
         ("rdt://[::1", "has no proper host and port"),
         ("replay:x?speed=-1", "wanted a number above 0"),
-        ("replay:x?loop=1", "has no option 'loop'; known: pause_s, speed"),
+        ("replay:x?loop=1", "has no option 'loop'; known: axes, pause_s, rate_hz, speed, units"),
     ],
 )
 def test_bad_urls(url, match):

@@ -186,9 +186,10 @@ function ranking(frame) {
     parts.push(drawn("line", { x1: LEFT, x2: right, y1: y(level), y2: y(level) }));
     parts.push(drawn("text", { x: LEFT - 6, y: y(level) + 4, "text-anchor": "end", class: "tick" }, tick(level, 2)));
   }
-  const step = until > 6 ? 2 : until > 1.5 ? 1 : 0.2;
+  const step = until > 60 ? 30 : until > 20 ? 10 : until > 6 ? 2 : until > 1.5 ? 1 : 0.2;
   for (let s = 0; s <= until * 1.0001; s += step) {
-    const words = `${Number(s.toFixed(1))}${s + step > until * 1.0001 ? " s" : ""}`;
+    const told = frame.ago ? s - until : s;  // where answers go on, how long ago
+    const words = `${minus(Number(told.toFixed(1)).toString())}${s + step > until * 1.0001 ? " s" : ""}`;
     parts.push(drawn("text", { x: x(s), y: height - 8, "text-anchor": "middle", class: "tick" }, words));
   }
   const order = classes.map((name, k) => ({ name, line: losses[k], end: losses[k][n - 1] })).sort((a, b) => a.end - b.end);
@@ -338,13 +339,15 @@ function drawBins({ canvas, places }, counts, [low, high], unit, ink) {
 
 function signals(frame) {
   const span = Math.max(frame.age_s[0] ?? 0, 5), seconds = `last ${span.toFixed(0)} s`;
+  const counted = frame.ago ? "histogram of the answer" : "histogram since start";
   write($("head-wrench"), seconds);
+  write($("head-bins"), counted);
   write($("head-residual"), `the same above ${frame.cutoff_hz} Hz`);
   axisRows.forEach(({ trace, residual, bins }, i) => {
     const ink = colour(`--okabe-${i % 6}`), unit = frame.units[i], least = unit === "N" ? 0.05 : 0.002;
     write(trace.caption, seconds);
     write(residual.caption, `above ${frame.cutoff_hz} Hz`);
-    write(bins.caption, "histogram since start");
+    write(bins.caption, counted);
     drawTrace(trace, frame.age_s, frame.wrench[i], limits(frame.wrench[i], least), span, ink);
     drawTrace(residual, frame.age_s, frame.residual[i], symmetric(frame.residual[i], least), span, ink);
     drawBins(bins, frame.counts[i], frame.bins[i], unit, ink);
