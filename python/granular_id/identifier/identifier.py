@@ -347,6 +347,11 @@ class Identifier:
         return Metadata(self.core).axes
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each axis; empty where nobody stated it."""
+        return tuple(Metadata(self.core).units)
+
+    @property
     def rate_hz(self) -> float:
         """Sampling rate, Hz."""
         return self.core.rate_hz

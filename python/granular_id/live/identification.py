@@ -165,7 +165,7 @@ class LiveIdentifier:
             max_lag_s=max_lag_s,
             axes=info.axes,
             # Nobody states what the samples are in: they were taken for those of the training.
-            units=[now or of for now, of in zip(info.units, Metadata(model.core).units, strict=True)],
+            units=[now or of for now, of in zip(info.units, model.units, strict=True)],
             hop_s=self._n_hop / info.rate_hz if self._n_hop else None,
         )
         self._max_lag_s = max_lag_s
