@@ -238,7 +238,7 @@ def _ranking(words: Words, width: int, lines: int, *, ascii_only: bool) -> Rende
 def _history(words: Words, lines: int) -> RenderableType:
     table = _grid(*"><<", expand=True)
     table.add_column(no_wrap=True, ratio=1)
-    table.add_row(*(Text(head, style="dim") for head in ("push", "at", "answer")))
+    table.add_row(*(Text(head, style="dim") for head in ("no.", "at", "answer")))
     for number, clock, kind, title, detail, warnings in words.history[:lines]:
         more = Text(detail)
         for text in warnings:

@@ -6,6 +6,7 @@ import shlex
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import granular_id as gid
@@ -232,3 +233,85 @@ def test_a_source_of_an_extra_that_is_not_installed_names_it(model):
     done = run("live", "--source", "ur://1.2.3.4", "--model", model)
     assert done.exit_code == 1
     assert "needs granular-id-contrib, which is not installed: pip install ./contrib" in done.stderr
+
+
+# -- answers that go on, of models of other sensors
+
+IMU = ("wx", "wy", "wz", "ax", "ay", "az")
+
+
+def drive(path, k, seconds, seed):
+    """A CSV file of an IMU, with one column more than its axes."""
+    rng = np.random.default_rng(seed)
+    samples = rng.normal(0, 0.3 * (k + 1), (round(100 * seconds), 6))
+    rows = [f"{i / 100:.2f},{','.join(f'{v:.5f}' for v in row)},12.1" for i, row in enumerate(samples)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([f"time,{','.join(IMU)},battery", *rows, ""]), encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def grounds(tmp_path_factory):
+    """A model of windows of drives, and the file of another drive."""
+    place = tmp_path_factory.mktemp("grounds")
+    for k, name in enumerate(("asphalt", "gravel")):
+        for i in range(3):
+            drive(place / "drives" / name / f"drive_{i}.csv", k, 5, 10 * k + i)
+    drive(place / "long.csv", 1, 8, 99)
+    words = ("--axes", ",".join(IMU), "--units", "rad/s,m/s2", "--window-s", 0.5, "--space", "raw", "--quiet")
+    ended_well("train", place / "drives", *words, "-o", place / "m.safetensors")
+    return place / "m.safetensors", place / "long.csv"
+
+
+def test_live_answers_on_and_on_as_identify_does_on_the_axes_of_the_model(grounds, tmp_path):
+    model, file = grounds
+    table = tmp_path / "a.csv"
+    out = ended_well("identify", model, file, "--hop-s", 0.5, "--csv", table)
+    assert "columns that are not read: 'battery'" in out
+    labels = [row.split(",")[3] for row in table.read_text(encoding="utf-8").splitlines()[1:]]
+    rows = tmp_path / "live.jsonl"
+    words = ("--source", f"replay:{file}", "--speed", 20, "--model", model, "--hop-s", 0.5, "--json", rows)
+    out = ended_well("live", *words, "--quiet")
+    answers = [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()]
+    assert [one["decision"]["label"] for one in answers] == labels
+    assert [one["time_s"] for one in answers][:2] == pytest.approx([0.49, 0.99])
+    assert out.splitlines()[0].startswith("0.49 s: ")
+    assert "16 answers" in out
+    assert "Answering: " in ended_well("live", *words[:-2], "--n", 3)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "--pre-s must be given"),
+        (("--hop-s", 0.5, "--early"), "--early is about pushes; with --hop-s answers go on: leave it out"),
+        (("--hop-s", 0.5, "--pre-s", 0.2), "--pre-s is about pushes"),
+        (("--hop-s", 0.5, "--robot", "manual"), "--robot is about pushes"),
+        (("--hop-s", 0.5, "--trigger", "force"), "--trigger is about pushes"),
+        (("--hop-s", 0), "--hop-s must be positive"),
+    ],
+)
+def test_live_refuses_what_does_not_go_with_windows(grounds, words, said):
+    model, file = grounds
+    assert said in refused("live", "--source", f"replay:{file}", "--model", model, *words)
+
+
+def test_live_refuses_other_units_and_a_recording_that_is_too_short(grounds, tmp_path):
+    model, file = grounds
+    words = ("--model", model, "--hop-s", 0.5, "--speed", 20)
+    line = refused("live", "--source", f"replay:{file}?units=deg/s,g", *words)
+    assert "units 'wx: deg/s', in training 'wx: rad/s'" in line
+    drive(tmp_path / "short.csv", 0, 0.3, 1)
+    line = refused("live", "--source", f"replay:{tmp_path / 'short.csv'}", *words)
+    assert "came to its end before 0.5 s of signal were there" in line
+
+
+@pytest.mark.parametrize(
+    ("source", "file", "said"),
+    [
+        ("sim:rice", "absent.safetensors", "absent.safetensors: no such file or folder"),
+        ("replay:absent.csv", None, "absent.csv: no such file or folder"),
+    ],
+)
+def test_files_that_are_not_there_are_said_at_once(grounds, monkeypatch, source, file, said):
+    monkeypatch.setattr(gid.Identifier, "load", None)  # would fail otherwise
+    assert said in refused("live", "--source", source, "--model", file or grounds[0])

@@ -141,7 +141,7 @@ def test_what_came_of_a_push_stays_and_the_hint_is_seen_too(n, title, detail):
 @pytest.mark.parametrize(("width", "height", "least"), [(80, 24, 2), (110, 44, 8), (40, 24, 1)])
 def test_the_history_has_the_last_pushes(width, height, least):
     lines = drawn(session().build("triggered", answer(1.7)), width, height).splitlines()
-    begin = next(i for i, line in enumerate(lines) if line.startswith("push at"))
+    begin = next(i for i, line in enumerate(lines) if line.lstrip().startswith("no. at"))
     numbers = [int(line.split()[0]) for line in lines[begin + 1 :]]
     assert numbers == list(range(12, 12 - len(numbers), -1))
     assert len(numbers) >= least

@@ -339,7 +339,7 @@ function drawBins({ canvas, places }, counts, [low, high], unit, ink) {
 
 function signals(frame) {
   const span = Math.max(frame.age_s[0] ?? 0, 5), seconds = `last ${span.toFixed(0)} s`;
-  const counted = frame.ago ? "histogram of the answer" : "histogram since start";
+  const counted = frame.ago ? "its histogram" : "histogram since start";
   write($("head-wrench"), seconds);
   write($("head-bins"), counted);
   write($("head-residual"), `the same above ${frame.cutoff_hz} Hz`);
