@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
@@ -76,3 +78,21 @@ def short(text: str, most: int = 24) -> str:
     """Shorten a long name in the middle: names of a series differ at their ends."""
     tail = (most - 1) // 2
     return text if len(text) <= most else f"{text[: most - 1 - tail]}…{text[-tail:]}"
+
+
+def install(extra: str) -> str:
+    """Return what to type to install the libraries of an extra, by their names: it works however this copy came here.
+
+    ``granular-id[app]`` would ask an index for the package itself, which may be on none.
+    """
+    from importlib.metadata import PackageNotFoundError, requires
+
+    try:
+        stated = requires("granular-id") or []
+    except PackageNotFoundError:  # a copy of the files alone
+        stated = []
+    marked = re.compile(rf"extra\s*==\s*['\"]{re.escape(extra)}['\"]")
+    libraries = [line.partition(";")[0].strip() for line in stated if marked.search(line)]
+    return (
+        f"pip install {shlex.join(libraries)}" if libraries else f"see the extra {extra!r} in pyproject.toml"
+    )

@@ -26,7 +26,9 @@ def main() -> None:
             missing = (error.name or "").partition(".")[0]
             if missing not in _PARTS:
                 raise
-            sys.exit(f"granular-id: the command line needs {missing}: pip install 'granular-id[app]'")
+            from granular_id._text import install
+
+            sys.exit(f"granular-id: the command line needs {missing}: {install('app')}")
         app()
     except KeyboardInterrupt:
         # Ctrl-C before a command has begun; inside one, `guarded` answers it with the same line.

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.text import Text
 
 from granular_id._files import made_folder
+from granular_id._text import install
 from granular_id.cli.method import Features, Method, chosen_spaces
 from granular_id.cli.options import FORCE, as_typed, command, count, option, with_defaults
 from granular_id.cli.outputs import (
@@ -73,7 +74,7 @@ class Outputs:
             ("a report needs", "jinja2", self.report),
         ):
             if path is not None and importlib.util.find_spec(module) is None:
-                raise ImportError(f"{wanted} {module}: pip install 'granular-id[app]'")
+                raise ImportError(f"{wanted} {module}: {install('app')}")
         with ExitStack() as folders:
             for folder in (self.figures, self.checkpoint):
                 if folder is not None:

@@ -9,6 +9,8 @@ from os import PathLike, fspath
 from types import ModuleType
 from typing import ParamSpec, TypeVar
 
+from granular_id._text import install
+
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
@@ -113,4 +115,4 @@ def need(module: str, *, extra: str, why: str) -> ModuleType:
         return import_module(module)
     except ImportError as error:
         library = module.partition(".")[0]
-        raise ImportError(f"{library} is needed {why}: pip install 'granular-id[{extra}]'") from error
+        raise ImportError(f"{library} is needed {why}: {install(extra)}") from error

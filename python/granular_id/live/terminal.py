@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular_id._text import short
+from granular_id._text import install, short
 from granular_id.live.snapshot import GIVEN, SYNTHETIC
 from granular_id.live.view import BackgroundView
 from granular_id.recording import AXIS_COLOURS
@@ -23,9 +23,7 @@ try:
     from rich.table import Table
     from rich.text import Text
 except ImportError as error:
-    raise ImportError(
-        "rich is needed to show a session on a terminal: pip install 'granular-id[app]'"
-    ) from error
+    raise ImportError(f"rich is needed to show a session on a terminal: {install('app')}") from error
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

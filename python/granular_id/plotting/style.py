@@ -1,6 +1,6 @@
 """What all figures share: colours, a figure without a backend, quiet axes, saving.
 
-matplotlib is loaded on first use (``pip install 'granular-id[app]'``), and only its ``Figure`` objects: no
+matplotlib (of the extra ``app``) is loaded on first use, and only its ``Figure`` objects: no
 backend is chosen, no window opened and no global state touched, so plotting is safe in scripts,
 notebooks, servers and threads alike.
 """
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from granular_id._core import AXES
 from granular_id._files import whole_file
-from granular_id._text import fixed, short
+from granular_id._text import fixed, install, short
 from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def new_figure(width: float, height: float) -> Figure:
     try:
         from matplotlib.figure import Figure  # an extra: only those who plot need it
     except ImportError as error:
-        raise ImportError("plotting needs matplotlib: pip install 'granular-id[app]'") from error
+        raise ImportError(f"plotting needs matplotlib: {install('app')}") from error
     return Figure(figsize=(width, height), layout="constrained")
 
 

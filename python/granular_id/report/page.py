@@ -9,6 +9,7 @@ from importlib.resources import files
 from typing import Any
 
 from granular_id._files import PAGES, check_target, refuse_other_kind, whole_file
+from granular_id._text import install
 from granular_id.evaluation import (
     PAPER_NOTE,
     EvaluationResult,
@@ -104,7 +105,7 @@ def _template() -> Any:
         from jinja2 import Environment, PackageLoader, StrictUndefined  # an extra
         from markupsafe import Markup  # comes with jinja2
     except ImportError as error:
-        raise ImportError("a report needs jinja2: pip install 'granular-id[app]'") from error
+        raise ImportError(f"a report needs jinja2: {install('app')}") from error
     environment = Environment(
         loader=PackageLoader("granular_id.report", ""),
         autoescape=True,  # labels, names and notes are other people's text

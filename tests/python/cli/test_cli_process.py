@@ -12,6 +12,7 @@ import typer
 
 from cli_cases import SMALL, started
 from granular_id import save
+from granular_id._text import install
 from granular_id.cli.errors import guarded
 from granular_id.synthetic import synthesize
 
@@ -76,10 +77,10 @@ def test_missing_extras_are_named_and_the_library_evaluates_without_them():
     out, errors = process(code)
     lines = out.splitlines()
     for missing, said in zip(("typer", "rich"), lines, strict=False):
-        needed = f"granular-id: the command line needs {missing}: pip install 'granular-id[app]'"
+        needed = f"granular-id: the command line needs {missing}: {install('app')}"
         assert said == f"exit {needed}", "Python prints it and exits with 1"
     assert lines[2] == "exit 1"
-    assert errors == "error: figures need matplotlib: pip install 'granular-id[app]'\n"
+    assert errors == f"error: figures need matplotlib: {install('app')}\n"
     assert lines[3].startswith("Accuracy on SYNTHETIC recordings")
 
 
