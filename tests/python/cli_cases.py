@@ -73,10 +73,3 @@ def refused(*words):
     assert line.startswith("error: ")
     assert end == ""
     return line
-
-
-def out_of_bounds(*words):
-    """What is said of an option whose declaration does not admit the value, on one line; exit code 2."""
-    result = run(*words)
-    assert result.exit_code == 2, result.output
-    return " ".join(result.stderr.replace("│", " ").split())

@@ -5,6 +5,7 @@ import shlex
 from importlib.metadata import PackageNotFoundError
 
 import pytest
+
 from granular_id._text import install
 
 

@@ -9,6 +9,7 @@ import typer
 from granular_id import _core
 from granular_id.cli.confidence import confidence
 from granular_id.cli.data import data
+from granular_id.cli.errors import OneLineUsage
 from granular_id.cli.evaluate import demo, evaluate, report, select
 from granular_id.cli.explain import explain
 from granular_id.cli.identify import identify
@@ -20,6 +21,7 @@ __all__ = ["app"]
 PURPOSE = "Tells granular materials apart by force-torque recordings, and says how well that works."
 
 app = typer.Typer(
+    cls=OneLineUsage,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="markdown",

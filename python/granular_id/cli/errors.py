@@ -7,12 +7,14 @@ import math
 import os
 import re
 import shlex
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import ParamSpec
+from typing import Any, ParamSpec
 
 import typer
+from typer.core import TyperGroup
 
 from granular_id.cli.interrupts import heeding_interrupts
 from granular_id.cli.outputs import show
@@ -69,6 +71,30 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
 
     return run
+
+
+class OneLineUsage(TyperGroup):
+    """Commands whose usage errors (an unknown option, a missing argument) are one line, too."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run a command, and leave the process with its code."""
+        try:
+            code = super().main(*args, **kwargs | {"standalone_mode": False})
+        except typer.Abort:
+            show("Aborted.", "yellow", err=True)
+            sys.exit(1)
+        except Exception as error:
+            # Those of click, which comes with typer, beside it or inside of it.
+            format_message = getattr(error, "format_message", None)
+            if format_message is None:
+                raise
+            if type(error).__name__ != "NoArgsIsHelpError":  # the help was printed
+                context = getattr(error, "ctx", None)
+                help_ = f"; see {context.command_path} --help" if context is not None else ""
+                said = " ".join(str(format_message()).split()).removesuffix(".")
+                show(f"error: {said[:1].lower()}{said[1:]}{help_}", "bold red", err=True)
+            sys.exit(getattr(error, "exit_code", BAD_INPUT))
+        sys.exit(code if isinstance(code, int) else 0)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ import shlex
 import numpy as np
 import pytest
 
-from cli_cases import LABELS, SMALL, ended_well, make, out_of_bounds, recording, refused, run, saved, written
+from cli_cases import LABELS, SMALL, ended_well, make, recording, refused, run, saved, written
 from granular_id._checks import argument_error
 from granular_id.cli.errors import in_options, words_of
 from granular_id.cli.recordings import refuse_unequal
@@ -271,7 +271,7 @@ def test_options_that_a_space_has_no_use_for_are_refused(folder, command, option
     ],
 )
 def test_bounds_of_options_are_checked_before_anything_else(typed, said):
-    assert f"Invalid value for {said}" in out_of_bounds(*typed.split())
+    assert refused(*typed.split()).startswith(f"error: invalid value for {said}; see ")
 
 
 @pytest.mark.parametrize(
@@ -447,3 +447,30 @@ def test_the_default_of_gaps_is_that_of_the_library():
     from granular_id.recording import resampling
 
     assert MAX_GAP_S == resampling.MAX_GAP_S
+
+
+USAGE = [
+    ("explain", "missing argument 'PATH'"),
+    ("explain . rice", "missing argument 'SECOND'"),
+    ("live --source sim:rice", "missing option '--model' / '-m'"),
+    ("evaluate . --nope", "no such option: --nope"),
+    ("train . --seed x", "invalid value for '--seed': "),
+    ("nothing", "no such command 'nothing'"),
+    ("data nothing", "no such command 'nothing'"),
+    ("record --n", "option '--n' requires an argument"),
+]
+
+
+@pytest.mark.parametrize(("typed", "said"), USAGE)
+def test_wrong_usage_is_said_on_one_line_as_all_else(typed, said):
+    line = refused(*shlex.split(typed))
+    assert line.startswith(f"error: {said}")
+    assert line.endswith(" --help") or "requires" in line
+
+
+@pytest.mark.parametrize("typed", ["", "data", "model"])
+def test_a_group_without_a_command_prints_its_help(typed):
+    result = run(*shlex.split(typed))
+    assert result.exit_code == 2
+    assert "Usage: " in result.output
+    assert "error" not in result.output

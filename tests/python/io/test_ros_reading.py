@@ -202,5 +202,5 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name, 
     (tmp_path / name).write_bytes(b"")
     monkeypatch.setitem(sys.modules, module, None)
     library = module.partition(".")[0]
-    with pytest.raises(ImportError, match=rf"^{library} is needed .*pip install 'granular-id\[ros\]'"):
+    with pytest.raises(ImportError, match=rf"^{library} is needed .*pip install 'rosbags"):
         load(tmp_path / name)

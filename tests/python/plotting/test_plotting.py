@@ -248,7 +248,7 @@ def test_unknown_endings_and_missing_folders_are_refused(tmp_path):
 @pytest.mark.parametrize("plot", [plot_mean_forces, lambda d: plot_confusion([[1]], ["a"])])
 def test_without_matplotlib_the_extra_is_named(monkeypatch, synthetic, plot):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(ImportError, match=r"pip install 'granular-id\[app\]'"):
+    with pytest.raises(ImportError, match=r"pip install 'typer"):
         plot(synthetic)
 
 

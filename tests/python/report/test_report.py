@@ -278,7 +278,7 @@ def test_the_file_is_whole_or_absent(result, tmp_path, monkeypatch, no_pictures)
 @pytest.mark.parametrize("module", ["jinja2", "matplotlib.figure"])
 def test_without_its_libraries_the_extra_is_named(result, tmp_path, monkeypatch, module):
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(ImportError, match=r"pip install 'granular-id\[app\]'"):
+    with pytest.raises(ImportError, match=r"pip install 'typer"):
         report(result, tmp_path / "report.html")
     assert list(tmp_path.iterdir()) == []
 
