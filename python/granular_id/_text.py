@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 
@@ -78,6 +78,13 @@ def short(text: str, most: int = 24) -> str:
     """Shorten a long name in the middle: names of a series differ at their ends."""
     tail = (most - 1) // 2
     return text if len(text) <= most else f"{text[: most - 1 - tail]}…{text[-tail:]}"
+
+
+def known_label(name: str, known: Iterable[str]) -> str:
+    """Return the known label that is meant: one with blanks may be typed with underscores; else the name as it is."""
+    every = list(known)
+    alike = [label for label in every if label.replace(" ", "_") == name.replace(" ", "_")]
+    return alike[0] if name not in every and len(alike) == 1 else name
 
 
 def install(extra: str) -> str:

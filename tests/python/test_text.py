@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from granular_id._text import counted, fixed, listed, percent, short, verb, whole_percent
+from granular_id._text import counted, fixed, known_label, listed, percent, short, verb, whole_percent
 
 
 @pytest.mark.parametrize(
@@ -35,3 +35,21 @@ from granular_id._text import counted, fixed, listed, percent, short, verb, whol
 )
 def test_words_and_numbers(written, text):
     assert written == text
+
+
+LABELS = ("fine sugar", "rice", "red_clay", "red clay")
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("rice", "rice"),
+        ("fine sugar", "fine sugar"),
+        ("fine_sugar", "fine sugar"),
+        ("red_clay", "red_clay"),
+        ("red clay", "red clay"),
+        ("oat_flakes", "oat_flakes"),  # not known: as it was typed
+    ],
+)
+def test_a_known_label_may_be_typed_with_underscores(typed, meant):
+    assert known_label(typed, LABELS) == meant

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from granular_id._files import write_json
-from granular_id._text import counted
+from granular_id._text import counted, known_label
 from granular_id.cli.options import FORCE, at_least, between, command, names_in, option, positive
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show, write_files
 from granular_id.cli.recordings import Reading, Steps
@@ -276,18 +276,18 @@ def synthesize(
     Examples:
 
     `granular-id data synthesize pushes.npz`
-    `granular-id data synthesize few --to csv --materials rice,oat flakes --per-class 5`
+    `granular-id data synthesize few --to csv --materials rice,oat_flakes --per-class 5`
     """
     at_least("--per-class", per_class, 1)
     at_least("--sessions", sessions, 1)
     at_least("--seed", seed, 0)
     positive("--rate-hz", rate_hz)
 
-    from granular_id.synthetic import synthesize as make
+    from granular_id.synthetic import PAPER_MATERIALS, synthesize as make
 
-    data = make(
-        names_in(materials) or None, n_per_class=per_class, sessions=sessions, rate_hz=rate_hz, seed=seed
-    )
+    known = [material.name for material in PAPER_MATERIALS]
+    named = [known_label(name, known) for name in names_in(materials)]
+    data = make(named or None, n_per_class=per_class, sessions=sessions, rate_hz=rate_hz, seed=seed)
     target.save(data)
     what = f"{counted(len(data), 'SYNTHETIC recording')} of {counted(len(data.labels), 'material')}"
     show(f"wrote {target.output}: {what}")

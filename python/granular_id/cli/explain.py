@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from granular_id._files import write_json
+from granular_id._text import known_label
 from granular_id.cli.method import OneSpace
 from granular_id.cli.options import FORCE, command, option
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show
@@ -35,7 +36,7 @@ def explain(
     force: bool = FORCE,
     quiet: bool = option(OUTPUT, "Print the explanation only.", "--quiet", default=False),
 ) -> None:
-    """Say which instants, axes, bins and bands decide between two materials.
+    """Say which instants, axes, bins and bands decide between two materials (oat_flakes names "oat flakes").
 
     The method is trained on about one half of the recordings of the two materials and explained on the other,
     so that what is shown decides for recordings it has not seen. The halves are as strict as the two
@@ -53,11 +54,12 @@ def explain(
     check_outputs(
         ("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=reading.path, force=force
     )
-    if first == second:
+    if known_label(first, [second]) == second:
         raise ValueError(f"FIRST and SECOND must be two materials, got {first!r} twice")
     reading.refuse_absent()
     method.refuse_unused()
     data = equal_recordings(reading, steps, quiet=quiet)
+    first, second = (known_label(name, data.labels) for name in (first, second))
     for name, label in (("FIRST", first), ("SECOND", second)):
         if label not in data.labels:
             raise ValueError(

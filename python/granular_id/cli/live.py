@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 
 from granular_id._files import check_source, made_folder
-from granular_id._text import counted
+from granular_id._text import counted, known_label
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
 from granular_id.cli.options import FORCE, at_least, command, names_in, numbers_in, option, positive
 from granular_id.cli.outputs import LIVE_ANSWERS, check_outputs, show, warn_of_setups
@@ -348,7 +348,7 @@ def record(
 
     from granular_id.live import Recorder, opened
 
-    labels = _labels_in(label)
+    labels = _labels_in(label, sensing.source)
     # All of them before the first push: a misspelt material is found out now.
     places = [(sensing.open(url), names) for url, names in _places(labels, sensing.source).items()]
     n_refused = 0
@@ -390,11 +390,15 @@ def record(
         show(f"look at them with: granular-id data info {output}")
 
 
-def _labels_in(text: str) -> list[str]:
-    """Read ``--label``."""
+def _labels_in(text: str, source: str) -> list[str]:
+    """Read ``--label``; a simulation knows its materials."""
     from granular_id.live.recorder import checked_label
 
     labels = names_in(text)
+    if source.startswith("sim:"):
+        from granular_id.synthetic import PAPER_MATERIALS
+
+        labels = [known_label(name, (material.name for material in PAPER_MATERIALS)) for name in labels]
     if not labels:
         raise ValueError(f"--label must name at least one material, got {text!r}")
     if len(set(labels)) < len(labels):

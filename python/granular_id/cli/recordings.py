@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from granular_id._text import counted, verb
+from granular_id._text import counted, known_label, verb
 from granular_id.cli.errors import words_of
 from granular_id.cli.options import at_least, names_in, option, positive
 from granular_id.cli.outputs import show
@@ -230,7 +230,7 @@ class Steps(StepOptions):
         return data
 
     def _without_excluded(self, data: Dataset, *, quiet: bool) -> Dataset:
-        excluded = names_in(self.exclude)
+        excluded = [known_label(name, data.labels) for name in names_in(self.exclude)]
         if not excluded:
             return data
         unknown = sorted(set(excluded) - set(data.labels))

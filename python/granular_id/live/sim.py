@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from granular_id._checks import finite_number, positive_number, sampling_rate, whole_number
 from granular_id._core import host_ns
+from granular_id._text import known_label
 from granular_id.live.robot import Pose, checked_move
 from granular_id.live.source import SourceInfo, ThreadedSource, WrenchSink
 from granular_id.live.source_url import SourceUrl
@@ -447,7 +448,8 @@ def open_url(url: SourceUrl) -> SimSource:
     among = url.words("materials")
     if among is not None and url.path.strip() != UNKNOWN:
         raise ValueError(f"option materials of url {url.text!r} is for sim:{UNKNOWN} only")
-    names = [name.strip().replace("_", " ") for name in among or url.path.split(",")]
+    known = [material.name for material in PAPER_MATERIALS]
+    names = [known_label(name.strip(), known) for name in among or url.path.split(",")]
     try:
         return SimSource(
             UNKNOWN if names == [UNKNOWN] else names,

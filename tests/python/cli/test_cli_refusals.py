@@ -9,7 +9,7 @@ from cli_cases import LABELS, SMALL, ended_well, make, recording, refused, run, 
 from granular_id._checks import argument_error
 from granular_id.cli.errors import in_options, words_of
 from granular_id.cli.recordings import refuse_unequal
-from granular_id.io import save
+from granular_id.io import load, save
 from granular_id.recording import Dataset, Recording
 from granular_id.synthetic import synthesize
 
@@ -474,3 +474,22 @@ def test_a_group_without_a_command_prints_its_help(typed):
     assert result.exit_code == 2
     assert "Usage: " in result.output
     assert "error" not in result.output
+
+
+# -- labels with blanks
+
+
+def test_labels_with_blanks_are_typed_with_underscores_everywhere(tmp_path):
+    words = ("--materials", "rice,oat_flakes,fine_sugar", "--per-class", 4, "--rate-hz", 100)
+    ended_well("data", "synthesize", tmp_path / "x.npz", *words)
+    file = tmp_path / "x.npz"
+    assert "oat flakes" in ended_well("data", "info", file)
+    out = ended_well("explain", file, "rice", "oat_flakes", "--exclude", "fine_sugar", "--space", "raw")
+    assert "--exclude left out fine sugar" in out
+    assert "oat flakes" in out
+    assert "'oat_meal', which is no label here" in refused(
+        "explain", file, "rice", "oat_meal", "--space", "raw"
+    )
+    record = ("--source", "sim:", "--n", 1, "--speed", 50, "--duration-s", 0.5)
+    ended_well("record", *record, "--label", "oat_flakes", "-o", tmp_path / "pushes")
+    assert load(tmp_path / "pushes").labels == ("oat flakes",)
