@@ -82,13 +82,12 @@ class Recordings(ReadingOptions):
     def load(self, identifier: Identifier, *, quiet: bool) -> Dataset:
         """Read the recordings into one data set and say what was read; when quiet, only what was skipped.
 
-        Of files with many columns those that the model was trained on.
+        Without ``--axes`` files have the axes of the model.
         """
         from granular_id.recording import AXES, Dataset
 
-        if self.axes is None and identifier.axes != AXES:
-            self.axes = ",".join(identifier.axes)
-        parts = [self.load_path(path, quiet=quiet) for path in self.paths]
+        axes = None if identifier.axes == AXES else identifier.axes
+        parts = [self.load_path(path, axes=axes, quiet=quiet) for path in self.paths]
         data = parts[0]
         if len(parts) > 1:
             data = Dataset.concatenate([_placed(*each) for each in zip(self.paths, parts, strict=True)])

@@ -95,7 +95,7 @@ class ReadingOptions:
                 time_unit=self.time_unit,
                 array=self.array,
                 label=self.label,
-                axes=self.axes,
+                axes=self.axes or axes,
                 units=self.units,
                 session=self.session,
                 isolate=self.isolate,
