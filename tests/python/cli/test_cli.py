@@ -185,7 +185,7 @@ def test_copies_across_a_split_are_refused_with_the_option_that_accepts_them(fol
 def test_demo_says_that_it_is_synthetic_and_writes_its_files(tmp_path, monkeypatch, no_pictures):
     # RICA and drawing are most of the time, and no different in more partitions or after more iterations.
     few = {"n_partitions": 1, "train_per_class": 4, "test_per_class": 2}
-    monkeypatch.setattr("granular_id.cli.evaluate.QUICK", few)
+    monkeypatch.setattr("granular_id.cli.demo.QUICK", few)
     rica = import_module("granular_id.rica")
     monkeypatch.setattr(rica, "descend", lambda *given: descend(*given[:2], {**given[2], "maxiter": 5}))
     for name in (name for name in vars(pictures) if name.startswith("plot_")):
