@@ -69,6 +69,8 @@ class Conditions:
         Zero-point error per axis, N and N m.
     drift_per_s : tuple of 6 float
         Drift per axis, N/s and N m/s.
+    fluctuation_log, sharpness_log : float
+        Logarithms of factors on the size of the slips and on how abrupt they are.
     """
 
     depth_offset_m: float = 0.0
@@ -87,6 +89,8 @@ class Conditions:
     gain_log: float = 0.0
     tare: tuple[float, ...] = (0.0,) * 6
     drift_per_s: tuple[float, ...] = (0.0,) * 6
+    fluctuation_log: float = 0.0
+    sharpness_log: float = 0.0
 
     def material(self, nominal: Material) -> Material:
         """Return the material in this state of packing."""
@@ -99,6 +103,8 @@ class Conditions:
             overshoot=nominal.overshoot * math.exp(overshoot_log),
             heap=nominal.heap * math.exp(self.heap_log),
             back_flow=nominal.back_flow * math.exp(self.back_flow_log),
+            fluctuation=nominal.fluctuation * math.exp(self.fluctuation_log),
+            sharpness=nominal.sharpness * math.exp(self.sharpness_log),
         )
 
     def rig(self, nominal: Rig) -> Rig:
