@@ -264,30 +264,45 @@ def synthesize(
     target: Target,
     *,
     materials: str = option(PUSHES, "Names separated by commas. Default: the paper's eleven.", default=""),
-    per_class: int = option(PUSHES, "Pushes of each material.", default=62),
+    per_class: int = option(PUSHES, "Recordings of each material.", default=62),
     sessions: int | None = option(PUSHES, "Sessions they come from. Default: see synthesize()."),
+    duration_s: float = option(PUSHES, "Length of a recording; of an IMU as long as you like.", default=3.2),
     rate_hz: float = option(PUSHES, "Sampling rate.", default=500.0),
+    sensor: Literal["wrench", "imu"] = option(
+        PUSHES,
+        "Forces and torques of one push, or an IMU on the tool during many strokes.",
+        default="wrench",
+    ),
     seed: int = option(PUSHES, "Same seed, same recordings.", default=0),
 ) -> None:
     """Write SYNTHETIC recordings: pushes through simulated materials.
 
-    They come from a physical model and not from a sensor.
+    They come from a physical model and not from a sensor. With `--sensor imu` they are long files of another sensor:
+    angular rates in rad/s and accelerations in m/s2 of the tool holder, while the tool strokes to and fro.
 
     Examples:
 
     `granular-id data synthesize pushes.npz`
-    `granular-id data synthesize few --to csv --materials rice,oat_flakes --per-class 5`
+    `granular-id data synthesize few --to csv --materials rice,oat flakes --per-class 5`
+    `granular-id data synthesize drives --to csv --sensor imu --per-class 6 --duration-s 60 --rate-hz 100`
     """
     at_least("--per-class", per_class, 1)
     at_least("--sessions", sessions, 1)
     at_least("--seed", seed, 0)
+    positive("--duration-s", duration_s)
     positive("--rate-hz", rate_hz)
 
     from granular_id.synthetic import PAPER_MATERIALS, synthesize as make
 
-    known = [material.name for material in PAPER_MATERIALS]
-    named = [known_label(name, known) for name in names_in(materials)]
-    data = make(named or None, n_per_class=per_class, sessions=sessions, rate_hz=rate_hz, seed=seed)
+    data = make(
+        names_in(materials) or None,
+        n_per_class=per_class,
+        sessions=sessions,
+        rate_hz=rate_hz,
+        duration_s=duration_s,
+        seed=seed,
+        sensor="imu" if sensor == "imu" else None,
+    )
     target.save(data)
     what = f"{counted(len(data), 'SYNTHETIC recording')} of {counted(len(data.labels), 'material')}"
     show(f"wrote {target.output}: {what}")

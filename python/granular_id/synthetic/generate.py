@@ -6,14 +6,16 @@ import hashlib
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from itertools import count
+from typing import Any, Literal
 
 import numpy as np
 
 from granular_id._checks import argument_error, finite_number, positive_number, sampling_rate, whole_number
 from granular_id._text import fixed
-from granular_id.recording import Dataset, Recording, SampleFlag
+from granular_id.recording import AXES, Dataset, Recording, SampleFlag
 from granular_id.synthetic.drag import Rig
+from granular_id.synthetic.imu import IMU_AXES, IMU_UNITS, STROKE_S, simulate_drive
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
 from granular_id.synthetic.push import Conditions, Sensor, random_stream, simulate_push
 
@@ -125,12 +127,15 @@ FIRST_SESSION_S = 1_704_099_600.0  # 2024-01-01 09:00 UTC, an arbitrary Monday
 SESSION_EVERY_S = 86_400.0
 # Every material is pushed once per round. A push with its reset takes about a minute.
 PUSH_EVERY_S = 55.0
+RESET_S = 10.0
 # The frame of `Rig`, and whose force on whom.
 FRAME = "x along the push, z along the tool (down), y completes; origin at the sensor"
 SIGN = "load of the tool on the material: fx positive while pushing"
 # First element of the key of each random stream.
-_RECORDING, _FILL, _SESSION = 1, 2, 3
+_RECORDING, _FILL, _SESSION, _BIAS = 1, 2, 3, 4
 _CONDITIONS, _PUSH = 0, 1
+# Strokes of a drive are numbered as pushes that nobody asks for by so many recordings.
+_STROKE = 1_000_000
 
 
 def synthesize(
@@ -143,7 +148,7 @@ def synthesize(
     seed: int = 0,
     rig: Rig | None = None,
     nuisance: Nuisance | None = None,
-    sensor: Sensor | None = None,
+    sensor: Sensor | Literal["imu"] | None = None,
 ) -> Dataset:
     """Make a data set of synthetic recordings from a physical model of the push.
 
@@ -159,11 +164,12 @@ def synthesize(
     sessions : int, optional
         Days of recording. Mounting, calibration and zero point are drawn per session, the fill of a
         container per session and material. Recording k belongs to session k modulo `sessions`. Default: 4,
-        or `n_per_class` if that is fewer.
+        or `n_per_class` if that is fewer; with an IMU `n_per_class`, one recording of each material in a session.
     rate_hz : float, default 500
         Sampling rate.
     duration_s : float, default 3.2
-        Length of each recording; it starts 0.10 to 0.25 s before the motion (`Recording.trigger_index`).
+        Length of each recording; it starts 0.10 to 0.25 s before the motion (`Recording.trigger_index`). One push must
+        end before the wall; a recording of an IMU is as long as you like, stroke after stroke of 3.2 s, to and fro.
     seed : int, default 0
         Same seed, same bits (on one platform and numpy version). Recording k of a material does not depend
         on how many recordings or which other materials are made.
@@ -171,8 +177,9 @@ def synthesize(
         Tool, depth, speed, container; default: the paper's.
     nuisance : Nuisance, optional
         What varies between pushes; ``Nuisance().scaled(0)`` switches it off.
-    sensor : Sensor, optional
-        Default: ATI Mini45.
+    sensor : Sensor or "imu", optional
+        Default: a force-torque sensor, ATI Mini45. ``"imu"``: a cheap gyroscope and accelerometer on the holder of the
+        tool, axes wx wy wz (rad/s) and ax ay az (m/s2), which feels how tool and arm vibrate.
 
     Returns
     -------
@@ -197,31 +204,44 @@ def synthesize(
     """
     chosen = resolve_materials(PAPER_MATERIALS if materials is None else materials)
     n_per_class = whole_number("n_per_class", n_per_class)
+    if isinstance(sensor, str) and sensor != "imu":
+        raise ValueError(f"sensor must be a Sensor or 'imu', got {sensor!r:.60}")
     if sessions is None:
-        sessions = min(DEFAULT_SESSIONS, n_per_class)
+        sessions = n_per_class if sensor == "imu" else min(DEFAULT_SESSIONS, n_per_class)
     if whole_number("sessions", sessions) > n_per_class:
         raise ValueError(f"sessions must not exceed n_per_class = {n_per_class}, got {sessions}")
     seed = whole_number("seed", seed, least=0)
-    rig, nuisance, sensor = rig or Rig(), nuisance or Nuisance(), sensor or Sensor()
+    rig, nuisance = rig or Rig(), nuisance or Nuisance()
     rate_hz = sampling_rate("rate_hz", rate_hz)
     duration_s = positive_number("duration_s", duration_s)
-    _check_extremes(rig, nuisance, rate_hz, duration_s)
+    _check_extremes(rig, nuisance, rate_hz, STROKE_S if sensor == "imu" else duration_s)
+    every_s = max(PUSH_EVERY_S, duration_s + RESET_S)
 
     block = np.empty((len(chosen) * n_per_class, round(duration_s * rate_hz), 6))
     drawn: list[dict[str, Any]] = []
     for slot, material in enumerate(chosen):
         for k in range(n_per_class):
             conditions, lead_s, stream = draw_push(material, k, k % sessions, seed, nuisance)
-            block[len(drawn)] = simulate_push(
-                material,
-                rig=rig,
-                rate_hz=rate_hz,
-                duration_s=duration_s,
-                lead_s=lead_s,
-                sensor=sensor,
-                conditions=conditions,
-                seed=stream,
-            )
+            meta = push_meta(material, rig, conditions, lead_s) | {"seed": seed}
+            if sensor == "imu":
+                strokes = (
+                    draw_push(material, k + j * _STROKE, k % sessions, seed, nuisance) for j in count()
+                )
+                bias = random_stream(seed, _BIAS, k % sessions)
+                wrench = simulate_drive(material, strokes, rig, rate_hz, block.shape[1], bias)
+                meta["units"] = IMU_UNITS
+            else:
+                wrench = simulate_push(
+                    material,
+                    rig=rig,
+                    rate_hz=rate_hz,
+                    duration_s=duration_s,
+                    lead_s=lead_s,
+                    sensor=sensor or Sensor(),
+                    conditions=conditions,
+                    seed=stream,
+                )
+            block[len(drawn)] = wrench
             pushes_before = len(chosen) * (k // sessions) + slot
             day_s = FIRST_SESSION_S + SESSION_EVERY_S * (k % sessions)
             drawn.append(
@@ -229,17 +249,20 @@ def synthesize(
                     "label": material.name,
                     "name": f"{material.name.replace(' ', '_')}_{k:02d}",
                     "session": f"session {k % sessions + 1}",
-                    "start_time": day_s + PUSH_EVERY_S * pushes_before,
-                    "trigger_index": math.ceil(lead_s * rate_hz),
-                    "meta": push_meta(material, rig, conditions, lead_s) | {"seed": seed},
+                    "start_time": day_s + every_s * pushes_before,
+                    # A drive has many onsets.
+                    "trigger_index": None if sensor == "imu" else math.ceil(lead_s * rate_hz),
+                    "meta": meta,
                 }
             )
-    saturated = np.any(np.abs(block) >= np.asarray(sensor.full_scale), axis=2)
+    full_scale = math.inf if sensor == "imu" else np.asarray((sensor or Sensor()).full_scale)
+    saturated = np.any(np.abs(block) >= full_scale, axis=2)
     flags = saturated.astype(np.uint8) * np.uint8(SampleFlag.SATURATED)
     block.flags.writeable = False  # recordings share it: no second copy of the samples
+    axes = IMU_AXES if sensor == "imu" else AXES
     return Dataset(
         [
-            Recording(wrench, rate_hz=rate_hz, flags=own if own.any() else None, **row)
+            Recording(wrench, rate_hz=rate_hz, flags=own if own.any() else None, axes=axes, **row)
             for wrench, own, row in zip(block, flags, drawn, strict=True)
         ]
     )
@@ -262,7 +285,7 @@ def _check_extremes(rig: Rig, nuisance: Nuisance, rate_hz: float, duration_s: fl
             ValueError,
             "duration_s",
             f" = {duration_s:g} moves the tool up to {fixed(travel_m, 3)} m, and the wall may stand at "
-            f"{fixed(nearest_m, 3)} m; shorten it, or pass a rig with another speed_m_s or wall_distance_m",
+            f"{fixed(nearest_m, 3)} m; a shorter recording is wanted, or a slower rig, or one with a more distant wall",
         )
     if rig.depth_m <= CUT_SD * sum(nuisance.depth_m):
         raise ValueError(f"depth_m = {rig.depth_m:g} of rig is within the nuisance of the fill height")

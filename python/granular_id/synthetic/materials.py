@@ -126,9 +126,11 @@ def resolve_materials(materials: str | Material | Iterable[str | Material]) -> t
         raise ValueError("materials must name at least one material, got none")
     known = {material.name: material for material in PAPER_MATERIALS}
     resolved: dict[str, Material] = {}
-    for entry in wanted:
+    for each in wanted:
+        # oat_flakes needs no quotation marks on a command line.
+        entry = each.replace("_", " ") if isinstance(each, str) and each not in known else each
         if isinstance(entry, str) and entry not in known:
-            raise ValueError(f"materials has no material {entry!r}; known: {', '.join(known)}")
+            raise ValueError(f"materials has no material {each!r}; known: {', '.join(known)}")
         if not isinstance(entry, str | Material):
             raise TypeError(f"materials must hold names or Material objects, got {entry!r}")
         material = known[entry] if isinstance(entry, str) else entry

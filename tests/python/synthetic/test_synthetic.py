@@ -241,6 +241,55 @@ def test_high_pass_of_nominal_pushes_stays_within_the_histogram():
     assert np.quantile(rest[nominal.y == "macaroni"][..., 0], 0.999) > 0.8
 
 
+def test_names_of_materials_may_have_underscores_for_blanks():
+    assert synthesize("fine_sugar", n_per_class=1) == synthesize("fine sugar", n_per_class=1)
+
+
+# -- long recordings of an IMU
+
+
+@pytest.fixture(scope="module")
+def drives():
+    return synthesize(["rice", "fine sugar"], n_per_class=2, rate_hz=100, duration_s=10, sensor="imu")
+
+
+def test_drives_are_as_long_as_asked_for_one_in_a_session(drives):
+    assert drives.X.shape == (4, 1000, 6)
+    assert list(drives.sessions) == ["session 1", "session 2"] * 2
+    for drive in drives:
+        assert drive.axes == ("wx", "wy", "wz", "ax", "ay", "az")
+        assert list(drive.meta["units"].values()) == ["rad/s"] * 3 + ["m/s2"] * 3
+        assert drive.is_synthetic
+        assert drive.trigger_index is None
+        assert drive.flags is None
+
+
+def test_a_drive_reads_gravity_and_no_steady_load(drives):
+    mean = drives.X.mean(axis=1)
+    np.testing.assert_allclose(mean[:, 5], -9.81, atol=0.5)
+    np.testing.assert_allclose(mean[:, :3], 0.0, atol=0.05)
+
+
+def test_the_rest_before_a_drive_is_noise_and_coarse_grains_shake_the_tool(drives):
+    rest, moving = drives.X[:, :10, 3].std(axis=1), drives.X[:, 40:300, 3].std(axis=1)
+    assert rest.mean() == pytest.approx(0.04, rel=0.3)
+    rice, sugar = moving[:2], moving[2:]
+    assert rice.min() > 2 * sugar.max()
+
+
+def test_a_drive_does_not_depend_on_what_else_is_made_nor_on_its_length(drives):
+    many = synthesize(["macaroni", "rice"], 3, 2, duration_s=20, rate_hz=100, sensor="imu")
+    assert np.array_equal(many.X[many.y == "rice"][:2, :1000], drives.X[:2])
+
+
+def test_every_other_stroke_goes_backwards():
+    quiet = {"nuisance": Nuisance().scaled(0), "rate_hz": 100, "duration_s": 6.4, "sensor": "imu"}
+    # before the noise: from the start of the first and of the second stroke to where the load has built up
+    drive = synthesize("wheat flour", n_per_class=1, seed=2, **quiet)[0].wrench[:, 4]
+    drive = drive - drive.mean()
+    assert drive[320:345].min() < 0 < drive[0:45].max()
+
+
 # -- own materials and odd settings -----------------------------------------------------------
 
 
@@ -360,6 +409,7 @@ def test_the_rest_before_the_motion_gives_nothing_away(thirty_each):
             "materials has no material 'sand'; known: dry peas, .*cat litter",
         ),
         ({"materials": []}, ValueError, "at least one material"),
+        ({"sensor": "gyro"}, ValueError, "sensor must be a Sensor or 'imu', got 'gyro'"),
         ({"materials": [3]}, TypeError, "names or Material objects, got 3"),
         ({"materials": ["rice", BY_NAME["rice"]]}, ValueError, "'rice' twice"),
         ({"n_per_class": 0}, ValueError, "n_per_class must be at least 1, got 0"),
