@@ -335,6 +335,21 @@ fn the_example_identifies_a_csv_file() {
     assert_eq!(lines.unwrap().lines().count(), 1 + model.classes().len());
 }
 
+/// `pushes.npz` holds the first two recordings of `wrench.f64`, as `granular-id record` would write them.
+#[test]
+fn the_example_reads_the_files_of_the_package() {
+    let model = Model::read(golden().join("model.safetensors")).unwrap();
+    let zip = std::fs::read(golden().join("pushes.npz")).unwrap();
+    let pushes = identify::archived(&model, &zip).unwrap();
+    assert_eq!(bits(&pushes.concat()), bits(&numbers(&golden().join("wrench.f64"))[..240]));
+    let lines = identify::identified(&model, golden().join("pushes.npz").to_str().unwrap()).unwrap();
+    assert_eq!(lines.lines().count(), 2 * (1 + model.classes().len()));
+    for end in 0..zip.len() {
+        let problem = identify::archived(&model, &zip[..end]).unwrap_err().to_string();
+        assert_eq!(problem, "not an NPZ file as granular-id writes it");
+    }
+}
+
 /// 60 pushes of known materials and 20 of others, and what the rules in plain numpy say of them.
 #[test]
 fn the_example_refuses_what_the_package_refuses() {

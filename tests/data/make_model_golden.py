@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+import granular_id as gid
+
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "python"))
 
@@ -38,6 +40,11 @@ def main(folder=HERE / "model", n_rows=12):
         losses = -decode(scores, model.coding_matrix)
         for file, values in zip(files, (wrench, scores, losses), strict=True):
             file.write(values.astype("<f8").tobytes())
+        if start == 0:
+            gid.save(
+                gid.Dataset([gid.Recording(push, rate_hz=spec.rate_hz) for push in wrench[:2]]),
+                folder / "pushes.npz",
+            )
     for file in files:
         file.close()
     print(f"{n_rows} recordings in {folder}")
