@@ -61,7 +61,6 @@ BEFORE_READING = [
     ("evaluate broken.npz --checkpoint .", "--checkpoint . holds 'broken.npz' and is no checkpoint: give a"),
     ("evaluate absent --figures new/deeper --checkpoint also/new", "absent: no such file or folder"),
     ("demo -o broken.npz", "broken.npz is or lies in a file, wanted a folder"),
-    ("demo --checkpoint broken.npz", "broken.npz is or lies in a file"),
     ("report none.json", "error: none.json: no such file or directory"),
     ("report . -o a.html", "error: .: is a directory"),
     (
