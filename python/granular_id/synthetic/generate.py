@@ -164,7 +164,7 @@ def synthesize(
     sessions : int, optional
         Days of recording. Mounting, calibration and zero point are drawn per session, the fill of a
         container per session and material. Recording k belongs to session k modulo `sessions`. Default: 4,
-        or `n_per_class` if that is fewer; with an IMU `n_per_class`, one recording of each material in a session.
+        or `n_per_class` if that is fewer; with an IMU each recording is a session of its own.
     rate_hz : float, default 500
         Sampling rate.
     duration_s : float, default 3.2
@@ -206,8 +206,9 @@ def synthesize(
     n_per_class = whole_number("n_per_class", n_per_class)
     if isinstance(sensor, str) and sensor != "imu":
         raise ValueError(f"sensor must be a Sensor or 'imu', got {sensor!r:.60}")
+    own_sessions = sessions is None and sensor == "imu"
     if sessions is None:
-        sessions = n_per_class if sensor == "imu" else min(DEFAULT_SESSIONS, n_per_class)
+        sessions = 1 if own_sessions else min(DEFAULT_SESSIONS, n_per_class)
     if whole_number("sessions", sessions) > n_per_class:
         raise ValueError(f"sessions must not exceed n_per_class = {n_per_class}, got {sessions}")
     seed = whole_number("seed", seed, least=0)
@@ -221,13 +222,14 @@ def synthesize(
     drawn: list[dict[str, Any]] = []
     for slot, material in enumerate(chosen):
         for k in range(n_per_class):
-            conditions, lead_s, stream = draw_push(material, k, k % sessions, seed, nuisance)
+            name = f"{material.name.replace(' ', '_')}_{k:02d}"
+            session = _key(name) if own_sessions else k % sessions
+            conditions, lead_s, stream = draw_push(material, k, session, seed, nuisance)
             meta = push_meta(material, rig, conditions, lead_s) | {"seed": seed}
             if sensor == "imu":
-                strokes = (
-                    draw_push(material, k + j * _STROKE, k % sessions, seed, nuisance) for j in count()
-                )
-                bias = random_stream(seed, _BIAS, k % sessions)
+                numbers = count(k, _STROKE)
+                strokes = (draw_push(material, number, session, seed, nuisance) for number in numbers)
+                bias = random_stream(seed, _BIAS, session)
                 wrench = simulate_drive(material, strokes, rig, rate_hz, block.shape[1], bias)
                 meta["units"] = IMU_UNITS
             else:
@@ -247,8 +249,8 @@ def synthesize(
             drawn.append(
                 {
                     "label": material.name,
-                    "name": f"{material.name.replace(' ', '_')}_{k:02d}",
-                    "session": f"session {k % sessions + 1}",
+                    "name": name,
+                    "session": name if own_sessions else f"session {k % sessions + 1}",
                     "start_time": day_s + every_s * pushes_before,
                     # A drive has many onsets.
                     "trigger_index": None if sensor == "imu" else math.ceil(lead_s * rate_hz),
@@ -296,13 +298,17 @@ def draw_push(
 ) -> tuple[Conditions, float, np.random.SeedSequence]:
     """Draw what push `k` through a material meets in a session: its conditions, its rest in s, its own seed."""
     # The name, not the position in the list: the same recordings whichever materials stand beside.
-    key = int.from_bytes(hashlib.blake2b(material.name.encode(), digest_size=4).digest(), "big")
+    key = _key(material.name)
     recording = random_stream(seed, _RECORDING, key, k)
     own = np.random.default_rng(random_stream(recording, _CONDITIONS))
     fill = np.random.default_rng(random_stream(seed, _FILL, key, session))
     of_session = np.random.default_rng(random_stream(seed, _SESSION, session))
     conditions = nuisance.draw(own, fill, of_session)
     return conditions, float(own.uniform(*LEAD_S)), random_stream(recording, _PUSH)
+
+
+def _key(name: str) -> int:
+    return int.from_bytes(hashlib.blake2b(name.encode(), digest_size=4).digest(), "big")
 
 
 def push_meta(material: Material, rig: Rig, conditions: Conditions, lead_s: float) -> dict[str, Any]:

@@ -253,9 +253,9 @@ def drives():
     return synthesize(["rice", "fine sugar"], n_per_class=2, rate_hz=100, duration_s=10, sensor="imu")
 
 
-def test_drives_are_as_long_as_asked_for_one_in_a_session(drives):
+def test_drives_are_as_long_as_asked_for_each_a_session_of_its_own(drives):
     assert drives.X.shape == (4, 1000, 6)
-    assert list(drives.sessions) == ["session 1", "session 2"] * 2
+    assert list(drives.sessions) == ["rice_00", "rice_01", "fine_sugar_00", "fine_sugar_01"]
     for drive in drives:
         assert drive.axes == ("wx", "wy", "wz", "ax", "ay", "az")
         assert list(drive.meta["units"].values()) == ["rad/s"] * 3 + ["m/s2"] * 3
@@ -278,7 +278,7 @@ def test_the_rest_before_a_drive_is_noise_and_coarse_grains_shake_the_tool(drive
 
 
 def test_a_drive_does_not_depend_on_what_else_is_made_nor_on_its_length(drives):
-    many = synthesize(["macaroni", "rice"], 3, 2, duration_s=20, rate_hz=100, sensor="imu")
+    many = synthesize(["macaroni", "rice"], 3, duration_s=20, rate_hz=100, sensor="imu")
     assert np.array_equal(many.X[many.y == "rice"][:2, :1000], drives.X[:2])
 
 
