@@ -31,8 +31,9 @@ RELIEF_S = 0.1
 # Holder, sensor and tool: a kilogram and a half, of the size of a hand.
 MASS_KG = 1.5
 INERTIA_KG_M2 = 0.006
-# A cheap sensor of a telephone at a bandwidth of some 50 Hz: noise, and bias that is there anew in each session.
-NOISE = np.array([0.003] * 3 + [0.04] * 3)
+# A cheap sensor (InvenSense MPU-6050: 0.005 deg/s and 400 ug per root Hz) at some 50 Hz, and a bias that each session
+# has anew.
+NOISE = np.array([0.001] * 3 + [0.03] * 3)
 BIAS = np.array([0.01] * 3 + [0.15] * 3)
 
 Stroke = tuple[Conditions, float, np.random.SeedSequence]
