@@ -11,6 +11,7 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs' -
 # What is measured is the wheel, built for speed: the checkout's own build is made to compile quickly.
 WHEEL   := dist/.built
 RELEASE := .venv-wheel
+CLEAN   := .venv-clean
 OLDEST  := .venv-oldest
 BENCHES := .venv-bench
 
@@ -21,7 +22,7 @@ THREADED := tests/python/core/test_features.py tests/python/core/test_features_a
 .PHONY: help demo test lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign stress sanitize soak fuzz bench-formats bench-decision wheel clean toolchain
 
 help:
-	@echo "make demo       evaluate the built-in synthetic recordings: table and figures in ./demo"
+	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
 	@echo "make test       lint, Rust tests, Python tests"
 	@echo "make check-all  all that takes long: threads, campaign, fuzz, stress, sanitize, soak, oldest (hours)"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest"
@@ -38,7 +39,7 @@ help:
 	@echo "make soak       the sensor client beside a busy interpreter: 10 minutes at 500 Hz, 1 minute at 7000 Hz"
 	@echo "make bench-decision   time from the last sample to the answer, beside scipy and scikit-learn"
 	@echo "make bench-formats    read speed of every format beside the plain call of its library"
-	@echo "make wheel      build a wheel into ./dist"
+	@echo "make wheel      build a wheel into ./dist, and try it in an empty environment"
 
 toolchain:
 	@command -v cargo >/dev/null || { echo "granular_id needs a Rust toolchain, 1.89 or later: install rustup, then run this again" >&2; exit 1; }
@@ -195,8 +196,18 @@ fuzz: $(TOOLS)
 	$(FUZZ) model_file -- -runs=$(FUZZ_RUNS) -max_len=4096 -dict=tests/fuzz/model_file.dict
 	$(FUZZ) rdt_packets -- -runs=$(FUZZ_RUNS) -max_len=4096
 
+# Bare: numpy and scikit-learn come with it and nothing else. Then the command line beside it, as for [app].
 wheel: $(WHEEL)
-	@ls dist/*.whl
+	@echo "installing it into an empty environment"
+	@rm -rf $(CLEAN)
+	@$(PYTHON) -m venv $(CLEAN)
+	@$(CLEAN)/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
+	@$(CLEAN)/bin/python -I examples/first_lines.py
+	@$(CLEAN)/bin/python -m pip install --quiet --disable-pip-version-check "$$(echo dist/*.whl)[app]"
+	@$(CLEAN)/bin/granular-id --version
+	@$(CLEAN)/bin/granular-id demo --output $(CLEAN)/demo | tail -n 1
+	@rm -rf $(CLEAN)
+	@echo "both work; install it into yours: pip install \"$$(echo dist/*.whl)[app]\""
 
 clean:
-	rm -rf $(VENV) $(RELEASE) $(OLDEST) $(BENCHES) target dist demo
+	rm -rf $(VENV) $(RELEASE) $(CLEAN) $(OLDEST) $(BENCHES) target dist demo

@@ -1,8 +1,10 @@
-"""The examples in the docstrings say what they say they do."""
+"""The examples in the docstrings, and the first lines that a new wheel runs, say what they say they do."""
 
 import doctest
 import importlib
 import pkgutil
+import runpy
+from pathlib import Path
 
 import pytest
 
@@ -25,3 +27,8 @@ def test_there_are_examples():
         example for name in MODULES for example in doctest.DocTestFinder().find(importlib.import_module(name))
     ]
     assert sum(bool(example.examples) for example in found) > 100
+
+
+def test_the_first_lines_name_a_push(capsys):
+    runpy.run_path(str(Path(__file__).parents[2] / "examples" / "first_lines.py"))
+    assert capsys.readouterr().out.splitlines()[-1] == "a push through rice is named rice"
