@@ -59,7 +59,7 @@ def draw(found: dict[str, dict[str, float]], output: Path) -> None:
         panel.set_title(TITLES[name], fontsize=9, color=INK, loc="left")
         panel.spines[["top", "right", "bottom"]].set_visible(False)
         panel.tick_params(axis="y", length=0, labelsize=8, labelcolor=INK)
-    figure.text(1, 1, "accuracy in %; blue: this package", ha="right", va="top", fontsize=8, color=INK)
+    figure.supxlabel("accuracy in %; blue: this package", fontsize=8, color=INK)
     figure.savefig(output, dpi=140)
 
 
