@@ -278,7 +278,11 @@ def _report(
     problems: Sequence[RecordingFileError],
 ) -> StepReport:
     parameters = {"format": found.layout, **asdict(options)}
-    del parameters["max_file_bytes"]
+    for name in ("max_file_bytes", "window_s", "hop_s"):  # windows are a step of their own
+        del parameters[name]
+    for name in ("axes", "units", "session"):
+        if parameters[name] is None:
+            del parameters[name]  # and files of earlier versions have the same history
     rows: list[dict[str, Any]] = [row for content in contents for row in content.rows]
     totals = {
         "recordings": len(recordings),
