@@ -235,6 +235,8 @@ def _one_text(table: LongTable, meaning: str, rows: NDArray[np.intp], source: Fi
     if len(said) > 1:
         shown = ", ".join(sorted(f"{text!r:.30}" for text in said))[:80]
         problem = f"recording {source.name!r:.60} has {len(said)} values: {shown}; wanted one"
+        if table.keys is None:
+            problem += ", or a column recording (also trial, run) that tells the stretches of each apart"
         raise RecordingFileError(source.path, problem, column=table.columns[meaning])
     text = said.pop()
     try:

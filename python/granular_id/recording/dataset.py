@@ -280,8 +280,8 @@ class Dataset:
         What is left at the end of a recording, shorter than a window, is dropped and counted. A window keeps label,
         metadata, and the flags and trigger that lie in it; `start_time` moves along, and ``meta["window"]`` says of
         which recording it is and from which second on. Windows of one recording have one session: the recording's or,
-        where that is not known, its name. So where sessions are held out, no window that overlaps another is on the
-        other side.
+        where that is not known, its name. So where sessions are held out, windows that overlap or touch each other are
+        on one side; random partitions do not look at sessions, and part them.
 
         Parameters
         ----------
