@@ -138,7 +138,11 @@ def _picked(
 ) -> tuple[NDArray[np.float64], dict[str, int], dict[str, Coded]]:
     """Return the numbers of the columns that are read, where each is among them, and texts."""
     numbers = {meaning: i for meaning, i in columns.items() if meaning not in _TEXTS}
-    unnamed = [i for i, name in enumerate(header.names) if not name or name.lower().startswith("unnamed:")]
+    unnamed = [
+        i
+        for i, name in enumerate(header.names)
+        if i not in columns.values() and (not name or name.lower().startswith("unnamed:"))
+    ]
     others = [i for i in (*columns.values(), *unnamed) if i not in numbers.values()]
     table, cells = picked_columns(data, header, list(numbers.values()), others, path)
     for i in unnamed:

@@ -158,6 +158,11 @@ REFUSED = {
         r"two units of fx: kN .* and mN \(units=\)",
     ),
     "a unit too many": (IMU, {"axes": IMU, "units": "a,b,c,d"}, r"units has 4 for 6 axes \(wx, wy, wz, ax"),
+    "units that do not divide six": (
+        AXES,
+        {"units": "N,N,N m,N m"},
+        r"drive.csv.*: units has 4 for 6 axes \(fx, fy",
+    ),
     "minutes": (("time (min)", *IMU[1:]), {"axes": "wy"}, "unit of column 'time"),
 }
 
@@ -206,6 +211,19 @@ def test_one_unit_in_two_ways_of_writing(tmp_path, unit):
     assert units_of(load(csv(tmp_path, (f"ax [{unit}]", *IMU[1:])), axes="ax", units="m/s2")) == {
         "ax": "m/s2"
     }
+
+
+def test_columns_that_are_clocks_elsewhere_may_be_axes(tmp_path):
+    data = load(csv(tmp_path, ("t", "sec", *IMU[2:])), axes=("sec", "t"))
+    assert data.X[0].tolist() == SAMPLES[:, [1, 0]].tolist()
+    assert data.rate_hz == 100
+
+
+def test_units_of_arrays_with_names_of_their_own(tmp_path):
+    np.savez(tmp_path / "x.npz", X=SAMPLES[:, :3], axes=np.array(IMU[:3]), fs=100)
+    assert units_of(load(tmp_path / "x.npz", units="rad/s")) == dict.fromkeys(IMU[:3], "rad/s")
+    with pytest.raises(RecordingFileError, match=r"x.npz.*: units has 2 for 3 axes \(wx, wy, wz\)"):
+        load(tmp_path / "x.npz", units="rad/s,m/s2")
 
 
 def test_units_that_nobody_states_are_not_guessed(tmp_path):

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from granular_id._checks import FloatArray
 from granular_id.io.arrays.names import FORCES, TORQUES, is_general, is_other_thing, plain_name, role_of
 from granular_id.io.arrays.tree import Origin, is_leaf, n_values, texts
-from granular_id.io.columns import TIME, ColumnError, axes_among, factor, same_unit, split_unit
+from granular_id.io.columns import TIME, axes_among, factor, same_unit, split_unit
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import LoadOptions
 from granular_id.recording import AXES, unit_of
@@ -170,26 +171,26 @@ class Columns:
     ) -> Columns:
         """Tell what the columns of the array at `place` are; refuse two of one meaning, and units that do not fit."""
         meant = [split_unit(name) for name in names]
-        in_names = [unit for _, unit in meant]
+        found, in_names = [axis for axis, _ in meant], [unit for _, unit in meant]
         axes, order, time, time_unit = names, None, None, None
-        found = [axis for axis, _ in meant]
-        wanted = (*AXES, TIME) if options.axes is None else (TIME,)
-        twice = next((axis for axis in wanted if found.count(axis) > 1), None)
+        picked = None
+        if options.axes is not None:
+            with _refusing(origin, place):
+                picked = dict(axes_among(names, options.axes))
+        if picked is not None:
+            found = ["" if i in picked or axis != TIME else TIME for i, axis in enumerate(found)]
+        twice = next((axis for axis in (*AXES, TIME) if found.count(axis) > 1), None)
         if twice is not None:
             raise origin.unclear(f"two columns of {place} mean {twice}: {', '.join(names)[:80]}")
-        if options.axes is not None:
-            try:
-                picked = dict(axes_among(names, options.axes))
-            except ColumnError as error:
-                raise RecordingFileError(origin.path, error.problem, place=place) from error
+        if picked is not None and options.axes is not None:
             axes, order = options.axes, list(picked)
             in_names = [picked.get(column) for column in range(len(names))]
-            time = found.index(TIME) if TIME in found and found.index(TIME) not in picked else None
         elif set(AXES) <= set(found):
             axes, order = AXES, [found.index(axis) for axis in AXES]
-            time = found.index(TIME) if TIME in found else None
         elif all(is_other_thing(name) for name in names):
             raise origin.unclear(f"the columns of {place} are no wrench: {', '.join(names)[:80]}")
+        if order is not None and TIME in found:
+            time = found.index(TIME)
         columns = list(range(len(names))) if order is None else order
         entry, of_all = _unit_of_each(names, columns, axes, units, origin)
         if time is not None:
@@ -198,7 +199,8 @@ class Columns:
             time_unit = single_unit(units.get(TIME)) or of_column or time_unit_in_name(names[time])
         scales: list[float] = []
         meta_units: dict[str, str] = {}
-        asked = options.units_of(axes)
+        with _refusing(origin, place):
+            asked = options.units_of(axes)
         for axis, column, of_axis in zip(axes, columns, of_all, strict=True):
             said = [(place, in_names[column]), (entry, of_axis)]
             of_half = (FORCE if axis[0] == "f" else TORQUE,) if axis in AXES else ()
@@ -251,6 +253,15 @@ def _unit_of_each(
     if len(listed) > 1:
         raise origin.fault(key, f"states {len(listed)} units for {len(names)} axes; wanted one per axis")
     return key, (listed or ("",)) * len(axes)
+
+
+@contextmanager
+def _refusing(origin: Origin, place: str) -> Iterator[None]:
+    """Name the file in which axes or units that the options name are not to be had."""
+    try:
+        yield
+    except ValueError as error:
+        raise RecordingFileError(origin.path, str(error), place=place) from error
 
 
 def _agreed(axis: str, known: list[tuple[str, str]], asked: str, origin: Origin) -> list[tuple[str, str]]:
