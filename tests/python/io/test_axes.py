@@ -248,6 +248,27 @@ def test_axes_of_vectors_with_their_names(tmp_path):
     assert load(tmp_path / "x.npz", axes="az,wy").X[0].tolist() == SAMPLES[:, [5, 1]].tolist()
 
 
+def test_vectors_in_groups_of_a_label_and_a_drive(tmp_path):
+    axes = dict(zip(IMU, SAMPLES.T, strict=True))
+    drives = {
+        f"{ground}/drive_{k}/{name}": each
+        for ground in ("mud", "sand")
+        for k in (1, 2)
+        for name, each in axes.items()
+    }
+    np.savez(tmp_path / "x.npz", fs=100, **drives)
+    data = load(tmp_path / "x.npz", axes=IMU)
+    assert data.y.tolist() == ["mud", "mud", "sand", "sand"]
+    assert data.X[3].tolist() == SAMPLES.tolist()
+
+
+@pytest.mark.parametrize("name", ["imu", "a"])
+def test_arrays_of_other_sensors_say_that_axes_name_them(tmp_path, name):
+    np.savez(tmp_path / "x.npz", fs=100, **{name: SAMPLES[:, : 6 if name == "imu" else 4]})
+    with pytest.raises(RecordingFileError, match=r"of another sensor (pass )?axes= with"):
+        load(tmp_path / "x.npz")
+
+
 def test_an_unnamed_array_of_another_width(tmp_path):
     np.save(tmp_path / "x.npy", SAMPLES[:, :3])
     assert load(tmp_path / "x.npy", rate_hz=100, axes="wx,wy,wz").X[0].tolist() == SAMPLES[:, :3].tolist()

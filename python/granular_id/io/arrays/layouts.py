@@ -207,7 +207,10 @@ def _what_is_missing(tree: Mapping[str, Any]) -> str:
     for key, n_names in named.items():
         if six is not None and n_names != _N:
             return f"{six} has {_N} columns, {key} names {n_names}; wanted a name for each"
-    wanted = f"wanted an array with an axis of length {_N}, or axes, the names of the axes that there are, beside it"
+    wanted = (
+        f"wanted an array with an axis of length {_N}, or axes, the names of the axes that there are, beside it; of "
+        "another sensor pass axes= with their names"
+    )
     return next((hint for name, shape in arrays if (hint := _hint(name, shape))), wanted)
 
 
@@ -231,7 +234,8 @@ def _hint(name: str, shape: tuple[int, ...]) -> str | None:
         return f"{it} is empty: it holds no samples" if _N in shape else None
     if _N in shape and is_other_thing(last):
         return (
-            f"{it} is no wrench by its name; if it is one, pass array={name!r}, or save it under another name"
+            f"{it} is no wrench by its name; if it is one, pass array={name!r}, or of another sensor axes= with the "
+            "names of its columns"
         )
     if len(THREE) in shape and plain_name(last) in FORCES | TORQUES:
         way_out = "save force and torque as arrays of one shape under these names"

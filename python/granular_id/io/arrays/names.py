@@ -61,7 +61,7 @@ _SIGNALS = _set(
 _COUNTED = _set(
     "recording recordings rec trial trials run runs push pushes demo demos episode episodes sample samples test "
     "tests experiment exp measurement meas trajectory traj sequence seq segment take rep repetition day session "
-    "batch"
+    "batch drive drives lap laps"
 )
 """Words that stand before the number of a recording and are no material."""
 
