@@ -57,6 +57,7 @@ def info(
     `granular-id data info recordings`
     `granular-id data info pushes.mat`
     `granular-id data info recordings --json info.json`
+    `granular-id data info drives --axes wx,wy,wz,ax,ay,az --units rad/s,m/s2 --rate-hz 100 --window-s 1.7`
     """
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     loaded = reading.load()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cli_cases import ended_well, refused, run, written
+from granular_id.cli.errors import in_options
 from granular_id.io import load, save
 from granular_id.recording import Dataset, Recording
 from granular_id.synthetic import synthesize
@@ -150,10 +151,113 @@ def test_synthesize_writes_what_is_labelled_synthetic(tmp_path):
     assert data == synthesize(["rice", "oat flakes"], n_per_class=2, rate_hz=100, seed=4)
 
 
-def test_synthesize_writes_long_recordings_of_an_imu(tmp_path):
-    ended_well(
-        "data", "synthesize", tmp_path / "x.npz", "--materials", "oat_flakes", "--per-class", 2, "--sensor", "imu",
-        "--rate-hz", 100, "--duration-s", 5,
-    )  # fmt: skip
-    drives = {"rate_hz": 100, "duration_s": 5, "sensor": "imu"}
-    assert load(tmp_path / "x.npz") == synthesize("oat flakes", n_per_class=2, **drives)
+# -- another sensor, in long recordings
+
+IMU = ("--axes", "wx,wy,wz,ax,ay,az", "--units", "rad/s,m/s2")
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
+    """Two grounds, two drives each of 20 s at 50 Hz, one with uneven stamps and a column of its own."""
+    folder, rng = tmp_path_factory.mktemp("drives"), np.random.default_rng(5)
+    for ground in ("mud", "sand"):
+        (folder / ground).mkdir()
+        for k in (1, 2):
+            time_s = np.arange(1000) / 50 + (rng.uniform(0, 0.005, 1000) if (ground, k) == ("mud", 2) else 0)
+            columns = np.column_stack([time_s, rng.normal(size=(1000, 7))])
+            head = "time,wx,wy,wz,ax,ay,az,speed"
+            np.savetxt(
+                folder / ground / f"drive_{k}.csv",
+                columns,
+                delimiter=",",
+                header=head,
+                comments="",
+                fmt="%.5f",
+            )
+    return folder
+
+
+def test_a_folder_of_another_sensor_is_refused_with_the_way_in(drives):
+    said = refused("data", "info", drives)
+    assert "; for other axes pass --axes wx,wy,wz,ax,ay,az,speed" in said
+
+
+@pytest.mark.parametrize(
+    ("problem", "said"),
+    [
+        ("a.csv: for other axes pass axes='acc x,acc y'", "a.csv: for other axes pass --axes 'acc x,acc y'"),
+        ("call .select(axes=['wx', 'wy z'])", "add --axes 'wx,wy z'"),
+        (
+            "window_s=2: irregular; load without window_s, then call .resample(rate_hz) and .windows(2)",
+            "add --rate-hz",
+        ),
+        ("raise max_file_bytes to 25165825 to read it", "raise --max-file-mb to 25 to read it"),
+        ("the axes of units, in one session", "the axes of units, in one session"),
+    ],
+)
+def test_ways_out_are_said_in_options(problem, said):
+    assert in_options(problem).endswith(said)
+
+
+WINDOWS = ("--rate-hz", 50, "--window-s", 1.7, "--hop-s", 0.85)
+
+
+@pytest.mark.parametrize(
+    ("command", "lines"),
+    [
+        (
+            ("info",),
+            (
+                "axes: wx wy wz ax ay az",
+                "meta: units, window",
+                "sessions: 4",
+                "mud    44          2         85",
+                "step 3: windows",
+            ),
+        ),
+        (("head", "-n", 2), ("mud/drive_1.csv @ 0 s", "time s  wx rad/s", "ax m/s2")),
+        (("check", "--hop-s", 1.7), ("44 recordings checked", "leak-session")),
+    ],
+)
+def test_windows_of_another_sensor(drives, command, lines):
+    name, *more = command
+    said = ended_well("data", name, drives, *IMU, *WINDOWS, *more)
+    for line in ("columns that are not read: 'speed'", *lines):
+        assert line in said
+
+
+def test_windows_of_uneven_recordings_need_a_rate(drives):
+    said = refused("data", "info", drives, *IMU, "--window-s", 1.7)
+    assert "sampled irregularly" in said
+    assert said.endswith("nothing is resampled unasked: add --rate-hz 50")
+    assert "add --window-s" in refused("data", "info", drives, *IMU, "--hop-s", 1)
+
+
+def test_a_plot_of_another_sensor(drives, tmp_path):
+    ended_well("data", "plot", drives, *IMU, *WINDOWS, "-o", tmp_path / "a.png")
+    ended_well("data", "plot", drives, *IMU, "--draw", "ax,az", "-o", tmp_path / "b.png")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "b.png"]
+
+
+@pytest.mark.parametrize("to", ["csv", "npz"])
+def test_another_sensor_is_converted(drives, tmp_path, to):
+    path = tmp_path / ("x.npz" if to == "npz" else "x")
+    said = ended_well("data", "convert", drives, path, "--to", to, *IMU, *WINDOWS, "--session", "folder")
+    assert "read back and found equal" in said
+    data = load(path)
+    assert data.X.shape == (88, 85, 6)
+    assert set(data.sessions) == {"mud", "sand"}
+
+
+def test_windows_are_cut_after_all_else(drives):
+    said = ended_well("data", "info", drives, *IMU, "--rate-hz", 50, "--duration-s", 4, "--window-s", 2)
+    assert "align" in said
+    assert "windows: 8" in said
+
+
+def test_a_model_of_another_sensor_reads_the_axes_it_was_trained_on(drives, tmp_path):
+    model, file = tmp_path / "m.safetensors", drives / "sand" / "drive_1.csv"
+    ended_well("train", drives, "-o", model, "--space", "raw", "--target-error", 0.2, *IMU, *WINDOWS)
+    assert "drive_1.csv" in ended_well("identify", model, file, "--begin-at", "first")
+    said = refused("identify", model, file, "--begin-at", "first", "--axes", "ax,wy,wz,wx,ay,az")
+    assert said.endswith("the model was trained on wx wy wz ax ay az: add --axes wx,wy,wz,ax,ay,az")
