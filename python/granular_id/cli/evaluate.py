@@ -408,10 +408,10 @@ def select(
     method.refuse_impossible(steps.rate_hz)
     chosen = chosen_spaces(spaces) or _every_space() if spaces else None
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
-    notes = method.unused_in(chosen) if chosen else []
-    data = equal_recordings(reading, steps, quiet=quiet)
-
     from granular_id.evaluation import DEFAULT_SPACES, select as select_space
+
+    notes = method.unused_in(chosen or DEFAULT_SPACES)
+    data = equal_recordings(reading, steps, quiet=quiet)
 
     for note in [] if quiet else notes:
         show(f"note: {note}")

@@ -67,12 +67,6 @@ BEFORE_READING = [
         "report broken.npz",
         "error: broken.npz is no JSON of an evaluation, as granular-id evaluate --json writes it",
     ),
-    ("select broken.npz --spaces multiband,best", "'multiband' and 'best', with a classifier of their own"),
-    (
-        "select broken.npz --spaces raw,best",
-        "--spaces must leave out 'best', with a classifier of its own ... evaluate --spaces raw,best, or",
-    ),
-    ("select broken.npz --spaces all", "'multiband' and 'best', with a classifier of their own"),
     (
         "select broken.npz --spaces raw,dft --n-bins 7",
         "left out with --spaces raw,dft, which have no use for it",

@@ -15,18 +15,20 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from cli_cases import ended_well, saved
+from granular_id._progress import Ticker
 from granular_id.confidence import assess
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import EvaluationResult, evaluate
 from granular_id.evaluation.arguments import plan_spaces
 from granular_id.evaluation.controls import plan_controls
 from granular_id.evaluation.features import GramBank
+from granular_id.evaluation.scoring import Task, answers_of
 from granular_id.evaluation.selection import select
 from granular_id.evaluation.tables import choice_tables
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import HFMH, FeatureSpace
+from granular_id.spaces import HFMH, FeatureSpace, feature_spaces
 from granular_id.spaces.best import BestClassifier, Chosen
-from granular_id.splits import groups_of
+from granular_id.splits import groups_of, nested_folds
 from multiband_cases import louder
 
 OURS = ["best", "multiband"]
@@ -228,9 +230,39 @@ def test_shuffled_labels_are_learned_by_the_classifier_of_the_space(data):
     assert isinstance(shuffled.classifier, BestClassifier)
 
 
-def test_a_choice_of_costs_refuses_them(data):
-    with pytest.raises(ValueError, match="spaces must leave out 'best'"):
-        select(data, spaces=["raw", "best"], n_outer=2, n_inner=2)
+def test_a_choice_takes_their_classifiers_as_they_are(data):
+    selection = select(data, spaces=["raw", "multiband"], n_outer=2, n_inner=2, progress=False)
+    known = feature_spaces(rate_hz=data.rate_hz)["multiband"]
+    folds = nested_folds(data, 2, 2, 0).nested
+    partitions = {"folds": [fold.outer for fold in folds]}
+    labels, truth = np.unique(data.y, return_inverse=True)
+    task = Task(known, known.classifier, GramBank(data.X), groups_of(data))
+    answers, _ = answers_of(
+        task,
+        partitions=partitions,
+        labels=labels,
+        truth=truth,
+        seed=0,
+        n_jobs=1,
+        ticker=Ticker(2, None),
+        checkpoint=None,
+    )
+    hits = [
+        np.mean(one.predicted == truth[fold.outer.test])
+        for one, fold in zip(answers["folds"], folds, strict=True)
+    ]
+    multiband = selection.candidates[1]
+    assert multiband.accuracies.tolist() == [[hit] * 5 for hit in hits]
+    assert multiband.parts > selection.candidates[0].parts
+
+
+def test_a_chosen_space_with_its_own_classifier_has_no_cost_and_fits(data):
+    selection = select(data, spaces=["best"], n_outer=2, n_inner=2, progress=False)
+    assert selection.C is None
+    assert selection.verdict().startswith("Take best\n")
+    assert (selection.to_train.space, selection.to_train.C) == ("best", None)
+    model = selection.model().fit(data.X, data.y)
+    assert model.predict(data.X[:3]).shape == (3,)
 
 
 def test_confidence_is_that_of_the_classifier_of_the_space(data, tmp_path, monkeypatch):

@@ -12,7 +12,9 @@ from sklearn.pipeline import make_pipeline
 
 from evaluation_cases import LABELS, changed, make_data
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.candidates import DEFAULT_SPACES, plan_candidates
 from granular_id.evaluation.selection import select
+from granular_id.identifier.metadata import SPACES as TRAINED
 from granular_id.recording import Dataset
 from granular_id.rica import RICA
 from granular_id.spaces import HFMH, BlockUnion, PrincipalComponents, RawHFMH, RawSignal, Tare, feature_spaces
@@ -237,18 +239,35 @@ def test_json_holds_every_figure(selection, tmp_path):
     assert content["settings"]["seed"] == 0
 
 
-def test_default_candidates_leave_out_rotations_and_what_takes_long():
+def test_default_candidates_are_those_that_train_takes(data):
+    assert set(DEFAULT_SPACES) == set(TRAINED)
+    candidates = plan_candidates(None, [None], data.rate_hz, 0)
+    assert all(candidate.live for candidate in candidates)
+
+
+def test_a_space_that_cannot_run_live_is_marked_and_another_is_trained(selection):
+    live = {row[0].strip("> "): row[-1] for row in selection.table().rows}
+    assert live["pca"] == live["raw-histogram"] == "no"
+    assert live["raw+hfmh (unit)"] == "yes"
+    pca = next(k for k, candidate in enumerate(selection.candidates) if candidate.name == "pca")
+    chosen = replace(selection, final=replace(selection.final, candidate=pca))
+    assert "pca cannot run live: its features need the whole recording; of those" in chosen.verdict()
+    assert selection.to_train.space in {"raw", "hfmh", "raw+hfmh"}
+
+
+def test_nothing_is_trained_where_no_candidate_runs_live(data):
+    alone = select(data, spaces=["raw-histogram"], **SMALL)
+    assert alone.to_train is None
+    assert "nor can the other candidates" in alone.verdict()
+
+
+def test_rotations_are_equal_candidates_and_synthetic_recordings_are_called_so():
     data = synthesize(["rice", "dry peas"], n_per_class=4, rate_hz=100.0, duration_s=0.6, sessions=4)
     small = {**SMALL, "relative_costs": (10.0,), "n_outer": 2}
-    selection = select(data, **small)
-    united = ("raw+hfmh", "norm-raw+hfmh", "norm-raw+dft")
-    alone = ("norm-raw", "hfmh", "raw", "pca", "raw-histogram")
-    names = {candidate.name for candidate in selection.candidates}
-    assert names == {*united, *(f"{name} (unit)" for name in united), *alone}
-    assert str(selection).startswith("SYNTHETIC recordings: this choice says nothing about real materials")
-    assert "Candidates (SYNTHETIC recordings)" in str(selection)
     rotated = select(data, spaces=["raw", "dft", "raw+dft"], block_weights=[None], **small)
     assert len({tuple(c.accuracies.ravel()) for c in rotated.candidates}) == 1
+    assert str(rotated).startswith("SYNTHETIC recordings: this choice says nothing about real materials")
+    assert "Candidates (SYNTHETIC recordings)" in str(rotated)
 
 
 def test_progress_counts_every_candidate_on_every_fold(data):
