@@ -72,7 +72,7 @@ def test_missing_extras_are_named_and_the_library_evaluates_without_them():
         "from granular_id.evaluation import evaluate\n"
         "from granular_id.synthetic import synthesize\n"
         "data = synthesize(['rice', 'fine sugar'], n_per_class=4, duration_s=0.5)\n"
-        "print(evaluate(data, 'raw', n_partitions=2, train_per_class=3, test_per_class=1))"
+        "print(evaluate(data, 'raw', progress=False))"
     )
     out, errors = process(code)
     lines = out.splitlines()
@@ -154,13 +154,14 @@ needs_terminal = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a 
 
 
 @needs_terminal
-def test_a_terminal_gets_a_progress_bar_that_leaves_nothing_behind(folder):
-    words = ("evaluate", folder, *SMALL, "--partitions", 100, "--spaces", "hfmh", "--no-controls")
+def test_a_terminal_gets_accuracies_and_a_progress_bar_that_leaves_nothing_behind(folder):
+    words = ("evaluate", folder, "--paper", *SMALL, "--partitions", 100, "--spaces", "hfmh", "--no-controls")
     with Terminal(words) as terminal:
         terminal.read_until("a text that never comes")
         out, _ = terminal.running.communicate(timeout=60)
         assert terminal.running.returncode == 0
-    assert "hfmh: paper, partition" in terminal.shown
+    assert "hfmh: partition" in terminal.shown
+    assert re.search(r"random partitions +hfmh +[\d.]+ %  \(\d+ s\)", terminal.shown)
     assert terminal.shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
     assert "partition 4" not in out
     assert f"repeat with: python -m granular_id.cli {shlex.join(terminal.words)}\n" in out
@@ -169,11 +170,23 @@ def test_a_terminal_gets_a_progress_bar_that_leaves_nothing_behind(folder):
 @needs_terminal
 @pytest.mark.parametrize("threads", [1, 2])
 def test_ctrl_c_amid_the_partitions_ends_the_bar_too(folder, tmp_path, threads):
-    words = ("evaluate", folder, "--train", 6, "--test", 3, "--partitions", 4000, "--threads", threads)
+    words = (
+        "evaluate",
+        folder,
+        "--paper",
+        "--train",
+        6,
+        "--test",
+        3,
+        "--partitions",
+        4000,
+        "--threads",
+        threads,
+    )
     files = ("--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv", "--checkpoint", tmp_path / "kept")
     with Terminal((*words, *files, "--spaces", "raw")) as terminal:
-        terminal.read_until("paper, partition")
-        assert "paper, partition" in terminal.shown
+        terminal.read_until("raw: partition")
+        assert "raw: partition" in terminal.shown
         terminal.running.send_signal(signal.SIGINT)
         terminal.read_until("a text that never comes")
         terminal.running.communicate(timeout=30)

@@ -10,6 +10,7 @@ import pytest
 from granular_id._files import json_value
 from granular_id.evaluation import EvaluationResult
 from granular_id.evaluation.result import FORMAT
+from granular_id.recording import Finding
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +51,19 @@ def test_what_is_missing_is_read_back_as_missing(evaluated, tmp_path):
     assert np.isnan(read.wall_s)
     assert read.controls == ()
     assert read.gap("raw") is None
+
+
+def test_findings_are_read_back_and_files_without_them_are_read(evaluated, tmp_path):
+    values = {"pairs": [[0, 3]], "share": 0.5}
+    finding = Finding("error", "duplicates", "1 recording holds another", ("oat_0",), (0,), values)
+    found = replace(evaluated, findings=(finding,))
+    found.to_json(tmp_path / "r.json")
+    read = EvaluationResult.from_json(tmp_path / "r.json")
+    assert read.findings == (finding,)
+    saved = json.loads((tmp_path / "r.json").read_text(encoding="utf-8"))
+    del saved["findings"]
+    (tmp_path / "old.json").write_text(json.dumps(saved), encoding="utf-8")
+    assert EvaluationResult.from_json(tmp_path / "old.json").findings == ()
 
 
 MISSING = object()
