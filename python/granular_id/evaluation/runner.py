@@ -38,7 +38,7 @@ from granular_id.evaluation.telling import Run, telling
 from granular_id.partitions import PROTOCOLS, Partition, protocol_name
 from granular_id.recording import Dataset, data_warnings, describe_data
 from granular_id.spaces import FeatureSpace
-from granular_id.splits import AUTO, groups_of, plan_protocols
+from granular_id.splits import AUTO, MANY_RECORDINGS, groups_of, plan_protocols
 
 USUAL_SPACES = ("raw+hfmh", "multiband", "best")
 """The paper's best space and this package's two."""
@@ -201,7 +201,8 @@ def evaluate(
     tasks = [Task(space, space.classifier or model, bank, groups) for space in planned]
     checks = plan_controls(data, planned, model, bank) if controls else []
     ask = partial(answers_of, labels=labels, truth=truth, seed=seed, n_jobs=n_jobs, checkpoint=kept)
-    answered, not_converged, verdicts = _run(tasks, checks, partitions, truth, ask, progress)
+    judged = strictest_of(partitions) or next(iter(partitions))
+    answered, not_converged, verdicts = _run(tasks, checks, partitions, judged, truth, ask, progress)
     summaries, predicted, chosen, has_weights = [], {}, {}, {}
     for space in planned:
         for name, own in answered[space.name].items():
@@ -234,8 +235,11 @@ def evaluate(
         controls=verdicts,
         findings=findings,
     )
-    accuracies = {space.name: result.mean_accuracy(space.name) for space in planned}
-    portrait = portrait_of_result(data, planned, accuracies, model, seed, has_weights)
+    # A choice among many recordings takes as long as a fold: then one model that does not choose shows its weights.
+    plain = [space for space in planned if (judged, space.name) not in chosen]
+    shown = plain if plain and len(data) > MANY_RECORDINGS else planned
+    accuracies = {space.name: result.mean_accuracy(space.name) for space in shown}
+    portrait = portrait_of_result(data, shown, accuracies, model, seed, has_weights)
     return replace(result, portrait=portrait, wall_s=time.perf_counter() - start)
 
 
@@ -243,17 +247,17 @@ def _run(
     tasks: Sequence[Task],
     checks: Sequence[PlannedControl],
     partitions: Mapping[str, Sequence[Partition]],
+    judged: str,
     truth: NDArray[np.intp],
     ask: Callable[..., tuple[dict[str, list[Answer]], list[str]]],
     progress: bool | ProgressCallback,
 ) -> tuple[dict[str, dict[str, list[Answer]]], list[str], tuple[Control, ...]]:
-    """Answer every space under one protocol after the other, then the controls, and tell each accuracy at once.
+    """Answer every space under one protocol after the other, then the controls under `judged`; tell each at once.
 
     Returns answers by space and protocol, lines on what did not converge, and the controls.
     """
     # The cheapest first, so that an accuracy is known soon: classifiers that choose take longest.
     in_turn = sorted(tasks, key=lambda task: (task.space.classifier is not None, task.space.learns))
-    judged = strictest_of(partitions) or next(iter(partitions))
     to_control = {judged: partitions[judged][:MOST_PARTITIONS]}
     runs = [Run(task.space.name, name, len(drawn)) for name, drawn in partitions.items() for task in in_turn]
     of_controls = [Run(check.name, "", len(to_control[judged])) for check in checks if check.task is not None]
