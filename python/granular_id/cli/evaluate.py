@@ -170,7 +170,7 @@ def _print_findings(result: EvaluationResult) -> None:
     if spoiling:
         known = " ".join(f"--accept {finding.code}" for finding in spoiling)
         show(
-            f"Believe no figure below before that is settled; where it is known and meant: {known}",
+            f"Do not rely on the figures below before this is settled; where it is known: {known}",
             "bold red",
         )
 
