@@ -176,6 +176,8 @@ def evaluate(
     checked = data.check()
     findings = spoiling(checked, first, len(data))
     refuse_copies(findings, accepted, first, data.names)
+    found = {finding.code for finding in checked}
+    notes += [f"accept: the checks found nothing called {name!r}" for name in accepted if name not in found]
     model = ECOCClassifier() if classifier is None else classifier
     settings = {
         "spaces": [space.name for space in planned],

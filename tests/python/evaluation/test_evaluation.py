@@ -220,6 +220,11 @@ def test_copies_on_both_sides_of_a_split_stop_it(data):
     assert known.spoiling == ()
 
 
+def test_an_accepted_name_that_nothing_has_is_told(data):
+    result = evaluate(data, "raw", **SMALL, accept="leak-clok")
+    assert "accept: the checks found nothing called 'leak-clok'" in result.notes
+
+
 def test_copies_within_a_session_spoil_nothing_where_sessions_are_held_out(data):
     result = evaluate(copied(data, data[0].session), "raw", **SMALL)
     assert result.protocols == ("session", "matched")
