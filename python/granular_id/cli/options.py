@@ -116,7 +116,12 @@ def as_typed(*groups: Any) -> list[str]:
                 words.append(flag if value else flag.replace("--", "--no-", 1))
                 continue
             for one in value if isinstance(value, list) else [value]:
-                words += [flag, str(getattr(one, "value", one))]
+                plain = (
+                    repr(one).removesuffix(".0")
+                    if isinstance(one, float)
+                    else str(getattr(one, "value", one))
+                )
+                words += [flag, plain]
     return words
 
 

@@ -31,8 +31,9 @@ from granular_id.evaluation.candidates import (
 )
 from granular_id.evaluation.compare import Comparison, Pair, compare, probability
 from granular_id.evaluation.features import GramBank
+from granular_id.evaluation.tables import brief_note
 from granular_id.partitions import Partition
-from granular_id.recording import Dataset, data_warnings, describe_data, labelled_check_note
+from granular_id.recording import Dataset, data_warnings, describe_data
 from granular_id.spaces import FeatureSpace, block_sizes, tell_blocks
 from granular_id.splits import HALVES, RANDOM, SESSIONS, groups_of, nested_folds
 from granular_id.statistics import MIN_PARTITIONS, ROPE, corrected_resampled_t, mean_interval, sample_sd
@@ -505,7 +506,7 @@ class Selection:
             f"Candidates{' (SYNTHETIC recordings)' if self.synthetic else ''}",
             ("candidate", "relative C", "accuracy", "SD", "chosen by", "dimension", "live"),
             tuple(rows),
-            (*notes, *map(labelled_check_note, self.notes)),
+            (*notes, *map(brief_note, self.notes)),
         )
 
     def __str__(self) -> str:

@@ -69,11 +69,12 @@ def accuracy_table(result: Outcome) -> Table:
         f"Accuracy on {kind} ({counts})",
         header,
         tuple(zip(*cells, strict=True)),
-        (*((PAPER_NOTE,) if papers else ()), *gap_lines(result), *map(_brief, result.notes)),
+        (*((PAPER_NOTE,) if papers else ()), *gap_lines(result), *map(brief_note, result.notes)),
     )
 
 
-def _brief(note: str) -> str:
+def brief_note(note: str) -> str:
+    """Cut a note of a result to `LONGEST_NOTE`, and say whose it is."""
     return textwrap.shorten(labelled_check_note(note), LONGEST_NOTE, placeholder=" ...")
 
 

@@ -22,11 +22,11 @@ def command_of(out):
     ("words", "given"),
     [
         (("--spaces", "raw", "--duration-s", 0.4), ["--duration-s", "0.4", "--C", "--space", "raw"]),
-        (("--spaces", "hfmh", "--n-bins", 10, "--cutoff-hz", 11), ["--cutoff-hz", "11.0", "--n-bins", "10"]),
+        (("--spaces", "hfmh", "--n-bins", 10, "--cutoff-hz", 11), ["--cutoff-hz", "11", "--n-bins", "10"]),
         (("--spaces", "raw,multiband"), []),
         (("--spaces", "best", "--on-error", "skip"), ["--on-error", "skip", "--space", "best"]),
         (("--spaces", "raw-histogram,hfmh", "--exclude", "oat"), ["--exclude", "oat", "--space", "hfmh"]),
-        (("--seed", 3, "--rate-hz", 100, "--n-samples", "shortest"), ["--rate-hz", "100.0", "--seed", "3"]),
+        (("--seed", 3, "--rate-hz", 100, "--n-samples", "shortest"), ["--rate-hz", "100", "--seed", "3"]),
     ],
 )
 def test_the_command_at_the_end_trains_the_choice(folder, tmp_path, monkeypatch, words, given):
