@@ -83,27 +83,35 @@ def samples_of(
                 f"{argument} has the columns {' '.join(names)}, wanted are {' '.join(wanted)}: leave out the others"
             )
         return by_name(value, names, argument, wanted)
+    if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1:
+        _refuse_ragged(value, argument)
     if not isinstance(value, (list, tuple)):
         return value, None
     named = [k for k, item in enumerate(value) if column_names(item, f"{argument}[{k}]") is not None]
     if not named:
-        _refuse_ragged([np.shape(item) for item in value if isinstance(item, np.ndarray)], argument)
+        _refuse_ragged(value, argument)
         return value, None
     first, axes = samples_of(value[named[0]], f"{argument}[{named[0]}]", wanted)
     every = list(value)
     every[named[0]] = first
     for k in named[1:]:
         every[k], _ = samples_of(value[k], f"{argument}[{k}]", axes)
-    _refuse_ragged([np.shape(item) for item in every], argument)
+    _refuse_ragged(every, argument)
     return np.stack(every), axes
 
 
-def _refuse_ragged(shapes: Iterable[tuple[int, ...]], argument: str) -> None:
-    different = sorted(set(shapes))
-    if len(different) > 1:
+def _refuse_ragged(recordings: Iterable[Any], argument: str) -> None:
+    shapes = set()
+    for one in recordings:
+        if isinstance(one, np.ndarray):
+            shapes.add(one.shape)
+        elif isinstance(one, (list, tuple)) and one and isinstance(one[0], (list, tuple, np.ndarray)):
+            shapes.add((len(one), len(one[0])))
+    if len(shapes) > 1:
+        low, *_, high = sorted(shapes)
         raise ValueError(
-            f"{argument} must hold recordings of one shape, got {different[0]} and {different[-1]}: cut them to one "
-            "length, as Dataset.align(n_samples=...) and Dataset.windows(duration_s) do"
+            f"{argument} must hold recordings of one shape, got {low} and {high}: cut them to one length, as "
+            "Dataset.align(n_samples=...) and Dataset.windows(duration_s) do"
         )
 
 

@@ -116,6 +116,27 @@ def test_features_of_a_table_are_those_of_its_axes(table):
         gid.extract_features([table(frame()), table(frame()[:20])])
 
 
+RAGGED = [WRENCH, WRENCH[:30], WRENCH]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        RAGGED,
+        [one.tolist() for one in RAGGED],
+        np.array(RAGGED, dtype=object),
+        [frame(one) for one in RAGGED],
+    ],
+    ids=["arrays", "lists", "objects", "tables"],
+)
+@pytest.mark.parametrize("takes", [gid.MultiBand().fit, gid.Tare().fit, gid.extract_features])
+def test_recordings_of_several_lengths_are_told_what_to_do(takes, given):
+    with pytest.raises(
+        ValueError, match=r"one shape, got \(30.*\) and \(40.*align\(.* and Dataset\.windows\("
+    ):
+        takes(given)
+
+
 PUSHES = RNG.normal(size=(8, 40, 6)) * np.repeat([1, 3], 4)[:, None, None]
 MATERIALS = np.repeat(["oats", "rice"], 4)
 

@@ -59,11 +59,13 @@ def info(
     `granular-id data info recordings --json info.json`
     `granular-id data info drives --axes wx,wy,wz,ax,ay,az --units rad/s,m/s2 --rate-hz 100 --window-s 1.7`
     """
+    from granular_id.recording import axes_in_words
+
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     loaded = reading.load()
     data = steps.taken(loaded)
     summary = data.summary()
-    axes = sorted({" ".join(recording.axes) for recording in data})
+    axes = sorted({axes_in_words(recording) for recording in data})
     keys = sorted({key for recording in data for key in recording.meta})
     synthetic = sum(recording.is_synthetic for recording in data)
     lines = [
@@ -193,8 +195,8 @@ def plot(
     `granular-id data plot drives --axes wx,wy,wz,ax,ay,az --units rad/s,m/s2`
     """
     at_least("-n", n, 1)
-    if draw and what == "onset":
-        raise ValueError("--draw does not go with --what onset, which draws all forces")
+    if axes and what == "onset":
+        raise ValueError("--axes does not go with --what onset, which draws the axes of one unit")
     if n is not None and what == "mean":
         raise ValueError("-n does not go with --what mean, which is made of all recordings")
     check_outputs(("--output", output, PICTURE), source=reading.path, force=force)

@@ -102,7 +102,7 @@ def plot_recordings(
     figure.supylabel(quantity_of(wanted, unit), fontsize=10, color=INK)
     what = "Synthetic recordings" if dataset.is_synthetic else "Recordings"
     heading(figure, f"{what} as they are stored")
-    legend(figure, "lower right", size=9, handles=handles, ncols=len(handles))
+    _legend_of_axes(figure, handles)
     save(figure, path)
     return figure
 
@@ -114,11 +114,11 @@ def axes_of_one_unit(recording: Recording) -> list[str]:
 
 
 def quantity_of(axes: Iterable[str], unit: str) -> str:
-    """Say what is drawn, with its unit: force and torque of a wrench, else the axes by name."""
+    """Say what is drawn, with its unit: force or torque of a wrench, a single axis by its name, else the signal."""
     names = list(axes)
     if set(names) <= set(AXES) and unit in ("N", "N m"):
         return f"{'force' if unit == 'N' else 'torque'}, {unit}"
-    return with_unit(" ".join(names), unit)
+    return with_unit(names[0] if len(names) == 1 else "signal", unit)
 
 
 def _chosen(
@@ -213,7 +213,7 @@ def plot_mean_forces(
     figure.supxlabel("time, s", fontsize=10, color=INK)
     figure.supylabel(quantity, fontsize=10, color=INK)
     heading(figure, _title(dataset, quantity.partition(",")[0]))
-    legend(figure, "lower right", size=9, handles=handles, ncols=len(handles))
+    _legend_of_axes(figure, handles)
     save(figure, path)
     return figure
 
@@ -290,6 +290,18 @@ def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
     return lines
 
 
+def _legend_of_axes(figure: Any, handles: Sequence[Any]) -> None:
+    """Name the axes below the panels or, where they would run into the label there, on their right."""
+    few = len(handles) <= 3
+    legend(
+        figure,
+        "lower right" if few else "right upper",
+        size=9,
+        handles=handles,
+        ncols=len(handles) if few else 1,
+    )
+
+
 def _title(dataset: Dataset | ReportData, quantity: str) -> str:
     if isinstance(dataset, Dataset):
         synthetic = sum(recording.is_synthetic for recording in dataset)
@@ -302,8 +314,9 @@ def _title(dataset: Dataset | ReportData, quantity: str) -> str:
         kind = "Synthetic recordings: "
     else:
         kind = f"{synthetic} of {total} recordings synthetic: "
-    text = f"{kind}{quantity} per material, mean \N{PLUS-MINUS SIGN} standard deviation"
-    return text[0].upper() + text[1:]
+    if not kind and quantity in ("force", "torque", "signal"):  # names of axes stay as they are
+        quantity = quantity.capitalize()
+    return f"{kind}{quantity} per material, mean \N{PLUS-MINUS SIGN} standard deviation"
 
 
 def plot_hfmh(portrait: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:

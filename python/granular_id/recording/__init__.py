@@ -52,7 +52,12 @@ from granular_id.recording.setup import (
     unit_differences as unit_differences,
     values_in as values_in,
 )
-from granular_id.recording.summary import Summary, first_samples as first_samples, headline as headline
+from granular_id.recording.summary import (
+    Summary,
+    axes_in_words as axes_in_words,
+    first_samples as first_samples,
+    headline as headline,
+)
 
 __all__ = [
     "AXES",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from textwrap import shorten
 from typing import Any
 
@@ -100,6 +101,12 @@ def headline(recordings: Sequence[Recording]) -> str:
     irregular = len(recordings) - len(rates)
     remark = f", {irregular} of them irregular in time" if irregular else ""
     return f"{size} at {span(min(rates), max(rates))} Hz{remark}"
+
+
+def axes_in_words(recording: Recording) -> str:
+    """Name the axes of a recording, each run of one unit followed by it: ``wx wy wz (rad/s), ax ay az (m/s2)``."""
+    runs = groupby(recording.axes, key=lambda axis: unit_of(axis, recording.meta))
+    return ", ".join(" ".join(axes) + (f" ({unit})" if unit else "") for unit, axes in runs)
 
 
 def first_samples(recording: Recording, n: int) -> str:

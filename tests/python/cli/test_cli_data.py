@@ -26,7 +26,7 @@ def test_info_says_what_is_there(folder, pushes, tmp_path):
     assert out.startswith("30 recordings, 3 materials, 60 samples at 125 Hz\n")
     for line in (
         "format: index.csv",
-        "axes: fx fy fz tx ty tz",
+        "axes: fx fy fz (N), tx ty tz (N m)",
         "recordings: 30",
         "step 1: load: format=index.csv",
     ):

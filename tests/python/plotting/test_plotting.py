@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from granular_id.plotting import plot_confusion, plot_mean_forces
+from granular_id.plotting import plot_confusion, plot_mean_forces, plot_recordings
 from granular_id.plotting.onset import plot_onsets
 from granular_id.plotting.style import evenly, middles_to_edges, number_text
 from granular_id.recording import Dataset, Recording
@@ -90,6 +90,66 @@ def test_any_number_of_materials(n_materials):
 def test_axes_are_checked(synthetic, axes, message):
     with pytest.raises(ValueError, match=message):
         plot_mean_forces(synthetic, axes=axes)
+
+
+# -- other axes
+
+
+def _drives(units=("rad/s", "rad/s", "m/s2", "m/s2"), axes=("wx", "wy", "ax", "$a_y"), telling=2):
+    """Two grounds that differ in one axis."""
+    rng = np.random.default_rng(0)
+    meta = {"units": {axis: unit for axis, unit in zip(axes, units, strict=True) if unit}}
+    drives = []
+    for k in range(8):
+        signal = rng.normal(size=(60, len(axes)))
+        signal[:, telling] += 10 * (k % 2)
+        label = ("grass", "sand")[k % 2]
+        drives.append(Recording(signal, 50.0, label, name=f"drive {k}", axes=axes, meta=meta))
+    return Dataset(drives)
+
+
+def _legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+@pytest.mark.parametrize(
+    ("options", "axes", "label", "title"),
+    [
+        ({}, ["ax", r"\$a_y"], "signal, m/s2", "Signal per material"),
+        ({"units": ("",) * 4}, ["wx", "ax"], "signal", "Signal per material"),
+        ({"units": ("rad/s", "rad/s", "m/s2", "g")}, ["ax"], "ax, m/s2", "ax per material"),
+        (
+            {"axes": ("fx", "fy", "fz", "wz"), "units": ("N", "N", "N", "")},
+            ["$F_x$", "$F_z$"],
+            "force, N",
+            "Force",
+        ),
+        ({"axes": ("tx", "ty", "tz", "s")}, ["$T_z$", "s"], "signal, m/s2", "Signal"),
+    ],
+)
+def test_means_of_other_axes_are_of_the_one_unit_that_tells_most(options, axes, label, title):
+    figure = plot_mean_forces(_drives(**options))
+    assert (_legend(figure), figure.get_supylabel()) == (axes, label)
+    assert figure.get_suptitle().startswith(title)
+
+
+def test_recordings_of_other_axes_are_drawn_in_the_unit_of_the_first():
+    assert plot_recordings(_drives()).get_supylabel() == "signal, rad/s"
+    assert _legend(plot_recordings(_drives())) == ["wx", "wy"]
+    many = _drives(axes=tuple(f"s{k}" for k in range(9)), units=("",) * 9)
+    assert (plot_recordings(many).get_supylabel(), len(_legend(plot_recordings(many)))) == ("signal", 6)
+    assert plot_recordings(many, axes=["s8"]).get_supylabel() == "s8"
+    assert plot_recordings(many, axes=many.axes).get_supylabel() == "signal"
+    with pytest.raises(
+        ValueError, match=r"mixes units \(not known, m/s2\), got wx, ax: choose axes of one unit"
+    ):
+        plot_recordings(_drives(units=("", "", "m/s2", "")), axes=["wx", "ax"])
+
+
+@pytest.mark.parametrize(("units", "label"), [(("rad/s",) * 4, ", rad/s"), (("",) * 4, "")])
+def test_onsets_of_other_axes_are_told_with_the_unit_that_is_known(units, label):
+    figure = plot_onsets(_drives(units), rest_s=0.2)
+    assert figure.get_supylabel() == f"relative to rest{label}"
 
 
 def test_unequal_lengths_are_refused_with_the_way_out():

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from granular_id.recording import Recording, SampleFlag, first_samples, unit_of
+from granular_id.recording import Recording, SampleFlag, axes_in_words, first_samples, unit_of
 
 WRENCH = np.arange(24.0).reshape(4, 6)
 
@@ -58,6 +58,21 @@ def test_the_head_of_a_table_of_samples_has_units_where_they_are_known():
     meta = {"units": {"wx": "rad/s"}}
     shown = first_samples(Recording(WRENCH[:, :3], rate_hz=1, axes=["wx", "ax", "fx"], meta=meta), 1)
     assert shown.splitlines()[-2].split("  ") == ["time s", "wx rad/s", "ax", "fx N"]
+
+
+@pytest.mark.parametrize(
+    ("axes", "units", "words"),
+    [
+        ("fx fy fz tx ty tz", {}, "fx fy fz (N), tx ty tz (N m)"),
+        ("wx wy ax", {"wx": "rad/s", "wy": "rad/s", "ax": "m/s2"}, "wx wy (rad/s), ax (m/s2)"),
+        ("wx wy ax", {"ax": "m/s2"}, "wx wy, ax (m/s2)"),
+        ("wx wy", {}, "wx wy"),
+    ],
+)
+def test_axes_are_named_with_the_units_that_are_known(axes, units, words):
+    names = axes.split()
+    recording = Recording(WRENCH[:, : len(names)], rate_hz=1, axes=names, meta={"units": units})
+    assert axes_in_words(recording) == words
 
 
 def test_irregular_recording_keeps_its_stamps():

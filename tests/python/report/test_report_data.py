@@ -18,7 +18,7 @@ from granular_id._schema import from_json
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.report_data import ReportData, gather_report_data
 from granular_id.evaluation.weights import POINTS, downsampled, is_traceable, rounded, weight_blocks
-from granular_id.plotting import plot_weights, units_of
+from granular_id.plotting import plot_hfmh, plot_residual, plot_weights, units_of
 from granular_id.recording import Dataset, Recording
 from granular_id.report.page import html
 from granular_id.spaces import (
@@ -75,6 +75,56 @@ def test_residual_and_histogram_follow_the_settings_of_the_space(data, seen):
     assert part.settings["cutoff_hz"] == 40.0
     assert part.bin_range.tolist() == [[-1.5, 1.5]] * 6
     assert part.time_s[0] == pytest.approx((starts[1] - 1) / 2 / 500)
+
+
+def drives(n_axes=9, units=True):
+    """Two grounds that differ in the odd axes, the last of them most."""
+    rng = np.random.default_rng(0)
+    axes = tuple(f"s{k}" for k in range(n_axes))
+    meta = {"units": dict.fromkeys(axes, "m/s2")} if units else {}
+    level = np.arange(n_axes) * (np.arange(n_axes) % 2)
+    return Dataset(
+        [
+            Recording(
+                rng.normal(size=(50, n_axes)) + level * (k % 2),
+                100.0,
+                label="ab"[k % 2],
+                axes=axes,
+                meta=meta,
+            )
+            for k in range(8)
+        ]
+    )
+
+
+def test_of_many_axes_those_in_which_materials_differ_most_are_kept():
+    seen = gather_report_data(drives(), {"raw": RawSignal()})
+    assert (len(seen.axes), seen.n_axes, seen.units) == (6, 9, ("m/s2",) * 6)
+    assert {"s1", "s3", "s5", "s7"} <= set(seen.axes)
+    assert seen.mean.shape[1] == seen.high_pass.hfmh.shape[1] == seen.high_pass.residual.shape[1] == 6
+    assert seen.weights[0].axes == drives().axes
+    assert from_json(ReportData, json.loads(json.dumps(json_value(seen)))).axes == seen.axes
+
+
+def test_numbers_of_kept_axes_are_those_of_all():
+    data = drives()
+    seen = gather_report_data(data, {"raw": RawSignal()})
+    own = data.select(axes=seen.axes)
+    alone = gather_report_data(own, {"raw": RawSignal()})
+    np.testing.assert_array_equal(seen.mean, alone.mean)
+    np.testing.assert_array_equal(seen.high_pass.residual, alone.high_pass.residual)
+    np.testing.assert_array_equal(seen.high_pass.hfmh, alone.high_pass.hfmh)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_figures_of_other_axes_have_the_units_that_are_known(known):
+    seen = gather_report_data(drives(3, known), {"hfmh": HFMH(rate_hz=100, bin_range="auto")})
+    unit = ", m/s2" if known else ""
+    for plot, label in ((plot_hfmh, "bin"), (plot_weights, "bin")):
+        labels = {panel.get_xlabel() for panel in plot(seen).axes} - {""}
+        assert labels == {f"{label}{unit}"}
+    keys = {panel.get_ylabel() for panel in plot_residual(seen).axes} - {""}
+    assert keys == {f"RMS{unit}"}
 
 
 def test_without_a_filter_in_use_the_cutoff_follows_the_rate():
