@@ -113,4 +113,4 @@ def test_classifiers_are_the_papers_with_the_given_cost_or_that_of_the_space_wit
     model = fit_pipeline(pipeline, data.X[rows], data.y[rows], groups_of(data).take(rows))
     assert "session" in model[-1].choice_.held_out
     assert model[-1].blocks == model[0].block_sizes_
-    assert explain(model, "rice", "oat", data.X, data.y).findings(1)[0].axes == ("fz",)
+    assert explain(model, "rice", "oat", data).findings(1)[0].axes == ("fz",)
