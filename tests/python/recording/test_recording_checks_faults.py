@@ -233,6 +233,24 @@ def test_sessions_with_another_zero(sound):
     assert set(finding.indices) in (set(second_session()), set(WHOLE) - set(second_session()))
 
 
+IMU = ("wx", "wy", "wz", "ax", "ay", "az")
+
+
+@pytest.mark.parametrize(
+    ("units", "unit", "quantity"),
+    [(("rad/s",) * 3 + ("m/s2",) * 3, " m/s2", "wx wy wz"), (("",) * 6, "", "wx wy wz ax ay az")],
+)
+def test_findings_of_another_sensor_are_told_in_its_words(sound, units, unit, quantity):
+    meta = {"units": dict(zip(IMU, units, strict=True))}
+    other = Dataset([replace(r, axes=IMU, meta=meta) for r in damaged(sound, [7], humming)])
+    other = damaged(other, second_session(), lambda w, _: w + 0.5 * np.eye(6)[3])
+    found = by_code(other.check())
+    assert f" {unit} in 'session".replace("  ", " ") in found["rest-shift"].message
+    assert f"roughness of {quantity}" in found["outlier"].message
+    far = damaged(other, [3], lambda w, _: 1e3 * w).check(sensor_range=145)
+    assert "are they in the units of the range?" in by_code(far)["beyond-range"].message
+
+
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_recordings_with_a_zero_of_their_own_are_no_shift_of_their_session(seed):
     rng = np.random.default_rng(seed)
