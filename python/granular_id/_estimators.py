@@ -95,6 +95,15 @@ class LabelledClassifier(ClassifierMixin):  # type: ignore[misc]
         return float(super().score(X, labels_of(X, y, self), sample_weight))
 
 
+def with_rate(estimator: Any, rate_hz: float) -> Any:
+    """Return an estimator for recordings of this rate: a clone, where it or a part of it leaves the rate open."""
+    parameters = estimator.get_params(deep=True) if hasattr(estimator, "get_params") else {}
+    left_open = [
+        key for key, value in parameters.items() if key.rpartition("__")[2] == "rate_hz" and value is None
+    ]
+    return clone(estimator).set_params(**dict.fromkeys(left_open, rate_hz)) if left_open else estimator
+
+
 # What an estimator says of itself.
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 
-from granular_id._estimators import versions
+from granular_id._estimators import versions, with_rate
 from granular_id._files import write_json
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id._text import Table
@@ -162,6 +162,8 @@ def assess(
     '0'
     """
     rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
+    if isinstance(data, Dataset):
+        model = with_rate(model, data.rate_hz)
     rows.refuse_few(n_folds)
     name = _name_of(model) if name is None else name
     model, rows = without_fixed_steps(model, rows)  # once for all that follows

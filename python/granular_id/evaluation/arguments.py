@@ -10,6 +10,7 @@ from typing import Any
 from sklearn.base import BaseEstimator
 
 from granular_id._checks import argument_error, whole_number
+from granular_id._estimators import with_rate
 from granular_id.recording import Dataset
 from granular_id.spaces import FeatureSpace, feature_spaces, in_paper_order
 
@@ -67,7 +68,7 @@ def _own_space(name: Any, given: Any, rate_hz: float) -> FeatureSpace:
         wanted = "must have fit and transform like a scikit-learn transformer"
         raise argument_error(TypeError, "spaces", f"[{name!r}] {wanted}, got {type(given).__name__}")
     _refuse_other_rate(space, rate_hz)
-    return space
+    return replace(space, transformer=with_rate(space.transformer, rate_hz))
 
 
 def _refuse_other_rate(space: FeatureSpace, rate_hz: float) -> None:

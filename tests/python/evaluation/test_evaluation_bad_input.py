@@ -9,8 +9,9 @@ from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from evaluation_cases import SMALL, changed, flat, make_data
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
+from granular_id.evaluation.arguments import plan_spaces
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import HFMH, RawSignal, feature_spaces
+from granular_id.spaces import HFMH, BlockUnion, RawHFMH, RawSignal, Tare, feature_spaces
 
 
 @pytest.mark.parametrize(
@@ -81,6 +82,15 @@ WITHOUT_ONE_TIME = changed(make_data(), start_time=lambda r: None if r.name == "
 def test_bad_data(data, protocol, message):
     with pytest.raises(ValueError, match=message):
         evaluate(data, "raw", protocol, **SMALL)
+
+
+def test_transformers_that_leave_the_rate_open_take_that_of_the_recordings():
+    pipeline = make_pipeline(Tare(), BlockUnion([("hfmh", HFMH()), ("raw", RawSignal(rate_hz=100.0))]))
+    (planned,) = plan_spaces({"mine": pipeline}, 100.0)
+    assert planned.transformer[0].rate_hz == planned.transformer[1].blocks[0][1].rate_hz == 100.0
+    assert pipeline[0].rate_hz is None
+    own = RawHFMH(rate_hz=100.0)
+    assert plan_spaces({"mine": own}, 100.0)[0].transformer is own
 
 
 @pytest.mark.parametrize(
