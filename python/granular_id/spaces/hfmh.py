@@ -230,6 +230,15 @@ class RawHFMH(HFMH):
     >>> X = np.random.default_rng(0).normal(size=(2, 1600, 6))
     >>> RawHFMH().fit_transform(X).shape
     (2, 10200)
+
+    Of a `Dataset` come the rate, the names of the axes and, for the classifier, the labels:
+
+    >>> from sklearn.pipeline import make_pipeline
+    >>> from granular_id import ECOCClassifier, synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, rate_hz=250, duration_s=1)
+    >>> pipeline = make_pipeline(RawHFMH(), ECOCClassifier()).fit(data)
+    >>> pipeline[0].rate_hz_, pipeline[0].get_feature_names_out()[0], pipeline.predict(data).shape
+    (250.0, 'fx_0000', (8,))
     """
 
     block_weights_: FloatArray
