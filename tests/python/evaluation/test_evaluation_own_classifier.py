@@ -220,7 +220,8 @@ def test_recordings_of_other_axes_are_evaluated_and_drawn(tmp_path, axes, space)
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert ("What best chose:" in page) == (space == "best")
     assert "Feature importance" in page
-    assert ("All figures of signals show 6 of 13 axes" in page) == (len(axes) > 6)
+    assert ("of the axes of one unit in which the materials differ most" in page) == (len(axes) > 2)
+    assert ("Figures of signals show 6 of 13 axes" in page) == (len(axes) > 6)
 
 
 def test_shuffled_labels_are_learned_by_the_classifier_of_the_space(data):
