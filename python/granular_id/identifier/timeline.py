@@ -19,7 +19,7 @@ from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.metadata import Metadata, check_recordings, mark_of
 from granular_id.identifier.rules import probabilities
-from granular_id.recording import Dataset, Recording, setup_mismatch
+from granular_id.recording import Dataset, Recording, setup_mismatch, unit_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -96,6 +96,8 @@ class Timeline:
         What is simulated, in words; empty where nothing is.
     differences : tuple of str
         What of the set-up is not as in the training.
+    units : tuple of str
+        Unit of each axis: as the recording states it, else that of the training.
 
     Examples
     --------
@@ -126,6 +128,7 @@ class Timeline:
     truth: str | None = None
     synthetic: str = ""
     differences: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -346,4 +349,7 @@ def predict_over(
         truth=recording.label,
         synthetic=" and ".join(simulated),
         differences=differences,
+        units=tuple(
+            unit_of(axis, recording.meta) or unit for axis, unit in zip(known.axes, known.units, strict=True)
+        ),
     )

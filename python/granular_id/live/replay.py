@@ -100,8 +100,8 @@ class ReplaySource(ThreadedSource):
             return TimeTrigger(times_s)
         if self.info.axes[:3] != AXES[:3]:
             raise ValueError(
-                "the recordings do not say when a push began, and without forces nobody else does: answer at each hop "
-                "with hop_s"
+                "the recordings do not say when a push began, and there are no forces to tell it by: a live answer "
+                "without pushes, at each hop, needs hop_s"
             )
         return ForceTrigger()
 

@@ -53,10 +53,11 @@ def plot_answers(
     Returns
     -------
     matplotlib.figure.Figure
-        Up to three axes of each of the first two units; of very many samples the extremes of short pieces. A dark bar
-        is the answer, a light one another material that it may be. A hatched bar in the lowest row is an answer that it
-        is like no known material; the light bar above it is the nearest. Of more than 15 materials those that are
-        named most. The row of the recording's own label is marked with a triangle.
+        Up to three axes of each of the first two units (those of the training where the recording states none); of
+        very many samples the extremes of short pieces. A dark bar is the answer, a light one another material that it
+        may be. A hatched bar in the lowest row is an answer that it is like no known material; the light bar above it
+        is the nearest. Of more than 15 materials those that are named most. The row of the recording's own label is
+        marked with a triangle.
 
     Raises
     ------
@@ -81,14 +82,14 @@ def plot_answers(
             f"recording lasts {lasts_s:g} s, the answers are about one of {timeline.duration_s:g} s: pass the one that "
             "predict_over was given"
         )
-    groups = _groups(recording)
+    groups = _groups(timeline, recording)
     names, hidden = _rows(timeline)
     heights = [1.1] * len(groups) + [0.5 + 0.24 * len(names)]
     figure = new_figure(9.0, 1.0 + sum(heights))
     *panels, answers = figure.subplots(
         len(heights), 1, sharex=True, squeeze=False, height_ratios=heights
     ).ravel()
-    for panel, (unit, columns) in zip(panels, groups.items(), strict=True):
+    for panel, (unit, columns) in zip(panels, groups, strict=True):
         _draw_signal(panel, recording, columns, unit)
     _draw_answers(answers, timeline, names)
     answers.set_xlim(0.0, lasts_s)
@@ -106,12 +107,13 @@ def plot_answers(
     return figure
 
 
-def _groups(recording: Recording) -> dict[str, list[int]]:
-    """Choose the columns to draw: a panel a unit."""
-    groups: dict[str, list[int]] = {}
-    for column, axis in enumerate(recording.axes):
-        groups.setdefault(unit_of(axis, recording.meta), []).append(column)
-    return {unit: columns[:_MOST_LINES] for unit, columns in list(groups.items())[:_MOST_GROUPS]}
+def _groups(timeline: Timeline, recording: Recording) -> list[tuple[str, list[int]]]:
+    """Choose the columns to draw: a panel a unit, or of axes without one, by their names but the last letter."""
+    units = timeline.units or tuple(unit_of(axis, recording.meta) for axis in recording.axes)
+    groups: dict[tuple[str, str], list[int]] = {}
+    for column, (axis, unit) in enumerate(zip(recording.axes, units, strict=True)):
+        groups.setdefault((unit, "" if unit else axis[:-1]), []).append(column)
+    return [(unit, columns[:_MOST_LINES]) for (unit, _), columns in list(groups.items())[:_MOST_GROUPS]]
 
 
 def _rows(timeline: Timeline) -> tuple[list[str], int]:

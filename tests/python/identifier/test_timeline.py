@@ -184,7 +184,9 @@ def test_units_other_than_those_of_the_training_are_refused(new):
         return Dataset([replace(one, axes=axes, meta=meta) for one in new])
 
     model = Identifier.fit(of("m/s2"), "raw", estimate=False)
-    assert len(model.predict_over(of("m/s2")[0])) == 1
+    assert model.units == ("", "", "", "m/s2", "m/s2", "m/s2")
+    for stated in (of("m/s2")[0], replace(new[0], axes=axes)):  # or nobody says
+        assert model.predict_over(stated).units == model.units
     with pytest.raises(ValueError, match=r"units.*ax: g.*accept"):
         model.predict_over(of("g")[0])
 

@@ -107,7 +107,7 @@ def test_pushes_of_any_axes_are_captured_where_recordings_say_when_they_began(mo
 def test_without_a_trigger_and_without_forces_the_way_out_is_a_hop(models):
     with (
         opened(replayed(mixed(AXES["imu"]))) as stream,
-        pytest.raises(ValueError, match="hop with hop_s"),
+        pytest.raises(ValueError, match="at each hop, needs hop_s"),
     ):
         LiveIdentifier(stream, models["imu"], pre_s=0.1)
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from browser_cases import CONTRAST, watch
-from granular_id.live import FailureReason, MonitorServer, Push, Snapshot
-from live_view_cases import CLASSES, answer, listening
+from granular_id.live import FailureReason, MonitorServer, Push, Snapshot, SnapshotBuilder
+from live_view_cases import CLASSES, answer, block, listening
 
 HOSTILE = (
     '<script>document.title = "owned"</script>',
@@ -89,6 +89,31 @@ def opened_once(browser):
 def watched(opened_once):
     opened_once.look()
     return opened_once
+
+
+def test_another_sensor_has_its_own_axes_and_units_and_answers_that_go_on_a_time_before_now(browser):
+    builder = SnapshotBuilder(
+        100.0,
+        classes=CLASSES,
+        n_samples=170,
+        axes=("ax", "ay", "gyro"),
+        units=("m/s2", "m/s2", ""),
+        hop_s=0.5,
+    )
+    for k in range(40):
+        builder.rows(block(np.ones((50, 3)) * k, 50 * k))
+        builder.build("answering", replace(answer(3.2, final=True), seconds=1.7))
+    last = builder.build("answering", replace(answer(3.2, final=True), seconds=1.7))
+    opened = Watched(browser)
+    try:
+        page = opened.show(last)
+        page.wait_for_selector(".axis .name")
+        assert page.locator("#axes .name").all_inner_texts() == ["ax", "ay", "gyro"]
+        assert page.locator("#axes .unit").all_inner_texts()[:2] == ["m/s2", "m/s2"]
+        assert page.locator("#stage").inner_text() == "about the last 1.70 s"
+        assert {"\u221230", "0 s"} <= set(page.locator("#ranking .tick").all_text_contents())
+    finally:
+        opened.close()
 
 
 @pytest.mark.parametrize("case", CASES)

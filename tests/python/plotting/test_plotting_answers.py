@@ -57,6 +57,13 @@ def test_each_material_has_a_row_and_each_unit_a_panel():
     assert words(figure) == ["answer"]
 
 
+def test_axes_without_a_unit_are_told_apart_by_their_names_or_have_that_of_the_training():
+    *signals, _ = plot_answers(timeline(), recording(units={})).axes
+    assert [panel.get_ylabel() for panel in signals] == ["", ""]
+    *signals, _ = plot_answers(timeline(units=("g",) * 6), recording(units={})).axes
+    assert [panel.get_ylabel() for panel in signals] == ["g"]
+
+
 def test_the_bars_of_a_row_are_its_answers():
     losses = np.array([[0.0, 1.0], [0.0, 1.0], [1.0, 0.0]])
     fields = {"times_s": np.array([2.0, 2.5, 3.0]), "losses": losses, "candidates": ((),) * 3}
