@@ -63,8 +63,6 @@ class Recordings(ReadingOptions):
                 "MODEL that granular-id train wrote"
             )
         self.model_file, *self.paths = given
-        for path in given:  # before imports that take longer than a look
-            check_source(path)
 
     def load_model(self) -> Identifier:
         """Read the model; where it may stand in another place, say which is the first."""
@@ -225,6 +223,7 @@ def identify(
     outputs = ("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), ("--figure", figure, PICTURE)
     for path in (recordings.model_file, *recordings.paths):
         check_outputs(*outputs, source=path, force=force)
+        check_source(path)  # before imports that take longer than a look
     identifier = recordings.load_model()
     data = fitting.resampled(recordings.load(identifier, quiet=quiet), quiet=quiet)
     if fitting.hop_s is None:

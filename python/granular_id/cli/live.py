@@ -207,9 +207,9 @@ def live(
         _refuse_with_hop(
             robot=moving.robot != "auto", trigger=moving.trigger != "auto", early=early, pre_s=pre_s
         )
+    check_outputs(("--json", json, LIVE_ANSWERS), source=model, force=force)
     check_source(model)
     sensing.refuse_absent()
-    check_outputs(("--json", json, LIVE_ANSWERS), source=model, force=force)
 
     from granular_id._files import whole_lines
     from granular_id.identifier import Identifier
