@@ -270,7 +270,7 @@ def _answer_over(
     quiet: bool,
 ) -> None:
     """Print and write answers over all of each recording: of one in a table, of several a line each."""
-    from granular_id.identifier import write_csv
+    from granular_id.identifier import notes_of_all, write_csv
 
     if figure is not None and len(data) > 1:
         raise ValueError(
@@ -288,6 +288,8 @@ def _answer_over(
     else:
         for answers in each:
             show(str(answers))
+        for note in notes_of_all(each):
+            show(note)
         warn_of_setups(dict.fromkeys(one for answers in each for one in answers.differences))
 
     def draw(path: Path) -> None:

@@ -26,7 +26,7 @@ from granular_id.identifier.streaming import StreamingIdentifier
 if TYPE_CHECKING:
     from granular_id.identifier.recipe import Recipe as Recipe
     from granular_id.identifier.time_course import OverTime, accuracy_over_time, over_time as over_time
-    from granular_id.identifier.timeline import Timeline, write_csv as write_csv
+    from granular_id.identifier.timeline import Timeline, notes_of_all as notes_of_all, write_csv as write_csv
     from granular_id.identifier.training import train as train
 
 __all__ = ["Decision", "Identifier", "OverTime", "StreamingIdentifier", "Timeline", "accuracy_over_time"]
@@ -36,6 +36,7 @@ _LAZY = {
     "Recipe": "recipe",
     "Timeline": "timeline",
     "accuracy_over_time": "time_course",
+    "notes_of_all": "timeline",
     "over_time": "time_course",
     "train": "training",
     "write_csv": "timeline",

@@ -146,6 +146,12 @@ class Timeline:
         return two[:, 1] - two[:, 0]
 
     @property
+    def n_right(self) -> int:
+        """How many answers name the label of the recording."""
+        known = True if self.unknown is None else ~self.unknown
+        return int(((self.labels == self.truth) & known).sum())
+
+    @property
     def stretches(self) -> tuple[Stretch, ...]:
         """Answers in a row that say the same, in order; those like no known material are one stretch."""
         labels, margins = self.labels, self.margins
@@ -202,9 +208,7 @@ class Timeline:
         shares = ", ".join(f"{name} {percent(share, 0)}" for name, share in self.shares().items())
         notes.append(f"{counted(len(self), 'answer')}, {step}: {shares}")
         if self.truth in self.classes:
-            known = True if self.unknown is None else ~self.unknown
-            n_right = int(((self.labels == self.truth) & known).sum())
-            notes.append(f"the recording is labelled {self.truth}: {n_right} of {len(self)} name it")
+            notes.append(f"the recording is labelled {self.truth}: {self.n_right} of {len(self)} name it")
         elif self.truth is not None:
             notes.append(f"the recording is labelled {self.truth}, which the model does not know")
         left_s = self.duration_s - float(self.times_s[-1])
@@ -215,13 +219,7 @@ class Timeline:
                 f"{counted(int(self.flagged.sum()), 'answer')} about samples with a flag (gaps that were filled, "
                 "saturation)"
             )
-        n_trained_on = 0 if self.trained_on is None else int(self.trained_on.sum())
-        if n_trained_on:
-            notes.append(
-                f"the model was trained on {n_trained_on} of these {counted(len(self), 'window')}, whose answers say "
-                "nothing about new recordings"
-            )
-        return notes
+        return [*notes, *trained_on_note([self])]
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows."""
@@ -269,6 +267,25 @@ class Timeline:
             }
             for i in range(n)
         ]
+
+
+def notes_of_all(timelines: Sequence[Timeline]) -> list[str]:
+    """Say what the answers over several recordings are worth."""
+    judged = [one for one in timelines if one.truth in one.classes]
+    n_right, n = sum(one.n_right for one in judged), sum(map(len, judged))
+    of_labels = f"{n_right} of {counted(n, 'answer')} about recordings with a known label name it: "
+    return [*([of_labels + percent(n_right / n)] if n else []), *trained_on_note(timelines)]
+
+
+def trained_on_note(timelines: Sequence[Timeline]) -> list[str]:
+    """Say how many windows the model was trained on, where it was on any."""
+    n_trained_on = sum(int(one.trained_on.sum()) for one in timelines if one.trained_on is not None)
+    if not n_trained_on:
+        return []
+    every = counted(sum(map(len, timelines)), "window")
+    return [
+        f"the model was trained on {n_trained_on} of these {every}, whose answers say nothing about new recordings"
+    ]
 
 
 def write_csv(path: str | os.PathLike[str], timelines: Sequence[Timeline]) -> None:

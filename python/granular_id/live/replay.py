@@ -132,7 +132,7 @@ def common_rate(recordings: Dataset) -> float:
     if None in rates or len(rates) > 1:
         what = "are irregular" if None in rates else f"have the rates {sorted(map(str, rates))}"
         raise ValueError(
-            f"recordings {what}; resample them first: .resample(500), or granular-id data convert with --rate-hz 500"
+            f"recordings {what}; resample them first: .resample(rate_hz), or granular-id data convert with --rate-hz"
         )
     return float(next(iter(rates)))  # type: ignore[arg-type]
 

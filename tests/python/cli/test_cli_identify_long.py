@@ -54,6 +54,20 @@ def test_several_recordings_have_a_line_each(model, tmp_path):
     assert "--figure draws one recording, got 2" in line
 
 
+def test_labels_and_windows_of_the_training_are_told_of_several_recordings(model, folder, tmp_path):
+    out = ended_well("identify", model, folder, "--hop-s", 0.48)
+    each = [Identifier.load(model).predict_over(one, 0.48) for one in load(folder)]
+    n_right = sum(one.n_right for one in each)
+    assert (
+        f"{n_right} of 30 answers about recordings with a known label name it: {100 * n_right / 30:.1f} %"
+        in out
+    )
+    assert (
+        "the model was trained on 30 of these 30 windows, whose answers say nothing about new recordings"
+        in out
+    )
+
+
 def test_what_is_too_short_is_refused_or_left_out(model, tmp_path):
     short = Recording(np.zeros((20, 6)) + np.arange(20)[:, None], rate_hz=125.0, name="short")
     save(Dataset([long(4, "a"), short]), tmp_path / "two.npz")
