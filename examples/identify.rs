@@ -10,6 +10,7 @@
 
 use std::collections::HashMap;
 use std::error::Error;
+use std::fmt::Write;
 use std::fs;
 use std::process::ExitCode;
 
@@ -70,9 +71,9 @@ pub fn identified(model: &Model, path: &str) -> Result<String, Box<dyn Error>> {
     let mut lines = String::new();
     for push in &pushes {
         let answer = model.identify(push)?;
-        lines += &format!("{path}: {}\n", in_words(model, &answer));
+        writeln!(lines, "{path}: {}", in_words(model, &answer))?;
         for class in answer.ranking() {
-            lines += &format!("{:10.4}  {}\n", answer.losses[class], model.classes()[class]);
+            writeln!(lines, "{:10.4}  {}", answer.losses[class], model.classes()[class])?;
         }
     }
     Ok(lines)
