@@ -286,8 +286,8 @@ def synthesize(
     Examples:
 
     `granular-id data synthesize pushes.npz`
-    `granular-id data synthesize few --to csv --materials rice,oat flakes --per-class 5`
-    `granular-id data synthesize drives --to csv --sensor imu --materials rice,dry_peas --per-class 6 --duration-s 60 --rate-hz 100`
+    `granular-id data synthesize few --to csv --materials rice,oat_flakes --per-class 5`
+    `granular-id data synthesize drives --to csv --sensor imu --per-class 6 --duration-s 60 --rate-hz 100`
     """
     at_least("--per-class", per_class, 1)
     at_least("--sessions", sessions, 1)
