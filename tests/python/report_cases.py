@@ -39,7 +39,9 @@ def small_result(data=None, spaces=("raw", "hfmh"), protocol=("paper", "chronolo
 
 CASES = {
     "four classes": small_result,
-    "hostile names": lambda: small_result(hostile_data(), train_per_class=4, test_per_class=4, controls=False),
+    "hostile names": lambda: small_result(
+        hostile_data(), train_per_class=4, test_per_class=4, controls=False
+    ),
 }
 
 

@@ -10,6 +10,7 @@ from granular_id import _core
 from granular_id.cli.confidence import confidence
 from granular_id.cli.data import data
 from granular_id.cli.demo import demo
+from granular_id.cli.errors import OneLineUsage
 from granular_id.cli.evaluate import evaluate, report, select
 from granular_id.cli.explain import explain
 from granular_id.cli.identify import identify

@@ -195,8 +195,8 @@ def plot(
     `granular-id data plot drives --axes wx,wy,wz,ax,ay,az --units rad/s,m/s2`
     """
     at_least("-n", n, 1)
-    if axes and what == "onset":
-        raise ValueError("--axes does not go with --what onset, which draws the axes of one unit")
+    if draw and what == "onset":
+        raise ValueError("--draw does not go with --what onset, which draws the axes of one unit")
     if n is not None and what == "mean":
         raise ValueError("-n does not go with --what mean, which is made of all recordings")
     check_outputs(("--output", output, PICTURE), source=reading.path, force=force)
@@ -297,8 +297,10 @@ def synthesize(
 
     from granular_id.synthetic import PAPER_MATERIALS, synthesize as make
 
+    known = [material.name for material in PAPER_MATERIALS]
+    named = [known_label(name, known) for name in names_in(materials)]
     data = make(
-        names_in(materials) or None,
+        named or None,
         n_per_class=per_class,
         sessions=sessions,
         rate_hz=rate_hz,

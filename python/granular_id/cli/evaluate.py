@@ -177,7 +177,7 @@ def _print_findings(result: EvaluationResult) -> None:
 
 @contextmanager
 def saying_how_to_go_on(checkpoint: Path | None) -> Iterator[None]:
-    """Say, after Ctrl-C, what is kept in a checkpoint and how to go on from there."""
+    """Say after Ctrl-C how many partitions the checkpoint keeps."""
     try:
         yield
     except KeyboardInterrupt:

@@ -69,7 +69,7 @@ class ReadingOptions:
     session: str | None = option(
         PANEL, "What was recorded in one go: file, folder, or a column. Default: as the files say."
     )
-    max_file_mb: float | None = option(PANEL, "Largest file to read. Default: 8 of text, 2048 of binary.")
+    max_file_mb: float | None = option(PANEL, "Largest file to read. Default: 24 of text, 2048 of binary.")
     isolate: bool = option(
         PANEL,
         "Read files from strangers in a child process, which takes a crash or hang upon itself.",

@@ -294,11 +294,13 @@ def columns_of(
     unclear = next((i for i in others if names[i].strip() == "T"), None)
     if unclear is not None and (missing or TIME not in found):
         raise ColumnError(refusal(names[unclear]), unclear)
-    if missing and others:
-        problem = f"{refusal(names[others[0]])}; column {missing[0]!r} is missing"
-        raise ColumnError(problem, others[0], others)
     if missing:
-        raise ColumnError(f"column {missing[0]!r} is missing; wanted {', '.join(AXES)}", None, others)
+        problem = f"column {missing[0]!r} is missing"
+        whole = (
+            f"{refusal(names[others[0]])}; {problem}" if others else f"{problem}; wanted {', '.join(AXES)}"
+        )
+        may_be_axes = sorted([*others, *(found[axis] for axis in AXES if axis in found)])
+        raise ColumnError(whole, others[0] if others else None, may_be_axes)
     _refuse_half_stated(names, found)
     return found
 

@@ -45,7 +45,6 @@ from granular_id.io.numbers import (
     picked_columns,
     plain_number,
     split_header,
-    split_rows,
 )
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
@@ -125,12 +124,15 @@ def _with_way_out(
     error: RecordingFileError, others: Sequence[int], data: bytes, header: Header
 ) -> RecordingFileError:
     """Name in an error the columns of numbers, which may be the axes of another sensor."""
-    _, cells = next(split_rows(data, header, error.path), (0, []))
-    numbers = [header.names[i] for i in others if i < len(cells) and plain_number(cells[i]) is not None]
-    if not numbers or not all(numbers):
-        return error
-    problem = f"{error.problem}; {axes_shown(numbers)}"
-    return RecordingFileError(error.path, problem, line=error.line, column=error.column)
+    line = data[header.end : data.find(b"\n", header.end) % (len(data) + 1)].decode("utf-8", "replace")
+    cells = line.split(header.separator)
+    names = [header.names[i] for i in others if i < len(cells) and plain_number(cells[i].strip()) is not None]
+    if not names or not all(names) or any(plain_number(name) is not None for name in names):
+        return error  # without names of columns
+    problem = error.problem
+    if not set(AXES) & {split_unit(name)[0] for name in header.names}:
+        problem = f"names none of {', '.join(AXES)} (also force_x, wrench.force.x, 'Fx [N]'; mx, torque_x, moment_x)"
+    return RecordingFileError(error.path, f"{problem}; {axes_shown(names)}", line=1)
 
 
 def _picked(

@@ -16,7 +16,7 @@ from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, showing
 from granular_id._text import counted
 from granular_id.io.errors import RecordingFileError, attempt
-from granular_id.io.folder import LAYOUTS, FoundFiles, find_files
+from granular_id.io.folder import LAYOUTS, OTHER_FILES, FoundFiles, find_files
 from granular_id.io.folder_save import INDEX_COLUMNS
 from granular_id.io.formats import FORMATS, format_of, read_file
 from granular_id.io.options import LoadOptions

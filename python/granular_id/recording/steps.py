@@ -293,8 +293,9 @@ def cut_windows(
         if spare >= 0:
             starts = range(0, spare + 1, hop)
             windows += _windows_of(recording, i, starts, n, rate_hz)
+            used = len(starts) * n if hop >= n else starts[-1] + n
             rows.append(
-                {"name": recording.name, "windows": len(starts), "dropped_end": max(0, spare - starts[-1])}
+                {"name": recording.name, "windows": len(starts), "dropped": recording.n_samples - used}
             )
             continue
         short = f"is shorter than a window: {fixed(recording.n_samples)} samples, {fixed(n)} wanted"
@@ -315,7 +316,7 @@ def cut_windows(
         "recordings": len(rows),
         "windows": len(windows),
         "recordings_skipped": len(skipped),
-        "dropped_samples": sum(row["dropped_end"] for row in rows) if hop <= n else 0,
+        "dropped_samples": sum(row["dropped"] for row in rows),
     }
     parameters = {"duration_s": n / rate_hz, "hop_s": hop / rate_hz, "n_samples": n, "on_short": on_short}
     return windows, StepReport("windows", parameters, totals, skipped + rows)

@@ -4,6 +4,7 @@ import csv
 import itertools
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -143,11 +144,40 @@ def test_help_names_every_option_with_examples():
     )
     for option in options.split():
         assert f"--{option}" in out
-    assert "granular-id evaluate recordings --train 40 --test 10" in out
+    assert "granular-id evaluate recordings --paper --train 40 --test 10" in out
     assert "granular-id demo -o somewhere --seed 1" in ended_well("demo", "--help", columns=120)
     for command in ("record", "live"):
         assert "Examples" in ended_well(command, "--help")
     assert re.fullmatch(r"granular-id \d+\.\d+\.\d+\S*\n", ended_well("--version"))
+
+
+def test_paper_is_the_papers_table(folder, tmp_path):
+    counts = ("--train", "6", "--test", "3", "--partitions", "2")
+    spaces = ("--spaces", "raw,hfmh", "--no-controls")  # those of the paper take long
+    ended_well("evaluate", folder, "--paper", *counts, *spaces, "--json", tmp_path / "r.json")
+    result = written(tmp_path / "r.json")
+    assert {name: len(drawn) for name, drawn in result["partitions"].items()} == {"paper": 2}
+    assert chosen_spaces("paper")[:2] == ["raw+hfmh", "norm-raw+hfmh"]
+
+
+def test_what_spoils_the_figures_stands_above_them_and_ends_with_3_unless_accepted(tmp_path):
+    apart = Dataset([replace(r, start_time=1e9 + 1e4 * ord(r.label[0]) + i) for i, r in enumerate(make())])
+    data = saved(apart, tmp_path / "x")
+    words = ("evaluate", data, "--spaces", "raw", "--no-controls")
+    result = run(*words)
+    assert result.exit_code == 3
+    out = result.stdout
+    assert out.index("SPOILED by leak-clock: ") < out.index("Accuracy on these")
+    assert "--accept leak-clock" in out
+    assert "accepted: leak-clock: " in ended_well(*words, "--accept", "leak-clock")
+
+
+def test_copies_across_a_split_are_refused_with_the_option_that_accepts_them(folder, tmp_path):
+    data = make()
+    twin = replace(data[0], name="oat/twin.csv", start_time=2e9)
+    copies = saved(Dataset([*data, twin]), tmp_path / "x")
+    line = refused("evaluate", copies, "--spaces", "raw")
+    assert line.endswith("leave one out, give both one session, or add --accept duplicates")
 
 
 def test_demo_says_that_it_is_synthetic_writes_its_files_and_what_to_open(tmp_path, monkeypatch, no_pictures):

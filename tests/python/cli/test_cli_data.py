@@ -151,6 +151,15 @@ def test_synthesize_writes_what_is_labelled_synthetic(tmp_path):
     assert data == synthesize(["rice", "oat flakes"], n_per_class=2, rate_hz=100, seed=4)
 
 
+def test_synthesize_writes_long_recordings_of_an_imu(tmp_path):
+    ended_well(
+        "data", "synthesize", tmp_path / "x.npz", "--materials", "oat_flakes", "--per-class", 2, "--sensor", "imu",
+        "--rate-hz", 100, "--duration-s", 5,
+    )  # fmt: skip
+    drives = {"rate_hz": 100, "duration_s": 5, "sensor": "imu"}
+    assert load(tmp_path / "x.npz") == synthesize("oat flakes", n_per_class=2, **drives)
+
+
 # -- another sensor, in long recordings
 
 IMU = ("--axes", "wx,wy,wz,ax,ay,az", "--units", "rad/s,m/s2")

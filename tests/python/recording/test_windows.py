@@ -121,3 +121,17 @@ def test_windows_that_are_none(arguments, problem):
 def test_one_rate_is_needed(clock):
     with pytest.raises(ValueError, match=r"call \.resample\(rate_hz\) first"):
         Dataset([drive(), drive(**clock)]).windows(1)
+
+
+def test_windows_of_one_recording_are_no_witnesses_of_each_other():
+    rng = np.random.default_rng(0)
+    data = Dataset(
+        [
+            Recording(rng.normal(size=(400, 6)), 100.0, label=label, name=f"{label}{k}", meta={"tool": k})
+            for label in ("a", "b")
+            for k in range(5)
+        ]
+    )
+    found = [finding.code for finding in data.windows(1.0, 0.5).check()]
+    assert "near-duplicates" not in found  # they overlap
+    assert not [code for code in found if code.startswith("leak")]  # each recording has one label

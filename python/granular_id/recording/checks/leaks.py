@@ -21,6 +21,7 @@ from granular_id.recording.checks.measured import Measured, is_number
 from granular_id.recording.checks.report import Finding
 from granular_id.recording.recording import Recording, SampleFlag, places_of
 from granular_id.recording.report import first_names, span, subject
+from granular_id.recording.steps import WINDOW
 
 FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stand out from chance
 MOST = 5000  # larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer
@@ -36,7 +37,10 @@ _WHY = {
 
 def check_leaks(data: Measured) -> Iterator[Finding]:
     """Find attributes that name the label by themselves, or set a single one apart."""
-    places = sorted(i for group in data.labels.values() if len(group) > 1 for i in group)
+    # Windows of one recording are no witnesses of each other: its first one stands for them.
+    first = {_cut_from(r, i): i for i, r in reversed(list(enumerate(data.recordings)))}.values()
+    groups = [sorted(set(first) & set(group)) for group in data.labels.values()]
+    places = sorted(i for group in groups if len(group) > 1 for i in group)
     if len(places) > MOST:
         places = sorted(np.random.default_rng(0).choice(places, MOST, replace=False).tolist())
     if len(data.labels) > 1 and len(places) < FEWEST:
@@ -67,6 +71,12 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
             message += f"; so {verb(len(names) - 1, 'does', 'do')} {first_names(names[1:])}"
         share, chance, p, _ = worst.naming
         yield data.finding("warning", code, message, attributes=names, share=share, chance=chance, p=p)
+
+
+def _cut_from(recording: Recording, place: int) -> object:
+    """Return the recording that a window was cut from; what is no window is its own."""
+    window = recording.meta.get(WINDOW)
+    return window["recording"] if isinstance(window, Mapping) and "recording" in window else place
 
 
 class _Leak(NamedTuple):
@@ -385,7 +395,11 @@ def check_duplicates(data: Measured) -> Iterator[Finding]:
         message = f"{subject(len(pairs), 'holds', 'hold')} exactly the samples of another one"
         yield _copies(data, "duplicates", message, pairs)
     distinct = [first for first, *_ in equal]
-    overlaps = find_overlaps([recordings[i] for i in distinct])
+    overlaps = [
+        overlap
+        for overlap in find_overlaps([recordings[i] for i in distinct])
+        if len({_cut_from(recordings[i], i) for i in (distinct[k] for k in overlap[:2])}) > 1
+    ]
     if overlaps:
         most = max(overlaps, key=lambda o: o.share)
         message = (
