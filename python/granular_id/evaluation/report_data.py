@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
+from sklearn.pipeline import Pipeline
 
-from granular_id._estimators import describe_estimator
+from granular_id._estimators import describe_estimator, real_steps
 from granular_id._parallel import single_threaded_blas
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.features import plan_for, seeded
@@ -24,7 +25,14 @@ from granular_id.evaluation.weights import (
     window_starts,
 )
 from granular_id.recording import AXES, Dataset, common_units
-from granular_id.spaces import HFMH, Chosen, FeatureSpace, block_sizes, tell_blocks
+from granular_id.spaces import (
+    HFMH,
+    Chosen,
+    FeatureSpace,
+    RecordingTransformer,
+    block_sizes,
+    tell_blocks,
+)
 from granular_id.splits import groups_of
 
 Floats = NDArray[np.float64]
@@ -247,7 +255,8 @@ def _weights(
     for name, space in spaces.items():
         if name in own and own[name] is None:
             continue
-        fitted = clone(space).fit(data, y)
+        first = real_steps(space)[0] if isinstance(space, Pipeline) else space
+        fitted = clone(space).fit(data if isinstance(first, RecordingTransformer) else X, y)  # axes by name
         if not is_traceable(fitted):
             continue
         if name not in own:

@@ -217,7 +217,7 @@ WINDOWS = ("--rate-hz", 50, "--window-s", 1.7, "--hop-s", 0.85)
         (
             ("info",),
             (
-                "axes: wx wy wz ax ay az",
+                "axes: wx wy wz (rad/s), ax ay az (m/s2)",
                 "meta: units, window",
                 "sessions: 4",
                 "mud    44          2         85",
@@ -225,7 +225,7 @@ WINDOWS = ("--rate-hz", 50, "--window-s", 1.7, "--hop-s", 0.85)
             ),
         ),
         (("head", "-n", 2), ("mud/drive_1.csv @ 0 s", "time s  wx rad/s", "ax m/s2")),
-        (("check", "--hop-s", 1.7), ("44 recordings checked", "leak-session")),
+        (("check", "--hop-s", 1.7), ("44 recordings checked", "fewer than 10 recordings")),
     ],
 )
 def test_windows_of_another_sensor(drives, command, lines):

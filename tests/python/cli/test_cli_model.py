@@ -81,9 +81,9 @@ def test_what_the_data_check_says_is_no_failure_of_the_command(tmp_path):
     one = make(n=4)
     twice = saved(Dataset([*one, replace(one[0], name="again")]), tmp_path / "twice")
     out = ended_well("train", twice, "-o", tmp_path / "m.safetensors", *SMALL_MODEL)
-    out += ended_well("evaluate", twice, "--spaces", "hfmh", "--train", 2, "--test", 1, "--partitions", 1)
+    out += ended_well("evaluate", twice, "--spaces", "hfmh", "--accept", "duplicates")
     said = [line for line in out.splitlines() if "error: " in line]
-    assert len(said) >= 2
+    assert said
     assert all(line.startswith("data check: error: ") for line in said)
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 from granular_id.recording import Dataset
-from granular_id.synthetic import synthesize
+from granular_id.synthetic import Nuisance, synthesize
 
 MATERIALS = ("rice", "dry peas", "fine sugar", "macaroni")
 PER_CLASS = 12
@@ -13,8 +13,9 @@ WHOLE = range(len(MATERIALS) * PER_CLASS)
 
 @cache
 def sound_set(seed=0):
-    """48 synthetic pushes of four materials in two sessions, without the metadata of the simulation."""
-    data = synthesize(MATERIALS, n_per_class=PER_CLASS, sessions=2, seed=seed)
+    """48 synthetic pushes of four materials in two sessions that vary little, without the metadata of the simulation."""
+    steady = Nuisance().scaled(0.4)
+    data = synthesize(MATERIALS, n_per_class=PER_CLASS, sessions=2, seed=seed, nuisance=steady)
     return Dataset([replace(r, meta={}) for r in data])
 
 
