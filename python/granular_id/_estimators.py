@@ -63,6 +63,7 @@ def traced(rows: Any, origin: Origin | None, **changes: Any) -> Any:
         return rows
     known = np.asarray(rows).view(TracedRows)
     known.origin = replace(origin, **changes)
+    known.flags.writeable = False  # rows that change their places would keep the labels of others
     return known
 
 
@@ -71,11 +72,27 @@ def origin_of(X: Any) -> Origin | None:
     return X.origin if isinstance(X, TracedRows) else None
 
 
+def origin_for_fit(X: Any, who: Any) -> Origin | None:
+    """Return the origin of rows to fit on, with a warning where it was lost on the way: results would differ unseen."""
+    if isinstance(X, TracedRows) and X.origin is None:
+        warnings.warn(
+            f"X lost what its Dataset knows (sessions, order in time, blocks), by a choice of rows or a cache; "
+            f"{type(who).__name__} goes on without: fit a pipeline on the Dataset, or pass them",
+            stacklevel=3,
+        )
+    return origin_of(X)
+
+
 def labels_of(X: Any, y: Any, who: Any) -> Any:
     """Return the labels of rows: `y`, or those of the data set that the rows are of."""
     if y is not None:
         return y
     origin = origin_of(X)
+    if hasattr(X, "recordings") and hasattr(X, "sessions"):
+        raise ValueError(
+            f"{type(who).__name__} takes features, got a Dataset: put a feature space in front, as in "
+            f"make_pipeline(RawHFMH(), {type(who).__name__}()).fit(data)"
+        )
     if origin is None or origin.dataset is None:
         raise ValueError(
             f"This {type(who).__name__} estimator requires y to be passed, but the target y is None: X is no Dataset, "

@@ -37,7 +37,7 @@ from granular_id.partitions import (
     splittable_rows,
     why_no_sessions,
 )
-from granular_id.recording import Dataset
+from granular_id.recording import Dataset, overlapping_windows
 
 AUTO = "auto"
 """The strictest protocol that the data allow and, beside it, as many at random."""
@@ -193,6 +193,8 @@ def plan_protocols(
 
     `counts` are those of `plan_partitions`; `n_folds` as there, of ``"auto"`` the most folds of sessions.
     """
+    if n_folds is not None:
+        n_folds = whole_number("n_folds", n_folds, least=2)
     if protocol == AUTO:
         return _auto_partitions(data, n_folds, seed)
     names = [protocol] if isinstance(protocol, str) else list(protocol)
@@ -207,7 +209,9 @@ def plan_protocols(
         )
     drawn, notes = {}, []
     for name in names:
-        parts, note = plan_partitions(data, name, n_folds=n_folds or N_FOLDS, seed=seed, **counts)
+        parts, note = plan_partitions(
+            data, name, n_folds=N_FOLDS if n_folds is None else n_folds, seed=seed, **counts
+        )
         drawn[name] = tuple(parts)
         notes.append(note)
     return drawn, notes
@@ -236,9 +240,27 @@ def _auto_partitions(
         largest = max(own.size for own in splittable_rows(y, "random").values())
         drawn = kfold_partitions(y, n_folds=min(n_folds, largest), seed=seed)
         return {"kfold": tuple(drawn)}, [*notes, f"{len(drawn)} random folds, seed {seed}"]
+    drawn, n_left_out = _without_overlaps(drawn, data)
+    if n_left_out:
+        notes.append(f"{counted(n_left_out, 'window')} that share samples with tested ones do not train")
     beside = f"as many at random: the same number of each class, fold by fold, seed {seed}"
     partitions = {drawn[0].protocol: tuple(drawn), MATCHED: tuple(matched_partitions(y, drawn, seed=seed))}
     return partitions, [*notes, beside]
+
+
+def _without_overlaps(drawn: list[Partition], data: Dataset) -> tuple[list[Partition], int]:
+    """Leave windows out of the training that share samples with tested ones, if every class keeps some; count them."""
+    pairs = list(overlapping_windows(data.recordings))
+    apart, left_out = [], set[int]()
+    for part in drawn:
+        tested = set(part.test.tolist())
+        spoiled = {one for pair in pairs for one, other in (pair, pair[::-1]) if other in tested}
+        train = np.setdiff1d(part.train, list(spoiled))
+        if np.unique(data.y[train]).size < np.unique(data.y[part.train]).size:
+            return drawn, 0
+        left_out |= spoiled.intersection(part.train.tolist())
+        apart.append(replace(part, train=train))
+    return apart, len(left_out)
 
 
 def sessions_where_possible(

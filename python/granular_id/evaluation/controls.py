@@ -223,10 +223,11 @@ def judge(
 
 
 def _guessing(partition: Partition, truth: Codes) -> float:
-    """Accuracy of always naming the class that is most frequent in training."""
-    counts = np.bincount(truth[partition.train])
-    frequent = np.flatnonzero(counts == counts.max())
-    return float(np.mean(np.isin(truth[partition.test], frequent))) / frequent.size
+    """Accuracy of always naming the class that is most frequent in training, of those that are tested."""
+    tested = np.unique(truth[partition.test])
+    counts = np.bincount(truth[partition.train], minlength=int(tested[-1]) + 1)[tested]
+    frequent = tested[counts == counts.max()]
+    return float(np.mean(np.isin(truth[partition.test], frequent)) / frequent.size)
 
 
 def _error_of_clumps(drawn: Sequence[Partition], predicted: Sequence[Codes], truth: Codes) -> float:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from granular_id._checks import argument_error
+from granular_id._text import counted
 from granular_id.partitions import Partition
-from granular_id.recording import CheckReport, Finding
+from granular_id.recording import CheckReport, Dataset, Finding, overlapping_windows
 
 _COPIES = {"duplicates", "near-duplicates"}
+_WINDOWS = "overlapping-windows"
 _CLOCKS = {"leak-clock", "leak-hour"}
 
 
@@ -22,18 +24,34 @@ def accepted_names(accept: str | Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def spoiling(report: CheckReport, partitions: Sequence[Partition], n_rows: int) -> tuple[Finding, ...]:
+def spoiling(report: CheckReport, partitions: Sequence[Partition], data: Dataset) -> tuple[Finding, ...]:
     """Return the findings that spoil an evaluation: errors, and clocks that name the label.
 
     Of recordings that hold each other's samples only where one trains while the other is tested.
     """
+    n_rows = len(data)
     return tuple(
         finding
-        for finding in report
-        if (next(_apart(finding, partitions, n_rows), None) is not None)
+        for finding in (*report, *_windows_apart(data, partitions))
+        if finding.code == _WINDOWS
+        or next(_apart(finding, partitions, n_rows), None) is not None
         or (finding.code not in _COPIES and finding.severity == "error")
         or finding.code in _CLOCKS
     )
+
+
+def _windows_apart(data: Dataset, partitions: Sequence[Partition]) -> Iterator[Finding]:
+    """Tell of windows that share samples where one trains while the other is tested."""
+    pairs = list(overlapping_windows(data.recordings))
+    shared = sorted(set(_pairs_apart(pairs, partitions, len(data))))
+    if shared:
+        one, other = shared[0]
+        rows = tuple(sorted({row for pair in shared for row in pair}))
+        message = (
+            f"{counted(len(shared), 'pair')} of windows share samples, and one trains while the other is tested, such "
+            f"as {data.names[one]!r} and {data.names[other]!r}: cut windows that do not overlap"
+        )
+        yield Finding("error", _WINDOWS, message, tuple(data.names[row] for row in rows), rows, {})
 
 
 def refuse_copies(
@@ -57,14 +75,20 @@ def refuse_copies(
 
 def _apart(finding: Finding, partitions: Sequence[Partition], n_rows: int) -> Iterator[tuple[int, int]]:
     """Yield pairs of copies of which one trains while the other is tested."""
-    if finding.code not in _COPIES:
-        return
+    if finding.code in _COPIES:
+        pairs = [(one, other) for one, other, *_ in finding.values["pairs"]]
+        yield from _pairs_apart(pairs, partitions, n_rows)
+
+
+def _pairs_apart(
+    pairs: Sequence[tuple[int, int]], partitions: Sequence[Partition], n_rows: int
+) -> Iterator[tuple[int, int]]:
     for part in partitions:
         side = [0] * n_rows
         for row in part.train.tolist():
             side[row] = 1
         for row in part.test.tolist():
             side[row] = -1
-        for one, other, *_ in finding.values["pairs"]:
+        for one, other in pairs:
             if side[one] * side[other] < 0:
                 yield one, other

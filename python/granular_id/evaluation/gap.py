@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from granular_id._text import counted, percent
 from granular_id.evaluation.outcome import Outcome
+from granular_id.statistics import MIN_PARTITIONS
 
 _NO_GAP = 0.01  # less than a point is called no gap
 _APART = {
@@ -27,8 +28,8 @@ _VERDICTS = {
         "lower figure."
     ),
     "kept": (
-        "Less than a point lies between {apart} and as many recordings drawn at random: no sign that it is their "
-        "session that is recognised instead of their material."
+        "No point is lost with {apart} against as many recordings drawn at random: no sign that it is their session "
+        "that is recognised instead of their material."
     ),
 }
 
@@ -77,8 +78,9 @@ def gap_of(result: Outcome, space: str) -> Gap:
     strict, random = sides
     apart = _APART[strict.name]
     low, _ = result.interval(space, random.protocol)
-    # Without an interval (all partitions alike) nothing excuses a gap.
-    excused = result.mean_accuracy(space, strict.protocol) >= low
+    # Without an interval as all partitions are alike nothing excuses a gap; as they are too few, nothing proves one.
+    few = len(result.partitions[random.protocol]) < MIN_PARTITIONS
+    excused = few or result.mean_accuracy(space, strict.protocol) >= low
     kind = "kept" if gap < _NO_GAP else "unsure" if excused else "lost"
     headline += f", {random.accuracy} with {random.name}"
     verdict = _VERDICTS[kind].format(points=f"{100 * gap:.1f}", apart=apart)

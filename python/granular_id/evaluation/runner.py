@@ -36,7 +36,7 @@ from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.scoring import Task, answers_of
 from granular_id.evaluation.telling import Run, telling
 from granular_id.partitions import PROTOCOLS, Partition, protocol_name
-from granular_id.recording import Dataset, data_warnings, describe_data
+from granular_id.recording import Dataset, common_units, data_warnings, describe_data
 from granular_id.spaces import FeatureSpace
 from granular_id.splits import AUTO, MANY_RECORDINGS, groups_of, plan_protocols
 
@@ -159,6 +159,7 @@ def evaluate(
     accepted = accepted_names(accept)
     seed = plan_seed(random_state)
     X = data.X  # before the counts: resampling and cropping come first, and may change them
+    common_units(data)
     of_paper = {
         "n_partitions": n_partitions,
         "train_per_class": train_per_class,
@@ -172,11 +173,11 @@ def evaluate(
         )
     planned = plan_spaces(spaces, data.rate_hz)
     every = list(chain.from_iterable(partitions.values()))
-    first = partitions[next(iter(partitions))]
+    judged = strictest_of(partitions) or next(iter(partitions))
     checked = data.check()
-    findings = spoiling(checked, first, len(data))
-    refuse_copies(findings, accepted, first, data.names)
-    found = {finding.code for finding in checked}
+    findings = spoiling(checked, partitions[judged], data)
+    refuse_copies(findings, accepted, partitions[judged], data.names)
+    found = {finding.code for finding in (*checked, *findings)}
     notes += [f"accept: the checks found nothing called {name!r}" for name in accepted if name not in found]
     model = ECOCClassifier() if classifier is None else classifier
     settings = {
@@ -203,7 +204,6 @@ def evaluate(
     tasks = [Task(space, space.classifier or model, bank, groups) for space in planned]
     checks = plan_controls(data, planned, model, bank) if controls else []
     ask = partial(answers_of, labels=labels, truth=truth, seed=seed, n_jobs=n_jobs, checkpoint=kept)
-    judged = strictest_of(partitions) or next(iter(partitions))
     answered, not_converged, verdicts = _run(tasks, checks, partitions, judged, truth, ask, progress)
     summaries, predicted, chosen, has_weights = [], {}, {}, {}
     for space in planned:

@@ -284,7 +284,8 @@ def trained_on_note(timelines: Sequence[Timeline]) -> list[str]:
         return []
     every = counted(sum(map(len, timelines)), "window")
     return [
-        f"the model was trained on {n_trained_on} of these {every}, whose answers say nothing about new recordings"
+        f"the model was trained on {n_trained_on} of these {every}, and may know parts of the others: answers "
+        "about such recordings say nothing about new ones"
     ]
 
 
@@ -331,6 +332,7 @@ def predict_over(
             f"recording {recording.name!r} has {recording.n_samples} samples ({recording.duration_s:g} s), the model "
             f"takes windows of {n} ({n / rate_hz:g} s): record for longer, or train on shorter windows"
         )
+    n_hop = min(n_hop, recording.n_samples)
     windows = np.lib.stride_tricks.sliding_window_view(recording.wrench, n, axis=0)[::n_hop]
     marks = known.marks
     losses, shares, verdicts = [], [], []

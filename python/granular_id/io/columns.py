@@ -262,7 +262,7 @@ def columns_of(
     the six, where none are named, or the time.
     """
     asked_for = {what: asked for what, asked in ((LABEL, label), (SESSION, session)) if asked is not None}
-    _refuse_asked(names, asked_for)
+    _refuse_asked(names, asked_for, axes or ())
     refused = (TIME,) if axes is not None else (*AXES, TIME, FLAGS)
     found = {} if axes is None else _asked_axes(names, axes)
     chosen = set(found.values())
@@ -305,11 +305,13 @@ def columns_of(
     return found
 
 
-def _refuse_asked(names: Sequence[str], asked_for: Mapping[str, str]) -> None:
+def _refuse_asked(names: Sequence[str], asked_for: Mapping[str, str], axes: Sequence[str]) -> None:
     """Refuse columns that are asked for and not there, and a session in what labels recordings or tells them apart."""
     for what, asked in asked_for.items():
         if asked not in names:
             raise ColumnError(f"{what}={asked!r} is no column of it; there are {_listed(names)}")
+        if asked in axes:
+            raise ColumnError(f"{what}={asked!r} is one of the axes; wanted another column")
         other = _what_in_table(asked)
         if what == SESSION and other not in (None, SESSION):
             raise ColumnError(f"session={asked!r} is the column of the {other}; wanted another one")

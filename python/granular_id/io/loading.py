@@ -238,7 +238,10 @@ def _cut(data: Dataset, options: LoadOptions) -> Dataset:
         came = str(error).partition(";")[0]
         way_out = f"load without window_s, then call .resample(rate_hz) and .windows({options.window_s:g})"
         raise argument_error(ValueError, "window_s", f"={options.window_s:g}: {came}; {way_out}") from error
-    return data.windows(options.window_s, options.hop_s)
+    try:
+        return data.windows(options.window_s, options.hop_s, on_short=options.on_error)
+    except ValueError as error:
+        raise ValueError(str(error).replace("on_short=", "on_error=")) from error
 
 
 @contextmanager

@@ -180,13 +180,17 @@ def unit_differences(trained: Mapping[str, str], meta: Mapping[str, Any]) -> lis
 
 def common_units(data: Dataset) -> list[str]:
     """Return the unit of each axis, or refuse recordings that differ in them."""
-    units = {axis: unit_of(axis, data[0].meta) for axis in data.axes}
+    units = dict.fromkeys(data.axes, "")
+    first = dict.fromkeys(data.axes, data[0].name)
     for recording in data:
         for other in unit_differences(units, recording.meta):
+            axis = other.now.partition(":")[0]
             raise ValueError(
-                f"recordings differ in the units of their axes: {data[0].name!r} has {other.trained[0]}, "
+                f"recordings differ in the units of their axes: {first[axis]!r} has {other.trained[0]}, "
                 f"{recording.name!r} has {other.now}; convert the samples to the same before"
             )
+        for axis in [axis for axis, unit in units.items() if not unit]:
+            units[axis], first[axis] = unit_of(axis, recording.meta), recording.name
     return list(units.values())
 
 

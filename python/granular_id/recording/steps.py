@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -322,6 +322,31 @@ def cut_windows(
     return windows, StepReport("windows", parameters, totals, skipped + rows)
 
 
+def cut_from(recording: Recording) -> tuple[str, float] | None:
+    """Return the name of the recording that a window was cut from and where it begins, s; None for what is none."""
+    window = recording.meta.get(WINDOW)
+    if not isinstance(window, Mapping) or not {"recording", "start_s"} <= window.keys():
+        return None
+    return window["recording"], window["start_s"]
+
+
+def overlapping_windows(recordings: Sequence[Recording]) -> Iterator[tuple[int, int]]:
+    """Yield the places of windows of one recording that share samples, pair by pair."""
+    of_one: dict[str, list[tuple[float, int]]] = {}
+    for place, recording in enumerate(recordings):
+        if (known := cut_from(recording)) is not None:
+            of_one.setdefault(known[0], []).append((known[1], place))
+    for windows in of_one.values():
+        windows.sort()
+        for i, (start_s, place) in enumerate(windows):
+            step_s = recordings[place].duration_s / max(1, recordings[place].n_samples - 1)
+            end_s = start_s + recordings[place].duration_s + step_s / 2
+            for later_s, other in windows[i + 1 :]:
+                if later_s >= end_s:
+                    break
+                yield place, other
+
+
 def _samples(name: str, seconds: float, rate_hz: float) -> int:
     n = round(finite_number(f"{name} times the rate", finite_number(name, seconds, positive=True) * rate_hz))
     if n < 1:
@@ -334,8 +359,8 @@ def _windows_of(
 ) -> Iterable[Recording]:
     """Yield the windows of one recording, which are views of its samples."""
     begin, flags, trigger = recording.start_time, recording.flags, recording.trigger_index
-    before = recording.meta.get(WINDOW, {})  # of a window that is cut once more
-    whole, offset_s = before.get("recording", recording.name), before.get("start_s", 0.0)
+    own = recording.name or f"recording {place + 1}", 0.0
+    whole, offset_s = cut_from(recording) or own  # of a window that is cut once more
     session = recording.session or whole.strip() or f"recording {place + 1}"
     meta = thaw(recording.meta)
     for start in starts:

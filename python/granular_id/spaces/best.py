@@ -16,7 +16,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import checked_n_jobs, positive_number
-from granular_id._estimators import LabelledClassifier, labels_of, origin_of
+from granular_id._estimators import LabelledClassifier, labels_of, origin_for_fit
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._schema import check_form
 from granular_id._text import Table, percent
@@ -183,7 +183,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         """
         checked_n_jobs(self.n_jobs)
         loss = fitting_loss(self.loss, "real")
-        origin = origin_of(X)
+        origin = origin_for_fit(X, self)
         rows, labels = validate_data(self, X, labels_of(X, y, self), dtype=np.float64)
         if origin is not None and origin.dataset is not None and sessions is None and order is None:
             known = groups_of(origin.dataset).fit_arguments(self, np.arange(len(rows)))

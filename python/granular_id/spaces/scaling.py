@@ -15,7 +15,7 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import positive_number, whole_number
-from granular_id._estimators import Origin, labels_of, origin_of, traced
+from granular_id._estimators import Origin, labels_of, origin_for_fit, origin_of, traced
 from granular_id.gram import linear_gram
 from granular_id.rica import RICA
 from granular_id.spaces.components import PrincipalComponents
@@ -121,7 +121,7 @@ class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEst
         -------
         self
         """
-        origin = origin_of(X)
+        origin = origin_for_fit(X, self)
         rows = validate_data(self, X, dtype=np.float64)
         self.block_slices_ = block_slices(own_blocks(self.blocks, origin), rows.shape[1])
         self.mean_, deviation = _column_moments(rows)

@@ -149,6 +149,9 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
         recordings, origin = self._recordings(X, reset=True)
         known = traced(recordings, origin)
         self.blocks_ = [(name, clone(block).fit(known, y)) for name, block in blocks]
+        if self.rate_hz_ is None:  # of arrays: the rate that the blocks take for granted
+            rates = (getattr(block, "rate_hz_", None) for _, block in self.blocks_)
+            self.rate_hz_ = next((rate for rate in rates if rate is not None), None)
         features = self._each(recordings) if weights == "unit" else []
         self.block_weights_ = block_factors(weights, len(blocks), features)
         return recordings, features, origin

@@ -62,10 +62,7 @@ def test_labels_and_windows_of_the_training_are_told_of_several_recordings(model
         f"{n_right} of 30 answers about recordings with a known label name it: {100 * n_right / 30:.1f} %"
         in out
     )
-    assert (
-        "the model was trained on 30 of these 30 windows, whose answers say nothing about new recordings"
-        in out
-    )
+    assert "the model was trained on 30 of these 30 windows" in out
 
 
 def test_what_is_too_short_is_refused_or_left_out(model, tmp_path):

@@ -121,7 +121,8 @@ def test_the_table_says_what_the_answers_are_worth():
         "the recording is labelled rice: 2 of 3 name it",
         "the last 0.50 s are less than a hop: no answer is about them",
         "1 answer about samples with a flag (gaps that were filled, saturation)",
-        "the model was trained on 2 of these 3 windows, whose answers say nothing about new recordings",
+        "the model was trained on 2 of these 3 windows, and may know parts of the others: answers about such "
+        "recordings say nothing about new ones",
     ):
         assert note in table.notes
     assert (

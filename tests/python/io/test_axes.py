@@ -458,3 +458,36 @@ def test_windows_while_loading_need_a_rate(tmp_path):
         ValueError, match=r"window_s=0.02: 1 of 1 recording is irreg.*\.resample\(rate_hz\) and \.windows"
     ):
         load(tmp_path / "x.csv", axes=IMU, window_s=0.02)
+
+
+@pytest.mark.parametrize("axes", ["tx,ty,tz,fx,fy,fz", "ax,ty,tz,fx,fy,fz"])
+def test_unnamed_columns_have_the_axes_that_are_named(tmp_path, axes):
+    X = np.tile(np.arange(6.0), (4, 50, 1))
+    np.savez(tmp_path / "pushes.npz", X=X, y=[0, 0, 1, 1], fs=100)
+    one = load(tmp_path / "pushes.npz", axes=axes)[0]
+    stands = dict(zip(one.axes, one.wrench[0].tolist(), strict=True))
+    assert stands == dict(zip(axes.split(","), range(6), strict=True))
+
+
+def test_other_numbers_of_axes_than_columns_are_told(tmp_path):
+    np.savez(tmp_path / "pushes.npz", X=np.zeros((4, 50, 6)), y=[0, 0, 1, 1], fs=100)
+    with pytest.raises(
+        RecordingFileError, match=r"axes= names 3, wanted an array with an axis of that length"
+    ):
+        load(tmp_path / "pushes.npz", axes="a,b,c")
+
+
+def test_a_session_is_no_axis(tmp_path):
+    with pytest.raises(RecordingFileError, match=r"session='wx' is one of the axes; wanted another column"):
+        load(csv(tmp_path), axes=IMU, session="wx")
+
+
+def test_files_shorter_than_a_window_are_left_out_where_asked(tmp_path):
+    for name, n in (("a_1", 40), ("b_1", 400)):
+        rows = np.column_stack([np.arange(n) / 100, np.zeros((n, 6))])
+        np.savetxt(
+            tmp_path / f"{name}.csv", rows, delimiter=",", header="time,fx,fy,fz,tx,ty,tz", comments=""
+        )
+    with pytest.raises(ValueError, match=r"'a_1.csv' is shorter than a window: .* pass on_error='skip'"):
+        load(tmp_path, window_s=1)
+    assert set(load(tmp_path, window_s=1, on_error="skip").labels) == {"b"}

@@ -13,7 +13,7 @@ WHOLE = range(len(MATERIALS) * PER_CLASS)
 
 @cache
 def sound_set(seed=0):
-    """48 synthetic pushes of four materials in two sessions that vary little, without the metadata of the simulation."""
+    """48 synthetic pushes of four materials, two sessions that vary little, without the metadata of the simulation."""
     steady = Nuisance().scaled(0.4)
     data = synthesize(MATERIALS, n_per_class=PER_CLASS, sessions=2, seed=seed, nuisance=steady)
     return Dataset([replace(r, meta={}) for r in data])

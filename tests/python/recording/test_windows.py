@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular_id.recording import Dataset, Recording, SampleFlag
+from granular_id.recording import Dataset, Recording, SampleFlag, common_units, overlapping_windows
 
 
 def drive(n=100, **fields):
@@ -135,3 +135,24 @@ def test_windows_of_one_recording_are_no_witnesses_of_each_other():
     found = [finding.code for finding in data.windows(1.0, 0.5).check()]
     assert "near-duplicates" not in found  # they overlap
     assert not [code for code in found if code.startswith("leak")]  # each recording has one label
+
+
+def test_windows_of_recordings_without_a_name_are_told_apart_and_other_entries_of_meta_stay():
+    data = Dataset([drive(name=""), drive(name="", meta={"window": "hann"})]).windows(5)
+    assert data.names == ("recording 1 @ 0 s", "recording 1 @ 5 s", "recording 2 @ 0 s", "recording 2 @ 5 s")
+    assert sorted(set(data.sessions)) == ["recording 1", "recording 2"]
+
+
+@pytest.mark.parametrize(
+    ("hop_s", "pairs"), [(2.5, []), (2.4, [(0, 1), (1, 2)]), (1.2, [(0, 1), (0, 2), (1, 2)])]
+)
+def test_windows_that_share_samples(hop_s, pairs):
+    data = Dataset([drive(n=25 + 2 * round(10 * hop_s))]).windows(2.5, hop_s)
+    assert list(overlapping_windows(data.recordings)) == pairs
+
+
+@pytest.mark.parametrize("units", [("", "rad/s", "deg/s"), ("rad/s", "", "deg/s"), ("rad/s", "deg/s", "")])
+def test_recordings_of_different_units_are_refused_whichever_states_none(units):
+    data = [drive(meta={"units": dict.fromkeys(("ax", "ay", "az"), unit)} if unit else {}) for unit in units]
+    with pytest.raises(ValueError, match=r"has ax: rad/s, 'drive' has ax: deg/s"):
+        common_units(Dataset(data))

@@ -215,7 +215,7 @@ def right_share(result, share, protocol):
     ("strict", "kind", "points", "verdict"),
     [
         (0.5, "lost", ("+50.0", "points at random"), "50.0 points do not survive different halves"),
-        (1.0, "kept", ("no", "difference"), "Less than a point lies between different halves in time and"),
+        (1.0, "kept", ("no", "difference"), "No point is lost with different halves in time"),
     ],
 )
 def test_headline_and_verdict_follow_the_gap(result, strict, kind, points, verdict):

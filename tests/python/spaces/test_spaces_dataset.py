@@ -275,3 +275,32 @@ def test_a_fitted_pipeline_pickles_and_clones_without_the_recordings():
     stored = pickle.dumps(pipeline)
     assert pickle.loads(stored).predict(DRIVES).tolist() == pipeline.predict(DRIVES).tolist()
     assert b"Recording" not in stored
+
+
+def test_features_keep_their_places_as_their_labels_do():
+    features = RawSignal().fit_transform(DRIVES)
+    with pytest.raises(ValueError, match="read-only"):
+        features[0] = 0
+    with pytest.raises(ValueError, match="read-only"):
+        np.random.default_rng(0).shuffle(features)
+
+
+@pytest.mark.parametrize("estimator", [BestClassifier(), BlockScaler()])
+def test_what_was_lost_by_a_choice_of_rows_is_told(estimator):
+    data = data_set(n=12)
+    features = MultiBand().fit_transform(data)
+    with pytest.warns(UserWarning, match="X lost what its Dataset knows .* by a choice of rows or a cache"):
+        clone(estimator).fit(features[:], data.y)
+
+
+def test_a_union_of_arrays_refuses_a_data_set_of_another_rate():
+    union = BlockUnion([("hfmh", HFMH()), ("raw", RawSignal())]).fit(DRIVES.X)
+    with pytest.raises(ValueError, match="500"):
+        union.transform(DRIVES)
+
+
+def test_a_classifier_says_that_a_feature_space_comes_first():
+    with pytest.raises(
+        ValueError, match=r"ECOCClassifier takes features, got a Dataset: .*make_pipeline\(RawHFMH"
+    ):
+        ECOCClassifier().fit(DRIVES)

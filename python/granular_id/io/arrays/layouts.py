@@ -16,7 +16,7 @@ Everything guessed is said in the notes; what could mean two things is refused, 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -65,7 +65,8 @@ def recordings_of(
     """
     origin = Origin(source.path, describe, arrays, single)
     search = Search(origin, options)
-    unnamed = Known(options.axes) if options.axes is not None and options.other_sensor else Known()
+    axes = options.axes if options.other_sensor or len(options.axes or ()) == len(AXES) else None
+    unnamed = Known() if axes is None else Known(axes)
     found = search.level(arrays, "", unnamed)
     if not len(found) and options.axes is not None and len(options.axes) < len(AXES):
         found = search.level(arrays, "", Known(options.axes))
@@ -74,7 +75,7 @@ def recordings_of(
     if not len(found) and options.array is not None:
         raise origin.unclear(f"array={options.array!r} names no recordings")
     if not len(found):
-        raise origin.unclear(f"no recordings are recognised: {_what_is_missing(arrays)}")
+        raise origin.unclear(f"no recordings are recognised: {_what_is_missing(arrays, options.axes)}")
     if len({push.axes for push in found.pushes}) > 1:
         raise origin.unclear("recordings differ in their axes")
     _share_stamps(found, source, options, origin)
@@ -199,8 +200,10 @@ def _flat(found: Found) -> FlatRecordings:
 _N = len(AXES)
 
 
-def _what_is_missing(tree: Mapping[str, Any]) -> str:
+def _what_is_missing(tree: Mapping[str, Any], axes: Sequence[str] | None) -> str:
     """Say what the first array that comes near a recording lacks."""
+    if axes is not None:
+        return f"axes= names {len(axes)}, wanted an array with an axis of that length"
     arrays = list(_arrays(tree, "", MAX_DEPTH))
     six = next((f"{name} {shape}" for name, shape in arrays if _N in shape), None)
     named = {key: len(names_of(node)) for key, node in tree.items() if role_of(key) == "axes"}

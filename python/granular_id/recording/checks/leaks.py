@@ -21,7 +21,7 @@ from granular_id.recording.checks.measured import Measured, is_number
 from granular_id.recording.checks.report import Finding
 from granular_id.recording.recording import Recording, SampleFlag, places_of
 from granular_id.recording.report import first_names, span, subject
-from granular_id.recording.steps import WINDOW
+from granular_id.recording.steps import cut_from
 
 FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stand out from chance
 MOST = 5000  # larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer
@@ -75,8 +75,8 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
 
 def _cut_from(recording: Recording, place: int) -> object:
     """Return the recording that a window was cut from; what is no window is its own."""
-    window = recording.meta.get(WINDOW)
-    return window["recording"] if isinstance(window, Mapping) and "recording" in window else place
+    window = cut_from(recording)
+    return place if window is None else window[0]
 
 
 class _Leak(NamedTuple):
