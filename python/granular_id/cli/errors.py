@@ -160,6 +160,10 @@ def _in_mb(n_bytes: re.Match[str]) -> str:
     return f"raise --max-file-mb to {math.ceil(int(n_bytes[1]) / 2**20)}"
 
 
+def _accepts(found: re.Match[str]) -> str:
+    return "add " + " ".join(f"--accept {name}" for name in re.findall(r"'([\w-]+)'", found[1]))
+
+
 _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"\bNone(?=(:| for) no limit)": "inf",
     r"pass train_per_class=(\d+), test_per_class=(\d+)": r"add --train \1 --test \2",
@@ -174,7 +178,7 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"(?:call )?\.resample\(([\d.e+]+)\)": r"add --rate-hz \1",
     r"raise max_file_bytes to (\d+)": _in_mb,
     r"raise max_file_bytes\b": "raise --max-file-mb",
-    r"\bpass accept=\('([\w-]+)',\)": r"add --accept \1",
+    r"\bpass accept=\(([^)]*)\)": _accepts,
 }
 """Ways out that the command line offers under other words."""
 

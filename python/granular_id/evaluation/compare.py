@@ -27,7 +27,7 @@ from granular_id.statistics import (
 Floats = NDArray[np.float64]
 
 _NOTES = (
-    "† Mann-Whitney, as in the paper: far too small, as it takes partitions for independent",
+    "‡ Mann-Whitney, as in the paper: far too small, as it takes partitions for independent",
     "p: corrected resampled t-test (Nadeau & Bengio 2003); Holm: adjusted for {tests}",
     "worse, equal (within {rope:g} %), better: probabilities (Bayesian correlated t-test)",
 )
@@ -163,7 +163,7 @@ class Comparison:
         ]
         notes: tuple[str, ...] = ()
         if self.testable:
-            header += ("U test†", "p", "Holm", "worse", "equal", "better")
+            header += ("U test‡", "p", "Holm", "worse", "equal", "better")
             rows = [
                 (
                     *row,

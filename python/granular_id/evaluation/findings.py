@@ -61,16 +61,20 @@ def refuse_copies(
     names: Sequence[str],
 ) -> None:
     """Refuse recordings that share samples on both sides of a split, unless that is accepted."""
-    for finding in findings:
-        pairs = set(_apart(finding, partitions, len(names)))
-        if not pairs or finding.code in accepted:
-            continue
-        one, other = min(pairs)
-        more = f", and {len(pairs) - 1} more such pairs" if len(pairs) > 1 else ""
-        raise ValueError(
-            f"{names[one]!r} and {names[other]!r} share samples, and one trains while the other is tested{more}: "
-            f"leave one out, give both one session, or pass accept=('{finding.code}',)"
-        )
+    apart = {
+        finding.code: pairs
+        for finding in findings
+        if finding.code not in accepted and (pairs := set(_apart(finding, partitions, len(names))))
+    }
+    if not apart:
+        return
+    every = set[tuple[int, int]]().union(*apart.values())
+    one, other = min(every)
+    more = f", and {len(every) - 1} more such pairs" if len(every) > 1 else ""
+    raise ValueError(
+        f"{names[one]!r} and {names[other]!r} share samples, and one trains while the other is tested{more}: "
+        f"leave one out, give both one session, or pass accept={tuple(apart)!r}"
+    )
 
 
 def _apart(finding: Finding, partitions: Sequence[Partition], n_rows: int) -> Iterator[tuple[int, int]]:

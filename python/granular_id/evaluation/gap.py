@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._text import counted, percent
+from granular_id._text import counted, listed, percent
 from granular_id.evaluation.outcome import Outcome
 from granular_id.statistics import MIN_PARTITIONS
 
@@ -72,6 +72,8 @@ def gap_of(result: Outcome, space: str) -> Gap:
         how = "chosen by these same recordings: a little flattered by that"
         chosen = (f"the best of {n_spaces} feature spaces, {how}",)
     headline = f"{space} names {sides[0].accuracy} of recordings rightly with {sides[0].name}"
+    if result.exceptions:
+        headline += f" (but for {listed(list(result.exceptions))}: one session only)"
     gap = result.gap(space)
     if gap is None:
         return Gap("unknown", headline, sides, ("", ""), _no_gap(result, sides), chosen)

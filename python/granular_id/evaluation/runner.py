@@ -35,8 +35,9 @@ from granular_id.evaluation.report_data import portrait_of_result
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.scoring import Task, answers_of
 from granular_id.evaluation.telling import Run, telling
+from granular_id.features import FeatureSpec
 from granular_id.partitions import PROTOCOLS, Partition, protocol_name
-from granular_id.recording import Dataset, common_units, data_warnings, describe_data
+from granular_id.recording import Dataset, Finding, common_units, data_warnings, describe_data
 from granular_id.spaces import FeatureSpace
 from granular_id.splits import AUTO, MANY_RECORDINGS, groups_of, plan_protocols
 
@@ -167,18 +168,17 @@ def evaluate(
     }
     given = {name: value for name, value in of_paper.items() if value is not None}
     partitions, notes = plan_protocols(data, protocol, n_folds=n_folds, seed=seed, **given)
-    if given and "paper" not in partitions:
-        notes.append(
-            f"{', '.join(given)} had no use: that is of the protocol 'paper' (--paper), which did not run"
-        )
+    notes += _unused(given, partitions)
+    if spaces is USUAL_SPACES and data.rate_hz <= 2 * FeatureSpec().cutoff_hz:
+        spaces = ("raw", *USUAL_SPACES[1:])
+        notes += [f"raw instead of raw+hfmh: a high-pass at 23 Hz leaves nothing of {data.rate_hz:g} Hz"]
     planned = plan_spaces(spaces, data.rate_hz)
     every = list(chain.from_iterable(partitions.values()))
     judged = strictest_of(partitions) or next(iter(partitions))
     checked = data.check()
     findings = spoiling(checked, partitions[judged], data)
     refuse_copies(findings, accepted, partitions[judged], data.names)
-    found = {finding.code for finding in (*checked, *findings)}
-    notes += [f"accept: the checks found nothing called {name!r}" for name in accepted if name not in found]
+    notes += _not_found(accepted, (*checked, *findings))
     model = ECOCClassifier() if classifier is None else classifier
     settings = {
         "spaces": [space.name for space in planned],
@@ -243,6 +243,17 @@ def evaluate(
     accuracies = {space.name: result.mean_accuracy(space.name) for space in shown}
     portrait = portrait_of_result(data, shown, accuracies, model, seed, has_weights)
     return replace(result, portrait=portrait, wall_s=time.perf_counter() - start)
+
+
+def _not_found(accepted: Sequence[str], findings: Sequence[Finding]) -> list[str]:
+    found = {finding.code for finding in findings}
+    return [f"accept: the checks found nothing called {name!r}" for name in accepted if name not in found]
+
+
+def _unused(given: Mapping[str, Any], partitions: Mapping[str, Any]) -> list[str]:
+    if not given or "paper" in partitions:
+        return []
+    return [f"{', '.join(given)} had no use: that is of the protocol 'paper' (--paper), which did not run"]
 
 
 def _run(

@@ -381,22 +381,22 @@ class Identifier:
 
         Parameters
         ----------
-        X : array-like, shape (n, T, C) or (T, C)
-            Recordings of the length, rate and axes of the training, N and N m. Tables with named columns, one or a
-            list of them, come into the order of `axes`; other names are refused.
+        X : Dataset or array-like, shape (n, T, C) or (T, C)
+            Recordings of the length, rate, axes and units of the training. Of a Dataset these are checked. Tables with
+            named columns, one or a list of them, come into the order of `axes`; other names are refused.
         threads : int, optional
             Threads of a batch; no bit depends on it. Default: all cores.
 
         Raises
         ------
         TypeError, ValueError
-            Another shape, NaN or infinity; a `Dataset` instead of its ``X``.
+            Another shape, NaN or infinity; a `Dataset` of another rate, other axes, units or set-up.
         """
-        if isinstance(X, (Dataset, Recording)):
-            kind, part = type(X).__name__, "X" if isinstance(X, Dataset) else "wrench"
-            raise TypeError(
-                f"X must be an array, got a {kind}: pass its {part}, or the recording to identify"
-            )
+        if isinstance(X, Recording):
+            raise TypeError("X must be an array or a Dataset, got a Recording: pass it to identify")
+        if isinstance(X, Dataset):
+            check_recordings(X, self.core)
+            X = X.X
         samples, _ = samples_of(X, "X", self.axes)
         return self.core.scores(samples, threads)
 

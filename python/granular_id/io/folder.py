@@ -80,16 +80,30 @@ def find_files(root: Path, options: LoadOptions) -> FoundFiles:
     if any(path.name == INDEX_NAME for path in entries):
         return _find_indexed(root, entries, options)
     nested = _find_nested(root, folders)
+    nested.notes += _not_read(root, folders)
     if entries and (nested.sources or nested.problems):
         both = f"recordings both here ({entries[0].name!r}) and in sub-folders"
         problem = f"{both}; wanted one layout: {LAYOUTS}"
         raise RecordingFileError(root, problem)
     if entries:
-        return _find_flat(root, entries)
+        flat = _find_flat(root, entries)
+        flat.notes += _not_read(root, [])
+        return flat
     if not nested.sources and not nested.problems:
         problem = f"holds no recordings; wanted {LAYOUTS} (or files of another format)"
         raise RecordingFileError(root, problem + _found_instead(root))
     return nested
+
+
+def _not_read(root: Path, folders: Sequence[Path]) -> list[str]:
+    """Say which files of no known format lie beside recordings."""
+    files = [path for folder in (root, *folders) for path in list_folder(folder)[0]]
+    others = [path.suffix or path.name for path in files if format_of(path) is None]
+    if not others:
+        return []
+    kinds = ", ".join(ending for ending, _ in Counter(others).most_common(3))
+    n = len(others)
+    return [f"{counted(n, 'file')} of no known format {verb(n, 'is', 'are')} not read ({kinds})"]
 
 
 def _found_instead(root: Path) -> str:

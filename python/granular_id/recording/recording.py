@@ -83,7 +83,8 @@ class Recording:
     time_s : array_like, shape (T,), or None
         Seconds from the first sample, strictly increasing; None for uniform recordings.
     meta : mapping
-        Sensor, calibration, filter, frame, sign, tool, speed, fill height ...: any JSON-like tree.
+        Sensor, calibration, filter, frame, sign, tool, speed, fill height ...: any JSON-like tree. ``"units"`` holds
+        the unit of each axis by its name, or a list of one an axis.
     flags : array_like of uint8, shape (T,), or None
         Bits of :class:`SampleFlag` per sample; None when no sample has any.
     name : str
@@ -144,7 +145,7 @@ class Recording:
             if not 0 <= index < n_samples:
                 raise ValueError(f"trigger_index={fixed(index)} is outside the {n_samples} samples")
             checked["trigger_index"] = index
-        checked["meta"] = frozen_mapping("meta", self.meta)
+        checked["meta"] = frozen_mapping("meta", _with_named_units(self.meta, axes))
         if self.flags is not None:
             checked["flags"] = _checked_flags(self.flags, n_samples)
         for name, value in checked.items():
@@ -235,6 +236,14 @@ def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str
             f"wrench[{row}, {column}] ({axes[column]}) is {array[row, column]}; samples must be finite"
         )
     return locked(array), axes
+
+
+def _with_named_units(meta: Mapping[str, Any], axes: tuple[str, ...]) -> Mapping[str, Any]:
+    """Give the units that stand in a row to the axes; what is no row of texts, one an axis, stays as it is."""
+    units = meta.get("units") if isinstance(meta, Mapping) else None
+    if not isinstance(units, Sequence) or isinstance(units, str) or len(units) != len(axes):
+        return meta
+    return {**meta, "units": dict(zip(axes, units, strict=True))}
 
 
 def _checked_time(value: object, n_samples: int) -> FloatArray:

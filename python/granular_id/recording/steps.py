@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from typing import Any, Literal
@@ -270,6 +271,8 @@ def _crop(kept: Sequence[tuple[Recording, int]], n: int, rate_hz: float) -> list
     return cropped
 
 
+_COMPARED = 8  # samples of two windows
+
 WINDOW = "window"
 """Where a window's ``meta`` says what it was cut from: ``recording`` and ``start_s``, seconds from its first sample."""
 
@@ -285,6 +288,7 @@ def cut_windows(
     checked_choice("on_short", on_short, "raise", "skip")
     n = _samples("duration_s", duration_s, rate_hz)
     hop = n if hop_s is None else _samples("hop_s", hop_s, rate_hz)
+    names = Counter(recording.name.strip() for recording in recordings)
     windows: list[Recording] = []
     rows: list[dict[str, Any]] = []
     skipped: list[dict[str, Any]] = []
@@ -292,7 +296,10 @@ def cut_windows(
         spare = recording.n_samples - n
         if spare >= 0:
             starts = range(0, spare + 1, hop)
-            windows += _windows_of(recording, i, starts, n, rate_hz)
+            name = recording.name.strip() or "recording"
+            if names[name] > 1 or not recording.name.strip():  # a window must tell its recording from others
+                name += f" {i + 1}"
+            windows += _windows_of(recording, name, starts, n, rate_hz)
             used = len(starts) * n if hop >= n else starts[-1] + n
             rows.append(
                 {"name": recording.name, "windows": len(starts), "dropped": recording.n_samples - used}
@@ -344,7 +351,16 @@ def overlapping_windows(recordings: Sequence[Recording]) -> Iterator[tuple[int, 
             for later_s, other in windows[i + 1 :]:
                 if later_s >= end_s:
                     break
-                yield place, other
+                if _share_samples(recordings[place], recordings[other], later_s - start_s):
+                    yield place, other
+
+
+def _share_samples(one: Recording, other: Recording, later_s: float) -> bool:
+    """Whether the beginning of a window stands in another one, so much earlier: names may be those of other files."""
+    if one.rate_hz is None or one.axes != other.axes:
+        return False
+    shared = one.wrench[round(later_s * one.rate_hz) :][:_COMPARED]
+    return len(shared) > 0 and np.array_equal(shared, other.wrench[: len(shared)])
 
 
 def _samples(name: str, seconds: float, rate_hz: float) -> int:
@@ -355,13 +371,12 @@ def _samples(name: str, seconds: float, rate_hz: float) -> int:
 
 
 def _windows_of(
-    recording: Recording, place: int, starts: Iterable[int], n: int, rate_hz: float
+    recording: Recording, name: str, starts: Iterable[int], n: int, rate_hz: float
 ) -> Iterable[Recording]:
     """Yield the windows of one recording, which are views of its samples."""
     begin, flags, trigger = recording.start_time, recording.flags, recording.trigger_index
-    own = recording.name or f"recording {place + 1}", 0.0
-    whole, offset_s = cut_from(recording) or own  # of a window that is cut once more
-    session = recording.session or whole.strip() or f"recording {place + 1}"
+    whole, offset_s = cut_from(recording) or (name, 0.0)  # of a window that is cut once more
+    session = recording.session or whole.strip()
     meta = thaw(recording.meta)
     for start in starts:
         start_s = offset_s + start / rate_hz
