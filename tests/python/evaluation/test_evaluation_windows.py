@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from granular_id.evaluation import evaluate, gap_of
-from granular_id.recording import Dataset, Recording
+from granular_id.evaluation.findings import refuse_copies
+from granular_id.partitions import Partition
+from granular_id.recording import Dataset, Finding, Recording
 
 QUICK = {"controls": False, "progress": False}
 
@@ -85,3 +87,34 @@ def test_chance_is_that_of_the_classes_that_are_tested():
 def test_numbers_of_folds_that_are_none(n_folds, protocol):
     with pytest.raises((TypeError, ValueError), match="n_folds must be"):
         evaluate(drives({"a": 2, "b": 2}), "raw", protocol, n_folds=n_folds, **QUICK)
+
+
+@pytest.mark.parametrize(("rate_hz", "first"), [(40.0, "raw"), (100.0, "raw+hfmh")])
+def test_the_usual_spaces_suit_the_rate(rate_hz, first):
+    rng = np.random.default_rng(0)
+    data = Dataset(
+        [
+            Recording(rng.normal(size=(80, 6)), rate_hz, label=label, name=f"{label}{k}", session=str(k % 2))
+            for label in "ab"
+            for k in range(4)
+        ]
+    )
+    result = evaluate(data, **QUICK)
+    assert [space.name for space in result.spaces] == [first, "multiband", "best"]
+    assert any("a high-pass at 23 Hz" in note for note in result.notes) == (rate_hz == 40)
+
+
+def test_a_class_of_one_session_stands_in_the_headline():
+    data = drives({"a": 3, "b": 3, "c": 1}).windows(1.0)
+    assert "(but for c: one session only)" in gap_of(evaluate(data, "raw", **QUICK), "raw").headline
+
+
+def test_all_kinds_of_copies_are_refused_at_once():
+    part = Partition("kfold", 0, "fold 1", np.array([0, 1]), np.array([2, 3]))
+    found = [
+        Finding("error", code, "", ("a", "b"), pair, {"pairs": [pair]})
+        for code, pair in (("duplicates", (0, 2)), ("near-duplicates", (1, 3)))
+    ]
+    with pytest.raises(ValueError, match=r"1 more such pair.*accept=\('duplicates', 'near-duplicates'\)"):
+        refuse_copies(found, (), [part], ["a", "b", "c", "d"])
+    refuse_copies(found, ("duplicates", "near-duplicates"), [part], ["a", "b", "c", "d"])

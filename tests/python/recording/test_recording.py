@@ -227,3 +227,10 @@ def test_refuses_naming_the_argument(fields, error, message):
 def test_stamps_that_do_not_ascend_from_zero_are_refused(stamps, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         Recording(WRENCH, time_s=stamps)
+
+
+def test_units_in_a_row_are_those_of_the_axes():
+    units = ["rad/s"] * 3 + ["m/s2"] * 3
+    axes = ("wx", "wy", "wz", "ax", "ay", "az")
+    recording = Recording(np.zeros((5, 6)), 100, axes=axes, meta={"units": units})
+    assert [unit_of(axis, recording.meta) for axis in axes] == units

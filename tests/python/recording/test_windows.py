@@ -11,7 +11,14 @@ from granular_id.recording import Dataset, Recording, SampleFlag, common_units, 
 def drive(n=100, **fields):
     samples = np.arange(3.0 * n).reshape(n, 3)
     return Recording(
-        samples, **{"rate_hz": 10, "axes": ("ax", "ay", "az"), "name": "drive", "label": "mud", **fields}
+        **{
+            "wrench": samples,
+            "rate_hz": 10,
+            "axes": ("ax", "ay", "az"),
+            "name": "drive",
+            "label": "mud",
+            **fields,
+        }
     )
 
 
@@ -156,3 +163,14 @@ def test_recordings_of_different_units_are_refused_whichever_states_none(units):
     data = [drive(meta={"units": dict.fromkeys(("ax", "ay", "az"), unit)} if unit else {}) for unit in units]
     with pytest.raises(ValueError, match=r"has ax: rad/s, 'drive' has ax: deg/s"):
         common_units(Dataset(data))
+
+
+def test_windows_of_recordings_of_one_name_are_told_apart():
+    data = Dataset([drive(session=day) for day in ("mon", "tue")]).windows(5)
+    assert data.names == ("drive 1 @ 0 s", "drive 1 @ 5 s", "drive 2 @ 0 s", "drive 2 @ 5 s")
+
+
+def test_windows_of_other_files_of_the_same_name_share_no_samples():
+    rng = np.random.default_rng(0)
+    days = [Dataset([drive(wrench=rng.normal(size=(100, 3)))]).windows(5) for _ in range(2)]
+    assert list(overlapping_windows(Dataset.concatenate(days).recordings)) == []
