@@ -14,7 +14,7 @@ import numpy as np
 from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.identifier import Identifier
-from granular_id.identifier.metadata import Metadata, fingerprint, marks_of
+from granular_id.identifier.metadata import Metadata, fingerprint, marks_of, synthetic_words
 from granular_id.identifier.rules import probabilities
 from granular_id.recording import Dataset, Recording, SampleFlag, setup_mismatch
 
@@ -184,13 +184,12 @@ def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] 
                 ranking=ranking,
             )
         )
-    simulated = ["a model of SYNTHETIC recordings"] if model.synthetic else []
-    simulated += ["SYNTHETIC recordings"] if data.is_synthetic else []
+    simulated = synthetic_words(recordings=data.is_synthetic, model=model.synthetic)
     trained_on_these = False
     settings = model.trained.get("settings")
     if settings is not None and None not in {recording.label for recording in data}:
         trained_on_these = fingerprint(data, settings) == model.core.metadata["training_sha256"]
-    return Batch(tuple(each), model.classes, " and ".join(simulated), trained_on_these, differences)
+    return Batch(tuple(each), model.classes, simulated, trained_on_these, differences)
 
 
 def _rightly(judged: Sequence[Answer]) -> int:

@@ -94,6 +94,13 @@ def check_trained(trained: Any) -> None:
         raise ValueError("choice.machines must hold at least one, got []")
 
 
+def synthetic_words(*, recordings: bool, model: bool) -> str:
+    """Say what is simulated; nothing where nothing is."""
+    if recordings:
+        return f"SYNTHETIC recordings{' and a model of such' if model else ''}"
+    return "a model of SYNTHETIC recordings" if model else ""
+
+
 class Metadata:
     """What a model keeps beside its weights."""
 

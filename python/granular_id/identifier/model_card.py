@@ -42,8 +42,8 @@ def describe_model(model: Identifier) -> list[str]:
     lines += [
         f"takes: {model.n_samples} samples at {model.rate_hz:g} Hz ({seconds}) of {' '.join(model.axes)}; rest ahead "
         f"of the motion: {_lead(model)}",
-        f"features: {model.space}, {core.n_features} numbers{_content(spec)}",
-        *_bands(spec),
+        f"features: {model.space}, {core.n_features} numbers{_content(spec, _units(model))}",
+        *_bands(spec, _units(model)),
         f"classifier: {learners}, {core.loss} loss, {core.decoding.replace('_', '-')} decoding{posterior}",
         f"size: {len(core.to_bytes()) / 2**20:.2f} MiB",
         f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}"
@@ -127,23 +127,29 @@ def _lead(model: Identifier) -> str:
     return "not the same in all recordings"
 
 
-def _content(spec: FeatureSpec | _core.MultiBandExtractor) -> str:
+def _units(model: Identifier) -> str:
+    """Return the units of the axes, each once; nothing where one is not known."""
+    return " and ".join(dict.fromkeys(model.units)) if all(model.units) else ""
+
+
+def _content(spec: FeatureSpec | _core.MultiBandExtractor, units: str) -> str:
     if not isinstance(spec, FeatureSpec):
         return ": " + ", ".join(f"{size} {name}" for name, size in spec.block_sizes.items())
     if not spec.hfmh:
         return ""
     ranges = spec.bin_range
-    within = (
-        "ranges of each axis" if isinstance(ranges[0], tuple) else f"{ranges[0]:g} to {ranges[1]:g} N and N m"
-    )
+    if isinstance(ranges[0], tuple):
+        within = "ranges of each axis"
+    else:
+        within = f"{ranges[0]:g} to {ranges[1]:g} {units}".rstrip()
     return f"; histogram of {spec.n_bins} bins, {within}, above {spec.cutoff_hz:g} Hz"
 
 
-def _bands(spec: FeatureSpec | _core.MultiBandExtractor) -> list[str]:
+def _bands(spec: FeatureSpec | _core.MultiBandExtractor, units: str) -> list[str]:
     """Give the edges of each band, and its typical size per axis in the training recordings."""
     if isinstance(spec, FeatureSpec):
         return []
-    lines = ["  band, Hz: typical size of each axis, N and N m"]
+    lines = [f"  band, Hz: typical size of each axis{', ' + units if units else ''}"]
     for number, ((low, high, *_), scales) in enumerate(zip(spec.bands, spec.scales, strict=True)):
         edges = "all but the mean" if number == 0 else f"{low:.3g} to {high:.3g}"
         lines.append(f"  {edges}: {' '.join(f'{scale:.2g}' for scale in scales)}")

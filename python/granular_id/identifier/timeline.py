@@ -17,7 +17,7 @@ from granular_id._checks import argument_error, finite_number
 from granular_id._columns import samples_of
 from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
-from granular_id.identifier.metadata import Metadata, check_recordings, mark_of
+from granular_id.identifier.metadata import Metadata, check_recordings, mark_of, synthetic_words
 from granular_id.identifier.rules import probabilities
 from granular_id.recording import Dataset, Recording, setup_mismatch, unit_of
 
@@ -350,8 +350,7 @@ def predict_over(
             seen += [mark_of(window) in marks for window in block]
     flags = np.zeros(recording.n_samples, np.bool_) if recording.flags is None else recording.flags != 0
     unknown = np.array([verdict is True for _, verdict in verdicts])
-    simulated = ["a model of SYNTHETIC recordings"] if known.trained.get("synthetic", False) else []
-    simulated += ["SYNTHETIC recordings"] if recording.is_synthetic else []
+    of_model = known.trained.get("synthetic", False)
     return Timeline(
         name=recording.name,
         classes=core.classes,
@@ -366,7 +365,7 @@ def predict_over(
         hop_s=n_hop / rate_hz,
         duration_s=recording.n_samples / rate_hz,
         truth=recording.label,
-        synthetic=" and ".join(simulated),
+        synthetic=synthetic_words(recordings=recording.is_synthetic, model=of_model),
         differences=differences,
         units=tuple(
             unit_of(axis, recording.meta) or unit for axis, unit in zip(known.axes, known.units, strict=True)

@@ -12,7 +12,7 @@ from cli_cases import LABELS, SMALL_MODEL, ended_well, make, recording, refused,
 from granular_id import _core, save
 from granular_id.identifier import Identifier, accuracy_over_time, batch, identify_all, metadata
 from granular_id.io import load
-from granular_id.recording import Dataset, SampleFlag
+from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.synthetic import synthesize
 
 # -- train
@@ -105,9 +105,29 @@ def test_every_command_says_that_a_model_is_of_simulated_recordings(tmp_path):
     assert "(SYNTHETIC recordings)" in ended_well("train", tmp_path / "x.npz", "-o", model, *words)
     assert ended_well("model", "info", model).startswith("SYNTHETIC: trained on simulated recordings")
     out = ended_well("identify", model, tmp_path / "x.npz")
-    assert "a model of SYNTHETIC recordings and SYNTHETIC recordings" in out
+    assert "SYNTHETIC recordings and a model of such" in out
     quiet = run("identify", model, tmp_path / "x.npz", "--quiet")
-    assert "a model of SYNTHETIC recordings" in quiet.stderr
+    assert "SYNTHETIC recordings and a model of such" in quiet.stderr
+
+
+@pytest.mark.parametrize("space", ["best", "hfmh"])
+@pytest.mark.parametrize(("unit", "said"), [("m/s2", " m/s2"), (None, "")])
+def test_model_info_has_the_units_of_the_model_where_they_are_known(tmp_path, space, unit, said):
+    rng = np.random.default_rng(2)
+    axes = ("ax", "ay", "az")
+    meta = {} if unit is None else {"units": dict.fromkeys(axes, unit)}
+    each = [
+        Recording(rng.normal(0, k + 1, (60, 3)), rate_hz=125.0, axes=axes, label=LABELS[k], meta=meta)
+        for k in range(2)
+        for _ in range(6)
+    ]
+    Identifier.fit(Dataset(each), space, estimate=False).save(tmp_path / "m.safetensors")
+    lines = ended_well("model", "info", tmp_path / "m.safetensors").splitlines()
+    if space == "best":
+        assert f"  band, Hz: typical size of each axis{',' + said if said else ''}" in lines
+    else:
+        assert any(f"-1.5 to 1.5{said}, above" in line for line in lines)
+    assert not any("N m" in line for line in lines)
 
 
 # -- identify
