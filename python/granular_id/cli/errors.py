@@ -28,9 +28,9 @@ P = ParamSpec("P")
 
 _SAME = (
     "array axes begin_at bin_range block_weights C checkpoint coding cutoff_hz direction duration_s false_alarm_rate "
-    "hop_s initial label lead_s max_gap_s n_bins n_samples on_error on_gap on_short on_time_error order posterior "
-    "pre_s protocol rate_hz rest_s robot sensor_range session space spaces speed_m_s tare_s target_error threads "
-    "threshold_n time_unit topic trigger units window_s"
+    "hop_s initial label lead_s max_gap max_gap_s n_bins n_samples on_error on_gap on_short on_time_error order "
+    "posterior pre_s protocol rate_hz rest_s robot sensor_range session space spaces speed_m_s tare_s target_error "
+    "threads threshold_n time_unit topic trigger units window_s"
 )
 OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "format": "--to",

@@ -17,7 +17,7 @@ from rich.console import Console
 from granular_id._files import check_source, made_folder
 from granular_id._text import counted, known_label
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
-from granular_id.cli.options import FORCE, at_least, command, names_in, numbers_in, option, positive
+from granular_id.cli.options import FORCE, as_typed, at_least, command, names_in, numbers_in, option, positive
 from granular_id.cli.outputs import LIVE_ANSWERS, check_outputs, show, warn_of_setups
 from granular_id.cli.recordings import ACCEPT, Difference
 
@@ -134,6 +134,7 @@ class Moving:
             "max_lag_s": self.max_lag_s,
             "timeout_s": self.timeout_s,
         }
+        self.of_windows = {"max_gap": self.max_gap, "max_lag_s": self.max_lag_s}
 
     def setup(self, source: WrenchSource) -> Setup:
         """Choose robot and trigger."""
@@ -204,9 +205,7 @@ def live(
     positive("--pre-s", pre_s)
     positive("--hop-s", hop_s)
     if hop_s is not None:
-        _refuse_with_hop(
-            robot=moving.robot != "auto", trigger=moving.trigger != "auto", early=early, pre_s=pre_s
-        )
+        _refuse_with_hop(moving, early=early, pre_s=pre_s)
     check_outputs(("--json", json, LIVE_ANSWERS), source=model, force=force)
     check_source(model)
     sensing.refuse_absent()
@@ -229,7 +228,7 @@ def live(
         )
     with ExitStack() as stack:
         stream = stack.enter_context(opened(source, sensing.buffer_s))
-        setup = stack.enter_context(closing(moving.setup(source)))
+        setup = None if hop_s is not None else stack.enter_context(closing(moving.setup(source)))
         views = stack.enter_context(Views([]))
         _open_views(views, view=view, port=port, browser=not no_browser, quiet=quiet)
         identifying = LiveIdentifier(
@@ -241,12 +240,12 @@ def live(
             hop_s=hop_s,
             views=views,
             accept=[one.value for one in accept or []],
-            **moving.of_pushes,
+            **(moving.of_pushes if hop_s is None else moving.of_windows),
         )
         warn_of_setups(identifying.differences)
         answer = stack.enter_context(nullcontext() if json is None else whole_lines(json))
         synthetic = {"synthetic": source.info.synthetic, "synthetic_model": identifier.synthetic}
-        over, window_s = False, identifier.n_samples / identifier.rate_hz
+        over = False
         try:
             for push in identifying.pushes(n):
                 if quiet:
@@ -255,8 +254,7 @@ def live(
                     answer(json_format.dumps(push.to_dict() | synthetic))
             over = n is None
             if over and not identifying.n_answered:
-                before = "any push was answered" if hop_s is None else f"{window_s:g} s of signal were there"
-                raise ValueError(f"the source came to its end before {before}")
+                raise ValueError(identifying.why_none)
         except CaptureError as error:
             raise ValueError(str(error)) from error
         except (KeyboardInterrupt, SystemExit):  # how a session without --n ends: with its tally
@@ -269,13 +267,13 @@ def live(
             show(f"{identifying.tally()}{'; the source came to its end' * over}")
 
 
-def _refuse_with_hop(**given: object) -> None:
+def _refuse_with_hop(moving: Moving, *, early: bool, pre_s: float | None) -> None:
     """Refuse what is about pushes, where answers go on."""
-    for name, value in given.items():
-        if value not in (None, False):
-            raise ValueError(
-                f"--{name.replace('_', '-')} is about pushes; with --hop-s answers go on: leave it out"
-            )
+    given = ["--early"] * early + ["--pre-s"] * (pre_s is not None)
+    given += [word for word in as_typed(moving) if word.startswith("--")]
+    for word in given:
+        if word not in ("--max-gap", "--max-lag-s"):
+            raise ValueError(f"{word} is about pushes; with --hop-s answers go on: leave it out")
 
 
 def _check_views(*, view: bool, port: int, no_browser: bool, rerun: str | None) -> None:

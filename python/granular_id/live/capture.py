@@ -17,8 +17,8 @@ from granular_id._text import counted, fixed, verb
 from granular_id.live.rows import (
     ArrivalClock,
     BlockLike,
+    GapFiller,
     Rows,
-    filled,
     late_s,
     measured_rate_hz,
     start_utc_s,
@@ -268,7 +268,7 @@ class Capture:
         self.info = info
         self._max_lag_s = finite_number("max_lag_s", max_lag_s, least=0)
         self._lag_patience_s = finite_number("lag_patience_s", lag_patience_s, least=0)
-        self._max_gap = whole_number("max_gap", max_gap, least=0)
+        self._gaps = GapFiller(whole_number("max_gap", max_gap, least=0))
         self._allow_saturated = bool(allow_saturated)
         self._rate_tolerance = finite_number("rate_tolerance", rate_tolerance, least=0)
         self._timeout_s = finite_number("timeout_s", timeout_s, least=0)
@@ -282,7 +282,6 @@ class Capture:
         self.trigger_time_s: float | None = None
         self.n_rows = 0
         self._epoch: int | None = None
-        self._last = Rows.none()
         self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
         self._n_left = round(self._timeout_s * self.rate_hz)  # that may still come before the trigger
         self._rest = Rows.none()  # the newest ones, as many as belong before the trigger
@@ -331,6 +330,16 @@ class Capture:
     def max_lag_s(self) -> float:
         """Lag that is no cause for alarm."""
         return self._max_lag_s
+
+    def wrong_rate(self, rows: Rows) -> str:
+        """Say that rows without gaps, at least two, came at another rate than wanted; empty where they did not."""
+        measured_hz = measured_rate_hz(rows, device_clock=self._device_clock)
+        if not self._device_clock:
+            measured_hz /= self._speed
+        if abs(measured_hz / self.rate_hz - 1) <= self._rate_tolerance:
+            return ""
+        wanted = f"{self.rate_hz:g} Hz within {100 * self._rate_tolerance:g} %"
+        return f"measured {measured_hz:.6g} Hz, wanted {wanted}"
 
     @property
     def rows(self) -> Rows:
@@ -393,14 +402,10 @@ class Capture:
     def _go_through(self, block: BlockLike) -> None:
         if self._epoch not in (None, block.epoch):
             self._break(FailureReason.RESTART, "the sensor's time began anew")
-            self._last = Rows.none()
+            self._gaps.begin_anew()
             self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
         self._epoch = block.epoch
-        rows = Rows.of(block)
-        if not len(self._last):
-            rows.missing_before[0] = 0  # nobody's loss
-        rows = filled(self._last, rows, self._max_gap)
-        self._last = rows[-1:]
+        rows = self._gaps.fill(block)
         saturated = np.zeros(len(rows), np.bool_) if self._allow_saturated else rows.flags & SATURATED != 0
         done = 0
         for at in np.flatnonzero((rows.missing_before > 0) | saturated).tolist():
@@ -481,14 +486,10 @@ class Capture:
         self.n_rows += len(rows)
         if self.n_rows < self.n_samples:
             return
-        measured_hz = measured_rate_hz(self.rows, device_clock=self._device_clock)
-        if not self._device_clock:
-            measured_hz /= self._speed
-        if abs(measured_hz / self.rate_hz - 1) <= self._rate_tolerance:
+        if wrong := self.wrong_rate(self.rows):
+            self.fail(FailureReason.RATE, wrong)
+        else:
             self.state = CaptureState.COMPLETE
-            return
-        wanted = f"{self.rate_hz:g} Hz within {100 * self._rate_tolerance:g} %"
-        self.fail(FailureReason.RATE, f"measured {measured_hz:.6g} Hz, wanted {wanted}")
 
     def _fail_early(self, n_rest: int) -> None:
         text = f"triggered after {n_rest} rows at rest, wanted {self.n_pre}"

@@ -81,7 +81,7 @@ def drive(
     direction, speed_m_s
         See `Robot.move_line`; the paper's 0.03 m/s.
     rows_timeout_s : float, default 1
-        A source that delivers nothing for so long has failed.
+        A source that delivers nothing for so long has failed; pauses of its own come on top.
     reader : WrenchReader, optional
         Read on from there. Default: a new one, which begins with the rows that come in from now on.
 
@@ -100,6 +100,7 @@ def drive(
     motion: Motion | None = None
     newest: BlockLike | None = None
     heard_s = time.monotonic()
+    silent_s = rows_timeout_s + stream.pause_s
     stands = False
     moving = InMotion(robot)
     try:
@@ -113,7 +114,7 @@ def drive(
                 newest, heard_s = block, time.monotonic()
             rows = capture.feed(block, stream.lag_s())
             if not len(block):
-                _check_source(stream, capture, time.monotonic() - heard_s, rows_timeout_s)
+                _check_source(stream, capture, time.monotonic() - heard_s, silent_s)
             ready = capture.state is CaptureState.ARMED and not moving.is_told
             if robot is not None and motion is None and ready:
                 moving.moves = starts_exactly(robot)  # else a person, who was only told

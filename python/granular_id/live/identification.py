@@ -22,7 +22,7 @@ from granular_id.live.setup import Setup, setup_of, starts_exactly
 from granular_id.live.snapshot_builder import SnapshotBuilder
 from granular_id.live.source import WrenchSource
 from granular_id.live.stream import Stream, opened
-from granular_id.live.trigger import Trigger
+from granular_id.live.trigger import ManualTrigger, Trigger
 from granular_id.live.view import Views
 from granular_id.recording import SampleFlag, Setup as RecordedSetup, refuse_or_list
 
@@ -36,6 +36,8 @@ _PRE_S = 0.25
 
 _WAIT_S, _SILENT_S = 0.02, 5.0
 """How long to wait for a row at a time; a source that delivers nothing for so long has failed."""
+
+_DIRECTION, _SPEED_M_S = (1.0, 0.0, 0.0), 0.03
 
 _SYNTHETIC_MODEL = (
     "the model was trained on SYNTHETIC recordings: its answers say nothing about real materials"
@@ -63,7 +65,7 @@ class LiveIdentifier:
     hop_s : float, optional
         Answer every so many seconds about the newest samples, as `Identifier.predict_over` does, instead of once a
         push: nobody waits for a trigger and no robot moves. Samples that are missing or overwritten, or of another
-        recording, begin the window anew. For models of windows.
+        recording, begin the window anew; one at another rate gets no answer. For models of windows.
     views : Views, optional
         What shows it all.
     direction, speed_m_s
@@ -72,7 +74,8 @@ class LiveIdentifier:
         What may differ from the training though it is refused otherwise: "frame", "transform", "sign" or
         "units". It is then a warning.
     **limits
-        `max_gap`, `allow_saturated`, `rate_tolerance`, `max_lag_s`, `lag_patience_s`, `timeout_s` of `Capture`.
+        `max_gap`, `allow_saturated`, `rate_tolerance`, `max_lag_s`, `lag_patience_s`, `timeout_s` of `Capture`;
+        with `hop_s` `max_gap`, `rate_tolerance` and `max_lag_s`.
 
     Raises
     ------
@@ -107,13 +110,23 @@ class LiveIdentifier:
         pre_s: float | None = None,
         hop_s: float | None = None,
         views: Views | None = None,
-        direction: Sequence[float] = (1.0, 0.0, 0.0),
-        speed_m_s: float = 0.03,
+        direction: Sequence[float] = _DIRECTION,
+        speed_m_s: float = _SPEED_M_S,
         accept: str | Sequence[str] = (),
         **limits: Any,
     ) -> None:
         _refuse_other_stream(model, stream)
-        self._n_hop = 0 if hop_s is None else _hop_of(hop_s, model.rate_hz, early=early, pre_s=pre_s)
+        self._n_hop = 0
+        if hop_s is not None:
+            _refuse_with_hop(
+                early=early,
+                pre_s=pre_s is not None,
+                setup=setup is not None,
+                direction=not np.array_equal(direction, _DIRECTION),
+                speed_m_s=speed_m_s != _SPEED_M_S,
+                **{name: name in limits for name in ("allow_saturated", "lag_patience_s", "timeout_s")},
+            )
+            self._n_hop, setup = _hop_of(hop_s, model.rate_hz), Setup(None, ManualTrigger)
         rest_s = 0.0 if hop_s is not None else model.lead_s if pre_s is None else pre_s
         if rest_s is None:
             problem = (
@@ -134,15 +147,16 @@ class LiveIdentifier:
         self._views = Views([]) if views is None else views
         self._reader = stream.buffer.reader(from_oldest=True)
         self._answer = StreamingIdentifier(model)
-        self._n_looks = self._n_moments = 0
+        self._n_looks = self._n_moments = self._n_lost = 0
+        self._failed = ""
         # Most of the work on multi-band features is done for each answer, others have grown with the rows.
         self._grows = isinstance(model.spec, FeatureSpec)
         info = stream.info
         facts: dict[str, Any] = {}
-        max_lag_s = limits.get("max_lag_s", 0.02)
+        self._limiting = capture = self.new_capture()  # checks the limits
+        max_lag_s = capture.max_lag_s
         if not self._n_hop:
-            capture = self.new_capture()
-            facts, max_lag_s = {"trigger": getattr(capture.trigger, "name", None)}, capture.max_lag_s
+            facts = {"trigger": getattr(capture.trigger, "name", None)}
             # Refused before anything moves.
             checked_move(direction, speed_m_s, motion_duration_s(capture))
             if starts_exactly(self._setup.robot):
@@ -254,7 +268,7 @@ class LiveIdentifier:
 
     def _at_hops(self, n: int | None) -> Iterator[Push]:
         windows = HoppingWindows(self.model.n_samples, self._n_hop, self._limits.get("max_gap", 0))
-        window_s = self.model.n_samples / self.model.rate_hz
+        silent_s, n_lost = _SILENT_S + self.stream.pause_s, self._n_lost
         newest: Push | None = None
         heard_s, finished = time.monotonic(), False
         while n is None or self.n_answered < n:
@@ -268,8 +282,8 @@ class LiveIdentifier:
             elif health.finished:
                 finished = True
                 break
-            elif time.monotonic() - heard_s > _SILENT_S:
-                said = f"{self.stream.info.name} delivered nothing for {_SILENT_S:g} s"
+            elif time.monotonic() - heard_s > silent_s:
+                said = f"{self.stream.info.name} delivered nothing for {silent_s:g} s"
                 raise CaptureError(FailureReason.NO_ROWS, said)
             self._builder.rows(block)
             late = ("lag",) if self.stream.lag_s() > self._max_lag_s else ()
@@ -278,20 +292,64 @@ class LiveIdentifier:
                 yield newest
                 if self.n_answered == n:
                     break
+            self._n_lost = n_lost + windows.n_lost
             if newest is not None and windows.begins_anew:
                 newest = None
             if self._views.wants_snapshot():
-                if newest is None:
-                    self._show("arming", None, f"the first answer comes after {window_s:g} s of signal")
-                else:
-                    self._show("answering", newest.decision)
-        self._show("ended" if finished else "answering", None if newest is None else newest.decision)
+                self._show_hop("answering", newest)
+        self._show_hop("ended" if finished else "answering", newest)
         if finished and n is not None:
             said = f"the source came to its end after {counted(self.n_answered, 'answer')}"
-            raise CaptureError(FailureReason.SOURCE, said)
+            raise CaptureError(FailureReason.SOURCE, said if self.n_answered else self.why_none)
+        if finished and self._n_lost and not self.n_pushes:
+            yield Push(None, FailureReason.GAP, self._lost)
+
+    def _show_hop(self, state: str, newest: Push | None) -> None:
+        if state == "ended":
+            self._show(state, None if newest is None else newest.decision)
+        elif newest is None:
+            first = f"the first answer comes after {self._window_s:g} s of signal"
+            self._show("arming", None, "; ".join(filter(None, (first, self._lost))))
+        else:
+            self._show("failed" if newest.decision is None else state, newest.decision, newest.text)
+
+    @property
+    def _window_s(self) -> float:
+        return self.model.n_samples / self.model.rate_hz
+
+    @property
+    def _lost(self) -> str:
+        """How often a window began anew because rows were lost, and what that means where no answer came."""
+        if not self._n_lost:
+            return ""
+        needs = f"; a window needs {self._window_s:g} s without loss (max_gap)"
+        return f"rows were lost {counted(self._n_lost, 'time')}{'' if self.n_pushes else needs}"
+
+    @property
+    def why_none(self) -> str:
+        """Why there was no answer, where the source came to its end without one."""
+        if not self._n_hop:
+            return "the source came to its end before any push was answered"
+        if why := self._failed or self._lost:
+            return f"the source came to its end without an answer: {why}"
+        return f"the source came to its end before {self._window_s:g} s of signal were there in one piece"
 
     def _answered(self, window: Rows, late: tuple[str, ...], before: Push | None) -> Push:
         """Name the material of a window: the answer that its rows get alone."""
+        time_s = float(window.time_s[-1])
+        truth = self.stream.truth_at(time_s)
+        self.n_pushes += 1
+        self._failed = self._limiting.wrong_rate(window)
+        if self._failed:
+            push = Push(None, FailureReason.RATE, self._failed, truth, time_s)
+        else:
+            push = Push(self._named(window, late), truth=truth, time_s=time_s)
+            self._count(push)
+        if before is None or _said(before) != _said(push):
+            self._builder.end_capture(push)  # the history has changes only
+        return push
+
+    def _named(self, window: Rows, late: tuple[str, ...]) -> Decision:
         flags = int(np.bitwise_or.reduce(window.flags))
         told = {"gap": flags & SampleFlag.GAP_FILLED, "saturation": flags & SampleFlag.SATURATED}
         self._answer.reset()
@@ -300,16 +358,14 @@ class LiveIdentifier:
         self._answer.push(window.wrench)
         self._builder.begin_capture()
         self._builder.captured(window.wrench)
-        decision, truth = self._answer.decision(), self.stream.truth
-        push = Push(decision, truth=truth, time_s=float(window.time_s[-1]))
-        self.n_pushes += 1
-        self.n_answered += 1
-        self.knows_truth |= truth is not None
-        self.n_right += bool(push.is_right)
-        self.n_unknown += bool(decision.unknown)
-        if before is None or before.decision is None or _said(before.decision) != _said(decision):
-            self._builder.end_capture(push)  # the history has changes only
-        return push
+        return self._answer.decision()
+
+    def _count(self, push: Push) -> None:
+        if push.decision is not None:
+            self.n_answered += 1
+            self.knows_truth |= push.truth is not None
+            self.n_right += bool(push.is_right)
+            self.n_unknown += bool(push.decision.unknown)
 
     def tally(self) -> str:
         """Sum up all pushes so far in one line: how many answers, how many right where the truth is known."""
@@ -318,6 +374,7 @@ class LiveIdentifier:
         right = f", {self.n_right} right ({100 * self.n_right / n:.0f} %)" if self.knows_truth and n else ""
         refused = f"; {self.n_unknown} like no known material" if self.n_unknown else ""
         lost = f"; {failed} could not be captured" if failed else ""
+        lost += f"; {self._lost}" if self._lost else ""
         return f"{synthetic}{counted(n, 'answer')}{right}{refused}{lost}"
 
     def _at_end(self, push: Push) -> bool:
@@ -350,16 +407,13 @@ class LiveIdentifier:
     def _finished(
         self, capture: Capture, decision: Decision | None, *, answered_early: bool, patient: bool
     ) -> Push:
-        truth = self.stream.truth
+        begun_s = capture.trigger_time_s
+        truth = self.stream.truth if begun_s is None else self.stream.truth_at(begun_s)
         failed = capture.state is CaptureState.FAILED and not answered_early
         push = Push(None, capture.reason, capture.text, truth) if failed else Push(decision, truth=truth)
         at_end = self._at_end(push)
         self.n_pushes += not at_end
-        if push.decision is not None:
-            self.n_answered += 1
-            self.knows_truth |= truth is not None
-            self.n_right += bool(push.is_right)
-            self.n_unknown += bool(push.decision.unknown)
+        self._count(push)
         # A replay that is over is no failure, and where nobody pushes there is nothing to tell: there was no push.
         nobody = push.reason is FailureReason.NO_TRIGGER
         state = "ended" if at_end else "failed" if failed else "complete"
@@ -395,15 +449,21 @@ def _refuse_other_stream(model: Identifier, stream: Stream) -> None:
         )
 
 
-def _said(decision: Decision) -> str | None:
-    return None if decision.unknown else decision.label
+def _said(push: Push) -> object:
+    if push.decision is None:
+        return push.reason
+    return None if push.decision.unknown else push.decision.label
 
 
-def _hop_of(hop_s: float, rate_hz: float, *, early: bool, pre_s: float | None) -> int:
-    """Return the samples from one answer to the next, or say what does not go with that."""
-    for name, given in (("early", early), ("pre_s", pre_s is not None)):
-        if given:
+def _refuse_with_hop(**given: bool) -> None:
+    """Refuse what is about pushes, where answers go on."""
+    for name, is_given in given.items():
+        if is_given:
             raise argument_error(ValueError, name, "is about pushes; with hop_s answers go on: leave it out")
+
+
+def _hop_of(hop_s: float, rate_hz: float) -> int:
+    """Return the samples from one answer to the next."""
     n_hop = round(finite_number("hop_s", hop_s, positive=True) * rate_hz)
     if n_hop < 1:
         raise argument_error(
@@ -449,7 +509,7 @@ def identify(
     n : int, optional
         Number of answers; default: on and on, until the source comes to its end.
     robot, trigger
-        Who moves and what starts a capture, see `granular_id.live.setup_of`.
+        Who moves and what starts a capture, see `granular_id.live.setup_of`; not with `hop_s`.
     early : bool, default False
         Answer as soon as the answer can no longer change or the model is sure enough.
     on_failure : {"raise", "skip"}, default "raise"
@@ -483,6 +543,8 @@ def identify(
         raise ValueError(f"on_failure must be 'raise' or 'skip', got {on_failure!r}")
     if n is not None and (isinstance(n, bool) or not isinstance(n, int) or n < 1):
         raise ValueError(f"n must be a whole number of at least 1, or None, got {n!r}")
+    if settings.get("hop_s") is not None:
+        _refuse_with_hop(robot=robot not in (None, "none", "auto"), trigger=trigger != "auto")
     trained = model if isinstance(model, Identifier) else Identifier.load(model)
     return _answers(source, trained, n, (robot, trigger), early, on_failure, settings)
 
@@ -497,7 +559,8 @@ def _answers(
     settings: dict[str, Any],
 ) -> Iterator[Decision]:
     with opened(source) as stream:
-        live = LiveIdentifier(stream, model, setup_of(stream.source, *mover), early=early, **settings)
+        setup = setup_of(stream.source, *mover) if settings.get("hop_s") is None else None
+        live = LiveIdentifier(stream, model, setup, early=early, **settings)
         for push in live.pushes(n):
             if push.decision is not None:
                 yield push.decision

@@ -38,6 +38,8 @@ class ReplaySource(ThreadedSource):
     ----------
     setups : tuple of granular_id.recording.Setup
         Those of the recordings, each once.
+    pause_s : float
+        The silence, in whole samples: at least one.
 
     Raises
     ------
@@ -57,6 +59,7 @@ class ReplaySource(ThreadedSource):
         speed = positive_number("speed", speed)
         # Whole samples, so that every sample stands where it would in one long recording.
         pause = max(1, round(finite_number("pause_s", pause_s, least=0) * rate_hz))
+        self.pause_s = pause / rate_hz
         self._recordings = list(recordings)
         lengths = [recording.n_samples for recording in self._recordings]
         self._starts = [0, *np.cumsum(np.asarray(lengths) + pause).tolist()][:-1]
@@ -87,7 +90,14 @@ class ReplaySource(ThreadedSource):
     @property
     def truth(self) -> str | None:
         """Label of the recording that is played, or was played last."""
-        return self._recordings[max(bisect_right(self._starts, self._tick - 1) - 1, 0)].label
+        return self._label_at(self._tick - 1)
+
+    def truth_at(self, time_s: float) -> str | None:
+        """Return the label of the recording that a sample is of, by its device time."""
+        return self._label_at(round(time_s * self.info.rate_hz))
+
+    def _label_at(self, tick: int) -> str | None:
+        return self._recordings[max(bisect_right(self._starts, tick) - 1, 0)].label
 
     def trigger(self) -> Trigger:
         """Return a trigger that fires where the recordings say that the motion began; by force where they do not."""

@@ -15,6 +15,7 @@ from granular_id.recording import SampleFlag
 __all__ = [
     "ArrivalClock",
     "BlockLike",
+    "GapFiller",
     "HoppingWindows",
     "Rows",
     "filled",
@@ -133,6 +134,27 @@ def _between(left: Rows, right: Rows, n: int) -> Rows:
     )
 
 
+class GapFiller:
+    """Fills small gaps in rows that come piece by piece; what is missing before the first row is nobody's loss."""
+
+    def __init__(self, max_gap: int) -> None:
+        self._max_gap = max_gap
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Say that the next rows do not join those of before."""
+        self._last = Rows.none()
+
+    def fill(self, block: BlockLike) -> Rows:
+        """Return the rows of a block, at least one, with those that were missing; see `filled`."""
+        rows = Rows.of(block)
+        if not len(self._last):
+            rows.missing_before[0] = 0
+        rows = filled(self._last, rows, self._max_gap)
+        self._last = rows[-1:]
+        return rows
+
+
 class HoppingWindows:
     """Cuts a stream into windows of `n` rows, one every `hop` rows, whatever pieces it comes in.
 
@@ -141,10 +163,12 @@ class HoppingWindows:
     """
 
     def __init__(self, n: int, hop: int, max_gap: int = 0) -> None:
-        self._n, self._hop, self._max_gap = n, hop, max_gap
+        self._n, self._hop = n, hop
         self._epoch: int | None = None
-        self._last = self._rows = Rows.none()
+        self._gaps, self._rows = GapFiller(max_gap), Rows.none()
         self._skip = 0
+        self.n_lost = 0
+        """How often it began anew because rows were lost."""
         self.begins_anew = True
         """Whether no window is complete since the beginning, or since it began anew."""
 
@@ -153,17 +177,15 @@ class HoppingWindows:
         if not len(block):
             return
         if block.epoch != self._epoch or block.missed:
+            self.n_lost += bool(block.missed) and self._epoch is not None
             self._begin_anew()
-            self._last = Rows.none()
+            self._gaps.begin_anew()
         self._epoch = block.epoch
-        rows = Rows.of(block)
-        if not len(self._last):
-            rows.missing_before[0] = 0  # nobody's loss
-        rows = filled(self._last, rows, self._max_gap)
-        self._last = rows[-1:]
+        rows = self._gaps.fill(block)
         edges = [*np.flatnonzero(rows.missing_before > 0).tolist(), len(rows)]
         yield from self._cut(rows[: edges[0]])
         for begin, end in pairwise(edges):
+            self.n_lost += 1
             self._begin_anew()
             yield from self._cut(rows[begin:end])
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from granular_id._checks import positive_number
@@ -40,6 +40,17 @@ class Stream:
         """Material of the latest push, where the source knows it: simulations, and recordings played again."""
         truth: str | None = getattr(self.source, "truth", None)
         return truth
+
+    def truth_at(self, time_s: float) -> str | None:
+        """Material of the row of that device time, where the source knows it; else as `truth`."""
+        known: Callable[[float], str | None] | None = getattr(self.source, "truth_at", None)
+        return self.truth if known is None else known(time_s)
+
+    @property
+    def pause_s(self) -> float:
+        """How long the source is silent of its own accord, by the host's clock: recordings played one by one."""
+        pause_s: float = getattr(self.source, "pause_s", 0.0)
+        return pause_s / self.info.speed
 
     def health(self) -> Health:
         """How the source is, with the counts of the buffer beside its own."""

@@ -11,6 +11,7 @@ import pytest
 
 import granular_id as gid
 from cli_cases import ended_well, refused, run, started
+from granular_id.live.source import SourceInfo, ThreadedSource
 
 SIM = "sim:?seed=4"
 
@@ -287,6 +288,11 @@ def test_live_answers_on_and_on_as_identify_does_on_the_axes_of_the_model(ground
         (("--hop-s", 0.5, "--pre-s", 0.2), "--pre-s is about pushes"),
         (("--hop-s", 0.5, "--robot", "manual"), "--robot is about pushes"),
         (("--hop-s", 0.5, "--trigger", "force"), "--trigger is about pushes"),
+        (("--hop-s", 0.5, "--timeout-s", 3), "--timeout-s is about pushes"),
+        (("--hop-s", 0.5, "--threshold-n", 1), "--threshold-n is about pushes"),
+        (("--hop-s", 0.5, "--direction=-1,0,0"), "--direction is about pushes"),
+        (("--hop-s", 0.5, "--speed-m-s", 0.1), "--speed-m-s is about pushes"),
+        (("--hop-s", 0.5, "--allow-saturated"), "--allow-saturated is about pushes"),
         (("--hop-s", 0), "--hop-s must be positive"),
     ],
 )
@@ -303,6 +309,27 @@ def test_live_refuses_other_units_and_a_recording_that_is_too_short(grounds, tmp
     drive(tmp_path / "short.csv", 0, 0.3, 1)
     line = refused("live", "--source", f"replay:{tmp_path / 'short.csv'}", *words)
     assert "came to its end before 0.5 s of signal were there" in line
+
+
+class Leaky(ThreadedSource):
+    """Loses every fortieth sample."""
+
+    def __init__(self):
+        units = ("rad/s",) * 3 + ("m/s2",) * 3
+        super().__init__(SourceInfo("leaky", 100, device_clock=True, axes=IMU, units=units, speed=100))
+
+    def deliver(self, buffer, stopping):
+        kept = np.arange(400) % 40 != 39
+        samples = np.random.default_rng(3).normal(0, 0.3, (400, 6))
+        buffer.push_block(samples[kept], np.flatnonzero(kept) / 100)
+
+
+def test_live_says_that_rows_were_lost_and_fills_gaps_on_demand(grounds, monkeypatch):
+    monkeypatch.setattr("granular_id.live.open_source", lambda *_, **__: Leaky())
+    words = ("live", "--source", "sim:rice", "--model", grounds[0], "--hop-s", 0.5, "--quiet")
+    line = refused(*words)
+    assert line.endswith("rows were lost 9 times; a window needs 0.5 s without loss (--max-gap)")
+    assert "7 answers" in ended_well(*words, "--max-gap", 1)
 
 
 @pytest.mark.parametrize(

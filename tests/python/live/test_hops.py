@@ -1,6 +1,7 @@
 """Answers that go on: each hop one about the newest window, for models of any axes, as over a stored recording."""
 
 import math
+import time
 from io import StringIO
 
 import numpy as np
@@ -9,12 +10,14 @@ from rich.console import Console
 
 import granular_id as gid
 from granular_id.identifier import Identifier
-from granular_id.live import CaptureError, FailureReason, LiveIdentifier, Push, Views, opened
+from granular_id.live import CaptureError, FailureReason, LiveIdentifier, Push, Views, identification, opened
 from granular_id.live.monitor import frame
 from granular_id.live.replay import ReplaySource
 from granular_id.live.rows import HoppingWindows, Rows
-from granular_id.live.source import SourceInfo
+from granular_id.live.setup import Setup
+from granular_id.live.source import SourceInfo, ThreadedSource
 from granular_id.live.terminal import screen
+from granular_id.live.trigger import ManualTrigger
 from granular_id.recording import Dataset, Recording
 
 RATE, N = 100.0, 50
@@ -62,6 +65,23 @@ def mixed(axes, **fields):
 
 def replayed(*recordings, speed=20.0):
     return ReplaySource(Dataset(recordings), speed=speed, pause_s=0.1)
+
+
+class Stamped(ThreadedSource):
+    """States `RATE`, stamps its samples at another rate, and loses one of every so many."""
+
+    def __init__(self, rate_hz=RATE, lose=None):
+        axes = AXES["imu"]
+        units = tuple(UNITS[axis[0]] for axis in axes)
+        super().__init__(SourceInfo("stamped", RATE, device_clock=True, axes=axes, units=units, speed=100))
+        self.rate_hz, self.lose = rate_hz, lose
+
+    def deliver(self, buffer, stopping):
+        samples = mixed(AXES["imu"]).wrench
+        kept = np.ones(len(samples), bool)
+        if self.lose:
+            kept[self.lose :: self.lose] = False
+        buffer.push_block(samples[kept], np.flatnonzero(kept) / self.rate_hz)
 
 
 class Kept:
@@ -120,6 +140,94 @@ def test_each_recording_begins_anew_and_its_label_is_the_truth(models):
         pushes = list(live.pushes())
     assert [push.truth for push in pushes] == ["asphalt"] * 3 + ["gravel"] * 3
     assert live.tally().startswith("6 answers, ")
+
+
+def test_samples_at_another_rate_than_stated_get_no_answer(models):
+    said = "measured 101 Hz, wanted 100 Hz within 0.1 %"
+    with opened(Stamped(101)) as stream:
+        live = LiveIdentifier(stream, models["imu"], hop_s=0.5)
+        pushes = list(live.pushes())
+    assert [(push.decision, push.reason, push.text) for push in pushes] == [
+        (None, FailureReason.RATE, said)
+    ] * len(pushes)
+    assert pushes[0].time_s == pytest.approx(49 / 101)
+    assert live.tally() == f"0 answers; {len(pushes)} could not be captured"
+    assert live.why_none == f"the source came to its end without an answer: {said}"
+    with pytest.raises(CaptureError, match="measured 101 Hz"):
+        list(gid.identify(Stamped(101), models["imu"], hop_s=0.5))
+    assert not list(gid.identify(Stamped(101), models["imu"], hop_s=0.5, on_failure="skip"))
+    answers = list(gid.identify(Stamped(101), models["imu"], hop_s=0.5, rate_tolerance=0.02))
+    assert len(answers) == len(pushes)
+
+
+def test_views_show_why_there_is_no_answer(models):
+    kept = Kept()
+    with opened(Stamped(101)) as stream:
+        live = LiveIdentifier(stream, models["imu"], hop_s=0.5, views=Views([kept]))
+        for _ in live.pushes():
+            pass
+        live._show_hop("answering", Push(None, FailureReason.RATE, "measured 101 Hz"))
+    answer = kept.snapshots[-1].words.answer
+    assert (answer.title, answer.detail) == ("no answer", "measured 101 Hz")
+    assert len(kept.snapshots[-1].history) == 1
+
+
+def test_the_truth_is_that_of_the_window_however_late_it_is_read(models):
+    two = [drive(k, AXES["imu"], 1.0, 50 + k, label=GROUNDS[k]) for k in (0, 2)]
+    with opened(replayed(*two, speed=20)) as stream:
+        live, truths = LiveIdentifier(stream, models["imu"], hop_s=0.25), []
+        for push in live.pushes():
+            truths.append(push.truth)
+            time.sleep(0.1)
+    assert truths == ["asphalt"] * 3 + ["gravel"] * 3
+    assert stream.truth_at(0.99) == "asphalt"
+    assert stream.truth_at(1.1) == "gravel"
+
+
+def test_the_truth_of_a_push_is_that_of_its_samples(models):
+    axes = AXES["three"]
+    two = [drive(k, axes, 1.0, 7 + k, label=GROUNDS[k], trigger_index=20) for k in (0, 2)]
+    with opened(replayed(*two)) as stream:
+        live = LiveIdentifier(stream, models["three"], pre_s=0.2)
+        time.sleep(0.5)  # both were played
+        assert [live.push().truth for _ in two] == ["asphalt", "gravel"]
+
+
+def test_regular_loss_is_said_where_no_answer_came(models):
+    why = "rows were lost 22 times; a window needs 0.5 s without loss (max_gap)"
+    kept = Kept()
+    with opened(Stamped(lose=40)) as stream:
+        live = LiveIdentifier(stream, models["imu"], hop_s=0.5, views=Views([kept]))
+        (push,) = live.pushes()
+        assert (push.decision, push.reason, push.text) == (None, FailureReason.GAP, why)
+        assert live.tally() == f"0 answers; {why}"
+        live._show_hop("answering", None)
+    assert kept.snapshots[-1].hint == f"the first answer comes after 0.5 s of signal; {why}"
+    with (
+        opened(Stamped(lose=40)) as stream,
+        pytest.raises(CaptureError, match="without an answer: rows were"),
+    ):
+        list(LiveIdentifier(stream, models["imu"], hop_s=0.5).pushes(1))
+    with opened(Stamped(lose=40)) as stream:
+        live = LiveIdentifier(stream, models["imu"], hop_s=0.5, max_gap=1)
+        assert all("gap" in push.decision.warnings for push in live.pushes())
+        assert live.tally().startswith("18 answers")
+        assert "lost" not in live.tally()
+    with opened(Stamped(lose=60)) as stream:
+        live = LiveIdentifier(stream, models["imu"], hop_s=0.5)
+        assert list(live.pushes())
+        assert live.tally().endswith("; rows were lost 14 times")
+
+
+def test_a_pause_of_the_source_is_no_silence(models, monkeypatch):
+    monkeypatch.setattr(identification, "_SILENT_S", 0.3)
+    axes = AXES["three"]
+    two = [drive(k, axes, 1.0, 7 + k, label=GROUNDS[k], trigger_index=20) for k in (0, 2)]
+    with opened(ReplaySource(Dataset(two), speed=2, pause_s=1.2)) as stream:
+        assert len(list(LiveIdentifier(stream, models["three"], hop_s=0.5).pushes())) == 4
+    with opened(ReplaySource(Dataset(two), speed=2, pause_s=2.8)) as stream:  # more than a silent second
+        live = LiveIdentifier(stream, models["three"], pre_s=0.2)
+        assert [live.push().truth for _ in two] == ["asphalt", "gravel"]
 
 
 def test_views_see_the_axes_the_answers_and_only_changes_in_the_history(models):
@@ -185,13 +293,29 @@ REFUSED = [
     ({"hop_s": 0.001}, "hop_s=0.001 is less than a sample: at least 0.01"),
     ({"hop_s": 0.5, "early": True}, "early is about pushes"),
     ({"hop_s": 0.5, "pre_s": 0.1}, "pre_s is about pushes"),
+    ({"hop_s": 0.5, "setup": Setup(None, ManualTrigger)}, "setup is about pushes"),
+    ({"hop_s": 0.5, "direction": (0, 1, 0)}, "direction is about pushes"),
+    ({"hop_s": 0.5, "speed_m_s": 0.1}, "speed_m_s is about pushes"),
+    ({"hop_s": 0.5, "timeout_s": -3}, "timeout_s is about pushes"),
+    ({"hop_s": 0.5, "lag_patience_s": 1}, "lag_patience_s is about pushes"),
+    ({"hop_s": 0.5, "allow_saturated": True}, "allow_saturated is about pushes"),
+    ({"hop_s": 0.5, "max_gap": -1}, "max_gap must be at least 0"),
+    ({"hop_s": 0.5, "rate_tolerance": "x"}, "rate_tolerance must be a number"),
+    ({"hop_s": 0.5, "max_lag_s": -1}, "max_lag_s must not be negative"),
+    ({"hop_s": 0.5, "tyop": 3}, "tyop"),
 ]
 
 
 @pytest.mark.parametrize(("settings", "said"), REFUSED)
 def test_what_does_not_go_with_a_hop_is_refused(models, settings, said):
-    with opened(replayed(mixed(AXES["imu"]))) as stream, pytest.raises(ValueError, match=said):
+    with opened(replayed(mixed(AXES["imu"]))) as stream, pytest.raises((ValueError, TypeError), match=said):
         LiveIdentifier(stream, models["imu"], **settings)
+
+
+@pytest.mark.parametrize("mover", [{"robot": "manual"}, {"trigger": "force"}])
+def test_identify_refuses_robot_and_trigger_with_a_hop(models, mover):
+    with pytest.raises(ValueError, match=f"{next(iter(mover))} is about pushes"):
+        gid.identify("sim:rice", models["imu"], hop_s=1, **mover)
 
 
 def test_other_axes_and_units_than_the_model_are_refused(models):
@@ -235,6 +359,19 @@ CUTS = [
     ("another epoch", [block(0, 5), block(0, 7, epoch=1)], {}, [0, 0, 3]),
     ("rows that were overwritten", [block(0, 5), block(20, 4, missed=15)], {}, [0, 20]),
 ]
+
+
+def test_windows_count_losses_and_neither_new_recordings_nor_what_was_filled():
+    windows = HoppingWindows(4, 3, 1)
+    for one in (
+        block(0, 5, missed=3),
+        block(6, 5, missing=1),
+        block(13, 5, missing=2),
+        block(30, 5, missed=9),
+    ):
+        list(windows.feed(one))
+    list(windows.feed(block(0, 5, epoch=1)))
+    assert windows.n_lost == 2
 
 
 @pytest.mark.parametrize(
