@@ -16,6 +16,7 @@ from rich.console import Console
 
 from granular_id._files import check_source, made_folder
 from granular_id._text import counted, known_label
+from granular_id.cli.errors import in_options
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
 from granular_id.cli.options import FORCE, as_typed, at_least, command, names_in, numbers_in, option, positive
 from granular_id.cli.outputs import LIVE_ANSWERS, check_outputs, show, warn_of_setups
@@ -249,7 +250,7 @@ def live(
         try:
             for push in identifying.pushes(n):
                 if quiet:
-                    show(str(push))
+                    show(in_options(str(push)) if push.decision is None else str(push))
                 if answer is not None:  # said before: the disk may be full
                     answer(json_format.dumps(push.to_dict() | synthetic))
             over = n is None
@@ -264,7 +265,7 @@ def live(
             views.close()
             for complaint in views.complaints:
                 show(f"a view ended: {complaint}", "yellow")
-            show(f"{identifying.tally()}{'; the source came to its end' * over}")
+            show(f"{in_options(identifying.tally())}{'; the source came to its end' * over}")
 
 
 def _refuse_with_hop(moving: Moving, *, early: bool, pre_s: float | None) -> None:

@@ -327,8 +327,11 @@ class Leaky(ThreadedSource):
 def test_live_says_that_rows_were_lost_and_fills_gaps_on_demand(grounds, monkeypatch):
     monkeypatch.setattr("granular_id.live.open_source", lambda *_, **__: Leaky())
     words = ("live", "--source", "sim:rice", "--model", grounds[0], "--hop-s", 0.5, "--quiet")
-    line = refused(*words)
-    assert line.endswith("rows were lost 9 times; a window needs 0.5 s without loss (--max-gap)")
+    why = "rows were lost 9 times; a window needs 0.5 s without loss (--max-gap)"
+    assert refused(*words).endswith(why)
+    out = run(*words).stdout
+    assert f"no answer: {why}" in out
+    assert f"0 answers; {why}" in out
     assert "7 answers" in ended_well(*words, "--max-gap", 1)
 
 
