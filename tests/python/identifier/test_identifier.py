@@ -5,6 +5,7 @@ import json
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -280,7 +281,7 @@ def test_bad_data_is_refused(data):
 
 
 def test_bad_recordings_are_refused(plain, best, data):
-    for wrong, kind in ((data, TypeError), (data[0], TypeError), (data.X[:, :, :5], ValueError)):
+    for wrong, kind in ((data[0], TypeError), (data.X[:, :, :5], ValueError)):
         with pytest.raises(kind, match=r"must"):
             plain.predict(wrong)
     with pytest.raises(ValueError, match=r"shape \(80, 6\) as in the training, got \(79, 6\)"):
@@ -310,3 +311,14 @@ def test_bad_files_are_refused_by_name(plain, tmp_path):
     with pytest.raises(TypeError, match=r"Identifier\.load\(path\).*Model, got str"):
         Identifier("m.safetensors")
     assert issubclass(ModelFileError, ValueError)
+
+
+def test_a_data_set_is_checked_before_it_is_answered():
+    rng = np.random.default_rng(0)
+    recordings = [Recording(rng.normal(k % 2, 1, (40, 6)), 125.0, label="ab"[k % 2]) for k in range(8)]
+    data = Dataset(recordings)
+    model = Identifier.fit(data, "raw", estimate=False)
+    assert model.predict(data).tolist() == model.predict(data.X).tolist()
+    other = Dataset([replace(recordings[0], rate_hz=100.0)])
+    with pytest.raises(ValueError, match="100 Hz"):
+        model.predict(other)
