@@ -142,7 +142,8 @@ def common_rate(recordings: Dataset) -> float:
     if None in rates or len(rates) > 1:
         what = "are irregular" if None in rates else f"have the rates {sorted(map(str, rates))}"
         raise ValueError(
-            f"recordings {what}; resample them first: .resample(rate_hz), or granular-id data convert with --rate-hz"
+            f"recordings {what}; resample them first: .resample(rate_hz), or granular-id data convert with --rate-hz; "
+            "of stamps that only jitter replay:PATH?rate_hz=50 states the rate"
         )
     return float(next(iter(rates)))  # type: ignore[arg-type]
 
