@@ -62,8 +62,8 @@ def test_table_marks_mann_whitney_and_explains_each_column():
     comparison = compare(NAMES, some_accuracies(), 550, 132, drawn="random partitions")
     for words in (
         "on the same 20 partitions (random partitions)",
-        "U test†",
-        "† Mann-Whitney, as in the paper: far too small",
+        "U test‡",
+        "‡ Mann-Whitney, as in the paper: far too small",
         "Nadeau & Bengio 2003",
         "adjusted for 6 pairs",
         "equal (within 1 %)",

@@ -99,7 +99,7 @@ def test_every_number_is_there_and_both_figures_of_the_gap_on_top(result, page):
         assert control.what in page.text
     for share in result.recall(result.best_space(), "chronological"):
         assert f"{100 * share:.1f} %" in page.text
-    for words in ("U test†", "far too small", "Seed 0", result.command, result.versions["numpy"]):
+    for words in ("U test‡", "far too small", "Seed 0", result.command, result.versions["numpy"]):
         assert words in page.text
 
 
