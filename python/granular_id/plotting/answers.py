@@ -23,7 +23,7 @@ from granular_id.plotting.style import (
     row_names,
     save,
 )
-from granular_id.recording import Recording, unit_of
+from granular_id.recording import AXES, Recording, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,14 +126,18 @@ def _rows(timeline: Timeline) -> tuple[list[str], int]:
 def _draw_signal(panel: Any, recording: Recording, columns: list[int], unit: str) -> None:
     rate_hz = recording.rate_hz or 1.0
     for place, column in enumerate(columns):
-        at, values = _outline(recording.wrench[:, column])
         axis = recording.axes[column]
+        signal = recording.wrench[:, column]
+        at, values = _outline(signal if axis in AXES else signal - np.median(signal))
         line = axis_line(axis, place) | (
             {"linestyle": "-", "linewidth": 0.4} if len(at) < len(recording.wrench) else {}
         )
         panel.plot(at / rate_hz, values, **{"linewidth": 0.8, "label": pretty(axis)} | line)
     curve_panel(panel)
-    panel.set_ylabel(unit, fontsize=9, color=INK)
+    # A force is drawn as it is; gravity and offsets of other sensors would flatten what happens.
+    is_wrench = recording.axes[columns[0]] in AXES
+    label = unit if is_wrench else f"{unit}\nless median".strip()
+    panel.set_ylabel(label, fontsize=9, color=INK)
     panel.legend(
         loc="center left",
         bbox_to_anchor=(1.0, 0.5),
