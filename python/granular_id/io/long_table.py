@@ -112,6 +112,12 @@ def recordings_of(
     table: LongTable, source: FileSource, options: LoadOptions, *, clock: str = "time"
 ) -> tuple[list[Recording], list[dict[str, Any]]]:
     """Make the recordings of a table, in the order in which they begin, and remarks on them."""
+    asked = options.session not in (None, "file", "folder")
+    if (
+        table.keys is None and asked and SESSION in table.texts
+    ):  # the column that was named parts recordings, too
+        keys, names = table.texts[SESSION]
+        table = replace(table, keys=keys, names=names)
     made = [
         _recording(table, rows, replace(source, name=name), options, clock)
         for rows, name in _parts(table, source)
@@ -134,9 +140,10 @@ def _parts(table: LongTable, source: FileSource) -> list[tuple[NDArray[np.intp],
     if table.keys is None:
         return [(np.arange(n_rows), source.name)]
     kinds, firsts, codes = np.unique(table.keys, return_index=True, return_inverse=True)
-    if RECORDING in table.columns and 1 < n_rows == len(kinds):
+    column = table.columns.get(RECORDING, table.columns.get(SESSION))
+    if column is not None and 1 < n_rows == len(kinds):
         problem = "has another value in every row: it numbers samples, not recordings; leave the column out"
-        raise RecordingFileError(source.path, problem, column=table.columns[RECORDING])
+        raise RecordingFileError(source.path, problem, column=column)
     values = table.names
     names = [f"{source.name}[{kind}]" if values is None else str(values[kind]) for kind in kinds.tolist()]
     for own, texts in (table.texts[name] for name in (LABEL, SESSION) if name in table.texts):
