@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Lock
 from time import monotonic
+from typing import NamedTuple
 
 from granular_id._checks import argument_error
 
@@ -32,9 +33,12 @@ class Ticker:
     def tick(self, what: str) -> None:
         """Count one finished step."""
         with self._lock:
-            self._done += 1
-            if self._callback is not None:
-                self._callback(self._done, self._total, what)
+            self._pass_on(what)
+
+    def _pass_on(self, what: str) -> None:
+        self._done += 1
+        if self._callback is not None:
+            self._callback(self._done, self._total, what)
 
 
 def check_progress(progress: bool | ProgressCallback) -> None:
@@ -45,20 +49,48 @@ def check_progress(progress: bool | ProgressCallback) -> None:
         )
 
 
+class Display(NamedTuple):
+    """Where progress is shown."""
+
+    step: ProgressCallback | None
+    line: Callable[[str], None]
+    """Shows a line that stays, above the bar where there is one; nothing where progress is not wanted or a callable."""
+
+
+TimeLeft = Callable[[], float | None]
+"""Seconds left, or None where that is not known."""
+
+
 @contextmanager
 def showing(progress: bool | ProgressCallback) -> Iterator[ProgressCallback | None]:
     """Show progress for the length of a block: a bar (rich, on a terminal), lines, nothing, or what a callable does."""
+    with displaying(progress) as display:
+        yield display.step
+
+
+@contextmanager
+def displaying(progress: bool | ProgressCallback, left: TimeLeft | None = None) -> Iterator[Display]:
+    """Show progress as `showing` does, and lines beside it; `left` knows more than the mean time of a step."""
     check_progress(progress)
     if callable(progress):
-        yield progress
+        yield Display(progress, _silent)
     elif progress and sys.stderr.isatty():
-        with _bar() as callback:
-            yield callback
+        with _bar(left) as display:
+            yield display
     else:
-        yield _lines() if progress else None
+        yield Display(_lines(left), _write) if progress else Display(None, _silent)
 
 
-def _lines() -> ProgressCallback:
+def _silent(_: str) -> None:
+    """Show nothing."""
+
+
+def _write(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
+    sys.stderr.flush()
+
+
+def _lines(left: TimeLeft | None) -> ProgressCallback:
     """Tell in lines how far the work is, and about how long it still takes."""
     start = told = monotonic()
 
@@ -68,14 +100,15 @@ def _lines() -> ProgressCallback:
         if now - told < _LINE_EVERY_S or not 0 < done < total:
             return
         told = now
-        left = (now - start) / done * (total - done)
-        sys.stderr.write(f"{done} of {total}, about {_in_words(left)} left: {what}\n")
-        sys.stderr.flush()
+        seconds = (now - start) / done * (total - done) if left is None else left()
+        about = "" if seconds is None else f", about {in_words(seconds)} left"
+        _write(f"{done} of {total}{about}: {what}")
 
     return callback
 
 
-def _in_words(seconds: float) -> str:
+def in_words(seconds: float) -> str:
+    """Return a time to wait in a unit that fits."""
     for unit, size in (("h", 3600.0), ("min", 60.0)):
         if seconds >= 1.5 * size:
             return f"{seconds / size:.0f} {unit}"
@@ -83,19 +116,28 @@ def _in_words(seconds: float) -> str:
 
 
 @contextmanager
-def _bar() -> Iterator[ProgressCallback | None]:
+def _bar(left: TimeLeft | None) -> Iterator[Display]:
     try:
-        from rich.console import Console  # an extra; the library works without it
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+        import rich.console  # an extra; the library works without it
+        import rich.progress
     except ImportError:
-        yield _lines()
+        yield Display(_lines(left), _write)
         return
-    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-    told = Console(stderr=True)
-    with Progress(*columns, console=told, transient=True, speed_estimate_period=_SPEED_OVER_S) as bar:
+    remaining = () if left is not None else (rich.progress.TimeRemainingColumn(),)
+    what_is_done = rich.progress.BarColumn(), rich.progress.MofNCompleteColumn()
+    columns = (*what_is_done, *remaining, rich.progress.TextColumn("{task.description}"))
+    told = rich.console.Console(stderr=True)
+    with rich.progress.Progress(
+        *columns, console=told, transient=True, speed_estimate_period=_SPEED_OVER_S
+    ) as bar:
         task = bar.add_task("", total=None)
 
         def callback(done: int, total: int, what: str) -> None:
-            bar.update(task, completed=done, total=total, description=what)
+            seconds = None if left is None else left()
+            about = "" if seconds is None else f"about {in_words(seconds)} left: "
+            bar.update(task, completed=done, total=total, description=f"{about}{what}")
 
-        yield callback
+        def line(text: str) -> None:
+            bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+        yield Display(callback, line)

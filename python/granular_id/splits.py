@@ -43,10 +43,7 @@ AUTO = "auto"
 """The strictest protocol that the data allow and, beside it, as many at random."""
 
 N_FOLDS = 5
-MANY_RECORDINGS, FOLDS_OF_MANY = (
-    2000,
-    3,
-)  # sessions in fewer folds: time grows faster than the number of recordings
+MANY_RECORDINGS, FOLDS_OF_MANY = 2000, 3  # fewer folds: time grows faster than the number of recordings
 
 SESSIONS, HALVES, BLOCKS, RANDOM = "sessions", "halves in time", "blocks in time", "random recordings"
 """What a fold is, for those who take the strictest folds that there are."""
@@ -240,7 +237,7 @@ def _auto_partitions(
         largest = max(own.size for own in splittable_rows(y, "random").values())
         drawn = kfold_partitions(y, n_folds=min(n_folds, largest), seed=seed)
         return {"kfold": tuple(drawn)}, [*notes, f"{len(drawn)} random folds, seed {seed}"]
-    drawn, n_left_out = _without_overlaps(drawn, data)
+    drawn, n_left_out = _without_overlaps(drawn, y, data)
     if n_left_out:
         notes.append(f"{counted(n_left_out, 'window')} that share samples with tested ones do not train")
     beside = f"as many at random: the same number of each class, fold by fold, seed {seed}"
@@ -248,7 +245,9 @@ def _auto_partitions(
     return partitions, [*notes, beside]
 
 
-def _without_overlaps(drawn: list[Partition], data: Dataset) -> tuple[list[Partition], int]:
+def _without_overlaps(
+    drawn: list[Partition], y: NDArray[np.str_], data: Dataset
+) -> tuple[list[Partition], int]:
     """Leave windows out of the training that share samples with tested ones, if every class keeps some; count them."""
     pairs = list(overlapping_windows(data.recordings))
     apart, left_out = [], set[int]()
@@ -256,7 +255,7 @@ def _without_overlaps(drawn: list[Partition], data: Dataset) -> tuple[list[Parti
         tested = set(part.test.tolist())
         spoiled = {one for pair in pairs for one, other in (pair, pair[::-1]) if other in tested}
         train = np.setdiff1d(part.train, list(spoiled))
-        if np.unique(data.y[train]).size < np.unique(data.y[part.train]).size:
+        if np.unique(y[train]).size < np.unique(y[part.train]).size:
             return drawn, 0
         left_out |= spoiled.intersection(part.train.tolist())
         apart.append(replace(part, train=train))

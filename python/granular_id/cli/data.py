@@ -10,7 +10,8 @@ import typer
 from rich.console import Console
 
 from granular_id._files import write_json
-from granular_id._text import counted, known_label
+from granular_id._text import counted
+from granular_id.cli.errors import FOUND_ERRORS
 from granular_id.cli.options import FORCE, at_least, between, command, names_in, option, positive
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show, write_files
 from granular_id.cli.recordings import Reading, Steps
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from granular_id.recording import Dataset, Recording
 
 OUTPUT, SENSOR, PICTURES, PUSHES = "Output", "Sensor", "Picture", "Pushes"
-
-FOUND_ERRORS = 3
 
 
 @dataclass(kw_only=True)
@@ -295,12 +294,10 @@ def synthesize(
     positive("--duration-s", duration_s)
     positive("--rate-hz", rate_hz)
 
-    from granular_id.synthetic import PAPER_MATERIALS, synthesize as make
+    from granular_id.synthetic import synthesize as make
 
-    known = [material.name for material in PAPER_MATERIALS]
-    named = [known_label(name, known) for name in names_in(materials)]
     data = make(
-        named or None,
+        names_in(materials) or None,
         n_per_class=per_class,
         sessions=sessions,
         rate_hz=rate_hz,

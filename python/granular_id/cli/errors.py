@@ -24,6 +24,9 @@ DEBUG = "GRANULAR_ID_DEBUG"
 
 BAD_INPUT, MISSING_EXTRA, INTERRUPTED = 2, 1, 130
 
+FOUND_ERRORS = 3
+"""Exit code where recordings were read, and hold what would spoil, or spoils, an evaluation."""
+
 P = ParamSpec("P")
 
 _SAME = (

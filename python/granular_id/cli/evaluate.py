@@ -15,6 +15,7 @@ from rich.text import Text
 
 from granular_id._files import made_folder
 from granular_id._text import install
+from granular_id.cli.errors import FOUND_ERRORS
 from granular_id.cli.method import Features, Method, chosen_spaces
 from granular_id.cli.options import FORCE, as_typed, command, count, option, with_defaults
 from granular_id.cli.outputs import (
@@ -41,9 +42,6 @@ if TYPE_CHECKING:
     from granular_id.spaces import FeatureSpace
 
 SPLIT, METHOD, OUTPUT = "Partitions", "Method", "Output"
-
-SPOILED = 3
-"""Exit code of an evaluation that something known to `data check` spoils."""
 
 CHECKPOINT = "Keep each finished partition in this folder; after Ctrl-C the same command goes on from there."
 """Help of ``--checkpoint``."""
@@ -157,7 +155,7 @@ def evaluate_and_show(
         show("\nall tables and figures on one page: add --report FILE.html")
     say_written(written, repeat=not quiet)
     if result.spoiling:
-        raise typer.Exit(SPOILED)
+        raise typer.Exit(FOUND_ERRORS)
 
 
 def _print_findings(result: EvaluationResult) -> None:
@@ -176,7 +174,7 @@ def _print_findings(result: EvaluationResult) -> None:
 
 
 @contextmanager
-def saying_how_to_go_on(checkpoint: Path | None) -> Iterator[None]:
+def _saying_how_to_go_on(checkpoint: Path | None) -> Iterator[None]:
     """Say after Ctrl-C how many partitions the checkpoint keeps."""
     try:
         yield
@@ -313,7 +311,7 @@ def evaluate(
     from granular_id.evaluation import USUAL_SPACES
 
     chosen = chosen_spaces(spaces or ("paper" if parts.paper else ",".join(USUAL_SPACES)), confusion)
-    with outputs.ready(reading.path), saying_how_to_go_on(outputs.checkpoint):
+    with outputs.ready(reading.path), _saying_how_to_go_on(outputs.checkpoint):
         reading.refuse_absent()
         notes = method.unused_in(chosen)
         data = equal_recordings(reading, steps, quiet=quiet)

@@ -34,7 +34,7 @@ from granular_id.evaluation.outcome import SpaceSummary, strictest_of
 from granular_id.evaluation.report_data import portrait_of_result
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.scoring import Task, answers_of
-from granular_id.evaluation.telling import Run, telling
+from granular_id.evaluation.telling import Run, Teller
 from granular_id.features import FeatureSpec
 from granular_id.partitions import PROTOCOLS, Partition, protocol_name
 from granular_id.recording import Dataset, Finding, common_units, data_warnings, describe_data
@@ -278,7 +278,7 @@ def _run(
     answered: dict[str, dict[str, list[Answer]]] = {task.space.name: {} for task in tasks}
     not_converged: list[str] = []
     verdicts = []
-    with telling(progress, [*runs, *of_controls]) as teller:
+    with Teller([*runs, *of_controls]).shown(progress) as teller:
         for run, (name, task) in zip(runs, product(partitions, in_turn), strict=True):
             drawn = partitions[name]
             teller.begin(run)

@@ -17,7 +17,6 @@ from granular_id._progress import Ticker
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.checkpoint import Answer, Checkpoint
 from granular_id.evaluation.features import STAGES, GramBank, SpaceFeatures, seeded, timed
-from granular_id.evaluation.telling import Teller
 from granular_id.gram import spread
 from granular_id.partitions import Partition
 from granular_id.spaces import Chosen, FeatureSpace, tell_blocks
@@ -99,7 +98,7 @@ def answers_of(
     truth: Codes,
     seed: int,
     n_jobs: int | None,
-    ticker: Ticker | Teller,
+    ticker: Ticker,
     checkpoint: Checkpoint | None,
 ) -> tuple[dict[str, list[Answer]], list[str]]:
     """Answer one task for every partition, by protocol; return also lines on what did not converge.

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 from granular_id._checks import finite_number
+from granular_id._text import known_label
 
 # Below a micrometre grains stick by forces the model does not hold; above a decimetre it is no bed.
 _RANGES = {
@@ -127,8 +128,7 @@ def resolve_materials(materials: str | Material | Iterable[str | Material]) -> t
     known = {material.name: material for material in PAPER_MATERIALS}
     resolved: dict[str, Material] = {}
     for each in wanted:
-        # oat_flakes needs no quotation marks on a command line.
-        entry = each.replace("_", " ") if isinstance(each, str) and each not in known else each
+        entry = known_label(each, known) if isinstance(each, str) else each
         if isinstance(entry, str) and entry not in known:
             raise ValueError(f"materials has no material {each!r}; known: {', '.join(known)}")
         if not isinstance(entry, str | Material):

@@ -2,8 +2,9 @@
 
 import pytest
 
+from granular_id._progress import in_words
 from granular_id.evaluation import telling
-from granular_id.evaluation.telling import Run, Teller, in_words
+from granular_id.evaluation.telling import Run, Teller
 
 
 @pytest.fixture
@@ -19,7 +20,7 @@ def clock(monkeypatch):
 
 
 def teller_of(*runs):
-    return Teller([Run(*run) for run in runs], None, lambda line: None)
+    return Teller([Run(*run) for run in runs])
 
 
 def done(teller, clock, run, seconds):
@@ -69,6 +70,6 @@ def test_a_time_is_told_in_a_unit_that_fits(seconds, words):
 
 
 def test_every_line_of_a_log_is_told_even_where_no_bar_is(capsys):
-    with telling.telling(True, [Run("raw", "session", 1)]) as teller:
+    with Teller([Run("raw", "session", 1)]).shown(True) as teller:
         teller.tell("held-out sessions  raw  91.2 %")
     assert capsys.readouterr().err == "held-out sessions  raw  91.2 %\n"

@@ -38,8 +38,8 @@ _WHY = {
 def check_leaks(data: Measured) -> Iterator[Finding]:
     """Find attributes that name the label by themselves, or set a single one apart."""
     # Windows of one recording are no witnesses of each other: its first one stands for them.
-    first = {_cut_from(r, i): i for i, r in reversed(list(enumerate(data.recordings)))}.values()
-    groups = [sorted(set(first) & set(group)) for group in data.labels.values()]
+    first = set({_cut_from(r, i): i for i, r in reversed(list(enumerate(data.recordings)))}.values())
+    groups = [first.intersection(group) for group in data.labels.values()]
     places = sorted(i for group in groups if len(group) > 1 for i in group)
     if len(places) > MOST:
         places = sorted(np.random.default_rng(0).choice(places, MOST, replace=False).tolist())
