@@ -1,5 +1,6 @@
 """Parquet archives: whole data sets there and back, with plain pyarrow as the other side in both directions."""
 
+import hashlib
 import json
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 from dataset_strategies import assert_same_bits, datasets
 from effort import cases
 from granular_id.io import load, save
-from granular_id.io.parquet.archive import ParquetArchive, _repeats, save_parquet
+from granular_id.io.parquet.archive import Archive, _repeats, save_parquet
 from granular_id.recording import Dataset, Recording, StepReport
 
 pa = pytest.importorskip("pyarrow")
@@ -36,7 +37,7 @@ def table(path):
 @given(dataset=datasets(), per_group=st.integers(1, 4))
 def test_row_groups_hold_what_was_saved_to_the_last_bit(tmp_path_factory, dataset, per_group):
     folder = save_parquet(dataset, tmp_path_factory.mktemp("archive"), recordings_per_group=per_group)
-    archive = ParquetArchive(folder)
+    archive = Archive(folder)
     parts = list(archive)
     assert [len(part) for part in parts[:-1]] == [per_group] * (len(parts) - 1)
     assert_same_bits(Dataset([r for part in parts for r in part], dataset.history), dataset)
@@ -45,8 +46,14 @@ def test_row_groups_hold_what_was_saved_to_the_last_bit(tmp_path_factory, datase
 
 def test_plain_pyarrow_reads_what_is_saved(tmp_path):
     folder = save(small(), tmp_path / "archive", "parquet")
-    index = table(folder / "recordings.parquet")
-    assert index.to_pydict() == {
+    index = table(folder / "recordings.parquet").to_pydict()
+    regular, stamped = small()
+    parts = (
+        [regular.wrench.tobytes()],
+        [stamped.wrench.tobytes(), stamped.time_s.tobytes(), stamped.flags.tobytes()],
+    )
+    assert index.pop("digest") == [hashlib.sha256(b"".join(each)).hexdigest()[:32] for each in parts]
+    assert index == {
         "id": [0, 1],
         "name": ["one", "two"],
         "label": ["oat flakes", None],
@@ -116,21 +123,19 @@ def test_values_that_repeat_become_a_dictionary_and_others_are_split(tmp_path):
 
 def test_many_recordings_go_into_several_files(tmp_path):
     data = Dataset([Recording(np.full((1, 6), i), rate_hz=500, name=str(i)) for i in range(150)])
-    archive = ParquetArchive(save_parquet(data, tmp_path / "archive", recordings_per_group=1))
+    archive = Archive(save_parquet(data, tmp_path / "archive", recordings_per_group=1))
     files = [path.name for path in sorted((archive.folder / "samples").iterdir())]
     assert files == [f"part-0000{i}.parquet" for i in range(3)]
     assert load(archive.folder) == data
-    assert len(archive) == 150
-    assert archive.partition(140)[0].wrench[0, 0] == 140
-    with pytest.raises(IndexError):
-        archive.partition(150)
+    assert archive.n_recordings == 150
+    assert archive.read(archive.row_groups[140])[0].wrench[0, 0] == 140
 
 
 def test_long_recordings_do_not_share_a_row_group(tmp_path, monkeypatch):
     monkeypatch.setattr("granular_id.io.parquet.archive._MAX_GROUP_SAMPLES", 10)
     data = Dataset([Recording(np.full((n, 6), n), rate_hz=500, name=str(n)) for n in (4, 5, 20, 3, 7, 1)])
-    archive = ParquetArchive(save_parquet(data, tmp_path / "archive"))
-    assert [part.n_samples for part in archive.partitions] == [9, 20, 10, 1]
+    archive = Archive(save_parquet(data, tmp_path / "archive"))
+    assert [part.n_samples for part in archive.row_groups] == [9, 20, 10, 1]
     assert load(archive.folder) == data
 
 

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import json
 import os
@@ -34,7 +35,7 @@ from granular_id.recording import Dataset, Recording, unit_of
 
 
 @dataclass(frozen=True)
-class Partition:
+class RowGroup:
     """A row group of a file of samples, and the rows of the index (`start` to `stop`) that describe it."""
 
     file: str
@@ -44,7 +45,7 @@ class Partition:
     n_samples: int
 
 
-class ParquetArchive:
+class Archive:
     """A native archive, opened: its index is in memory, samples are read a row group at a time.
 
     Parameters
@@ -60,9 +61,9 @@ class ParquetArchive:
         Names of the columns of the samples.
     index : pyarrow.Table
         A row per recording: id, name, label, session, start_time, rate_hz, n_samples, trigger_index, file, row_group
-        and meta (JSON); texts are dictionary-encoded.
-    partitions : tuple of Partition
-        The row groups, in the order of the index.
+        meta (JSON) and digest (see `digest_of`); texts are dictionary-encoded.
+    row_groups : tuple of RowGroup
+        In the order of the index.
 
     Raises
     ------
@@ -74,13 +75,13 @@ class ParquetArchive:
     Examples
     --------
     >>> import numpy as np, tempfile
-    >>> from granular_id.io.parquet.archive import ParquetArchive
+    >>> from granular_id.io.parquet.archive import Archive
     >>> from granular_id.io.parquet.archive import save_parquet
     >>> from granular_id.recording import Dataset, Recording
     >>> data = Dataset([Recording(np.full((3, 6), i), rate_hz=500, label="rice") for i in range(5)])
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     archive = ParquetArchive(save_parquet(data, folder + "/rice", recordings_per_group=2))
-    ...     archive.index.num_rows, [len(part) for part in archive]
+    ...     archive = Archive(save_parquet(data, folder + "/rice", recordings_per_group=2))
+    ...     archive.n_recordings, [len(part) for part in archive]
     (5, [2, 2, 1])
     """
 
@@ -91,38 +92,38 @@ class ParquetArchive:
         with open_parquet(path, self.folder, max_file_bytes, INDEX_TEXTS) as opened:
             names = opened.schema_arrow.names
             self._mark = read_mark(labels_of(opened), "recordings", path)
-            self._unread = [name for name in names if name not in INDEX_COLUMNS]
+            self._unread = [name for name in names if name not in (*INDEX_COLUMNS, DIGEST)]
             missing = [name for name in INDEX_COLUMNS if name not in names]
             if missing:
                 problem = f"column {missing[0]!r} is missing; wanted {', '.join(INDEX_COLUMNS)}"
                 raise RecordingFileError(path, problem)
-            self.index = opened.read(list(INDEX_COLUMNS)).unify_dictionaries()
+            self.index = opened.read([*INDEX_COLUMNS, *({DIGEST} & set(names))]).unify_dictionaries()
             self.index.validate(full=True)
-            self.partitions = _partitions(self.index, path)
+            self.row_groups = _row_groups(self.index, path)
         self.axes = self._mark.axes
 
-    def __len__(self) -> int:
-        return len(self.partitions)
+    @property
+    def n_recordings(self) -> int:
+        """Recordings in all."""
+        return int(self.index.num_rows)
 
     def __iter__(self) -> Iterator[Dataset]:
-        return (self.partition(i) for i in range(len(self)))
+        return map(self.read, self.row_groups)
 
-    def partition(self, i: int) -> Dataset:
+    def read(self, group: RowGroup) -> Dataset:
         """Read the recordings of one row group, without the history of the whole.
 
         Raises
         ------
-        IndexError
-            There is no such partition.
         RecordingFileError
             With file and row group: damaged, cut off, or not what the index says.
         """
         source = FileSource(self.folder, self.folder, self.folder.name)
-        return Dataset(self._content([self.partitions[i]], source, "[]").recordings)
+        return Dataset(self._content([group], source, "[]").recordings)
 
     def content(self, source: FileSource) -> FileContent:
         """Read everything, into one block of samples, and the history."""
-        content = self._content(self.partitions, source, self._history())
+        content = self._content(self.row_groups, source, self._history())
         if self._unread:
             unread = ", ".join(self._unread)[:200]
             content.notes.append(f"columns of {INDEX_FILE} that are not read: {unread}")
@@ -135,9 +136,9 @@ class ParquetArchive:
         with naming(path, "reading the history"):
             return read_bounded(path, self.folder, self._max_file_bytes).decode()
 
-    def _content(self, parts: Sequence[Partition], source: FileSource, history_json: str) -> FileContent:
+    def _content(self, parts: Sequence[RowGroup], source: FileSource, history_json: str) -> FileContent:
         block = _Block(sum(part.n_samples for part in parts), self._mark)
-        groups = Counter(part.file for part in self.partitions)
+        groups = Counter(part.file for part in self.row_groups)
         for file, some in groupby(parts, key=lambda part: part.file):
             path = self.folder / file
             with open_parquet(path, self.folder, self._max_file_bytes) as opened:
@@ -168,7 +169,7 @@ class ParquetArchive:
 
 
 class _Block:
-    """The samples of neighbouring partitions, put in row group by row group."""
+    """The samples of neighbouring row groups, put in row group by row group."""
 
     def __init__(self, n_rows: int, mark: Mark) -> None:
         self.n_rows, self._columns, self._filled = n_rows, mark.columns, 0
@@ -177,7 +178,7 @@ class _Block:
         self.flags: NDArray[np.uint8] | None = None
         self.finite = True
 
-    def add(self, opened: Any, part: Partition, path: Path) -> None:
+    def add(self, opened: Any, part: RowGroup, path: Path) -> None:
         """Read the next row group."""
         place = f"row group {part.row_group}"
         n_samples = opened.metadata.row_group(part.row_group).num_rows
@@ -227,7 +228,7 @@ def coded_texts(column: Any) -> tuple[NDArray[np.int64], list[str | None]]:
     return codes.astype(np.int64), [*values, None]
 
 
-def _partitions(index: Any, path: Path) -> tuple[Partition, ...]:
+def _row_groups(index: Any, path: Path) -> tuple[RowGroup, ...]:
     """Return the row groups that the index names: every one in order, of files that are the archive's."""
     lengths, groups = _integers(index, "n_samples"), _integers(index, "row_group")
     files = _texts(index, "file")
@@ -244,7 +245,7 @@ def _partitions(index: Any, path: Path) -> tuple[Partition, ...]:
             raise RecordingFileError(path, problem, column=column)
     names = np.array(files, dtype=object)
     changes = np.flatnonzero((names[1:] != names[:-1]) | (groups[1:] != groups[:-1])) + 1
-    found: list[Partition] = []
+    found: list[RowGroup] = []
     counts: Counter[str] = Counter()
     for start, stop in pairwise([0, *changes.tolist(), len(files)]):
         file, group = str(files[start]), int(groups[start])
@@ -252,7 +253,7 @@ def _partitions(index: Any, path: Path) -> tuple[Partition, ...]:
             problem = f"row {start} is said to lie in row group {group} of {file}; wanted every one in order"
             raise RecordingFileError(path, problem, column="row_group")
         counts[file] += 1
-        found.append(Partition(file, group, start, stop, int(lengths[start:stop].sum())))
+        found.append(RowGroup(file, group, start, stop, int(lengths[start:stop].sum())))
     return tuple(found)
 
 
@@ -273,7 +274,7 @@ INDEX_FILE = "recordings.parquet"
 SAMPLES_FOLDER = "samples"
 VERSION = 1
 MARK = "granular_id"
-TIME, FLAGS = "time_s", "flags"
+TIME, FLAGS, DIGEST = "time_s", "flags", "digest"
 INDEX_TEXTS = ("name", "label", "session", "file", "meta")
 INDEX_COLUMNS = (*INDEX_TEXTS, "id", "start_time", "rate_hz", "n_samples", "trigger_index", "row_group")
 
@@ -502,6 +503,15 @@ def _write_index(library: Any, path: Path, index: Any, mark: Mark) -> None:
         writer.write_table(index)
 
 
+def digest_of(recording: Recording) -> str:
+    """Return 32 hexadecimal digits of the SHA-256 of what a recording holds per sample: wrench, stamps, flags."""
+    mark = hashlib.sha256(np.ascontiguousarray(recording.wrench, "<f8").data)
+    for values, kind in ((recording.time_s, "<f8"), (recording.flags, "u1")):
+        if values is not None:
+            mark.update(np.ascontiguousarray(values, kind).data)
+    return mark.hexdigest()[:32]
+
+
 def _index_table(
     recordings: Sequence[Recording], groups: Sequence[tuple[int, int]], files: Sequence[str]
 ) -> Any:
@@ -521,5 +531,6 @@ def _index_table(
         "file": (np.repeat(files, counts).tolist(), text),
         "row_group": (np.repeat(row_groups, counts), whole),
         "meta": ([json.dumps(thaw(r.meta)) if r.meta else None for r in recordings], text),
+        DIGEST: (list(map(digest_of, recordings)), text),
     }
     return arrow.table({name: arrow.array(values, kind) for name, (values, kind) in columns.items()})

@@ -27,7 +27,7 @@ from granular_id.io.columns import (
 from granular_id.io.errors import RecordingFileError, need
 from granular_id.io.long_table import LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet.archive import ParquetArchive, coded_texts, labels_of, open_parquet
+from granular_id.io.parquet.archive import Archive, coded_texts, labels_of, open_parquet
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES
 
@@ -46,7 +46,7 @@ def read_parquet(source: FileSource, options: LoadOptions) -> FileContent:
     """
     path, most = source.path, options.max_binary_bytes
     if path.is_dir():
-        return ParquetArchive(path, max_file_bytes=most).content(source)
+        return Archive(path, max_file_bytes=most).content(source)
     with open_parquet(path, source.root, most) as opened:
         schema = opened.schema_arrow
         columns = _columns(schema, source, options)
