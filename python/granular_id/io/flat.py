@@ -74,18 +74,10 @@ def flatten(dataset: Dataset) -> FlatRecordings:
     """Put a data set into flat columns, every bit kept."""
     recordings = checked_dataset(dataset).recordings
     triggers = [r.trigger_index for r in recordings]
-    time_s = flags = None
-    if not all(r.is_uniform for r in recordings):
-        time_s = np.concatenate(
-            [np.full(r.n_samples, np.nan) if r.time_s is None else r.time_s for r in recordings]
-        )
-    if any(r.flags is not None for r in recordings):
-        flags = np.concatenate(
-            [np.zeros(r.n_samples, np.uint8) if r.flags is None else r.flags for r in recordings]
-        )
+    wrench, time_s, flags = flat_samples(recordings)
     return FlatRecordings(
         axes=dataset.axes,
-        wrench=joined([r.wrench for r in recordings]),
+        wrench=wrench,
         n_samples=np.array([r.n_samples for r in recordings], np.int64),
         rate_hz=_floats(r.rate_hz for r in recordings),
         start_time=_floats(r.start_time for r in recordings),
@@ -98,6 +90,22 @@ def flatten(dataset: Dataset) -> FlatRecordings:
         flags=flags,
         history_json=history_json(dataset),
     )
+
+
+def flat_samples(
+    recordings: Sequence[Recording],
+) -> tuple[FloatArray, FloatArray | None, NDArray[np.uint8] | None]:
+    """Return wrench, stamps and flags of all samples; None where no recording has any."""
+    time_s = flags = None
+    if not all(r.is_uniform for r in recordings):
+        time_s = np.concatenate(
+            [np.full(r.n_samples, np.nan) if r.time_s is None else r.time_s for r in recordings]
+        )
+    if any(r.flags is not None for r in recordings):
+        flags = np.concatenate(
+            [np.zeros(r.n_samples, np.uint8) if r.flags is None else r.flags for r in recordings]
+        )
+    return joined([r.wrench for r in recordings]), time_s, flags
 
 
 def unflatten(flat: FlatRecordings, path: Path, source: FileSource, *, finite: bool = False) -> FileContent:

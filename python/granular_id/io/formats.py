@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,14 +16,15 @@ from granular_id.io.hdf5 import read_hdf5, save_hdf5
 from granular_id.io.matlab import read_mat
 from granular_id.io.npz import read_npy, read_npz, save_npz
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet.archive import is_parquet_archive, save_parquet
-from granular_id.io.parquet.table import read_parquet
+from granular_id.io.parquet.layout import is_parquet_archive
+from granular_id.io.parquet.table import parquet_parts, read_parquet
+from granular_id.io.parquet.writing import save_parquet
 from granular_id.io.ros.echo import is_echo, read_echo
 from granular_id.io.ros.mcap import save_mcap
 from granular_id.io.ros.read import is_bag_folder, read_ros
 from granular_id.io.source import FileContent, FileSource, obeying
 
-__all__ = ["FORMATS", "FileFormat", "format_of", "read_file", "writer"]
+__all__ = ["FORMATS", "FileFormat", "format_of", "read_file", "read_parts", "writer"]
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,9 @@ class FileFormat:
     save: Callable[..., Path] | None = None  # save(dataset, path)
     saves_folder: bool = False  # whether what `save` writes is a folder
     is_folder: Callable[[Path], bool] | None = None  # whether a folder is a file of this format; None: never
+    parts: Callable[[FileSource, LoadOptions], Iterator[FileContent]] | None = (
+        None  # the same, piece by piece
+    )
 
 
 def _read_csv(source: FileSource, options: LoadOptions) -> FileContent:
@@ -62,12 +66,13 @@ FORMATS = (
     FileFormat("hdf5", "HDF5 (*.h5, *.hdf5)", (".h5", ".hdf5"), read_hdf5, save_hdf5),
     FileFormat(
         "parquet",
-        "Parquet (archives with recordings.parquet, tables *.parquet)",
+        "Parquet (archives, tables *.parquet)",
         (".parquet",),
         read_parquet,
         save_parquet,
         saves_folder=True,
         is_folder=is_parquet_archive,
+        parts=parquet_parts,
     ),
     FileFormat("mcap", "MCAP (*.mcap)", (".mcap",), read_ros, save_mcap),
     FileFormat(
@@ -96,14 +101,34 @@ def _by_ending(path: Path) -> FileFormat | None:
 
 def read_file(source: FileSource, options: LoadOptions) -> FileContent:
     """Read a file of any format; whatever a library raises names the file."""
+    known = _format_now(source)
+    with naming(source.path, f"reading it as {known.name}"):
+        options = _checked(source, options)
+        return obeying(known.read(source, options), source, options)
+
+
+def read_parts(source: FileSource, options: LoadOptions) -> Iterator[FileContent]:
+    """Read a file as `read_file` does, piece by piece where its format has pieces."""
+    known = _format_now(source)
+    if known.parts is None:
+        yield read_file(source, options)
+        return
+    with naming(source.path, f"reading it as {known.name}"):
+        options = _checked(source, options)
+        for content in known.parts(source, options):
+            yield obeying(content, source, options)
+
+
+def _format_now(source: FileSource) -> FileFormat:
     known = format_of(source.path)
     if known is None:  # it has changed since it was found
         raise RecordingFileError(source.path, "is of no known format any more")
-    with naming(source.path, f"reading it as {known.name}"):
-        check_place(source.path, source.root)
-        if options.axes is None and source.axes is not None:
-            options = replace(options, axes=source.axes)
-        return obeying(known.read(source, options), source, options)
+    return known
+
+
+def _checked(source: FileSource, options: LoadOptions) -> LoadOptions:
+    check_place(source.path, source.root)
+    return replace(options, axes=source.axes) if options.axes is None and source.axes is not None else options
 
 
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:

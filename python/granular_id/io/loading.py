@@ -1,4 +1,4 @@
-"""``load``: recognise what a path holds and read it."""
+"""``load`` and ``load_parts``: recognise what a path holds and read it."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from granular_id._checks import argument_error, checked_flag
+from granular_id._checks import argument_error, checked_flag, checked_index
 from granular_id._files import check_source
-from granular_id._progress import ProgressCallback, showing
+from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import counted
 from granular_id.io.errors import RecordingFileError, attempt
 from granular_id.io.folder import LAYOUTS, OTHER_FILES, FoundFiles, find_files
 from granular_id.io.folder_save import INDEX_COLUMNS
-from granular_id.io.formats import FORMATS, format_of, read_file
+from granular_id.io.formats import FORMATS, format_of, read_file, read_parts
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource, completed
 from granular_id.recording import Dataset, Recording, StepReport
@@ -158,54 +158,198 @@ def load(
         session=session,
     )
     isolate = checked_flag("isolate", isolate)
-    place = check_source(path)
-    known = format_of(place)
     with showing(progress) as callback:
-        if known is not None:
-            found = FoundFiles(known.what, [FileSource.alone(place)])
-            return _cut(_read(found, place, options, callback, isolate=isolate, alone=True), options)
-        if place.is_dir():
-            return _cut(_read(find_files(place, options), place, options, callback, isolate=isolate), options)
-    wanted = "; ".join(known.what for known in FORMATS)
-    problem = f"is of no known format; what can be read: {wanted}; or a folder of such files ({LAYOUTS})"
-    if place.is_file():
-        problem += f"; {OTHER_FILES}"
-    raise RecordingFileError(place, problem)
+        reading = _Reading(path, options)
+        return reading.dataset(list(reading.contents(callback, isolate=isolate, parts=False)))
 
 
-def _read(
-    found: FoundFiles,
-    root: Path,
-    options: LoadOptions,
-    progress: ProgressCallback | None,
+def load_parts(
+    path: str | os.PathLike[str],
     *,
-    isolate: bool,
-    alone: bool = False,
-) -> Dataset:
-    """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
-    _refuse_unused(found.sources, options)
-    sources = [_with_session(source, found.columns, options.session) for source in found.sources]
-    if options.on_error == "raise" and found.problems:
-        raise _skippable(found.problems[0]) if found.sources else found.problems[0]
-    contents: list[FileContent] = []
-    problems = list(found.problems)
-    with _reader(sources, options, isolate=isolate) as read:
-        for done, source in enumerate(sources, start=1):
-            content = attempt(problems, lambda source: completed(read(source), source, options), source)
-            if content is not None:
-                contents.append(content)
-            elif alone:
-                raise problems[-1]
-            elif options.on_error == "raise":
-                raise _skippable(problems[-1])
-            if progress is not None:
-                progress(done, len(sources), source.name)
-    recordings = [recording for content in contents for recording in content.recordings]
-    if not recordings:
-        problem = f"none of {counted(len(problems))} could be read; the first problem: {problems[0]}"
-        raise RecordingFileError(root, problem) from problems[0]
-    history = [*found.history, *(step for content in contents for step in content.history)]
-    return Dataset(recordings, [*history, _report(found, options, contents, recordings, problems)])
+    n_recordings: int = 2048,
+    isolate: bool = False,
+    progress: bool | ProgressCallback = False,
+    **options: Any,
+) -> Iterator[Dataset]:
+    """Read recordings as `load` does, piece by piece: the same ones in the same order, with less in memory.
+
+    Files of a folder are read one after the other, row groups of an archive too. What is in memory is one piece and
+    one file (or row group) more; a file of many recordings is read as a whole, and so is an archive with `isolate`.
+
+    Parameters
+    ----------
+    path : str or path
+        As in `load`.
+    n_recordings : int, default 2048
+        Recordings of a piece, before they are cut into windows: 160 MB where each has 1600 samples of six axes. The
+        last piece has fewer; where nearly all recordings are shorter than a window, a piece has more.
+    isolate, progress
+        As in `load`.
+    **options
+        All others of `load`: ``rate_hz``, ``on_error``, ``window_s`` ...
+
+    Yields
+    ------
+    Dataset
+        Its history is that of `load`, of this piece alone.
+
+    Raises
+    ------
+    FileNotFoundError, RecordingFileError, ImportError, TypeError, ValueError
+        As `load`; what is wrong in a file, once the pieces before it have been read. With ``on_error="skip"`` an
+        archive that is damaged in the middle has given what comes before. Windows of recordings that share a name
+        are refused, as the whole is needed to tell them apart.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> from granular_id.io import load_parts, save
+    >>> from granular_id.recording import Dataset, Recording
+    >>> data = Dataset([Recording(np.full((3, 6), i), rate_hz=500, name=f"push {i}") for i in range(5)])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [len(part) for part in load_parts(save(data, folder + "/pushes.npz"), n_recordings=2)]
+    [2, 2, 1]
+    """
+    most = checked_index(n_recordings, "n_recordings")
+    if most < 1:
+        raise argument_error(ValueError, "n_recordings", f"must be positive, got {most}")
+    known = [field.name for field in fields(LoadOptions)]
+    unknown = next((name for name in options if name not in known), None)
+    if unknown is not None:
+        raise argument_error(TypeError, unknown, f"is no option of load; wanted one of {', '.join(known)}")
+    isolate = checked_flag("isolate", isolate)
+    check_progress(progress)
+    return _parts(_Reading(path, LoadOptions(**options)), most, isolate, progress)
+
+
+def _parts(
+    reading: _Reading, most: int, isolate: bool, progress: bool | ProgressCallback
+) -> Iterator[Dataset]:
+    with showing(progress) as callback:
+        waiting: list[FileContent] = []
+        several = False
+        for content in reading.contents(callback, isolate=isolate, parts=True):
+            waiting.append(content)
+            while sum(len(each.recordings) for each in waiting) > most:
+                now, rest = _split(waiting, most)
+                if not (reading.gives_any(now) and reading.gives_any(rest)):
+                    break
+                several = True
+                reading.check_windows(now)
+                yield reading.dataset(now)
+                waiting = rest
+        if several:
+            reading.check_windows(waiting)
+        yield reading.dataset(waiting)
+
+
+def _split(contents: Sequence[FileContent], n: int) -> tuple[list[FileContent], list[FileContent]]:
+    """Part the first n recordings from the others; what is remarked on a file goes with the first of it."""
+    now, rest = [], []
+    for content in contents:
+        here = content.recordings[:n]
+        n -= len(here)
+        if here:
+            now.append(replace(content, recordings=here))
+        if len(here) < len(content.recordings):
+            others = replace(content, recordings=content.recordings[len(here) :])
+            rest.append(replace(others, rows=[], notes=[]) if here else others)
+    return now, rest
+
+
+class _Reading:
+    """A path that is read: what it holds, and what is wrong with it."""
+
+    def __init__(self, path: str | os.PathLike[str], options: LoadOptions) -> None:
+        self._options = options
+        self._root = place = check_source(path)
+        self._problems: list[RecordingFileError] = []
+        self._n_problems = 0
+        self._names: set[str] = set()
+        self._first: list[Recording] = []
+        known = format_of(place)
+        self._alone = known is not None
+        if known is not None:
+            self._found = FoundFiles(known.what, [FileSource.alone(place)])
+        elif place.is_dir():
+            self._found = find_files(place, options)
+        else:
+            wanted = "; ".join(known.what for known in FORMATS)
+            problem = (
+                f"is of no known format; what can be read: {wanted}; or a folder of such files ({LAYOUTS})"
+            )
+            if place.is_file():
+                problem += f"; {OTHER_FILES}"
+            raise RecordingFileError(place, problem)
+
+    def contents(
+        self, progress: ProgressCallback | None, *, isolate: bool, parts: bool
+    ) -> Iterator[FileContent]:
+        """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
+        found, options, problems = self._found, self._options, self._problems
+        _refuse_unused(found.sources, options)
+        sources = [_with_session(source, found.columns, options.session) for source in found.sources]
+        if options.on_error == "raise" and found.problems:
+            raise _skippable(found.problems[0]) if found.sources else found.problems[0]
+        problems += found.problems
+        nothing = True
+        with _reader(sources, options, isolate=isolate, parts=parts) as read:
+            for done, source in enumerate(sources, start=1):
+                before, pieces = len(problems), read(source)
+                while (content := attempt(problems, _next, pieces, source, options)) is not None:
+                    nothing = False
+                    yield content
+                if len(problems) > before and self._alone:
+                    raise problems[-1]
+                if len(problems) > before and options.on_error == "raise":
+                    raise _skippable(problems[-1])
+                if progress is not None:
+                    progress(done, len(sources), source.name)
+        if nothing:
+            problem = f"none of {counted(len(problems))} could be read; the first problem: {problems[0]}"
+            raise RecordingFileError(self._root, problem) from problems[0]
+
+    def dataset(self, contents: Sequence[FileContent]) -> Dataset:
+        """Put together what was read since the last time."""
+        recordings = [recording for content in contents for recording in content.recordings]
+        problems = self._problems[self._n_problems :]
+        self._n_problems = len(self._problems)
+        stored = {
+            id(content.history): content.history for content in contents
+        }  # of a file once, not of a piece
+        history = [*self._found.history, *(step for steps in stored.values() for step in steps)]
+        report = _report(self._found, self._options, contents, recordings, problems)
+        return _cut(Dataset(recordings, [*history, report]), self._options)
+
+    def gives_any(self, contents: Sequence[FileContent]) -> bool:
+        """Tell whether anything is left of some recordings when windows are cut and short ones skipped."""
+        window_s = self._options.window_s
+        if window_s is None or self._options.on_error == "raise":
+            return True
+        every = (recording for content in contents for recording in content.recordings)
+        return any(r.rate_hz is None or r.n_samples >= round(window_s * r.rate_hz) for r in every)
+
+    def check_windows(self, contents: Sequence[FileContent]) -> None:
+        """Refuse windows of a piece that would be others than those of the whole."""
+        if self._options.window_s is None:
+            return
+        recordings = [recording for content in contents for recording in content.recordings]
+        for recording in recordings:
+            name = recording.name.strip()
+            if not name or name in self._names:
+                came = f"recordings share the name {name!r:.60}" if name else "a recording has no name"
+                way_out = "windows of a piece cannot tell them apart: use load, or give them names"
+                raise argument_error(
+                    ValueError, "window_s", f"={self._options.window_s:g}: {came}, and {way_out}"
+                )
+            self._names.add(name)
+        self._first = self._first or recordings[:1]
+        _check_rate(Dataset([*self._first, *recordings]), self._options.window_s)
+
+
+def _next(pieces: Iterator[FileContent], source: FileSource, options: LoadOptions) -> FileContent | None:
+    content = next(pieces, None)
+    return None if content is None else completed(content, source, options)
 
 
 def _with_session(source: FileSource, columns: Sequence[str], session: str | None) -> FileSource:
@@ -232,31 +376,42 @@ def _with_session(source: FileSource, columns: Sequence[str], session: str | Non
 def _cut(data: Dataset, options: LoadOptions) -> Dataset:
     if options.window_s is None:
         return data
-    try:
-        _ = data.rate_hz
-    except ValueError as error:
-        came = str(error).partition(";")[0]
-        way_out = f"load without window_s, then call .resample(rate_hz) and .windows({options.window_s:g})"
-        raise argument_error(ValueError, "window_s", f"={options.window_s:g}: {came}; {way_out}") from error
+    _check_rate(data, options.window_s)
     try:
         return data.windows(options.window_s, options.hop_s, on_short=options.on_error)
     except ValueError as error:
         raise ValueError(str(error).replace("on_short=", "on_error=")) from error
 
 
+def _check_rate(data: Dataset, window_s: float) -> None:
+    try:
+        _ = data.rate_hz
+    except ValueError as error:
+        came = str(error).partition(";")[0]
+        way_out = f"load without window_s, then call .resample(rate_hz) and .windows({window_s:g})"
+        raise argument_error(ValueError, "window_s", f"={window_s:g}: {came}; {way_out}") from error
+
+
 @contextmanager
 def _reader(
-    sources: Sequence[FileSource], options: LoadOptions, *, isolate: bool
-) -> Iterator[Callable[[FileSource], FileContent]]:
+    sources: Sequence[FileSource], options: LoadOptions, *, isolate: bool, parts: bool
+) -> Iterator[Callable[[FileSource], Iterator[FileContent]]]:
     """Yield what reads a file: in this process, or in a child that is gone at the end."""
     if not isolate:
-        yield partial(read_file, options=options)
+        yield partial(read_parts if parts else _whole(read_file), options=options)
         return
     # the child runs this module: it must not be there already
     from granular_id.io.isolate import IsolatedReader
 
     with IsolatedReader(sources, options) as reader:
-        yield reader.read
+        yield _whole(reader.read)
+
+
+def _whole(read: Callable[..., FileContent]) -> Callable[..., Iterator[FileContent]]:
+    def at_once(source: FileSource, **more: Any) -> Iterator[FileContent]:
+        yield read(source, **more)
+
+    return at_once
 
 
 def _refuse_unused(sources: Sequence[FileSource], options: LoadOptions) -> None:

@@ -11,7 +11,8 @@ from hypothesis import given, settings, strategies as st
 from dataset_strategies import assert_same_bits, datasets
 from effort import cases
 from granular_id.io import load, save
-from granular_id.io.parquet.archive import Archive, _repeats, save_parquet
+from granular_id.io.parquet.archive import Archive
+from granular_id.io.parquet.writing import _repeats, append, save_parquet
 from granular_id.recording import Dataset, Recording, StepReport
 
 pa = pytest.importorskip("pyarrow")
@@ -42,6 +43,21 @@ def test_row_groups_hold_what_was_saved_to_the_last_bit(tmp_path_factory, datase
     assert [len(part) for part in parts[:-1]] == [per_group] * (len(parts) - 1)
     assert_same_bits(Dataset([r for part in parts for r in part], dataset.history), dataset)
     assert (archive.axes, archive.index.num_rows) == (dataset.axes, len(dataset))
+
+
+@settings(max_examples=cases(8))
+@given(dataset=datasets(), cut=st.integers(1, 3))
+def test_what_was_appended_is_loaded_to_the_last_bit(tmp_path_factory, dataset, cut):
+    named = [
+        replace(r, name=f"{i} {r.name}") for i, r in enumerate(dataset)
+    ]  # equal ones would be added once
+    folder = tmp_path_factory.mktemp("archive")
+    for part in (named[:cut], named[cut:]):
+        if part:
+            append(folder, Dataset(part, dataset.history))
+    read = load(folder)
+    assert_same_bits(read, Dataset(named))
+    assert read.history[:-1] == dataset.history
 
 
 def test_plain_pyarrow_reads_what_is_saved(tmp_path):
@@ -82,7 +98,7 @@ def test_plain_pyarrow_reads_what_is_saved(tmp_path):
 def test_old_archives_that_say_newton_of_any_axis_still_load(tmp_path, monkeypatch):
     other = Dataset([replace(r, axes=("wx", "wy", "wz", "ax", "ay", "az")) for r in small()])
     with monkeypatch.context() as once:
-        once.setattr("granular_id.io.parquet.archive.unit_of", lambda axis: "N")
+        once.setattr("granular_id.io.parquet.layout.unit_of", lambda axis: "N")
         folder = save(other, tmp_path / "archive", "parquet")
     assert load(folder) == other
 
@@ -132,7 +148,7 @@ def test_many_recordings_go_into_several_files(tmp_path):
 
 
 def test_long_recordings_do_not_share_a_row_group(tmp_path, monkeypatch):
-    monkeypatch.setattr("granular_id.io.parquet.archive._MAX_GROUP_SAMPLES", 10)
+    monkeypatch.setattr("granular_id.io.parquet.writing._MAX_GROUP_SAMPLES", 10)
     data = Dataset([Recording(np.full((n, 6), n), rate_hz=500, name=str(n)) for n in (4, 5, 20, 3, 7, 1)])
     archive = Archive(save_parquet(data, tmp_path / "archive"))
     assert [part.n_samples for part in archive.row_groups] == [9, 20, 10, 1]

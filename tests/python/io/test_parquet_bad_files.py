@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from granular_id.io import RecordingFileError, load
-from granular_id.io.parquet.archive import save_parquet
+from granular_id.io.parquet.writing import save_parquet
 from granular_id.recording import Dataset, Recording
 
 pa = pytest.importorskip("pyarrow")

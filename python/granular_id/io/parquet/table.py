@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -27,7 +27,9 @@ from granular_id.io.columns import (
 from granular_id.io.errors import RecordingFileError, need
 from granular_id.io.long_table import LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet.archive import Archive, coded_texts, labels_of, open_parquet
+from granular_id.io.parquet.archive import Archive
+from granular_id.io.parquet.index import coded_texts
+from granular_id.io.parquet.layout import MARK, labels_of, open_parquet
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES
 
@@ -51,7 +53,10 @@ def read_parquet(source: FileSource, options: LoadOptions) -> FileContent:
         schema = opened.schema_arrow
         columns = _columns(schema, source, options)
         units = {field.name: unit for field in schema if (unit := _unit_of(field))}
-        about = _metadata(labels_of(opened))
+        labels = labels_of(opened)
+        if MARK in labels:
+            raise RecordingFileError(path, "is part of an archive; wanted the folder of the archive")
+        about = _metadata(labels)
         stated = Stated.of(columns, path, options, about=about, units_of_columns=units)
         table = opened.read(list(columns.values()))
         table.validate(full=True)
@@ -62,6 +67,17 @@ def read_parquet(source: FileSource, options: LoadOptions) -> FileContent:
     unread = ", ".join(name for name in schema.names if name not in columns.values())[:200]
     notes = [*stated.notes, *([f"columns that are not read: {unread}"] if unread else [])]
     return FileContent(recordings=found, rows=remarked, notes=notes, obeyed=("axes", "session"))
+
+
+def parquet_parts(source: FileSource, options: LoadOptions) -> Iterator[FileContent]:
+    """Read the same, an archive a row group at a time."""
+    stated = (
+        source.start_time is not None or source.trigger_index is not None
+    )  # which only one recording may have
+    if source.path.is_dir() and not stated:
+        yield from Archive(source.path, max_file_bytes=options.max_binary_bytes).pieces(source)
+    else:
+        yield read_parquet(source, options)
 
 
 def _metadata(labels: Mapping[str, str]) -> dict[str, Any]:

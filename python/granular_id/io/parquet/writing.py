@@ -1,0 +1,456 @@
+"""Archives written: as a whole, or more and more recordings by any number of writers."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+import os
+import re
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from granular_id._checks import FloatArray, argument_error, checked_index, thaw
+from granular_id._files import made_folder, whole_file
+from granular_id._progress import ProgressCallback
+from granular_id.io.errors import need
+from granular_id.io.flat import flat_samples
+from granular_id.io.folder_save import checked_dataset, history_json, new_folder, write_history
+from granular_id.io.options import MAX_BINARY_BYTES
+from granular_id.io.parquet.archive import Archive
+from granular_id.io.parquet.index import RowDigests, hashed, texts
+from granular_id.io.parquet.layout import (
+    DIGEST,
+    FLAGS,
+    HISTORY,
+    INDEX_FILE,
+    INDEX_FOLDER,
+    MARK,
+    SAMPLES_FOLDER,
+    TIME,
+    Mark,
+    added_names,
+    index_names,
+    labels_of,
+    open_parquet,
+    part_name,
+    read_mark,
+)
+from granular_id.recording import Dataset, Recording
+
+RECORDINGS_PER_GROUP = 128
+"""A row group of 1600 samples each has 10 MB of samples: what a worker holds of them at least."""
+
+_COMMON = {"compression": "zstd", "write_page_checksum": True, "store_schema": False}
+_GROUPS_PER_PART = 64
+_MAX_GROUP_SAMPLES = 1 << 22
+_PAGE_BYTES = 8 << 20
+_PROBED_SAMPLES = 1 << 16
+_DISTINCT_SHARE = 0.3
+
+
+def save_parquet(
+    dataset: Dataset,
+    folder: str | os.PathLike[str],
+    *,
+    recordings_per_group: int = RECORDINGS_PER_GROUP,
+    progress: ProgressCallback | None = None,
+) -> Path:
+    """Write a data set as a Parquet archive.
+
+    ``recordings.parquet`` has a row per recording; ``samples/part-*.parquet`` hold the samples as float64, a column
+    per axis (N and N m), with ``time_s`` and ``flags`` where recordings have any. Every bit is kept: the encodings
+    are lossless. Columns whose values repeat, as counts of a sensor do, are stored as a dictionary, all others with
+    their bytes split into streams (half the size and a third of the time of a dictionary there); both are
+    compressed by zstd, with a checksum per page.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    folder : str or path
+        New or empty folder. It is written under a temporary name and renamed at the end.
+    recordings_per_group : int
+        Recordings that share a row group, the unit in which archives are read: 128 by default, 10 MB of samples
+        of 3.2 s at 500 Hz. Long recordings share with fewer.
+    progress : callable, optional
+        Called as ``progress(recordings_done, recordings_in_all, file)`` after each row group.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    FileExistsError
+        `folder` is a file, a link or a folder with something in it.
+    FileNotFoundError
+        The folder to put it in does not exist.
+    ImportError
+        pyarrow is missing.
+    TypeError, ValueError
+        `dataset` is no Dataset, its recordings differ in their axes, or `recordings_per_group` is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> from granular_id.io import load
+    >>> from granular_id.io.parquet.writing import save_parquet
+    >>> from granular_id.recording import Dataset, Recording
+    >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     load(save_parquet(data, folder + "/oats")) == data
+    True
+    """
+    recordings = checked_dataset(dataset).recordings
+    most = checked_index(recordings_per_group, "recordings_per_group")
+    if most < 1:
+        raise ValueError(f"recordings_per_group must be positive, got {most}")
+    library = need("pyarrow.parquet", extra="app", why="to write Parquet files")
+    mark = Mark.of_axes(dataset.axes)
+    groups = _groups(recordings, most)
+    files = [part_name(i // _GROUPS_PER_PART) for i in range(len(groups))]
+    with new_folder(folder) as partial:
+        (partial / SAMPLES_FOLDER).mkdir()
+        for start in range(0, len(groups), _GROUPS_PER_PART):
+            spans = groups[start : start + _GROUPS_PER_PART]
+            for done in _write_part(library, partial / files[start], dataset, spans, mark):
+                if progress is not None:
+                    progress(done, len(recordings), files[start])
+        table = _index_table(recordings, groups, files, list(map(digest_of, recordings)))
+        _write_index(library, partial / INDEX_FILE, table, {MARK: mark.to_json("recordings")})
+        write_history(dataset, partial)
+    return Path(folder)
+
+
+@dataclass(frozen=True)
+class Appended:
+    """What `append` did: recordings that it added, and those that were in the archive already."""
+
+    n_added: int
+    n_present: int
+
+
+def append(
+    folder: str | os.PathLike[str], dataset: Dataset, *, progress: ProgressCallback | None = None
+) -> Appended:
+    """Add recordings to an archive, or begin one.
+
+    Of every 8192 recordings two files are made: ``samples/<key>.parquet``, and then ``recordings/<key>.parquet``, which
+    lists them; a reader sees all of them or none. Each is written under a temporary name, brought to the disk and
+    renamed. An append that was killed is simply run again: what is in the archive already is not added again.
+
+    Any number of threads, processes and machines may append to one archive at once. Of two that add the same recording
+    in the same moment, but not the same data set, both may: `granular_id.archive.check` tells.
+
+    Parameters
+    ----------
+    folder : str or path
+        An archive, or a new or empty folder.
+    dataset : Dataset
+        Some thousand recordings at a time: each append makes two files more. Its history is kept with them.
+    progress : callable, optional
+        Called as ``progress(recordings_done, recordings_in_all, file)`` after each row group.
+
+    Returns
+    -------
+    Appended
+        ``n_added`` and ``n_present``: a recording is present if one with the same samples, stamps and flags, name,
+        label, session and start time is in the archive, or earlier in `dataset`.
+
+    Raises
+    ------
+    FileExistsError
+        `folder` is a file, or a folder that holds something else.
+    OSError
+        A file cannot be written; it is named, and nothing half-written is left.
+    RecordingFileError
+        The archive cannot be read.
+    ImportError
+        pyarrow is missing.
+    TypeError, ValueError
+        `dataset` is no Dataset, or its axes are not those of the archive.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> from granular_id.archive import Archive, append
+    >>> from granular_id.recording import Dataset, Recording
+    >>> pushes = [Recording(np.full((3, 6), i), rate_hz=500, label="rice", name=f"push {i}") for i in range(5)]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     append(folder, Dataset(pushes[:3]))
+    ...     append(folder, Dataset(pushes))
+    ...     Archive(folder).index["name"].to_pylist()
+    Appended(n_added=3, n_present=0)
+    Appended(n_added=2, n_present=3)
+    ['push 0', 'push 1', 'push 2', 'push 3', 'push 4']
+    """
+    every = checked_dataset(dataset).recordings
+    library = need("pyarrow.parquet", extra="app", why="to write Parquet files")
+    target, mark = Path(folder), Mark.of_axes(dataset.axes)
+    digests = _absent(target, dataset)
+    recordings = [every[i] for i in digests]
+    listed = [*digests.values()]
+    groups = _groups(recordings, RECORDINGS_PER_GROUP) if recordings else []
+    n_added = 0
+    for first in range(0, len(groups), _GROUPS_PER_PART):
+        spans = groups[first : first + _GROUPS_PER_PART]
+        start, stop = spans[0][0], spans[-1][1]
+        chunk = Dataset(recordings[start:stop], dataset.history)
+        spans = [(a - start, b - start) for a, b in spans]
+
+        def told(done: int, start: int = start) -> None:
+            if progress is not None:
+                progress(start + done, len(recordings), os.fspath(target))
+
+        n_added += len(chunk) * _append_chunk(library, target, chunk, listed[start:stop], spans, mark, told)
+    return Appended(n_added, len(every) - n_added)
+
+
+def _append_chunk(
+    library: Any,
+    target: Path,
+    dataset: Dataset,
+    digests: Sequence[str],
+    spans: Sequence[tuple[int, int]],
+    mark: Mark,
+    told: Callable[[int], None],
+) -> bool:
+    """Add one file of samples and its index, unless another writer is quicker."""
+    table = _index_table(dataset.recordings, spans, [""] * len(spans), digests)
+    counts = [str(end - start) for start, end in spans]
+    key = hashed([*mark.axes, *counts, RowDigests(table).of(0, len(dataset))])
+    file, index_file = added_names(key)
+    table = table.set_column(table.column_names.index("file"), "file", [[file] * len(dataset)])
+    labels = {HISTORY: history_json(dataset)} if dataset.history else {}
+    with made_folder(target / SAMPLES_FOLDER) as samples, made_folder(target / INDEX_FOLDER) as indices:
+        try:
+            if (target / index_file).is_file():
+                return False
+            with _durable(target / file) as draft:
+                for done in _write_part(library, draft, dataset, spans, mark):
+                    told(done)
+            with _durable(target / index_file) as draft:
+                labels[MARK] = mark.to_json("recordings", written=time.time())
+                _write_index(library, draft, table, labels)
+        except OSError:
+            if (target / index_file).is_file():  # and the other writer has tidied up
+                return False
+            raise
+        for draft in (*samples.glob(f".{key[:20]}-*"), *indices.glob(f".{key[:20]}-*")):
+            with suppress(OSError):  # what an append of the same left that was killed
+                draft.unlink()
+    return True
+
+
+@contextmanager
+def _durable(path: Path) -> Iterator[Path]:
+    """Write a whole file that survives the loss of power."""
+    with whole_file(path) as draft:
+        yield draft
+        _sync(draft, os.O_RDWR)
+    if os.name == "posix":  # elsewhere folders cannot be opened
+        _sync(path.parent, os.O_RDONLY)
+
+
+def _sync(path: Path, how: int) -> None:
+    descriptor = os.open(path, how)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _absent(target: Path, dataset: Dataset) -> dict[int, str]:
+    """Return the digests of the recordings that are not in the archive yet, by their place in the data set."""
+    digests = list(map(digest_of, dataset))
+    if not index_names(target):
+        _check_new(target)
+    seen = _present(target, dataset, digests)
+    found: dict[int, str] = {}
+    for i, (recording, digest) in enumerate(zip(dataset, digests, strict=True)):
+        identity = _identity(recording, digest)
+        if identity not in seen:
+            seen.add(identity)
+            found[i] = digest
+    return found
+
+
+_Identity = tuple[str, str | None, str | None, str | None, float | None]
+
+
+def _identity(recording: Recording, digest: str) -> _Identity:
+    return (digest, recording.name, recording.label, recording.session, recording.start_time)
+
+
+def _present(target: Path, dataset: Dataset, digests: Sequence[str]) -> set[_Identity]:
+    """Return the identities of what is in the archive, as far as they may be those of these recordings."""
+    arrow = need("pyarrow", extra="app", why="to read Parquet files")
+    compute = need("pyarrow.compute", extra="app", why="to read Parquet files")
+    wanted = arrow.array(digests, arrow.string())
+    seen: set[_Identity] = set()
+    complete = True
+    for name in index_names(target):
+        with open_parquet(target / name, target, MAX_BINARY_BYTES) as opened:
+            axes = read_mark(labels_of(opened), "recordings", target / name).axes
+            if axes != dataset.axes:
+                problem = f"has the axes {' '.join(dataset.axes)}, and the archive {target} {' '.join(axes)}"
+                raise argument_error(ValueError, "dataset", f"{problem}; add it to another one")
+            if DIGEST not in opened.schema_arrow.names:
+                complete = False
+                continue
+            known = opened.read([DIGEST], use_threads=False)[DIGEST]
+            complete = complete and not known.null_count
+            alike = compute.is_in(known, value_set=wanted)
+            if compute.any(alike).as_py():
+                rows = opened.read(_IDENTITY, use_threads=False).filter(alike)
+                seen.update(zip(*(rows[column].to_pylist() for column in _IDENTITY), strict=True))
+    if not complete:  # of recordings from before, those that are called the same are read
+        archive = Archive(target)
+        names = {r.name for r in dataset}
+        called = np.array([name in names for name in texts(archive.index, "name")])
+        for group in archive.row_groups:
+            if called[group.start : group.stop].any():
+                seen.update(_identity(r, digest_of(r)) for r in archive.read(group))
+    return seen
+
+
+_IDENTITY = [DIGEST, "name", "label", "session", "start_time"]
+
+
+def _check_new(target: Path) -> None:
+    """Refuse to begin an archive where something else is; what an append that was killed has left may be there."""
+    if not os.path.lexists(target):
+        return
+    if not target.is_dir():
+        raise FileExistsError(f"{target}: is a file; wanted an archive, or a new or empty folder")
+    for path in target.rglob("*"):
+        place = path.relative_to(target).as_posix()
+        if not _LEFT.fullmatch(place):
+            raise FileExistsError(
+                f"{target}: holds {place!r:.60}; wanted an archive, or a new or empty folder"
+            )
+
+
+_LEFT = re.compile(rf"({SAMPLES_FOLDER}|{INDEX_FOLDER})(/(\.[^/]*|[0-9a-f]{{32}})\.parquet)?")
+
+
+def _groups(recordings: Sequence[Recording], most: int) -> list[tuple[int, int]]:
+    """Cut the recordings into runs of at most `most`, and not more samples than fit into a row group."""
+    spans = []
+    start = samples = 0
+    for i, recording in enumerate(recordings):
+        samples += recording.n_samples
+        if i > start and (i - start == most or samples > _MAX_GROUP_SAMPLES):
+            spans.append((start, i))
+            start, samples = i, recording.n_samples
+    return [*spans, (start, len(recordings))]
+
+
+def _write_part(
+    library: Any, path: Path, dataset: Dataset, spans: Sequence[tuple[int, int]], mark: Mark
+) -> Iterator[int]:
+    """Write one file of samples; yield after each row group how many recordings are written."""
+    arrow = need("pyarrow", extra="app", why="to write Parquet files")
+    fields = [arrow.field(column, arrow.float64(), nullable=False) for column in mark.columns]
+    timed = any(r.time_s is not None for r in dataset)
+    flagged = any(r.flags is not None for r in dataset)
+    fields += [arrow.field(TIME, arrow.float64(), nullable=False)] if timed else []
+    fields += [arrow.field(FLAGS, arrow.uint8(), nullable=False)] if flagged else []
+    schema = arrow.schema(fields)
+    probe = _probe(dataset.recordings[spans[0][0] : spans[-1][1]])
+    repeating = [column for j, column in enumerate(mark.columns) if _repeats(probe[:, j])]
+    split = [field.name for field in fields if field.name not in (*repeating, FLAGS)]
+    with library.ParquetWriter(
+        path,
+        schema,
+        use_dictionary=repeating + [FLAGS] * flagged,
+        use_byte_stream_split=split,
+        write_statistics=False,  # of samples nobody asks for the least and the largest
+        data_page_size=_PAGE_BYTES,
+        **_whole_pages(library),
+        **_COMMON,
+    ) as writer:
+        writer.add_key_value_metadata({MARK: mark.to_json("samples")})
+        for start, end in spans:
+            wrench, time_s, flags = flat_samples(dataset.recordings[start:end])
+            n = len(wrench)
+            columns = [np.ascontiguousarray(column) for column in wrench.T]
+            columns += [_or_full(time_s, n, np.nan)] if timed else []
+            columns += [_or_full(flags, n, np.uint8(0))] if flagged else []
+            writer.write_table(arrow.Table.from_arrays(columns, schema=schema), row_group_size=n)
+            yield end
+
+
+def _whole_pages(library: Any) -> dict[str, int]:
+    """Return what keeps pyarrow from cutting columns into pages of 20,000 rows, which take half as long again to read.
+
+    Versions that do not cut do not know the setting.
+    """
+    known = inspect.signature(library.ParquetWriter).parameters
+    return {"max_rows_per_page": _MAX_GROUP_SAMPLES} if "max_rows_per_page" in known else {}
+
+
+def _or_full(values: Any, n: int, nothing: Any) -> Any:
+    return np.full(n, nothing) if values is None else values
+
+
+def _probe(recordings: Sequence[Recording]) -> FloatArray:
+    """Take samples from all over the recordings, about as many as decide whether values repeat."""
+    total = sum(r.n_samples for r in recordings)
+    step = max(1, total // _PROBED_SAMPLES)
+    kept = islice(recordings, 0, None, step)
+    return np.concatenate([r.wrench[:_PROBED_SAMPLES] for r in kept])
+
+
+def _repeats(values: FloatArray) -> bool:
+    return len(np.unique(values)) < _DISTINCT_SHARE * len(values)
+
+
+def _write_index(library: Any, path: Path, index: Any, labels: dict[str, str]) -> None:
+    with library.ParquetWriter(path, index.schema, **_COMMON) as writer:
+        writer.add_key_value_metadata(labels)
+        writer.write_table(index)
+
+
+def digest_of(recording: Recording) -> str:
+    """Return 32 hexadecimal digits of the SHA-256 of what a recording holds per sample: wrench, stamps, flags."""
+    mark = hashlib.sha256(np.ascontiguousarray(recording.wrench, "<f8").data)
+    for values, kind in ((recording.time_s, "<f8"), (recording.flags, "u1")):
+        if values is not None:
+            mark.update(np.ascontiguousarray(values, kind).data)
+    return mark.hexdigest()[:32]
+
+
+def _index_table(
+    recordings: Sequence[Recording],
+    groups: Sequence[tuple[int, int]],
+    files: Sequence[str],
+    digests: Sequence[str],
+) -> Any:
+    arrow = need("pyarrow", extra="app", why="to write Parquet files")
+    text, number, whole = arrow.string(), arrow.float64(), arrow.int64()
+    counts = [end - start for start, end in groups]
+    row_groups = [i % _GROUPS_PER_PART for i in range(len(groups))]
+    columns = {
+        "id": (range(len(recordings)), whole),
+        "name": ([r.name for r in recordings], text),
+        "label": ([r.label for r in recordings], text),
+        "session": ([r.session for r in recordings], text),
+        "start_time": ([r.start_time for r in recordings], number),
+        "rate_hz": ([r.rate_hz for r in recordings], number),
+        "n_samples": ([r.n_samples for r in recordings], whole),
+        "trigger_index": ([r.trigger_index for r in recordings], whole),
+        "file": (np.repeat(files, counts).tolist(), text),
+        "row_group": (np.repeat(row_groups, counts), whole),
+        "meta": ([json.dumps(thaw(r.meta)) if r.meta else None for r in recordings], text),
+        DIGEST: (digests, text),
+    }
+    return arrow.table({name: arrow.array(values, kind) for name, (values, kind) in columns.items()})

@@ -1,0 +1,181 @@
+"""``load_parts``: what ``load`` gives, piece by piece."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from granular_id.archive import append
+from granular_id.io import RecordingFileError, load, load_parts, save
+from granular_id.recording import Dataset, Recording, StepReport
+
+RNG = np.random.default_rng(5)
+PUSHES = [
+    Recording(RNG.standard_normal((8 + i, 6)), rate_hz=10, label="ab"[i % 2], name=f"push {i}")
+    for i in range(7)
+]
+HISTORY = [StepReport("made", {"by": "hand"})]
+
+
+def written(tmp_path, format_, recordings=PUSHES):
+    if format_ == "appended":
+        pytest.importorskip("pyarrow")
+        for start in range(0, len(recordings), 3):
+            append(tmp_path / "data", Dataset(recordings[start : start + 3], HISTORY))
+        return tmp_path / "data"
+    if format_ == "parquet":
+        pytest.importorskip("pyarrow")
+    place = tmp_path / ("data.npz" if format_ == "npz" else "data")
+    return save(Dataset(recordings, HISTORY), place, format_)
+
+
+def joined(path, **options):
+    return [r for part in load_parts(path, **options) for r in part]
+
+
+@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended"])
+@pytest.mark.parametrize("n_recordings", [1, 3, 7, 100])
+def test_the_same_recordings_in_the_same_order(tmp_path, format_, n_recordings):
+    path = written(tmp_path, format_)
+    parts = list(load_parts(path, n_recordings=n_recordings))
+    assert [r for part in parts for r in part] == list(load(path))
+    assert [len(part) for part in parts[:-1]] == [n_recordings] * (len(parts) - 1)
+
+
+@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended"])
+def test_each_piece_has_the_history_of_load_for_itself(tmp_path, format_):
+    path = written(tmp_path, format_)
+    whole = load(path).history
+    for part in load_parts(path, n_recordings=3):
+        assert part.history[:-1] == whole[:-1] == tuple(HISTORY)
+        assert part.history[-1].parameters == whole[-1].parameters
+        assert part.history[-1].totals["recordings"] == len(part)
+
+
+def test_an_archive_is_read_row_group_by_row_group(tmp_path, monkeypatch):
+    path = written(tmp_path, "appended")
+    read = []
+    decode = "granular_id.io.parquet.archive._decode"
+    from granular_id.io.parquet import archive
+
+    real = archive._decode
+    monkeypatch.setattr(
+        decode, lambda opened, part, *more: read.append(part.start) or real(opened, part, *more)
+    )
+    parts = load_parts(path, n_recordings=2)
+    next(parts)
+    assert read == [0]
+    next(parts)
+    assert read == [0, 3]
+
+
+def test_recordings_of_others_without_names_are_counted_through(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    pq = pytest.importorskip("pyarrow.parquet")
+    path = written(tmp_path, "parquet")
+    index = path / "recordings.parquet"
+    labels, table = pq.read_metadata(index).metadata, pq.ParquetFile(index).read()
+    table = table.set_column(1, "name", pa.nulls(7, pa.string())).drop_columns(["row_group", "file"])
+    table = table.append_column("file", pa.array(["samples/part-00000.parquet"] * 7))
+    table = table.append_column("row_group", pa.array([0] * 7))
+    pq.write_table(table.replace_schema_metadata(labels), index)
+    assert joined(path, n_recordings=2) == list(load(path))
+    assert joined(path)[6].name == "data[6]"
+
+
+@pytest.mark.parametrize("options", [{"window_s": 0.5}, {"window_s": 0.4, "hop_s": 0.2, "session": "file"}])
+@pytest.mark.parametrize("format_", ["csv", "npz", "appended"])
+def test_windows_are_those_of_load(tmp_path, format_, options):
+    path = written(tmp_path, format_)
+    assert joined(path, n_recordings=2, **options) == list(load(path, **options))
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5, 6), (6, 5, 4, 3, 2, 1, 0), (0, 6, 1, 2, 3, 4, 5)])
+def test_recordings_shorter_than_a_window_are_skipped_wherever_they_stand(tmp_path, order):
+    path = written(tmp_path, "npz", [PUSHES[i] for i in order])
+    options = {"window_s": 1.3, "on_error": "skip"}
+    assert joined(path, n_recordings=2, **options) == list(load(path, **options))
+
+
+def test_a_short_recording_is_refused_as_by_load(tmp_path):
+    with pytest.raises(ValueError, match=r"push 0.* is shorter than a window"):
+        joined(written(tmp_path, "npz"), n_recordings=2, window_s=0.9)
+
+
+def test_windows_of_pieces_that_differ_in_rate_are_refused(tmp_path):
+    other = [replace(push, rate_hz=20) for push in PUSHES[4:]]
+    path = written(tmp_path, "npz", [*PUSHES[:4], *other])
+    with pytest.raises(ValueError, match=r"window_s=0.5: recordings differ in rate \(10 to 20 Hz\)"):
+        joined(path, n_recordings=4, window_s=0.5)
+
+
+def test_windows_of_recordings_that_share_a_name_are_refused(tmp_path):
+    path = written(tmp_path, "npz", [*PUSHES, PUSHES[0]])
+    with pytest.raises(
+        ValueError, match=r"window_s=0.5: recordings share the name 'push 0', and .* use load"
+    ):
+        joined(path, n_recordings=4, window_s=0.5)
+    assert joined(path, window_s=0.5) == list(load(path, window_s=0.5))
+
+
+def test_a_damaged_file_is_raised_where_it_stands(tmp_path):
+    folder = written(tmp_path, "csv")
+    last = sorted(folder.rglob("*6.csv"))[0]
+    last.write_text("x\n")
+    parts = load_parts(folder, n_recordings=2)
+    assert len(next(parts)) == 2
+    with pytest.raises(RecordingFileError) as caught:
+        list(parts)
+    assert caught.value.skippable
+
+
+def test_skipped_files_are_listed_once_each(tmp_path):
+    folder = written(tmp_path, "csv")
+    for number in (1, 4, 7):
+        next(folder.rglob(f"*{number}.csv")).write_text("x\n")
+    parts = list(load_parts(folder, n_recordings=2, on_error="skip"))
+    whole = load(folder, on_error="skip")
+    assert [r for part in parts for r in part] == list(whole)
+    skipped = [row for part in parts for row in part.history[-1].rows if "skipped" in row]
+    assert skipped == [row for row in whole.history[-1].rows if "skipped" in row]
+
+
+def test_a_folder_of_which_nothing_can_be_read(tmp_path):
+    folder = written(tmp_path, "csv")
+    for path in folder.rglob("*_*.csv"):
+        path.write_text("x\n")
+    with pytest.raises(RecordingFileError, match="none of 7 recordings could be read"):
+        list(load_parts(folder, on_error="skip"))
+
+
+def test_files_are_read_in_a_child_process_too(tmp_path):
+    path = written(tmp_path, "csv")
+    assert joined(path, n_recordings=3, isolate=True) == PUSHES
+
+
+def test_progress_counts_files(tmp_path):
+    told = []
+    list(load_parts(written(tmp_path, "csv"), n_recordings=2, progress=lambda *step: told.append(step[:2])))
+    assert told == [(i, 7) for i in range(1, 8)]
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"n_recordings": 0}, ValueError, "n_recordings must be positive, got 0"),
+        ({"n_recordings": 1.5}, TypeError, "n_recordings must be an int"),
+        ({"rate": 1}, TypeError, "rate is no option of load; wanted one of rate_hz"),
+        ({"on_error": "x"}, ValueError, "on_error='x'"),
+        ({"isolate": 1}, TypeError, "isolate"),
+        ({"progress": 1}, TypeError, "progress"),
+    ],
+)
+def test_bad_arguments_are_refused_at_once(tmp_path, options, error, message):
+    path = written(tmp_path, "npz")
+    with pytest.raises(error, match=message):
+        load_parts(path, **options)
+
+
+def test_a_path_that_is_not_there_is_refused_at_once(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        load_parts(tmp_path / "a")
