@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.typing import NDArray
 
+from granular_id._memory import TemporaryMap
 from granular_id._text import fixed
 
 FloatArray = NDArray[np.float64]
@@ -208,7 +209,13 @@ def locked(array: NDArray[Any]) -> NDArray[Any]:
     """Return the array read-only, copied unless nobody can hold a writable view of it."""
     base = array.base
     private = not array.flags.writeable and (
-        base is None or (isinstance(base, np.ndarray) and not base.flags.writeable and base.base is None)
+        base is None
+        or isinstance(base, TemporaryMap)
+        or (
+            isinstance(base, np.ndarray)
+            and not base.flags.writeable
+            and (base.base is None or isinstance(base.base, TemporaryMap))
+        )
     )
     if not private:
         array = array.copy(order="C")

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import float_array
+from granular_id._memory import is_large, large_bytes
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -66,14 +67,19 @@ def linear_gram(
     step = max(64, _BLOCK_BYTES // (8 * max(len(left), len(right))))
     gram = np.zeros((len(left), len(right)))
     product = np.empty_like(gram)
+    wide = _columns_at_a_time(left, right, step)
     with np.errstate(over="ignore", invalid="ignore"):  # reported below, with the argument's name
-        for start in range(0, n_columns, step):
-            columns = slice(start, min(start + step, n_columns))
-            block = _moved(left, columns, origin, unit)
-            other = block if right is left else _moved(right, columns, origin, unit)
-            np.matmul(block, other.T, out=product)
-            gram += product
-            del block, other  # before the next ones are made: two of each would double the memory
+        for first in range(0, n_columns, wide):
+            near = _copied(left, first, wide)
+            far = near if right is left else _copied(right, first, wide)
+            for start in range(first, min(first + wide, n_columns), step):
+                columns = slice(start, min(start + step, n_columns))
+                block = _moved(near, columns, first, origin, unit)
+                other = block if right is left else _moved(far, columns, first, origin, unit)
+                np.matmul(block, other.T, out=product)
+                gram += product
+                del block, other  # before the next ones are made: two of each would double the memory
+            del near, far
     if not np.isfinite(gram).all():
         arguments = "X" if Y is None else "X and Y"
         raise ValueError(
@@ -113,10 +119,23 @@ def _per_column(argument: str, values: npt.ArrayLike | None, n_columns: int) -> 
     return vector
 
 
+def _columns_at_a_time(left: FloatArray, right: FloatArray, step: int) -> int:
+    """Return how many columns are copied at once: of rows in files a block is but an eighth of each page read."""
+    if not is_large(max(left.nbytes, right.nbytes)):
+        return int(left.shape[1])
+    fit = large_bytes() // (16 * max(len(left), len(right)))
+    return max(1, fit // step) * step
+
+
+def _copied(rows: FloatArray, first: int, wide: int) -> FloatArray:
+    return rows if wide >= rows.shape[1] else rows[:, first : first + wide].copy(order="C")
+
+
 def _moved(
-    rows: FloatArray, columns: slice, origin: FloatArray | None, unit: FloatArray | None
+    rows: FloatArray, columns: slice, first: int, origin: FloatArray | None, unit: FloatArray | None
 ) -> FloatArray:
-    block = rows[:, columns] - (0.0 if origin is None else origin[columns])
+    own = slice(columns.start - first, columns.stop - first)
+    block = rows[:, own] - (0.0 if origin is None else origin[columns])
     if unit is not None:
         block /= unit[columns]
     return block

@@ -20,6 +20,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 
 from granular_id._files import json_value
+from granular_id._memory import copied
 from granular_id._schema import from_json
 from granular_id._text import fixed, listed
 from granular_id.ecoc import ECOCClassifier
@@ -135,7 +136,7 @@ def _task(name: str, transformer: Any, classifier: BaseEstimator, bank: GramBank
 
 def _downsampled(X: NDArray[np.float64]) -> NDArray[np.float64]:
     """Take every so manieth sample of recordings (n, T, C), at most `MOST_INSTANTS`."""
-    return np.ascontiguousarray(X[:, :: math.ceil(X.shape[1] / MOST_INSTANTS)])
+    return copied(X[:, :: math.ceil(X.shape[1] / MOST_INSTANTS)], "downsampled recordings")
 
 
 def _rest(data: Dataset, classifier: BaseEstimator) -> PlannedControl:

@@ -7,18 +7,23 @@ instead of 6 thousand million multiplications.
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import pairwise, takewhile
 from threading import Lock
 from typing import Any
 
 import numpy as np
+from joblib import effective_n_jobs
 from numpy.typing import NDArray
 from sklearn.base import clone
 
+from granular_id._checks import all_finite
 from granular_id._estimators import seeded_clone
+from granular_id._memory import check_room, copied, empty, is_large, large_bytes, spans, taken
 from granular_id.gram import linear_gram
 from granular_id.partitions import Partition
 from granular_id.spaces import (
@@ -28,7 +33,9 @@ from granular_id.spaces import (
     gram_plan,
     learns,
     row_norms,
+    steps_of,
     unit_weight,
+    works_one_by_one,
 )
 
 Floats = NDArray[np.float64]
@@ -65,18 +72,72 @@ def plan_for(transformer: Any, name: str | None = None) -> GramPlan | None:
     return plan
 
 
-def features_of(name: str, transformer: Any, X: Floats) -> Floats:
-    """Return the features (n, D) of a fitted transformer, or name the space that gives something else."""
-    features = np.asarray(transformer.transform(X), dtype=np.float64)
+def features_of(name: str, transformer: Any, X: Floats, rows: Rows | None = None) -> Floats:
+    """Return the features (n, D) of a fitted transformer, or name the space that gives something else.
+
+    Of all recordings, or of those at `rows`. Where these are large they are worked on piece by piece, and so are not
+    copied; the features of a piece have the same bits. What is not of this package may look at all of them at once.
+    """
+    n = len(X) if rows is None else len(rows)
+    steps = steps_of(transformer)
+    at_first = list(takewhile(works_one_by_one, steps))
+    if not is_large(n * X[:1].nbytes) or not at_first:
+        some = X if rows is None else taken(X, rows, f"recordings of the space {name!r}")
+        return _checked(name, transformer.transform(some), 0)
+    features: Any = None
+    for span in spans(n, X[:1].nbytes):
+        piece: Any = X[span] if rows is None else X[rows[span]]
+        for step in at_first:
+            piece = step.transform(piece)
+        piece = _checked(name, piece, span.start)
+        if features is None:
+            features = empty((n, piece.shape[1]), f"features of the space {name!r}")
+        features[span] = piece
+    for step in steps[len(at_first) :]:
+        features = step.transform(features)
+    return _checked(name, features, 0) if len(at_first) < len(steps) else features
+
+
+def _checked(name: str, values: Any, first: int) -> Floats:
+    """Return finite features (n, D) of the recordings from `first` on."""
+    features = np.asarray(values, dtype=np.float64)
     if features.ndim != 2:
         raise ValueError(f"feature space {name!r} must give an array (n, D), got shape {features.shape}")
-    if not np.isfinite(features).all():
+    if not all_finite(features):
         row, column = (int(i) for i in np.argwhere(~np.isfinite(features))[0])
         raise ValueError(
             f"feature space {name!r} must give finite features, got {features[row, column]} in column {column} "
-            f"of recording {row}"
+            f"of recording {first + row}"
         )
     return features
+
+
+def check_disk(X: Floats, transformers: Iterable[Any], n_jobs: int | None) -> None:
+    """Refuse to begin where temporary files have no room for the features of recordings (n, T, C).
+
+    These are about as large as the recordings, once for each thread; and 8 n^2 bytes for each block are kept.
+    """
+    gram, of_features = 8 * len(X) ** 2, X.nbytes * effective_n_jobs(n_jobs)
+    plans = [plan for plan in map(plan_for, transformers) if plan is not None]
+    n_blocks = len({_key(block) for plan in plans for _, block in plan.blocks})
+    need = of_features * is_large(X.nbytes) + n_blocks * gram * is_large(gram)
+    check_room(need, "the features of all recordings")
+
+
+def by_columns(statistic: Callable[..., Floats], values: Floats, rows: Rows | None = None) -> Floats:
+    """Take a statistic over the rows of an array (n, ...), or some of them, for a few columns at a time where large.
+
+    Numpy adds row to row: the bits do not depend on how many columns there are, from two on.
+    """
+    n = len(values) if rows is None else len(rows)
+    flat = values.reshape(len(values), -1)
+    n_columns = flat.shape[1]
+    n_parts = 1
+    if is_large(8 * n * n_columns):
+        n_parts = min(max(1, n_columns // 2), math.ceil(32 * n * n_columns / large_bytes()))
+    edges = [n_columns * part // n_parts for part in range(n_parts + 1)]
+    parts = (flat[:, low:high] if rows is None else flat[rows, low:high] for low, high in pairwise(edges))
+    return np.concatenate([statistic(part, axis=0) for part in parts]).reshape(values.shape[1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,11 +185,11 @@ class GramBank:
             weights = [unit_weight(block.norms[train]) for block in blocks]
         elif isinstance(plan.block_weights, tuple):
             weights = list(plan.block_weights)
-        within, across = np.ix_(train, train), np.ix_(test, train)
         train_gram, cross_gram = np.zeros((train.size, train.size)), np.zeros((test.size, train.size))
         for weight, block in zip(weights, blocks, strict=True):
-            train_gram += weight**2 * block.gram[within]
-            cross_gram += weight**2 * block.gram[across]
+            for rows, gram in ((train, train_gram), (test, cross_gram)):
+                for span in spans(rows.size, 8 * train.size):  # a copy of some rows at a time, not of all
+                    gram[span] += weight**2 * block.gram[np.ix_(rows[span], train)]
         return train_gram, cross_gram
 
     def components(self, plan: GramPlan, train: Rows, test: Rows) -> tuple[Floats, Floats]:
@@ -158,9 +219,17 @@ class GramBank:
         with self._lock:
             if key not in self._blocks:
                 start = time.perf_counter()
-                features = features_of(name, clone(transformer).fit(self.X), self.X)
+                # What learns nothing takes no more than the shape: one recording shows it, and is not copied.
+                as_one = is_large(self.X.nbytes) and all(map(works_one_by_one, steps_of(transformer)))
+                fitted = clone(transformer).fit(self.X[:1] if as_one else self.X)
+                features = features_of(name, fitted, self.X)
                 ready = time.perf_counter()
-                gram, norms = linear_gram(features, center=features.mean(axis=0)), row_norms(features)
+                gram = linear_gram(features, center=features.mean(axis=0))
+                if is_large(
+                    gram.nbytes
+                ):  # made in memory, where it is added to again and again; kept on disk
+                    gram = copied(gram, f"products of {name!r}")
+                norms = row_norms(features)
                 seconds = {"features": ready - start, "gram": time.perf_counter() - ready}
                 self._blocks[key] = _Block(transformer, gram, norms, features.shape[1], seconds)
             return self._blocks[key]
@@ -221,13 +290,15 @@ class SpaceFeatures:
         """
         if self._features is not None:  # computed once for all recordings
             sizes = block_sizes(self._shared)
-            return self._features[partition.train], self._features[partition.test], sizes
+            what = f"features of the space {self._name!r}"
+            train, test = (taken(self._features, rows, what) for rows in (partition.train, partition.test))
+            return train, test, sizes
         transformer = seeded(self._transformer, self._seed, partition)
         if self._plan is None:  # learned from these rows
             X = self._bank.X
-            transformer.fit(X[partition.train], y)
+            transformer.fit(taken(X, partition.train, f"recordings of the space {self._name!r}"), y)
             train, test = (
-                features_of(self._name, transformer, X[rows]) for rows in (partition.train, partition.test)
+                features_of(self._name, transformer, X, rows) for rows in (partition.train, partition.test)
             )
             return train, test, block_sizes(transformer)
         train, test = self._bank.components(self._plan, partition.train, partition.test)

@@ -13,9 +13,10 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from granular_id._estimators import describe_estimator, real_steps
+from granular_id._memory import spans
 from granular_id._parallel import single_threaded_blas
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.features import plan_for, seeded
+from granular_id.evaluation.features import by_columns, features_of, plan_for, seeded
 from granular_id.evaluation.weights import (
     WeightBlock,
     downsampled,
@@ -183,7 +184,7 @@ def gather_report_data(
     labels = np.unique(y)
     groups = [np.flatnonzero(y == label) for label in labels]
     mean, sd = (
-        rounded(downsampled(np.stack([statistic(X[rows], axis=0).T for rows in groups])))
+        rounded(downsampled(np.stack([by_columns(statistic, X, rows).T for rows in groups])))
         for statistic in (np.mean, np.std)
     )
     shown = sorted(most_different(mean, sd)[:MOST_AXES])
@@ -231,8 +232,13 @@ def _high_pass(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH, shown
     starts = window_starts(X.shape[1], _WINDOWS)
     sizes = np.diff(starts, append=X.shape[1])
     residual = np.empty((len(groups), len(shown), len(starts)))
-    for place, axis in enumerate(shown):  # one at a time: a copy of one axis, not of all
-        power = np.add.reduceat(fitted.high_passed(X[:, :, axis]) ** 2, starts, axis=1) / sizes
+    for place, axis in enumerate(shown):  # one at a time: a copy of one axis of some recordings, not of all
+        power = np.concatenate(
+            [
+                np.add.reduceat(fitted.high_passed(X[span, :, axis]) ** 2, starts, axis=1) / sizes
+                for span in spans(len(X), X[:1].nbytes)
+            ]
+        )
         for k, rows in enumerate(groups):
             residual[k, place] = np.sqrt(power[rows].mean(axis=0))
     return HighPass(
@@ -265,7 +271,7 @@ def _weights(
         tell_blocks(trained, block_sizes(fitted))
         groups = groups_of(data).fit_arguments(trained, np.arange(len(data)))
         with single_threaded_blas():  # as the partitions do: bits must not depend on the number of threads
-            trained.fit(fitted.transform(X), y, **groups)
+            trained.fit(features_of(name, fitted, X), y, **groups)
         chosen = Chosen.of(trained)
         return name, weight_blocks(X, y, fitted, trained), "" if chosen is None else chosen.words
     return None, (), ""

@@ -28,7 +28,7 @@ from granular_id.evaluation.controls import (
     plan_controls,
     run_control,
 )
-from granular_id.evaluation.features import STAGES, GramBank
+from granular_id.evaluation.features import STAGES, GramBank, check_disk
 from granular_id.evaluation.findings import accepted_names, refuse_copies, spoiling
 from granular_id.evaluation.outcome import SpaceSummary, strictest_of
 from granular_id.evaluation.report_data import portrait_of_result
@@ -156,9 +156,8 @@ def evaluate(
     start = time.perf_counter()
     check_dataset(data)
     check_progress(progress)
-    controls = checked_flag("controls", controls)
-    accepted = accepted_names(accept)
-    seed = plan_seed(random_state)
+    controls, accepted = checked_flag("controls", controls), accepted_names(accept)
+    seed, model = plan_seed(random_state), ECOCClassifier() if classifier is None else classifier
     X = data.X  # before the counts: resampling and cropping come first, and may change them
     common_units(data)
     of_paper = {
@@ -173,13 +172,12 @@ def evaluate(
         spaces = ("raw", *USUAL_SPACES[1:])
         notes += [f"raw instead of raw+hfmh: a high-pass at 23 Hz leaves nothing of {data.rate_hz:g} Hz"]
     planned = plan_spaces(spaces, data.rate_hz)
-    every = list(chain.from_iterable(partitions.values()))
     judged = strictest_of(partitions) or next(iter(partitions))
+    check_disk(X, [space.transformer for space in planned], n_jobs)
     checked = data.check()
     findings = spoiling(checked, partitions[judged], data)
     refuse_copies(findings, accepted, partitions[judged], data.names)
     notes += _not_found(accepted, (*checked, *findings))
-    model = ECOCClassifier() if classifier is None else classifier
     settings = {
         "spaces": [space.name for space in planned],
         "protocol": AUTO if protocol == AUTO else list(partitions),
@@ -197,6 +195,7 @@ def evaluate(
     kept = None
     if checkpoint is not None:
         described = {"settings": settings, "transformers": transformers, "versions": versions()}
+        every = list(chain.from_iterable(partitions.values()))
         kept = Checkpoint(checkpoint, fingerprint(data, described, every), len(data.labels))
 
     labels, truth = np.unique(data.y, return_inverse=True)

@@ -30,7 +30,7 @@ from granular_id.evaluation.candidates import (
     spread_of,
 )
 from granular_id.evaluation.compare import Comparison, Pair, compare, probability
-from granular_id.evaluation.features import GramBank
+from granular_id.evaluation.features import GramBank, check_disk
 from granular_id.evaluation.tables import brief_note
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset, data_warnings, describe_data
@@ -158,6 +158,7 @@ def select(
     costs = checked_costs(relative_costs)
     X, y = data.X, data.y
     candidates = plan_candidates(spaces, block_weights, data.rate_hz, seed)
+    check_disk(X, [candidate.transformer for candidate in candidates], n_jobs)
     planned = nested_folds(data, n_outer, n_inner, seed)
     folds = planned.nested
 

@@ -14,6 +14,7 @@ from sklearn.preprocessing import StandardScaler
 
 from granular_id._estimators import real_steps
 from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.features import by_columns, features_of
 from granular_id.gram import linear_gram
 from granular_id.spaces import (
     BandColumns,
@@ -95,7 +96,7 @@ def weight_blocks(X: Floats, y: NDArray[Any], fitted: Any, classifier: Any = Non
     space, scaling = _without_scaling(fitted)
     bands = band_columns(space)
     blocks = feature_blocks(space) if bands is None else ()
-    plain = np.asarray(space.transform(X), dtype=np.float64)
+    plain = features_of("weights", space, X)
     is_trained = hasattr(classifier, "coef_")
     if bands is not None and not scaling and not is_trained:
         # The blocks of the multi-band space have no common unit: no linear model is trained on them as they are.
@@ -109,7 +110,7 @@ def weight_blocks(X: Floats, y: NDArray[Any], fitted: Any, classifier: Any = Non
         usable = isinstance(classifier, ECOCClassifier) and classifier.supports_gram
         model = clone(classifier) if usable else ECOCClassifier()
         learners = model.fit_gram(linear_gram(rows, center=rows.mean(axis=0)), y).dual_coef_
-    size, influence = _mean_sizes(learners, rows, scaling, plain.std(axis=0))
+    size, influence = _mean_sizes(learners, rows, scaling, by_columns(np.std, plain))
     if bands is not None:
         return tuple(_over_bands(bands, size, influence))
     return tuple(_along(block, size, influence) for block in blocks)

@@ -24,6 +24,7 @@ from granular_id._checks import (
 )
 from granular_id._columns import by_name, column_names
 from granular_id._core import AXES, SAMPLE_FLAGS, UNITS
+from granular_id._memory import stacked
 from granular_id._text import counted, fixed, verb
 
 _Value = TypeVar("_Value")
@@ -386,7 +387,7 @@ def stack(recordings: Sequence[Recording]) -> FloatArray:
     parts = [r.wrench for r in recordings]
     block = shared_base(parts)
     if block is None:
-        block = np.stack(parts)
+        block = stacked(parts, "the samples of all recordings")
         block.flags.writeable = False
     shape = (len(parts), *parts[0].shape)
     return block if block.shape == shape else block.reshape(shape)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granular_id._checks import argument_error, checked_choice, checked_index, finite_number, thaw
+from granular_id._memory import stacked
 from granular_id._text import counted, fixed
 from granular_id.recording.recording import Recording, common_axes, common_rate
 from granular_id.recording.report import StepReport, first_names, subject
@@ -255,7 +256,9 @@ def _crop(kept: Sequence[tuple[Recording, int]], n: int, rate_hz: float) -> list
     """Return `n` samples of each recording from its start on."""
     common_axes([recording for recording, _ in kept])
     # one block that all results look into, so that Dataset.X needs no second copy
-    block = np.stack([recording.wrench[start : start + n] for recording, start in kept])
+    block = stacked(
+        [recording.wrench[start : start + n] for recording, start in kept], "the cropped recordings"
+    )
     block.flags.writeable = False
     cropped = []
     for wrench, (recording, start) in zip(block, kept, strict=True):

@@ -11,6 +11,7 @@ from granular_id.spaces.base import (
     feature_blocks,
     joined_units as joined_units,
     renamed as renamed,
+    steps_of as steps_of,
     tell_blocks,
 )
 from granular_id.spaces.best import DECODING as DECODING, BestClassifier, Choice as Choice, Chosen as Chosen
@@ -47,6 +48,7 @@ from granular_id.spaces.union import (
     BlockWeights as BlockWeights,
     row_norms as row_norms,
     unit_weight,
+    works_one_by_one as works_one_by_one,
 )
 
 __all__ = [

@@ -19,6 +19,7 @@ from granular_id._checks import argument_error, positive_number
 from granular_id._columns import column_names, samples_of
 from granular_id._core import AXES, UNITS
 from granular_id._estimators import Origin, origin_of, real_steps, traced
+from granular_id._memory import empty, is_large
 from granular_id.features import FeatureSpec, extract_features, feature_names
 from granular_id.recording import Dataset, Recording, common_units, unit_differences, unit_of
 
@@ -240,7 +241,10 @@ class CoreTransformer(RecordingTransformer):
     without_effect: ClassVar[frozenset[str]] = frozenset({"threads"})
 
     def _features(self, recordings: FloatArray) -> FloatArray:
-        return extract_features(recordings, spec=self.spec_, threads=self.threads)
+        n, *shape = recordings.shape
+        width = self.spec_.n_features(*shape)
+        out = empty((n, width), "features") if is_large(8 * n * width) else None
+        return extract_features(recordings, spec=self.spec_, threads=self.threads, out=out)
 
     def _names(self) -> list[str]:
         return self.spec_.feature_names(self.n_features_in_, self.n_axes_in_)

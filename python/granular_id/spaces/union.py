@@ -13,7 +13,14 @@ from sklearn.utils.metaestimators import _BaseComposition
 
 from granular_id._checks import argument_error
 from granular_id._estimators import Origin, learns, traced
-from granular_id.spaces.base import FeatureBlock, Recordings, RecordingTransformer, feature_blocks, shifted
+from granular_id.spaces.base import (
+    FeatureBlock,
+    Recordings,
+    RecordingTransformer,
+    feature_blocks,
+    shifted,
+    steps_of,
+)
 
 FloatArray = npt.NDArray[np.float64]
 BlockWeights = str | Sequence[float] | npt.NDArray[Any] | None
@@ -175,6 +182,13 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
 
     def _own_names(self) -> list[str]:
         return _unique([(name, block.get_feature_names_out().tolist()) for name, block in self.blocks_])
+
+
+def works_one_by_one(step: Any) -> bool:
+    """Whether a step is of this package and gives each recording what it would give it alone, to the last bit."""
+    if isinstance(step, BlockUnion):
+        return all(works_one_by_one(inner) for _, block in step.checked_blocks() for inner in steps_of(block))
+    return isinstance(step, RecordingTransformer) and type(step).__module__.startswith("granular_id.")
 
 
 def _unique(parts: list[tuple[str, list[str]]]) -> list[str]:

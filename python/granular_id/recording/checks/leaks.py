@@ -477,10 +477,12 @@ def _by_pattern(wrenches: Sequence[FloatArray]) -> set[tuple[int, int, int]]:
     if shortest <= 2 * n_bits // n_used:
         n_used = min(n_axes, n_bits)
     n_steps = n_bits // n_used
-    rising = [np.diff(np.asfortranarray(wrench[:, :n_used]), axis=0) > 0 for wrench in wrenches]
-    stride = _stride(rising, max(1, shortest // (2 * n_steps)))
+    stride = _stride(
+        [_rising(wrench, n_used) for wrench in wrenches[:: max(1, len(wrenches) // 50)]],
+        max(1, shortest // (2 * n_steps)),
+    )
     one_in = np.uint64(max(1, n_rows // _MOST_KEYS))
-    patterns = [_patterns(signs, n_steps, stride, one_in) for signs in rising]
+    patterns = [_patterns(_rising(wrench, n_used), n_steps, stride, one_in) for wrench in wrenches]
     key, place = (np.concatenate(parts) for parts in zip(*patterns, strict=True))
     owner = np.repeat(np.arange(len(wrenches)), [len(keys) for keys, _ in patterns])
     order = np.lexsort((owner, key))
@@ -491,9 +493,13 @@ def _by_pattern(wrenches: Sequence[FloatArray]) -> set[tuple[int, int, int]]:
     return {(int(a), int(b), int(shift)) for a, b, shift in kinds[counts > 1]}
 
 
-def _stride(rising: Sequence[NDArray[np.bool_]], most: int) -> int:
+def _rising(wrench: FloatArray, n_used: int) -> NDArray[np.bool_]:
+    """Tell at which steps the leading axes rise."""
+    return np.diff(np.asfortranarray(wrench[:, :n_used]), axis=0) > 0
+
+
+def _stride(sample: Sequence[NDArray[np.bool_]], most: int) -> int:
     """Return how far apart steps are taken: smooth signals rise for many samples, which says nothing new."""
-    sample = rising[:: max(1, len(rising) // 50)]
     stride = 1
     while stride < most:
         agree = [float(np.mean(s[stride:] == s[:-stride])) for s in sample if len(s) > stride]
@@ -529,15 +535,20 @@ def _by_moments(wrenches: Sequence[FloatArray]) -> set[tuple[int, int, int]]:
     """Return pairs of one length with nearly the same mean and spread of the forces: first, second, 0."""
     pairs: set[tuple[int, int, int]] = set()
     for group in places_of(map(len, wrenches)).values():
-        leading = [np.asfortranarray(wrenches[i][:, :_LEADING_AXES]) for i in group]
-        spreads = np.array([samples.std(axis=0) for samples in leading])
-        means = np.array([samples.mean(axis=0) for samples in leading])
+        means, spreads = _moments([wrenches[i] for i in group])
         scale = np.median(spreads, axis=0)
         scale[scale == 0] = 1.0
         tree = cKDTree(np.hstack([means / scale, spreads / scale]))
         close = tree.query_pairs(_CLOSE * np.sqrt(2 * means.shape[1]))
         pairs |= {(group[a], group[b], 0) for a, b in close}
     return pairs
+
+
+def _moments(wrenches: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Mean and spread of the leading axes; a copy of one recording at a time, not of all."""
+    leading = (np.asfortranarray(wrench[:, :_LEADING_AXES]) for wrench in wrenches)
+    both = [(samples.mean(axis=0), samples.std(axis=0)) for samples in leading]
+    return np.array([mean for mean, _ in both]), np.array([spread for _, spread in both])
 
 
 def _shared(one: FloatArray, other: FloatArray, shift: int) -> tuple[float, bool]:
