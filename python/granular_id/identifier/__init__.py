@@ -6,14 +6,24 @@ What trains is loaded when first used: a robot that only identifies does not wai
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from granular_id.identifier.batch import identify_all as identify_all
+from granular_id.identifier.batch import (
+    flags_in_words as flags_in_words,
+    identify_all as identify_all,
+    named as named,
+    notes_of_answers as notes_of_answers,
+)
 from granular_id.identifier.decision import Decision
 from granular_id.identifier.identifier import Identifier
 from granular_id.identifier.metadata import (
     SPACES as SPACES,
+    Begin as Begin,
+    Metadata as Metadata,
     check_recordings as check_recordings,
     cropped_to_model as cropped_to_model,
+    mark_of as mark_of,
     setup_comparison as setup_comparison,
+    starts_in as starts_in,
+    synthetic_words as synthetic_words,
 )
 from granular_id.identifier.model_card import (
     describe_model as describe_model,

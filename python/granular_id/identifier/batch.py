@@ -5,18 +5,25 @@ from __future__ import annotations
 import csv
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from granular_id import _core
 from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.identifier import Identifier
-from granular_id.identifier.metadata import Metadata, fingerprint, marks_of, synthetic_words
+from granular_id.identifier.metadata import (
+    Metadata,
+    fingerprint,
+    marks_of,
+    synthetic_words,
+)
 from granular_id.identifier.rules import probabilities
-from granular_id.recording import Dataset, Recording, SampleFlag, setup_mismatch
+from granular_id.recording import Dataset, SampleFlag, setup_mismatch
 
 CSV_COLUMNS = (
     *("recording", "label", "margin", "probability", "truth", "warnings"),
@@ -132,52 +139,103 @@ class Batch:
     def _notes(self) -> Iterator[str]:
         if self.differences:
             yield f"warning: {setup_mismatch(*self.differences)}"
-        judged, accuracy = self.judged, self.accuracy
-        if accuracy is not None:
-            right = _rightly(judged)
-            yield f"{right} of {counted(len(judged))} with a known material named rightly: {percent(accuracy)}"
-            mistakes = Counter((n.truth, n.label) for n in judged if n.label != n.truth)
-            if mistakes:
-                said = (f"{truth} for {label} ({count})" for (truth, label), count in mistakes.most_common(5))
-                yield f"mistakes (true for said): {', '.join(said)}"
-        others = Counter(n.truth for n in self.each if n.truth is not None and n.truth not in self.classes)
-        if others:
-            named_others = ", ".join(f"{label} ({count})" for label, count in others.most_common(5))
-            yield f"labels that the model does not know, not counted: {named_others}"
-        if self.trained_on_these:
-            yield "the model was trained on exactly these recordings: this says nothing about new ones"
-        elif self.n_trained_on == len(self):
-            yield "the model was trained on each of these recordings: this says nothing about new ones"
-        elif self.n_trained_on:
-            fresh = [answer for answer in judged if not answer.trained_on]
-            rest = f"; of the others {_rightly(fresh)} of {len(fresh)} named rightly" if fresh else ""
-            yield (
-                f"the model was trained on {self.n_trained_on} of these {counted(len(self))}, whose answers say "
-                f"nothing about new ones{rest}"
-            )
+        counts = Counter((n.truth, n.label, n.trained_on) for n in self.each)
+        yield from notes_of_answers(counts, self.classes, trained_on_these=self.trained_on_these)
+
+
+def notes_of_answers(
+    counts: Mapping[tuple[str | None, str, bool | None], int],
+    classes: Sequence[str],
+    *,
+    trained_on_these: bool = False,
+) -> Iterator[str]:
+    """Say how many answers are right, and about which recordings they say nothing new.
+
+    `counts`: of recordings by truth, answer, and whether the model was trained on them.
+    """
+    judged, fresh, others = Counter[bool](), Counter[bool](), Counter[str]()
+    mistakes = Counter[tuple[str | None, str]]()
+    for (truth, label, trained_on), count in counts.items():
+        if truth in classes:
+            judged[truth == label] += count
+            if truth != label:
+                mistakes[truth, label] += count
+            if not trained_on:
+                fresh[truth == label] += count
+        elif truth is not None:
+            others[truth] += count
+    n, n_judged, n_fresh = sum(counts.values()), judged.total(), fresh.total()
+    if n_judged:
+        share = percent(judged[True] / n_judged)
+        yield f"{judged[True]} of {counted(n_judged)} with a known material named rightly: {share}"
+        if mistakes:
+            said = (f"{truth} for {label} ({count})" for (truth, label), count in mistakes.most_common(5))
+            yield f"mistakes (true for said): {', '.join(said)}"
+    if others:
+        named_others = ", ".join(f"{label} ({count})" for label, count in others.most_common(5))
+        yield f"labels that the model does not know, not counted: {named_others}"
+    n_trained_on = sum(count for (_, _, trained_on), count in counts.items() if trained_on)
+    if trained_on_these:
+        yield "the model was trained on exactly these recordings: this says nothing about new ones"
+    elif n_trained_on == n:
+        yield "the model was trained on each of these recordings: this says nothing about new ones"
+    elif n_trained_on:
+        rest = f"; of the others {fresh[True]} of {n_fresh} named rightly" if n_fresh else ""
+        yield (
+            f"the model was trained on {n_trained_on} of these {counted(n)}, whose answers say nothing about new "
+            f"ones{rest}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """What a model says of n recordings of K classes: everything that follows from their samples."""
+
+    order: npt.NDArray[
+        np.intp
+    ]  # (n, K) classes from the likeliest; of equal losses the first label, as everywhere
+    losses: npt.NDArray[np.float64]  # (n, K) their mean losses, in this order
+    probability: npt.NDArray[np.float64] | None  # (n,) of the first; None of a model that knows none
+    verdicts: list[
+        tuple[tuple[str, ...], bool | None]
+    ]  # candidates, and whether it is like none of the materials
+
+    @property
+    def margin(self) -> npt.NDArray[np.float64]:
+        """Mean loss (n,) of the second class less that of the first."""
+        return self.losses[:, 1] - self.losses[:, 0]
+
+
+def named(core: _core.Model, X: npt.NDArray[np.float64], threads: int | None = None) -> Named:
+    """Name the material of recordings (n, T, C) of a model's length."""
+    scores = core.scores(X, threads)
+    losses = core.losses(scores)
+    order = np.argsort(losses, axis=1, kind="stable")
+    probability = None
+    if core.sigmoid is not None:
+        probability = np.take_along_axis(probabilities(core, scores), order[:, :1], axis=1)[:, 0]
+    return Named(order, np.take_along_axis(losses, order, axis=1), probability, core.verdicts(scores))
 
 
 def identify_all(model: Identifier, data: Dataset, differences: tuple[str, ...] = ()) -> Batch:
     """Name the material of every recording of the model's length; `differences` are those of `check_recordings`."""
-    scores = model.scores(data.X)
-    losses = model.core.losses(scores)
-    order = np.argsort(losses, axis=1, kind="stable")  # of equal losses the first label, as everywhere
-    shares = None if model.core.sigmoid is None else probabilities(model.core, scores)
-    verdicts = model.core.verdicts(scores)
+    said = named(model.core, data.X)
+    margins = said.margin.tolist()
     marks = Metadata(model.core).marks
     seen = [None] * len(data) if marks is None else [mark in marks for mark in marks_of(data)]
     each = []
     for i, recording in enumerate(data):
-        candidates, unknown = verdicts[i]
-        ranking = tuple((model.classes[k], float(losses[i, k])) for k in order[i].tolist())
+        candidates, unknown = said.verdicts[i]
+        places = zip(said.order[i].tolist(), said.losses[i].tolist(), strict=True)
+        ranking = tuple((model.classes[k], loss) for k, loss in places)
         each.append(
             Answer(
                 name=recording.name,
                 label=ranking[0][0],
-                margin=ranking[1][1] - ranking[0][1],
-                probability=None if shares is None else float(shares[i, order[i, 0]]),
+                margin=margins[i],
+                probability=None if said.probability is None else float(said.probability[i]),
                 truth=recording.label,
-                warnings=_warnings(recording),
+                warnings=flags_in_words(recording.flags),
                 candidates=candidates,
                 unknown=unknown,
                 trained_on=seen[i],
@@ -196,8 +254,9 @@ def _rightly(judged: Sequence[Answer]) -> int:
     return sum(answer.label == answer.truth for answer in judged)
 
 
-def _warnings(recording: Recording) -> tuple[str, ...]:
+def flags_in_words(flags: npt.NDArray[np.uint8] | None) -> tuple[str, ...]:
     """Count the samples with each flag, in words."""
-    flags = 0 if recording.flags is None else recording.flags
+    if flags is None:
+        return ()
     counts = {flag.name or "": int(np.count_nonzero(flags & flag)) for flag in SampleFlag}
     return tuple(f"{count} {name.lower().replace('_', ' ')}" for name, count in counts.items() if count)

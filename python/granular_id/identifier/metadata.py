@@ -243,16 +243,49 @@ def cropped_to_model(
         *before, step = (cropped := data.align(n, on_short=on_short)).history
         as_trained = replace(step, notes=["begins at the first sample, as in the training"])
         return Dataset(cropped.recordings, [*before, as_trained])
-    lead = known.lead_s if lead_s is None else lead_s
-    if lead is None:
-        longer = next((r for r in data if r.n_samples > n), data[0])
-        raise ValueError(
-            f"recording {longer.name!r} has {longer.n_samples} samples, the model takes {n}, and does not know how "
-            "much rest comes before the motion: state lead_s, pass begin_at='first', or call .predict_over(recording)"
-        )
+    longer = next((r for r in data if r.n_samples > n), data[0])
+    lead = _known_lead(known, lead_s, longer.name, longer.n_samples, n)
     marked = data
     if begin_at == "auto":
         start = round(lead * rate_hz)
         recordings = [replace(r, trigger_index=start) if r.n_samples <= n else r for r in data]
         marked = Dataset(recordings, data.history)
     return marked.align(n, trigger="recorded", lead_s=lead, on_short=on_short, on_missing=on_short)
+
+
+def starts_in(
+    names: Sequence[str],
+    lengths: npt.NDArray[np.int64],
+    triggers: npt.NDArray[np.int64],
+    core: _core.Model,
+    *,
+    begin_at: Begin = "auto",
+    lead_s: float | None = None,
+) -> npt.NDArray[np.int64]:
+    """Return the sample at which `cropped_to_model` has each of n recordings begin; -1 where it leaves one out.
+
+    `triggers` are -1 where there is none. A ValueError where nothing says how much rest comes before the motion.
+    """
+    n, known = core.n_samples, Metadata(core)
+    starts = np.zeros(len(lengths), np.int64)
+    from_trigger = np.full(len(lengths), begin_at == "trigger")
+    if begin_at == "auto" and (lead_s is not None or not known.begins_at_first):
+        from_trigger = lengths > n
+    if from_trigger.any():
+        first = int(from_trigger.argmax())
+        lead = _known_lead(known, lead_s, names[first], int(lengths[first]), n)
+        begun = np.where(triggers >= 0, triggers - round(lead * core.rate_hz), -1)
+        starts = np.where(from_trigger, begun, starts)
+    fits: npt.NDArray[np.int64] = np.where((starts >= 0) & (starts + n <= lengths), starts, -1)
+    return fits
+
+
+def _known_lead(known: Metadata, lead_s: float | None, name: str, length: int, n: int) -> float:
+    """Return the rest before the motion, seconds: stated, or that of the training."""
+    lead = known.lead_s if lead_s is None else lead_s
+    if lead is None:
+        raise ValueError(
+            f"recording {name!r} has {length} samples, the model takes {n}, and does not know how much rest comes "
+            "before the motion: state lead_s, pass begin_at='first', or call .predict_over(recording)"
+        )
+    return lead

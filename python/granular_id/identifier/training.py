@@ -13,6 +13,7 @@ import numpy.typing as npt
 from granular_id import _core
 from granular_id._checks import argument_error, finite_number, whole_number
 from granular_id._estimators import convergence_warnings, versions
+from granular_id._memory import taken
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence import HeldOutScores, Scores, conformal_rule, unknown_rule
@@ -198,13 +199,13 @@ def _answers(
     n_seen = checkpoints(X.shape[1])
     answers, values, scores, chosen = [], [], [], []
     for partition in partitions:
-        samples = X[partition.train]
+        samples = taken(X, partition.train, "recordings that train")
         pipeline = recipe.pipeline(data.rate_hz, posterior=False, threads=threads)
         fit_pipeline(pipeline, samples, data.y[partition.train], groups.take(partition.train))
         core = model_of(pipeline, data.rate_hz, axes=data.axes, samples=samples)
         chosen.append(Chosen.of(pipeline))
         answers += [provisional_answers(core, X[row], n_seen) for row in partition.test.tolist()]
-        scores.append(core.scores(X[partition.test]))
+        scores.append(core.scores(taken(X, partition.test, "recordings held out")))
         values.append(-core.losses(scores[-1]))
         tick(f"{held_out}: {partition.description}")
     rows = np.concatenate([partition.test for partition in partitions])
