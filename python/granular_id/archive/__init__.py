@@ -2,6 +2,25 @@
 
 from __future__ import annotations
 
-from granular_id.io.parquet.archive import Archive
+from granular_id.archive.answers import Answers, identify
+from granular_id.archive.check import CheckReport, Problem, check
+from granular_id.archive.extraction import Extraction, PartitionError
+from granular_id.archive.features import Features, extract
+from granular_id.io.parquet.archive import Archive, RowGroup
+from granular_id.io.parquet.writing import Appended, append
 
-__all__ = ["Archive"]
+__all__ = [
+    "Answers",
+    "Appended",
+    "Archive",
+    "CheckReport",
+    "Extraction",
+    "Features",
+    "PartitionError",
+    "Problem",
+    "RowGroup",
+    "append",
+    "check",
+    "extract",
+    "identify",
+]

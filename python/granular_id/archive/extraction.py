@@ -1,0 +1,404 @@
+"""Work on whole archives: planned, done by an engine, each partition exactly once, and written down."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter, time
+from typing import Any
+
+from granular_id._checks import argument_error, checked_choice, checked_n_jobs
+from granular_id._files import made_folder, whole_file
+from granular_id._progress import ProgressCallback, check_progress, displaying
+from granular_id._text import counted, whole_percent
+from granular_id.archive.engines import run_dask, run_local
+from granular_id.archive.work import (
+    MARK,
+    VERSION,
+    Outcome,
+    Task,
+    Work,
+    finished,
+    forget,
+    partition_name,
+    remember,
+    spec_json,
+    sync_folder,
+)
+from granular_id.io.errors import need
+from granular_id.io.parquet.archive import Archive, RowGroup
+
+MANIFEST = "manifest.json"
+_FORMAT = "granular-id partitions"
+
+_MOST_RECORDINGS = 2048
+"""Recordings of a partition: 0.1 to 1 s of work, from counts to multi-band features."""
+
+_NAMED = 3
+"""Failures that an error names."""
+
+_MOST_SAMPLES = 1 << 22
+"""Samples of a partition of long recordings."""
+
+_PARTITION = re.compile(r"[0-9a-f]{32}\.parquet")
+_DRAFT = re.compile(r"\.[0-9a-f]{32}\.parquet\.[0-9a-f]{16}\.tmp|\.manifest-[0-9a-f]{16}\.json")
+_PROBE = re.compile(r"\.[0-9a-f]{16}\.tmp")
+_PROBE_LASTS_S = 60.0
+"""Empty files by which engines see whether workers have the folder: another driver's may be in use."""
+
+
+@dataclass(frozen=True)
+class Extraction:
+    """What was done for an archive; printed, it is one line.
+
+    Attributes
+    ----------
+    out : Path
+        Folder of the partitions and ``manifest.json``.
+    n_recordings, n_partitions : int
+        What the folder holds now.
+    n_resumed : int
+        Partitions that were there before, and were not computed again.
+    seconds : float
+        From the first task to the manifest.
+    stage_seconds : dict of str to float
+        Seconds of ``reading``, ``computing`` and ``writing``, of all threads together.
+    recordings_per_s : float
+        Recordings of this run, not of what was there before; 0 where there were none.
+    sha256 : str
+        Over all partitions: the same recordings, work and versions give the same, whatever engine did it.
+    synthetic : bool
+        Whether any recording was simulated: what comes of them says nothing about real materials.
+    failures : tuple of Outcome
+        Partitions that could not be made, each with ``problem``.
+    """
+
+    out: Path
+    n_recordings: int
+    n_partitions: int
+    n_resumed: int
+    seconds: float
+    stage_seconds: dict[str, float]
+    recordings_per_s: float
+    sha256: str
+    synthetic: bool = False
+    failures: tuple[Outcome, ...] = ()
+
+    def __str__(self) -> str:
+        marked = "SYNTHETIC recordings" if self.synthetic else "recordings"
+        said = [f"{self.n_recordings} {marked} in {counted(self.n_partitions, 'partition')}"]
+        if self.n_resumed:
+            said.append(f"{self.n_resumed} of them there before")
+        if self.recordings_per_s:
+            said.append(f"{self.seconds:.1f} s, {self.recordings_per_s:.0f} recordings/s")
+        whole = sum(self.stage_seconds.values())
+        if whole:
+            shares = (f"{name} {whole_percent(100 * s / whole)} %" for name, s in self.stage_seconds.items())
+            said.append(", ".join(shares))
+        if self.failures:
+            said.append(f"{counted(len(self.failures), 'partition')} FAILED")
+        return f"{self.out}: {'; '.join(said)}; sha256 {self.sha256[:16]}"
+
+
+class PartitionError(ValueError):
+    """Some partitions could not be made; all others are finished, and the manifest names both.
+
+    Attributes
+    ----------
+    extraction : Extraction
+        What was done; its ``failures`` are the partitions that were not.
+    """
+
+    def __init__(self, message: str, extraction: Extraction) -> None:
+        super().__init__(message)
+        self.extraction = extraction
+
+
+def run(
+    archive: Archive | str | os.PathLike[str],
+    work: Work,
+    out: str | os.PathLike[str],
+    *,
+    engine: str = "local",
+    n_jobs: int | None = None,
+    scheduler: Any = None,
+    progress: bool | ProgressCallback = True,
+    **options: Any,
+) -> Extraction:
+    """Do some work for all recordings of an archive, each exactly once; parameters and errors as of `extract`."""
+    opened = archive if isinstance(archive, Archive) else Archive(archive)
+    checked_choice("engine", engine, "local", "dask")
+    checked_n_jobs(n_jobs)
+    check_progress(progress)
+    if scheduler is not None and engine != "dask":
+        raise argument_error(ValueError, "scheduler", f"={scheduler!r} needs engine='dask', got {engine!r}")
+    if options and engine != "dask":
+        raise argument_error(TypeError, min(options), f"is an option of engine='dask', got {engine!r}")
+    work.check(opened)
+    folder, tasks = Path(os.path.abspath(out)), tasks_of(opened, work, out)  # noqa: PTH100 (resolve follows links)
+    spec, source = spec_json(work, opened), os.path.abspath(opened.folder)  # noqa: PTH100
+    with made_folder(folder):
+        stale = _refuse_others(folder, opened, spec, {task.name for task in tasks})
+        begun = perf_counter()
+        there = _there(folder, tasks)
+        done = dict(there)
+        missing = [task for task in tasks if task.name not in there]
+        n_missing = sum(task.n_recordings for task in missing)
+        n_made = 0
+
+        def left() -> float | None:
+            return (perf_counter() - begun) / n_made * (n_missing - n_made) if n_made else None
+
+        try:
+            remember(opened, source)
+            with displaying(progress, left) as display:
+
+                def take(outcome: Outcome) -> None:
+                    nonlocal n_made
+                    done[outcome.name] = outcome
+                    n_made += outcome.n_recordings
+                    if display.step is not None:
+                        rate = n_made / max(perf_counter() - begun, 1e-9)
+                        n_before = opened.n_recordings - n_missing
+                        display.step(n_before + n_made, opened.n_recordings, f"{rate:.0f} recordings/s")
+
+                _run_engine(missing, take, engine=engine, n_jobs=n_jobs, scheduler=scheduler, options=options)
+        finally:
+            forget(source)
+            _remove_drafts(folder)
+        for path in stale:
+            path.unlink(missing_ok=True)
+        outcomes = [done[task.name] for task in tasks]
+        synthetic = _synthetic(opened)
+        sha256 = _write_manifest(folder, opened, spec, outcomes, synthetic)
+        seconds = perf_counter() - begun
+    failures = tuple(outcome for outcome in outcomes if outcome.problem)
+    made = [done[task.name] for task in missing if not done[task.name].problem]
+    n_computed = sum(outcome.n_recordings for outcome in made)
+    extraction = Extraction(
+        out=Path(out),
+        n_recordings=sum(outcome.n_recordings for outcome in outcomes if not outcome.problem),
+        n_partitions=len(outcomes) - len(failures),
+        n_resumed=len(there),
+        seconds=seconds,
+        stage_seconds={
+            stage: sum(outcome.seconds.get(stage, 0.0) for outcome in made)
+            for stage in ("reading", "computing", "writing")
+        },
+        recordings_per_s=n_computed / seconds,
+        sha256=sha256,
+        synthetic=synthetic,
+        failures=failures,
+    )
+    if failures:
+        raise PartitionError(_failed(folder, failures, len(outcomes)), extraction)
+    return extraction
+
+
+def tasks_of(archive: Archive, work: Work, out: str | os.PathLike[str]) -> list[Task]:
+    """Return the partitions of an archive as tasks, in its order."""
+    spec = spec_json(work, archive)
+    return [
+        Task(
+            archive=os.path.abspath(archive.folder),  # noqa: PTH100 (resolve follows links)
+            out=os.path.abspath(out),  # noqa: PTH100
+            name=partition_name(spec, groups),
+            row_groups=tuple((group.file, group.row_group) for group in groups),
+            n_recordings=groups[-1].stop - groups[0].start,
+            work=work,
+        )
+        for groups in planned(archive.row_groups)
+    ]
+
+
+def planned(row_groups: Sequence[RowGroup]) -> Iterator[list[RowGroup]]:
+    """Join neighbouring row groups to partitions; what is appended to an archive changes at most the last one."""
+    some: list[RowGroup] = []
+    n_recordings = n_samples = 0
+    for group in row_groups:
+        n_recordings += group.stop - group.start
+        n_samples += group.n_samples
+        if some and (n_recordings > _MOST_RECORDINGS or n_samples > _MOST_SAMPLES):
+            yield some
+            some, n_recordings, n_samples = [], group.stop - group.start, group.n_samples
+        some.append(group)
+    if some:
+        yield some
+
+
+def _run_engine(
+    tasks: Sequence[Task],
+    take: Callable[[Outcome], None],
+    *,
+    engine: str,
+    n_jobs: int | None,
+    scheduler: Any,
+    options: dict[str, Any],
+) -> None:
+    if engine == "dask":
+        run_dask(tasks, scheduler, n_jobs, take, **options)
+    else:
+        run_local(tasks, n_jobs, take)
+
+
+# What is in the folder already.
+
+
+def _refuse_others(folder: Path, archive: Archive, spec: str, wanted: set[str]) -> list[Path]:
+    """Refuse a folder with other work or other recordings in it; return partitions of an older state of the archive."""
+    library = need("pyarrow.parquet", extra="dask", why="to work on archives")
+    other, help_ = f"{folder} holds other work already", "name another folder, or remove this one"
+    stale = []
+    for path in sorted(folder.iterdir()):
+        if path.name in wanted or not _PARTITION.fullmatch(path.name):
+            continue
+        try:
+            with library.ParquetFile(path) as opened:
+                said = json.loads((opened.metadata.metadata or {})[MARK.encode()])["spec"]
+                rows = opened.read(["name", "digest"])
+        except FileNotFoundError:  # another driver has just removed it
+            continue
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"{other}: {path.name} is no partition ({error}); {help_}"[:400]) from error
+        if said != json.loads(spec):
+            raise ValueError(f"{other}: {_difference(said, json.loads(spec))}; {help_}")
+        if not _all_in(rows, archive):
+            problem = f"recordings that {archive.folder} does not have (in {path.name})"
+            raise ValueError(f"{folder} holds {problem}; {help_}")
+        stale.append(path)
+    return stale
+
+
+def _all_in(rows: Any, archive: Archive) -> bool:
+    """Tell whether an archive has all of these recordings: by digest, or by name where an old one has no digests."""
+    arrow = need("pyarrow.compute", extra="dask", why="to work on archives")
+    old = rows["digest"].is_null()
+    for name, some in (("digest", rows.filter(arrow.invert(old))), ("name", rows.filter(old))):
+        if some.num_rows:
+            if name not in archive.index.column_names:
+                return False
+            known = archive.index[name].cast(some[name].type)
+            if not arrow.all(arrow.is_in(some[name], value_set=known)).as_py():
+                return False
+    return True
+
+
+def _difference(there: Any, wanted: Any, what: str = "") -> str:
+    """Name the first entry in which two descriptions differ."""
+    if isinstance(there, dict) and isinstance(wanted, dict):
+        for key in [*wanted, *there]:
+            if there.get(key) != wanted.get(key):
+                return _difference(there.get(key), wanted.get(key), str(key))
+    return f"{what} {there!r:.120} there, {wanted!r:.120} wanted"
+
+
+def _there(folder: Path, tasks: Sequence[Task]) -> dict[str, Outcome]:
+    """Return what was finished before; digests come from the last manifest where it lists them."""
+    try:
+        listed = {known["name"]: known for known in read_manifest(folder)["partitions"]}
+    except (OSError, ValueError):
+        listed = {}
+    there: dict[str, Outcome] = {}
+    for task in tasks:
+        known = listed.get(task.name)
+        path = folder / task.name
+        if known is not None and path.is_file() and path.stat().st_size == known["n_bytes"]:
+            there[task.name] = Outcome(task.name, task.n_recordings, known["sha256"], known["n_bytes"])
+        elif path.is_file() and (outcome := finished(task)) is not None:
+            there[task.name] = outcome
+    return there
+
+
+def _remove_drafts(folder: Path) -> None:
+    """Remove temporary files, whoever left them; a driver that is still writing one begins it anew."""
+    for path in folder.iterdir():
+        with suppress(FileNotFoundError):
+            old = _PROBE.fullmatch(path.name) and time() - path.stat().st_mtime > _PROBE_LASTS_S
+            if old or _DRAFT.fullmatch(path.name):
+                path.unlink()
+
+
+# The manifest.
+
+
+def _write_manifest(
+    folder: Path, archive: Archive, spec: str, outcomes: Sequence[Outcome], synthetic: bool
+) -> str:
+    """Write down what is there, the last thing that is done; return the digest over all partitions."""
+    made = [outcome for outcome in outcomes if not outcome.problem]
+    lines = "".join(f"{outcome.sha256} {outcome.name}\n" for outcome in made)
+    sha256 = hashlib.sha256(lines.encode()).hexdigest()
+    manifest = {
+        "format": _FORMAT,
+        "version": VERSION,
+        "spec": json.loads(spec),
+        "archive": archive.fingerprint,
+        "synthetic": synthetic,
+        "n_recordings": sum(outcome.n_recordings for outcome in made),
+        "sha256": sha256,
+        "partitions": [
+            {key: getattr(outcome, key) for key in ("name", "n_recordings", "n_bytes", "sha256")}
+            for outcome in made
+        ],
+        "failures": [
+            {key: getattr(outcome, key) for key in ("name", "n_recordings", "problem")}
+            for outcome in outcomes
+            if outcome.problem
+        ],
+    }
+    text = json.dumps(manifest, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+    for attempt in range(3):  # another driver that comes to its end removes all temporary files
+        try:
+            with whole_file(folder / MANIFEST) as draft, draft.open("w", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+            break
+        except FileNotFoundError:
+            if attempt == 2:
+                raise
+    sync_folder(folder)
+    return sha256
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read what a folder says that it holds; FileNotFoundError or ValueError where it says nothing of the kind."""
+    path = folder / MANIFEST
+    try:
+        said: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        _check_manifest(said)
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise ValueError(f"{path} is no manifest of partitions: {error}") from error
+    return said
+
+
+def _check_manifest(said: dict[str, Any]) -> None:
+    if said["format"] != _FORMAT or said["version"] != VERSION:
+        raise ValueError(f"wanted {_FORMAT!r}, version {VERSION}")
+    for known in said["partitions"]:
+        if not _PARTITION.fullmatch(known["name"]) or not isinstance(known["n_bytes"], int):
+            raise ValueError(f"partition {known['name']!r:.80}")
+    missing = {"spec", "n_recordings", "sha256", "failures"} - said.keys()
+    if missing:
+        raise ValueError(f"{min(missing)!r} is missing")
+
+
+def _synthetic(archive: Archive) -> bool:
+    """Tell whether the metadata of any recording say that it was simulated."""
+    arrow = need("pyarrow.compute", extra="dask", why="to work on archives")
+    texts = archive.index["meta"].unique().cast("string").drop_null()
+    likely = texts.filter(arrow.match_substring(texts, '"synthetic": true'))
+    return any(json.loads(text).get("synthetic") is True for text in likely.to_pylist())
+
+
+def _failed(folder: Path, failures: Sequence[Outcome], n_partitions: int) -> str:
+    named = "; ".join(f"{outcome.name}: {outcome.problem}" for outcome in failures[:_NAMED])
+    more = f"; {len(failures) - _NAMED} more in {MANIFEST}" if len(failures) > _NAMED else ""
+    how_many = f"{len(failures)} of {counted(n_partitions, 'partition')} failed"
+    return f"{folder}: {how_many}, all others are finished: {named}{more}"

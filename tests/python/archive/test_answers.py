@@ -1,0 +1,313 @@
+"""Answers about an archive are those that the model gives of its recordings loaded, to the last bit."""
+
+import pickle
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import granular_id as gid
+from archive_cases import files_in, poison, small_partitions
+from granular_id._core import FeatureSpec
+from granular_id.archive import Answers, PartitionError, extract, identify
+from granular_id.archive.answers import COLUMNS, MODEL, AnswerWork
+from granular_id.identifier import Identifier, check_recordings, cropped_to_model, identify_all, starts_in
+from granular_id.io.parquet.archive import Archive
+from granular_id.io.parquet.writing import save_parquet
+from granular_id.recording import Dataset, Recording, SampleFlag
+
+LABELS = ("oat flakes", "rice", "sugar")
+N_SAMPLES, LEAD = 60, 10
+
+
+def pushes(n=24, *, seed=0, n_samples=N_SAMPLES, **fields):
+    """Recordings of three materials that begin to move at their trigger."""
+    rng = np.random.default_rng(seed)
+    every = []
+    for i in range(n):
+        wrench = np.round(rng.normal(0.1 * (i % 3), 0.3 + 0.06 * (i % 3), (n_samples, 6)) * 64) / 64
+        about = {
+            "label": LABELS[i % 3],
+            "session": f"day {i % 2}",
+            "trigger_index": LEAD,
+            "name": f"push {i}",
+        }
+        every.append(Recording(wrench, rate_hz=500, **{**about, **fields}))
+    return Dataset(every)
+
+
+@pytest.fixture(scope="module")
+def trained():
+    return pushes(30, meta={"frame": "flange", "sensor": "Mini45"})
+
+
+@pytest.fixture(scope="module")
+def model(trained):
+    return Identifier.fit(trained, "hfmh", posterior="wu_lin_weng", n_folds=3, coverage=0.8)
+
+
+def saved(data, folder, per_group=5):
+    return save_parquet(data, folder, recordings_per_group=per_group)
+
+
+def rows_of(answers):
+    return [{name: row[name] for name in ("name", "label", *COLUMNS)} for row in answers.table.to_pylist()]
+
+
+def expected(model, data, **crop):
+    """What `granular-id identify` answers of a data set."""
+    taken = cropped_to_model(data, model.core, **crop)
+    return [
+        {
+            "name": one.name,
+            "label": one.truth,
+            "answer": one.label,
+            "margin": one.margin,
+            "probability": one.probability,
+            "candidates": list(one.candidates),
+            "unknown": one.unknown,
+            "warnings": list(one.warnings),
+            "trained_on": one.trained_on,
+        }
+        for one in identify_all(model, taken)
+    ]
+
+
+def answered(model, data, tmp_path, **options):
+    archive = saved(data, tmp_path / "archive")
+    return identify(archive, model, tmp_path / "out", progress=False, **options)
+
+
+def mixed(trained):
+    """Recordings of the training and fresh ones, longer ones, flagged ones, one without a label."""
+    flags = np.zeros(N_SAMPLES, np.uint8)
+    flags[[3, 7]] = SampleFlag.SATURATED
+    fresh = list(pushes(12, seed=1))
+    fresh[2] = replace(fresh[2], flags=flags)
+    fresh[4] = replace(fresh[4], label=None)
+    longer = [replace(one, trigger_index=LEAD + k) for k, one in enumerate(pushes(6, seed=2, n_samples=90))]
+    early = np.zeros(90, np.uint8)
+    early[0] = SampleFlag.BAD_STATUS  # cropped away
+    longer[3] = replace(longer[3], flags=early)
+    return Dataset([*trained[3:9], *fresh, *longer])
+
+
+@pytest.mark.parametrize("space", ["hfmh", "raw+hfmh", "multiband"])
+def test_answers_are_those_of_the_recordings_loaded(trained, space, tmp_path):
+    own = Identifier.fit(trained, space, n_folds=3, coverage=0.8)
+    data = mixed(trained)
+    assert rows_of(answered(own, data, tmp_path)) == expected(own, data)
+
+
+def test_probabilities_candidates_and_rejections_are_there(model, tmp_path):
+    rows = rows_of(answered(model, pushes(seed=3), tmp_path))
+    assert all(0 < row["probability"] <= 1 and row["unknown"] in (True, False) for row in rows)
+    assert any(len(row["candidates"]) > 1 for row in rows)
+
+
+def test_what_a_model_does_not_know_is_null(trained, tmp_path):
+    own = Identifier.fit(trained, "hfmh", estimate=False)
+    row = rows_of(answered(own, pushes(seed=3), tmp_path))[0]
+    assert (row["probability"], row["unknown"], row["candidates"]) == (None, None, [])
+
+
+def test_a_model_that_does_not_know_its_recordings_says_nothing_of_them(tmp_path):
+    from model_cases import random_model
+
+    axes = {"axes": '["fx", "fy", "fz", "tx", "ty", "tz"]', "units": '["N", "N", "N", "N m", "N m", "N m"]'}
+    core = random_model(0, 3, N_SAMPLES, 6, spec=FeatureSpec(n_bins=5), metadata={**axes, "lead_s": ""})
+    assert answered(Identifier(core), pushes(6), tmp_path).table["trained_on"].to_pylist() == [None] * 6
+
+
+def test_recordings_of_the_training_are_known_without_stored_digests(model, trained, tmp_path):
+    import pyarrow.parquet as pq
+
+    folder = saved(trained, tmp_path / "archive")
+    index = folder / "recordings.parquet"
+    table = pq.read_table(index)
+    pq.write_table(table.drop_columns(["digest"]), index)
+    answers = identify(folder, model, tmp_path / "out", progress=False)
+    assert answers.table["trained_on"].to_pylist() == [True] * len(trained)
+
+
+@pytest.mark.parametrize("begin_at", ["auto", "first", "trigger"])
+@pytest.mark.parametrize("lead_s", [None, 0.0, 0.01])
+def test_longer_recordings_begin_as_elsewhere(model, begin_at, lead_s):
+    longer = [replace(one, trigger_index=k) for k, one in enumerate(pushes(12, n_samples=64))]
+    without = [replace(one, trigger_index=None) for one in pushes(3, seed=1, n_samples=70)]
+    data = Dataset([*longer, *pushes(3), *without, *pushes(3, n_samples=40)])
+    lengths = np.array([one.n_samples for one in data])
+    triggers = np.array([-1 if one.trigger_index is None else one.trigger_index for one in data])
+    starts = starts_in(data.names, lengths, triggers, model.core, begin_at=begin_at, lead_s=lead_s)
+    cropped = cropped_to_model(data, model.core, begin_at=begin_at, lead_s=lead_s, on_short="skip")
+    kept = [(one, start) for one, start in zip(data, starts.tolist(), strict=True) if start >= 0]
+    assert [one.name for one, _ in kept] == list(cropped.names)
+    for (one, start), other in zip(kept, cropped, strict=True):
+        np.testing.assert_array_equal(one.wrench[start : start + N_SAMPLES], other.wrench)
+
+
+def test_where_recordings_begin_can_be_stated(model, tmp_path):
+    data = pushes(6, seed=4, n_samples=80)
+    options = {"begin_at": "trigger", "lead_s": 0.01}
+    assert rows_of(answered(model, data, tmp_path, **options)) == expected(model, data, **options)
+
+
+def test_recordings_too_short_are_refused_before_any_work(model, tmp_path):
+    data = Dataset([*pushes(4), *pushes(2, n_samples=40)])
+    message = (
+        r"'push 0' has 40 samples and its trigger at 10, the model takes 60; 2 of 6 recordings are like this"
+    )
+    with pytest.raises(ValueError, match=message):
+        answered(model, data, tmp_path)
+    assert not (tmp_path / "out").exists()
+
+
+def test_recordings_too_short_may_stay_without_an_answer(model, tmp_path):
+    data = Dataset([*pushes(4), *pushes(2, n_samples=40)])
+    answers = answered(model, data, tmp_path, on_short="skip")
+    assert [row["answer"] is None for row in rows_of(answers)] == [False] * 4 + [True] * 2
+    assert "2 recordings without an answer: too short, or no trigger" in answers.summary().notes
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"rate_hz": 250}, "has 250 Hz, the model was trained at 500 Hz"),
+        ({"meta": {"frame": "tool"}}, "frame 'tool', in training 'flange'"),
+        (
+            {"meta": {"units": dict.fromkeys(("fx", "fy", "fz"), "lbf")}},
+            "units 'fx: lbf', in training 'fx: N'",
+        ),
+    ],
+)
+def test_another_set_up_is_refused_before_any_work(model, tmp_path, fields, message):
+    data = Dataset([*pushes(8), replace(pushes(1)[0], **fields)])
+    with pytest.raises(ValueError, match=message):
+        answered(model, data, tmp_path)
+    assert not (tmp_path / "out").exists()
+
+
+def test_other_axes_are_refused(model, tmp_path):
+    with pytest.raises(ValueError, match="has the axes fx fy; the model was trained on"):
+        answered(model, pushes(4).select(axes=["fx", "fy"]), tmp_path)
+
+
+def test_a_frame_of_another_name_may_be_accepted(model, tmp_path):
+    with pytest.warns(UserWarning, match="frame 'tool', in training 'flange'"):
+        answers = answered(model, pushes(4, meta={"frame": "tool"}), tmp_path, accept="frame")
+    assert len(answers) == 4
+
+
+def test_what_else_differs_is_told_once(model, tmp_path):
+    data = pushes(11, meta={"sensor": "Nano17"})
+    assert check_recordings(data, model.core) == ("sensor 'Nano17', in training 'Mini45'",)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        answered(model, data, tmp_path)
+    assert [str(one.message) for one in told] == [
+        "another set-up than in the training: sensor 'Nano17', in training 'Mini45'"
+    ]
+
+
+def test_answers_are_the_same_in_partitions_of_any_size(model, trained, tmp_path, monkeypatch):
+    whole = rows_of(answered(model, mixed(trained), tmp_path))
+    small_partitions(monkeypatch, 6)
+    again = identify(tmp_path / "archive", model, tmp_path / "small", n_jobs=2, progress=False)
+    assert again.extraction.n_partitions > 1
+    assert rows_of(again) == whole
+
+
+def test_a_second_call_answers_nothing_again(model, tmp_path):
+    first = answered(model, pushes(9), tmp_path)
+    before = files_in(first.folder)
+    again = identify(tmp_path / "archive", model, first.folder, progress=False)
+    assert again.extraction.n_resumed == again.extraction.n_partitions
+    assert files_in(first.folder) == before
+
+
+def test_a_model_is_a_path_too(model, tmp_path):
+    model.save(tmp_path / "kitchen.safetensors")
+    archive = saved(pushes(6), tmp_path / "archive")
+    answers = identify(archive, tmp_path / "kitchen.safetensors", tmp_path / "out", progress=False)
+    assert (answers.folder / MODEL).read_bytes() == model.core.to_bytes()
+
+
+def test_no_model_travels_to_workers(model, tmp_path):
+    answers = answered(model, pushes(6), tmp_path)
+    work = AnswerWork(
+        str(answers.folder / MODEL), answers.spec["work"]["answers"]["model"], loaded=model.core
+    )
+    sent = pickle.dumps(work)
+    assert len(sent) < 1000
+    assert pickle.loads(sent).core == model.core
+
+
+def test_answers_of_another_model_are_refused(model, trained, tmp_path):
+    answers = answered(model, pushes(6), tmp_path)
+    other = Identifier.fit(trained, "raw", estimate=False)
+    with pytest.raises(ValueError, match="holds answers of another model already; name another folder"):
+        identify(tmp_path / "archive", other, answers.folder, progress=False)
+
+
+def test_a_folder_of_features_is_refused_and_stays_as_it_is(model, tmp_path):
+    archive = saved(pushes(6), tmp_path / "archive")
+    extract(archive, tmp_path / "out", "hfmh", progress=False)
+    before = files_in(tmp_path / "out")
+    with pytest.raises(ValueError, match=r"holds other work already, and no model\.safetensors"):
+        identify(archive, model, tmp_path / "out", progress=False)
+    assert files_in(tmp_path / "out") == before
+    with pytest.raises(ValueError, match="holds no answers, but other work"):
+        Answers(tmp_path / "out")
+
+
+def test_a_damaged_row_group_fails_alone(model, tmp_path, monkeypatch):
+    archive = saved(pushes(20), tmp_path / "archive")
+    poison(archive, 1)
+    small_partitions(monkeypatch, 5)
+    with pytest.raises(PartitionError, match="row group 1"):
+        identify(archive, model, tmp_path / "out", progress=False)
+    with pytest.raises(ValueError, match=r"1 partition failed.*partial=True"):
+        Answers(tmp_path / "out")
+    answers = Answers(tmp_path / "out", partial=True)
+    assert len(answers) == 15
+    assert "1 partition failed and is left out" in answers.summary().notes
+
+
+def test_the_summary_says_of_each_material_what_a_batch_says(model, trained, tmp_path):
+    data = mixed(trained)
+    batch = identify_all(model, cropped_to_model(data, model.core))
+    table = answered(model, data, tmp_path).summary()
+    assert table.title == "Materials named in 24 recordings"
+    assert table.header == (
+        *("material", "answers", "share", "recordings of it", "named rightly"),
+        *("unknown", "several candidates"),
+    )
+    assert [row[:2] for row in table.rows] == [
+        (name, str(sum(one.label == name for one in batch))) for name in model.classes
+    ]
+    assert table.notes[: len(batch.table().notes)] == batch.table().notes
+    assert "1 recording with flagged samples: see the column warnings" in table.notes
+
+
+def test_a_summary_of_unlabelled_recordings_knows_no_truth(model, tmp_path):
+    table = answered(model, pushes(6, seed=5, label=None), tmp_path).summary()
+    assert table.header == ("material", "answers", "share", "unknown", "several candidates")
+
+
+def test_simulated_recordings_are_called_so(tmp_path):
+    data = gid.synthesize(["rice", "fine sugar"], n_per_class=3, duration_s=0.3)
+    own = Identifier.fit(data, "hfmh", estimate=False)
+    assert "SYNTHETIC recordings and a model of such" in answered(own, data, tmp_path).summary().title
+
+
+def test_unfinished_answers_are_no_answers(model, tmp_path):
+    answers = answered(model, pushes(6), tmp_path)
+    (answers.folder / "manifest.json").unlink()
+    with pytest.raises(FileNotFoundError, match="the answers are not finished: identify again"):
+        Answers(answers.folder)
+
+
+def test_an_archive_opened_before_serves_too(model, tmp_path):
+    archive = Archive(saved(pushes(6), tmp_path / "archive"))
+    assert len(identify(archive, model, tmp_path / "out", progress=False)) == 6

@@ -1,0 +1,370 @@
+"""Work on archives: each partition exactly once, whatever stops, dies, runs twice or cannot be read."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import resource
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from archive_cases import files_in, partitions_in, poison, small_partitions, some_archive, some_recordings
+from granular_id.archive import Archive, Extraction, Features, PartitionError, append
+from granular_id.archive.extraction import planned, run, tasks_of
+from granular_id.archive.work import forget, process_partition, read_samples, remember
+from granular_id.recording import Dataset
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sum of the samples of each recording; `before` is called with each row group."""
+
+    about_it: str = "sums"
+    before: Any = None
+
+    def about(self):
+        return {"sums": self.about_it}
+
+    def check(self, archive):
+        if archive.axes[0] != "fx":
+            raise ValueError("wanted fx")
+
+    def fields(self, archive):
+        return [pa.field("sum", pa.float64())]
+
+    def columns(self, archive, group):
+        if self.before is not None:
+            self.before(group)
+        samples = read_samples(archive, group)
+        return [pa.array(samples.reshape(group.stop - group.start, -1).sum(axis=1))]
+
+
+def quietly(archive, out, work=None, **options) -> Extraction:
+    return run(archive, Sums() if work is None else work, out, progress=False, **options)
+
+
+@pytest.fixture
+def archive(tmp_path, monkeypatch) -> Path:
+    """24 recordings in row groups of 2, partitions of 4."""
+    small_partitions(monkeypatch)
+    return some_archive(tmp_path / "archive")
+
+
+@pytest.fixture
+def out(tmp_path) -> Path:
+    return tmp_path / "out"
+
+
+# The plan.
+
+
+@pytest.mark.parametrize(("lengths", "wanted"), [([60] * 8, [4, 4]), ([60] * 7, [4, 3]), ([60], [1])])
+def test_partitions_join_row_groups_in_order(tmp_path, monkeypatch, lengths, wanted):
+    small_partitions(monkeypatch)
+    opened = Archive(some_archive(tmp_path / "a", some_recordings(n_samples=lengths, n=0), per_group=1))
+    parts = list(planned(opened.row_groups))
+    assert [sum(group.stop - group.start for group in part) for part in parts] == wanted
+    assert [group for part in parts for group in part] == list(opened.row_groups)
+
+
+def test_a_partition_never_splits_a_row_group(tmp_path, monkeypatch):
+    small_partitions(monkeypatch, 3)
+    opened = Archive(some_archive(tmp_path / "a", some_recordings(12), per_group=5))
+    assert [[group.row_group for group in part] for part in planned(opened.row_groups)] == [[0], [1], [2]]
+
+
+def test_partitions_of_long_recordings_hold_fewer(archive, monkeypatch):
+    monkeypatch.setattr("granular_id.archive.extraction._MOST_SAMPLES", 150)
+    assert {len(part) for part in planned(Archive(archive).row_groups)} == {1}
+
+
+# What is written.
+
+
+def test_every_recording_is_there_once_beside_what_the_index_says(archive, out):
+    done = quietly(archive, out)
+    assert (done.n_recordings, done.n_partitions, done.n_resumed) == (24, 6, 0)
+    names = [part["name"] for part in json.loads((out / "manifest.json").read_bytes())["partitions"]]
+    table = pa.concat_tables([pq.read_table(out / name) for name in names])
+    index = Archive(archive).index
+    for name in ("name", "label", "session", "start_time", "digest"):
+        assert table[name].to_pylist() == index[name].to_pylist()
+    assert table["sum"].to_pylist() == [r.wrench.ravel().sum() for r in some_recordings()]
+
+
+def test_row_groups_of_few_recordings_are_written_together(archive, out, tmp_path, monkeypatch):
+    quietly(archive, out)
+    together = [pq.read_metadata(path).num_row_groups for path in out.glob("*.parquet")]
+    monkeypatch.setattr("granular_id.archive.work._LEAST_ROWS", 1)
+    quietly(archive, tmp_path / "apart")
+    apart = sorted((tmp_path / "apart").glob("*.parquet"))
+    assert (together, [pq.read_metadata(path).num_row_groups for path in apart]) == ([1] * 6, [2] * 6)
+    assert [pq.read_table(path) for path in apart] == [pq.read_table(out / path.name) for path in apart]
+
+
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_the_same_bytes_from_any_number_of_threads(archive, out, tmp_path, n_jobs):
+    first, second = quietly(archive, out), quietly(archive, tmp_path / "other", n_jobs=n_jobs)
+    assert files_in(out) == files_in(tmp_path / "other")
+    assert first.sha256 == second.sha256
+
+
+def test_a_small_task_goes_to_a_worker_and_makes_the_same_file(archive, out):
+    quietly(archive, out)
+    before = files_in(out)
+    for task in tasks_of(Archive(archive), Sums(), out):
+        (out / task.name).unlink()
+        forget(task.archive)
+        sent = pickle.dumps(task)
+        assert len(sent) < 2000
+        assert process_partition(pickle.loads(sent)).sha256
+    assert files_in(out) == before
+
+
+def test_the_result_is_printed_in_a_line(archive, out):
+    said = str(quietly(archive, out))
+    assert said.startswith(f"{out}: 24 recordings in 6 partitions; ")
+    assert "recordings/s; reading" in said
+    assert "\n" not in said
+    assert "6 of them there before" in str(quietly(archive, out))
+
+
+def test_what_comes_of_simulated_recordings_is_marked(tmp_path, out):
+    marked = [replace(r, meta={"synthetic": i == 3}) for i, r in enumerate(some_recordings(6))]
+    done = quietly(some_archive(tmp_path / "a", Dataset(marked)), out)
+    assert done.synthetic
+    assert "SYNTHETIC" in str(done)
+    assert json.loads((out / "manifest.json").read_bytes())["synthetic"] is True
+
+
+def test_progress_counts_recordings(archive, out):
+    told = []
+    run(archive, Sums(), out, progress=lambda *step: told.append(step))
+    assert [step[:2] for step in told] == [(4 * i, 24) for i in range(1, 7)]
+    assert "recordings/s" in told[-1][2]
+
+
+# Going on.
+
+
+def test_what_was_finished_is_not_computed_again(archive, out):
+    whole = quietly(archive, out)
+    before = files_in(out)
+    for name in partitions_in(out)[:2]:
+        (out / name).unlink()
+    seen = []
+    done = quietly(archive, out, Sums(before=seen.append))
+    assert (done.n_resumed, len(seen), done.sha256) == (4, 4, whole.sha256)
+    assert files_in(out) == before
+
+
+def test_stopped_between_the_last_partition_and_the_manifest(archive, out, tmp_path, monkeypatch):
+    whole = quietly(archive, tmp_path / "whole")
+    with monkeypatch.context() as once:
+        once.setattr("granular_id.archive.extraction._write_manifest", lambda *_: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            quietly(archive, out)
+    assert len(partitions_in(out)) == 6
+    done = quietly(archive, out)
+    assert (done.n_resumed, done.sha256) == (6, whole.sha256)
+
+
+def test_a_partition_that_was_cut_off_is_made_anew(archive, out):
+    whole = quietly(archive, out)
+    cut = out / partitions_in(out)[1]
+    cut.write_bytes(cut.read_bytes()[:-40])
+    done = quietly(archive, out)
+    assert (done.n_resumed, done.sha256) == (5, whole.sha256)
+
+
+def test_an_archive_that_has_grown_has_only_its_end_computed(tmp_path, out, monkeypatch):
+    small_partitions(monkeypatch)
+    data = some_recordings(26)
+    archive = some_archive(tmp_path / "archive", Dataset(data.recordings[:22]))
+    quietly(archive, out)
+    before = partitions_in(out)
+    append(archive, Dataset(data.recordings[22:24]))  # joins the last partition, which held two
+    append(archive, Dataset(data.recordings[24:]))
+    done = quietly(archive, out)
+    assert (done.n_resumed, done.n_recordings, len(partitions_in(out))) == (5, 26, 7)
+    assert len({*before} - {*partitions_in(out)}) == 1
+    assert done.sha256 == quietly(archive, tmp_path / "anew").sha256
+
+
+def test_pushes_that_were_added_one_by_one_are_joined(tmp_path, out, monkeypatch):
+    small_partitions(monkeypatch)
+    for recording in some_recordings(6):
+        append(tmp_path / "archive", Dataset([recording]))
+    assert quietly(tmp_path / "archive", out).n_partitions == 2
+    assert [pq.read_metadata(path).num_row_groups for path in out.glob("*.parquet")] == [1, 1]
+
+
+@pytest.mark.parametrize(
+    "recordings", [some_recordings(26), some_recordings(seed=1)], ids=["grown", "replaced"]
+)
+def test_workers_open_an_archive_again_that_is_another_one_by_now(archive, out, tmp_path, recordings):
+    remember(Archive(archive), str(archive))
+    out.mkdir()
+    archive.rename(tmp_path / "gone")
+    tasks = tasks_of(Archive(some_archive(archive, recordings)), Sums(), out)
+    assert [process_partition(task).problem for task in tasks] == [""] * len(tasks)
+    sums = [each for task in tasks for each in pq.read_table(out / task.name)["sum"].to_pylist()]
+    assert sums == [r.wrench.ravel().sum() for r in recordings]
+    forget(str(archive))
+
+
+def test_temporary_files_of_the_dead_are_removed(archive, out):
+    whole = quietly(archive, out)
+    for name in (f".{partitions_in(out)[0]}.{'0' * 16}.tmp", f".manifest-{'0' * 16}.json"):
+        (out / name).write_bytes(b"half")
+    (out / "notes.txt").write_text("mine")
+    assert quietly(archive, out).sha256 == whole.sha256
+    assert sorted(files_in(out)) == sorted([*partitions_in(out), "manifest.json", "notes.txt"])
+
+
+def test_a_temporary_file_that_another_driver_removed_is_written_again(archive, out, tmp_path):
+    removed = []
+
+    def remove(_):
+        drafts = list(out.glob(".*.tmp"))
+        if len(removed) < 2:
+            removed.extend(drafts)
+            for path in drafts:
+                path.unlink()
+
+    assert quietly(archive, out, Sums(before=remove)).sha256 == quietly(archive, tmp_path / "other").sha256
+    assert removed
+
+
+def test_two_drivers_at_once_write_the_same_and_nothing_twice(archive, out, tmp_path):
+    whole = quietly(archive, tmp_path / "whole")
+    inner = []
+
+    def another(_):
+        if not inner:
+            inner.append(None)
+            inner.append(quietly(archive, out))
+
+    outer = quietly(archive, out, Sums(before=another))
+    assert {outer.sha256, inner[1].sha256} == {whole.sha256}
+    assert files_in(out) == files_in(tmp_path / "whole")
+
+
+# What is refused.
+
+
+def test_other_work_in_the_same_folder_is_refused_before_any_is_done(archive, out):
+    quietly(archive, out)
+    before, seen = files_in(out), []
+    with pytest.raises(
+        ValueError, match=r"holds other work already: sums 'sums' there, 'others' wanted; name another"
+    ):
+        quietly(archive, out, Sums("others", before=seen.append))
+    assert (files_in(out), seen) == (before, [])
+
+
+def test_other_recordings_in_the_same_folder_are_refused(archive, out, tmp_path):
+    quietly(archive, out)
+    other = some_archive(tmp_path / "other", some_recordings(seed=1))
+    with pytest.raises(ValueError, match=r"holds recordings that .*other does not have"):
+        quietly(other, out)
+
+
+def test_an_old_archive_without_digests_knows_its_recordings_by_name(archive, out, tmp_path):
+    def without_digests(folder):
+        index = folder / "recordings.parquet"
+        mark = pq.read_metadata(index).metadata[b"granular_id"]
+        table = pq.read_table(index).drop_columns("digest").replace_schema_metadata({b"granular_id": mark})
+        pq.write_table(table, index)
+        return folder
+
+    data = some_recordings(26)
+    quietly(without_digests(archive), out)
+    assert quietly(archive, out).n_resumed == 6
+    grown = without_digests(some_archive(tmp_path / "grown", data))
+    assert quietly(grown, out).n_recordings == 26
+    other = Dataset([replace(r, name=f"other {r.name}") for r in data])
+    with pytest.raises(ValueError, match="holds recordings that"):
+        quietly(without_digests(some_archive(tmp_path / "other", other)), out)
+
+
+def test_work_that_an_archive_does_not_suit_makes_no_folder(tmp_path, out):
+    data = some_recordings().select(axes=("fy", "fz"))
+    with pytest.raises(ValueError, match="wanted fx"):
+        quietly(some_archive(tmp_path / "a", data), out)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"engine": "spark"}, "engine"),
+        ({"n_jobs": 0}, "n_jobs"),
+        ({"scheduler": "tcp://host:8786"}, "scheduler.* needs engine='dask'"),
+        ({"dashboard_address": ":8787"}, "dashboard_address is an option of engine='dask'"),
+    ],
+)
+def test_options_are_checked_first(archive, out, options, said):
+    with pytest.raises((ValueError, TypeError), match=said):
+        quietly(archive, out, **options)
+    assert not out.exists()
+
+
+# What goes wrong.
+
+
+def test_a_row_group_that_cannot_be_read_fails_alone(archive, out, tmp_path):
+    whole = quietly(archive, tmp_path / "whole")
+    good = poison(archive, 3)
+    with pytest.raises(
+        PartitionError, match=r"1 of 6 partitions failed.*part-00000.parquet, row group 3"
+    ) as caught:
+        quietly(archive, out)
+    done = caught.value.extraction
+    assert (done.n_partitions, done.n_recordings, len(done.failures)) == (5, 20, 1)
+    manifest = json.loads((out / "manifest.json").read_bytes())
+    assert [failure["name"] for failure in manifest["failures"]] == [done.failures[0].name]
+    assert "row group 3" in manifest["failures"][0]["problem"]
+    assert not list(out.glob(".*"))
+    (archive / "samples" / "part-00000.parquet").write_bytes(good)
+    repaired = quietly(archive, out)
+    assert (repaired.n_resumed, repaired.sha256) == (5, whole.sha256)
+
+
+def test_what_cannot_be_computed_is_named(archive, out):
+    def fail(group):
+        if group.row_group == 5:
+            raise ZeroDivisionError("no wrench\nat all")
+
+    with pytest.raises(PartitionError, match=r"samples/part-00000.parquet, row group 5: no wrench\\nat all"):
+        quietly(archive, out, Sums(before=fail))
+
+
+def test_a_full_disk_stops_all_and_leaves_nothing_half_written(archive, out):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(OSError, match=r"cannot write .*/out/[0-9a-f]{32}\.parquet: File too large"):
+            quietly(archive, out)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not out.exists()
+
+
+def test_ctrl_c_leaves_whole_partitions_and_no_manifest(archive, out):
+    def stop(done, total, what):
+        if done == 8:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(archive, Sums(), out, progress=stop)
+    assert sorted(files_in(out)) == partitions_in(out)
+    with pytest.raises(FileNotFoundError, match="not finished"):
+        Features(out)
+    assert quietly(archive, out).n_resumed >= 2
