@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from granular_id import _core
+from granular_id.cli.archive import archive, extract
 from granular_id.cli.confidence import confidence
 from granular_id.cli.data import data
 from granular_id.cli.demo import demo
@@ -29,10 +30,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help=PURPOSE,
 )
-for command in (evaluate, select, explain, confidence, record, live, report, train, identify, demo):
+for command in (evaluate, select, explain, confidence, record, live, report, train, identify, extract, demo):
     app.command()(command)
 app.add_typer(model, name="model")
 app.add_typer(data, name="data")
+app.add_typer(archive, name="archive")
 
 
 def _version(asked: bool) -> None:

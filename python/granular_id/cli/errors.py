@@ -30,13 +30,16 @@ FOUND_ERRORS = 3
 P = ParamSpec("P")
 
 _SAME = (
-    "array axes begin_at bin_range block_weights C checkpoint coding cutoff_hz direction duration_s false_alarm_rate "
-    "hop_s initial label lead_s max_gap max_gap_s n_bins n_samples on_error on_gap on_short on_time_error order "
-    "posterior pre_s protocol rate_hz rest_s robot sensor_range session space spaces speed_m_s tare_s target_error "
-    "threads threshold_n time_unit topic trigger units window_s"
+    "array axes begin_at bin_range block_weights C checkpoint coding cutoff_hz direction dtype duration_s engine "
+    "false_alarm_rate hop_s initial label lead_s max_gap max_gap_s n_bins n_samples on_error on_gap on_short "
+    "on_time_error order posterior pre_s protocol rate_hz rest_s robot scheduler sensor_range session space spaces "
+    "speed_m_s tare_s target_error threads threshold_n time_unit tls_cert tls_key topic trigger units window_s"
 )
 OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "format": "--to",
+    "dashboard_address": "--dashboard",
+    "n_jobs": "--jobs",
+    "tls_ca_file": "--tls-ca",
     "overrule": "--onset-at",
     "on_missing": "--on-short",
     "n_partitions": "--partitions",
@@ -167,7 +170,15 @@ def _accepts(found: re.Match[str]) -> str:
     return "add " + " ".join(f"--accept {name}" for name in re.findall(r"'([\w-]+)'", found[1]))
 
 
+_PREPARED = "make another archive of it by granular-id archive add"
+
 _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
+    r"call \.resample\(([\d.e+]+)\) on the recordings": rf"{_PREPARED} --rate-hz \1",
+    r"call \.select\(axes=\[([^\]]*)\]\) on the recordings": lambda listed: (
+        _PREPARED + _axes_listed(listed).removeprefix("add")
+    ),
+    r"call \.crop on the recordings": f"{_PREPARED} --duration-s",
+    r"in Identifier\.fit\(data, '([\w-]+)'\), and give model=": r"in granular-id train --space \1, and add --model",
     r"\bNone(?=(:| for) no limit)": "inf",
     r"pass train_per_class=(\d+), test_per_class=(\d+)": r"add --train \1 --test \2",
     r"leave out ((?:'[^']*', )*'[^']*'), or record more": _excluded,

@@ -10,8 +10,9 @@ import typer
 
 from granular_id._files import MODELS, check_source, write_json
 from granular_id._text import counted
+from granular_id.cli.archive import EngineOptions, typed_reader
 from granular_id.cli.errors import words_of
-from granular_id.cli.options import FORCE, command, option, positive
+from granular_id.cli.options import FORCE, as_typed, command, option, positive
 from granular_id.cli.outputs import (
     ANSWERS,
     JSON_FILE,
@@ -190,7 +191,11 @@ def _say_how_little(data: Dataset, identifier: Identifier, *, quiet: bool) -> No
 def identify(
     recordings: Recordings,
     fitting: Fitting,
+    engine: EngineOptions,
     *,
+    output: Path | None = option(
+        OUTPUT, "Of an archive: folder to write the answers into, or to go on with.", "--output", "-o"
+    ),
     json: Path | None = option(OUTPUT, "Write answers with their rankings."),
     csv: Path | None = option(OUTPUT, "Write answers as a table; with --hop-s each of them."),
     figure: Path | None = option(OUTPUT, "Draw the answers over one recording; needs --hop-s."),
@@ -211,13 +216,24 @@ def identify(
     filter, tool, trigger or speed is said; what is not known is not compared. `--accept` takes what is the
     same under another name.
 
+    With -o PATH is an archive of any size: its answers become Parquet files in that folder, each recording
+    exactly once, by the engine that is asked for (see `granular-id extract`). After a Ctrl-C or a crash the same
+    command does what is missing.
+
     Examples:
 
     `granular-id identify kitchen.safetensors fresh`
     `granular-id identify -m kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`
     `granular-id identify kitchen.safetensors bags --rate-hz 500 --begin-at onset --lead-s 0.1`
     `granular-id identify grounds.safetensors drive.csv --hop-s 0.5 --figure answers.png`
+    `granular-id identify kitchen.safetensors fleet -o answers --engine dask --jobs 8`
     """
+    if output is not None:
+        _refuse_beside_output(recordings, fitting, json=json, csv=csv, figure=figure, force=force)
+        _answer_archive(recordings, fitting, engine, output, quiet=quiet)
+        return
+    if words := as_typed(engine):
+        raise ValueError(f"{words[0]} is about archives: add -o OUT, a folder for the answers")
     if figure is not None and fitting.hop_s is None:
         raise ValueError("--figure draws answers over time: add --hop-s")
     outputs = ("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), ("--figure", figure, PICTURE)
@@ -225,11 +241,61 @@ def identify(
         check_outputs(*outputs, source=path, force=force)
         check_source(path)  # before imports that take longer than a look
     identifier = recordings.load_model()
-    data = fitting.resampled(recordings.load(identifier, quiet=quiet), quiet=quiet)
+    loaded = recordings.load(identifier, quiet=quiet)
+    data = fitting.resample(loaded)
+    if data is not loaded:
+        say_step(data, quiet=quiet)
     if fitting.hop_s is None:
         _answer_each(data, fitting, identifier, json, csv, quiet=quiet)
     else:
         _answer_over(data, fitting, identifier, json, csv, figure, quiet=quiet)
+
+
+_OF_ARCHIVES = ("--model", "--begin-at", "--lead-s", "--on-short", "--accept")
+
+
+def _refuse_beside_output(recordings: Recordings, fitting: Fitting, **others: Path | bool | None) -> None:
+    """Refuse what is not for answers into a folder."""
+    if len(recordings.paths) > 1:
+        raise ValueError(f"-o takes the answers about one archive, got {len(recordings.paths)}: name one")
+    for name, value in others.items():
+        if value:
+            raise ValueError(f"--{name} does not go with -o, whose folder holds the answers: leave it out")
+    for word in as_typed(recordings, fitting):
+        if word.startswith("--") and word not in _OF_ARCHIVES:
+            as_they_are = "recordings of an archive are answered as they are"
+            raise ValueError(
+                f"{word} does not go with -o: {as_they_are}; granular-id archive add prepares them"
+            )
+
+
+def _answer_archive(
+    recordings: Recordings, fitting: Fitting, engine: EngineOptions, output: Path, *, quiet: bool
+) -> None:
+    """Write one answer for each recording of an archive, and print what they are in all."""
+    (path,) = recordings.paths
+    if fitting.begin_at == "onset":
+        raise ValueError("--begin-at onset is not for archives: find onsets by granular-id archive add")
+    for file in (recordings.model_file, path):
+        check_source(file)
+    from granular_id.archive import identify as identify_archive
+
+    answers = identify_archive(
+        path,
+        recordings.load_model(),
+        output,
+        accept=fitting.accepted,
+        begin_at=fitting.begin_at,
+        lead_s=fitting.lead_s,
+        on_short=fitting.on_short,
+        progress=not quiet,
+        **engine.given(),
+    )
+    if not quiet:
+        print_table(answers.summary(), strong=answers.model.synthetic)
+        show("")
+    show(str(answers.extraction))
+    show(f"read them with: {typed_reader('Answers', output)}  # .table")
 
 
 def _answer_each(

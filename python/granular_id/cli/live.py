@@ -1,12 +1,12 @@
-"""``granular-id live``: pushes named while they happen; ``granular-id record``: pushes into files."""
+"""``granular-id live``: pushes named while they happen; ``granular-id record``: pushes into files or an archive."""
 
 from __future__ import annotations
 
 import json as json_format
 import sys
 import webbrowser
-from collections.abc import Sequence
-from contextlib import ExitStack, closing, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -23,7 +23,7 @@ from granular_id.cli.outputs import LIVE_ANSWERS, check_outputs, show, warn_of_s
 from granular_id.cli.recordings import ACCEPT, Difference
 
 if TYPE_CHECKING:
-    from granular_id.live import Capture, Recorder, Stream, Views, WrenchSource
+    from granular_id.live import Capture, Push, Recorder, Stream, Views, WrenchSource
     from granular_id.live.drive import Step
     from granular_id.live.setup import Setup
 
@@ -147,11 +147,61 @@ class Moving:
 MODEL, VIEWS, OUTPUT = "Model", "Views", "Output"
 
 
+@dataclass(kw_only=True)
+class Keeping:
+    """What stays of a session."""
+
+    json: Path | None = option(OUTPUT, "Write each answer into this file, one line of JSON each.")
+    archive: Path | None = option(
+        OUTPUT, "Append each answered push to this archive, with its answer; a new one is made."
+    )
+    force: bool = FORCE
+
+    def check(self, model: Path, *, early: bool, hop_s: float | None) -> None:
+        """Refuse what cannot be written, or would replace what is there."""
+        check_outputs(("--json", self.json, LIVE_ANSWERS), source=model, force=self.force)
+        for name, given in (("--early", early), ("--hop-s", hop_s is not None)):
+            if given and self.archive is not None:
+                raise ValueError(
+                    f"--archive keeps whole pushes, with {name} there are none: leave one of them out"
+                )
+
+    @contextmanager
+    def writing(self, axes: Sequence[str], about: dict[str, Any]) -> Iterator[Callable[[Push], None]]:
+        """Yield what writes a push; `about` goes beside each answer."""
+        # all that an append needs is loaded before anything moves: in between rows would be lost meanwhile
+        from granular_id._files import whole_lines
+        from granular_id.io.parquet.writing import append
+        from granular_id.recording import Dataset
+
+        if self.archive is not None:
+            from granular_id.live.recorder import check_archive
+
+            check_archive(self.archive, axes)
+        n_kept = 0
+        with nullcontext() if self.json is None else whole_lines(self.json) as answer:
+
+            def keep(push: Push) -> None:
+                nonlocal n_kept
+                if answer is not None:
+                    answer(json_format.dumps(push.to_dict() | about))
+                if self.archive is not None and push.recording is not None:
+                    append(self.archive, Dataset([push.recording]))
+                    n_kept += 1
+
+            try:
+                yield keep
+            finally:
+                if self.archive is not None:
+                    show(f"kept {counted(n_kept)} in {self.archive}")
+
+
 @command
 @stopping_the_robot()
 def live(
     sensing: Sensing,
     moving: Moving,
+    keeping: Keeping,
     *,
     model: Path = option(MODEL, "Model file, from `granular-id train`.", "--model", "-m", default=...),
     n: int | None = option(MODEL, "Stop after so many answers.", "--n", "-n"),
@@ -170,8 +220,6 @@ def live(
     port: int = option(VIEWS, "Of that page; 0: any free one.", default=0),
     no_browser: bool = option(VIEWS, "Print its address, do not open it.", "--no-browser", default=False),
     rerun: str | None = typer.Option(None, hidden=True),
-    json: Path | None = option(OUTPUT, "Write each answer into this file, one line of JSON each."),
-    force: bool = FORCE,
     quiet: bool = option(OUTPUT, "No screen: one line per push.", "--quiet", "-q", default=False),
 ) -> None:
     """Name the material of each push while the tool moves.
@@ -192,6 +240,9 @@ def live(
     it may be; another sensor, filter, tool, trigger or speed is a warning beside every answer. What either
     side does not know is not compared.
 
+    `--archive` keeps what was pushed: each answered push is appended to an archive when it is over, with the answer
+    in its `meta`. An answer is no label: the label stays empty, unless the source knows the truth.
+
     Works without any hardware: `sim:unknown` draws a material for each push, and tells afterwards which it
     was. What a simulation answers says nothing about real materials.
 
@@ -200,6 +251,7 @@ def live(
     `granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --view`
     `granular-id live --source "sim:unknown?materials=rice,fine_sugar" --model simulated.safetensors --n 20 --speed 10`
     `granular-id live --source replay:drive.csv --model grounds.safetensors --hop-s 0.5 --view`
+    `granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --archive seen`
     """
     at_least("--n", n, 1)
     _check_views(view=view, port=port, no_browser=no_browser, rerun=rerun)
@@ -207,11 +259,10 @@ def live(
     positive("--hop-s", hop_s)
     if hop_s is not None:
         _refuse_with_hop(moving, early=early, pre_s=pre_s)
-    check_outputs(("--json", json, LIVE_ANSWERS), source=model, force=force)
+    keeping.check(model, early=early, hop_s=hop_s)
     check_source(model)
     sensing.refuse_absent()
 
-    from granular_id._files import whole_lines
     from granular_id.identifier import Identifier
     from granular_id.live import CaptureError, LiveIdentifier, Views, opened
 
@@ -244,15 +295,14 @@ def live(
             **(moving.of_pushes if hop_s is None else moving.of_windows),
         )
         warn_of_setups(identifying.differences)
-        answer = stack.enter_context(nullcontext() if json is None else whole_lines(json))
         synthetic = {"synthetic": source.info.synthetic, "synthetic_model": identifier.synthetic}
+        keep = stack.enter_context(keeping.writing(identifier.axes, synthetic))
         over = False
         try:
             for push in identifying.pushes(n):
                 if quiet:
                     show(in_options(str(push)) if push.decision is None else str(push))
-                if answer is not None:  # said before: the disk may be full
-                    answer(json_format.dumps(push.to_dict() | synthetic))
+                keep(push)  # said before: the disk may be full
             over = n is None
             if over and not identifying.n_answered:
                 raise ValueError(identifying.why_none)
@@ -319,14 +369,15 @@ def record(
         default=...,
     ),
     n: int = option(WHAT, "Recordings of each.", "--n", "-n", default=10),
-    output: Path = option(WHAT, "Folder; recordings are added to it.", "--output", "-o", default=...),
+    output: Path | None = option(WHAT, "Folder; a file for each recording is added to it.", "--output", "-o"),
+    archive: Path | None = option(WHAT, "Archive to append each recording to, instead; a new one is made."),
     session: str | None = option(WHAT, "What is recorded in one go (one filling, one set-up). Default: now."),
     duration_s: float = option(WHAT, "Length of a recording.", default=3.2),
     pre_s: float = option(WHAT, "Of that, rest before the motion.", default=0.25),
     retries: int = option(WHAT, "So many refused recordings in a row are tried again.", default=3),
     quiet: bool = option(WHAT, "Only what went wrong, and the last line.", "--quiet", "-q", default=False),
 ) -> None:
-    """Record pushes through materials: one file per push, with label, session, sensor and time.
+    """Record pushes through materials, into files or an archive, with label, session, sensor and time.
 
     A recording is accepted only if it is whole: rest before the motion, every sample, no saturation, the
     right rate. What was refused is said, and recorded again. Works without any hardware, with a simulated
@@ -336,7 +387,12 @@ def record(
 
     `granular-id record --source rdt://192.168.1.1 --label rice --n 20 --robot manual -o kitchen`
     `granular-id record --source sim: --label "rice,fine sugar,potting gravel" --n 10 --speed 20 -o simulated`
+    `granular-id record --source rdt://192.168.1.1 --label rice --n 20 --robot manual --archive pushes`
     """
+    folder = output if archive is None else archive
+    if folder is None or None not in (output, archive):
+        got = "neither" if folder is None else "both"
+        raise ValueError(f"wanted one of -o FOLDER (a file for each push) and --archive ARCHIVE, got {got}")
     at_least("--n", n, 1)
     at_least("--retries", retries, 0)
     positive("--duration-s", duration_s)
@@ -351,13 +407,14 @@ def record(
     # All of them before the first push: a misspelt material is found out now.
     places = [(sensing.open(url), names) for url, names in _places(labels, sensing.source).items()]
     n_refused = 0
-    with made_folder(output):
+    with made_folder(folder):
         for source, names in places:
             with opened(source, sensing.buffer_s) as stream, closing(moving.setup(source)) as setup:
                 recorder = Recorder(
                     stream,
                     setup.robot,
-                    output,
+                    folder,
+                    archive=archive is not None,
                     session=session,
                     trigger=setup.trigger,
                     n_samples=round(duration_s * source.info.rate_hz),
@@ -384,9 +441,9 @@ def record(
     synthetic = "SYNTHETIC " if any(source.info.synthetic for source, _ in places) else ""
     again = f"; {n_refused} refused and recorded again" if n_refused else ""
     wrote = f"{counted(n * len(labels), f'{synthetic}recording')} of {counted(len(labels), 'material')}"
-    show(f"wrote {wrote} into {output}, session {session!r}{again}")
+    show(f"wrote {wrote} into {folder}, session {session!r}{again}")
     if not quiet:
-        show(f"look at them with: granular-id data info {output}")
+        show(f"look at them with: granular-id {'data' if archive is None else 'archive'} info {folder}")
 
 
 def _labels_in(text: str, source: str) -> list[str]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
@@ -18,6 +19,7 @@ from granular_id.cli.options import at_least, names_in, option, positive
 from granular_id.cli.outputs import show
 
 if TYPE_CHECKING:
+    from granular_id._progress import ProgressCallback
     from granular_id.recording import Dataset
 
 PANEL = "Recordings"
@@ -82,25 +84,40 @@ class ReadingOptions:
 
     def load_path(self, path: Path, *, axes: Sequence[str] | None = None, quiet: bool) -> Dataset:
         """Read one file or folder; `axes` are those it has unless an option names others."""
-        from granular_id.io import RecordingFileError, load
+        from granular_id.io import load
+
+        with self._said_in_options():
+            return load(path, progress=not quiet, **self._of_load(axes))
+
+    def load_parts(self, path: Path, progress: ProgressCallback | None) -> Iterator[Dataset]:
+        """Read one file or folder piece by piece; no more than a piece is in memory."""
+        from granular_id.io import load_parts
+
+        with self._said_in_options():
+            yield from load_parts(path, progress=progress or False, **self._of_load())
+
+    def _of_load(self, axes: Sequence[str] | None = None) -> dict[str, Any]:
+        return {
+            "rate_hz": self.recorded_hz,
+            "on_error": self.on_error,
+            "on_time_error": self.on_time_error,
+            "topic": self.topic,
+            "time_unit": self.time_unit,
+            "array": self.array,
+            "label": self.label,
+            "axes": self.axes or axes,
+            "units": self.units,
+            "session": self.session,
+            "isolate": self.isolate,
+            "max_file_bytes": None if self.max_file_mb is None else math.ceil(self.max_file_mb * 2**20),
+        }
+
+    @contextmanager
+    def _said_in_options(self) -> Iterator[None]:
+        from granular_id.io import RecordingFileError
 
         try:
-            return load(
-                path,
-                progress=not quiet,
-                rate_hz=self.recorded_hz,
-                on_error=self.on_error,
-                on_time_error=self.on_time_error,
-                topic=self.topic,
-                time_unit=self.time_unit,
-                array=self.array,
-                label=self.label,
-                axes=self.axes or axes,
-                units=self.units,
-                session=self.session,
-                isolate=self.isolate,
-                max_file_bytes=None if self.max_file_mb is None else math.ceil(self.max_file_mb * 2**20),
-            )
+            yield
         except ValueError as error:
             skippable = isinstance(error, RecordingFileError) and error.skippable
             hint = "; add --on-error skip to leave such files out" if skippable else ""
@@ -150,13 +167,12 @@ class StepOptions:
         positive("--rest-s", self.rest_s)
         self.onsets = _onsets_in(self.onset_at or [])
 
-    def resampled(self, data: Dataset, *, quiet: bool) -> Dataset:
-        """Resample what has another rate than the one asked for."""
+    def resample(self, data: Dataset) -> Dataset:
+        """Resample what has another rate than the one asked for; the same data set where nothing has."""
         if self.rate_hz is None or all(recording.rate_hz == self.rate_hz for recording in data):
             return data
         limit = None if math.isinf(self.max_gap_s) else self.max_gap_s
-        data = data.resample(self.rate_hz, max_gap_s=limit, on_gap=self.on_gap)
-        return say_step(data, quiet=quiet)
+        return data.resample(self.rate_hz, max_gap_s=limit, on_gap=self.on_gap)
 
     def with_onsets(self, data: Dataset) -> Dataset:
         """Find the onsets of recordings that share a rate; triggers that were stored give way."""
@@ -207,11 +223,27 @@ class Steps(StepOptions):
 
         `onsets_later`: stating some onsets makes sense without ``--begin-at onset``.
         """
-        if self.onsets and self.begin_at != "onset" and not onsets_later:
+        if not onsets_later:
+            self.refuse_unused_onsets()
+        data = self._without_excluded(data, quiet=quiet)
+        for made in self.each(data):
+            data = say_step(made, quiet=quiet)
+        return data
+
+    def refuse_unused_onsets(self) -> None:
+        """Refuse onsets that are stated for nothing."""
+        if self.onsets and self.begin_at != "onset":
             raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
-        data = self.resampled(self._without_excluded(data, quiet=quiet), quiet=quiet)
+
+    def each(self, data: Dataset) -> Iterator[Dataset]:
+        """Resample, find onsets, crop and cut into windows as asked; yield what each step made."""
+        resampled = self.resample(data)
+        if resampled is not data:
+            data = resampled
+            yield data
         if self.begin_at == "onset":
-            data = say_step(self.with_onsets(data), quiet=quiet)
+            data = self.with_onsets(data)
+            yield data
             self._refuse_missing_onsets(data)
         if self.duration_s is not None or self.length is not None:
             _refuse_unequal_rates(data)
@@ -223,11 +255,10 @@ class Steps(StepOptions):
                 on_short=self.on_short,
                 on_missing=self.on_short,
             )
-            say_step(data, quiet=quiet)
+            yield data
         if self.window_s is not None:
             _refuse_unequal_rates(data)
-            data = say_step(data.windows(self.window_s, self.hop_s, on_short=self.on_short), quiet=quiet)
-        return data
+            yield data.windows(self.window_s, self.hop_s, on_short=self.on_short)
 
     def _without_excluded(self, data: Dataset, *, quiet: bool) -> Dataset:
         excluded = [known_label(name, data.labels) for name in names_in(self.exclude)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -140,6 +140,9 @@ class Push:
         The material, where the source knows it: simulations and recordings played again.
     time_s : float or None
         Device time of the newest row, of an answer at a hop; None of pushes.
+    recording : Recording or None
+        What was captured, with the answer in its ``meta["answer"]``. An answer is no label: its `label` is the truth,
+        where the source knows it. None where the capture failed or was ended early, and of an answer at a hop.
     """
 
     decision: Decision | None = None
@@ -147,6 +150,7 @@ class Push:
     text: str = ""
     truth: str | None = None
     time_s: float | None = None
+    recording: Recording | None = field(default=None, repr=False, compare=False)
 
     @property
     def is_right(self) -> bool | None:

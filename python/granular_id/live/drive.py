@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import freeze, thaw
 from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason
 from granular_id.live.channels import AnyReader
 from granular_id.live.robot import Motion, Robot
@@ -19,7 +20,7 @@ from granular_id.live.stopping import InMotion
 from granular_id.live.stream import Stream
 from granular_id.live.trigger import MotionTrigger, Trigger
 
-__all__ = ["Step", "capture_from", "drive", "motion_duration_s"]
+__all__ = ["Step", "capture_from", "drive", "motion_duration_s", "push_facts"]
 
 _WAIT_S = 0.02
 """How long to wait for a row at a time: so soon are errors, Ctrl-C and the end noticed."""
@@ -53,6 +54,18 @@ def capture_from(stream: Stream, trigger: Trigger, **limits: Any) -> Capture:
 def motion_duration_s(capture: Capture) -> float:
     """Return how long the robot must move for a capture."""
     return (capture.n_samples - capture.n_pre) / capture.rate_hz + _MARGIN_S
+
+
+def push_facts(truth: str | None, motion: Motion | None) -> dict[str, Any]:
+    """Gather what is worth keeping beside the samples; an odd report must not cost the recording."""
+    facts: dict[str, Any] = {} if truth is None else {"truth": truth}
+    if motion is not None:
+        try:
+            report = thaw(freeze(dict(motion.report()), "the robot's report"))
+        except Exception as error:  # whatever the robot's library raises
+            report = {"report_error": f"{type(error).__name__}: {error}"}
+        facts["robot"] = {**report, "error": motion.error}
+    return facts
 
 
 def drive(

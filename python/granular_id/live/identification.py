@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,9 @@ from granular_id._text import counted
 from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, setup_comparison
 from granular_id.live.capture import CaptureError, CaptureState, FailureReason, Push, meta_of
-from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
-from granular_id.live.robot import Robot, checked_move
+from granular_id.live.drive import Step, capture_from, drive, motion_duration_s, push_facts
+from granular_id.live.recorder import utc_stamp
+from granular_id.live.robot import Motion, Robot, checked_move
 from granular_id.live.rows import HoppingWindows, Rows
 from granular_id.live.setup import Setup, setup_of, starts_exactly
 from granular_id.live.snapshot_builder import SnapshotBuilder
@@ -24,7 +26,7 @@ from granular_id.live.source import WrenchSource
 from granular_id.live.stream import Stream, opened
 from granular_id.live.trigger import ManualTrigger, Trigger
 from granular_id.live.view import Views
-from granular_id.recording import SampleFlag, Setup as RecordedSetup, refuse_or_list
+from granular_id.recording import Recording, SampleFlag, Setup as RecordedSetup, refuse_or_list
 
 if TYPE_CHECKING:
     from granular_id.identifier import Decision
@@ -87,6 +89,8 @@ class LiveIdentifier:
     ----------
     differences : tuple of str
         What else is not as in the training (sensor, filter, trigger ...), by name; each decision warns of it.
+    session : str
+        Of the recordings of its pushes (`Push.recording`): the time of day at which it was made.
 
     Examples
     --------
@@ -137,7 +141,7 @@ class LiveIdentifier:
         if pre_s is not None and model.lead_s is not None and abs(pre_s - model.lead_s) > 0.5 / model.rate_hz:
             problem = f"is {pre_s:g}, but the model was trained with {model.lead_s:g} s of rest: leave it out"
             raise argument_error(ValueError, "pre_s", problem)
-        self.stream, self.model = stream, model
+        self.stream, self.model, self.session = stream, model, utc_stamp()
         self.n_pushes = self.n_answered = self.n_right = self.n_unknown = 0
         self.knows_truth = False
         self._setup = setup_of(stream.source) if setup is None else setup
@@ -220,10 +224,12 @@ class LiveIdentifier:
         self._n_looks = self._n_moments = 0
         self._builder.begin_capture()
         decision: Decision | None = None
+        motion: Motion | None = None
         answered_early = False
         steps = drive(self.stream, capture, robot=self._setup.robot, reader=self._reader, **self._move)
         with closing(steps):
             for step in steps:
+                motion = step.motion
                 new = self._take(step, capture)
                 if new is not None and on_decision is not None:
                     on_decision(new)
@@ -233,7 +239,8 @@ class LiveIdentifier:
                     break
                 if not capture.state.is_over and self._views.wants_snapshot():
                     self._show(capture.state.value, decision)
-        return self._finished(capture, decision, answered_early=answered_early, patient=patient)
+        push = self._finished(capture, decision, answered_early=answered_early, patient=patient)
+        return replace(push, recording=self._recording(capture, push, motion))
 
     def pushes(self, n: int | None = None) -> Iterator[Push]:
         """Name the material of one push after another, or with `hop_s` at one hop after another.
@@ -422,6 +429,13 @@ class LiveIdentifier:
         if not (nobody and patient):
             self._show(state, push.decision, push.text)
         return push
+
+    def _recording(self, capture: Capture, push: Push, motion: Motion | None) -> Recording | None:
+        if capture.state is not CaptureState.COMPLETE or push.decision is None:
+            return None
+        facts = push_facts(push.truth, motion) | {"answer": push.decision.to_dict()}
+        name = f"push_{utc_stamp()}_{self.n_pushes}"
+        return capture.recording(push.truth, session=self.session, name=name, meta=facts)
 
     def _show(self, state: str, decision: Decision | None, hint: str = "") -> None:
         self._views.publish(

@@ -1,9 +1,8 @@
-"""Recordings into files: one push after another, one file each, whole or absent."""
+"""Recordings into files or an archive: one push after another, each whole or absent."""
 
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -11,12 +10,16 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular_id._checks import argument_error, checked_text, freeze, thaw
+from granular_id._checks import argument_error, checked_flag, checked_text
 from granular_id._core import MAX_NAME_BYTES
 from granular_id._files import check_target, made_folder
+from granular_id.io.errors import need
 from granular_id.io.folder_save import safe_name
 from granular_id.io.npz import save_npz
-from granular_id.live.drive import Step, capture_from, drive, motion_duration_s
+from granular_id.io.parquet.archive import Archive
+from granular_id.io.parquet.layout import INDEX_FILE, INDEX_FOLDER, SAMPLES_FOLDER, index_names
+from granular_id.io.parquet.writing import append
+from granular_id.live.drive import Step, capture_from, drive, motion_duration_s, push_facts
 from granular_id.live.robot import Motion, Robot, checked_move, checked_robot
 from granular_id.live.setup import starts_exactly
 from granular_id.live.stream import Stream
@@ -26,23 +29,23 @@ from granular_id.recording import Dataset, Recording
 if TYPE_CHECKING:
     from granular_id.live.capture import Capture
 
-__all__ = ["Recorded", "Recorder", "checked_label"]
+__all__ = ["Recorded", "Recorder", "check_archive", "checked_label", "utc_stamp"]
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A recording and the file it is in."""
+    """A recording and the file, or the archive, it is in."""
 
     recording: Recording
     path: Path
 
 
 class Recorder:
-    """Records one push after another into ``folder/label/label_<time>_<k>.npz``.
+    """Records one push after another into ``folder/label/label_<time>_<k>.npz``, or into an archive.
 
-    `granular_id.load` reads the folder. A file appears under its name when it is whole; what a killed process
-    leaves is a hidden file that nothing reads. Nothing is ever overwritten. Use it within
-    `granular_id.live.stop_on_signals`, so that the robot is also stopped on SIGTERM and SIGHUP.
+    `granular_id.load` reads either. A push appears when it is written whole; what a killed process leaves is a hidden
+    file that nothing reads. Nothing is ever overwritten. Use it within `granular_id.live.stop_on_signals`, so that the
+    robot is also stopped on SIGTERM and SIGHUP.
 
     Parameters
     ----------
@@ -52,6 +55,10 @@ class Recorder:
         None: somebody else moves, and the trigger notices (give one).
     folder : path-like
         Made when missing.
+    archive : bool, default False
+        `folder` is an archive (see `granular_id.archive`), new or not, and each push is appended to it when it is
+        over; several recorders may append to one. By default a file is written for each push, for which no library is
+        needed.
     session : str, optional
         Stored with every recording: what is recorded in one go. Default: the time of day at which this recorder
         was made, so that an evaluation can keep what belongs together on one side.
@@ -70,6 +77,8 @@ class Recorder:
     ------
     OSError
         The folder cannot be written to: found out before anything moves.
+    ImportError
+        An archive needs pyarrow.
     TypeError, ValueError
         Naming the argument.
 
@@ -92,6 +101,7 @@ class Recorder:
         robot: Robot | None,
         folder: str | os.PathLike[str],
         *,
+        archive: bool = False,
         session: str | None = None,
         trigger: Callable[[], Trigger] | None = None,
         direction: Sequence[float] = (1.0, 0.0, 0.0),
@@ -109,9 +119,7 @@ class Recorder:
             )
         if trigger is None:
             trigger = MotionTrigger if starts_exactly(robot) else ForceTrigger
-        self.session = checked_text(
-            _stamp(time.time()) if session is None else session, "session", spaced=False
-        )
+        self.session = checked_text(utc_stamp() if session is None else session, "session", spaced=False)
         self.folder = Path(folder)
         self.last: Recording | None = None
         self._stream, self._robot, self._trigger = stream, robot, trigger
@@ -119,8 +127,12 @@ class Recorder:
         self._on_step, self._limits = on_step, limits
         self._n_recorded = self._n_tried = 0
         checked_move(direction, speed_m_s, motion_duration_s(self._new_capture()))
-        with made_folder(self.folder):
-            check_target(self.folder / "recording.npz")
+        self._archive = checked_flag("archive", archive)
+        if archive:
+            check_archive(self.folder, stream.info.axes)
+        else:
+            with made_folder(self.folder):
+                check_target(self.folder / "recording.npz")
 
     def record(self, label: str) -> Recorded:
         """Wait for rest, push, and store what the sensor saw.
@@ -140,7 +152,7 @@ class Recorder:
             There is no recording; ``reason`` and the text say why. No file was written, the robot was stopped (or
             the text says that it could not be).
         OSError
-            The file cannot be written (disk full ...); the recording is still in `last`.
+            It cannot be written (disk full ...); the recording is still in `last`.
         KeyboardInterrupt
             On Ctrl-C; the robot was stopped.
         """
@@ -165,28 +177,19 @@ class Recorder:
                     self._on_step(step, capture)
         capture.raise_failure()
         self._n_recorded += 1
-        stem = f"{safe_name(label)}_{_stamp(time.time())}_{self._n_recorded}"
-        self.last = capture.recording(label, session=self.session, name=stem, meta=self._facts(motion))
+        stem = f"{safe_name(label)}_{utc_stamp()}_{self._n_recorded}"
+        # the truth is read once: a source may move on meanwhile
+        facts = push_facts(self._stream.truth, motion)
+        self.last = capture.recording(label, session=self.session, name=stem, meta=facts)
         return Recorded(self.last, self._write(self.last, safe_name(label), stem))
 
     def _new_capture(self) -> Capture:
         return capture_from(self._stream, self._trigger(), **self._limits)
 
-    def _facts(self, motion: Motion | None) -> dict[str, Any]:
-        """Gather what is worth keeping beside the samples; an odd report must not cost the recording."""
-        facts: dict[str, Any] = {}
-        truth = self._stream.truth  # read once: a source may move on meanwhile
-        if truth is not None:
-            facts["truth"] = truth
-        if motion is not None:
-            try:
-                report = thaw(freeze(dict(motion.report()), "the robot's report"))
-            except Exception as error:  # whatever the robot's library raises
-                report = {"report_error": f"{type(error).__name__}: {error}"}
-            facts["robot"] = {**report, "error": motion.error}
-        return facts
-
     def _write(self, recording: Recording, folder: str, stem: str) -> Path:
+        if self._archive:
+            append(self.folder, Dataset([recording]))
+            return self.folder
         with made_folder(self.folder / folder) as place:
             path = place / f"{stem}.npz"
             again = 1
@@ -194,6 +197,21 @@ class Recorder:
                 again += 1
                 path = place / f"{stem}-{again}.npz"
             return save_npz(Dataset([recording]), path)
+
+
+def check_archive(folder: str | os.PathLike[str], axes: Sequence[str] | None = None) -> None:
+    """Refuse, before any work, what recordings (with these axes) cannot be appended to."""
+    need("pyarrow.parquet", extra="app", why="to write archives")
+    with made_folder(folder) as place:
+        check_target(place / INDEX_FILE)
+        others = [path.name for path in place.iterdir() if path.name not in (SAMPLES_FOLDER, INDEX_FOLDER)]
+        if not index_names(place):
+            if others:
+                wanted = "wanted an archive, or a new or empty folder"
+                raise FileExistsError(f"{place}: holds {others[0]!r:.60}; {wanted}")
+        elif axes is not None and (known := Archive(place).axes) != tuple(axes):
+            has = f"has the axes {' '.join(known)}, the sensor {' '.join(axes)}"
+            raise ValueError(f"archive {place} {has}: name another one")
 
 
 def checked_label(label: str) -> str:
@@ -207,5 +225,6 @@ def checked_label(label: str) -> str:
     return label
 
 
-def _stamp(utc_s: float) -> str:
-    return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y%m%dT%H%M%SZ")
+def utc_stamp() -> str:
+    """Return the time of day as it stands in names and sessions."""
+    return datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")

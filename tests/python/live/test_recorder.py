@@ -357,9 +357,54 @@ def test_a_full_disk_loses_no_recording(tmp_path, monkeypatch):
         gid.save(gid.Dataset([recorder.last]), tmp_path / "saved.npz")
 
 
+def test_pushes_are_appended_to_an_archive(tmp_path):
+    pytest.importorskip("pyarrow")
+    for _ in range(2):
+        with bench(tmp_path, archive=True) as (_, _, recorder):
+            recorded = recorder.record("rice")
+            assert recorded.path == tmp_path / "data"
+    data = gid.load(tmp_path / "data")
+    assert len(data) == 2
+    assert data[1] == recorded.recording
+
+
+def test_a_push_that_cannot_be_appended_is_kept_by_the_recorder(tmp_path, monkeypatch):
+    pytest.importorskip("pyarrow")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    with bench(tmp_path, archive=True) as (_, robot, recorder):
+        with monkeypatch.context() as patch:
+            patch.setattr("granular_id.live.recorder.append", full)
+            with pytest.raises(OSError, match="No space left"):
+                recorder.record("rice")
+        assert (robot.n_stops, recorder.last.label) == (0, "rice")
+        assert recorder.record("rice").recording.n_samples == 300, "the next one is good"
+    assert len(gid.load(tmp_path / "data")) == 1
+
+
+def test_what_is_no_archive_of_these_axes_is_refused_before_anything_moves(tmp_path):
+    pytest.importorskip("pyarrow")
+    one = gid.Recording(np.zeros((9, 2)), rate_hz=500, label="rice", axes=("wx", "ax"))
+    gid.save(gid.Dataset([one]), tmp_path / "data", "parquet")
+    with (
+        pytest.raises(ValueError, match="has the axes wx ax, the sensor fx fy"),
+        bench(tmp_path, archive=True),
+    ):
+        pass
+    (tmp_path / "other" / "data").mkdir(parents=True)
+    (tmp_path / "other" / "data" / "a.txt").touch()
+    with (
+        pytest.raises(FileExistsError, match=r"holds 'a\.txt'; wanted an archive"),
+        bench(tmp_path / "other", archive=True),
+    ):
+        pass
+
+
 def test_nothing_is_overwritten(tmp_path, monkeypatch):
     stamp = "20260101T000000Z"
-    monkeypatch.setattr("granular_id.live.recorder._stamp", lambda _: stamp)
+    monkeypatch.setattr("granular_id.live.recorder.utc_stamp", lambda: stamp)
     names = []
     for n in (2, 1):
         with bench(tmp_path) as (_, _, recorder):
