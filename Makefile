@@ -19,12 +19,12 @@ BENCHES := .venv-bench
 THREADED := tests/python/core/test_features.py tests/python/core/test_features_arrays.py tests/python/core/test_signal_arrays.py \
 	tests/python/core/test_buffer_arrays.py
 
-.PHONY: help demo test lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign stress sanitize soak fuzz bench-formats bench-decision wheel clean toolchain
+.PHONY: help demo test lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign stress sanitize soak archive-kills fuzz bench-formats bench-decision bench-archive wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
 	@echo "make test       lint, Rust tests, Python tests"
-	@echo "make check-all  all that takes long: threads, campaign, fuzz, stress, sanitize, soak, oldest (hours)"
+	@echo "make check-all  all that takes long: threads, campaign, fuzz, stress, sanitize, soak, archive-kills, oldest (hours)"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
@@ -37,8 +37,10 @@ help:
 	@echo "make stress     1e9 items through the wrench buffer, with a reader that sleeps (RING_ITEMS=...; minutes)"
 	@echo "make sanitize   the Rust tests under AddressSanitizer, those with threads under ThreadSanitizer (minutes)"
 	@echo "make soak       the sensor client beside a busy interpreter: 10 minutes at 500 Hz, 1 minute at 7000 Hz"
+	@echo "make archive-kills    drivers and workers killed while they extract 100,000 recordings: the same files each time (minutes; 2 GB)"
 	@echo "make bench-decision   time from the last sample to the answer, beside scipy and scikit-learn"
 	@echo "make bench-formats    read speed of every format beside the plain call of its library"
+	@echo "make bench-archive    archives of RECORDINGS=100000: written, extracted, identified, beside a user's Dask script (half an hour)"
 	@echo "make wheel      build a wheel into ./dist, and try it in an empty environment"
 
 toolchain:
@@ -118,7 +120,7 @@ python-test: $(TOOLS)
 	$(call step,Python tests 2 of 2: eight threads,GRANULAR_ID_CASES=13 $(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(firstword $(THREADED)))
 
 # What takes too long for every change. `make test` runs a short form of each.
-check-all: threads campaign fuzz stress sanitize soak oldest
+check-all: threads campaign fuzz stress sanitize soak archive-kills oldest
 
 threads: $(TOOLS)
 	$(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(THREADED)
@@ -146,6 +148,15 @@ bench-decision: $(RELEASE)/.package
 
 bench-formats: $(RELEASE)/.package
 	$(RELEASE)/bin/python benches/formats.py
+
+# Synthetic recordings for bench-archive: they stay in target/archive, 14 KB each.
+RECORDINGS ?= 100000
+ARCHIVE := $(RELEASE)/bin/python benches/archive.py --folder target/archive
+
+bench-archive: $(RELEASE)/.package
+	$(ARCHIVE) --recordings $(RECORDINGS)
+	$(ARCHIVE) --scaling 1000 10000 $(RECORDINGS)
+	$(ARCHIVE) --ports
 
 bench-table: $(RELEASE)/.package
 	$(RELEASE)/bin/python benches/table.py
@@ -184,6 +195,12 @@ sanitize: | toolchain
 soak: $(RELEASE)/.package
 	$(RELEASE)/bin/python benches/rdt_soak.py --rate-hz 500 --seconds 600
 	$(RELEASE)/bin/python benches/rdt_soak.py --rate-hz 7000 --seconds 60
+
+# Recordings of the archive; a folder to keep it in may follow.
+KILLS ?= 100000
+
+archive-kills: $(RELEASE)/.package
+	$(RELEASE)/bin/python benches/archive_kills.py $(KILLS)
 
 # cargo-fuzz wants a nightly compiler; the stable one takes the same flags when told to.
 FUZZ := RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir tests/fuzz
