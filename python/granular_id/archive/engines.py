@@ -13,7 +13,7 @@ import secrets
 import signal
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from itertools import islice
@@ -391,28 +391,27 @@ def _work_through(distributed: Any, client: Any, tasks: Sequence[Task], done: Do
     del todo
     died = []
     try:
-        for future, result in distributed.as_completed(
-            task_of, loop=client.loop, with_results=True, raise_errors=False
-        ):
+        for future in distributed.as_completed(task_of, loop=client.loop):
             task = task_of.pop(future)
-            if future.status == "finished":
-                done(result)
-                continue
-            if future.status != "error":
-                raise ConnectionError(
-                    f"{scheduler} has gone, or its work was cancelled ({result}): what is finished stays; "
-                    "call again to go on"
-                )
-            error = result[1]
-            if isinstance(error, distributed.KilledWorker):
+            try:
+                # Not with_results: where the worker that has a result dies before it is fetched, that never ends.
+                outcome = future.result()
+            except distributed.KilledWorker:
                 died.append(task)
-            elif isinstance(error, ImportError) or "deserialization" in str(error):
-                raise OSError(
-                    f"{scheduler}, or a worker of it, cannot load granular_id {_core.__version__}: "
-                    "install the same version there"
+                continue
+            except CancelledError as error:
+                raise ConnectionError(
+                    f"{scheduler} has gone, or its work was cancelled ({error}): what is finished stays; "
+                    "call again to go on"
                 ) from error
-            else:
-                raise error
+            except Exception as error:
+                if isinstance(error, ImportError) or "deserialization" in str(error):
+                    raise OSError(
+                        f"{scheduler}, or a worker of it, cannot load granular_id {_core.__version__}: "
+                        "install the same version there"
+                    ) from error
+                raise
+            done(outcome)
     finally:
         with suppress(Exception):  # the connection may be lost
             client.cancel(list(task_of))
