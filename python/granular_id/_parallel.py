@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from typing import TypeVar
 
-from threadpoolctl import threadpool_limits
+import threadpoolctl
 
 from granular_id._checks import checked_n_jobs
 
@@ -80,7 +80,7 @@ def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int
 
 _lock = threading.Lock()
 _inside = 0
-_limits: threadpool_limits | None = None
+_limits: threadpoolctl.threadpool_limits | None = None
 
 
 @contextmanager
@@ -94,7 +94,8 @@ def single_threaded_blas() -> Iterator[None]:
     global _inside, _limits  # noqa: PLW0603 - what they count belongs to the process
     with _lock:
         if _inside == 0:
-            _limits = threadpool_limits(limits=1, user_api="blas")
+            _release_openblas()
+            _limits = threadpoolctl.threadpool_limits(limits=1, user_api="blas")
         _inside += 1
     try:
         yield
@@ -102,5 +103,14 @@ def single_threaded_blas() -> Iterator[None]:
         with _lock:
             _inside -= 1
             if _inside == 0 and _limits is not None:
+                _release_openblas()
                 _limits.restore_original_limits()
                 _limits = None
+                _release_openblas()
+
+
+def _release_openblas() -> None:
+    """Let any thread limit OpenBLAS: from 3.8 on, threadpoolctl listens to the thread that did it first alone."""
+    release = getattr(getattr(threadpoolctl, "OpenBLASController", None), "clear_controlling_thread", None)
+    if release is not None:
+        release(force=True)

@@ -5,8 +5,9 @@ import time
 
 import pytest
 from sklearn import config_context, get_config
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from granular_id._parallel import in_threads
+from granular_id._parallel import in_threads, single_threaded_blas
 
 
 @pytest.mark.parametrize("n_jobs", [None, 1, 2, 5])
@@ -83,3 +84,25 @@ def test_ctrl_c_in_the_caller_waits_for_what_was_begun(monkeypatch):
 def test_the_configuration_of_scikit_learn_is_that_of_the_caller():
     with config_context(assume_finite=True):
         assert in_threads(lambda _: get_config()["assume_finite"], range(4), 2) == [True] * 4
+
+
+@pytest.mark.thread_unsafe(reason="sets the threads of BLAS")
+def test_blas_is_limited_in_any_thread_whoever_limited_it_before():
+    def threads():
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    seen = []
+
+    def another_thread():
+        with single_threaded_blas():
+            seen.append(threads())
+        seen.append(threads())
+
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        with single_threaded_blas():
+            pass
+        thread = threading.Thread(target=another_thread)
+        thread.start()
+        thread.join()
+        assert seen == [{1}, before]
