@@ -55,6 +55,11 @@ def check_target(path: str | os.PathLike[str]) -> Path:
     return target
 
 
+def absolute(path: str | os.PathLike[str]) -> str:
+    """Return a path from the root on that does not follow links: other machines may have them elsewhere."""
+    return os.path.abspath(path)  # noqa: PTH100 (Path.absolute leaves "..")
+
+
 @contextmanager
 def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Write beside the target and rename at the end, so that no reader ever meets half a file."""

@@ -136,7 +136,7 @@ def _take_room(descriptor: int, n_bytes: int) -> None:
 
 def _file_system(folder: str) -> str:
     """Name the kind of file system that a folder is on; "" where nobody says."""
-    device = os.stat(folder).st_dev  # noqa: PTH116 (of a text)
+    device = Path(folder).stat().st_dev
     number = f"{os.major(device)}:{os.minor(device)}" if hasattr(os, "major") else ""
     with suppress(OSError):
         for line in Path("/proc/self/mountinfo").read_text(encoding="utf-8").splitlines():

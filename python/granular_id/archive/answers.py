@@ -18,10 +18,11 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import checked_choice, finite_number
-from granular_id._files import made_folder, whole_file
+from granular_id._files import absolute, made_folder, whole_file
 from granular_id._progress import ProgressCallback
 from granular_id._text import Table, counted, percent, verb
-from granular_id.archive.extraction import MANIFEST, Extraction, read_manifest, run
+from granular_id.archive.extraction import Extraction, run
+from granular_id.archive.manifest import MANIFEST, Partitions
 from granular_id.archive.work import INDEX_COLUMNS, read_samples
 from granular_id.identifier import (
     Begin,
@@ -51,7 +52,6 @@ MODEL = "model.safetensors"
 
 COLUMNS = ("answer", "margin", "probability", "candidates", "unknown", "warnings", "trained_on")
 
-_MARK = "answers"
 _KEPT_MODELS = 4
 
 
@@ -136,7 +136,7 @@ def identify(
     lead_s = None if lead_s is None else finite_number("lead_s", lead_s)
     content, folder = known.core.to_bytes(), Path(out)
     work = AnswerWork(
-        model=os.path.abspath(folder / MODEL),  # noqa: PTH100 (resolve would follow links)
+        model=absolute(folder / MODEL),
         sha256=hashlib.sha256(content).hexdigest(),
         accept=(accept,) if isinstance(accept, str) else tuple(accept),
         begin_at=begin_at,
@@ -194,7 +194,7 @@ class AnswerWork:
     def about(self) -> dict[str, Any]:
         """Return what decides about the answers."""
         begins = {"begin_at": self.begin_at, "lead_s": self.lead_s, "on_short": self.on_short}
-        return {_MARK: {"model": self.sha256, **begins}}
+        return {Answers.holds: {"model": self.sha256, **begins}}
 
     def check(self, archive: Archive) -> None:
         """Refuse other axes, rates and set-ups, and recordings that are too short."""
@@ -219,7 +219,7 @@ class AnswerWork:
             )
         return differences
 
-    def fields(self, archive: Archive) -> list[Any]:  # noqa: ARG002
+    def fields(self) -> list[Any]:
         """Fields of the answers; null where a recording has none."""
         arrow = need("pyarrow", extra="dask", why="to work on archives")
         text, number, flag = arrow.string(), arrow.float64(), arrow.bool_()
@@ -234,7 +234,7 @@ class AnswerWork:
         n, starts = rows.num_rows, self._starts(rows)
         answered = np.flatnonzero(starts >= 0)
         if not len(answered):
-            return [arrow.nulls(n, own.type) for own in self.fields(archive)]
+            return [arrow.nulls(n, own.type) for own in self.fields()]
         X, flags = self._cropped(archive, group, rows, starts)
         said = named(core, X, 1)
         candidates, unknown = zip(*said.verdicts, strict=True)
@@ -248,7 +248,7 @@ class AnswerWork:
             self._trained_on(rows, answered, X, flags),
         )
         columns = []
-        for of_answered, own in zip(values, self.fields(archive), strict=True):
+        for of_answered, own in zip(values, self.fields(), strict=True):
             whole: list[Any] = [None] * n
             for place, value in zip(answered.tolist(), of_answered, strict=True):
                 whole[place] = value
@@ -371,7 +371,7 @@ def _one_of_each(archive: Archive, rate_hz: float) -> Dataset:
     return Dataset(list(recordings.values()), history)
 
 
-class Answers:
+class Answers(Partitions):
     """Answers that `identify` wrote about an archive.
 
     Parameters
@@ -416,39 +416,10 @@ class Answers:
 'warnings', 'trained_on'])
     """
 
-    spec: Mapping[str, Any]
-    n_recordings: int
-    sha256: str
+    holds = "answers"
+    again = "identify again, which answers what is missing"
+
     extraction: Extraction | None = None
-
-    def __init__(self, folder: str | os.PathLike[str], *, partial: bool = False) -> None:
-        self.folder = Path(folder)
-        help_ = "identify again, which answers what is missing"
-        try:
-            manifest = read_manifest(self.folder)
-        except FileNotFoundError:
-            raise FileNotFoundError(
-                f"{self.folder / MANIFEST}: no such file, the answers are not finished: {help_}"
-            ) from None
-        self.spec, self.sha256 = manifest["spec"], str(manifest["sha256"])
-        if _MARK not in self.spec.get("work", {}):
-            raise ValueError(f"{self.folder} holds no answers, but other work on an archive")
-        failures = manifest["failures"]
-        if failures and not partial:
-            raise ValueError(
-                f"{self.folder}: {counted(len(failures), 'partition')} failed, the first is {failures[0]['name']} "
-                f"({failures[0]['problem']:.200}): {help_}, or take what there is by partial=True"
-            )
-        self.n_recordings, self._n_failed = int(manifest["n_recordings"]), len(failures)
-        self._synthetic = bool(manifest.get("synthetic"))
-        self._files = [str(known["name"]) for known in manifest["partitions"]]
-        for known in manifest["partitions"]:
-            path = self.folder / known["name"]
-            if not path.is_file() or path.stat().st_size != known["n_bytes"]:
-                raise ValueError(f"{path} is gone or cut off: remove it, and {help_}")
-
-    def __len__(self) -> int:
-        return self.n_recordings
 
     def __iter__(self) -> Iterator[Any]:
         """Yield a pyarrow.Table of each partition, so that no more is in memory."""
@@ -518,12 +489,8 @@ class Answers:
         return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)), tuple(notes))
 
     def _read(self, file: str) -> Any:
-        library = need("pyarrow.parquet", extra="dask", why="to work on archives")
-        path = self.folder / file
-        with naming(path, "reading answers"):
-            return library.read_table(
-                path, columns=[*INDEX_COLUMNS, *COLUMNS], page_checksum_verification=True
-            )
+        with self._opened(file) as opened:
+            return opened.read([*INDEX_COLUMNS, *COLUMNS])
 
 
 @dataclass

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
@@ -14,13 +13,13 @@ from time import perf_counter, time
 from typing import Any
 
 from granular_id._checks import argument_error, checked_choice, checked_n_jobs
-from granular_id._files import made_folder, whole_file
+from granular_id._files import absolute, made_folder
 from granular_id._progress import ProgressCallback, check_progress, displaying
 from granular_id._text import counted, whole_percent
 from granular_id.archive.engines import run_dask, run_local
+from granular_id.archive.manifest import MANIFEST, PARTITION, read_manifest, write_manifest
 from granular_id.archive.work import (
     MARK,
-    VERSION,
     Outcome,
     Task,
     Work,
@@ -29,13 +28,9 @@ from granular_id.archive.work import (
     partition_name,
     remember,
     spec_json,
-    sync_folder,
 )
 from granular_id.io.errors import need
 from granular_id.io.parquet.archive import Archive, RowGroup
-
-MANIFEST = "manifest.json"
-_FORMAT = "granular-id partitions"
 
 _MOST_RECORDINGS = 2048
 """Recordings of a partition: 0.1 to 1 s of work, from counts to multi-band features."""
@@ -46,7 +41,6 @@ _NAMED = 3
 _MOST_SAMPLES = 1 << 22
 """Samples of a partition of long recordings."""
 
-_PARTITION = re.compile(r"[0-9a-f]{32}\.parquet")
 _DRAFT = re.compile(r"\.[0-9a-f]{32}\.parquet\.[0-9a-f]{16}\.tmp|\.manifest-[0-9a-f]{16}\.json")
 _PROBE = re.compile(r"\.[0-9a-f]{16}\.tmp")
 _PROBE_LASTS_S = 60.0
@@ -141,8 +135,8 @@ def run(
     if options and engine != "dask":
         raise argument_error(TypeError, min(options), f"is an option of engine='dask', got {engine!r}")
     work.check(opened)
-    folder, tasks = Path(os.path.abspath(out)), tasks_of(opened, work, out)  # noqa: PTH100 (resolve follows links)
-    spec, source = spec_json(work, opened), os.path.abspath(opened.folder)  # noqa: PTH100
+    folder, tasks = Path(absolute(out)), tasks_of(opened, work, out)
+    spec, source = spec_json(work, opened), absolute(opened.folder)
     with made_folder(folder):
         stale = _refuse_others(folder, opened, spec, {task.name for task in tasks})
         begun = perf_counter()
@@ -176,7 +170,7 @@ def run(
             path.unlink(missing_ok=True)
         outcomes = [done[task.name] for task in tasks]
         synthetic = _synthetic(opened)
-        sha256 = _write_manifest(folder, opened, spec, outcomes, synthetic)
+        sha256 = write_manifest(folder, opened, spec, outcomes, synthetic)
         seconds = perf_counter() - begun
     failures = tuple(outcome for outcome in outcomes if outcome.problem)
     made = [done[task.name] for task in missing if not done[task.name].problem]
@@ -206,8 +200,8 @@ def tasks_of(archive: Archive, work: Work, out: str | os.PathLike[str]) -> list[
     spec = spec_json(work, archive)
     return [
         Task(
-            archive=os.path.abspath(archive.folder),  # noqa: PTH100 (resolve follows links)
-            out=os.path.abspath(out),  # noqa: PTH100
+            archive=absolute(archive.folder),
+            out=absolute(out),
             name=partition_name(spec, groups),
             row_groups=tuple((group.file, group.row_group) for group in groups),
             n_recordings=groups[-1].stop - groups[0].start,
@@ -256,7 +250,7 @@ def _refuse_others(folder: Path, archive: Archive, spec: str, wanted: set[str]) 
     other, help_ = f"{folder} holds other work already", "name another folder, or remove this one"
     stale = []
     for path in sorted(folder.iterdir()):
-        if path.name in wanted or not _PARTITION.fullmatch(path.name):
+        if path.name in wanted or not PARTITION.fullmatch(path.name):
             continue
         try:
             with library.ParquetFile(path) as opened:
@@ -324,69 +318,7 @@ def _remove_drafts(folder: Path) -> None:
                 path.unlink()
 
 
-# The manifest.
-
-
-def _write_manifest(
-    folder: Path, archive: Archive, spec: str, outcomes: Sequence[Outcome], synthetic: bool
-) -> str:
-    """Write down what is there, the last thing that is done; return the digest over all partitions."""
-    made = [outcome for outcome in outcomes if not outcome.problem]
-    lines = "".join(f"{outcome.sha256} {outcome.name}\n" for outcome in made)
-    sha256 = hashlib.sha256(lines.encode()).hexdigest()
-    manifest = {
-        "format": _FORMAT,
-        "version": VERSION,
-        "spec": json.loads(spec),
-        "archive": archive.fingerprint,
-        "synthetic": synthetic,
-        "n_recordings": sum(outcome.n_recordings for outcome in made),
-        "sha256": sha256,
-        "partitions": [
-            {key: getattr(outcome, key) for key in ("name", "n_recordings", "n_bytes", "sha256")}
-            for outcome in made
-        ],
-        "failures": [
-            {key: getattr(outcome, key) for key in ("name", "n_recordings", "problem")}
-            for outcome in outcomes
-            if outcome.problem
-        ],
-    }
-    text = json.dumps(manifest, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
-    for attempt in range(3):  # another driver that comes to its end removes all temporary files
-        try:
-            with whole_file(folder / MANIFEST) as draft, draft.open("w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            break
-        except FileNotFoundError:
-            if attempt == 2:
-                raise
-    sync_folder(folder)
-    return sha256
-
-
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read what a folder says that it holds; FileNotFoundError or ValueError where it says nothing of the kind."""
-    path = folder / MANIFEST
-    try:
-        said: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        _check_manifest(said)
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise ValueError(f"{path} is no manifest of partitions: {error}") from error
-    return said
-
-
-def _check_manifest(said: dict[str, Any]) -> None:
-    if said["format"] != _FORMAT or said["version"] != VERSION:
-        raise ValueError(f"wanted {_FORMAT!r}, version {VERSION}")
-    for known in said["partitions"]:
-        if not _PARTITION.fullmatch(known["name"]) or not isinstance(known["n_bytes"], int):
-            raise ValueError(f"partition {known['name']!r:.80}")
-    missing = {"spec", "n_recordings", "sha256", "failures"} - said.keys()
-    if missing:
-        raise ValueError(f"{min(missing)!r} is missing")
+# What is told.
 
 
 def _synthetic(archive: Archive) -> bool:

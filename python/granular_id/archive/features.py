@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,9 +18,10 @@ from granular_id._checks import argument_error, named
 from granular_id._core import AXES, FeatureSpec, MultiBandExtractor
 from granular_id._progress import ProgressCallback
 from granular_id._text import counted
-from granular_id.archive.extraction import MANIFEST, Extraction, read_manifest, run
+from granular_id.archive.extraction import Extraction, run
+from granular_id.archive.manifest import Partitions
 from granular_id.archive.work import INDEX_COLUMNS, buffer, read_samples
-from granular_id.io.errors import naming, need
+from granular_id.io.errors import need
 from granular_id.io.parquet.archive import Archive, RowGroup
 from granular_id.recording import Dataset, Recording
 
@@ -231,7 +230,7 @@ class FeatureWork:
                 "whose counts need no one length"
             )
 
-    def fields(self, archive: Archive) -> list[Any]:  # noqa: ARG002
+    def fields(self) -> list[Any]:
         """One column, a list of fixed size; names of the features in its metadata."""
         arrow = need("pyarrow", extra="dask", why="to work on archives")
         names = json.dumps(self.names(), ensure_ascii=False)
@@ -361,7 +360,7 @@ def _plain(value: Any) -> Any:
     return np.asarray(value).tolist() if isinstance(value, (np.ndarray, tuple)) else value
 
 
-class Features:
+class Features(Partitions):
     """Features that `extract` wrote, as scikit-learn wants them.
 
     Parameters
@@ -406,39 +405,8 @@ class Features:
     (1, 600)
     """
 
-    spec: Mapping[str, Any]
-    n_recordings: int
-    sha256: str
-
-    def __init__(self, folder: str | os.PathLike[str], *, partial: bool = False) -> None:
-        self.folder = Path(folder)
-        help_ = "run the same extraction again, which computes what is missing"
-        try:
-            manifest = read_manifest(self.folder)
-        except FileNotFoundError:
-            raise FileNotFoundError(
-                f"{self.folder / MANIFEST}: no such file, the extraction is not finished: {help_}"
-            ) from None
-        if "features" not in manifest["spec"]["work"]:
-            raise ValueError(f"{self.folder} holds no features, but {', '.join(manifest['spec']['work'])}")
-        failures = manifest["failures"]
-        if failures and not partial:
-            raise ValueError(
-                f"{self.folder}: {counted(len(failures), 'partition')} failed, the first is {failures[0]['name']} "
-                f"({failures[0]['problem']:.200}): {help_}, or take what there is by partial=True"
-            )
-        self.spec, self.sha256 = manifest["spec"], str(manifest["sha256"])
-        self.n_recordings = int(manifest["n_recordings"])
-        self._files = tuple(str(known["name"]) for known in manifest["partitions"])
-        if not self._files:
-            raise ValueError(f"{self.folder} holds no partition: all of them failed")
-        for known in manifest["partitions"]:
-            path = self.folder / known["name"]
-            if not path.is_file() or path.stat().st_size != known["n_bytes"]:
-                raise ValueError(f"{path} is gone or cut off: remove it, and {help_}")
-
-    def __len__(self) -> int:
-        return self.n_recordings
+    holds = "features"
+    again = "run the same extraction again, which computes what is missing"
 
     def __iter__(self) -> Iterator[Features]:
         """Yield the features of one partition after the other, so that no more is in memory."""
@@ -508,13 +476,3 @@ class Features:
             with self._opened(file) as opened:
                 tables.append(opened.read(list(INDEX_COLUMNS)))
         return arrow.concat_tables(tables)
-
-    @contextmanager
-    def _opened(self, file: str) -> Iterator[Any]:
-        library = need("pyarrow.parquet", extra="dask", why="to work on archives")
-        path = self.folder / file
-        with (
-            naming(path, "reading features"),
-            library.ParquetFile(path, page_checksum_verification=True) as opened,
-        ):
-            yield opened

@@ -47,7 +47,7 @@ class Work(Protocol):
         """Refuse an archive that it does not suit: ValueError with the way out, before any work."""
         ...
 
-    def fields(self, archive: Archive) -> list[Any]:
+    def fields(self) -> list[Any]:
         """Fields (pyarrow) of its columns."""
         ...
 
@@ -226,7 +226,7 @@ class _Opened:
             kinds = {"start_time": arrow.float64()}
             own = [arrow.field(name, kinds.get(name, arrow.string())) for name in INDEX_COLUMNS]
             mark = {MARK: json.dumps({"format": "partition", "version": VERSION, "spec": json.loads(key)})}
-            self._schemas[key] = arrow.schema([*own, *work.fields(self.archive)], metadata=mark)
+            self._schemas[key] = arrow.schema([*own, *work.fields()], metadata=mark)
         return self._schemas[key]
 
     def table(self, start: int, stop: int, columns: Sequence[Sequence[Any]], schema: Any) -> Any:

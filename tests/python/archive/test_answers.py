@@ -257,7 +257,7 @@ def test_a_folder_of_features_is_refused_and_stays_as_it_is(model, tmp_path):
     with pytest.raises(ValueError, match=r"holds other work already, and no model\.safetensors"):
         identify(archive, model, tmp_path / "out", progress=False)
     assert files_in(tmp_path / "out") == before
-    with pytest.raises(ValueError, match="holds no answers, but other work"):
+    with pytest.raises(ValueError, match="holds no answers, but features"):
         Answers(tmp_path / "out")
 
 

@@ -156,7 +156,7 @@ def test_what_is_not_finished_is_refused(tmp_path, out):
     with pytest.raises(ValueError, match=r"manifest.json is no manifest"):
         Features(out)
     (out / "manifest.json").unlink()
-    with pytest.raises(FileNotFoundError, match="is not finished"):
+    with pytest.raises(FileNotFoundError, match="the features are not finished"):
         Features(out)
 
 

@@ -43,7 +43,7 @@ class Sums:
     def check(self, archive):
         pass
 
-    def fields(self, archive):
+    def fields(self):
         return [pa.field("sum", pa.float64())]
 
     def columns(self, archive, group):
