@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -10,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -74,6 +75,37 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     except BaseException:
         draft.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def durable_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Write a file as `whole_file` does, which survives the loss of power, too."""
+    with whole_file(path) as draft:
+        yield draft
+        _sync(draft, os.O_RDWR)
+    sync_folder(Path(path).parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until names of files are on the disk, where that can be asked for."""
+    if os.name == "posix":  # elsewhere folders cannot be opened
+        _sync(folder, os.O_RDONLY)
+
+
+def _sync(path: Path, how: int) -> None:
+    descriptor = os.open(path, how)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def sha256_of(file: BinaryIO) -> str:
+    """Digest what is left in an open file."""
+    mark = hashlib.sha256()
+    while some := file.read(1 << 20):
+        mark.update(some)
+    return mark.hexdigest()
 
 
 @contextmanager

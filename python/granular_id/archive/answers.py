@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import warnings
 from collections import Counter
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -18,12 +17,12 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import checked_choice, finite_number
-from granular_id._files import absolute, made_folder, whole_file
+from granular_id._files import absolute, durable_file, made_folder
 from granular_id._progress import ProgressCallback
 from granular_id._text import Table, counted, percent, verb
-from granular_id.archive.extraction import Extraction, run
+from granular_id.archive.extraction import Extraction, check_engine, run
 from granular_id.archive.manifest import MANIFEST, Partitions
-from granular_id.archive.work import INDEX_COLUMNS, read_samples
+from granular_id.archive.work import INDEX_COLUMNS, one_of_each, read_samples
 from granular_id.identifier import (
     Begin,
     Identifier,
@@ -36,14 +35,10 @@ from granular_id.identifier import (
     starts_in,
     synthetic_words,
 )
-from granular_id.io.errors import naming, need
-from granular_id.io.files import read_bounded
-from granular_id.io.flat import checked_history
-from granular_id.io.folder_save import HISTORY_NAME
-from granular_id.io.options import MAX_TEXT_BYTES
+from granular_id.io.errors import need
 from granular_id.io.parquet.archive import Archive, RowGroup
-from granular_id.io.parquet.layout import DIGEST, FLAGS
-from granular_id.recording import Dataset, Recording, Setup, setup_mismatch
+from granular_id.io.parquet.layout import DIGEST
+from granular_id.recording import setup_mismatch
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -112,7 +107,7 @@ def identify(
     Warns
     -----
     UserWarning
-        Once, in the end: what else of the set-up is not as in the training.
+        Once, before any work: what else of the set-up is not as in the training.
 
     Examples
     --------
@@ -134,6 +129,7 @@ def identify(
     checked_choice("begin_at", begin_at, "auto", "first", "trigger")
     checked_choice("on_short", on_short, "raise", "skip")
     lead_s = None if lead_s is None else finite_number("lead_s", lead_s)
+    check_engine(engine, n_jobs, scheduler, progress, options)
     content, folder = known.core.to_bytes(), Path(out)
     work = AnswerWork(
         model=absolute(folder / MODEL),
@@ -145,13 +141,13 @@ def identify(
         loaded=known.core,
     )
     differences = work.checked(opened)
+    if differences:
+        warnings.warn(setup_mismatch(*differences), stacklevel=2)
     with made_folder(folder):
         _keep(folder, content)
         extraction = run(
             opened, work, out, engine=engine, n_jobs=n_jobs, scheduler=scheduler, progress=progress, **options
         )
-    if differences:
-        warnings.warn(setup_mismatch(*differences), stacklevel=2)
     answers = Answers(folder)
     answers.extraction = extraction
     return answers
@@ -160,14 +156,13 @@ def identify(
 def _keep(folder: Path, content: bytes) -> None:
     """Put the model where workers find it, unless the folder holds something else."""
     path = folder / MODEL
-    help_ = "name another folder, or remove this one"
-    if path.is_file():
-        if path.read_bytes() != content:
-            raise ValueError(f"{folder} holds answers of another model already; {help_}")
+    there = path.read_bytes() if path.is_file() else None
+    if there == content:
         return
     if any(folder.glob("*.parquet")) or (folder / MANIFEST).exists():
-        raise ValueError(f"{folder} holds other work already, and no {MODEL}; {help_}")
-    with whole_file(path) as draft:
+        other = f"other work already, and no {MODEL}" if there is None else "answers of another model already"
+        raise ValueError(f"{folder} holds {other}; name another folder, or remove this one")
+    with durable_file(path) as draft:
         draft.write_bytes(content)
 
 
@@ -203,7 +198,7 @@ class AnswerWork:
     def checked(self, archive: Archive) -> tuple[str, ...]:
         """Refuse what does not suit the model, and return what else of the set-up is not as in the training."""
         core, index = self.core, archive.index
-        differences = check_recordings(_one_of_each(archive, core.rate_hz), core, self.accept)
+        differences = check_recordings(one_of_each(archive, core.rate_hz), core, self.accept)
         starts = self._starts(index)
         without = np.flatnonzero(starts < 0)
         if len(without) == len(starts) or (len(without) and self.on_short == "raise"):
@@ -269,7 +264,7 @@ class AnswerWork:
         n, n_axes = self.core.n_samples, len(archive.axes)
         lengths = np.asarray(rows["n_samples"].to_numpy(), np.int64)
         answered = np.flatnonzero(starts >= 0)
-        if _has_flags(archive, group):
+        if archive.has_flags(group):
             recordings = archive.read(group).recordings
             spans = [(recordings[k], slice(starts[k], starts[k] + n)) for k in answered.tolist()]
             own = [None if one.flags is None else one.flags[span] for one, span in spans]
@@ -325,50 +320,6 @@ def _model(path: str, sha256: str) -> _core.Model:
     if hashlib.sha256(content).hexdigest() != sha256:
         raise ValueError(f"{path} is no longer the model that answers here")
     return _core.Model.from_bytes(content, max_file_bytes=len(content))
-
-
-def _has_flags(archive: Archive, group: RowGroup) -> bool:
-    return _columns_of(archive.folder / group.file, FLAGS)
-
-
-@lru_cache(maxsize=1024)
-def _columns_of(path: Path, name: str) -> bool:
-    """Tell whether a file of samples has a column: the schema is read once a file."""
-    library = need("pyarrow.parquet", extra="dask", why="to work on archives")
-    with naming(path, "reading it as Parquet"):
-        return name in library.read_schema(path).names
-
-
-def _one_of_each(archive: Archive, rate_hz: float) -> Dataset:
-    """Return blank recordings of all set-ups, units and rates that occur, for what looks at nothing else."""
-    index = archive.index
-    codes = index["meta"].unify_dictionaries().combine_chunks().indices.fill_null(-1).to_numpy()
-    rates = np.asarray(index["rate_hz"].to_numpy(), np.float64)
-    first = set(np.unique(codes, return_index=True)[1].tolist())
-    first |= set(np.flatnonzero(rates != rate_hz)[:1].tolist())
-    blank = np.zeros((1, len(archive.axes)))
-    blank.flags.writeable = False
-    recordings: dict[Hashable, Recording] = {}
-    with naming(archive.folder, "reading metadata"):
-        for row in index.select(["name", "meta", "rate_hz"]).take(sorted(first)).to_pylist():
-            meta = json.loads(row["meta"] or "{}")
-            key = Setup.of(meta), repr(meta.get("units")), row["rate_hz"]
-            if key not in recordings:
-                recordings[key] = Recording(
-                    blank,
-                    rate_hz=row["rate_hz"],
-                    time_s=np.zeros(1) if row["rate_hz"] is None else None,
-                    meta=meta,
-                    name=row["name"] or "",
-                    axes=archive.axes,
-                )
-    path = archive.folder / HISTORY_NAME
-    history: Sequence[Any] = ()
-    if path.is_file():
-        with naming(path, "reading the history"):
-            text = read_bounded(path, archive.folder, MAX_TEXT_BYTES).decode()
-            history = checked_history(text, archive.n_recordings)
-    return Dataset(list(recordings.values()), history)
 
 
 class Answers(Partitions):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import platform
+import re
 import secrets
 import signal
 import warnings
@@ -127,6 +128,10 @@ def run_dask(
         raise argument_error(
             TypeError, "scheduler", f"must be an address or a distributed.Client, got {kind}"
         )
+    if connected and scheduler.status != "running":
+        raise argument_error(
+            ValueError, "scheduler", f"must be a client that is connected, got one that is {scheduler.status}"
+        )
     if connected and scheduler.asynchronous:
         raise argument_error(TypeError, "scheduler", "must be a client without asynchronous=True")
     for name, value in {"n_jobs": n_jobs, "dashboard_address": dashboard_address}.items():
@@ -151,6 +156,8 @@ def run_dask(
             if _work_through(distributed, client, [task], done):
                 done(Outcome(task.name, task.n_recordings, problem=f"{_first_place(task)}: {_DIED}"))
 
+
+DASK_OPTIONS = ("dashboard_address", "tls_ca_file", "tls_cert", "tls_key")
 
 _DIED = "the processes that worked on it died, each time (out of memory, or a crash in a library)"
 
@@ -302,6 +309,8 @@ def _check_address(address: str, security: Any) -> None:
     certified = security.tls_ca_file or dask.config.get("distributed.client.security-loader", None)
     if protocol not in ("tcp", "tls"):
         wanted = "must be an address like tcp://host:8786 or tls://host:8786"
+    elif not re.search(r":\d+$", address):
+        wanted = "must end in a port, as :8786"
     elif protocol == "tls" and not certified:
         wanted = "needs tls_ca_file, tls_cert and tls_key, or these in Dask's configuration"
     elif protocol == "tcp" and security.require_encryption:
@@ -347,14 +356,16 @@ def _unfit(archive: str, seen: str, out: str, versions: Mapping[str, str]) -> st
     return ""
 
 
-_unfit_once = cache(lambda archive, out, versions: _unfit(archive, out, out, dict(versions)))
+@cache  # of an error nothing is kept: folders may be mounted later
+def _check_fit(archive: str, out: str, versions: tuple[tuple[str, str], ...]) -> None:
+    problem = _unfit(archive, out, out, dict(versions))
+    if problem:
+        raise OSError(f"Dask worker {platform.node()}: {problem}")
 
 
 def _work_on(task: Task, versions: Mapping[str, str]) -> Outcome:
     """Do a task on a worker, which may have come after the others were checked."""
-    problem = _unfit_once(task.archive, task.out, tuple(versions.items()))
-    if problem:
-        raise OSError(f"Dask worker {platform.node()}: {problem}")
+    _check_fit(task.archive, task.out, tuple(versions.items()))
     with single_threaded_blas():
         return process_partition(task)
 
@@ -407,8 +418,8 @@ def _work_through(distributed: Any, client: Any, tasks: Sequence[Task], done: Do
             except Exception as error:
                 if isinstance(error, ImportError) or "deserialization" in str(error):
                     raise OSError(
-                        f"{scheduler}, or a worker of it, cannot load granular_id {_core.__version__}: "
-                        "install the same version there"
+                        f"{scheduler}, or a worker of it, cannot load granular_id {_core.__version__}, or what else "
+                        f"the work is made of: install the same there ({error})"
                     ) from error
                 raise
             done(outcome)

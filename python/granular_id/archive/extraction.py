@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from granular_id._checks import argument_error, checked_choice, checked_n_jobs
 from granular_id._files import absolute, made_folder
 from granular_id._progress import ProgressCallback, check_progress, displaying
 from granular_id._text import counted, whole_percent
-from granular_id.archive.engines import run_dask, run_local
+from granular_id.archive.engines import DASK_OPTIONS, run_dask, run_local
 from granular_id.archive.manifest import MANIFEST, PARTITION, read_manifest, write_manifest
 from granular_id.archive.work import (
     MARK,
@@ -41,7 +41,9 @@ _NAMED = 3
 _MOST_SAMPLES = 1 << 22
 """Samples of a partition of long recordings."""
 
-_DRAFT = re.compile(r"\.[0-9a-f]{32}\.parquet\.[0-9a-f]{16}\.tmp|\.manifest-[0-9a-f]{16}\.json")
+_DRAFT = re.compile(
+    r"\.[0-9a-f]{32}\.parquet\.[0-9a-f]{16}\.tmp|\.(manifest-[0-9a-f]{16}\.json|model-[0-9a-f]{16}\.safetensors)"
+)
 _PROBE = re.compile(r"\.[0-9a-f]{16}\.tmp")
 _PROBE_LASTS_S = 60.0
 """Empty files by which engines see whether workers have the folder: another driver's may be in use."""
@@ -115,7 +117,7 @@ class PartitionError(ValueError):
 
 
 def run(
-    archive: Archive | str | os.PathLike[str],
+    archive: Archive,
     work: Work,
     out: str | os.PathLike[str],
     *,
@@ -126,19 +128,17 @@ def run(
     **options: Any,
 ) -> Extraction:
     """Do some work for all recordings of an archive, each exactly once; parameters and errors as of `extract`."""
-    opened = archive if isinstance(archive, Archive) else Archive(archive)
-    checked_choice("engine", engine, "local", "dask")
-    checked_n_jobs(n_jobs)
-    check_progress(progress)
-    if scheduler is not None and engine != "dask":
-        raise argument_error(ValueError, "scheduler", f"={scheduler!r} needs engine='dask', got {engine!r}")
-    if options and engine != "dask":
-        raise argument_error(TypeError, min(options), f"is an option of engine='dask', got {engine!r}")
-    work.check(opened)
-    folder, tasks = Path(absolute(out)), tasks_of(opened, work, out)
-    spec, source = spec_json(work, opened), absolute(opened.folder)
+    check_engine(engine, n_jobs, scheduler, progress, options)
+    folder = Path(absolute(out))
+    if Path(absolute(archive.folder)) in (folder, *folder.parents):
+        raise argument_error(
+            ValueError, "out", f"={os.fspath(out)!r} is or lies in the archive: name another folder"
+        )
+    work.check(archive)
+    tasks = tasks_of(archive, work, out)
+    spec, source = spec_json(work, archive), absolute(archive.folder)
     with made_folder(folder):
-        stale = _refuse_others(folder, opened, spec, {task.name for task in tasks})
+        stale = _refuse_others(folder, archive, spec, {task.name for task in tasks})
         begun = perf_counter()
         there = _there(folder, tasks)
         done = dict(there)
@@ -150,7 +150,7 @@ def run(
             return (perf_counter() - begun) / n_made * (n_missing - n_made) if n_made else None
 
         try:
-            remember(opened, source)
+            remember(archive, source)
             with displaying(progress, left) as display:
 
                 def take(outcome: Outcome) -> None:
@@ -159,20 +159,30 @@ def run(
                     n_made += outcome.n_recordings
                     if display.step is not None:
                         rate = n_made / max(perf_counter() - begun, 1e-9)
-                        n_before = opened.n_recordings - n_missing
-                        display.step(n_before + n_made, opened.n_recordings, f"{rate:.0f} recordings/s")
+                        n_before = archive.n_recordings - n_missing
+                        display.step(n_before + n_made, archive.n_recordings, f"{rate:.0f} recordings/s")
 
-                _run_engine(missing, take, engine=engine, n_jobs=n_jobs, scheduler=scheduler, options=options)
+                todo = missing
+                while todo:
+                    _run_engine(
+                        todo, take, engine=engine, n_jobs=n_jobs, scheduler=scheduler, options=options
+                    )
+                    # A driver that found the archive grown has removed what it no longer needs.
+                    todo = [
+                        task
+                        for task in tasks
+                        if not done[task.name].problem and not (folder / task.name).exists()
+                    ]
         finally:
             forget(source)
             _remove_drafts(folder)
-        for path in stale:
-            path.unlink(missing_ok=True)
         outcomes = [done[task.name] for task in tasks]
-        synthetic = _synthetic(opened)
-        sha256 = write_manifest(folder, opened, spec, outcomes, synthetic)
+        failures = tuple(outcome for outcome in outcomes if outcome.problem)
+        synthetic = archive.is_synthetic
+        sha256 = write_manifest(folder, archive, spec, outcomes, synthetic)
+        for path in [] if failures else stale:
+            path.unlink(missing_ok=True)
         seconds = perf_counter() - begun
-    failures = tuple(outcome for outcome in outcomes if outcome.problem)
     made = [done[task.name] for task in missing if not done[task.name].problem]
     n_computed = sum(outcome.n_recordings for outcome in made)
     extraction = Extraction(
@@ -195,6 +205,28 @@ def run(
     return extraction
 
 
+def check_engine(
+    engine: str,
+    n_jobs: int | None,
+    scheduler: Any,
+    progress: bool | ProgressCallback,
+    options: Mapping[str, Any],
+) -> None:
+    """Refuse what `run` cannot be given, before anything is read or written."""
+    checked_choice("engine", engine, "local", "dask")
+    checked_n_jobs(n_jobs)
+    check_progress(progress)
+    if scheduler is not None and engine != "dask":
+        raise argument_error(ValueError, "scheduler", f"={scheduler!r} needs engine='dask', got {engine!r}")
+    unknown = sorted(options.keys() - DASK_OPTIONS)
+    if unknown:
+        raise argument_error(
+            TypeError, unknown[0], f"is no option; those of Dask are {', '.join(DASK_OPTIONS)}"
+        )
+    if options and engine != "dask":
+        raise argument_error(TypeError, min(options), f"is an option of engine='dask', got {engine!r}")
+
+
 def tasks_of(archive: Archive, work: Work, out: str | os.PathLike[str]) -> list[Task]:
     """Return the partitions of an archive as tasks, in its order."""
     spec = spec_json(work, archive)
@@ -212,7 +244,7 @@ def tasks_of(archive: Archive, work: Work, out: str | os.PathLike[str]) -> list[
 
 
 def planned(row_groups: Sequence[RowGroup]) -> Iterator[list[RowGroup]]:
-    """Join neighbouring row groups to partitions; what is appended to an archive changes at most the last one."""
+    """Join neighbouring row groups to partitions; what is appended to an archive changes at most those at its place."""
     some: list[RowGroup] = []
     n_recordings = n_samples = 0
     for group in row_groups:
@@ -286,9 +318,12 @@ def _all_in(rows: Any, archive: Archive) -> bool:
 def _difference(there: Any, wanted: Any, what: str = "") -> str:
     """Name the first entry in which two descriptions differ."""
     if isinstance(there, dict) and isinstance(wanted, dict):
-        for key in [*wanted, *there]:
-            if there.get(key) != wanted.get(key):
-                return _difference(there.get(key), wanted.get(key), str(key))
+        if there.keys() != wanted.keys():
+            there, wanted = (", ".join(map(str, one)) for one in (there, wanted))
+            return f"{what} of {there} there, of {wanted} wanted"
+        for key in wanted:
+            if there[key] != wanted[key]:
+                return _difference(there[key], wanted[key], str(key))
     return f"{what} {there!r:.120} there, {wanted!r:.120} wanted"
 
 
@@ -319,14 +354,6 @@ def _remove_drafts(folder: Path) -> None:
 
 
 # What is told.
-
-
-def _synthetic(archive: Archive) -> bool:
-    """Tell whether the metadata of any recording say that it was simulated."""
-    arrow = need("pyarrow.compute", extra="dask", why="to work on archives")
-    texts = archive.index["meta"].unique().cast("string").drop_null()
-    likely = texts.filter(arrow.match_substring(texts, '"synthetic": true'))
-    return any(json.loads(text).get("synthetic") is True for text in likely.to_pylist())
 
 
 def _failed(folder: Path, failures: Sequence[Outcome], n_partitions: int) -> str:

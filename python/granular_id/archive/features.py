@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -20,10 +21,10 @@ from granular_id._progress import ProgressCallback
 from granular_id._text import counted
 from granular_id.archive.extraction import Extraction, run
 from granular_id.archive.manifest import Partitions
-from granular_id.archive.work import INDEX_COLUMNS, buffer, read_samples
+from granular_id.archive.work import INDEX_COLUMNS, buffer, one_of_each, read_samples
 from granular_id.io.errors import need
 from granular_id.io.parquet.archive import Archive, RowGroup
-from granular_id.recording import Dataset, Recording
+from granular_id.recording import Dataset, Recording, setup_mismatch
 
 # Feature spaces and models are imported where they are called for: they bring in scikit-learn.
 
@@ -43,6 +44,7 @@ def extract(
     space: Any = None,
     *,
     model: Identifier | str | os.PathLike[str] | None = None,
+    accept: str | Sequence[str] = (),
     dtype: str = "float64",
     engine: str = "local",
     n_jobs: int | None = None,
@@ -66,8 +68,14 @@ def extract(
     space : str or transformer, default "hfmh"
         Name of a feature space of `granular_id.feature_spaces`, or a transformer, that learns nothing from recordings.
         The default is the smallest of the paper's: 600 counts. A rate that it leaves open is that of the archive.
+        A transformer of your own has ``learns = False``, makes of samples (n, T, C) a row of finite features each, and
+        names them by ``get_feature_names_out()``. It is known by its class and parameters: after a change of its code
+        take another folder.
     model : Identifier or path, optional
         Extract the features of a trained model instead, with all that it has learned: the way to multi-band features.
+    accept : str or sequence of str, default ()
+        With `model`: what of the recordings' set-up may differ from the training though it is refused otherwise:
+        "frame", "transform", "sign", "units".
     dtype : {"float64", "float32"}, default "float64"
         Type of the features; computed is always in float64.
     engine : {"local", "dask"}, default "local"
@@ -121,7 +129,7 @@ def extract(
     True
     """
     opened = archive if isinstance(archive, Archive) else Archive(archive)
-    work = FeatureWork.of(opened, space, model=model, dtype=dtype)
+    work = FeatureWork.of(opened, space, model=model, accept=accept, dtype=dtype)
     return run(
         opened, work, out, engine=engine, n_jobs=n_jobs, scheduler=scheduler, progress=progress, **options
     )
@@ -146,6 +154,7 @@ class FeatureWork:
         space: Any = None,
         *,
         model: Identifier | str | os.PathLike[str] | None = None,
+        accept: str | Sequence[str] = (),
         dtype: str = "float64",
     ) -> FeatureWork:
         """Settle what is extracted from the recordings of an archive: rate, axes and length are known from here on."""
@@ -157,16 +166,29 @@ class FeatureWork:
         if dtype not in ("float64", "float32"):
             raise argument_error(ValueError, "dtype", f"must be 'float64' or 'float32', got {dtype}")
         if model is None:
+            if accept:
+                raise argument_error(
+                    ValueError, "accept", f"={accept!r} is about the set-up of a model: give model="
+                )
             return cls._of_space(archive, space, dtype)
         if space is not None:
             raise argument_error(ValueError, "space", "is that of the model: give one of both")
-        return cls._of_model(model, dtype)
+        return cls._of_model(archive, model, accept, dtype)
 
     @classmethod
-    def _of_model(cls, model: Identifier | str | os.PathLike[str], dtype: str) -> FeatureWork:
-        from granular_id.identifier import Identifier
+    def _of_model(
+        cls,
+        archive: Archive,
+        model: Identifier | str | os.PathLike[str],
+        accept: str | Sequence[str],
+        dtype: str,
+    ) -> FeatureWork:
+        from granular_id.identifier import Identifier, check_recordings
 
         known = model if isinstance(model, Identifier) else Identifier.load(model)
+        differences = check_recordings(one_of_each(archive, known.rate_hz), known.core, accept)
+        if differences:
+            warnings.warn(setup_mismatch(*differences), stacklevel=4)
         spec, n_samples = known.spec, known.n_samples
         if isinstance(spec, MultiBandExtractor):
             n_features = spec.n_features
@@ -226,7 +248,7 @@ class FeatureWork:
             row = int((lengths != self.n_samples).argmax())
             raise ValueError(
                 f"recording {_name(archive, row)} has {counted(int(lengths[row]), 'sample')}, {self.title} "
-                f"{_want(self.title)} {self.n_samples} of each: call .crop on the recordings, or take space='hfmh', "
+                f"{_want(self.title)} {self.n_samples} of each: call .align on the recordings, or take space='hfmh', "
                 "whose counts need no one length"
             )
 
@@ -276,7 +298,7 @@ class FeatureWork:
         if isinstance(self.extractor, MultiBandExtractor):
             features = self.extractor.extract(recordings, 1)
         else:
-            features = np.asarray(self.extractor.transform(recordings), np.float64)
+            features = self._of_transformer(recordings)
         if self.dtype == "float64":
             return np.ascontiguousarray(features)
         with np.errstate(over="ignore"):
@@ -284,6 +306,14 @@ class FeatureWork:
         if not np.isfinite(out).all():
             raise ValueError("a feature is beyond float32: take dtype='float64'")
         return out
+
+    def _of_transformer(self, recordings: FloatArray) -> FloatArray:
+        features = np.asarray(self.extractor.transform(recordings))
+        wanted = (len(recordings), self.n_features)
+        if features.shape != wanted or features.dtype.kind not in "fiub" or not np.isfinite(features).all():
+            came = f"{features.dtype} of shape {features.shape}"
+            raise ValueError(f"{self.title} must make finite real features of shape {wanted}, got {came}")
+        return np.asarray(features, np.float64)
 
     def _kind(self, arrow: Any) -> Any:
         number = arrow.float64() if self.dtype == "float64" else arrow.float32()
@@ -317,6 +347,10 @@ def _transformer(space: Any) -> tuple[str, Any]:
         title, transformer = type(space).__name__, clone(space)
         threads = [key for key in transformer.get_params() if key.rpartition("__")[2] == "threads"]
         transformer.set_params(**dict.fromkeys(threads, 1))
+    if not (hasattr(transformer, "learns") or hasattr(transformer, "steps")):
+        raise argument_error(
+            TypeError, "space", f"={title} must say by learns = False that it learns nothing"
+        )
     if learns(transformer):
         raise argument_error(
             ValueError,
@@ -332,12 +366,17 @@ def _fitted(title: str, transformer: Any, blank: Dataset) -> Any:
     from granular_id._estimators import with_rate
 
     fitted = with_rate(transformer, blank.rate_hz).fit(blank)
-    made = np.asarray(fitted.transform(blank.X))
-    if made.ndim != 2 or made.shape[1] != len(fitted.get_feature_names_out()):
+    if not hasattr(fitted, "get_feature_names_out"):
+        raise argument_error(
+            TypeError, "space", f"={title} must name its features by get_feature_names_out()"
+        )
+    made, names = np.asarray(fitted.transform(blank.X)), list(fitted.get_feature_names_out())
+    if made.shape != (1, len(names)) or not names or len(set(names)) < len(names):
         raise argument_error(
             ValueError,
             "space",
-            f"={title} must make one row of named features of a recording, got {made.shape[1:]}",
+            f"={title} must make one row of features of a recording, and name each once: of samples "
+            f"{blank.X.shape} came {made.shape} and {counted(len(names), 'name')}",
         )
     return fitted
 

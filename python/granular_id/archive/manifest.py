@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
-from granular_id._files import whole_file
+from granular_id._files import durable_file
 from granular_id._text import counted
-from granular_id.archive.work import VERSION, Outcome, sync_folder
+from granular_id.archive.work import VERSION, Outcome
 from granular_id.io.errors import naming, need
 from granular_id.io.parquet.archive import Archive
 
@@ -51,15 +51,12 @@ def write_manifest(
     text = json.dumps(manifest, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
     for attempt in range(3):  # another driver that comes to its end removes all temporary files
         try:
-            with whole_file(folder / MANIFEST) as draft, draft.open("w", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
+            with durable_file(folder / MANIFEST) as draft:
+                draft.write_text(text, encoding="utf-8")
             break
         except FileNotFoundError:
             if attempt == 2:
                 raise
-    sync_folder(folder)
     return sha256
 
 
@@ -70,7 +67,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         said: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         _check_manifest(said)
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise ValueError(f"{path} is no manifest of partitions: {error}") from error
+        problem = f"{error} is missing" if isinstance(error, KeyError) else error
+        raise ValueError(f"{path} is no manifest of partitions: {problem}") from error
     return said
 
 
@@ -78,7 +76,9 @@ def _check_manifest(said: dict[str, Any]) -> None:
     if said["format"] != _FORMAT or said["version"] != VERSION:
         raise ValueError(f"wanted {_FORMAT!r}, version {VERSION}")
     for known in said["partitions"]:
-        if not PARTITION.fullmatch(known["name"]) or not isinstance(known["n_bytes"], int):
+        wanted = {"n_recordings": int, "n_bytes": int, "sha256": str}
+        typed = all(isinstance(known[key], kind) for key, kind in wanted.items())
+        if not typed or not PARTITION.fullmatch(known["name"]):
             raise ValueError(f"partition {known['name']!r:.80}")
     missing = {"spec", "n_recordings", "sha256", "failures"} - said.keys()
     if missing:
@@ -99,6 +99,8 @@ class Partitions:
 
     def __init__(self, folder: str | os.PathLike[str], *, partial: bool = False) -> None:
         self.folder = Path(folder)
+        if not self.folder.is_dir():
+            raise FileNotFoundError(f"{self.folder}: no such folder")
         try:
             manifest = read_manifest(self.folder)
         except FileNotFoundError:
@@ -135,7 +137,7 @@ class Partitions:
         library = need("pyarrow.parquet", extra="dask", why="to work on archives")
         path = self.folder / file
         with (
-            naming(path, f"reading {self.holds}"),
+            naming(path, f"reading {self.holds} (remove it, and {self.again})"),
             library.ParquetFile(path, page_checksum_verification=True) as opened,
         ):
             yield opened

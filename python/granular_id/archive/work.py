@@ -7,7 +7,7 @@ import json
 import os
 import secrets
 import threading
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
@@ -18,9 +18,12 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
-from granular_id._files import cannot_write
-from granular_id.io.errors import RecordingFileError, need, printable
+from granular_id._files import cannot_write, sha256_of, sync_folder
+from granular_id.io.errors import RecordingFileError, naming, need, printable
 from granular_id.io.parquet.archive import Archive, RowGroup
+from granular_id.io.parquet.index import coded_texts
+from granular_id.io.parquet.layout import INDEX_FILE
+from granular_id.recording import Dataset, Recording, Setup
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -116,12 +119,8 @@ def finished(task: Task) -> Outcome | None:
         return None
     if n_rows != task.n_recordings:
         return None
-    mark, n_bytes = hashlib.sha256(), 0
     with target.open("rb") as file:
-        while some := file.read(1 << 20):
-            mark.update(some)
-            n_bytes += len(some)
-    return Outcome(task.name, task.n_recordings, mark.hexdigest(), n_bytes)
+        return Outcome(task.name, task.n_recordings, sha256_of(file), file.tell())
 
 
 def _made(task: Task, target: Path) -> Outcome:
@@ -141,14 +140,15 @@ def _made(task: Task, target: Path) -> Outcome:
         with _Draft(draft) as file:
             writer = library.ParquetWriter(file, schema, **_encoding(schema))
             pending: list[list[Any]] = []
-            first = groups[0].start
+            joined: list[RowGroup] = []
             for group in groups:
                 begun = perf_counter()
                 try:
                     columns = task.work.columns(opened.archive, group)
-                    whole = group is groups[-1] or group.stop - first >= _LEAST_ROWS
+                    joined.append(group)
+                    whole = group is groups[-1] or sum(one.stop - one.start for one in joined) >= _LEAST_ROWS
                     pending.append(columns if whole else [_copied(column) for column in columns])
-                    rows = opened.table(first, group.stop, pending, schema) if whole else None
+                    rows = opened.table(joined, pending, schema) if whole else None
                 except Exception as error:
                     file.give_up()
                     place = f"{group.file}, row group {group.row_group}"
@@ -156,7 +156,7 @@ def _made(task: Task, target: Path) -> Outcome:
                 computed = perf_counter()
                 if rows is not None:
                     writer.write_table(rows, row_group_size=rows.num_rows)
-                    pending, first = [], group.stop
+                    pending, joined = [], []
                 seconds["computing"] += computed - begun
                 seconds["writing"] += perf_counter() - computed
             begun = perf_counter()
@@ -229,10 +229,12 @@ class _Opened:
             self._schemas[key] = arrow.schema([*own, *work.fields()], metadata=mark)
         return self._schemas[key]
 
-    def table(self, start: int, stop: int, columns: Sequence[Sequence[Any]], schema: Any) -> Any:
+    def table(self, groups: Sequence[RowGroup], columns: Sequence[Sequence[Any]], schema: Any) -> Any:
         """Put rows of the index beside the columns of the work, which come row group by row group."""
         arrow = need("pyarrow", extra="dask", why="to work on archives")
-        rows = self.archive.index.slice(start, stop - start)
+        # Neighbours for the driver may not be here: what was appended meanwhile may stand between them.
+        index = self.archive.index
+        rows = arrow.concat_tables([index.slice(group.start, group.stop - group.start) for group in groups])
         nothing = arrow.nulls(rows.num_rows)
         about = [rows[name] if name in rows.column_names else nothing for name in INDEX_COLUMNS]
         own = [arrow.chunked_array(list(parts)) for parts in zip(*columns, strict=True)]
@@ -269,13 +271,10 @@ def forget(folder: str) -> None:
     _scratch.__dict__.clear()
 
 
-_SAVED = "recordings.parquet"
-
-
 def _mark_of(folder: str) -> object:
     """Tell one archive in a folder from the next; what is appended to it changes nothing that was there."""
     try:
-        about = os.stat(os.path.join(folder, _SAVED))  # noqa: PTH116, PTH118 (for every task)
+        about = os.stat(os.path.join(folder, INDEX_FILE))  # noqa: PTH116, PTH118 (for every task)
     except OSError:
         return None
     return about.st_ino, about.st_size, about.st_mtime_ns
@@ -299,6 +298,35 @@ def buffer(name: str, shape: tuple[int, ...], dtype: npt.DTypeLike = np.float64)
         kept = np.empty(shape, dtype)
         setattr(_scratch, name, kept)
     return kept[: shape[0]]
+
+
+# What is looked at before any work.
+
+
+def one_of_each(archive: Archive, rate_hz: float) -> Dataset:
+    """Return blank recordings of all set-ups, units and rates that occur, for what looks at nothing else."""
+    index = archive.index
+    codes, _ = coded_texts(index["meta"])
+    rates = np.asarray(index["rate_hz"].to_numpy(), np.float64)
+    first = set(np.unique(codes, return_index=True)[1].tolist())
+    first |= set(np.flatnonzero(rates != rate_hz)[:1].tolist())
+    blank = np.zeros((1, len(archive.axes)))
+    blank.flags.writeable = False
+    recordings: dict[Hashable, Recording] = {}
+    with naming(archive.folder, "reading metadata"):
+        for row in index.select(["name", "meta", "rate_hz"]).take(sorted(first)).to_pylist():
+            meta = json.loads(row["meta"] or "{}")
+            key = Setup.of(meta), repr(meta.get("units")), row["rate_hz"]
+            if key not in recordings:
+                recordings[key] = Recording(
+                    blank,
+                    rate_hz=row["rate_hz"],
+                    time_s=np.zeros(1) if row["rate_hz"] is None else None,
+                    meta=meta,
+                    name=row["name"] or "",
+                    axes=archive.axes,
+                )
+    return Dataset(list(recordings.values()), archive.history)
 
 
 # Files that are whole, named by what they are made of.
@@ -356,17 +384,6 @@ class _Draft:
     def sync(self) -> None:
         """Wait until it is on the disk."""
         os.fsync(self._file.fileno())
-
-
-def sync_folder(folder: Path) -> None:
-    """Wait until names of files are on the disk, where that can be asked for."""
-    if os.name != "posix":
-        return
-    place = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(place)
-    finally:
-        os.close(place)
 
 
 def spec_json(work: Work, archive: Archive) -> str:

@@ -228,7 +228,7 @@ def _facts(archive: Archive) -> Iterator[str]:
         len(pc.unique(index[name].cast("string")).drop_null()) for name in ("label", "session")
     )
     yield f"{counted(archive.n_recordings)}, {counted(materials, 'material')}, {counted(sessions, 'session')}"
-    synthetic = pc.sum(pc.match_substring(index["meta"].cast("string"), '"synthetic": true')).as_py()
+    synthetic = archive.n_synthetic
     if synthetic:
         yield f"SYNTHETIC: {synthetic} of {counted(archive.n_recordings)}"
     yield f"axes: {' '.join(archive.axes)}"

@@ -10,12 +10,18 @@ import pytest
 import granular_id as gid
 from archive_cases import files_in, poison, small_partitions
 from granular_id._core import FeatureSpec
-from granular_id.archive import Answers, PartitionError, extract, identify
+from granular_id.archive import Answers, PartitionError, append, extract, identify
 from granular_id.archive.answers import COLUMNS, MODEL, AnswerWork
+from granular_id.archive.work import one_of_each
 from granular_id.identifier import Identifier, check_recordings, cropped_to_model, identify_all, starts_in
+from granular_id.io import load
 from granular_id.io.parquet.archive import Archive
 from granular_id.io.parquet.writing import save_parquet
-from granular_id.recording import Dataset, Recording, SampleFlag
+from granular_id.recording import Dataset, Recording, SampleFlag, StepReport
+from granular_id.recording.onset import ONSET_STEP
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
 
 LABELS = ("oat flakes", "rice", "sugar")
 N_SAMPLES, LEAD = 60, 10
@@ -121,8 +127,6 @@ def test_a_model_that_does_not_know_its_recordings_says_nothing_of_them(tmp_path
 
 
 def test_recordings_of_the_training_are_known_without_stored_digests(model, trained, tmp_path):
-    import pyarrow.parquet as pq
-
     folder = saved(trained, tmp_path / "archive")
     index = folder / "recordings.parquet"
     table = pq.read_table(index)
@@ -208,6 +212,42 @@ def test_what_else_differs_is_told_once(model, tmp_path):
     assert [str(one.message) for one in told] == [
         "another set-up than in the training: sensor 'Nano17', in training 'Mini45'"
     ]
+
+
+def test_what_was_done_to_appended_recordings_is_compared_too(model, tmp_path):
+    data = pushes(6)
+    found = Dataset(data.recordings, (StepReport(ONSET_STEP),))
+    append(tmp_path / "archive", found)
+    expected = check_recordings(load(tmp_path / "archive"), model.core)
+    assert check_recordings(one_of_each(Archive(tmp_path / "archive"), 500.0), model.core) == expected
+
+
+def test_an_archive_in_the_place_of_another_has_its_own_flags(model, tmp_path):
+    identify(saved(pushes(3), tmp_path / "archive"), model, tmp_path / "out", progress=False)
+    (tmp_path / "archive").rename(tmp_path / "gone")
+    flags = np.zeros(N_SAMPLES, np.uint8)
+    flags[3] = SampleFlag.SATURATED
+    flagged = Dataset([replace(one, flags=flags) for one in pushes(3)])
+    answers = identify(saved(flagged, tmp_path / "archive"), model, tmp_path / "other", progress=False)
+    assert answers.table["warnings"].to_pylist() == [["1 saturated"]] * 3
+
+
+def test_metadata_that_nobody_stated_are_read(model, tmp_path):
+    folder = saved(pushes(3), tmp_path / "archive")
+    table = pq.read_table(folder / "recordings.parquet")
+    place = table.column_names.index("meta")
+    pq.write_table(table.set_column(place, "meta", pa.nulls(3)), folder / "recordings.parquet")
+    assert len(identify(folder, model, tmp_path / "out", progress=False)) == 3
+
+
+def test_what_is_refused_blocks_no_folder(model, trained, tmp_path):
+    archive = saved(pushes(3), tmp_path / "archive")
+    with pytest.raises(ValueError, match="engine='dsk'; wanted 'local' or 'dask'"):
+        identify(archive, model, tmp_path / "out", engine="dsk")
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "model.safetensors").write_bytes(b"of a driver that was killed before it began")
+    assert len(identify(archive, model, tmp_path / "out", progress=False)) == 3
 
 
 def test_answers_are_the_same_in_partitions_of_any_size(model, trained, tmp_path, monkeypatch):

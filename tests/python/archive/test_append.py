@@ -149,6 +149,7 @@ WRITER = """
 import os, signal, sys
 import numpy as np
 from granular_id.archive import append
+from granular_id import _files
 from granular_id.io.parquet import writing
 from granular_id.recording import Dataset, Recording
 
@@ -156,7 +157,7 @@ folder, when, *numbers = sys.argv[1:]
 if when:
     def killed(*_):
         os.kill(os.getpid(), signal.SIGKILL)
-    setattr(writing, when, killed)
+    setattr(writing if hasattr(writing, when) else _files, when, killed)
 for number in numbers:
     wrench = np.random.default_rng(int(number)).standard_normal((50, 6))
     append(folder, Dataset([Recording(wrench, rate_hz=500, name=number)]))
@@ -201,7 +202,7 @@ def test_what_cannot_be_written_leaves_nothing_half_written(tmp_path, monkeypatc
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("granular_id.io.parquet.writing._sync", full)
+    monkeypatch.setattr("granular_id._files._sync", full)
     with pytest.raises(
         OSError, match=r"cannot write .*samples/[0-9a-f]{32}.parquet: No space left on device"
     ):

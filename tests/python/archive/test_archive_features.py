@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from sklearn.base import BaseEstimator
 from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer
 
 import granular_id as gid
 from archive_cases import partitions_in, poison, small_partitions, some_archive, some_recordings
@@ -204,6 +205,16 @@ class Unnamed(BaseEstimator):
         return ["a"]
 
 
+class Nothing(Unnamed):
+    """No features at all."""
+
+    def transform(self, X):
+        return np.zeros((len(X), 0))
+
+    def get_feature_names_out(self):
+        return []
+
+
 @pytest.mark.parametrize(
     ("space", "said"),
     [
@@ -213,7 +224,12 @@ class Unnamed(BaseEstimator):
         (gid.HFMH(bin_range="auto"), "HFMH learns from recordings"),
         (gid.HFMH, "space must be a name or a transformer"),
         (gid.HFMH(rate_hz=100.0), "rate_hz=100, but the recordings have 500 Hz"),
-        (Unnamed(), r"must make one row of named features of a recording, got \(2, 2\)"),
+        (
+            Unnamed(),
+            r"must make one row of features of a recording.* of samples \(1, 60, 6\) came \(1, 2, 2\)",
+        ),
+        (Nothing(), r"came \(1, 0\) and 0 names"),
+        (FunctionTransformer(), "space=FunctionTransformer must say by learns = False"),
     ],
 )
 def test_spaces_that_cannot_be_are_refused(archive, out, space, said):
@@ -258,7 +274,7 @@ def test_recordings_that_do_not_suit_are_named(tmp_path, out, changed, space, sa
     ("data", "said"),
     [
         (some_recordings(4, 70), "'push 0' has 70 samples, the hfmh features of the model want 60"),
-        (some_recordings(4, rate_hz=250), "'push 0' has 250 Hz, the hfmh features of the model want 500 Hz"),
+        (some_recordings(4, rate_hz=250), "'push 0' has 250 Hz, the model was trained at 500 Hz"),
         (
             some_recordings(4).select(axes=("fy", "fx", "fz", "tx", "ty", "tz")),
             r"call .select\(axes=\['fx', 'fy'",
@@ -269,6 +285,73 @@ def test_a_model_of_other_recordings_is_refused(tmp_path, out, data, said):
     model = gid.Identifier.fit(some_recordings(), "hfmh", estimate=False)
     with pytest.raises(ValueError, match=said):
         extract(some_archive(tmp_path / "a", data), out, model=model, progress=False)
+
+
+def test_a_model_of_another_set_up_is_refused_unless_it_is_accepted(tmp_path, out):
+    def framed(frame):
+        return Dataset([replace(one, meta={"frame": frame}) for one in some_recordings()])
+
+    model = gid.Identifier.fit(framed("flange"), "hfmh", estimate=False)
+    archive = some_archive(tmp_path / "a", framed("base"))
+    with pytest.raises(ValueError, match=r"frame 'base', in training 'flange'.*accept=\('frame',\)"):
+        extract(archive, out, model=model, progress=False)
+    with pytest.warns(UserWarning, match="frame 'base', in training 'flange'"):
+        assert extract(archive, out, model=model, accept="frame", progress=False).n_recordings == 24
+
+
+class Own(Unnamed):
+    """One feature of each recording."""
+
+    def __init__(self, make=None):
+        self.make = make
+
+    def get_params(self, deep=True):
+        return {"make": self.make}
+
+    def set_params(self, **params):
+        return self
+
+    def transform(self, X):
+        X = np.asarray(X)
+        return X.mean(axis=(1, 2))[:, None] if self.make is None or not X.any() else self.make(X)
+
+
+def test_a_transformer_of_ones_own_is_taken(archive, out):
+    extract(archive, out, Own(), progress=False)
+    expected = [[one.wrench[None].mean(axis=(1, 2))[0]] for one in some_recordings()]
+    assert Features(out).X.tolist() == expected
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda X: np.full((len(X), 1), np.nan),
+        lambda X: np.zeros((len(X) + 1, 1)),
+        lambda X: np.zeros((len(X), 1), complex),
+    ],
+    ids=["NaN", "rows", "complex"],
+)
+def test_what_is_no_feature_fails(archive, out, make):
+    with pytest.raises(
+        gid.archive.PartitionError, match=r"Own must make finite real features of shape \(2, 1\), got"
+    ):
+        extract(archive, out, Own(make), progress=False)
+
+
+def test_a_damaged_partition_says_how_it_is_mended(archive, out):
+    features_of(archive, out)
+    path = out / partitions_in(out)[0]
+    damaged = bytearray(path.read_bytes())
+    damaged[len(damaged) // 3] ^= 0xFF
+    path.write_bytes(damaged)
+    with pytest.raises(gid.io.RecordingFileError, match="remove it, and run the same extraction again"):
+        _ = Features(out).X
+
+
+def test_features_do_not_go_into_the_archive(archive):
+    for out in (archive, archive / "features"):
+        with pytest.raises(ValueError, match=r"out=.* is or lies in the archive"):
+            extract(archive, out, progress=False)
 
 
 def test_a_model_has_its_own_space(archive, out):

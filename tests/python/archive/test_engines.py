@@ -195,6 +195,15 @@ def test_workers_that_do_not_see_the_output_are_refused(tasks, tmp_path):
     assert said == f"does not see the output folder {tasks[0].out}: mount it there under the same path"
 
 
+def test_a_worker_that_saw_no_folder_looks_again(tasks, tmp_path):
+    versions = tuple(engines._versions().items())
+    late = str(tmp_path / "mounted later")
+    with pytest.raises(OSError, match="does not see the output folder"):
+        engines._check_fit(tasks[0].archive, late, versions)
+    (tmp_path / "mounted later").mkdir()
+    engines._check_fit(tasks[0].archive, late, versions)
+
+
 def test_nothing_is_left_in_the_output(client, tasks, work, tmp_path):
     work()
     run_dask(tasks, client, None, lambda _: None)

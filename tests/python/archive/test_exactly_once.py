@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from archive_cases import files_in, partitions_in, small_partitions, some_archive
-from granular_id.archive import PartitionError
+from granular_id.archive import Archive, PartitionError
 from granular_id.archive.extraction import run
 from granular_id.archive.work import read_samples
 
@@ -58,7 +58,7 @@ class Sums:
 
 DRIVER = """
 import os, pathlib, signal, sys
-from granular_id.archive import extraction
+from granular_id.archive import Archive, extraction
 from test_exactly_once import Sums
 
 archive, out, dies_at, work = sys.argv[1:]
@@ -76,7 +76,7 @@ def dying(call):
 
 for owner in (os, pathlib.Path):
     owner.replace, owner.rename = dying(owner.replace), dying(owner.rename)
-extraction.run(archive, Sums(work), out, n_jobs=1, progress=False)
+extraction.run(Archive(archive), Sums(work), out, n_jobs=1, progress=False)
 """
 
 
@@ -96,12 +96,12 @@ def archive(tmp_path, monkeypatch) -> Path:
 @pytest.fixture
 def wanted(archive, tmp_path) -> dict[str, bytes]:
     """What is in the folder when nothing disturbs: six partitions and the manifest."""
-    run(archive, Sums(), tmp_path / "undisturbed", n_jobs=1, progress=False)
+    run(Archive(archive), Sums(), tmp_path / "undisturbed", n_jobs=1, progress=False)
     return files_in(tmp_path / "undisturbed")
 
 
 def test_two_threads_make_the_same_files(archive, wanted, tmp_path):
-    run(archive, Sums(), tmp_path / "out", n_jobs=2, progress=False)
+    run(Archive(archive), Sums(), tmp_path / "out", n_jobs=2, progress=False)
     assert files_in(tmp_path / "out") == wanted
 
 
@@ -119,7 +119,7 @@ def test_a_driver_that_was_killed_is_taken_up(archive, wanted, tmp_path, monkeyp
     assert driver(archive, out, **deaths).wait(60) == -signal.SIGKILL
     finished = {name: (out / name).stat().st_ino for name in partitions_in(out)}
     assert len(finished) == n_finished
-    again = run(archive, Sums(), out, n_jobs=2, progress=False)
+    again = run(Archive(archive), Sums(), out, n_jobs=2, progress=False)
     assert files_in(out) == wanted
     assert {name: (out / name).stat().st_ino for name in finished} == finished
     assert again.n_resumed == n_finished
@@ -130,7 +130,7 @@ def test_two_drivers_at_once_make_the_same_files(archive, wanted, tmp_path):
     other = driver(archive, out)
     while not out.is_dir():
         assert other.poll() is None
-    run(archive, Sums(), out, n_jobs=1, progress=False)
+    run(Archive(archive), Sums(), out, n_jobs=1, progress=False)
     assert other.wait(60) == 0
     assert files_in(out) == wanted
 
@@ -159,7 +159,7 @@ def test_a_cluster_whose_workers_die_makes_the_same_files(archive, wanted, tmp_p
         pytest.raises(PartitionError) as failed,
     ):
         run(
-            archive,
+            Archive(archive),
             Sums(str(tmp_path)),
             out,
             engine="dask",
@@ -178,5 +178,5 @@ def test_a_cluster_whose_workers_die_makes_the_same_files(archive, wanted, tmp_p
     assert len(there) == 5
     assert there.items() <= wanted.items()
     assert len(manifest["failures"]) == 1
-    run(archive, Sums(), out, n_jobs=1, progress=False)
+    run(Archive(archive), Sums(), out, n_jobs=1, progress=False)
     assert files_in(out) == wanted

@@ -15,6 +15,7 @@ from archive_cases import files_in, partitions_in, poison, small_partitions, som
 from granular_id.archive import Archive, Extraction, Features, PartitionError, append
 from granular_id.archive.extraction import planned, run, tasks_of
 from granular_id.archive.work import forget, process_partition, read_samples, remember
+from granular_id.io import load
 from granular_id.recording import Dataset
 
 pa = pytest.importorskip("pyarrow")
@@ -46,7 +47,7 @@ class Sums:
 
 
 def quietly(archive, out, work=None, **options) -> Extraction:
-    return run(archive, Sums() if work is None else work, out, progress=False, **options)
+    return run(Archive(archive), Sums() if work is None else work, out, progress=False, **options)
 
 
 @pytest.fixture
@@ -145,7 +146,7 @@ def test_what_comes_of_simulated_recordings_is_marked(tmp_path, out):
 
 def test_progress_counts_recordings(archive, out):
     told = []
-    run(archive, Sums(), out, progress=lambda *step: told.append(step))
+    run(Archive(archive), Sums(), out, progress=lambda *step: told.append(step))
     assert [step[:2] for step in told] == [(4 * i, 24) for i in range(1, 7)]
     assert "recordings/s" in told[-1][2]
 
@@ -256,6 +257,63 @@ def test_two_drivers_at_once_write_the_same_and_nothing_twice(archive, out, tmp_
     assert files_in(out) == files_in(tmp_path / "whole")
 
 
+def test_what_is_appended_between_two_row_groups_of_a_task_is_left_alone(tmp_path, out, monkeypatch):
+    when = iter([1.0, 3.0, 2.0])
+    monkeypatch.setattr("granular_id.io.parquet.writing.time.time", lambda: next(when))
+    archive, data = tmp_path / "archive", some_recordings(6)
+    append(archive, Dataset(data.recordings[:2]))
+    append(archive, Dataset(data.recordings[2:4]))
+    out.mkdir()
+    (task,) = tasks_of(Archive(archive), Sums(), out)
+    append(archive, Dataset(data.recordings[4:]))  # of a clock that lags
+    assert process_partition(task).problem == ""
+    assert pq.read_table(out / task.name)["name"].to_pylist() == [r.name for r in data.recordings[:4]]
+
+
+def test_what_was_finished_stays_until_what_replaces_it_is_there(tmp_path, out, monkeypatch):
+    small_partitions(monkeypatch)
+    data = some_recordings(6)
+    archive = some_archive(tmp_path / "archive", Dataset(data.recordings[:2]))
+    quietly(archive, out)
+    before = partitions_in(out)
+    append(archive, Dataset(data.recordings[2:4]))
+    (added,) = (archive / "samples").glob("?" * 32 + ".parquet")
+    whole = poison(archive, 0, f"samples/{added.name}")
+    with pytest.raises(PartitionError):
+        quietly(archive, out)
+    assert partitions_in(out) == before
+    added.write_bytes(whole)
+    quietly(archive, out)
+    assert len(partitions_in(out)) == 1
+    assert partitions_in(out) != before
+
+
+def test_a_partition_that_another_driver_removed_is_made_again(archive, out):
+    removed = []
+
+    def remove(_):
+        if not removed and partitions_in(out):
+            removed.append(partitions_in(out)[0])
+            (out / removed[0]).unlink()
+
+    done = quietly(archive, out, Sums(before=remove))
+    assert removed[0] in partitions_in(out)
+    assert done.n_partitions == len(partitions_in(out)) == 6
+
+
+@pytest.mark.parametrize(
+    "meta", ['{"synthetic":true}', '{"synthetic": 1}', '{"source": {"synthetic": true}}']
+)
+def test_simulated_recordings_are_told_as_when_loaded(archive, out, meta):
+    index = archive / "recordings.parquet"
+    table = pq.read_table(index)
+    place = table.column_names.index("meta")
+    pq.write_table(table.set_column(place, "meta", pa.array([None, meta] * 12, pa.string())), index)
+    loaded = load(archive)
+    assert quietly(archive, out).synthetic == loaded.is_synthetic
+    assert Archive(archive).n_synthetic == sum(one.is_synthetic for one in loaded)
+
+
 # What is refused.
 
 
@@ -307,6 +365,10 @@ def test_work_that_an_archive_does_not_suit_makes_no_folder(tmp_path, out):
         ({"engine": "spark"}, "engine"),
         ({"n_jobs": 0}, "n_jobs"),
         ({"scheduler": "tcp://host:8786"}, "scheduler.* needs engine='dask'"),
+        (
+            {"njobs": 2},
+            "njobs is no option; those of Dask are dashboard_address, tls_ca_file, tls_cert, tls_key",
+        ),
         ({"dashboard_address": ":8787"}, "dashboard_address is an option of engine='dask'"),
     ],
 )
@@ -363,7 +425,7 @@ def test_ctrl_c_leaves_whole_partitions_and_no_manifest(archive, out):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(archive, Sums(), out, progress=stop)
+        run(Archive(archive), Sums(), out, progress=stop)
     assert sorted(files_in(out)) == partitions_in(out)
     with pytest.raises(FileNotFoundError, match="not finished"):
         Features(out)

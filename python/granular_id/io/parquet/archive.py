@@ -7,6 +7,7 @@ What was added has an index file of its own in ``recordings/``.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,11 +20,13 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
 from granular_id._core import interleave
+from granular_id._files import check_source
 from granular_id._memory import empty
-from granular_id.io.errors import RecordingFileError
-from granular_id.io.flat import FlatRecordings, unflatten
+from granular_id._text import counted
+from granular_id.io.errors import RecordingFileError, naming
+from granular_id.io.flat import FlatRecordings, checked_history, unflatten
 from granular_id.io.options import MAX_BINARY_BYTES
-from granular_id.io.parquet.index import Index, RowGroup, integers, texts
+from granular_id.io.parquet.index import Index, RowGroup, coded_texts, integers, texts
 from granular_id.io.parquet.layout import FLAGS, TIME, Mark, index_of, labels_of, open_parquet, read_mark
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset, StepReport
@@ -61,6 +64,8 @@ class Archive:
 
     Raises
     ------
+    FileNotFoundError
+        There is no such folder.
     RecordingFileError
         The index cannot be read, or does not describe an archive.
     ImportError
@@ -95,12 +100,15 @@ class Archive:
         max_file_bytes: int = MAX_BINARY_BYTES,
         unreadable: list[RecordingFileError] | None = None,
     ) -> None:
-        self.folder = Path(folder)
+        self.folder = check_source(folder)
         self._max_file_bytes = max_file_bytes
         self._index = Index(self.folder, max_file_bytes, unreadable)
         self._mark = self._index.mark
         self.axes, self.index, self.row_groups = self._mark.axes, self._index.table, self._index.row_groups
         self._footers: dict[str, Any] = {}
+
+    def __repr__(self) -> str:
+        return f"Archive({os.fspath(self.folder)!r}: {counted(self.n_recordings)} of {' '.join(self.axes)})"
 
     @property
     def index_files(self) -> tuple[str, ...]:
@@ -172,6 +180,28 @@ class Archive:
         problem = f"sample {sample} of recording {name!r:.60} is {samples[row, axis]}; wanted finite numbers"
         place = f"row group {group.row_group}"
         return RecordingFileError(self.folder / group.file, problem, place=place, column=self.axes[axis])
+
+    def has_flags(self, group: RowGroup) -> bool:
+        """Whether samples of the file that a row group is in have flags."""
+        with self._opened(group.file) as opened:
+            return FLAGS in opened.schema_arrow.names
+
+    @property
+    def history(self) -> tuple[StepReport, ...]:
+        """Steps that made the recordings, of what was saved and of what was added."""
+        with naming(self.folder, "reading the history"):
+            return checked_history(self._index.history_json(), self.n_recordings)
+
+    @property
+    def is_synthetic(self) -> bool:
+        """Whether any recording was simulated, as its metadata say."""
+        return any(map(_of_simulation, coded_texts(self.index["meta"])[1]))
+
+    @property
+    def n_synthetic(self) -> int:
+        """Recordings that were simulated."""
+        codes, values = coded_texts(self.index["meta"])
+        return int(np.array([_of_simulation(text) for text in values])[codes].sum())
 
     @property
     def fingerprint(self) -> str:
@@ -249,6 +279,10 @@ class Archive:
         if self.n_recordings == 1:
             return names
         return [f"{source.name}[{start + i}]" if name is None else name for i, name in enumerate(names)]
+
+
+def _of_simulation(meta_json: str | None) -> bool:
+    return '"synthetic"' in (meta_json or "") and bool(json.loads(meta_json or "{}").get("synthetic"))
 
 
 class _Block:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._files import sha256_of
 from granular_id.io.errors import RecordingFileError, attempt, naming, need
 from granular_id.io.files import check_parts, open_bounded, read_bounded
 from granular_id.io.flat import NO_TRIGGER
@@ -153,15 +154,11 @@ class Index:
         return found
 
     def _digest_of_file(self, file: str) -> str:
-        mark = hashlib.sha256()
-        path = self._folder / file
         try:
-            with open_bounded(path, self._folder, self._max_bytes) as (opened, _):
-                while some := opened.read(1 << 20):
-                    mark.update(some)
+            with open_bounded(self._folder / file, self._folder, self._max_bytes) as (opened, _):
+                return sha256_of(opened)[:32]
         except RecordingFileError as error:  # which only reading its samples need raise
-            mark.update(error.problem.encode())
-        return mark.hexdigest()[:32]
+            return hashed([error.problem])
 
 
 @dataclass(frozen=True, order=True)

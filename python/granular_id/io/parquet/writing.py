@@ -9,7 +9,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from granular_id._checks import FloatArray, argument_error, checked_index, thaw
-from granular_id._files import made_folder, whole_file
+from granular_id._files import durable_file, made_folder
 from granular_id._progress import ProgressCallback
 from granular_id.io.errors import need
 from granular_id.io.flat import flat_samples
@@ -234,10 +234,10 @@ def _append_chunk(
         try:
             if (target / index_file).is_file():
                 return False
-            with _durable(target / file) as draft:
+            with durable_file(target / file) as draft:
                 for done in _write_part(library, draft, dataset, spans, mark):
                     told(done)
-            with _durable(target / index_file) as draft:
+            with durable_file(target / index_file) as draft:
                 labels[MARK] = mark.to_json("recordings", written=time.time())
                 _write_index(library, draft, table, labels)
         except OSError:
@@ -248,24 +248,6 @@ def _append_chunk(
             with suppress(OSError):  # what an append of the same left that was killed
                 draft.unlink()
     return True
-
-
-@contextmanager
-def _durable(path: Path) -> Iterator[Path]:
-    """Write a whole file that survives the loss of power."""
-    with whole_file(path) as draft:
-        yield draft
-        _sync(draft, os.O_RDWR)
-    if os.name == "posix":  # elsewhere folders cannot be opened
-        _sync(path.parent, os.O_RDONLY)
-
-
-def _sync(path: Path, how: int) -> None:
-    descriptor = os.open(path, how)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _absent(target: Path, dataset: Dataset) -> dict[int, str]:
@@ -301,8 +283,7 @@ def _present(target: Path, dataset: Dataset, digests: Sequence[str]) -> set[_Ide
         with open_parquet(target / name, target, MAX_BINARY_BYTES) as opened:
             axes = read_mark(labels_of(opened), "recordings", target / name).axes
             if axes != dataset.axes:
-                problem = f"has the axes {' '.join(dataset.axes)}, and the archive {target} {' '.join(axes)}"
-                raise argument_error(ValueError, "dataset", f"{problem}; add it to another one")
+                break
             if DIGEST not in opened.schema_arrow.names:
                 complete = False
                 continue
@@ -312,6 +293,11 @@ def _present(target: Path, dataset: Dataset, digests: Sequence[str]) -> set[_Ide
             if compute.any(alike).as_py():
                 rows = opened.read(_IDENTITY, use_threads=False).filter(alike)
                 seen.update(zip(*(rows[column].to_pylist() for column in _IDENTITY), strict=True))
+    else:
+        axes = dataset.axes
+    if axes != dataset.axes:
+        problem = f"has the axes {' '.join(dataset.axes)}, and the archive {target} {' '.join(axes)}"
+        raise argument_error(ValueError, "dataset", f"{problem}; add it to another one")
     if not complete:  # of recordings from before, those that are called the same are read
         archive = Archive(target)
         names = {r.name for r in dataset}
