@@ -20,7 +20,7 @@ from granular_id._checks import checked_choice, finite_number
 from granular_id._files import absolute, durable_file, made_folder
 from granular_id._progress import ProgressCallback
 from granular_id._text import Table, counted, percent, verb
-from granular_id.archive.extraction import Extraction, check_engine, run
+from granular_id.archive.extraction import Extraction, check_call, run
 from granular_id.archive.manifest import MANIFEST, Partitions
 from granular_id.archive.work import INDEX_COLUMNS, one_of_each, read_samples
 from granular_id.identifier import (
@@ -129,8 +129,9 @@ def identify(
     checked_choice("begin_at", begin_at, "auto", "first", "trigger")
     checked_choice("on_short", on_short, "raise", "skip")
     lead_s = None if lead_s is None else finite_number("lead_s", lead_s)
-    check_engine(engine, n_jobs, scheduler, progress, options)
-    content, folder = known.core.to_bytes(), Path(out)
+    folder = Path(out)
+    check_call(opened, folder, engine, n_jobs, scheduler, progress, options)
+    content = known.core.to_bytes()
     work = AnswerWork(
         model=absolute(folder / MODEL),
         sha256=hashlib.sha256(content).hexdigest(),

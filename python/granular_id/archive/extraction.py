@@ -128,13 +128,9 @@ def run(
     **options: Any,
 ) -> Extraction:
     """Do some work for all recordings of an archive, each exactly once; parameters and errors as of `extract`."""
-    check_engine(engine, n_jobs, scheduler, progress, options)
-    folder = Path(absolute(out))
-    if Path(absolute(archive.folder)) in (folder, *folder.parents):
-        raise argument_error(
-            ValueError, "out", f"={os.fspath(out)!r} is or lies in the archive: name another folder"
-        )
+    check_call(archive, out, engine, n_jobs, scheduler, progress, options)
     work.check(archive)
+    folder = Path(absolute(out))
     tasks = tasks_of(archive, work, out)
     spec, source = spec_json(work, archive), absolute(archive.folder)
     with made_folder(folder):
@@ -205,7 +201,9 @@ def run(
     return extraction
 
 
-def check_engine(
+def check_call(
+    archive: Archive,
+    out: str | os.PathLike[str],
     engine: str,
     n_jobs: int | None,
     scheduler: Any,
@@ -218,6 +216,10 @@ def check_engine(
     check_progress(progress)
     if scheduler is not None and engine != "dask":
         raise argument_error(ValueError, "scheduler", f"={scheduler!r} needs engine='dask', got {engine!r}")
+    home, target = archive.folder.resolve(), Path(out).resolve()
+    if home in (target, *target.parents):
+        problem = f"={os.fspath(out)!r} is or lies in the archive: name another folder"
+        raise argument_error(ValueError, "out", problem)
     unknown = sorted(options.keys() - DASK_OPTIONS)
     if unknown:
         raise argument_error(

@@ -244,7 +244,10 @@ def test_what_is_refused_blocks_no_folder(model, trained, tmp_path):
     archive = saved(pushes(3), tmp_path / "archive")
     with pytest.raises(ValueError, match="engine='dsk'; wanted 'local' or 'dask'"):
         identify(archive, model, tmp_path / "out", engine="dsk")
+    with pytest.raises(ValueError, match=r"out=.* is or lies in the archive"):
+        identify(archive, model, archive / "out", progress=False)
     assert not (tmp_path / "out").exists()
+    assert not (archive / "out").exists()
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "model.safetensors").write_bytes(b"of a driver that was killed before it began")
     assert len(identify(archive, model, tmp_path / "out", progress=False)) == 3
