@@ -77,7 +77,7 @@ def found(out: Path, n: int) -> Found:
         mark.update(f"{path.name} ".encode() + hashlib.sha256(path.read_bytes()).digest())
         names += pq.read_table(path, columns=["name"])["name"].to_pylist()
         inodes[path.name] = path.stat().st_ino
-    temporary = [p for p in out.iterdir() if not PARTITION.fullmatch(p.name) and p.name != "manifest.json"]
+    temporary = [p for p in out.iterdir() if not PARTITION.fullmatch(p.name) and p.name != "_manifest.json"]
     different = len(set(names))
     return Found(mark.hexdigest(), n - different, len(names) - different, len(temporary), inodes)
 

@@ -42,7 +42,7 @@ from granular_id.recording import setup_mismatch
 
 FloatArray = npt.NDArray[np.float64]
 
-MODEL = "model.safetensors"
+MODEL = "_model.safetensors"
 """Beside the answers: the model that gave them, which workers read."""
 
 COLUMNS = ("answer", "margin", "probability", "candidates", "unknown", "warnings", "trained_on")
@@ -162,7 +162,7 @@ def _keep(folder: Path, content: bytes) -> None:
         return
     if any(folder.glob("*.parquet")) or (folder / MANIFEST).exists():
         other = f"other work already, and no {MODEL}" if there is None else "answers of another model already"
-        raise ValueError(f"{folder} holds {other}; name another folder, or remove this one")
+        raise ValueError(f"{folder} holds {other}; name another folder")
     with durable_file(path) as draft:
         draft.write_bytes(content)
 

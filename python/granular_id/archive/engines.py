@@ -138,6 +138,9 @@ def run_dask(
         if not own and value is not None:
             wanted = "must be None with a scheduler, whose workers and dashboard are as they are"
             raise argument_error(ValueError, name, f"{wanted}; got {value!r}")
+    if dashboard_address is not None and not _HOST_AND_PORT.fullmatch(dashboard_address):
+        wanted = "must be HOST:PORT, or :PORT for all that reach this machine"
+        raise argument_error(ValueError, "dashboard_address", f"{wanted}; got {dashboard_address!r}")
     if connected and tls is not None:
         raise argument_error(
             ValueError, "tls_ca_file", "must be None with a client, which is connected already"
@@ -193,6 +196,8 @@ def _tls(distributed: Any, ca_file: Any, cert: Any, key: Any) -> Any:
         raise ValueError(f"{', '.join(files.values())} do not fit as {', '.join(files)}: {error}") from error
     return security
 
+
+_HOST_AND_PORT = re.compile(r".*:\d{1,5}")
 
 _ROLES = ("client", "scheduler", "worker")
 
@@ -309,7 +314,7 @@ def _check_address(address: str, security: Any) -> None:
     certified = security.tls_ca_file or dask.config.get("distributed.client.security-loader", None)
     if protocol not in ("tcp", "tls"):
         wanted = "must be an address like tcp://host:8786 or tls://host:8786"
-    elif not re.search(r":\d+$", address):
+    elif not _HOST_AND_PORT.fullmatch(address.rpartition("/")[2]):
         wanted = "must end in a port, as :8786"
     elif protocol == "tls" and not certified:
         wanted = "needs tls_ca_file, tls_cert and tls_key, or these in Dask's configuration"

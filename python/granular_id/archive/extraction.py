@@ -13,7 +13,7 @@ from time import perf_counter, time
 from typing import Any
 
 from granular_id._checks import argument_error, checked_choice, checked_n_jobs
-from granular_id._files import absolute, made_folder
+from granular_id._files import absolute, made_folder, sha256_of
 from granular_id._progress import ProgressCallback, check_progress, displaying
 from granular_id._text import counted, whole_percent
 from granular_id.archive.engines import DASK_OPTIONS, run_dask, run_local
@@ -42,7 +42,7 @@ _MOST_SAMPLES = 1 << 22
 """Samples of a partition of long recordings."""
 
 _DRAFT = re.compile(
-    r"\.[0-9a-f]{32}\.parquet\.[0-9a-f]{16}\.tmp|\.(manifest-[0-9a-f]{16}\.json|model-[0-9a-f]{16}\.safetensors)"
+    r"\.[0-9a-f]{32}\.parquet\.[0-9a-f]{16}\.tmp|\._(manifest|model)-[0-9a-f]{16}\.(json|safetensors)"
 )
 _PROBE = re.compile(r"\.[0-9a-f]{16}\.tmp")
 _PROBE_LASTS_S = 60.0
@@ -56,7 +56,7 @@ class Extraction:
     Attributes
     ----------
     out : Path
-        Folder of the partitions and ``manifest.json``.
+        Folder of the partitions and ``_manifest.json``.
     n_recordings, n_partitions : int
         What the folder holds now.
     n_resumed : int
@@ -281,7 +281,10 @@ def _run_engine(
 def _refuse_others(folder: Path, archive: Archive, spec: str, wanted: set[str]) -> list[Path]:
     """Refuse a folder with other work or other recordings in it; return partitions of an older state of the archive."""
     library = need("pyarrow.parquet", extra="dask", why="to work on archives")
-    other, help_ = f"{folder} holds other work already", "name another folder, or remove this one"
+    other, help_ = f"{folder} holds other work already", "name another folder"
+    if (folder / MANIFEST).exists() and not any(PARTITION.fullmatch(path.name) for path in folder.iterdir()):
+        with suppress(FileNotFoundError):
+            read_manifest(folder)  # of something else
     stale = []
     for path in sorted(folder.iterdir()):
         if path.name in wanted or not PARTITION.fullmatch(path.name):
@@ -320,30 +323,41 @@ def _all_in(rows: Any, archive: Archive) -> bool:
 def _difference(there: Any, wanted: Any, what: str = "") -> str:
     """Name the first entry in which two descriptions differ."""
     if isinstance(there, dict) and isinstance(wanted, dict):
-        if there.keys() != wanted.keys():
-            there, wanted = (", ".join(map(str, one)) for one in (there, wanted))
-            return f"{what} of {there} there, of {wanted} wanted"
-        for key in wanted:
+        first = [key for key in ("class", *wanted) if key in wanted and key in there]
+        for key in first:
             if there[key] != wanted[key]:
-                return _difference(there[key], wanted[key], str(key))
+                return _difference(there[key], wanted[key], key)
+        there, wanted = (", ".join(one) for one in (there, wanted))
+        return f"{what} of {there} there, of {wanted} wanted"
     return f"{what} {there!r:.120} there, {wanted!r:.120} wanted"
 
 
 def _there(folder: Path, tasks: Sequence[Task]) -> dict[str, Outcome]:
-    """Return what was finished before; digests come from the last manifest where it lists them."""
+    """Return what was finished before, and is still whole: as the last manifest says, or by the sums of its pages."""
     try:
         listed = {known["name"]: known for known in read_manifest(folder)["partitions"]}
     except (OSError, ValueError):
         listed = {}
     there: dict[str, Outcome] = {}
     for task in tasks:
-        known = listed.get(task.name)
         path = folder / task.name
-        if known is not None and path.is_file() and path.stat().st_size == known["n_bytes"]:
-            there[task.name] = Outcome(task.name, task.n_recordings, known["sha256"], known["n_bytes"])
-        elif path.is_file() and (outcome := finished(task)) is not None:
+        if not path.is_file():
+            continue
+        known = listed.get(task.name)
+        outcome = finished(task) if known is None else _as_listed(task, path, known)
+        if outcome is not None:
             there[task.name] = outcome
     return there
+
+
+def _as_listed(task: Task, path: Path, known: Mapping[str, Any]) -> Outcome | None:
+    """Return the outcome of a task whose file is what a manifest says; remove the file where it is not."""
+    with path.open("rb") as file:
+        sha256 = sha256_of(file)
+    if sha256 == known["sha256"]:
+        return Outcome(task.name, task.n_recordings, sha256, known["n_bytes"])
+    path.unlink(missing_ok=True)
+    return None
 
 
 def _remove_drafts(folder: Path) -> None:
@@ -361,5 +375,6 @@ def _remove_drafts(folder: Path) -> None:
 def _failed(folder: Path, failures: Sequence[Outcome], n_partitions: int) -> str:
     named = "; ".join(f"{outcome.name}: {outcome.problem}" for outcome in failures[:_NAMED])
     more = f"; {len(failures) - _NAMED} more in {MANIFEST}" if len(failures) > _NAMED else ""
-    how_many = f"{len(failures)} of {counted(n_partitions, 'partition')} failed"
+    n_recordings = counted(sum(outcome.n_recordings for outcome in failures))
+    how_many = f"{len(failures)} of {counted(n_partitions, 'partition')} failed ({n_recordings})"
     return f"{folder}: {how_many}, all others are finished: {named}{more}"

@@ -55,7 +55,7 @@ def extract(
     """Extract features of all recordings of an archive into a folder of Parquet files, each exactly once.
 
     The archive is worked on in partitions of about 2048 recordings. Each becomes a file under a name made of its
-    recordings, the feature space and the version of this package; ``manifest.json`` is written last. What was stopped
+    recordings, the feature space and the version of this package; ``_manifest.json`` is written last. What was stopped
     goes on where it was when it is called again, and an archive that has grown has only its new part computed. A
     partition that cannot be read fails alone. Memory: one row group of samples, and its features, for each thread.
 

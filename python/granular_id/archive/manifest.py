@@ -17,7 +17,8 @@ from granular_id.archive.work import VERSION, Outcome
 from granular_id.io.errors import naming, need
 from granular_id.io.parquet.archive import Archive
 
-MANIFEST = "manifest.json"
+MANIFEST = "_manifest.json"
+"""Begins with a line, so that pandas and pyarrow read the folder as one table without it."""
 PARTITION = re.compile(r"[0-9a-f]{32}\.parquet")
 
 _FORMAT = "granular-id partitions"

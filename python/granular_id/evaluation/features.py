@@ -28,6 +28,7 @@ from granular_id.gram import linear_gram
 from granular_id.partitions import Partition
 from granular_id.spaces import (
     GramPlan,
+    RecordingFilter,
     block_key,
     block_sizes,
     gram_plan,
@@ -81,6 +82,8 @@ def features_of(name: str, transformer: Any, X: Floats, rows: Rows | None = None
     n = len(X) if rows is None else len(rows)
     steps = steps_of(transformer)
     at_first = list(takewhile(works_one_by_one, steps))
+    while at_first and len(at_first) < len(steps) and isinstance(at_first[-1], RecordingFilter):
+        at_first.pop()  # what it makes are no features yet
     if not is_large(n * X[:1].nbytes) or not at_first:
         some = X if rows is None else taken(X, rows, f"recordings of the space {name!r}")
         return _checked(name, transformer.transform(some), 0)

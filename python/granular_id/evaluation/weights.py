@@ -96,7 +96,7 @@ def weight_blocks(X: Floats, y: NDArray[Any], fitted: Any, classifier: Any = Non
     space, scaling = _without_scaling(fitted)
     bands = band_columns(space)
     blocks = feature_blocks(space) if bands is None else ()
-    plain = features_of("weights", space, X)
+    plain = features_of(type(space).__name__, space, X)
     is_trained = hasattr(classifier, "coef_")
     if bands is not None and not scaling and not is_trained:
         # The blocks of the multi-band space have no common unit: no linear model is trained on them as they are.

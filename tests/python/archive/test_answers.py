@@ -249,7 +249,7 @@ def test_what_is_refused_blocks_no_folder(model, trained, tmp_path):
     assert not (tmp_path / "out").exists()
     assert not (archive / "out").exists()
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "model.safetensors").write_bytes(b"of a driver that was killed before it began")
+    (tmp_path / "out" / "_model.safetensors").write_bytes(b"of a driver that was killed before it began")
     assert len(identify(archive, model, tmp_path / "out", progress=False)) == 3
 
 
@@ -297,7 +297,7 @@ def test_a_folder_of_features_is_refused_and_stays_as_it_is(model, tmp_path):
     archive = saved(pushes(6), tmp_path / "archive")
     extract(archive, tmp_path / "out", "hfmh", progress=False)
     before = files_in(tmp_path / "out")
-    with pytest.raises(ValueError, match=r"holds other work already, and no model\.safetensors"):
+    with pytest.raises(ValueError, match=r"holds other work already, and no _model\.safetensors"):
         identify(archive, model, tmp_path / "out", progress=False)
     assert files_in(tmp_path / "out") == before
     with pytest.raises(ValueError, match="holds no answers, but features"):
@@ -346,7 +346,7 @@ def test_simulated_recordings_are_called_so(tmp_path):
 
 def test_unfinished_answers_are_no_answers(model, tmp_path):
     answers = answered(model, pushes(6), tmp_path)
-    (answers.folder / "manifest.json").unlink()
+    (answers.folder / "_manifest.json").unlink()
     with pytest.raises(FileNotFoundError, match="the answers are not finished: identify again"):
         Answers(answers.folder)
 

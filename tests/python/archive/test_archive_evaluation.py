@@ -7,12 +7,14 @@ from collections import namedtuple
 
 import numpy as np
 import pytest
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.pipeline import make_pipeline
 
 import granular_id as gid
 from evaluation_cases import make_data
 from granular_id import _memory
 from granular_id._checks import locked
-from granular_id.evaluation.features import GramBank, by_columns, plan_for
+from granular_id.evaluation.features import GramBank, by_columns, features_of, plan_for
 from granular_id.gram import linear_gram
 from granular_id.identifier import Identifier
 from granular_id.recording import Recording
@@ -95,6 +97,24 @@ def test_products_of_features_made_in_pieces_are_the_same(data, name, request):
     request.getfixturevalue("small")
     for one, other in zip(before, GramBank(data.X).sliced(plan, rows[::2], rows[1::2]), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+class Means(TransformerMixin, BaseEstimator):
+    """A step of somebody else's, of recordings (n, T, C)."""
+
+    def fit(self, X, y=None):
+        self.n_axes_ = X.shape[2]
+        return self
+
+    def transform(self, X):
+        return X.mean(axis=1)
+
+
+def test_recordings_that_were_filtered_go_on_to_steps_of_others(data, request):
+    transformer = make_pipeline(gid.Tare(rate_hz=500), Means()).fit(data.X)
+    before = features_of("tared means", transformer, data.X)
+    request.getfixturevalue("small")
+    np.testing.assert_array_equal(features_of("tared means", transformer, data.X), before)
 
 
 @pytest.mark.parametrize("shape", [(40, 1), (40, 65), (40, 129), (700, 300)])

@@ -153,19 +153,19 @@ def test_what_is_not_finished_is_refused(tmp_path, out):
     (out / partitions_in(out)[0]).unlink()
     with pytest.raises(ValueError, match="is gone or cut off"):
         Features(out, partial=True)
-    (out / "manifest.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"manifest.json is no manifest"):
+    (out / "_manifest.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"_manifest.json is no manifest"):
         Features(out)
-    (out / "manifest.json").unlink()
+    (out / "_manifest.json").unlink()
     with pytest.raises(FileNotFoundError, match="the features are not finished"):
         Features(out)
 
 
 def test_other_work_is_no_features(archive, out):
     features_of(archive, out)
-    manifest = json.loads((out / "manifest.json").read_bytes())
+    manifest = json.loads((out / "_manifest.json").read_bytes())
     manifest["spec"]["work"] = {"answers": {}}
-    (out / "manifest.json").write_text(json.dumps(manifest))
+    (out / "_manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(ValueError, match="holds no features, but answers"):
         Features(out)
 

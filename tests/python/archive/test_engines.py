@@ -230,6 +230,8 @@ def test_loggers_are_as_before(client, tasks, work):
             "scheduler must be an address like tcp://host:8786 or tls://host:8786; got 'foo",
         ),
         ("tls://host:1", {}, "scheduler needs tls_ca_file, tls_cert and tls_key"),
+        ("nonsense", {}, "scheduler must end in a port, as :8786; got 'nonsense'"),
+        (None, {"dashboard_address": "nonsense"}, "dashboard_address must be HOST:PORT"),
         ("tcp://host:1", {"dashboard_address": ":8787"}, "dashboard_address must be None with a scheduler"),
         (None, {"tls_cert": "cert.pem"}, "tls_ca_file is missing: TLS needs tls_ca_file, tls_cert, tls_key"),
     ],

@@ -69,7 +69,7 @@ def dying(call):
     def renaming(source, target, **options):
         if dies_at and str(target).endswith(dies_at):
             targets.add(str(target))
-        if len(targets) == (1 if dies_at == "manifest.json" else 3):
+        if len(targets) == (1 if dies_at == "_manifest.json" else 3):
             os.kill(os.getpid(), signal.SIGKILL)
         return call(source, target, **options)
     return renaming
@@ -109,7 +109,7 @@ def test_two_threads_make_the_same_files(archive, wanted, tmp_path):
     ("deaths", "n_finished"),
     [
         pytest.param({"dies_at": ".parquet"}, 2, id="between write and rename"),
-        pytest.param({"dies_at": "manifest.json"}, 6, id="between rename and manifest"),
+        pytest.param({"dies_at": "_manifest.json"}, 6, id="between rename and manifest"),
         pytest.param({"deadly": "."}, 2, id="while it computes"),
     ],
 )
@@ -174,7 +174,7 @@ def test_a_cluster_whose_workers_die_makes_the_same_files(archive, wanted, tmp_p
     assert addresses == {"127.0.0.1"}
     assert {name: os.environ.get(name) for name in environment} == environment
     there = files_in(out)
-    manifest = json.loads(there.pop("manifest.json"))
+    manifest = json.loads(there.pop("_manifest.json"))
     assert len(there) == 5
     assert there.items() <= wanted.items()
     assert len(manifest["failures"]) == 1

@@ -91,7 +91,7 @@ def test_partitions_of_long_recordings_hold_fewer(archive, monkeypatch):
 def test_every_recording_is_there_once_beside_what_the_index_says(archive, out):
     done = quietly(archive, out)
     assert (done.n_recordings, done.n_partitions, done.n_resumed) == (24, 6, 0)
-    names = [part["name"] for part in json.loads((out / "manifest.json").read_bytes())["partitions"]]
+    names = [part["name"] for part in json.loads((out / "_manifest.json").read_bytes())["partitions"]]
     table = pa.concat_tables([pq.read_table(out / name) for name in names])
     index = Archive(archive).index
     for name in ("name", "label", "session", "start_time", "digest"):
@@ -141,7 +141,7 @@ def test_what_comes_of_simulated_recordings_is_marked(tmp_path, out):
     done = quietly(some_archive(tmp_path / "a", Dataset(marked)), out)
     assert done.synthetic
     assert "SYNTHETIC" in str(done)
-    assert json.loads((out / "manifest.json").read_bytes())["synthetic"] is True
+    assert json.loads((out / "_manifest.json").read_bytes())["synthetic"] is True
 
 
 def test_progress_counts_recordings(archive, out):
@@ -184,6 +184,30 @@ def test_a_partition_that_was_cut_off_is_made_anew(archive, out):
     assert (done.n_resumed, done.sha256) == (5, whole.sha256)
 
 
+@pytest.mark.parametrize("listed", [True, False], ids=["in the manifest", "without a manifest"])
+def test_a_file_that_was_damaged_since_is_made_again(archive, out, listed):
+    whole = quietly(archive, out)
+    poison(out, 0, partitions_in(out)[1])
+    if not listed:
+        (out / "_manifest.json").unlink()
+    done = quietly(archive, out)
+    assert (done.n_resumed, done.sha256) == (5, whole.sha256)
+    assert quietly(archive, out).n_resumed == 6
+
+
+def test_a_manifest_of_something_else_is_left_alone(archive, out):
+    out.mkdir()
+    (out / "_manifest.json").write_text('{"my": "notes"}')
+    with pytest.raises(ValueError, match=r"_manifest.json is no manifest of partitions: 'format' is missing"):
+        quietly(archive, out)
+    assert (out / "_manifest.json").read_text() == '{"my": "notes"}'
+
+
+def test_others_read_the_folder_as_one_table(archive, out):
+    quietly(archive, out)
+    assert sorted(pq.read_table(out)["name"].to_pylist()) == sorted(r.name for r in some_recordings())
+
+
 def test_an_archive_that_has_grown_has_only_its_end_computed(tmp_path, out, monkeypatch):
     small_partitions(monkeypatch)
     data = some_recordings(26)
@@ -222,11 +246,11 @@ def test_workers_open_an_archive_again_that_is_another_one_by_now(archive, out, 
 
 def test_temporary_files_of_the_dead_are_removed(archive, out):
     whole = quietly(archive, out)
-    for name in (f".{partitions_in(out)[0]}.{'0' * 16}.tmp", f".manifest-{'0' * 16}.json"):
+    for name in (f".{partitions_in(out)[0]}.{'0' * 16}.tmp", f"._manifest-{'0' * 16}.json"):
         (out / name).write_bytes(b"half")
     (out / "notes.txt").write_text("mine")
     assert quietly(archive, out).sha256 == whole.sha256
-    assert sorted(files_in(out)) == sorted([*partitions_in(out), "manifest.json", "notes.txt"])
+    assert sorted(files_in(out)) == sorted([*partitions_in(out), "_manifest.json", "notes.txt"])
 
 
 def test_a_temporary_file_that_another_driver_removed_is_written_again(archive, out, tmp_path):
@@ -390,7 +414,7 @@ def test_a_row_group_that_cannot_be_read_fails_alone(archive, out, tmp_path):
         quietly(archive, out)
     done = caught.value.extraction
     assert (done.n_partitions, done.n_recordings, len(done.failures)) == (5, 20, 1)
-    manifest = json.loads((out / "manifest.json").read_bytes())
+    manifest = json.loads((out / "_manifest.json").read_bytes())
     assert [failure["name"] for failure in manifest["failures"]] == [done.failures[0].name]
     assert "row group 3" in manifest["failures"][0]["problem"]
     assert not list(out.glob(".*"))

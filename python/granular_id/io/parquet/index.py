@@ -249,7 +249,7 @@ def _joined_texts(columns: Sequence[Any]) -> Any:
     codes, values, n_values = [], [], 0
     for chunk in (chunk for column in columns for chunk in _coded(column).chunks):
         codes.append(compute.add(chunk.indices.cast(arrow.int64()), n_values))
-        values.append(chunk.dictionary.cast(arrow.string()))
+        values.append(chunk.dictionary.cast(arrow.large_string()))  # together they may have more than 2 GB
         n_values += len(chunk.dictionary)
     once = arrow.concat_arrays(values).dictionary_encode()
     return arrow.DictionaryArray.from_arrays(once.indices.take(arrow.concat_arrays(codes)), once.dictionary)
