@@ -175,8 +175,8 @@ def theirs(folder: Path, out: Path, name: str) -> dict[str, Any]:
         return timed(lambda: peer.extract(folder, out, peer.PEERS[name], client))
 
 
-def decoded(folder: Path, out: Path, name: str, processes: int) -> dict[str, Any]:  # noqa: ARG001
-    """Bare decoding of all samples."""
+def decoded(folder: Path, name: str, processes: int, **_: Path) -> dict[str, Any]:
+    """Bare decoding of all samples; nothing is written."""
     decode, files = getattr(peer, name), sorted(folder.glob("samples/*.parquet"))
     if processes == 1:
         decode(files[0])

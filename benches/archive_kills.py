@@ -197,7 +197,9 @@ def _wait_for_partitions(process: subprocess.Popen[bytes], out: Path, n: int) ->
     return there
 
 
-def main(n: int, folder: Path) -> int:
+def main(n: int, folder: Path, seed: int) -> int:
+    random.seed(seed)
+    print(f"moments by the random seed {seed}", flush=True)
     archive = folder / f"archive-{n}"
     if not archive.is_dir():
         print(f"{n} SYNTHETIC recordings are written to {archive}", flush=True)
@@ -245,7 +247,8 @@ if __name__ == "__main__":
         drive(*sys.argv[2:])
     else:
         n_recordings = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
+        seed = int(sys.argv[3]) if len(sys.argv) > 3 else random.SystemRandom().randrange(1 << 32)
         if len(sys.argv) > 2:
-            sys.exit(main(n_recordings, Path(sys.argv[2])))
+            sys.exit(main(n_recordings, Path(sys.argv[2]), seed))
         with tempfile.TemporaryDirectory() as place:
-            sys.exit(main(n_recordings, Path(place)))
+            sys.exit(main(n_recordings, Path(place), seed))
