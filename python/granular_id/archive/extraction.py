@@ -35,6 +35,8 @@ from granular_id.io.parquet.archive import Archive, RowGroup
 _MOST_RECORDINGS = 2048
 """Recordings of a partition: 0.1 to 1 s of work, from counts to multi-band features."""
 
+_ATTEMPTS = 3
+
 _NAMED = 3
 """Failures that an error names."""
 
@@ -152,23 +154,21 @@ def run(
                 def take(outcome: Outcome) -> None:
                     nonlocal n_made
                     done[outcome.name] = outcome
-                    n_made += outcome.n_recordings
+                    n_made = min(n_made + outcome.n_recordings, n_missing)
                     if display.step is not None:
                         rate = n_made / max(perf_counter() - begun, 1e-9)
                         n_before = archive.n_recordings - n_missing
                         display.step(n_before + n_made, archive.n_recordings, f"{rate:.0f} recordings/s")
 
                 todo = missing
-                while todo:
+                for _ in range(_ATTEMPTS):
                     _run_engine(
                         todo, take, engine=engine, n_jobs=n_jobs, scheduler=scheduler, options=options
                     )
-                    # A driver that found the archive grown has removed what it no longer needs.
-                    todo = [
-                        task
-                        for task in tasks
-                        if not done[task.name].problem and not (folder / task.name).exists()
-                    ]
+                    # Another driver, for which the archive had grown, may have removed some.
+                    todo = [task for task in tasks if not (done[task.name].problem or _is_there(task))]
+                    if not todo:
+                        break
         finally:
             forget(source)
             _remove_drafts(folder)
@@ -340,14 +340,18 @@ def _there(folder: Path, tasks: Sequence[Task]) -> dict[str, Outcome]:
         listed = {}
     there: dict[str, Outcome] = {}
     for task in tasks:
-        path = folder / task.name
-        if not path.is_file():
+        if not _is_there(task):
             continue
+        path = folder / task.name
         known = listed.get(task.name)
         outcome = finished(task) if known is None else _as_listed(task, path, known)
         if outcome is not None:
             there[task.name] = outcome
     return there
+
+
+def _is_there(task: Task) -> bool:
+    return Path(task.out, task.name).is_file()
 
 
 def _as_listed(task: Task, path: Path, known: Mapping[str, Any]) -> Outcome | None:
