@@ -12,7 +12,7 @@ from typing import NamedTuple
 from granular_id._checks import argument_error
 
 ProgressCallback = Callable[[int, int, str], None]
-"""Called as ``progress(done, total, what)``: steps finished, steps in all, what the last one was."""
+"""Called as ``progress(done, total, what)``: steps finished, steps in all (0: not known), what the last one was."""
 
 _LINE_EVERY_S = 30.0
 """Seconds at least between two lines where no bar can be drawn."""
@@ -135,7 +135,7 @@ def _bar(left: TimeLeft | None) -> Iterator[Display]:
         def callback(done: int, total: int, what: str) -> None:
             seconds = None if left is None else left()
             about = "" if seconds is None else f"about {in_words(seconds)} left: "
-            bar.update(task, completed=done, total=total, description=f"{about}{what}")
+            bar.update(task, completed=done, total=total or None, description=f"{about}{what}")
 
         def line(text: str) -> None:
             bar.console.print(text, markup=False, highlight=False, soft_wrap=True)

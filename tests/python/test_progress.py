@@ -79,3 +79,13 @@ def test_the_bar_knows_the_time_left_of_steps_longer_than_half_a_minute(clock, m
             clock.now += 40.0
             callback(step, 5, f"model {step}")
     assert "0:01:20" in screen.getvalue()
+
+
+def test_the_bar_says_that_the_total_is_not_known(clock, monkeypatch):
+    screen = Screen()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("TERM", "xterm")
+    with showing(True) as callback:
+        callback(2048, 0, "recordings")
+    assert "2048/?" in screen.getvalue()

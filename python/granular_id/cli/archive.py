@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import re
+import shlex
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,14 +17,14 @@ import typer
 
 from granular_id._files import check_source, made_folder
 from granular_id._text import Table, counted, known_label, verb
-from granular_id.cli.errors import FOUND_ERRORS
+from granular_id.cli.errors import FOUND_ERRORS, words_of
 from granular_id.cli.options import at_least, command, names_in, option
 from granular_id.cli.outputs import print_table, show, typed_command
-from granular_id.cli.recordings import ReadingOptions, Steps
+from granular_id.cli.recordings import ReadingOptions, Steps, UnreadableError
 
 if TYPE_CHECKING:
     from granular_id._progress import ProgressCallback
-    from granular_id.archive import Archive
+    from granular_id.archive import Archive, Extraction
     from granular_id.recording import Dataset, StepReport
 
 OUTPUT, ENGINE, FEATURES = "Output", "Engine", "Features"
@@ -49,7 +51,7 @@ class PieceSteps(Steps):
 
     def prepared(self, piece: Dataset) -> tuple[Dataset | None, list[StepReport]]:
         """Take a piece through the steps; None where nothing of it is left. Also return what the steps reported."""
-        from granular_id.recording import StepReport
+        from granular_id.recording import NothingLeftError, StepReport
 
         known = {known_label(name, piece.labels): name for name in names_in(self.exclude)}
         self._unmet -= {name for label, name in known.items() if label in piece.labels}
@@ -65,11 +67,8 @@ class PieceSteps(Steps):
             for made in replace(self, onset_at=mine or None).each(data):
                 data = made
                 reports.append(made.history[-1])
-        except ValueError as error:
-            if "skip" not in (self.on_short, self.on_gap) or not _NOTHING_LEFT.match(str(error)):
-                raise
-            rows = [{"name": one.name, "skipped": str(error)} for one in data]
-            return None, [*reports, StepReport("skip", rows=rows)]
+        except NothingLeftError as nothing:  # of a piece that is no fault
+            return None, [*reports, StepReport("skip", rows=nothing.rows)]
         return data, reports
 
     def warn_of_unmet(self) -> None:
@@ -78,9 +77,6 @@ class PieceSteps(Steps):
             what = "--exclude" if name in names_in(self.exclude) else "--onset-at"
             show(f"warning: {what} names {name!r}, which no recording has", "bold yellow", err=True)
 
-
-_NOTHING_LEFT = re.compile(r"(none of the|each of) \d+ recordings? ")
-"""How a step begins to say that it would leave no recording: of a piece that is no fault."""
 
 _SHOWN = 10
 
@@ -103,6 +99,12 @@ class _Tally:
                 if len(self._reasons) < _SHOWN:
                     self._reasons.append(f"  {'' if reading else row['name'] + ': '}{row['skipped']}")
         self._notes.update(dict.fromkeys(f"note: {note}" for note in step.notes))
+
+    def left_out(self, error: UnreadableError) -> None:
+        """Count a path of which nothing, or nothing more, can be read."""
+        self._skipped["file"] += 1
+        if len(self._reasons) < _SHOWN:
+            self._reasons.append(f"  {error}")
 
     def lines(self) -> Iterator[str]:
         """Yield what to say at the end, however it came about."""
@@ -131,7 +133,9 @@ def add(
     paths: list[Path] = typer.Argument(
         metavar="PATH...", help="Folders and files of recordings, of any format.", show_default=False
     ),
-    quiet: bool = option(OUTPUT, "No progress; the last lines only.", "--quiet", "-q", default=False),
+    quiet: bool = option(
+        OUTPUT, "No progress; say only what became of the recordings.", "--quiet", "-q", default=False
+    ),
 ) -> None:
     """Add recordings to an archive, piece by piece, so that any number fits.
 
@@ -156,18 +160,20 @@ def add(
     try:
         with made_folder(archive), displaying(not quiet) as display:
             check_archive(archive)
-            told = _Told(display.step, tally)
+            told, rates = _Told(display.step, tally), _Rates(archive)
             for path in paths:
-                for piece in reading.load_parts(path, told.file):
+                told.begin(path)
+                for piece in _pieces(reading, path, told, tally):
                     tally.report(piece.history[-1])
                     data, reports = steps.prepared(piece)
                     for report in reports:
                         tally.report(report)
                     if data is not None:
+                        rates.check(data, path)
                         done = append(archive, data)
                         tally.n_added += done.n_added
                         tally.n_present += done.n_present
-                        told.show(path.name)
+                    told.add(len(piece), path.name)
             if not tally.n_added + tally.n_present:
                 raise ValueError("no recording is left to add")
     finally:
@@ -178,20 +184,87 @@ def add(
         show(f"look at it with: {typed_command('archive', 'info', archive)}")
 
 
+def _pieces(reading: ReadingOptions, path: Path, told: _Told, tally: _Tally) -> Iterator[Dataset]:
+    """Read a path piece by piece; with --on-error skip, of one that cannot be read that is told alone."""
+    try:
+        yield from reading.load_parts(path, told.file)
+    except UnreadableError as error:
+        if reading.on_error == "raise":
+            raise
+        tally.left_out(error)
+
+
+class _Rates:
+    """The one rate of an archive, if it has one: features and models take nothing else."""
+
+    def __init__(self, archive: Path) -> None:
+        from granular_id.io.parquet.layout import is_parquet_archive
+
+        self._archive, self._known = archive, set[float | None]()
+        if is_parquet_archive(archive):
+            import numpy as np
+
+            from granular_id.archive import Archive
+
+            rates = np.unique(Archive(archive).index["rate_hz"].to_numpy())
+            self._known = {None if np.isnan(rate) else float(rate) for rate in rates}
+
+    def check(self, data: Dataset, path: Path) -> None:
+        """Refuse recordings of another rate than those that are there, or than the first to be added."""
+        self._known = self._known or {data[0].rate_hz}
+        if len(self._known) > 1:
+            return
+        (known,) = self._known
+        other = next((one for one in data if one.rate_hz != known), None)
+        if other is not None:
+            came, wanted = (
+                "no even rate" if rate is None else f"{rate:g} Hz" for rate in (other.rate_hz, known)
+            )
+            add = "" if known is None else f"add --rate-hz {known:g}, or "
+            raise ValueError(
+                f"{path}: recording {other.name!r} has {came}, those of the archive {self._archive} have "
+                f"{wanted}: {add}name another archive"
+            )
+
+
 class _Told:
-    """Shows how many files are read and how many recordings are added, whichever moves."""
+    """Shows how far a folder is read, by files, or one file, by recordings; and how many recordings were added."""
 
     def __init__(self, step: ProgressCallback | None, tally: _Tally) -> None:
         self._step, self._tally = step, tally
-        self._done, self._total = 0, 1
+        self._files, self._n_files = 0, 1
+        self._read, self._n_recordings = 0, 0
+
+    def begin(self, path: Path) -> None:
+        """Begin with the next path; only of an archive it is known beforehand what it holds."""
+        from granular_id.io.parquet.layout import is_parquet_archive
+
+        self._files, self._n_files, self._read, self._n_recordings = 0, 1, 0, 0
+        if self._step is not None and is_parquet_archive(path):
+            from granular_id.archive import Archive
+
+            with suppress(ValueError):  # which reading it says
+                self._n_recordings = Archive(path, unreadable=[]).n_recordings
+        self._show(path.name)
 
     def file(self, done: int, total: int, what: str) -> None:
-        self._done, self._total = done, total
-        self.show(what)
+        """Count files that have been read."""
+        self._files, self._n_files = done, total
+        self._show(what)
 
-    def show(self, what: str) -> None:
-        if self._step is not None:
-            self._step(self._done, self._total, f"files, {self._tally.n_added} recordings added: {what}")
+    def add(self, n: int, what: str) -> None:
+        """Count recordings that have been dealt with."""
+        self._read += n
+        self._show(what)
+
+    def _show(self, what: str) -> None:
+        if self._step is None:
+            return
+        said = f"{self._tally.n_added} recordings added: {what}"
+        if self._n_files > 1:
+            self._step(self._files, self._n_files, f"files, {said}")
+        else:
+            self._step(self._read, self._n_recordings, f"recordings, {said}")
 
 
 def _refuse_nested(archive: Path, path: Path) -> None:
@@ -203,6 +276,16 @@ def _refuse_nested(archive: Path, path: Path) -> None:
 # What an archive holds, and whether it is whole.
 
 
+def check_is_archive(path: Path) -> None:
+    """Refuse what is no archive, and say how to make one of it."""
+    check_source(path)
+    from granular_id.io.parquet.layout import is_parquet_archive
+
+    if not is_parquet_archive(path):
+        make = f"granular-id archive add ARCHIVE {shlex.quote(str(path))}"
+        raise ValueError(f"{path} is no archive; {make} makes one of recordings")
+
+
 @command
 def info(*, archive: Path = ARCHIVE) -> None:
     """Say what an archive holds, by its index alone: at once, also for a million recordings.
@@ -211,7 +294,7 @@ def info(*, archive: Path = ARCHIVE) -> None:
 
     `granular-id archive info fleet`
     """
-    check_source(archive)
+    check_is_archive(archive)
     from granular_id.archive import Archive
 
     opened = Archive(archive)
@@ -308,7 +391,7 @@ def check(
 
     `granular-id archive check fleet`
     """
-    check_source(archive)
+    check_is_archive(archive)
     from granular_id import archive as archives  # its `check` is also the name of the file it is in
 
     report = archives.check(archive, n_jobs=-1, progress=not quiet)
@@ -426,17 +509,50 @@ def extract(
     """
     if space is not None and model is not None:
         raise ValueError("--space and --model both say which features: give one of them")
-    for path in (archive, *([] if model is None else [model])):
-        check_source(path)
+    check_is_archive(archive)
+    if model is not None:
+        check_source(model)
     from granular_id.archive import extract as extract_features
 
-    done = extract_features(
-        archive, output, space, model=model, dtype=dtype, progress=not quiet, **engine.given()
-    )
+    with working_on(archive, partial(say_features, output)):
+        done = extract_features(
+            archive, output, space, model=model, dtype=dtype, progress=not quiet, **engine.given()
+        )
+    say_features(output, done)
+
+
+@contextmanager
+def working_on(archive: Path, say: Callable[..., None]) -> Iterator[None]:
+    """Say what there is where a part of the work failed, what goes on where it stopped, and ways out for archives."""
+    from granular_id.archive import PartitionError
+
+    again = "the same command goes on from there"
+    try:
+        yield
+    except PartitionError as error:
+        say(error.extraction, partial=True)
+        raise
+    except ValueError as error:
+        raise ValueError(words_of(error, archive=archive)) from error
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"Interrupted: no file was left half-written; {again}.") from None
+    except OSError as error:
+        if (
+            type(error) is not OSError
+        ):  # a full disk, a quota, a broken device; others have a type of their own
+            raise
+        raise OSError(f"{words_of(error)}; once it can be written {again}") from error
+
+
+def say_features(output: Path, done: Extraction, *, partial: bool = False) -> None:
+    """Say what was extracted and how to read it."""
     show(str(done))
-    show(f"read them with: {typed_reader('Features', output)}  # .X .y .sessions .names")
+    if not partial or done.n_partitions:
+        reader = typed_reader("Features", output, partial=partial)
+        show(f"read them with: {reader}  # .X .y .sessions .names")
 
 
-def typed_reader(name: str, output: Path) -> str:
+def typed_reader(name: str, output: Path, *, partial: bool = False) -> str:
     """Return the line of Python that reads an output."""
-    return f"from granular_id.archive import {name}; {name.lower()} = {name}({str(output)!r})"
+    how = ", partial=True" if partial else ""
+    return f"from granular_id.archive import {name}; {name.lower()} = {name}({str(output)!r}{how})"

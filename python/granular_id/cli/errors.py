@@ -117,10 +117,11 @@ def _warnings_in_one_line() -> Iterator[None]:
         warnings.showwarning = before
 
 
-def words_of(error: Exception, rate_option: str = "--rate-hz") -> str:
+def words_of(error: Exception, rate_option: str = "--rate-hz", archive: str | os.PathLike[str] = "") -> str:
     """Say an error on one line, in options; without the number that the system gives it, the file first.
 
-    `rate_option`: what `rate_hz` is called; when reading files it is ``--recorded-hz``.
+    `rate_option`: what `rate_hz` is called; when reading files it is ``--recorded-hz``. `archive`: the one that
+    is worked on, whose recordings are taken as they are; the way out is another archive, made of it.
     """
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         said = f"{os.fsdecode(error.filename)}: {error.strerror[0].lower()}{error.strerror[1:]}"
@@ -131,6 +132,10 @@ def words_of(error: Exception, rate_option: str = "--rate-hz") -> str:
     if argument in OPTIONS and re.match(f"{argument}(?!=)", message):  # with "=" it is said like any mention
         option = rate_option if argument == "rate_hz" else OPTIONS[argument]
         message = option + message.removeprefix(argument)
+    if archive:
+        add = f"granular-id archive add NEW {shlex.quote(os.fspath(archive))}"
+        for way_out, prepared in _ARCHIVE_WAYS_OUT.items():
+            message = re.sub(way_out, functools.partial(_by_adding, add, prepared), message)
     return in_options(message, rate_option)
 
 
@@ -144,6 +149,8 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
 
     def as_option(found: re.Match[str]) -> str:
         name, value = found.groups()
+        if name is None:  # names in a file are listed
+            return found[0]
         if value is None and "_" not in name:  # without a value it is also an everyday word
             return name
         option = rate_option if name == "rate_hz" else OPTIONS[name]
@@ -170,14 +177,20 @@ def _accepts(found: re.Match[str]) -> str:
     return "add " + " ".join(f"--accept {name}" for name in re.findall(r"'([\w-]+)'", found[1]))
 
 
-_PREPARED = "make another archive of it by granular-id archive add"
+def _by_adding(add: str, prepared: str, found: re.Match[str]) -> str:
+    values = [shlex.quote(text.replace("', '", ",").strip("'")) for text in found.groups()]
+    return prepared.format(*values, add=add)
+
+
+_ARCHIVE_WAYS_OUT = {
+    r"call \.resample\(([\d.e+]+)\)(?: on the recordings)?": "{add} --rate-hz {0}",
+    r"call \.select\(axes=\[([^\]]*)\]\)(?: on the recordings)?": "{add} --axes {0}",
+    r"(\d+) of each: call \.align on the recordings": "{0} of each: {add} --n-samples {0}",
+    r"call \.predict_over\(recording\)": "answer over all of it: {add} --window-s SECONDS",
+}
+"""Ways out of what is wrong with recordings of an archive; the values of `{0}` are those that the message names."""
 
 _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
-    r"call \.resample\(([\d.e+]+)\) on the recordings": rf"{_PREPARED} --rate-hz \1",
-    r"call \.select\(axes=\[([^\]]*)\]\) on the recordings": lambda listed: (
-        _PREPARED + _axes_listed(listed).removeprefix("add")
-    ),
-    r"call \.crop on the recordings": f"{_PREPARED} --duration-s",
     r"in Identifier\.fit\(data, '([\w-]+)'\), and give model=": r"in granular-id train --space \1, and add --model",
     r"\bNone(?=(:| for) no limit)": "inf",
     r"pass train_per_class=(\d+), test_per_class=(\d+)": r"add --train \1 --test \2",
@@ -197,7 +210,9 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
 """Ways out that the command line offers under other words."""
 
 _MENTION = re.compile(
-    # Not where the name is part of a path, a quotation, a call or a longer name, nor a column of a file.
+    # Not where names are listed, nor where the name is part of a path, a quotation, a call or a longer name, nor a
+    # column of a file.
+    r"\(meta: [^)]*\)|; there are [^;]*|"
     rf"(?<![\w.\-/\\'\"])(?<!column )({'|'.join(sorted(OPTIONS, key=len, reverse=True))})"
     rf"(?:=('[^']*'|[\w.\-]*)|(?![\w/\\'\"=]|\.\w| column))"
 )

@@ -10,7 +10,7 @@ import typer
 
 from granular_id._files import MODELS, check_source, write_json
 from granular_id._text import counted
-from granular_id.cli.archive import EngineOptions, typed_reader
+from granular_id.cli.archive import EngineOptions, check_is_archive, typed_reader, working_on
 from granular_id.cli.errors import words_of
 from granular_id.cli.options import FORCE, as_typed, command, option, positive
 from granular_id.cli.outputs import (
@@ -34,6 +34,7 @@ from granular_id.cli.recordings import (
 )
 
 if TYPE_CHECKING:
+    from granular_id.archive import Extraction
     from granular_id.identifier import Identifier, Timeline
     from granular_id.recording import Dataset
 
@@ -276,26 +277,35 @@ def _answer_archive(
     (path,) = recordings.paths
     if fitting.begin_at == "onset":
         raise ValueError("--begin-at onset is not for archives: find onsets by granular-id archive add")
-    for file in (recordings.model_file, path):
-        check_source(file)
-    from granular_id.archive import identify as identify_archive
+    check_source(recordings.model_file)
+    check_is_archive(path)
+    from granular_id.archive import Answers, identify as identify_archive
 
-    answers = identify_archive(
-        path,
-        recordings.load_model(),
-        output,
-        accept=fitting.accepted,
-        begin_at=fitting.begin_at,
-        lead_s=fitting.lead_s,
-        on_short=fitting.on_short,
-        progress=not quiet,
-        **engine.given(),
-    )
-    if not quiet:
-        print_table(answers.summary(), strong=answers.model.synthetic)
-        show("")
-    show(str(answers.extraction))
-    show(f"read them with: {typed_reader('Answers', output)}  # .table")
+    model = recordings.load_model()
+
+    def say(done: Extraction, *, partial: bool = False) -> None:
+        if done.n_partitions and not quiet:
+            there = Answers(output, partial=partial)
+            print_table(there.summary(), strong=there.model.synthetic)
+            show("")
+        show(str(done))
+        if done.n_partitions:
+            show(f"read them with: {typed_reader('Answers', output, partial=partial)}  # .table")
+
+    with working_on(path, say):
+        answers = identify_archive(
+            path,
+            model,
+            output,
+            accept=fitting.accepted,
+            begin_at=fitting.begin_at,
+            lead_s=fitting.lead_s,
+            on_short=fitting.on_short,
+            progress=not quiet,
+            **engine.given(),
+        )
+    if answers.extraction is not None:
+        say(answers.extraction)
 
 
 def _answer_each(

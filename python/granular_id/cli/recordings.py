@@ -44,6 +44,10 @@ ACCEPT = "Goes on though this is not as in the training, with a warning. Repeata
 Handling = Literal["raise", "skip"]
 
 
+class UnreadableError(ValueError):
+    """A file or folder that cannot be read, in the words of the command line."""
+
+
 @dataclass(kw_only=True)
 class ReadingOptions:
     """How files are read."""
@@ -121,7 +125,8 @@ class ReadingOptions:
         except ValueError as error:
             skippable = isinstance(error, RecordingFileError) and error.skippable
             hint = "; add --on-error skip to leave such files out" if skippable else ""
-            raise ValueError(words_of(error, rate_option="--recorded-hz") + hint) from None
+            kind = UnreadableError if isinstance(error, RecordingFileError) else ValueError
+            raise kind(words_of(error, rate_option="--recorded-hz") + hint) from None
 
 
 @dataclass(kw_only=True)

@@ -38,8 +38,8 @@ class FileFormat:
     save: Callable[..., Path] | None = None  # save(dataset, path)
     saves_folder: bool = False  # whether what `save` writes is a folder
     is_folder: Callable[[Path], bool] | None = None  # whether a folder is a file of this format; None: never
-    parts: Callable[[FileSource, LoadOptions], Iterator[FileContent]] | None = (
-        None  # the same, piece by piece
+    parts: Callable[[FileSource, LoadOptions], Iterator[FileContent | RecordingFileError]] | None = (
+        None  # the same, piece by piece; errors about what was left out, with on_error="skip"
     )
 
 
@@ -107,8 +107,11 @@ def read_file(source: FileSource, options: LoadOptions) -> FileContent:
         return obeying(known.read(source, options), source, options)
 
 
-def read_parts(source: FileSource, options: LoadOptions) -> Iterator[FileContent]:
-    """Read a file as `read_file` does, piece by piece where its format has pieces."""
+def read_parts(source: FileSource, options: LoadOptions) -> Iterator[FileContent | RecordingFileError]:
+    """Read a file as `read_file` does, piece by piece where its format has pieces.
+
+    With on_error="skip" pieces that cannot be read are left out, and the errors about them come with the others.
+    """
     known = _format_now(source)
     if known.parts is None:
         yield read_file(source, options)
@@ -116,7 +119,10 @@ def read_parts(source: FileSource, options: LoadOptions) -> Iterator[FileContent
     with naming(source.path, f"reading it as {known.name}"):
         options = _checked(source, options)
         for content in known.parts(source, options):
-            yield obeying(content, source, options)
+            if isinstance(content, RecordingFileError):
+                yield content
+            else:
+                yield obeying(content, source, options)
 
 
 def _format_now(source: FileSource) -> FileFormat:

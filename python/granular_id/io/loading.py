@@ -70,7 +70,8 @@ def load(
         half a step of its place), and so must a rate that the file states itself, or it is refused. A
         ``rate_hz`` in index.csv comes first.
     on_error : {"raise", "skip"}
-        What to do with a file that cannot be read: raise, or read the rest and list it in ``history[-1]``.
+        What to do with a file that cannot be read: raise, or read the rest and list it in ``history[-1]``; of an
+        archive (without `isolate`) also with a row group or index file.
     on_time_error : {"raise", "repair"}
         What to do where time runs backwards or a stamp is repeated: raise with the place, or sort the samples
         and average those that share a stamp, count them in ``history[-1]`` and flag them ``TIME_REPAIRED``.
@@ -196,8 +197,8 @@ def load_parts(
     Raises
     ------
     FileNotFoundError, RecordingFileError, ImportError, TypeError, ValueError
-        As `load`; what is wrong in a file, once the pieces before it have been read. With ``on_error="skip"`` an
-        archive that is damaged in the middle has given what comes before. Windows of recordings that share a name
+        As `load`; what is wrong in a file, once the pieces before it have been read. With ``on_error="skip"`` what
+        of an archive is damaged is left out, not with `isolate`. Windows of recordings that share a name
         are refused, as the whole is needed to tell them apart.
 
     Examples
@@ -296,13 +297,17 @@ class _Reading:
         with _reader(sources, options, isolate=isolate, parts=parts) as read:
             for done, source in enumerate(sources, start=1):
                 before, pieces = len(problems), read(source)
+                whole = True
                 while (content := attempt(problems, _next, pieces, source, options)) is not None:
-                    nothing = False
+                    if isinstance(content, RecordingFileError):
+                        problems.append(content)
+                        continue
+                    nothing = whole = False
                     yield content
-                if len(problems) > before and self._alone:
-                    raise problems[-1]
                 if len(problems) > before and options.on_error == "raise":
-                    raise _skippable(problems[-1])
+                    raise problems[-1] if self._alone and whole else _skippable(problems[-1])
+                if len(problems) > before and self._alone and nothing:
+                    raise problems[before]
                 if progress is not None:
                     progress(done, len(sources), source.name)
         if nothing:
@@ -347,9 +352,11 @@ class _Reading:
         _check_rate(Dataset([*self._first, *recordings]), self._options.window_s)
 
 
-def _next(pieces: Iterator[FileContent], source: FileSource, options: LoadOptions) -> FileContent | None:
+def _next(
+    pieces: Iterator[FileContent | RecordingFileError], source: FileSource, options: LoadOptions
+) -> FileContent | RecordingFileError | None:
     content = next(pieces, None)
-    return None if content is None else completed(content, source, options)
+    return completed(content, source, options) if isinstance(content, FileContent) else content
 
 
 def _with_session(source: FileSource, columns: Sequence[str], session: str | None) -> FileSource:
@@ -395,10 +402,12 @@ def _check_rate(data: Dataset, window_s: float) -> None:
 @contextmanager
 def _reader(
     sources: Sequence[FileSource], options: LoadOptions, *, isolate: bool, parts: bool
-) -> Iterator[Callable[[FileSource], Iterator[FileContent]]]:
+) -> Iterator[Callable[[FileSource], Iterator[FileContent | RecordingFileError]]]:
     """Yield what reads a file: in this process, or in a child that is gone at the end."""
     if not isolate:
-        yield partial(read_parts if parts else _whole(read_file), options=options)
+        # what is to be left out may be a piece of a file
+        by_parts = parts or options.on_error == "skip"
+        yield partial(read_parts if by_parts else _whole(read_file), options=options)
         return
     # the child runs this module: it must not be there already
     from granular_id.io.isolate import IsolatedReader

@@ -25,6 +25,7 @@ from granular_id.recording.recording import (
     unit_of as unit_of,
 )
 from granular_id.recording.report import (
+    NothingLeftError as NothingLeftError,
     StepReport,
     noticed_lines as noticed_lines,
     skipped_lines as skipped_lines,

@@ -40,6 +40,20 @@ class Report:
             draft.write_text(f"{self}\n", encoding="utf-8")
 
 
+class NothingLeftError(ValueError):
+    """A step that was to leave recordings out would leave out all of them.
+
+    Attributes
+    ----------
+    rows : list of dict
+        Each recording with the reason, as in the report of a step.
+    """
+
+    def __init__(self, message: str, rows: list[dict[str, Any]]) -> None:
+        super().__init__(message)
+        self.rows = rows
+
+
 @dataclass(frozen=True)
 class StepReport(Report):
     """One step of a data set's history.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray, argument_error, checked_choice, finite_number
 from granular_id._text import counted, fixed
 from granular_id.recording.recording import Recording, SampleFlag
-from granular_id.recording.report import StepReport
+from granular_id.recording.report import NothingLeftError, StepReport
 
 # Time stamps: whether they form a uniform grid, and what to do where they do not.
 
@@ -136,7 +136,8 @@ def resample_recordings(
                 }
             )
     if not results:
-        raise ValueError(f"each of {counted(len(recordings))} has gaps beyond max_gap_s={limit:g} s")
+        problem = f"each of {counted(len(recordings))} has gaps beyond max_gap_s={limit:g} s"
+        raise NothingLeftError(problem, skipped)
     changed.sort(key=lambda row: -row["largest_gap_s"])
     totals = {
         "recordings_resampled": len(changed),

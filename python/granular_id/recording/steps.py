@@ -14,7 +14,7 @@ from granular_id._checks import argument_error, checked_choice, checked_index, f
 from granular_id._memory import stacked
 from granular_id._text import counted, fixed
 from granular_id.recording.recording import Recording, common_axes, common_rate
-from granular_id.recording.report import StepReport, first_names, subject
+from granular_id.recording.report import NothingLeftError, StepReport, first_names, subject
 
 
 def select_recordings(
@@ -114,21 +114,23 @@ def align_recordings(
     rate_hz = common_rate(recordings)
     checked_choice("on_short", on_short, "raise", "skip")
     checked_choice("on_missing", on_missing, "raise", "skip")
-    without: list[Recording] = []
+    skipped: list[dict[str, Any]] = []
     if isinstance(trigger, str) and on_missing == "skip":
-        without = [r for r in recordings if r.trigger_index is None]
+        skipped = [
+            {"name": r.name, "samples_before": r.n_samples, "skipped": "has no trigger"}
+            for r in recordings
+            if r.trigger_index is None
+        ]
         recordings = [r for r in recordings if r.trigger_index is not None]
         if not recordings:
-            raise ValueError(
-                f"none of the {counted(len(without))} has a trigger_index; call .find_onsets(), or see in its "
-                "report why it found none"
+            raise NothingLeftError(
+                f"none of the {counted(len(skipped))} has a trigger_index; call .find_onsets(), or see in its "
+                "report why it found none",
+                skipped,
             )
     starts = _starts(recordings, rate_hz, trigger, lead_s)
     n = _length(recordings, starts, rate_hz, n_samples, duration_s)
     kept: list[tuple[Recording, int]] = []
-    skipped: list[dict[str, Any]] = [
-        {"name": r.name, "samples_before": r.n_samples, "skipped": "has no trigger"} for r in without
-    ]
     cropped: list[dict[str, Any]] = []
     for recording, start in zip(recordings, starts, strict=True):
         row = {"name": recording.name, "samples_before": recording.n_samples}
@@ -148,9 +150,10 @@ def align_recordings(
         wanted = f"{n} samples from its start or trigger on"
         if all(start < 0 for start in starts):
             wanted = f"the lead before its trigger (lead_s={lead_s:g})"
-        raise ValueError(
+        raise NothingLeftError(
             f"none of the {counted(len(recordings))} has {wanted}; the longest has "
-            f"{counted(max(r.n_samples for r in recordings), 'sample')} in all"
+            f"{counted(max(r.n_samples for r in recordings), 'sample')} in all",
+            skipped,
         )
     totals = {
         "recordings": len(kept),
@@ -318,9 +321,10 @@ def cut_windows(
         skipped.append({"name": recording.name, "samples_before": recording.n_samples, "skipped": short})
     if not windows:
         longest = max(recording.n_samples for recording in recordings)
-        raise ValueError(
+        raise NothingLeftError(
             f"none of the {counted(len(recordings))} is as long as a window of {fixed(n)} samples; the longest has "
-            f"{counted(longest, 'sample')}"
+            f"{counted(longest, 'sample')}",
+            skipped,
         )
     totals = {
         "recordings": len(rows),

@@ -424,6 +424,8 @@ def test_messages_speak_in_options():
         "the order of files",
         "files in order must",
         "no_rate_hz",
+        "nor among what is known of it (meta: frame, lead_s, rest_s=1)",
+        "there is no column 'nope'; there are fx, rate_hz",
     ):
         assert in_options(untouched) == untouched
     for argument, option in {"C": "--C", "order": "--order", "n_folds": "--folds", "format": "--to"}.items():

@@ -48,6 +48,7 @@ VOLATILE = {
 
 PACKAGES = (
     "",
+    ".archive",
     ".confidence",
     ".ecoc",
     ".evaluation",

@@ -23,7 +23,7 @@ from granular_id._core import interleave
 from granular_id._files import check_source
 from granular_id._memory import empty
 from granular_id._text import counted
-from granular_id.io.errors import RecordingFileError, naming
+from granular_id.io.errors import RecordingFileError, attempt, naming
 from granular_id.io.flat import FlatRecordings, checked_history, unflatten
 from granular_id.io.options import MAX_BINARY_BYTES
 from granular_id.io.parquet.index import Index, RowGroup, coded_texts, integers, texts
@@ -214,15 +214,29 @@ class Archive:
         content.notes += self._notes()
         return content
 
-    def pieces(self, source: FileSource) -> Iterator[FileContent]:
-        """Read the same a row group at a time; notes come with the first, the history with each."""
+    def pieces(
+        self, source: FileSource, unreadable: list[RecordingFileError] | None = None
+    ) -> Iterator[FileContent]:
+        """Read the same a row group at a time; notes come with the first, the history with each.
+
+        With a list `unreadable`, errors about row groups and the history go there, and what they are about is left out.
+        """
         history: Sequence[StepReport] | None = None
+        if unreadable is not None:
+            history = attempt(unreadable, lambda: self.history) or ()
+        notes = self._notes()
         for group in self.row_groups:
-            content = self._content([group], source, self._index.history_json() if history is None else "[]")
-            if history is None:
-                history = content.history
-                content.notes += self._notes()
-            content.history = history
+            try:
+                json_of = self._index.history_json() if history is None else "[]"
+                content = self._content([group], source, json_of)
+            except RecordingFileError as error:
+                if unreadable is None:
+                    raise
+                lost = f"{error.problem}; its {counted(group.stop - group.start)} left out"
+                unreadable.append(RecordingFileError(error.path, lost, place=f"row group {group.row_group}"))
+                continue
+            history = content.history if history is None else history
+            content.history, content.notes, notes = history, [*content.notes, *notes], []
             yield content
 
     def _notes(self) -> list[str]:

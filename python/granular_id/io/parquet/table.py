@@ -69,13 +69,16 @@ def read_parquet(source: FileSource, options: LoadOptions) -> FileContent:
     return FileContent(recordings=found, rows=remarked, notes=notes, obeyed=("axes", "session"))
 
 
-def parquet_parts(source: FileSource, options: LoadOptions) -> Iterator[FileContent]:
-    """Read the same, an archive a row group at a time."""
+def parquet_parts(source: FileSource, options: LoadOptions) -> Iterator[FileContent | RecordingFileError]:
+    """Read the same, an archive a row group at a time; what of it cannot be read and is to be left out comes last."""
     stated = (
         source.start_time is not None or source.trigger_index is not None
     )  # which only one recording may have
     if source.path.is_dir() and not stated:
-        yield from Archive(source.path, max_file_bytes=options.max_binary_bytes).pieces(source)
+        problems: list[RecordingFileError] | None = [] if options.on_error == "skip" else None
+        opened = Archive(source.path, max_file_bytes=options.max_binary_bytes, unreadable=problems)
+        yield from opened.pieces(source, problems)
+        yield from problems or []
     else:
         yield read_parquet(source, options)
 
