@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 import threading
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -54,6 +55,16 @@ def client():
         set_as_default=False,
     ) as connected:
         yield connected
+
+
+@pytest.fixture(autouse=True)
+def at_rest(request):
+    """Wait after each test until no task of it runs any more: the next one replaces what is done for a task."""
+    yield
+    if "client" in request.fixturenames or request.node.name.endswith("[dask]"):
+        connected = request.getfixturevalue("client")
+        while any(connected.processing().values()):
+            time.sleep(0.01)
 
 
 @pytest.fixture(params=["local", "dask"])
