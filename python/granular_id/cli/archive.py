@@ -154,7 +154,7 @@ def add(
         _refuse_nested(archive, path)
     from granular_id._progress import displaying
     from granular_id.archive import append
-    from granular_id.live.recorder import check_archive
+    from granular_id.io.parquet.writing import check_archive
 
     tally = _Tally(archive)
     try:

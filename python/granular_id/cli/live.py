@@ -6,7 +6,7 @@ import json as json_format
 import sys
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -23,7 +23,7 @@ from granular_id.cli.outputs import LIVE_ANSWERS, check_outputs, show, warn_of_s
 from granular_id.cli.recordings import ACCEPT, Difference
 
 if TYPE_CHECKING:
-    from granular_id.live import Capture, Push, Recorder, Stream, Views, WrenchSource
+    from granular_id.live import Capture, Push, Recorder, Views, WrenchSource
     from granular_id.live.drive import Step
     from granular_id.live.setup import Setup
 
@@ -171,15 +171,15 @@ class Keeping:
         """Yield what writes a push; `about` goes beside each answer."""
         # all that an append needs is loaded before anything moves: in between rows would be lost meanwhile
         from granular_id._files import whole_lines
-        from granular_id.io.parquet.writing import append
+        from granular_id.io.parquet.writing import append, check_archive
         from granular_id.recording import Dataset
 
-        if self.archive is not None:
-            from granular_id.live.recorder import check_archive
-
-            check_archive(self.archive, axes)
         n_kept = 0
-        with nullcontext() if self.json is None else whole_lines(self.json) as answer:
+        with ExitStack() as stack:
+            if self.archive is not None:
+                stack.enter_context(made_folder(self.archive))
+                check_archive(self.archive, axes)
+            answer = None if self.json is None else stack.enter_context(whole_lines(self.json))
 
             def keep(push: Push) -> None:
                 nonlocal n_kept
@@ -401,8 +401,11 @@ def record(
     if session is not None and not session.strip():
         raise ValueError("--session is empty: give it a name, or leave it out")
 
+    from granular_id.io.parquet.layout import is_parquet_archive
     from granular_id.live import Recorder, opened
 
+    if archive is None and is_parquet_archive(folder):
+        raise ValueError(f"-o {folder} is an archive: give it by --archive, or name another folder")
     labels = _labels_in(label, sensing.source)
     # All of them before the first push: a misspelt material is found out now.
     places = [(sensing.open(url), names) for url, names in _places(labels, sensing.source).items()]
@@ -434,7 +437,7 @@ def record(
                             _wait_for(title)
                         refused, said = _recorded(recorder, name, title, retries)
                         if k == 0:
-                            _check_truth(name, stream)
+                            _check_truth(name, recorder, stream.info.name)
                         n_refused += refused
                         if not quiet:
                             show(said)
@@ -498,11 +501,11 @@ def _recorded(recorder: Recorder, label: str, title: str, retries: int) -> tuple
     )
 
 
-def _check_truth(label: str, stream: Stream) -> None:
+def _check_truth(label: str, recorder: Recorder, source: str) -> None:
     """Warn where a source that knows what it measures knows better."""
-    truth = stream.truth
+    truth = None if recorder.last is None else recorder.last.meta.get("truth")
     if truth not in (None, label):
-        show(f"warning: recorded as {label!r}, but {stream.info.name} says that it was {truth!r}", "yellow")
+        show(f"warning: recorded as {label!r}, but {source} says that it was {truth!r}", "yellow")
 
 
 class _Prompt:

@@ -217,7 +217,8 @@ class Capture:
     lag_patience_s : float, default 0.1
         So long may the lag be larger than that before it fails: a busy computer stumbles, and no sample is lost by it.
     timeout_s : float, default 30
-        From the first row to the trigger, counted in rows: those that are no rest too.
+        From the first row to the trigger, counted in rows: those that are no rest too, but not those that came in
+        before `since_ns`.
     info : SourceInfo, optional
         Goes into the recording's metadata. Without a device clock, rate and lag are judged by when rows come in.
     utc_at_zero_s : float, optional
@@ -233,6 +234,9 @@ class Capture:
         Rows taken, of `n_samples`; rows before the trigger.
     trigger_time_s : float or None
         Device time of the first row of the motion.
+    since_ns : int
+        Moment of the host's monotonic clock from which on `timeout_s` counts; `drive` sets it to when it was called.
+        Until then all rows count.
 
     Examples
     --------
@@ -284,6 +288,7 @@ class Capture:
         self.reason: FailureReason | None = None
         self.text = ""
         self.trigger_time_s: float | None = None
+        self.since_ns = 0
         self.n_rows = 0
         self._epoch: int | None = None
         self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
@@ -410,6 +415,7 @@ class Capture:
             self._arrival = ArrivalClock(self._speed, self._rate_tolerance)
         self._epoch = block.epoch
         rows = self._gaps.fill(block)
+        self._n_left += int(np.count_nonzero(rows.host_ns < self.since_ns))
         saturated = np.zeros(len(rows), np.bool_) if self._allow_saturated else rows.flags & SATURATED != 0
         done = 0
         for at in np.flatnonzero((rows.missing_before > 0) | saturated).tolist():

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import freeze, thaw
+from granular_id._checks import argument_error, freeze, thaw
+from granular_id._core import host_ns
 from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason
 from granular_id.live.channels import AnyReader
 from granular_id.live.robot import Motion, Robot
@@ -20,7 +21,16 @@ from granular_id.live.stopping import InMotion
 from granular_id.live.stream import Stream
 from granular_id.live.trigger import MotionTrigger, Trigger
 
-__all__ = ["Step", "capture_from", "drive", "motion_duration_s", "push_facts"]
+__all__ = [
+    "LIMITS",
+    "Step",
+    "capture_from",
+    "check_limits",
+    "drive",
+    "motion_duration_s",
+    "push_facts",
+    "truth_of",
+]
 
 _WAIT_S = 0.02
 """How long to wait for a row at a time: so soon are errors, Ctrl-C and the end noticed."""
@@ -45,8 +55,20 @@ class Step:
     motion: Motion | None
 
 
+LIMITS = ("max_gap", "allow_saturated", "rate_tolerance", "max_lag_s", "lag_patience_s", "timeout_s")
+"""What a push must be like: parameters of `Capture`."""
+
+
+def check_limits(given: Iterable[str], known: Sequence[str] = LIMITS) -> None:
+    """Refuse limits that there are none of."""
+    for name in given:
+        if name not in known:
+            raise argument_error(TypeError, name, f"is not known here; known limits: {', '.join(known)}")
+
+
 def capture_from(stream: Stream, trigger: Trigger, **limits: Any) -> Capture:
     """Return a new capture of what a stream delivers; `limits` are further parameters of `Capture`."""
+    check_limits(limits, ("n_samples", "pre_s", *LIMITS))
     info = stream.info
     return Capture(info.rate_hz, trigger=trigger, info=info, utc_at_zero_s=stream.utc_at_zero_s, **limits)
 
@@ -54,6 +76,12 @@ def capture_from(stream: Stream, trigger: Trigger, **limits: Any) -> Capture:
 def motion_duration_s(capture: Capture) -> float:
     """Return how long the robot must move for a capture."""
     return (capture.n_samples - capture.n_pre) / capture.rate_hz + _MARGIN_S
+
+
+def truth_of(stream: Stream, capture: Capture) -> str | None:
+    """Return the material of a capture, where the source knows it; a replay may have moved on meanwhile."""
+    begun_s = capture.trigger_time_s
+    return stream.truth if begun_s is None else stream.truth_at(begun_s)
 
 
 def push_facts(truth: str | None, motion: Motion | None) -> dict[str, Any]:
@@ -96,7 +124,8 @@ def drive(
     rows_timeout_s : float, default 1
         A source that delivers nothing for so long has failed; pauses of its own come on top.
     reader : WrenchReader, optional
-        Read on from there. Default: a new one, which begins with the rows that come in from now on.
+        Read on from there; rows that wait in it do not count for `timeout_s`. Default: a new one, which begins with
+        the rows that come in from now on.
 
     Yields
     ------
@@ -110,6 +139,7 @@ def drive(
         The robot could not be stopped.
     """
     reader = stream.buffer.reader() if reader is None else reader
+    capture.since_ns = host_ns()
     motion: Motion | None = None
     newest: BlockLike | None = None
     heard_s = time.monotonic()

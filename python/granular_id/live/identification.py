@@ -16,7 +16,15 @@ from granular_id._text import counted
 from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, setup_comparison
 from granular_id.live.capture import CaptureError, CaptureState, FailureReason, Push, meta_of
-from granular_id.live.drive import Step, capture_from, drive, motion_duration_s, push_facts
+from granular_id.live.drive import (
+    Step,
+    capture_from,
+    check_limits,
+    drive,
+    motion_duration_s,
+    push_facts,
+    truth_of,
+)
 from granular_id.live.recorder import utc_stamp
 from granular_id.live.robot import Motion, Robot, checked_move
 from granular_id.live.rows import HoppingWindows, Rows
@@ -55,7 +63,8 @@ class LiveIdentifier:
     ----------
     stream : Stream
         From `opened`; of the rate the model was trained at.
-    model : Identifier
+    model : Identifier or path-like
+        Trained, or the file of a model.
     setup : Setup, optional
         Who moves and what starts a capture; default: as the source suggests, see `setup_of`.
     early : bool, default False
@@ -107,7 +116,7 @@ class LiveIdentifier:
     def __init__(
         self,
         stream: Stream,
-        model: Identifier,
+        model: Identifier | str | os.PathLike[str],
         setup: Setup | None = None,
         *,
         early: bool = False,
@@ -119,6 +128,8 @@ class LiveIdentifier:
         accept: str | Sequence[str] = (),
         **limits: Any,
     ) -> None:
+        check_limits(limits)
+        model = _trained(model)
         _refuse_other_stream(model, stream)
         self._n_hop = 0
         if hop_s is not None:
@@ -414,8 +425,7 @@ class LiveIdentifier:
     def _finished(
         self, capture: Capture, decision: Decision | None, *, answered_early: bool, patient: bool
     ) -> Push:
-        begun_s = capture.trigger_time_s
-        truth = self.stream.truth if begun_s is None else self.stream.truth_at(begun_s)
+        truth = truth_of(self.stream, capture)
         failed = capture.state is CaptureState.FAILED and not answered_early
         push = Push(None, capture.reason, capture.text, truth) if failed else Push(decision, truth=truth)
         at_end = self._at_end(push)
@@ -450,6 +460,10 @@ class LiveIdentifier:
                 n_correct=self.n_right if self.knows_truth else None,
             )
         )
+
+
+def _trained(model: Identifier | str | os.PathLike[str]) -> Identifier:
+    return model if isinstance(model, Identifier) else Identifier.load(model)
 
 
 def _refuse_other_stream(model: Identifier, stream: Stream) -> None:
@@ -559,8 +573,7 @@ def identify(
         raise ValueError(f"n must be a whole number of at least 1, or None, got {n!r}")
     if settings.get("hop_s") is not None:
         _refuse_with_hop(robot=robot not in (None, "none", "auto"), trigger=trigger != "auto")
-    trained = model if isinstance(model, Identifier) else Identifier.load(model)
-    return _answers(source, trained, n, (robot, trigger), early, on_failure, settings)
+    return _answers(source, _trained(model), n, (robot, trigger), early, on_failure, settings)
 
 
 def _answers(

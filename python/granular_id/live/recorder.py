@@ -13,13 +13,11 @@ from typing import TYPE_CHECKING, Any
 from granular_id._checks import argument_error, checked_flag, checked_text
 from granular_id._core import MAX_NAME_BYTES
 from granular_id._files import check_target, made_folder
-from granular_id.io.errors import need
 from granular_id.io.folder_save import safe_name
 from granular_id.io.npz import save_npz
-from granular_id.io.parquet.archive import Archive
-from granular_id.io.parquet.layout import INDEX_FILE, INDEX_FOLDER, SAMPLES_FOLDER, index_names
-from granular_id.io.parquet.writing import append
-from granular_id.live.drive import Step, capture_from, drive, motion_duration_s, push_facts
+from granular_id.io.parquet.layout import is_parquet_archive
+from granular_id.io.parquet.writing import append, check_archive
+from granular_id.live.drive import Step, capture_from, drive, motion_duration_s, push_facts, truth_of
 from granular_id.live.robot import Motion, Robot, checked_move, checked_robot
 from granular_id.live.setup import starts_exactly
 from granular_id.live.stream import Stream
@@ -29,7 +27,7 @@ from granular_id.recording import Dataset, Recording
 if TYPE_CHECKING:
     from granular_id.live.capture import Capture
 
-__all__ = ["Recorded", "Recorder", "check_archive", "checked_label", "utc_stamp"]
+__all__ = ["Recorded", "Recorder", "checked_label", "utc_stamp"]
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,8 @@ class Recorder:
     Raises
     ------
     OSError
-        The folder cannot be written to: found out before anything moves.
+        The folder cannot be written to, or is an archive without `archive=True` (FileExistsError): found out before
+        anything moves.
     ImportError
         An archive needs pyarrow.
     TypeError, ValueError
@@ -131,6 +130,9 @@ class Recorder:
         if archive:
             check_archive(self.folder, stream.info.axes)
         else:
+            if is_parquet_archive(self.folder):
+                problem = "pass archive=True to append to it, or name another folder"
+                raise FileExistsError(f"{self.folder}: is an archive; {problem}")
             with made_folder(self.folder):
                 check_target(self.folder / "recording.npz")
 
@@ -178,8 +180,7 @@ class Recorder:
         capture.raise_failure()
         self._n_recorded += 1
         stem = f"{safe_name(label)}_{utc_stamp()}_{self._n_recorded}"
-        # the truth is read once: a source may move on meanwhile
-        facts = push_facts(self._stream.truth, motion)
+        facts = push_facts(truth_of(self._stream, capture), motion)
         self.last = capture.recording(label, session=self.session, name=stem, meta=facts)
         return Recorded(self.last, self._write(self.last, safe_name(label), stem))
 
@@ -197,21 +198,6 @@ class Recorder:
                 again += 1
                 path = place / f"{stem}-{again}.npz"
             return save_npz(Dataset([recording]), path)
-
-
-def check_archive(folder: str | os.PathLike[str], axes: Sequence[str] | None = None) -> None:
-    """Refuse, before any work, what recordings (with these axes) cannot be appended to."""
-    need("pyarrow.parquet", extra="app", why="to write archives")
-    with made_folder(folder) as place:
-        check_target(place / INDEX_FILE)
-        others = [path.name for path in place.iterdir() if path.name not in (SAMPLES_FOLDER, INDEX_FOLDER)]
-        if not index_names(place):
-            if others:
-                wanted = "wanted an archive, or a new or empty folder"
-                raise FileExistsError(f"{place}: holds {others[0]!r:.60}; {wanted}")
-        elif axes is not None and (known := Archive(place).axes) != tuple(axes):
-            has = f"has the axes {' '.join(known)}, the sensor {' '.join(axes)}"
-            raise ValueError(f"archive {place} {has}: name another one")
 
 
 def checked_label(label: str) -> str:

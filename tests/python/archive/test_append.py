@@ -1,6 +1,7 @@
 """Appends: by many writers, killed and run again, twice the same; what is refused."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -210,11 +211,63 @@ def test_what_cannot_be_written_leaves_nothing_half_written(tmp_path, monkeypatc
     assert not (tmp_path / "a").exists()
 
 
+def test_a_process_reads_each_index_file_once(tmp_path, monkeypatch):
+    save(Dataset(PUSHES[:1]), tmp_path / "a", "parquet")
+    real, opened = writing.open_parquet, []
+
+    def watched(path, *arguments):
+        opened.append(path.name)
+        return real(path, *arguments)
+
+    monkeypatch.setattr(writing, "open_parquet", watched)
+    for push in PUSHES[1:6]:
+        assert append(tmp_path / "a", Dataset([push])) == Appended(1, 0)
+    assert len(opened) == len(set(opened)) == 5
+    opened.clear()
+    assert append(tmp_path / "a", Dataset(PUSHES[3:4])) == Appended(0, 1)
+    assert len(opened) == 2, "the newest one, and the one that lists it"
+
+
+def test_what_others_append_meanwhile_is_known(tmp_path):
+    append(tmp_path, Dataset(PUSHES[:1]))
+    assert writer(tmp_path, 1).wait(60) == 0
+    one = Recording(np.random.default_rng(1).standard_normal((50, 6)), rate_hz=500, name="1")
+    assert append(tmp_path, Dataset([one, PUSHES[0]])) == Appended(0, 2)
+
+
+def test_another_archive_in_the_place_of_one_is_not_taken_for_it(tmp_path):
+    for make in (append, lambda folder, data: save(data, folder, "parquet")):
+        for pushes in (PUSHES[:2], PUSHES[1:3]):
+            make(tmp_path / "a", Dataset(pushes))
+            n_present = len({one.name for one in pushes} & {"push 0", "push 1"})
+            assert append(tmp_path / "a", Dataset(PUSHES[:2])) == Appended(2 - n_present, n_present)
+            shutil.rmtree(tmp_path / "a")
+
+
+def test_what_is_remembered_is_bounded(tmp_path, monkeypatch):
+    monkeypatch.setattr(writing, "_MOST_BYTES", 3 * 312 + 100)
+    writing._remembered.clear()
+    for folder in "abcd":
+        for push in PUSHES[:2]:
+            append(tmp_path / folder, Dataset([push]))
+    assert [path[-1] for path, _ in writing._remembered] == ["b", "c", "d"]
+    assert append(tmp_path / "a", Dataset(PUSHES)) == Appended(6, 2)
+
+
+def test_progress_is_shown_or_told(tmp_path, capsys):
+    append(tmp_path / "a", Dataset(PUSHES))
+    assert capsys.readouterr().err == ""
+    assert append(tmp_path / "b", Dataset(PUSHES), progress=True) == Appended(8, 0)
+    with pytest.raises(TypeError, match="progress must be a bool or callable, got int"):
+        append(tmp_path / "c", Dataset(PUSHES), progress=1)
+    assert not (tmp_path / "c").exists()
+
+
 def test_other_axes_are_refused(tmp_path):
     append(tmp_path, Dataset(PUSHES))
     other = Recording(np.ones((3, 2)), rate_hz=5, axes=("wx", "ax"))
     with pytest.raises(
-        ValueError, match=r"dataset has the axes wx ax, and the archive .* fx fy fz tx ty tz; add it"
+        ValueError, match=r"^dataset has the axes wx ax, and the archive .* fx fy fz tx ty tz; add it"
     ):
         append(tmp_path, Dataset([other]))
 
@@ -223,9 +276,18 @@ def test_other_axes_are_refused(tmp_path):
 def test_a_folder_of_something_else_is_refused(tmp_path, place):
     (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / place).write_text("x")
-    with pytest.raises(FileExistsError, match="wanted an archive, or a new or empty folder"):
-        append(tmp_path, Dataset(PUSHES))
+    for look in (lambda: append(tmp_path, Dataset(PUSHES)), lambda: writing.check_archive(tmp_path)):
+        with pytest.raises(FileExistsError, match=f"holds '{place[:7]}.*'; wanted an archive, or a new"):
+            look()
     assert files(tmp_path) == [place]
+
+
+def test_what_a_look_or_an_append_that_was_killed_leaves_is_no_hindrance(tmp_path):
+    (tmp_path / "samples").mkdir()
+    for place in (f".recordings-{'0' * 16}.parquet", f"samples/{'0' * 32}.parquet"):
+        (tmp_path / place).touch()
+    writing.check_archive(tmp_path, PUSHES[0].axes)
+    assert append(tmp_path, Dataset(PUSHES)) == Appended(8, 0)
 
 
 def test_a_file_is_refused(tmp_path):

@@ -571,6 +571,20 @@ def test_record_appends_each_push_to_an_archive(recorded):
     assert all(one.meta["synthetic"] and one.meta["truth"] == one.label for one in data)
 
 
+def test_small_appends_are_gathered_into_two_files(recorded, tmp_path):
+    ended_well("archive", "add", tmp_path / "new", recorded, "--quiet")
+    count = [sum(path.is_file() for path in place.rglob("*")) for place in (recorded, tmp_path / "new")]
+    assert count == [12, 2]
+    assert list(gid.load(tmp_path / "new")) == list(gid.load(recorded))
+
+
+def test_record_writes_no_files_into_an_archive(recorded):
+    before = sorted(recorded.rglob("*"))
+    line = refused("record", *SIM, "--label", "rice", "-o", recorded)
+    assert line == f"error: -o {recorded} is an archive: give it by --archive, or name another folder"
+    assert sorted(recorded.rglob("*")) == before
+
+
 def test_record_wants_a_folder_or_an_archive(tmp_path):
     words = ("record", *SIM, "--label", "rice")
     assert "wanted one of -o FOLDER (a file for each push) and --archive ARCHIVE, got neither" in refused(
@@ -612,6 +626,15 @@ def test_an_answer_is_shown_and_a_push_that_cannot_be_kept_is_told(live, tmp_pat
     assert ended.stdout.count("final: margin") == 1
     assert "kept 0 recordings" in ended.stdout
     assert ended.stderr == "error: seen: no space left on device\n"
+
+
+def test_a_session_without_a_push_leaves_no_empty_folder(live, tmp_path):
+    words = ("--robot", "none", "--timeout-s", 1, "--n", 1, "--archive", tmp_path / "new" / "seen")
+    assert "nothing triggered within 1 s" in refused(*live, *words)
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "empty").mkdir()
+    refused(*live, *words[:-1], tmp_path / "empty")
+    assert [path.name for path in tmp_path.iterdir()] == ["empty"], "which was there before"
 
 
 def test_live_refuses_an_archive_where_no_whole_push_is(live, tmp_path):

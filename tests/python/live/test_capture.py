@@ -139,6 +139,17 @@ def test_pieces_do_not_matter(cuts, row, kind):
     assert np.array_equal(pieces.recording().wrench, rows)
 
 
+@pytest.mark.parametrize("cuts", [(), (120,), (30, 99), range(300)])
+def test_rows_of_before_do_not_count_for_the_timeout(cuts):
+    line = Line.of(300)
+    line.host_ns = np.maximum.accumulate(line.host_ns)
+    for row, reason in ((159, None), (160, FailureReason.NO_TRIGGER)):
+        taker = capture(moving_at(line, row), timeout_s=60 / RATE_HZ, n_samples=120)
+        taker.since_ns = int(line.host_ns[100])
+        run(taker, line, cuts)
+        assert taker.reason is reason
+
+
 def steps_of(line, max_gap, allow_saturated):
     """What comes in, one after the other: rows (time, wrench, flags), small gaps filled, and names of faults."""
     last = None

@@ -1,5 +1,6 @@
 """Pushes named while they happen: the same answers as from whole recordings, and honest failures."""
 
+import time
 from dataclasses import replace
 from itertools import takewhile
 
@@ -72,6 +73,30 @@ def test_rows_that_come_late_are_warned_of(model):
     assert push.decision.final
     assert push.decision.warnings == ("lag",)
     assert push.decision.label == push.truth
+
+
+def test_time_counts_from_the_call(model):
+    with opened(simulated(speed=5)) as stream:
+        live = LiveIdentifier(stream, model, timeout_s=5.0)
+        for _ in range(2):
+            time.sleep(1.5)  # 7.5 s of the sensor's time
+            assert live.push().text == ""
+
+
+def test_a_model_may_be_a_path(model, tmp_path):
+    model.save(tmp_path / "m.safetensors")
+    with opened(simulated(speed=20)) as stream:
+        for path in (tmp_path / "m.safetensors", str(tmp_path / "m.safetensors")):
+            assert LiveIdentifier(stream, path).model.classes == model.classes
+
+
+@pytest.mark.parametrize("name", ["n_samples", "max_gaps"])
+def test_limits_that_there_are_none_of_are_refused(model, name):
+    with (
+        opened(simulated(speed=20)) as stream,
+        pytest.raises(TypeError, match=f"^{name} is not known here; known limits: max_gap, allow_"),
+    ):
+        LiveIdentifier(stream, model, **{name: 3})
 
 
 def test_provisional_answers_grow_into_the_final_one_which_is_right_and_views_see_them(model):

@@ -120,13 +120,48 @@ def test_replayed_recordings_are_recorded_as_they_were(tmp_path):
         recorder = Recorder(stream, None, tmp_path, trigger=source.trigger, n_samples=400, pre_s=0.1)
         while reason in late:
             try:
-                made.append((recorder.record("x").recording, source.truth))
+                made.append((one := recorder.record("x").recording, one.meta["truth"]))
             except CaptureError as error:  # noqa: PERF203
                 reason = error.reason
     assert reason is FailureReason.SOURCE
     expected = {r.wrench[r.trigger_index - 50 :][:400].tobytes(): r.label for r in data}
     assert made
     assert all(expected[recording.wrench.tobytes()] == truth for recording, truth in made)
+
+
+def test_time_counts_from_the_call(tmp_path):
+    with bench(tmp_path, speed=5, timeout_s=5.0, seconds=1.0) as (_, _, recorder):
+        for _ in range(2):
+            time.sleep(1.5)  # 7.5 s of the sensor's time
+            assert recorder.record("rice").recording.n_samples == 300
+
+
+def test_a_replay_that_has_run_ahead_is_read_from_its_first_row(tmp_path):
+    data = gid.synthesize(["rice"], n_per_class=2, duration_s=1.0, seed=1)
+    source = ReplaySource(data, speed=20, pause_s=3.0)
+    with opened(source) as stream:
+        recorder = Recorder(
+            stream, None, tmp_path, trigger=source.trigger, n_samples=400, pre_s=0.1, timeout_s=0.5
+        )
+        time.sleep(0.5)  # it is over
+        recording = recorder.record("rice").recording
+    assert np.array_equal(recording.wrench, data[0].wrench[data[0].trigger_index - 50 :][:400])
+
+
+def test_the_truth_is_that_of_the_push_also_where_the_replay_has_moved_on(tmp_path):
+    data = gid.synthesize(["rice", "fine sugar"], n_per_class=1, duration_s=1.0, seed=1)
+    source = ReplaySource(data, speed=20, pause_s=3.0)
+
+    def wait_for_the_next(step, capture):
+        while capture.state is CaptureState.COMPLETE and source.truth == data[0].label:
+            time.sleep(0.01)
+
+    with opened(source) as stream:
+        limits = {"n_samples": 400, "pre_s": 0.1, "on_step": wait_for_the_next}
+        recorder = Recorder(stream, None, tmp_path, trigger=source.trigger, **limits)
+        recording = recorder.record("x").recording
+        assert source.truth == data[1].label
+    assert recording.meta["truth"] == data[0].label
 
 
 class Endless(TimedMotion):
@@ -389,7 +424,7 @@ def test_what_is_no_archive_of_these_axes_is_refused_before_anything_moves(tmp_p
     one = gid.Recording(np.zeros((9, 2)), rate_hz=500, label="rice", axes=("wx", "ax"))
     gid.save(gid.Dataset([one]), tmp_path / "data", "parquet")
     with (
-        pytest.raises(ValueError, match="has the axes wx ax, the sensor fx fy"),
+        pytest.raises(ValueError, match=r"^the sensor has the axes fx fy .*, and the archive .* wx ax"),
         bench(tmp_path, archive=True),
     ):
         pass
@@ -400,6 +435,19 @@ def test_what_is_no_archive_of_these_axes_is_refused_before_anything_moves(tmp_p
         bench(tmp_path / "other", archive=True),
     ):
         pass
+
+
+def test_no_files_are_written_into_an_archive(tmp_path):
+    pytest.importorskip("pyarrow")
+    with bench(tmp_path, archive=True) as (_, _, recorder):
+        recorder.record("rice")
+    before = files(tmp_path)
+    with (
+        pytest.raises(FileExistsError, match=r"data: is an archive; pass archive=True .*, or name another"),
+        bench(tmp_path),
+    ):
+        pass
+    assert files(tmp_path) == before
 
 
 def test_nothing_is_overwritten(tmp_path, monkeypatch):
@@ -430,7 +478,7 @@ def test_odd_labels_are_safe_names_and_stay_themselves(tmp_path):
         ({"direction": (0, 0, 0)}, ValueError, "direction"),
         ({"speed_m_s": 0}, ValueError, "speed_m_s"),
         ({"session": " "}, ValueError, "session"),
-        ({"pre": 1}, TypeError, "'pre'"),
+        ({"n_sample": 3}, TypeError, "^n_sample is not known here; known limits: n_samples, pre_s, max_gap"),
         ({"robot": "arm"}, TypeError, "robot must have tcp_pose, move_line and stop, got str"),
         ({"trigger": ForceTrigger(1.0)}, TypeError, r"trigger must make a new trigger .* got a ForceTrigger"),
     ],

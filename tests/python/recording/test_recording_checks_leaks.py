@@ -55,6 +55,13 @@ def test_what_is_stated_beside_the_samples(fields, found, words):
     assert words in by_code(report)[found.split()[-1]].message
 
 
+def test_an_answer_that_was_given_live_is_no_leak():
+    answered = {"meta": lambda r: {"answer": {"label": "abcd"[SLOT[r.label]], "margin": SLOT[r.label] / 9}}}
+    assert codes(damaged(sound_set(), WHOLE, **answered).check()) == set()
+    said = {"meta": lambda r: {"answer": "abcd"[SLOT[r.label]]}}
+    assert codes(damaged(sound_set(), WHOLE, **said).check()) == {"leak-meta"}
+
+
 def test_what_the_samples_of_one_label_have_alone():
     cut = by_code(damaged(sound_set(), rice(), lambda w, _: w[:1400]).check())["leak-length"]
     assert cut.message == "the duration gives 'rice' away: 2.8 s, others 3.2; so does the number of samples"

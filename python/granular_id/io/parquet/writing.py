@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error, checked_index, thaw
-from granular_id._files import durable_file, made_folder
-from granular_id._progress import ProgressCallback
+from granular_id._files import absolute, check_target, durable_file, made_folder
+from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id.io.errors import need
 from granular_id.io.flat import flat_samples
 from granular_id.io.folder_save import checked_dataset, history_json, new_folder, write_history
@@ -139,7 +140,7 @@ class Appended:
 
 
 def append(
-    folder: str | os.PathLike[str], dataset: Dataset, *, progress: ProgressCallback | None = None
+    folder: str | os.PathLike[str], dataset: Dataset, *, progress: bool | ProgressCallback = False
 ) -> Appended:
     """Add recordings to an archive, or begin one.
 
@@ -156,8 +157,8 @@ def append(
         An archive, or a new or empty folder.
     dataset : Dataset
         Some thousand recordings at a time: each append makes two files more. Its history is kept with them.
-    progress : callable, optional
-        Called as ``progress(recordings_done, recordings_in_all, file)`` after each row group.
+    progress : bool or callable, default False
+        Show it; or called as ``progress(recordings_done, recordings_in_all, folder)`` after each row group.
 
     Returns
     -------
@@ -193,6 +194,7 @@ def append(
     ['push 0', 'push 1', 'push 2', 'push 3', 'push 4']
     """
     every = checked_dataset(dataset).recordings
+    check_progress(progress)
     library = need("pyarrow.parquet", extra="app", why="to write Parquet files")
     target, mark = Path(folder), Mark.of_axes(dataset.axes)
     digests = _absent(target, dataset)
@@ -200,17 +202,19 @@ def append(
     listed = [*digests.values()]
     groups = _groups(recordings, RECORDINGS_PER_GROUP) if recordings else []
     n_added = 0
-    for first in range(0, len(groups), _GROUPS_PER_PART):
-        spans = groups[first : first + _GROUPS_PER_PART]
-        start, stop = spans[0][0], spans[-1][1]
-        chunk = Dataset(recordings[start:stop], dataset.history)
-        spans = [(a - start, b - start) for a, b in spans]
+    with showing(progress) as step:
+        for first in range(0, len(groups), _GROUPS_PER_PART):
+            spans = groups[first : first + _GROUPS_PER_PART]
+            start, stop = spans[0][0], spans[-1][1]
+            chunk = Dataset(recordings[start:stop], dataset.history)
+            spans = [(a - start, b - start) for a, b in spans]
 
-        def told(done: int, start: int = start) -> None:
-            if progress is not None:
-                progress(start + done, len(recordings), os.fspath(target))
+            def told(done: int, start: int = start) -> None:
+                if step is not None:
+                    step(start + done, len(recordings), os.fspath(target))
 
-        n_added += len(chunk) * _append_chunk(library, target, chunk, listed[start:stop], spans, mark, told)
+            added = _append_chunk(library, target, chunk, listed[start:stop], spans, mark, told)
+            n_added += len(chunk) * added
     return Appended(n_added, len(every) - n_added)
 
 
@@ -278,27 +282,13 @@ def _present(target: Path, dataset: Dataset, digests: Sequence[str]) -> set[_Ide
     compute = need("pyarrow.compute", extra="app", why="to read Parquet files")
     wanted = arrow.array(digests, arrow.string())
     seen: set[_Identity] = set()
-    complete = True
-    for name in index_names(target):
+    known = _known(target, dataset.axes, "dataset")
+    for name in known.that_may_list(digests):
         with open_parquet(target / name, target, MAX_BINARY_BYTES) as opened:
-            axes = read_mark(labels_of(opened), "recordings", target / name).axes
-            if axes != dataset.axes:
-                break
-            if DIGEST not in opened.schema_arrow.names:
-                complete = False
-                continue
-            known = opened.read([DIGEST], use_threads=False)[DIGEST]
-            complete = complete and not known.null_count
-            alike = compute.is_in(known, value_set=wanted)
-            if compute.any(alike).as_py():
-                rows = opened.read(_IDENTITY, use_threads=False).filter(alike)
-                seen.update(zip(*(rows[column].to_pylist() for column in _IDENTITY), strict=True))
-    else:
-        axes = dataset.axes
-    if axes != dataset.axes:
-        problem = f"has the axes {' '.join(dataset.axes)}, and the archive {target} {' '.join(axes)}"
-        raise argument_error(ValueError, "dataset", f"{problem}; add it to another one")
-    if not complete:  # of recordings from before, those that are called the same are read
+            rows = opened.read(_IDENTITY, use_threads=False)
+            rows = rows.filter(compute.is_in(rows[DIGEST], value_set=wanted))
+            seen.update(zip(*(rows[column].to_pylist() for column in _IDENTITY), strict=True))
+    if not known.complete:  # of recordings from before, those that are called the same are read
         archive = Archive(target)
         names = {r.name for r in dataset}
         called = np.array([name in names for name in texts(archive.index, "name")])
@@ -309,6 +299,104 @@ def _present(target: Path, dataset: Dataset, digests: Sequence[str]) -> set[_Ide
 
 
 _IDENTITY = [DIGEST, "name", "label", "session", "start_time"]
+
+
+_File = tuple[str, tuple[int, ...]]
+"""An index file, by name; of ``recordings.parquet``, whose name does not tell what it holds, also its state."""
+
+
+@dataclass(frozen=True)
+class _Known:
+    """Which index files list recordings of which digests: a hash of each, and the place of its file."""
+
+    files: dict[_File, int]
+    hashes: NDArray[np.int64]
+    places: NDArray[np.int32]
+    complete: bool  # every recording has a digest
+
+    def that_may_list(self, digests: Sequence[str]) -> list[str]:
+        """Return the names of the files that may list one of these digests."""
+        found = np.unique(self.places[np.isin(self.hashes, _hashes(digests))])
+        names = [name for name, _ in self.files]
+        return [names[place] for place in found.tolist()]
+
+    @property
+    def n_bytes(self) -> int:
+        return self.hashes.nbytes + self.places.nbytes + _FILE_BYTES * len(self.files)
+
+
+_remembered: dict[tuple[str, tuple[str, ...]], _Known] = {}
+"""By archive and axes, the latest last. An appended index file never changes, so that each is read once."""
+
+_FILE_BYTES = 300
+_MOST_BYTES = 64 << 20
+
+
+def _known(target: Path, axes: tuple[str, ...], whose: str) -> _Known:
+    """Return what the index files of an archive list; only those that were not read before are read now."""
+    key = absolute(target), axes
+    files = [(name, _state(target / name) if name == INDEX_FILE else ()) for name in index_names(target)]
+    nothing = _Known({}, np.zeros(0, np.int64), np.zeros(0, np.int32), complete=True)
+    known = _remembered.get(key, nothing)
+    if not known.files.keys() <= set(files):  # another archive of that name
+        known = nothing
+    new = [file for file in files if file not in known.files]
+    places = dict(known.files)
+    hashes, counts, complete = [known.hashes], [], known.complete
+    for file in new:
+        digests = _digests_in(target, file[0], axes, whose)
+        complete = complete and None not in digests
+        places[file] = len(places)
+        hashes.append(_hashes([digest for digest in digests if digest is not None]))
+        counts.append(len(hashes[-1]))
+    if new:
+        added = np.repeat(np.arange(len(known.files), len(places), dtype=np.int32), counts)
+        known = _Known(places, np.concatenate(hashes), np.concatenate([known.places, added]), complete)
+        _remember(key, known)
+    return known
+
+
+def _remember(key: tuple[str, tuple[str, ...]], known: _Known) -> None:
+    kept = {**_remembered}
+    kept.pop(key, None)
+    kept[key] = known
+    while sum(one.n_bytes for one in kept.values()) > _MOST_BYTES:
+        del kept[next(iter(kept))]
+    _remembered.clear()  # a thread that looks in between reads its files anew
+    _remembered.update(kept)
+
+
+def _state(path: Path) -> tuple[int, ...]:
+    found = path.stat()
+    return found.st_mtime_ns, found.st_size, found.st_ino
+
+
+def _hashes(digests: Sequence[str]) -> NDArray[np.int64]:
+    return np.fromiter(map(hash, digests), np.int64, len(digests))
+
+
+def _digests_in(target: Path, name: str, axes: tuple[str, ...], whose: str) -> list[str | None]:
+    """Return the digests that an index file lists; None: of a recording from before. Other axes are refused."""
+    digests: list[str | None] = [None]
+    with open_parquet(target / name, target, MAX_BINARY_BYTES) as opened:
+        others = read_mark(labels_of(opened), "recordings", target / name).axes
+        if others == axes and DIGEST in opened.schema_arrow.names:
+            digests = opened.read([DIGEST], use_threads=False)[DIGEST].to_pylist()
+    if others != axes:
+        problem = f"has the axes {' '.join(axes)}, and the archive {target} {' '.join(others)}"
+        raise argument_error(ValueError, whose, f"{problem}; add it to another one")
+    return digests
+
+
+def check_archive(folder: str | os.PathLike[str], axes: Sequence[str] | None = None) -> None:
+    """Refuse, before any work, what recordings (with these axes, of a sensor) cannot be appended to."""
+    need("pyarrow.parquet", extra="app", why="to write archives")
+    with made_folder(folder) as place:
+        check_target(place / INDEX_FILE)
+        if not index_names(place):
+            _check_new(place)
+        elif axes is not None:
+            _known(place, tuple(axes), "the sensor")
 
 
 def _check_new(target: Path) -> None:
@@ -325,7 +413,9 @@ def _check_new(target: Path) -> None:
             )
 
 
-_LEFT = re.compile(rf"({SAMPLES_FOLDER}|{INDEX_FOLDER})(/(\.[^/]*|[0-9a-f]{{32}})\.parquet)?")
+_LEFT = re.compile(
+    rf"({SAMPLES_FOLDER}|{INDEX_FOLDER})(/(\.[^/]*|[0-9a-f]{{32}})\.parquet)?|\.recordings-[0-9a-f]{{16}}\.parquet"
+)
 
 
 def _groups(recordings: Sequence[Recording], most: int) -> list[tuple[int, int]]:

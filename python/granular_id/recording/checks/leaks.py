@@ -287,6 +287,9 @@ def _agreement(
 
 # What is known of recordings besides their forces: anything that could give the label away.
 
+OF_SAMPLES = (
+    "answer."  # what was answered live stands below: it follows from the samples, and gives nothing else away
+)
 DESCRIBES_MATERIAL = "material"  # entries of ``meta`` under this key, at any depth, may well name it
 MOST_KINDS = 20  # attributes of more values than this are not asked whether the label names them
 _REPAIRS = SampleFlag.GAP_FILLED | SampleFlag.BAD_STATUS | SampleFlag.TIME_REPAIRED
@@ -357,7 +360,7 @@ def _or_nan(value: float | None) -> float:
 
 
 def _scalar_meta(recordings: Sequence[Recording]) -> dict[str, list[Any]]:
-    """Return the plain entries of ``meta`` but those that describe the material, or repeat name or label everywhere."""
+    """Return the plain entries of ``meta``; without answers, what describes the material, or repeats name or label."""
     flat = [dict(_flat(r.meta)) for r in recordings]
     keys = dict.fromkeys(key for entries in flat for key in entries)
     columns = {key: [entries.get(key) for entries in flat] for key in keys}
@@ -365,6 +368,7 @@ def _scalar_meta(recordings: Sequence[Recording]) -> dict[str, list[Any]]:
         key: values
         for key, values in columns.items()
         if DESCRIBES_MATERIAL not in key.split(".")
+        and not key.startswith(OF_SAMPLES)
         and not all(
             value == r.name or (isinstance(value, str) and str(r.label) in value)
             for value, r in zip(values, recordings, strict=True)
