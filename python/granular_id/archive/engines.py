@@ -138,7 +138,7 @@ def run_dask(
         if not own and value is not None:
             wanted = "must be None with a scheduler, whose workers and dashboard are as they are"
             raise argument_error(ValueError, name, f"{wanted}; got {value!r}")
-    if dashboard_address is not None and not _HOST_AND_PORT.fullmatch(dashboard_address):
+    if dashboard_address is not None and not _HOST_AND_PORT.fullmatch(str(dashboard_address)):
         wanted = "must be HOST:PORT, or :PORT for all that reach this machine"
         raise argument_error(ValueError, "dashboard_address", f"{wanted}; got {dashboard_address!r}")
     if connected and tls is not None:

@@ -169,6 +169,9 @@ def run(
                     todo = [task for task in tasks if not (done[task.name].problem or _is_there(task))]
                     if not todo:
                         break
+                else:
+                    problem = "is gone each time that it was made: does another process work in this folder?"
+                    raise OSError(f"{folder / todo[0].name} {problem}")
         finally:
             forget(source)
             _remove_drafts(folder)
@@ -356,8 +359,11 @@ def _is_there(task: Task) -> bool:
 
 def _as_listed(task: Task, path: Path, known: Mapping[str, Any]) -> Outcome | None:
     """Return the outcome of a task whose file is what a manifest says; remove the file where it is not."""
-    with path.open("rb") as file:
-        sha256 = sha256_of(file)
+    try:
+        with path.open("rb") as file:
+            sha256 = sha256_of(file)
+    except FileNotFoundError:  # another driver has just removed it
+        return None
     if sha256 == known["sha256"]:
         return Outcome(task.name, task.n_recordings, sha256, known["n_bytes"])
     path.unlink(missing_ok=True)

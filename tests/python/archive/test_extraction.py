@@ -325,6 +325,15 @@ def test_a_partition_that_another_driver_removed_is_made_again(archive, out):
     assert done.n_partitions == len(partitions_in(out)) == 6
 
 
+def test_a_partition_that_vanishes_each_time_is_an_error(archive, out):
+    def remove(_):
+        for name in partitions_in(out):
+            (out / name).unlink()
+
+    with pytest.raises(OSError, match=r"[0-9a-f]{32}.parquet is gone each time that it was made"):
+        quietly(archive, out, Sums(before=remove))
+
+
 @pytest.mark.parametrize(
     "meta", ['{"synthetic":true}', '{"synthetic": 1}', '{"source": {"synthetic": true}}']
 )

@@ -195,13 +195,20 @@ class Archive:
     @property
     def is_synthetic(self) -> bool:
         """Whether any recording was simulated, as its metadata say."""
-        return any(map(_of_simulation, coded_texts(self.index["meta"])[1]))
+        return any(self._of_simulation(text) for text in coded_texts(self.index["meta"])[1])
 
     @property
     def n_synthetic(self) -> int:
         """Recordings that were simulated."""
         codes, values = coded_texts(self.index["meta"])
-        return int(np.array([_of_simulation(text) for text in values])[codes].sum())
+        return int(np.array([self._of_simulation(text) for text in values])[codes].sum())
+
+    def _of_simulation(self, meta_json: str | None) -> bool:
+        if meta_json is None or '"synthetic"' not in meta_json:
+            return False
+        with naming(self.folder, "reading metadata"):
+            meta = json.loads(meta_json)
+        return isinstance(meta, dict) and bool(meta.get("synthetic"))
 
     @property
     def fingerprint(self) -> str:
@@ -293,10 +300,6 @@ class Archive:
         if self.n_recordings == 1:
             return names
         return [f"{source.name}[{start + i}]" if name is None else name for i, name in enumerate(names)]
-
-
-def _of_simulation(meta_json: str | None) -> bool:
-    return '"synthetic"' in (meta_json or "") and bool(json.loads(meta_json or "{}").get("synthetic"))
 
 
 class _Block:
