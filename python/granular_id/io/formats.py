@@ -13,6 +13,8 @@ from granular_id.io.errors import RecordingFileError, naming
 from granular_id.io.files import check_place
 from granular_id.io.gm10 import is_gm10, read_gm10
 from granular_id.io.hdf5 import read_hdf5, save_hdf5
+from granular_id.io.lerobot.reading import is_lerobot, read_lerobot
+from granular_id.io.lerobot.writing import save_lerobot
 from granular_id.io.matlab import read_mat
 from granular_id.io.npz import read_npy, read_npz, save_npz
 from granular_id.io.options import LoadOptions
@@ -81,6 +83,15 @@ FORMATS = (
         (".bag", ".db3"),
         read_ros,
         is_folder=is_bag_folder,
+    ),
+    FileFormat(
+        "lerobot",
+        "LeRobot data sets (folders with meta/info.json)",
+        (),
+        read_lerobot,
+        save_lerobot,
+        saves_folder=True,
+        is_folder=is_lerobot,
     ),
 )
 """All formats, asked in this order."""

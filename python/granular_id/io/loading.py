@@ -26,7 +26,7 @@ from granular_id.recording import Dataset, Recording, StepReport
 _ARRAYS = ("npy", "npz", "mat", "hdf5")
 _OF_FORMATS = {
     "topic": ("a bag or MCAP", ("mcap", "ros")),
-    "array": ("of named arrays", _ARRAYS),
+    "array": ("of named arrays or features", (*_ARRAYS, "lerobot")),
     "label": ("of named arrays or a table", (*_ARRAYS, "csv", "parquet")),
 }
 """Which formats have what an option names."""
@@ -62,8 +62,8 @@ def load(
     path : str or path
         A file of a known format, or a folder of such files: ``label/*``, ``label/session/*``, ``label_*``, or with
         an ``index.csv``; folders ``train``, ``test`` and ``key=value`` are no labels. Formats: CSV, NumPy (.npy,
-        .npz), MATLAB (.mat), HDF5 (.h5), Parquet (a native folder, or a table), ROS 1 and ROS 2 bags, MCAP, and the
-        rows of GM10-ts.
+        .npz), MATLAB (.mat), HDF5 (.h5), Parquet (a native folder, or a table), ROS 1 and ROS 2 bags, MCAP, LeRobot
+        data sets (folders), and the rows of GM10-ts.
     rate_hz : float, optional
         Rate at which files that have no clock were recorded, Hz (``--recorded-hz`` on the command line, where
         ``--rate-hz`` is ``.resample(rate_hz)``). Where there are stamps they must fit it (each within
@@ -81,13 +81,14 @@ def load(
         64-fold beyond 64 MiB: a file that is no recording is refused within seconds and 256 MB.
     topic : str, optional
         Which topic of a bag holds the wrench, where there are several; ``"/topic.field"`` is the wrench in a field of
-        its messages. Refused where no file is a bag or MCAP.
+        its messages. An IMU that is named so is read too, as axes wx wy wz ax ay az: state its `units`. Refused where
+        no file is a bag or MCAP.
     time_unit : {"s", "ms", "us", "ns", "sample"}, optional
         What stamps count, where the file does not state it; "sample": they are an index, and a rate is stated. By
         default stamps are seconds, and refused where samples would lie 1 s or more, or 10 us or less apart.
     array : str, optional
-        Which array (variable, data set or group) holds the samples, where there are several that may: its name,
-        with the names of the groups around it or without. It counts whatever it is called.
+        Which array (variable, data set, group, or feature of LeRobot) holds the samples, where there are several that
+        may: its name, with the names of the groups around it or without. It counts whatever it is called.
     label : str, optional
         Which array, or column of a table (CSV, Parquet), holds the labels.
     axes : str or sequence of str, optional

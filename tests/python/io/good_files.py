@@ -44,6 +44,7 @@ PATHS = {
     "hdf5 of others": "good.hdf5",
     "parquet": "good.parquet",
     "archive": "good",
+    "lerobot": "good",
     "mcap": "good.mcap",
     "mcap of others": "x.mcap",
     "ros1": "x.bag",
@@ -92,8 +93,8 @@ def _make(kind: str, folder: Path) -> Path:
         (bag / "metadata.yaml").unlink()
         bag.rmdir()
         return path
-    if kind in ("npz", "hdf5", "archive"):
-        return save(dataset(), path, format="parquet" if kind == "archive" else None)
+    if kind in ("npz", "hdf5", "archive", "lerobot"):
+        return save(dataset(), path, format={"archive": "parquet", "lerobot": kind}.get(kind))
     if kind == "mcap":
         return save(Dataset([dataset()[0]]), path)
     _OTHERS[kind](path)

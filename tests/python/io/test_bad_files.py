@@ -143,7 +143,7 @@ def test_the_rest_of_the_folder_loads_and_the_bad_file_is_listed(tmp_path, kind)
         if file.is_file():
             file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     data = load(tmp_path, on_error="skip", **(NPY_HZ if kind == "npy" else {}))
-    assert data.y.tolist() == ["peas"] * len(data) or kind in ("npz", "hdf5", "archive", "mcap")
+    assert data.y.tolist() == ["peas"] * len(data) or kind in ("npz", "hdf5", "archive", "lerobot", "mcap")
     (row,) = [row for row in data.history[-1].rows if "skipped" in row]
     assert row["skipped"].startswith(str(path))
 
@@ -159,12 +159,13 @@ ODD = {
 @pytest.mark.parametrize("known", formats.FORMATS, ids=lambda known: known.name)
 def test_what_is_no_file_of_the_folder_is_refused_before_it_is_opened(tmp_path, monkeypatch, known, odd):
     (tmp_path / "secret").write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n")
-    places = [tmp_path / "set" / f"a{known.suffixes[0]}"]
+    places = [tmp_path / "set" / f"a{suffix}" for suffix in known.suffixes[:1]]
     if known.is_folder:
-        sign = {"parquet": "recordings.parquet", "ros": "metadata.yaml"}[known.name]
-        (tmp_path / "set" / "whole").mkdir(parents=True)
-        (tmp_path / "set" / "whole" / sign).write_text("")
-        places.append(tmp_path / "set" / "whole" / f"a{known.suffixes[0]}")
+        signs = {"parquet": "recordings.parquet", "ros": "metadata.yaml", "lerobot": "meta/info.json"}
+        sign = tmp_path / "set" / "whole" / signs[known.name]
+        sign.parent.mkdir(parents=True)
+        sign.write_text("")
+        places.append(tmp_path / "set" / "whole" / "data" / "a")
     opened = replace(known, read=lambda *_: pytest.fail("it was opened"))
     monkeypatch.setattr(formats, "FORMATS", (opened,))
     for place in places:

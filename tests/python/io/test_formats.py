@@ -20,7 +20,7 @@ from granular_id.synthetic import synthesize
 for library in ("h5py", "pyarrow", "mcap", "rosbags"):
     pytest.importorskip(library)
 
-NAMES = ("csv", "hdf5", "mcap", "npz", "parquet")
+NAMES = ("csv", "hdf5", "lerobot", "mcap", "npz", "parquet")
 
 
 def place(folder, name):
@@ -48,6 +48,11 @@ def test_any_data_set_comes_back_to_the_last_bit(tmp_path_factory, name, data):
             save(data, path, name)
         assert not path.exists()
         return
+    if name == "lerobot" and len({recording.rate_hz for recording in data} - {None}) > 1:
+        with pytest.raises(ValueError, match="a LeRobot data set has one rate"):
+            save(data, path, name)
+        assert not path.exists()
+        return
     back = load(save(data, path, name))
     assert_same_bits(back, data)
     assert back.history[:-1] == data.history
@@ -65,7 +70,7 @@ def test_what_one_format_wrote_another_carries_on(tmp_path, order, pushes):
     assert [step.step for step in data.history[len(pushes.history) :]] == ["load"] * len(order)
 
 
-@pytest.mark.parametrize("name", ["hdf5", "npz", "parquet"])
+@pytest.mark.parametrize("name", ["hdf5", "lerobot", "npz", "parquet"])
 def test_a_stated_rate_that_is_not_the_files_is_refused(tmp_path, name, pushes):
     path = save(pushes, place(tmp_path, name), name)
     assert load(path, rate_hz=500) == pushes

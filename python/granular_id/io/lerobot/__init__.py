@@ -1,0 +1,1 @@
+"""LeRobot data sets of version 3, read and written."""
