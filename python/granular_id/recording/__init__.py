@@ -15,6 +15,7 @@ from granular_id.recording.onset import (
     find_onset,
     onsets_of as onsets_of,
 )
+from granular_id.recording.payload import Payload, PayloadFit, compensate
 from granular_id.recording.recording import (
     AXIS_COLOURS as AXIS_COLOURS,
     KNOWN_FLAGS as KNOWN_FLAGS,
@@ -40,6 +41,7 @@ from granular_id.recording.resampling import (
 )
 from granular_id.recording.setup import (
     SEVERE_PREFIXES as SEVERE_PREFIXES,
+    UNSTATED as UNSTATED,
     Difference as Difference,
     Setup,
     common_units as common_units,
@@ -60,6 +62,14 @@ from granular_id.recording.summary import (
     first_samples as first_samples,
     headline as headline,
 )
+from granular_id.recording.wrench import (
+    TARE_S as TARE_S,
+    RestMean,
+    lead_samples as lead_samples,
+    rest_mean,
+    rest_zero as rest_zero,
+    transform,
+)
 
 __all__ = [
     "AXES",
@@ -68,11 +78,17 @@ __all__ = [
     "Dataset",
     "Finding",
     "Onset",
+    "Payload",
+    "PayloadFit",
     "Recording",
+    "RestMean",
     "SampleFlag",
     "Setup",
     "StepReport",
     "Summary",
     "Verdict",
+    "compensate",
     "find_onset",
+    "rest_mean",
+    "transform",
 ]

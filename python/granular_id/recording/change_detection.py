@@ -31,6 +31,7 @@ class Detection:
     joint: FloatArray  # (n, T): what decides, see `_joint`
     first: NDArray[np.intp]  # (n,): first sample at which that is above 1, or -1
     wander: FloatArray  # (n, C): largest distance of a window after the rest from the level at rest
+    window: int
 
 
 def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detection:
@@ -43,6 +44,7 @@ def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detectio
     # A change of one axis only must stand out by its own noise, lest one with slower noise ring every alarm.
     alone = critical_factors(np.array([noise.own_dof]), n_tests, per_axis) * np.sqrt(noise.own_variance)
     critical[noise.shift_variance == 0] = np.inf
+    critical[noise.held > window] = np.inf
     if n_axes == 1:
         critical = np.where(np.isinf(critical), np.inf, alone)
     share = np.divide(
@@ -64,7 +66,7 @@ def detect(samples: FloatArray, rest: int, window: int, rate: float) -> Detectio
     passed = joint > 1
     first_passed = np.where(passed.any(axis=1), passed.argmax(axis=1), -1)
     wander = np.abs(means[:, rest:] - noise.level[:, np.newaxis]).max(axis=1)
-    return Detection(noise, critical, statistic, joint, first_passed, wander)
+    return Detection(noise, critical, statistic, joint, first_passed, wander, window)
 
 
 def _joint(statistic: FloatArray, share: FloatArray) -> FloatArray:
@@ -170,6 +172,7 @@ class RestNoise:
     own_dof: float
     # (n, C): one count of the sensor, by which a level may seem to differ though it does not
     count: FloatArray
+    held: FloatArray  # (n,): samples that one reading of the sensor lasts, 1 where each sample is new
 
 
 def windows_of(samples: FloatArray, window: int) -> FloatArray:
@@ -204,7 +207,31 @@ def rest_noise(samples: FloatArray, rest: int, window: int) -> RestNoise:
     # reading is exact to half a count at best, evenly spread: a variance of one count squared over twelve
     own = np.maximum(own, 2 / window * np.square(count) / 12)
     shared = np.maximum(own, colour[:, np.newaxis] * fast)
-    return RestNoise(level, centred.std(axis=1), shared, dof, own, own_dof, count)
+    return RestNoise(level, centred.std(axis=1), shared, dof, own, own_dof, count, _held(step))
+
+
+# Readings that come at an even pace: so many of the samples lie in runs that are as long as the usual one, give or take
+# a quarter. Counts too coarse for the noise change at random, and those of a motion at every sample.
+_EVEN, _PACE = 0.8, 0.25
+_READINGS = 4
+
+
+def _held(step: FloatArray) -> FloatArray:
+    """Return how many samples a reading lasts where a sensor is slower than its messages, which repeat it, shape (n,).
+
+    A reading begins where some axis changes and none did the sample before: between two readings there may be one
+    sample in between, of interpolation.
+    """
+    held = np.ones(len(step))
+    changes: NDArray[np.bool_] = np.any(step > 0, axis=2)
+    begins = changes[:, 1:] & ~changes[:, :-1]
+    for i in np.flatnonzero(begins.sum(axis=1) > _READINGS):
+        lasts = np.diff(np.flatnonzero(begins[i]))
+        usual = np.median(lasts)
+        even = lasts[np.abs(lasts - usual) <= max(_PACE * usual, 1.0)]
+        if even.sum() >= _EVEN * begins.shape[1]:
+            held[i] = even.mean()
+    return held
 
 
 def _one_count(step: FloatArray, rest: int) -> FloatArray:

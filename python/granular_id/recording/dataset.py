@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,11 +15,16 @@ from granular_id._progress import ProgressCallback
 from granular_id._text import counted
 from granular_id.recording.checks import CheckReport, SensorRange
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
+from granular_id.recording.payload import Payload, compensate_recordings
 from granular_id.recording.recording import Recording, common_axes, common_rate, stack
 from granular_id.recording.report import StepReport, subject
 from granular_id.recording.resampling import MAX_GAP_S, Method, resample_recordings
 from granular_id.recording.steps import align_recordings, cut_windows, select_recordings
 from granular_id.recording.summary import Summary, summarise
+from granular_id.recording.wrench import tare_recordings, transform_recordings
+
+if TYPE_CHECKING:
+    from granular_id.recording.wrench import RotationLike
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -351,6 +356,117 @@ class Dataset:
             irregular recordings, which must be resampled (or overruled) first.
         """
         return self._after(find_all_onsets(self.recordings, rest_s, false_alarm_rate, overrule, replace))
+
+    # -- the wrench itself: frame, weight of the tool, zero
+
+    def transform(
+        self,
+        rotation: RotationLike | None = None,
+        translation: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        frame: str,
+        reverse: bool = False,
+        sign: str | None = None,
+    ) -> Dataset:
+        """Give all recordings in another frame: ``F' = R F``, ``T' = R T + p x R F``.
+
+        Parameters
+        ----------
+        rotation : scipy Rotation, array_like of shape (3, 3) or (4,), optional
+            Turns components in the old frame into those in the new one: a proper rotation, as a matrix or a quaternion
+            (x, y, z, w). Default: none.
+        translation : array_like, shape (3,)
+            Position of the old origin in the new frame, m. Default: the same origin.
+        frame : str
+            Name of the new frame, put into the metadata: models compare it (:class:`Setup`).
+        reverse : bool, default False
+            Whether also to change the sign of all axes; then `sign` is wanted.
+        sign : str, optional
+            Whose force on whom it is then, in the words of the model's training; put into the metadata.
+
+        Returns
+        -------
+        Dataset
+
+        Raises
+        ------
+        TypeError, ValueError
+            As :func:`granular_id.recording.transform`; recordings that are no wrench in N and N m.
+
+        Examples
+        --------
+        >>> from scipy.spatial.transform import Rotation
+        >>> from granular_id.synthetic import synthesize
+        >>> data = synthesize(["rice"], n_per_class=1)
+        >>> turned = data.transform(Rotation.from_euler("z", 90, degrees=True), frame="flange")
+        >>> bool(abs(turned.X[..., 1] - data.X[..., 0]).max() < 1e-12), turned[0].meta["frame"]
+        (True, 'flange')
+        """
+        return self._after(transform_recordings(self.recordings, rotation, translation, frame, reverse, sign))
+
+    def compensate(self, payload: Payload, gravity: ArrayLike | Sequence[ArrayLike]) -> Dataset:
+        """Take weight and zero of a payload off all recordings, before :meth:`transform` and :meth:`tare`.
+
+        Parameters
+        ----------
+        payload : Payload
+        gravity : array_like, shape (3,), or sequence of them
+            Direction of gravity in the frame of the wrench, of any length: one for all recordings, or one entry a
+            recording, of shape (3,), or (T, 3) where the sensor turns within it.
+
+        Returns
+        -------
+        Dataset
+            Their metadata say ``compensated`` and the ``payload``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As :func:`granular_id.recording.compensate`.
+
+        Examples
+        --------
+        >>> from granular_id.recording import Payload
+        >>> from granular_id.synthetic import synthesize
+        >>> data = synthesize(["rice"], n_per_class=2)                        # z points down
+        >>> lighter = data.compensate(Payload(0.3, (0, 0, 0.05)), gravity=[0, 0, 1])
+        >>> float((data.X - lighter.X)[0, 0, 2].round(3)), lighter[0].meta["payload"]
+        (2.942, '0.3 kg')
+        """
+        return self._after(compensate_recordings(self.recordings, payload, gravity))
+
+    def tare(self, *, lead_s: float | None = None) -> Dataset:
+        """Take the rest before the motion for zero: subtract from each recording the mean of its own lead.
+
+        Of each recording the samples within `lead_s` before its `trigger_index` are averaged, and the mean is
+        subtracted from all its samples. ``meta["tare"]`` becomes ``"rest"``. A trigger by force comes after the motion
+        has begun: put it where the motion begins by ``.find_onsets(replace=True)`` before.
+
+        Parameters
+        ----------
+        lead_s : float, optional
+            Seconds at rest before the trigger. Default: of each recording the rest that it has, 0.1 s at least and the
+            last 2 s at most. A longer rest gives a better zero, and beyond 2 s the zero has wandered.
+
+        Returns
+        -------
+        Dataset
+            ``history[-1]`` has the zero of each recording, and how long its rest was.
+
+        Raises
+        ------
+        TypeError, ValueError
+            Recordings without a trigger, with too short a rest before it, or irregularly sampled.
+
+        Examples
+        --------
+        >>> from granular_id.synthetic import synthesize
+        >>> tared = synthesize(["rice"], n_per_class=1).tare()
+        >>> n = tared[0].trigger_index
+        >>> bool(abs(tared[0].wrench[:n].mean(axis=0)).max() < 1e-12), tared[0].meta["tare"]
+        (True, 'rest')
+        """
+        return self._after(tare_recordings(self.recordings, lead_s))
 
     # -- looking at it
 

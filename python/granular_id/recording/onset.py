@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -36,6 +37,8 @@ _ORDER = ("not found", "overruled", "found", "kept")  # as rows of a report: wha
 _WANTED = "a real array of shape (T, C), T >= 1: samples by axes"
 # Samples per block that is worked on at once: several arrays of this size stay within a processor's cache.
 _BLOCK = 400_000
+# What is said of a sensor that repeats its readings begins so.
+_SLOW = "the sensor has new values at"
 # A level that strays this many typical differences from that at rest has moved, if ever so slowly.
 _STRAYED = 6.0
 
@@ -110,7 +113,8 @@ def find_onset(
     The first `rest_s` seconds are taken for rest. A change is found where two neighbouring windows, a fifth of that
     long, differ by more than windows at rest do; then the sample at which the change began is estimated by
     fitting a jump, a straight or a quadratic rise. Nothing has to be known about the noise: it may be
-    autocorrelated, filtered, quantised or drift, as long as it stays what it was at rest.
+    autocorrelated, filtered, quantised or drift, as long as it stays what it was at rest. Where a sensor is slower than
+    its messages, which then repeat its readings, the rest must hold five of these.
 
     Parameters
     ----------
@@ -130,8 +134,8 @@ def find_onset(
     Returns
     -------
     Onset
-        ``index`` is None, and ``why`` says so in words, where the recording is too short, nothing changes or
-        it starts in motion already.
+        ``index`` is None, and ``why`` says so in words, where the recording is too short, nothing changes,
+        it starts in motion already or the rest holds too few readings.
 
     Raises
     ------
@@ -226,7 +230,7 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
         statistic, first = found.joint[i].copy(), int(found.first[i])
         if first < 0:
             known = {
-                "why": _why_not(found, i, scale[i], rest / rate_hz, axes),
+                "why": _why_not(found, i, scale[i], rest, rate_hz, axes),
                 "strength": float(statistic.max()),
             }
         else:
@@ -245,14 +249,23 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
     return onsets
 
 
-def _why_not(found: Detection, i: int, scale: FloatArray, rest_s: float, axes: tuple[str, ...]) -> str:
+def _why_not(
+    found: Detection, i: int, scale: FloatArray, rest: int, rate_hz: float, axes: tuple[str, ...]
+) -> str:
+    held = float(found.noise.held[i])
+    if held > found.window:
+        wanted = WINDOWS_IN_REST * math.ceil(held) / rate_hz
+        return (
+            f"{_SLOW} {rate_hz / held:.3g} Hz only, samples in between repeat them: "
+            f"{rest / rate_hz:g} s at rest hold {int(rest / held)} of them, rest_s={wanted:g} or more is wanted"
+        )
     if np.isinf(found.critical[i]).all():
         return "no axis ever changes"
     usual = np.sqrt(found.noise.shift_variance[i])
     strayed = (found.wander[i] - found.noise.count[i]) / np.where(usual > 0, usual, np.inf)
     axis = int(strayed.argmax())
     if strayed[axis] <= _STRAYED:
-        return f"no change stands out from the noise of the first {rest_s:g} s"
+        return f"no change stands out from the noise of the first {rest / rate_hz:g} s"
     with np.errstate(over="ignore"):
         distance = found.wander[i, axis] * scale[axis]
     strays = f"{axes[axis]} strays by {distance:.2g} {unit_of(axes[axis])}".rstrip()
@@ -373,10 +386,17 @@ def _notes(recordings: Sequence[Recording], found: Mapping[int, Onset]) -> list[
         if (flags := recordings[i].flags) is not None
         and (flags[: onset.rest_samples] & SampleFlag.GAP_FILLED).any()
     ]
-    if not filled:
-        return []
-    return [
-        f"{subject(len(filled))} "
-        f"filled gaps in what is taken for rest (the first is {filled[0]!r}): "
-        "straight lines hide the noise there, and the false-alarm rate does not hold for them"
-    ]
+    notes = []
+    if filled:
+        notes.append(
+            f"{subject(len(filled))} "
+            f"filled gaps in what is taken for rest (the first is {filled[0]!r}): "
+            "straight lines hide the noise there, and the false-alarm rate does not hold for them"
+        )
+    slow = [i for i, onset in found.items() if onset.why.startswith(_SLOW)]
+    if slow:
+        notes.append(
+            f"{subject(len(slow))} too few readings at rest, the first is {recordings[slow[0]].name!r}: "
+            f"{found[slow[0]].why}"
+        )
+    return notes

@@ -326,6 +326,11 @@ def unit_of(axis: str, meta: Mapping[str, object] | None = None) -> str:
     return stated if isinstance(stated, str) else KNOWN_UNITS.get(axis, "")
 
 
+def plain_unit(unit: str) -> str:
+    """Leave out what stands between the parts of a unit: "Nm" and "N m" are one."""
+    return "".join(c for c in unit if c not in " *.-\N{MIDDLE DOT}\N{DOT OPERATOR}")
+
+
 # What recordings have in common.
 
 

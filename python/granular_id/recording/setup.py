@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -12,13 +14,18 @@ from granular_id._checks import argument_error, thaw
 from granular_id.recording.checks import Finding
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.onset import ONSET_STEP as ONSET
-from granular_id.recording.recording import KNOWN_UNITS, unit_of
+from granular_id.recording.recording import KNOWN_UNITS, plain_unit, unit_of
 
 # What is refused where it differs, unless somebody says that it may.
 ACCEPTABLE = ("frame", "transform", "sign", "units")
 _LONGEST = 200  # characters of a value that are kept and compared
 # A thing with more values than this in one training varied there, and says nothing about another set-up.
 _MOST_VALUES = 8
+# Masses this close are one payload, identified twice.
+_SAME_MASS = 0.05
+
+UNSTATED = "not stated"
+"""What a side says of a thing that it does not name."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +37,7 @@ class Difference:
     name : str
         Field of `Setup`, or ``"units"``.
     trained : tuple of str
-        Values in the training.
+        Values in the training; "not stated" where it says nothing, and that is a difference.
     now : str
     consequence : {"refuse", "warn"}
         Whether no answer can be right, or one may be worse.
@@ -42,7 +49,11 @@ class Difference:
     consequence: Literal["refuse", "warn"]
 
     def __str__(self) -> str:
-        return f"{self.name} {self.now!r}, in training {' or '.join(map(repr, self.trained))}"
+        return f"{self.name} {_quoted(self.now)}, in training {' or '.join(map(_quoted, self.trained))}"
+
+
+def _quoted(value: str) -> str:
+    return value if value == UNSTATED else repr(value)
 
 
 @dataclass(frozen=True)
@@ -50,7 +61,7 @@ class Setup:
     """What a recording was made with; None where that is not known.
 
     Values are compared as they stand: two names for the same frame are two frames, and a sensor that was turned under
-    the same name of its frame is not noticed.
+    the same name of its frame is not noticed. Masses of payloads agree within 5 %, as when one is identified twice.
 
     Parameters
     ----------
@@ -131,7 +142,21 @@ class Setup:
         return replace(other, **known)
 
     def differences(self, other: Setup) -> list[Difference]:
-        """Compare the set-up of a training with another one; what either does not know is no difference."""
+        """Compare the set-up of a training with another one.
+
+        What either does not know is no difference, but for what a step of this library takes off the samples: a tare
+        from rest (``tare`` "rest") is warned of where the other side does not name it, and a ``payload`` that was
+        compensated where the other side is not ``compensated``.
+
+        Examples
+        --------
+        >>> from granular_id.synthetic import synthesize
+        >>> from granular_id.recording import Setup
+        >>> data = synthesize(["rice"], n_per_class=1)
+        >>> tared = data.tare(lead_s=0.1)
+        >>> print(*Setup.of(data[0].meta).differences(Setup.of(tared[0].meta)))
+        tare 'rest', in training not stated
+        """
         return setup_differences(values_in([self]), other)
 
 
@@ -147,22 +172,65 @@ def setups_in(data: Dataset) -> list[Setup]:
 
 
 def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
-    """Gather what is known of each thing: its values, sorted, each once; nothing of a thing with very many."""
+    """Gather what is known of each thing: its values, sorted, each once; nothing of a thing with very many.
+
+    Where some say what was taken off their samples, and others do not, "not stated" is a value.
+    """
     every = list(setups)
-    known = {f.name: sorted({getattr(one, f.name) for one in every} - {None}) for f in fields(Setup)}
+    found = {f.name: {getattr(one, f.name) for one in every} for f in fields(Setup)}
+    known = {name: sorted(values - {None}) for name, values in found.items()}
+    payloads: list[str] = []
+    for value in known["payload"]:
+        payloads += [] if _agrees("payload", value, payloads) else [value]
+    known["payload"] = payloads
+    for name in _taken_off(known):
+        known[name] += [UNSTATED] * (None in found[name])
     return {name: values for name, values in known.items() if 0 < len(values) <= _MOST_VALUES}
+
+
+def _taken_off(known: Mapping[str, Sequence[str]]) -> set[str]:
+    """Name what says that a step took something off samples: who does not say it has samples that hold it."""
+    tared = "rest" in known.get("tare", ())
+    compensated = bool(known.get("payload")) and "yes" in known.get("compensated", ())
+    return {name for name, is_ in (("tare", tared), ("payload", compensated)) if is_}
+
+
+def _with_unstated(known: Mapping[str, Sequence[str]], off: set[str]) -> dict[str, Sequence[str]]:
+    """Put in what a side does not state, of what was taken off its own samples or those of another side."""
+    # The weight is gone, too, where a driver took it off.
+    missed = off - {"payload"} if "yes" in known.get("compensated", ()) else off
+    said: dict[str, Sequence[str]] = {name: [UNSTATED] for name in missed}
+    return said | dict(known)
+
+
+def _agrees(name: str, value: str, values: Iterable[str]) -> bool:
+    """Whether a value is one of several."""
+    if name != "payload" or (kg := _mass(value)) is None:
+        return value in values
+    masses = (known if (known := _mass(one)) is not None else math.inf for one in values)
+    return any(abs(kg - mass) <= _SAME_MASS * kg for mass in masses) or value in values
+
+
+def _mass(text: str) -> float | None:
+    found = re.fullmatch(r"([\d.]+(?:e[-+]\d+)?) kg", text)
+    try:
+        return float(found[1]) if found else None
+    except ValueError:  # 1.2.3
+        return None
 
 
 def setup_differences(trained: Mapping[str, Sequence[str]], now: Setup) -> list[Difference]:
     """Compare what the recordings of a training had, as `values_in` gives it, with a set-up."""
     same_sensor = now.serial is not None and now.serial in trained.get("serial", ())
+    own = values_in([now])
+    off = _taken_off(trained) | _taken_off(own)
+    before, after = _with_unstated(trained, off), _with_unstated(own, off)
     return [
         Difference(f.name, tuple(values), value, "refuse" if f.name in ACCEPTABLE else "warn")
         for f in fields(Setup)
-        if (values := trained.get(f.name))
-        and (value := getattr(now, f.name)) is not None
-        and value not in values
-        and not (f.name == "sensor" and same_sensor)
+        if (values := before.get(f.name))
+        for value in after.get(f.name, ())
+        if not _agrees(f.name, value, values) and not (f.name == "sensor" and same_sensor)
     ]
 
 
@@ -172,7 +240,7 @@ def unit_differences(trained: Mapping[str, str], meta: Mapping[str, Any]) -> lis
         Difference("units", (f"{axis}: {unit}",), f"{axis}: {now}", "refuse")
         for axis, unit in trained.items()
         if (now := unit_of(axis, meta))
-        and _plain(now) != _plain(unit)
+        and plain_unit(now) != plain_unit(unit)
         and (axis in KNOWN_UNITS or unit != "N")  # which old models say of any axis whose unit nobody stated
         and unit
     ]
@@ -206,8 +274,9 @@ def refuse_or_list(
     for difference in found:
         if difference.consequence == "refuse" and difference.name not in accepted:
             raise ValueError(
-                f"{where}{setup_mismatch(str(difference))}; nothing is turned or converted: train on "
-                f"recordings of this set-up, or where it is the same all the same, pass accept=({difference.name!r},)"
+                f"{where}{setup_mismatch(str(difference))}; nothing is turned or converted unasked: bring recordings "
+                f"into the {difference.name} of the training, train on such of this set-up, or where only the name is "
+                f"another, pass accept=({difference.name!r},)"
             )
     return tuple(str(difference) for difference in found)
 
@@ -218,14 +287,18 @@ def setup_mismatch(*differences: str) -> str:
 
 
 def mixed_setup_warnings(data: Dataset) -> list[str]:
-    """Say where the recordings of one data set differ in what another set-up is refused for, one line each."""
+    """Say where recordings of one data set differ in their frame, or in what was taken off them, one line each."""
     setups = setups_in(data)
+    off = _taken_off(values_in(setups))
+    follows = dict.fromkeys(("frame", "transform", "sign"), "nothing is turned")
+    follows |= dict.fromkeys(("compensated", *sorted(off)), "their forces do not count from one zero")
     lines = []
-    for name in ("frame", "transform", "sign"):
-        counts = Counter(value for setup in setups if (value := getattr(setup, name)) is not None)
-        if len(counts) > 1:
-            told = ", ".join(f"{value!r} ({n})" for value, n in counts.most_common(_MOST_VALUES))
-            lines.append(f"warning: recordings differ in their {name}: {told}; nothing is turned")
+    each = [_with_unstated(values_in([setup]), off) for setup in setups]
+    for name, what in follows.items():
+        counts = Counter(value for known in each for value in known.get(name, ()))
+        if any(not _agrees(name, value, [next(iter(counts))]) for value in counts):
+            told = ", ".join(f"{_quoted(value)} ({n})" for value, n in counts.most_common(_MOST_VALUES))
+            lines.append(f"warning: recordings differ in their {name}: {told}; {what}")
     return lines
 
 
@@ -250,11 +323,6 @@ def _text(value: Any, unit: str = "") -> str | None:
         return f"{str(value).removesuffix('.0')}{unit}"  # all digits: a serial number may have many
     text = value if isinstance(value, str) else json.dumps(thaw(value), sort_keys=True)
     return text.strip()[:_LONGEST] or None
-
-
-def _plain(unit: str) -> str:
-    """Leave out what stands between the parts of a unit: "Nm" and "N m" are one."""
-    return "".join(c for c in unit if c not in " *.-\N{MIDDLE DOT}\N{DOT OPERATOR}")
 
 
 # What a reader of accuracies should know of the recordings.

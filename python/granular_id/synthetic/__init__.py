@@ -7,6 +7,7 @@ heterogeneity and shear-band waves (`heterogeneity`, `shear_band_wave`), stick-s
 noise of breaking contacts (`contact_breaks`); it reaches all six axes through the lever arm of the tool
 (`simulate_push`), rings through the arm (`tool_resonance`) and is read by a noisy sensor (`Sensor`).
 `synthesize` draws whole sets of recordings with everything that varies between them (`Nuisance`).
+`rest_noise` and `simulate_rests` are a real sensor at rest, for tares and payloads.
 """
 
 from granular_id.synthetic.drag import (
@@ -40,6 +41,7 @@ from granular_id.synthetic.push import (
     simulate_push,
     tool_resonance,
 )
+from granular_id.synthetic.rest import rest_noise, simulate_rests
 
 __all__ = [
     "PAPER_MATERIALS",
@@ -57,8 +59,10 @@ __all__ = [
     "heterogeneity",
     "mean_drag_n",
     "relative_fluctuation",
+    "rest_noise",
     "shear_band_wave",
     "simulate_push",
+    "simulate_rests",
     "slip_length_m",
     "stick_slip",
     "synthesize",

@@ -19,6 +19,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from granular_id.io.ros.messages import MessageType, encode_wrenches, message_type
+from granular_id.recording import AXES
 from ros_cases import (
     MCAP,
     ROS1,
@@ -269,6 +270,50 @@ def test_of_several_one_is_chosen_and_those_in_lists_are_none(tmp_path):
         read(write(tmp_path / "lists", "mcap", "Listed"))
 
 
+IMU = ("wx", "wy", "wz", "ax", "ay", "az")
+
+
+@pytest.mark.parametrize("kind", [*KINDS])
+def test_an_imu_beside_the_wrench_is_read_where_it_is_asked_for(tmp_path, monkeypatch, kind):
+    monkeypatch.delattr(MessageType, "_one_by_one")
+    path = write(tmp_path, kind, "Reading")
+    (recording,) = read(path, topic="/ft.imu").recordings
+    assert recording.axes == IMU
+    assert recording.wrench.tolist() == [[i / 7, 8.0, 9.0] * 2 for i in range(20)]
+    assert recording.meta["topic"] == "/ft.imu"
+    assert recording.meta["frame"] == "outer"
+    assert read(path).recordings[0].axes == AXES
+
+
+def test_an_imu_has_units_where_they_are_stated(tmp_path):
+    path = write(tmp_path, "bag", "Reading")
+    assert "units" not in load(path, topic="/ft.imu")[0].meta
+    units = load(path, topic="/ft.imu", units="deg/s,g")[0].meta["units"]
+    assert dict(units) == dict(zip(IMU, ["deg/s"] * 3 + ["g"] * 3, strict=True))
+
+
+def test_a_topic_that_is_an_imu_is_read_where_it_is_asked_for(tmp_path):
+    store, stamps = STORES[2], even_stamps()
+    imus = [value.imu for value in values(2, "Reading")]
+    raw = [bytes(store.serialize_cdr(value, value.__msgtype__)) for value in imus]
+    topics = one_topic(ROS2, samples(), stamps) | {"/imu": ("sensor_msgs/msg/Imu", raw, stamps)}
+    path = write_mcap(tmp_path / "x.mcap", topics, store=store)
+    assert read(path, topic="/imu").recordings[0].wrench[3].tolist() == [3 / 7, 8.0, 9.0] * 2
+    assert read(path).recordings[0].wrench.tolist() == samples().tolist()
+
+
+def test_imus_of_no_number_are_refused_by_their_names(tmp_path):
+    store = STORES[2]
+    imus = [value.imu for value in values(2, "Reading")]
+    imus[4].angular_velocity.y = math.nan
+    raw = [bytes(store.serialize_cdr(value, value.__msgtype__)) for value in imus]
+    path = write_mcap(tmp_path / "x.mcap", {"/imu": ("sensor_msgs/msg/Imu", raw, even_stamps())}, store=store)
+    with pytest.raises(RecordingFileError, match=r"angular_velocity\.y is nan"):
+        read(path, topic="/imu")
+    with pytest.raises(RecordingFileError, match="has no messages of type"):
+        read(path)
+
+
 def test_a_plain_topic_comes_first_and_the_other_is_named(tmp_path):
     store, stamps = STORES[2], even_stamps()
     raw = [bytes(store.serialize_cdr(value, value.__msgtype__)) for value in values(2, "Reading")]
@@ -307,3 +352,11 @@ def test_real_bags_of_a_makers_driver(data_dir):
     assert pressed.n_samples == 2684
     assert np.diff(pressed.time_s).mean() == pytest.approx(0.01, rel=1e-3)
     assert np.abs(pressed.wrench).max() < 200
+
+
+@pytest.mark.data
+def test_the_imu_of_real_bags(data_dir):
+    data = load(data_dir / "sand_press", topic="/rokubimini_cosmo/forcetorque_readings.imu", units="deg/s,g")
+    up = np.array([recording.wrench[:100, 3:].mean(axis=0) for recording in data])
+    assert (abs(np.linalg.norm(up, axis=1) - 1) < 0.04).all()
+    assert (up[:, 2] < -0.96).all()

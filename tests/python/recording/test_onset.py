@@ -1,10 +1,13 @@
 """Where a push begins: against known starts, invariances, noise of many kinds, and the thresholds' theory."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom, binomtest, norm, t
 
+from granular_id import load
 from granular_id.recording import AXES
 from granular_id.recording.change_detection import critical_factors
 from granular_id.recording.onset import find_onset, find_onsets_in_block
@@ -111,6 +114,12 @@ def drifting(rng, shape):
 def n_found(block, rate_hz, rest, rate):
     onsets = find_onsets_in_block(block, rate_hz, rest, rate, AXES)
     return sum(onset.index is not None for onset in onsets)
+
+
+def held(rng, shape, lasts=8):
+    """A sensor that is slower than its messages: all axes repeat their reading."""
+    reading = (rng.integers(lasts) + np.arange(shape[1])) // lasts
+    return rng.standard_normal((shape[0], reading[-1] + 1, shape[2]))[:, reading]
 
 
 @pytest.mark.parametrize("kind", [white, autocorrelated, of_one_source, in_counts, drifting])
@@ -299,3 +308,46 @@ def test_more_knowledge_fewer_tests_and_a_higher_rate_lower_it():
 
 def test_nothing_known_is_never_enough():
     assert critical_factors(np.array([0.49]), 10, 0.5)[0] == np.inf
+
+
+# Sensors that are slower than their messages.
+
+
+def test_a_rest_of_few_readings_is_refused_with_one_that_will_do():
+    wrench = held(np.random.default_rng(2), (1, 320, 6))[0]
+    wrench[160:] += 50
+    said = re.sub(r"12\.\d", "12.5", find_onset(wrench, 100).why)
+    assert said == (
+        "the sensor has new values at 12.5 Hz only, samples in between repeat them: 0.1 s at rest hold 1 of them, "
+        "rest_s=0.4 or more is wanted"
+    )
+    assert abs(find_onset(wrench, 100, rest_s=0.4).index - 160) <= 8
+    assert find_onset(wrench, 100, rest_s=0.39).index is None
+
+
+def test_readings_that_were_resampled_are_still_held():
+    wrench = held(np.random.default_rng(3), (1, 320, 6))[0]
+    time = np.arange(320) + 0.3 * np.sin(np.arange(320))
+    again = np.stack([np.interp(np.arange(320), time, axis) for axis in wrench.T], axis=1)
+    assert "new values at 12" in find_onset(again, 100).why
+
+
+def test_held_readings_keep_the_stated_rate():
+    block = held(np.random.default_rng(4), (300, 320, 6))
+    assert n_found(block, 100, 40, 0.05) <= binom.ppf(0.999, 300, 0.05)
+
+
+def test_coarse_counts_of_a_fast_sensor_are_not_held():
+    wrench = np.rint(0.3 * np.random.default_rng(5).standard_normal((320, 6)))
+    wrench[100:, 0] += np.rint(40 * np.sin(np.arange(220) / 5) + np.arange(220))
+    assert "new values" not in find_onset(wrench, 100).why
+
+
+@pytest.mark.parametrize("rest_s", [0.1, 0.5, 1.0])
+def test_real_rests_have_no_onset(data_dir, rest_s):
+    """31 recordings of 3.2 s; of 0.001 each, one or more in 3 %. Held readings as independent samples: 13 at 0.1 s."""
+    rests = [r.wrench for r in load(data_dir / "sand_press") if r.label == "rest"]
+    windows = [rest[i : i + 320] for rest in rests for i in range(0, len(rest) - 319, 320)]
+    assert len(windows) == 31
+    assert n_found(windows, 100, round(100 * rest_s), 1e-3) == 0
+    assert n_found(windows, 100, round(100 * rest_s), 0.05) <= 3

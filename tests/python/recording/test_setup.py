@@ -16,7 +16,14 @@ from granular_id.identifier import check_recordings, describe_model, describe_pe
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
 from granular_id.recording import Dataset, Setup
-from granular_id.recording.setup import ACCEPTABLE, data_warnings, setups_in, unit_differences, values_in
+from granular_id.recording.setup import (
+    ACCEPTABLE,
+    data_warnings,
+    mixed_setup_warnings,
+    setups_in,
+    unit_differences,
+    values_in,
+)
 from model_cases import put_together, taken_apart
 
 PAGE = Path(__file__).parents[3] / "docs" / "live" / "setup.md"
@@ -27,7 +34,7 @@ FLANGE = {
     "sensor": "Mini45",
     "serial": "FT1",
     "filter": "73 Hz",
-    "compensated": True,
+    "compensated": False,
     "tare": "before each push",
     "payload": "0.3 kg",
     "tool": "cylinder",
@@ -224,6 +231,78 @@ def changed_file(model, path, **trained):
     metadata["trained"] = json.dumps(record)
     path.write_bytes(put_together(metadata, tensors))
     return path
+
+
+TARED, COMPENSATED = {"tare": "rest"}, {"compensated": True, "payload": "0.306 kg"}
+
+
+@pytest.mark.parametrize(
+    ("step", "told"),
+    [(TARED, "tare 'rest', in training {}"), (COMPENSATED, "payload '0.306 kg', in training {}")],
+)
+def test_what_a_step_took_off_is_missed_where_nothing_is_stated(data, step, told):
+    plain, taken = with_meta(data), with_meta(data, **step)
+    for trained, now, wanted in [
+        (plain, taken, told.format("not stated")),
+        (taken, plain, re.sub("'.*", "not stated, in training ", told) + re.search("'.*'", told)[0]),
+    ]:
+        model = gid.Identifier.fit(trained, "hfmh", estimate=False)
+        assert check_recordings(trained, model.core) == ()
+        assert check_recordings(now, model.core) == (wanted,)
+        tares_itself = step is TARED and trained is taken
+        assert replayed(now, model)[0] == (() if tares_itself else (wanted,))
+
+
+def test_what_some_recordings_of_a_training_lack_is_no_difference(data):
+    half = Dataset([*with_meta(data[:6]), *with_meta(data[6:], **TARED)])
+    assert values_in(setups_in(half)) == {"tare": ["rest", "not stated"]}
+    model = gid.Identifier.fit(half, "hfmh", estimate=False)
+    assert check_recordings(half, model.core) == ()
+    told = ("tare 'by hand', in training 'rest' or not stated",)
+    assert check_recordings(with_meta(data, tare="by hand"), model.core) == told
+    (warned,) = mixed_setup_warnings(half)
+    assert warned == (
+        "warning: recordings differ in their tare: not stated (6), 'rest' (6); their forces do not count from one zero"
+    )
+
+
+@pytest.mark.parametrize(
+    ("now", "differs"),
+    [("0.306 kg", False), ("0.31 kg", False), ("0.33 kg", True), ("1.5e+03 kg", True), ("1.2.3 kg", True)],
+)
+def test_a_payload_that_is_identified_twice_is_one(now, differs):
+    trained = Setup.of(COMPENSATED)
+    assert bool(trained.differences(replace(trained, payload=now))) is differs
+
+
+def test_many_identifications_of_a_payload_are_one_value():
+    days = [Setup.of({**COMPENSATED, "payload": f"0.{300 + day} kg"}) for day in range(12)]
+    assert values_in(days)["payload"] == ["0.300 kg"]
+
+
+def test_a_payload_is_not_missed_where_the_driver_took_it_off():
+    ours, driver = Setup.of(COMPENSATED), Setup(compensated="yes")
+    assert ours.differences(driver) == driver.differences(ours) == []
+    assert [found.name for found in ours.differences(Setup(compensated="no"))] == ["compensated", "payload"]
+
+
+def test_what_people_note_is_missed_by_nobody():
+    noted = Setup(tare="before each push", payload="0.3 kg", compensated="no")
+    assert noted.differences(Setup()) == Setup().differences(noted) == []
+
+
+def test_steps_leave_what_is_compared(data):
+    """The metadata of each step of the wrench algebra are those that are compared."""
+    turned = with_meta(data).transform(frame="tool", reverse=True, sign="on the robot")
+    lighter = turned.compensate(gid.recording.Payload(0.306, (0, 0, 0.05)), [0, 0, 1])
+    now = values_in(setups_in(lighter.tare(lead_s=0.1)))
+    assert now == {
+        "frame": ["tool"],
+        "sign": ["on the robot"],
+        "compensated": ["yes"],
+        "tare": ["rest"],
+        "payload": ["0.306 kg"],
+    }
 
 
 def test_models_of_before_still_load_and_say_nothing_false(data, model, tmp_path):

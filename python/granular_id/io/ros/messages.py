@@ -1,4 +1,4 @@
-"""Types of messages by the definition that a bag keeps of them, and the wrenches inside.
+"""Types of messages by the definition that a bag keeps of them, and the wrenches and IMUs inside.
 
 A sensor's driver may publish a type of its maker, with a ``geometry_msgs/WrenchStamped`` or ``Wrench`` as one of its
 fields; a plain message is a wrench as a whole. rosbags reads both by the definition, one by one. Where messages differ
@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray
 from granular_id.io.errors import need
 
-_HEADER, _WRENCH = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench"
+_HEADER, _WRENCH, _IMU = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench", "sensor_msgs/msg/Imu"
 _TIME = "builtin_interfaces/Time stamp"
-_FORCES = tuple((part, axis) for part in ("force", "torque") for axis in "xyz")
+_PARTS = {_WRENCH: ("force", "torque"), _IMU: ("angular_velocity", "linear_acceleration")}
 _SIZED_AS = {"byte": "uint8", "char": "uint8", "octet": "uint8"}
 _PLAIN_CDR = (b"\0\0", b"\0\1")
 _FILL_BYTES = 3
@@ -37,12 +37,23 @@ def may_hold_wrench(definition: str) -> bool:
     return re.search(r"\bgeometry_msgs/(msg/)?Wrench(Stamped)?\b", definition) is not None
 
 
+def may_hold_imu(definition: str) -> bool:
+    """Tell the same of an IMU."""
+    return re.search(r"\bsensor_msgs/(msg/)?Imu\b", definition) is not None
+
+
 @dataclass(frozen=True)
 class _Place:
-    """The fields that lead to a wrench, and to the header that stamps it."""
+    """The fields that lead to a wrench or an IMU, and to the header that stamps it."""
 
-    wrench: _Path
+    struct: _Path
     header: _Path | None
+    kind: str = _WRENCH
+
+    @property
+    def numbers(self) -> list[_Path]:
+        """The six numbers, two vectors."""
+        return [(*self.struct, part, axis) for part in _PARTS[self.kind] for axis in "xyz"]
 
 
 class MessageType:
@@ -66,9 +77,18 @@ class MessageType:
             reason = (str(error).splitlines() or [type(error).__name__])[0][:200]
             raise ValueError(f"the definition of {name} cannot be parsed ({reason})") from error
 
-    @cached_property
+    @property
     def wrenches(self) -> dict[str, _Place]:
         """Where a message has wrenches, by the dotted name of their field; those in lists are not counted."""
+        return {field: place for field, place in self._places.items() if place.kind == _WRENCH}
+
+    @property
+    def imus(self) -> list[str]:
+        """Where a message has IMUs; "" where it is one."""
+        return [field for field, place in self._places.items() if place.kind == _IMU]
+
+    @cached_property
+    def _places(self) -> dict[str, _Place]:
         return dict(self._found(self._name, (), None))
 
     def _found(self, name: str, path: _Path, header: _Path | None) -> Iterator[tuple[str, _Place]]:
@@ -81,12 +101,15 @@ class MessageType:
         if name == _ros2_name(STAMPED):  # named as a whole, not by the field inside
             yield ".".join(path), _Place((*path, "wrench"), own)
             return
+        if name == _IMU:
+            yield ".".join(path), _Place(path, own, _IMU)
+            return
         for inner, kind in structs.items():
             yield from self._found(kind, inner, own)
 
     def decode(self, messages: Sequence[bytes], field: str, refuse: Refuse) -> Wrenches:
-        """Return one wrench of each message, with its header if it has one."""
-        place = self.wrenches[field]
+        """Return one wrench (or IMU) of each message, with its header if it has one."""
+        place = self._places[field]
         first = self._value(messages[0], 0, refuse)
         return self._at_once(messages, first, place, refuse) or self._one_by_one(messages, place, refuse)
 
@@ -102,13 +125,14 @@ class MessageType:
 
     def _one_by_one(self, messages: Sequence[bytes], place: _Place, refuse: Refuse) -> Wrenches:
         values = [self._value(message, i, refuse) for i, message in enumerate(messages)]
-        forces = attrgetter(*map(".".join, _FORCES))
-        wrench = np.array([forces(_part(value, place.wrench)) for value in values], np.float64)
+        numbers = attrgetter(*map(".".join, place.numbers))
+        wrench = np.array([numbers(value) for value in values], np.float64)
+        parts = _PARTS[place.kind]
         if place.header is None:
-            return Wrenches.checked(wrench, None, None, refuse)
+            return Wrenches.checked(wrench, None, None, refuse, parts)
         headers = [_part(value, place.header) for value in values]
         stamps = np.array([(header.stamp.sec, header.stamp.nanosec) for header in headers], np.int64)
-        return Wrenches.checked(wrench, stamps, [header.frame_id for header in headers], refuse)
+        return Wrenches.checked(wrench, stamps, [header.frame_id for header in headers], refuse, parts)
 
     def _at_once(
         self, messages: Sequence[bytes], first: Any, place: _Place, refuse: Refuse
@@ -134,14 +158,15 @@ class MessageType:
             found = [np.flatnonzero(zeros != self._filled_bytes(first, path, order)) for path in paths]
             return np.ascontiguousarray(table[:, np.concatenate(found)]).view(order + kind)
 
-        wrench = numbers("f8", *((*place.wrench, *names) for names in _FORCES)).astype(np.float64)
+        wrench = numbers("f8", *place.numbers).astype(np.float64)
+        parts = _PARTS[place.kind]
         if place.header is None:
-            return Wrenches.checked(wrench, None, None, refuse)
-        parts = [
+            return Wrenches.checked(wrench, None, None, refuse, parts)
+        seconds = [
             numbers(kind, (*place.header, "stamp", name)) for kind, name in (("i4", "sec"), ("u4", "nanosec"))
         ]
         frame = _part(first, place.header).frame_id
-        return Wrenches.checked(wrench, np.hstack(parts).astype(np.int64), [frame], refuse)
+        return Wrenches.checked(wrench, np.hstack(seconds).astype(np.int64), [frame], refuse, parts)
 
     def _filled_bytes(self, value: Any, chosen: _Path | None, order: str) -> NDArray[np.uint8]:
         """Return a message whose numbers are all bytes 1 below a field, and zero elsewhere."""
@@ -188,6 +213,9 @@ def _ros2_name(type_name: str) -> str:
 
 Refuse = Callable[[int, str], NoReturn]
 """Called with the index of the first bad message and what is wrong with it."""
+
+IMU_AXES = ("wx", "wy", "wz", "ax", "ay", "az")
+"""Of ``angular_velocity`` and ``linear_acceleration``."""
 
 STAMPED = "geometry_msgs/WrenchStamped"
 WRENCH_TYPES = (STAMPED, "geometry_msgs/Wrench")
@@ -236,12 +264,13 @@ class Wrenches:
         stamps: NDArray[np.int64] | None,
         frames: list[str] | None,
         refuse: Refuse,
+        parts: tuple[str, str] = _PARTS[_WRENCH],
     ) -> Wrenches:
         """Make them of seconds and nanoseconds (T, 2), and the frame of each message, or the one of all."""
         bad = np.argwhere(~np.isfinite(wrench))
         if len(bad):
             row, column = bad[0].tolist()
-            name = f"{('force', 'torque')[column // 3]}.{'xyz'[column % 3]}"
+            name = f"{parts[column // 3]}.{'xyz'[column % 3]}"
             refuse(row, f"{name} is {wrench[row, column]}; samples must be finite")
         if stamps is None or frames is None:
             return cls(wrench, None, None)

@@ -22,10 +22,12 @@ from granular_id.io.files import check_file, list_folder, open_bounded, refuse_o
 from granular_id.io.options import LoadOptions
 from granular_id.io.ros.mcap import CHANGED_NOTE, OWN_NAME, OwnRecords, restored
 from granular_id.io.ros.messages import (
+    IMU_AXES,
     STAMPED,
     WRENCH_TYPES,
     MessageType,
     Wrenches,
+    may_hold_imu,
     may_hold_wrench,
     message_type,
 )
@@ -82,7 +84,8 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         "node": topic.node,
         "ros_distro": bag.distro,
     }
-    return recording_of(wrenches, np.array(log_ns, np.int64), source, options, about, place_of, notes)
+    axes = IMU_AXES if inner in topic.imus else ()
+    return recording_of(wrenches, np.array(log_ns, np.int64), source, options, about, place_of, notes, axes)
 
 
 @contextmanager
@@ -94,7 +97,7 @@ def _opened(source: FileSource, options: LoadOptions) -> Iterator[_Bag]:
             yield _Bag(_topics_of(reader), reader.ros_distro)
     elif path.suffix.lower() == ".mcap":
         with open_bounded(path, root, most) as (file, _):
-            yield _mcap(file, path)
+            yield _mcap(file, path, options.topic)
     else:
         check_file(path, root, most)
         if path.suffix.lower() == ".bag":
@@ -164,7 +167,7 @@ def _topics_of(reader: Any) -> list[Topic]:
     ]
 
 
-def _mcap(file: BinaryIO, path: Path) -> _Bag:
+def _mcap(file: BinaryIO, path: Path, asked: str | None) -> _Bag:
     """Read a file from its first record to its last: an index at the end may be missing."""
     reader = need("mcap.stream_reader", extra="ros", why="to read .mcap files").StreamReader
     if file.read(len(_MCAP_MAGIC)) != _MCAP_MAGIC:
@@ -192,7 +195,7 @@ def _mcap(file: BinaryIO, path: Path) -> _Bag:
             key = (record.topic, type_name.replace("/msg/", "/"), record.message_encoding)
             log = logs.setdefault(key, [])
             topic = topics.setdefault(key, Topic(*key, definition, record.metadata.get("callerid"), log))
-            channels[record.id] = log, topic.may_hold_wrench
+            channels[record.id] = log, topic.may_hold_wrench or (topic.may_hold_imu and topic.is_asked(asked))
         elif kind == "Metadata" and record.name == OWN_NAME:
             own.metadata = record.metadata
         elif kind == "Attachment" and record.name.startswith(OWN_NAME):
@@ -234,6 +237,21 @@ class Topic:
         return self.is_wrench or (self.encoding in _ENCODINGS and may_hold_wrench(self.definition))
 
     @property
+    def may_hold_imu(self) -> bool:
+        """Whether the messages are IMUs, or may have them as fields, by their definition."""
+        known = self.definition and (self.type_name == "sensor_msgs/Imu" or may_hold_imu(self.definition))
+        return self.encoding in _ENCODINGS and bool(known)
+
+    def is_asked(self, asked: str | None) -> bool:
+        """Whether the topic, or a field of its messages, is asked for."""
+        return asked is not None and f"{asked.strip('/')}.".startswith(f"{self.name.strip('/')}.")
+
+    @property
+    def imus(self) -> list[str]:
+        """Which fields of the messages are IMUs; "" is the whole."""
+        return self.message_type.imus if self.may_hold_imu else []
+
+    @property
     def message_type(self) -> MessageType:
         """The type of the messages, by its definition; ValueError where that is no proper one."""
         return message_type(self.type_name, self.definition, self.encoding)
@@ -248,6 +266,10 @@ def chosen_topic(topics: Iterable[Topic], path: Path, asked: str | None) -> tupl
     """Return the one topic to read, which field of its messages is the wrench ("" the whole), and notes."""
     every = [topic for topic in topics if topic.count]
     named, field_asked = (every, "") if asked is None else _named(every, asked.strip("/"))
+    imus = [topic for topic in named if asked is not None and topic.may_hold_imu]
+    imus = [topic for topic in imus if field_asked in _fields_of(topic, path, "imus")]
+    if len(imus) == len(named) == 1:
+        return imus[0], field_asked, []
     plain = [topic for topic in named if topic.is_wrench]
     others = [topic for topic in named if topic.may_hold_wrench and not topic.is_wrench]
     if asked is not None and (len(named) != 1 or not plain + others):
@@ -288,9 +310,9 @@ def _named(topics: Sequence[Topic], asked: str) -> tuple[list[Topic], str]:
     return [topic for topic, _ in inner], inner[0][1] if inner else ""
 
 
-def _fields_of(topic: Topic, path: Path) -> list[str]:
+def _fields_of(topic: Topic, path: Path, kind: str = "wrenches") -> list[str]:
     try:
-        return list(topic.message_type.wrenches)
+        return list(getattr(topic.message_type, kind))
     except (ValueError, KeyError, RecursionError) as error:
         raise RecordingFileError(path, f"has {topic}, but {error}") from error
 
@@ -311,6 +333,7 @@ def recording_of(
     about: Mapping[str, Any],
     place_of: Callable[[int], dict[str, Any]],
     notes: list[str],
+    axes: tuple[str, ...] = (),
 ) -> FileContent:
     """Make one recording of messages; what of `about` is empty is left out of its metadata.
 
@@ -336,6 +359,7 @@ def recording_of(
         locate=lambda i: {} if i is None else place_of(int(order[i])),
         clock=clock,
         time_unit="s",
+        axes=axes,
     )
     if 0 != first_s <= SINCE_1970:
         remarks["first_stamp_s"] = first_s

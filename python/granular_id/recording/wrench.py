@@ -1,0 +1,379 @@
+"""Wrenches in another frame, the mean of a rest with its error, and the zero that the rest before a motion gives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from granular_id._checks import (
+    FloatArray,
+    argument_error,
+    as_floats,
+    checked_flag,
+    checked_text,
+    finite_number,
+    float_array,
+    thaw,
+)
+from granular_id._text import counted
+from granular_id.recording.recording import KNOWN_UNITS, Recording, irregular_among, plain_unit, unit_of
+from granular_id.recording.report import StepReport, first_names, subject
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+    RotationLike: TypeAlias = Rotation | ArrayLike
+
+TARE_S = (0.1, 2.0)
+"""A tare without a stated ``lead_s`` takes the rest that is there: no less than the first, no more than the second.
+
+Of ten rests of a Bota Rokubi, zeros from 0.1, 0.25, 0.5, 1, 2 and 4 s differ from the mean of the next second by 0.8,
+0.6, 0.5, 0.4, 0.4 and 0.4 standard deviations of a sample: the longer the better, until the zero has wandered as far.
+"""
+
+_WRENCH = (
+    "an array of shape (..., 6): fx fy fz (N) tx ty tz (N m); of recordings call this method of their Dataset"
+)
+_REST = "an array of shape (n, C), n >= 3: samples at rest by axes"
+_ROTATION = "a scipy Rotation, a 3 x 3 matrix or a quaternion (x, y, z, w)"
+# A matrix typed with eight digits passes, one of three digits would scale forces by a thousandth.
+_ORTHONORMAL = 1e-6
+_UNIT = 0.01
+
+
+# Another frame.
+
+
+def transform(
+    wrench: ArrayLike,
+    rotation: RotationLike | None = None,
+    translation: ArrayLike = (0.0, 0.0, 0.0),
+    *,
+    reverse: bool = False,
+) -> FloatArray:
+    """Give a wrench in another frame: ``F' = R F``, ``T' = R T + p x R F``.
+
+    Conventions are those of ROS (REP 103: metres, right-handed axes, quaternions x y z w): with the transform that
+    ``tf`` gives for a lookup of (new frame, old frame), `rotation` and `translation` are taken from it as they are.
+
+    Parameters
+    ----------
+    wrench : array_like, shape (..., 6)
+        fx fy fz in N, tx ty tz in N m about the origin of the old frame. Of recordings :meth:`Dataset.transform` turns
+        the samples, and puts the names of the new frame and sign into the metadata.
+    rotation : scipy Rotation, array_like of shape (3, 3) or (4,), optional
+        Turns components in the old frame into those in the new one; a proper rotation. Default: none.
+    translation : array_like, shape (3,)
+        Position p of the old origin in the new frame, m. Default: the same origin.
+    reverse : bool, default False
+        Whether also to change the sign of all six axes: the force of the tool on the robot is the negative of that of
+        the robot on the tool.
+
+    Returns
+    -------
+    ndarray, shape (..., 6)
+        The same bits for each sample, however many come at once.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Another shape; a matrix that scales, shears or reflects; a quaternion that is not of length 1.
+
+    References
+    ----------
+    .. [1] K. Lynch and F. Park, "Modern Robotics", 2017, section 3.4 (wrenches): F' = [Ad]^T F.
+
+    Examples
+    --------
+    >>> from granular_id.recording import transform
+    >>> transform([0, 0, -3, 0, 0, 0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.1, 0, 0]).tolist()
+    [0.0, 0.0, -3.0, 0.0, 0.30000000000000004, 0.0]
+    """
+    matrix = rotation_matrix(rotation)
+    p = _vector("translation", translation)
+    sign = -1.0 if checked_flag("reverse", reverse) else 1.0
+    return _transformed(wrench_array(wrench), matrix, p, sign)
+
+
+def _transformed(wrench: FloatArray, matrix: FloatArray, p: FloatArray, sign: float) -> FloatArray:
+    force, torque = turned(wrench[..., :3], matrix), turned(wrench[..., 3:], matrix)
+    result: FloatArray = np.concatenate([force, torque + crossed(p, force)], axis=-1)
+    result *= sign
+    result += 0.0  # no -0.0
+    return result
+
+
+def turned(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Return ``R v`` of each vector, element by element: one sample has the same bits as a million."""
+    x, y, z = (vectors[..., k, np.newaxis] * matrix[:, k] for k in range(3))
+    result: FloatArray = x + y + z
+    return result
+
+
+def crossed(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return ``a x b`` of each pair of vectors, element by element."""
+    ax, ay, az = (a[..., k] for k in range(3))
+    bx, by, bz = (b[..., k] for k in range(3))
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def rotation_matrix(rotation: RotationLike | None, name: str = "rotation") -> FloatArray:
+    """Return a proper rotation as a 3 x 3 matrix."""
+    if rotation is None:
+        return np.eye(3)
+    matrix = getattr(rotation, "as_matrix", None)
+    array = as_floats(rotation if matrix is None else matrix(), name, _ROTATION)
+    if array.shape not in ((3, 3), (4,)):
+        raise argument_error(ValueError, name, f"has shape {array.shape}; wanted {_ROTATION}")
+    if not np.isfinite(array).all():
+        raise argument_error(ValueError, name, "holds NaN or infinity; wanted a rotation")
+    if array.shape == (4,):
+        length = float(np.linalg.norm(array))
+        if abs(length - 1.0) > _UNIT:
+            problem = f"is a quaternion of length {length:.4g}; wanted 1 (x, y, z, w)"
+            raise argument_error(ValueError, name, problem)
+        x, y, z, w = array / length
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+    error = float(np.abs(array @ array.T - np.eye(3)).max())
+    if error > _ORTHONORMAL:
+        problem = (
+            f"is no rotation: its rows are not orthonormal by {error:.2g}; give it with more digits, or as "
+            "a scipy Rotation or a quaternion"
+        )
+        raise argument_error(ValueError, name, problem)
+    if np.linalg.det(array) < 0:
+        problem = "is a reflection (its axes are left-handed); where signs are to change, pass reverse=True"
+        raise argument_error(ValueError, name, problem)
+    return array
+
+
+def _vector(name: str, value: ArrayLike) -> FloatArray:
+    array = float_array(name, value)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise argument_error(ValueError, name, f"={value!r:.60}; wanted three finite numbers")
+    return array
+
+
+def wrench_array(wrench: ArrayLike) -> FloatArray:
+    """Return samples of six axes as float64."""
+    array = as_floats(wrench, "wrench", _WRENCH)
+    if array.ndim == 0 or array.shape[-1] != len(KNOWN_UNITS):
+        raise argument_error(ValueError, "wrench", f"has shape {array.shape}; wanted {_WRENCH}")
+    return array
+
+
+def wrench_samples(recording: Recording) -> FloatArray:
+    """Return the samples of a recording that is a wrench: its six axes in order, in N and N m."""
+    wanted = tuple(KNOWN_UNITS)
+    if recording.axes != wanted:
+        raise ValueError(
+            f"recording {recording.name!r} has the axes {' '.join(recording.axes)}; wanted {' '.join(wanted)} "
+            "in this order: call .select(axes=...)"
+        )
+    for axis, unit in KNOWN_UNITS.items():
+        now = unit_of(axis, recording.meta)
+        if plain_unit(now) != plain_unit(unit):
+            raise ValueError(
+                f"recording {recording.name!r} has {axis} in {now}; wanted {unit}: convert the samples"
+            )
+    return recording.wrench
+
+
+def with_samples(recording: Recording, wrench: FloatArray, **meta: Any) -> Recording:
+    """Return the recording with other samples, and metadata put in."""
+    wrench.flags.writeable = False
+    return replace(recording, wrench=wrench, meta={**thaw(recording.meta), **meta})
+
+
+def transform_recordings(
+    recordings: Sequence[Recording],
+    rotation: RotationLike | None,
+    translation: ArrayLike,
+    frame: str,
+    reverse: bool,
+    sign: str | None,
+) -> tuple[list[Recording], StepReport]:
+    """Turn the wrench of each recording; see :meth:`Dataset.transform`, which calls this."""
+    matrix, p = rotation_matrix(rotation), _vector("translation", translation)
+    meta: dict[str, str] = {"frame": checked_text(frame, "frame", spaced=False)}
+    if checked_flag("reverse", reverse) != (sign is not None):
+        problem = "is given, and reverse=True is not" if sign is not None else "is wanted with reverse=True"
+        raise argument_error(ValueError, "sign", f"{problem}: the words for whose force on whom it is then")
+    if sign is not None:
+        meta["sign"] = checked_text(sign, "sign", spaced=False)
+    factor = -1.0 if reverse else 1.0
+    results = [
+        with_samples(recording, _transformed(wrench_samples(recording), matrix, p, factor), **meta)
+        for recording in recordings
+    ]
+    parameters = {"rotation": matrix.tolist(), "translation_m": p.tolist(), "reverse": reverse or None}
+    return results, StepReport("transform", {**meta, **parameters}, {"recordings": len(results)})
+
+
+# The mean of a rest, with its error.
+
+COSINES = 2
+"""Cosines whose amplitudes say how uncertain the mean of a rest is, and degrees of freedom of its t statistic.
+
+Few, as a short rest of a filtered sensor holds few independent values, and a long one drifts. Of two means of 0.25,
+0.5, 1 and 2 s half a second apart, 93, 95, 95 and 92 % of the 95 % intervals of their difference hold 0 with two of
+them, and 85, 92, 93 and 89 % with four; by sd / sqrt(n) 44, 48, 45 and 38 % (ten rests of a Bota Rokubi, whose messages
+at 100 Hz hold 12.3 readings a second).
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class RestMean:
+    """Mean of a rest by axis, and how well it is known.
+
+    Attributes
+    ----------
+    mean : ndarray, shape (C,)
+        In the units of the samples.
+    standard_error : ndarray, shape (C,)
+    margin : ndarray, shape (C,)
+        Half of the 95 % interval: 4.30 standard errors, as the t distribution of two degrees of freedom has it.
+    n_samples : int
+    """
+
+    mean: FloatArray
+    standard_error: FloatArray
+    margin: FloatArray
+    n_samples: int
+
+
+def rest_mean(wrench: Recording | ArrayLike) -> RestMean:
+    """Average a rest, and say how well its mean is known where noise is coloured.
+
+    ``sd / sqrt(n)`` holds for white noise. That of a sensor at rest is filtered or held, and drifts: neighbouring
+    samples are alike, and the mean of n of them is several times as uncertain. Here the long-run variance comes from
+    the amplitudes of the slowest cosines within the rest,
+    ``w^2 = mean_j (sqrt(2 / n) sum_t x_t cos(pi j (t + 1/2) / n))^2``,
+    j = 1, 2; then ``(mean - truth) / sqrt(w^2 / n)`` has a t distribution of as many degrees of freedom.
+
+    Parameters
+    ----------
+    wrench : array_like, shape (n, C), or Recording
+        Evenly spaced samples at rest, n >= 3. The rest should hold three readings of the sensor, 0.25 s where it has
+        12 new values a second; else the error is stated too small. What the zero wanders more slowly than the
+        rest lasts cannot be seen in it.
+
+    Returns
+    -------
+    RestMean
+
+    Raises
+    ------
+    TypeError, ValueError
+        Fewer than three samples, another shape, samples that are not finite.
+
+    References
+    ----------
+    .. [1] E. Lazarus, D. Lewis, J. Stock, M. Watson, "HAR inference: recommendations for practice", Journal of Business
+       & Economic Statistics 36(4), 2018: the equal-weighted cosine estimator.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from granular_id.recording import rest_mean
+    >>> noise = np.random.default_rng(0).normal(0, 0.02, (2000, 6))
+    >>> filtered = 1.5 + np.apply_along_axis(np.convolve, 0, noise, np.full(50, 0.02), "valid")
+    >>> rest = rest_mean(filtered)
+    >>> rest.mean.round(2).tolist()
+    [1.5, 1.5, 1.5, 1.5, 1.5, 1.5]
+    >>> bool((rest.standard_error > 2 * filtered.std(axis=0) / np.sqrt(len(filtered))).any())
+    True
+    """
+    from scipy.special import stdtrit  # slow to import
+
+    samples = wrench.wrench if isinstance(wrench, Recording) else as_floats(wrench, "wrench", _REST)
+    if samples.ndim != 2 or len(samples) <= COSINES:
+        raise argument_error(ValueError, "wrench", f"has shape {samples.shape}; wanted {_REST}")
+    if not np.isfinite(samples).all():
+        raise argument_error(ValueError, "wrench", "holds NaN or infinity; samples must be finite")
+    error = np.sqrt((slow_parts(samples) ** 2).mean(axis=0))
+    return RestMean(rest_zero(samples), error, float(stdtrit(COSINES, 0.975)) * error, len(samples))
+
+
+def slow_parts(samples: FloatArray) -> FloatArray:
+    """Return draws of the error of the mean, shape (COSINES, C); zero where it holds too few samples."""
+    n = len(samples)
+    if n <= COSINES:
+        return np.zeros((COSINES, samples.shape[1]))
+    angle = np.pi / n * np.outer(np.arange(1, COSINES + 1), np.arange(n) + 0.5)
+    parts: FloatArray = np.sqrt(2.0) / n * (np.cos(angle) @ (samples - samples.mean(axis=0)))
+    return parts
+
+
+# The zero that the rest before the motion gives.
+
+
+def rest_zero(lead: FloatArray) -> FloatArray:
+    """Return the mean of samples at rest, (n, C) to (C,): summed one after the other, as a stream does."""
+    zero: FloatArray = np.add.accumulate(lead, axis=0)[-1] / len(lead)
+    return zero
+
+
+def lead_samples(lead_s: object, rate_hz: float) -> int:
+    """Return how many samples a rest of so many seconds holds."""
+    seconds = finite_number("lead_s", lead_s, positive=True)
+    n = round(finite_number("lead_s times the rate", seconds * rate_hz))
+    if n < 1:
+        raise argument_error(ValueError, "lead_s", f"={seconds:g} at {rate_hz:g} Hz is less than one sample")
+    return n
+
+
+def tare_recordings(
+    recordings: Sequence[Recording], lead_s: float | None
+) -> tuple[list[Recording], StepReport]:
+    """Subtract the mean of the rest before the motion; see :meth:`Dataset.tare`, which calls this."""
+    irregular = irregular_among(recordings)
+    if irregular:
+        raise ValueError(f"{irregular}; call .resample(rate_hz) first, nothing is resampled silently")
+    without = [r.name for r in recordings if r.trigger_index is None]
+    if without:
+        raise ValueError(
+            f"{subject(len(without))} no trigger_index: {first_names([*map(repr, without)])}; where the rest ends "
+            "is not known: call .find_onsets(), or .select(where=...) those that have one"
+        )
+    rests = [r.trigger_index or 0 for r in recordings]
+    rates = [r.rate_hz or 0.0 for r in recordings]  # all are uniform here
+    least_s, most_s = TARE_S if lead_s is None else (lead_s, lead_s)
+    leads = [min(lead_samples(most_s, rate), rest) for rate, rest in zip(rates, rests, strict=True)]
+    wanted = [lead_samples(least_s, rate) for rate in rates]
+    short = [i for i, (n, least) in enumerate(zip(leads, wanted, strict=True)) if n < least]
+    if short:
+        raise ValueError(_too_short(recordings, rests, short, least_s))
+    results, rows = [], []
+    for recording, n, rest in zip(recordings, leads, rests, strict=True):
+        zero = rest_zero(recording.wrench[rest - n : rest])
+        results.append(with_samples(recording, recording.wrench - zero, tare="rest"))
+        axes = dict(zip(recording.axes, zero.tolist(), strict=True))
+        rows.append({"name": recording.name, "lead_s": n / (recording.rate_hz or 1.0), **axes})
+    stated = None if lead_s is None else float(lead_s)
+    return results, StepReport("tare", {"lead_s": stated}, {"recordings": len(results)}, rows)
+
+
+def _too_short(
+    recordings: Sequence[Recording], rests: Sequence[int], short: Sequence[int], least_s: float
+) -> str:
+    """Say which recording has too short a rest, and what would fit."""
+    seconds = [rest / (r.rate_hz or 1.0) for r, rest in zip(recordings, rests, strict=True)]
+    name, shortest = recordings[short[0]].name, min(seconds)
+    said = (
+        f"recording {name!r} has {seconds[short[0]]:g} s of rest before its trigger, {least_s:g} s are wanted; "
+        f"{len(short)} of {counted(len(recordings))} have too little"
+    )
+    if shortest > 0:
+        return f"{said}, lead_s={np.floor(1e3 * shortest) / 1e3:g} fits all"
+    return f"{said}; leave out those without any rest, or record with a pre-trigger buffer"

@@ -1,0 +1,302 @@
+"""Payloads: identified from rests in several orientations, stored, taken off."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from granular_id import load
+from granular_id.recording import Dataset, Payload, Recording, Setup, compensate, rest_zero
+from granular_id.recording.payload import STANDARD_GRAVITY_M_S2
+from granular_id.synthetic import simulate_rests, synthesize
+
+TRUE = Payload(0.306, (0.002, -0.003, 0.05), bias=(5, 42, 3, 0.78, -0.16, 0.11))
+FIGURES = np.r_[TRUE.mass_kg, TRUE.centre_of_mass_m, TRUE.bias]
+POSES = Rotation.random(6, random_state=4)
+DOWN = POSES.inv().apply([0, 0, -1])
+
+
+def figures(payload):
+    return np.r_[payload.mass_kg, payload.centre_of_mass_m, payload.bias]
+
+
+def margins(payload):
+    low, high = payload.fit.mass_interval_kg
+    return np.r_[(high - low) / 2, payload.fit.centre_of_mass_margin_m, payload.fit.bias_margin]
+
+
+@pytest.fixture(scope="module")
+def rests():
+    return simulate_rests(TRUE, DOWN, seed=1)
+
+
+@pytest.fixture(scope="module")
+def payload(rests):
+    return Payload.identify(rests, gravity=DOWN)
+
+
+@pytest.fixture(scope="module")
+def real_noise(data_dir):
+    """Ten real rests, each around its own mean."""
+    real = [r.wrench for r in load(data_dir / "sand_press") if r.label == "rest"]
+    return [samples - samples.mean(axis=0) for samples in real]
+
+
+def test_weight_pulls_down_at_its_lever():
+    read = Payload(2.0, (0.1, 0.0, 0.0)).wrench([0, 0, -3])
+    weight = 2 * STANDARD_GRAVITY_M_S2
+    np.testing.assert_allclose(read, [0, 0, -weight, 0, 0.1 * weight, 0])
+
+
+def test_exact_means_give_the_payload():
+    found = Payload.identify(TRUE.wrench(DOWN), gravity=DOWN)
+    np.testing.assert_allclose(figures(found), FIGURES, atol=1e-10)
+
+
+def test_it_lies_in_its_intervals(payload):
+    assert (abs(figures(payload) - FIGURES) < 2 * margins(payload)).all()
+    assert payload.fit.n_rests == 6
+    assert 1 < payload.fit.condition < 4
+
+
+@pytest.mark.parametrize("n_poses", [4, 6, 12])
+def test_intervals_cover_with_real_noise(real_noise, n_poses):
+    rng = np.random.default_rng(n_poses)
+    poses = Rotation.random(n_poses, random_state=4).apply([0, 0, -1])
+    inside = []
+    for _ in range(150):
+        down = Rotation.random(random_state=rng).apply(poses)
+        drawn = [real_noise[k] for k in rng.integers(len(real_noise), size=n_poses)]
+        starts = [rng.integers(len(noise) - 200) for noise in drawn]
+        rests = [
+            TRUE.wrench(g) + noise[start : start + 200]
+            for g, noise, start in zip(down, drawn, starts, strict=True)
+        ]
+        found = Payload.identify(rests, gravity=down)
+        inside.append(abs(figures(found) - FIGURES) < margins(found))
+    assert 0.92 < np.mean(inside) < 0.98
+
+
+def test_poses_that_are_not_as_stated_widen_the_intervals():
+    rng = np.random.default_rng(0)
+    inside, widths = [], []
+    for seed in range(60):
+        tilt = Rotation.from_rotvec(np.radians(2) * rng.normal(size=(6, 3)))
+        found = Payload.identify(simulate_rests(TRUE, DOWN, seed=seed, rate_hz=100), gravity=tilt.apply(DOWN))
+        inside.append(abs(figures(found) - FIGURES) < margins(found))
+        widths.append(margins(found))
+        assert found.fit.scatter[0] > 0.01
+    exact = margins(Payload.identify(simulate_rests(TRUE, DOWN, seed=0, rate_hz=100), gravity=DOWN))
+    assert 0.9 < np.mean(inside) < 0.99
+    assert (np.median(widths, axis=0) > exact).all()
+
+
+def test_rotations_state_the_same_as_gravity(rests, payload):
+    for rotations in (POSES, POSES.as_matrix(), POSES.as_quat()):
+        found = Payload.identify(rests, rotations=rotations)
+        np.testing.assert_allclose(figures(found), figures(payload), rtol=1e-9)
+
+
+def test_an_accelerometer_states_the_same_in_any_unit(rests, payload):
+    for unit in (1.0, 9.81):
+        read = [np.tile(-unit * g, (7, 1)) for g in DOWN]
+        found = Payload.identify(rests, accelerations=read)
+        np.testing.assert_allclose(figures(found), figures(payload), rtol=1e-9)
+    np.testing.assert_allclose(
+        figures(Payload.identify(rests, accelerations=-DOWN)), figures(payload), rtol=1e-9
+    )
+
+
+def test_the_frame_is_that_of_the_rests(rests):
+    named = Dataset([replace(r, meta={"frame": "wrist"}) for r in rests])
+    assert Payload.identify(named, gravity=DOWN).frame == "wrist"
+    mixed = Dataset([*named[:3], *rests[3:]])
+    with pytest.raises(ValueError, match="rests are of several frames"):
+        Payload.identify(mixed, gravity=DOWN)
+
+
+# What cannot be told.
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_too_few_orientations_are_refused(rests, n):
+    with pytest.raises(
+        ValueError, match=f"rests hold {n} orientation.*mass and bias cannot be told apart.*tare"
+    ):
+        Payload.identify(rests[:n], gravity=DOWN[:n])
+
+
+@pytest.mark.parametrize(
+    "down",
+    [
+        np.tile([0.0, 0, -1], (4, 1)),  # one orientation
+        Rotation.from_euler("x", [[0], [1], [2], [3]], degrees=True).apply([0, 0, -1]),
+        np.array([[0.0, 0, -1], [0, 0, 1], [0, 0, -1], [0, 0, 1]]),  # the torques know two of three levers
+    ],
+)
+def test_orientations_too_alike_are_refused(down):
+    rests = simulate_rests(TRUE, down)
+    with pytest.raises(ValueError, match=r"too alike.*mass and bias cannot be told apart.*only a tare"):
+        Payload.identify(rests, gravity=down)
+
+
+def test_a_weight_within_the_noise_is_refused():
+    rests = simulate_rests(Payload(0.0005, (0, 0, 0)), DOWN, duration_s=0.1)
+    with pytest.raises(ValueError, match="does not stand out of the noise"):
+        Payload.identify(rests, gravity=DOWN)
+
+
+def test_gravity_upside_down_is_refused(rests):
+    with pytest.raises(ValueError, match=r"a mass of -0\.3\d* kg: .* gravity is stated upwards"):
+        Payload.identify(rests, gravity=-DOWN)
+
+
+@pytest.mark.parametrize(
+    ("stated", "problem"),
+    [
+        ({}, "exactly one of gravity, rotations and accelerations, got none"),
+        ({"gravity": DOWN, "rotations": POSES}, "got gravity and rotations"),
+        ({"gravity": DOWN[:5]}, "gravity has 5 poses for 6 rests"),
+        ({"gravity": 0 * DOWN}, "gravity holds a direction without length"),
+        ({"gravity": DOWN[:, :2]}, "gravity has shape"),
+        ({"rotations": np.eye(3)}, "rotations has shape"),
+        ({"rotations": np.tile(np.diag([1, 1, -1]), (6, 1, 1))}, r"rotations\[0\] is a reflection"),
+    ],
+)
+def test_refused_poses(rests, stated, problem):
+    with pytest.raises(ValueError, match=problem):
+        Payload.identify(rests, **stated)
+
+
+def test_nan_in_a_rest_is_refused():
+    with pytest.raises(ValueError, match="rests hold NaN"):
+        Payload.identify(np.full((6, 10, 6), np.nan), gravity=DOWN)
+
+
+@pytest.mark.parametrize(
+    ("fields", "problem"),
+    [
+        ({"mass_kg": -1}, "mass_kg must not be negative"),
+        ({"centre_of_mass_m": (0, 0)}, "centre_of_mass_m"),
+        ({"bias": (0, 0, 0, 0, 0, np.nan)}, "bias"),
+    ],
+)
+def test_refused_payloads(fields, problem):
+    with pytest.raises(ValueError, match=problem):
+        Payload(**{"mass_kg": 1, "centre_of_mass_m": (0, 0, 0), **fields})
+
+
+# Files.
+
+
+def test_it_is_stored_whole(payload, tmp_path):
+    payload.save(tmp_path / "tool.json")
+    assert Payload.load(tmp_path / "tool.json") == payload
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"format": "granular-id payload 2"}',
+        '{"format": "granular-id payload 1"}',
+        '{"format": "granular-id payload 1", "mass_kg": -1, "centre_of_mass_m": [0, 0, 0]}',
+        '{"format": "granular-id payload 1", "mass_kg": 1, "centre_of_mass_m": [0, 0]}',
+        '{"format": "granular-id payload 1", "mass_kg": 1e999, "centre_of_mass_m": [0, 0, 0]}',
+        '{"format": "granular-id payload 1", "mass_kg": 1, "centre_of_mass_m": [0, 0, 0], "fit": {"n_rests": 4, '
+        '"mass_interval_kg": [], "centre_of_mass_margin_m": [], "bias_margin": [], "residual": [], "scatter": [], '
+        '"condition": 1}}',
+        "[" * 100_000,
+    ],
+)
+def test_other_files_are_refused_by_name(tmp_path, text):
+    path = tmp_path / "tool.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"tool\.json: no payload: "):
+        Payload.load(path)
+
+
+def test_the_file_can_be_read_by_others(payload, tmp_path):
+    payload.save(tmp_path / "tool.json")
+    document = json.loads((tmp_path / "tool.json").read_text())
+    assert document["mass_kg"] == payload.mass_kg
+    assert document["fit"]["n_rests"] == 6
+
+
+# Taking it off.
+
+
+def test_a_rest_is_zero_without_its_payload(rests, payload):
+    freed = rests.compensate(payload, list(DOWN))
+    assert max(abs(rest_zero(r.wrench)).max() for r in freed) < 0.2  # of 42 N
+    np.testing.assert_array_equal(freed.X[2], rests.X[2] - payload.wrench(DOWN[2]))
+
+
+def test_gravity_may_turn_with_the_samples():
+    down = np.random.default_rng(0).normal(size=(20, 3))
+    samples = TRUE.wrench(down)
+    np.testing.assert_allclose(compensate(samples, TRUE, down), 0, atol=1e-12)
+    one_by_one = [compensate(sample, TRUE, g) for sample, g in zip(samples, down, strict=True)]
+    assert np.array(one_by_one).tobytes() == compensate(samples, TRUE, down).tobytes()
+
+
+def test_recordings_say_so():
+    data = synthesize(["rice"], n_per_class=2).compensate(TRUE, [0, 0, 1])
+    assert (Setup.of(data[0].meta).compensated, Setup.of(data[0].meta).payload) == ("yes", "0.306 kg")
+    assert data.history[-1].parameters["mass_kg"] == 0.306
+
+
+def test_twice_is_refused():
+    data = synthesize(["rice"], n_per_class=1).compensate(TRUE, [0, 0, 1])
+    with pytest.raises(ValueError, match="'rice_00' is compensated already"):
+        data.compensate(TRUE, [0, 0, 1])
+
+
+def test_what_is_tared_is_not_compensated(payload):
+    tared = Recording(np.ones((5, 6)), rate_hz=500, name="push", meta={"tare": "rest"})
+    with pytest.raises(ValueError, match=r"'push' is tared from rest.*compensate before \.tare\(\)"):
+        compensate(tared, payload, [0, 0, -1])
+
+
+def test_another_frame_is_refused():
+    recording = Recording(np.zeros((3, 6)), rate_hz=500, name="a", meta={"frame": "flange"})
+    with pytest.raises(ValueError, match="'a' is of the frame 'flange', the payload of 'wrist'"):
+        compensate(recording, replace(TRUE, frame="wrist"), [0, 0, 1])
+
+
+def test_what_a_live_source_says_counts():
+    meta = {"source": {"frame": "flange", "compensated": True}}
+    recording = Recording(np.zeros((3, 6)), rate_hz=500, name="a", meta=meta)
+    with pytest.raises(ValueError, match="compensated already"):
+        compensate(recording, TRUE, [0, 0, 1])
+
+
+def test_compensated_then_transformed_is_the_unloaded_wrench():
+    data = synthesize(["rice"], n_per_class=1)
+    turn, lever = POSES[0], np.array([0.0, 0.1, 0.2])
+    mounted = data.transform(turn, lever, frame="sensor")
+    down = turn.apply([0, 0, 1])
+    loaded = Dataset([replace(r, wrench=r.wrench + TRUE.wrench(down)) for r in mounted])
+    freed = loaded.compensate(TRUE, down).transform(turn.inv(), -turn.inv().apply(lever), frame="tool")
+    np.testing.assert_allclose(freed.X, data.X, atol=1e-11)
+
+
+@pytest.mark.parametrize("gravity", [[[0, 0, 1]] * 2, [np.zeros((5, 3)) + 1], "down", 3])
+def test_refused_gravity(gravity):
+    data = synthesize(["rice"], n_per_class=1)
+    with pytest.raises((ValueError, TypeError), match="gravity"):
+        data.compensate(TRUE, gravity)
+
+
+def test_what_is_no_payload_is_refused():
+    with pytest.raises(TypeError, match="payload must be a Payload"):
+        compensate(np.zeros(6), {"mass_kg": 1}, [0, 0, 1])
+
+
+def test_it_prints_what_is_known(payload):
+    assert "95 % intervals" in str(payload)
+    assert str(TRUE) == "0.306 kg at (2.0, -3.0, 50.0) mm"

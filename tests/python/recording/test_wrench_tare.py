@@ -1,0 +1,192 @@
+"""The mean of a rest and its error, and the zero that the rest before the motion gives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import t
+
+from granular_id import load
+from granular_id.recording import Dataset, Recording, Setup, rest_mean, rest_zero
+from granular_id.synthetic import rest_noise, synthesize
+
+
+@pytest.fixture(scope="module")
+def data():
+    return synthesize(["rice", "dry peas"], n_per_class=3, duration_s=0.6, seed=2)
+
+
+def shares_of_differences(rests, n):
+    """Return how often the interval of the difference of two means holds 0, by our error and by sd / sqrt(n)."""
+    ours, white = [], []
+    for samples in rests:
+        for start in range(0, len(samples) - 2 * n - 50, n):
+            parts = samples[start : start + n], samples[start + n + 50 : start + 2 * n + 50]
+            one, other = map(rest_mean, parts)
+            distance = abs(one.mean - other.mean)
+            variances = np.array([one.standard_error**2, other.standard_error**2])
+            freedom = 2 * variances.sum(axis=0) ** 2 / (variances**2).sum(axis=0)
+            ours.append(distance < t.ppf(0.975, freedom) * np.sqrt(variances.sum(axis=0)))
+            white.append(distance < 1.96 * np.sqrt(sum(part.var(axis=0) for part in parts) / n))
+    return np.mean(ours), np.mean(white)
+
+
+def test_the_interval_of_a_mean_holds_the_truth_of_coloured_noise():
+    white = np.random.default_rng(0).normal(size=(1000, 200, 6))
+    rests = lfilter([1.0], [1.0, -0.9], white, axis=1)[:, -150:]
+    inside = np.mean([abs(one.mean) < one.margin for one in map(rest_mean, rests)])
+    white = np.mean([abs(rest.mean(0)) < 1.96 * rest.std(0) / np.sqrt(150) for rest in rests])
+    assert 0.93 < inside < 0.97
+    assert white < 0.5
+
+
+def test_the_interval_of_a_mean_holds_the_truth_of_white_noise():
+    rests = np.random.default_rng(0).normal(size=(200, 50, 6))
+    inside = np.mean([abs(one.mean) < one.margin for one in map(rest_mean, rests)])
+    assert 0.93 < inside < 0.97
+
+
+@pytest.mark.parametrize("n", [25, 50, 100])
+def test_the_error_of_a_mean_holds_on_real_rests(data_dir, n):
+    rests = [r.wrench for r in load(data_dir / "sand_press") if r.label == "rest"]
+    ours, white = shares_of_differences(rests, n)
+    assert len(rests) == 10
+    assert 0.92 < ours < 0.98
+    assert white < 0.5
+
+
+def test_simulated_rests_are_like_real_ones(data_dir):
+    real = [r.wrench for r in load(data_dir / "sand_press") if r.label == "rest"]
+    drawn = [rest_noise(1200, 100, seed=seed) for seed in range(10)]
+    sd = [np.sqrt(np.mean([rest.var(axis=0) for rest in rests], axis=0)) for rests in (real, drawn)]
+    np.testing.assert_allclose(sd[1], sd[0], rtol=0.15)
+    new = [np.mean([(np.diff(r, axis=0) != 0).any(axis=1).mean() for r in rests]) for rests in (real, drawn)]
+    assert abs(new[0] - new[1]) < 0.002
+    for lag, within in ((1, 0.03), (2, 0.05), (8, 0.1), (50, 0.1)):
+        alike = [
+            np.mean([np.corrcoef(rest[lag:, c], rest[:-lag, c])[0, 1] for rest in rests for c in range(6)])
+            for rests in (real, drawn)
+        ]
+        assert abs(alike[0] - alike[1]) < within
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 100.0, 500.0])
+def test_simulated_readings_are_held_at_any_rate(rate_hz):
+    noise = rest_noise(2000, rate_hz)
+    changes = (np.diff(noise, axis=0) != 0).all(axis=1)
+    assert abs(changes.mean() - min(12.28 / rate_hz, 1)) < 0.005
+    assert ((np.diff(noise, axis=0) != 0).any(axis=1) == changes).all()
+
+
+@pytest.mark.parametrize("wrench", [np.zeros((2, 6)), np.zeros(6)])
+def test_too_few_samples_have_no_error(wrench):
+    with pytest.raises(ValueError, match="wrench has shape"):
+        rest_mean(wrench)
+
+
+def test_nan_at_rest_is_refused():
+    with pytest.raises(ValueError, match="NaN"):
+        rest_mean(np.full((5, 6), np.nan))
+
+
+def test_a_recording_has_the_mean_of_its_samples(data):
+    assert np.array_equal(rest_mean(data[0]).mean, rest_zero(data[0].wrench))
+
+
+# The step.
+
+
+def test_the_rest_before_the_motion_is_zero(data):
+    for recording, before in zip(data.tare(lead_s=0.1), data, strict=True):
+        lead = slice(before.trigger_index - 50, before.trigger_index)
+        assert abs(recording.wrench[lead].mean(axis=0)).max() < 1e-13
+        np.testing.assert_allclose(
+            before.wrench - recording.wrench, before.wrench[lead].mean(0) + np.zeros((300, 6))
+        )
+
+
+def test_an_offset_makes_no_difference(data):
+    moved = Dataset([replace(r, wrench=r.wrench + np.arange(6.0)) for r in data])
+    np.testing.assert_allclose(moved.tare(lead_s=0.1).X, data.tare(lead_s=0.1).X, atol=1e-12)
+
+
+def test_a_stream_has_the_same_bits(data):
+    before = data[0]
+    start, end = before.trigger_index - 50, before.trigger_index
+    total = np.zeros(6)
+    for sample in before.wrench[start:end]:
+        total = total + sample
+    zero = total / 50
+    streamed = np.array([sample - zero for sample in before.wrench])
+    assert data.tare(lead_s=0.1)[0].wrench.tobytes() == streamed.tobytes()
+
+
+@pytest.mark.parametrize("columns", [1, 6])
+def test_the_zero_does_not_depend_on_how_samples_lie(columns):
+    lead = np.random.default_rng(1).normal(size=(1000, columns))
+    one_by_one = np.array([rest_zero(np.ascontiguousarray(lead[:, [c]]))[0] for c in range(columns)])
+    assert rest_zero(np.asfortranarray(lead)).tobytes() == rest_zero(lead).tobytes() == one_by_one.tobytes()
+
+
+def test_the_metadata_say_so(data):
+    tared = data.tare(lead_s=0.1)
+    assert {Setup.of(recording.meta).tare for recording in tared} == {"rest"}
+    assert tared.history[-1].step == "tare"
+    assert tared.history[-1].rows[0]["fx"] == rest_zero(data[0].wrench[data[0].trigger_index - 50 :][:50])[0]
+    assert tared[0].trigger_index == data[0].trigger_index
+
+
+def test_other_axes_are_tared_too(data):
+    chosen = data.select(axes=["fz", "fx"]).tare(lead_s=0.1)
+    assert np.array_equal(chosen.X, data.tare(lead_s=0.1).select(axes=["fz", "fx"]).X)
+
+
+def test_no_trigger_is_refused(data):
+    other = Dataset([data[0], replace(data[1], trigger_index=None)])
+    with pytest.raises(ValueError, match=r"1 recording has no trigger_index: 'rice_01'.*find_onsets"):
+        other.tare(lead_s=0.1)
+
+
+def test_the_default_is_the_rest_that_is_there(data):
+    for tared, before, row in zip(data.tare(), data, data.tare().history[-1].rows, strict=True):
+        lead = before.wrench[: before.trigger_index]
+        assert np.array_equal(tared.wrench, before.wrench - rest_zero(lead))
+        assert row["lead_s"] == len(lead) / 500
+
+
+def test_of_a_long_rest_the_last_two_seconds_are_taken():
+    wrench = np.repeat(np.arange(30.0), 10)[:, None] + np.zeros((300, 6))
+    tared = Dataset([Recording(wrench, rate_hz=100, trigger_index=280)]).tare()
+    assert np.array_equal(tared[0].wrench, wrench - wrench[80:280].mean())
+
+
+def test_too_short_a_rest_is_refused_with_one_that_fits(data):
+    with pytest.raises(ValueError, match=r"0.25 s are wanted; 6 of 6 recordings .* lead_s=0\.1\d* fits all"):
+        data.tare(lead_s=0.25)
+    shortest = min(r.trigger_index for r in data) / 500
+    data.tare(lead_s=np.floor(1000 * shortest) / 1000)
+
+
+def test_less_than_a_tenth_of_a_second_is_taken_where_it_is_stated(data):
+    short = Dataset([replace(data[0], trigger_index=40)])
+    with pytest.raises(ValueError, match=r"has 0.08 s of rest .* 0.1 s are wanted; .* lead_s=0.08 fits all"):
+        short.tare()
+    assert short.tare(lead_s=0.08).history[-1].rows[0]["lead_s"] == 0.08
+
+
+def test_no_rest_at_all_is_refused(data):
+    with pytest.raises(ValueError, match=r"0 s of rest before its trigger.*pre-trigger buffer"):
+        Dataset([replace(data[0], trigger_index=0)]).tare(lead_s=0.1)
+
+
+def test_irregular_recordings_are_refused():
+    recording = Recording(np.zeros((3, 6)), time_s=[0, 0.1, 0.3], trigger_index=2, name="a")
+    with pytest.raises(ValueError, match="resample"):
+        Dataset([recording]).tare(lead_s=0.1)
+
+
+@pytest.mark.parametrize("lead_s", [0, -1, 1e-9, np.nan])
+def test_refused_leads(data, lead_s):
+    with pytest.raises(ValueError, match="lead_s"):
+        data.tare(lead_s=lead_s)

@@ -1,0 +1,136 @@
+"""Wrenches in another frame."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from granular_id.recording import Dataset, Recording, Setup, transform
+
+RNG = np.random.default_rng(3)
+TURN = Rotation.from_euler("xyz", [20, -35, 110], degrees=True)
+P = np.array([0.1, -0.02, 0.3])
+WRENCH = RNG.normal(size=(50, 6))
+
+
+def recorded(wrench=WRENCH, **fields):
+    return Recording(wrench, rate_hz=500, **{"name": "a", "label": "rice", **fields})
+
+
+def test_force_is_turned_and_torque_gets_the_lever():
+    force = TURN.apply(WRENCH[:, :3])
+    torque = TURN.apply(WRENCH[:, 3:]) + np.cross(P, force)
+    np.testing.assert_allclose(transform(WRENCH, TURN, P), np.hstack([force, torque]), atol=1e-14)
+
+
+def test_power_is_the_same_in_both_frames():
+    linear, angular = RNG.normal(size=(2, 3))  # of the old origin, in the old frame
+    angular_new = TURN.apply(angular)
+    linear_new = TURN.apply(linear) - np.cross(angular_new, P)  # of the body's point at the new origin
+    power = WRENCH @ np.r_[linear, angular]
+    np.testing.assert_allclose(transform(WRENCH, TURN, P) @ np.r_[linear_new, angular_new], power, atol=1e-13)
+
+
+def test_the_inverse_leads_back():
+    back = transform(transform(WRENCH, TURN, P), TURN.inv(), -TURN.inv().apply(P))
+    np.testing.assert_allclose(back, WRENCH, atol=1e-14)
+
+
+def test_one_sample_has_the_bits_of_many():
+    alone = np.array([transform(sample, TURN, P) for sample in WRENCH])
+    assert alone.tobytes() == transform(WRENCH, TURN, P).tobytes()
+    assert alone.tobytes() == transform(WRENCH.reshape(5, 10, 6), TURN, P).tobytes()
+
+
+def test_quaternion_matrix_and_rotation_are_the_same():
+    turned = transform(WRENCH, TURN)
+    np.testing.assert_allclose(transform(WRENCH, TURN.as_matrix()), turned, atol=1e-15)
+    np.testing.assert_allclose(transform(WRENCH, TURN.as_quat()), turned, atol=1e-15)
+
+
+def test_nothing_to_do_changes_no_bit():
+    assert transform(WRENCH).tobytes() == WRENCH.tobytes()
+
+
+def test_reversed_is_the_negative():
+    assert np.array_equal(transform(WRENCH, TURN, P, reverse=True), -transform(WRENCH, TURN, P))
+
+
+def test_input_is_not_modified():
+    before = WRENCH.copy()
+    transform(WRENCH, TURN, P, reverse=True)
+    assert np.array_equal(WRENCH, before)
+
+
+@pytest.mark.parametrize(
+    ("rotation", "translation", "problem"),
+    [
+        (np.diag([1, 1, -1.0]), (0, 0, 0), "rotation is a reflection"),
+        (2 * np.eye(3), (0, 0, 0), "rotation is no rotation: its rows are not orthonormal by 3"),
+        ([0, 0, 0, 2], (0, 0, 0), "rotation is a quaternion of length 2; wanted 1"),
+        ([1, 2, 3], (0, 0, 0), "rotation has shape"),
+        ([0, 0, np.nan, 1], (0, 0, 0), "rotation holds NaN"),
+        (None, (0, 0), "translation=\\(0, 0\\); wanted three finite numbers"),
+        (None, (0, 0, np.inf), "translation="),
+    ],
+)
+def test_refused_frames(rotation, translation, problem):
+    with pytest.raises(ValueError, match=problem):
+        transform(WRENCH, rotation, translation)
+
+
+@pytest.mark.parametrize("wrench", [np.zeros((4, 5)), 3.0])
+def test_refused_shapes(wrench):
+    with pytest.raises(ValueError, match="wrench has shape"):
+        transform(wrench)
+
+
+def test_a_data_set_is_refused_by_the_function_and_has_a_method():
+    with pytest.raises(TypeError, match="of recordings call this method of their Dataset"):
+        transform(Dataset([recorded()]))
+
+
+def test_a_recording_keeps_what_it_is():
+    about = {"tool": "cylinder", "frame": "flange"}
+    turned = Dataset([recorded(trigger_index=7, meta=about)]).transform(TURN, P, frame="flange")[0]
+    assert turned.wrench.tobytes() == transform(WRENCH, TURN, P).tobytes()
+    assert replace(turned, wrench=WRENCH) == recorded(trigger_index=7, meta=about)
+
+
+def test_the_step_names_the_new_frame():
+    data = Dataset([recorded(meta={"frame": "sensor", "sign": "on the tool"})])
+    turned = data.transform(TURN, P, frame="flange")
+    assert Setup.of(turned[0].meta) == Setup(frame="flange", sign="on the tool")
+    assert turned.history[-1].parameters["frame"] == "flange"
+    assert np.array_equal(turned.history[-1].parameters["rotation"], TURN.as_matrix())
+
+
+def test_the_step_reverses_with_the_words_for_it():
+    data = Dataset([recorded(meta={"sign": "on the tool"})])
+    turned = data.transform(frame="sensor", reverse=True, sign="on the robot")
+    assert turned[0].meta["sign"] == "on the robot"
+    assert np.array_equal(turned.X[0], -WRENCH)
+
+
+@pytest.mark.parametrize("keywords", [{"reverse": True}, {"sign": "on the robot"}])
+def test_a_sign_and_its_words_come_together(keywords):
+    with pytest.raises(ValueError, match="sign"):
+        Dataset([recorded()]).transform(frame="sensor", **keywords)
+
+
+def test_other_units_are_refused():
+    data = Dataset([recorded(meta={"units": ["N"] * 3 + ["N mm"] * 3})])
+    with pytest.raises(ValueError, match="'a' has tx in N mm; wanted N m"):
+        data.transform(TURN, frame="flange")
+
+
+def test_units_are_read_however_they_are_written():
+    data = Dataset([recorded(meta={"units": ["N"] * 3 + ["Nm"] * 3})])
+    assert data.transform(frame="flange").X.tobytes() == data.X.tobytes()
+
+
+def test_what_is_no_wrench_is_refused():
+    data = Dataset([Recording(WRENCH[:, :3], rate_hz=500, axes=("fx", "fy", "fz"), name="a")])
+    with pytest.raises(ValueError, match="'a' has the axes fx fy fz; wanted"):
+        data.transform(TURN, frame="flange")
