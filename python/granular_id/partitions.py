@@ -1,4 +1,4 @@
-"""How partitions are drawn: at random, in random folds, halves and blocks in time, whole sessions."""
+"""How partitions are drawn: at random, in random folds, halves and blocks in time, whole sessions and conditions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import argument_error, whole_number
-from granular_id._text import counted
+from granular_id._text import counted, listed, verb
 
 Rows = NDArray[np.intp]
 Sessions = Sequence[str | None] | NDArray[Any]
@@ -21,12 +21,16 @@ PROTOCOLS = {
     "session": "held-out sessions",  # or blocks in time order, where a class has one session only
     "chronological": "halves in time order",
     "kfold": "random folds",
+    "condition": "another condition",  # one value of it after the other, see `condition_partitions`
     "matched": "as many at random",  # in the sizes of the strict partitions beside them, see `matched_partitions`
 }
 """Each protocol, and what it is called in words."""
 
 MATCHED = "matched"
 """The protocol that only comes with a strict one."""
+
+CONDITION = "condition"
+"""The protocol that holds out one condition of the recordings, which must be named."""
 
 MAX_SESSION_FOLDS = 10
 """Up to this many sessions per class one is left out at a time; more are held out in groups."""
@@ -242,6 +246,49 @@ def session_partitions(
     return _from_folds("session", fold_of.astype(np.intp), descriptions)
 
 
+def condition_partitions(
+    y: ArrayLike, name: str, values: NDArray[np.object_]
+) -> tuple[list[Partition], list[str]]:
+    """Hold out one value (n,) of a condition after the other, whole; say what cannot be trained or tested.
+
+    A material without recordings of another value is not tested there: what never trained is never named.
+    """
+    labels = np.asarray(y)
+    rows_of_class(labels)
+    drawn: list[Partition] = []
+    notes: list[str] = []
+    for value in dict.fromkeys(values.tolist()):
+        held = values == value
+        trains = np.unique(labels[~held])
+        tested = held & np.isin(labels, trains)
+        lost = np.unique(labels[held & ~tested]).tolist()
+        place = f"{name} {value!r}"
+        if trains.size < 2:
+            only = f"only {trains[0]} is" if trains.size else "nothing is"
+            notes.append(f"{place} is not held out: {only} left to train on")
+        elif not tested.any():
+            notes.append(
+                f"{place} is not held out: {listed(lost)} {verb(len(lost), 'has', 'have')} no other value"
+            )
+        else:
+            if lost:
+                n_left = int(held.sum() - tested.sum())
+                notes.append(
+                    f"{place}: {listed(lost)} {verb(len(lost), 'has', 'have')} no other value to train on; "
+                    f"{counted(n_left)} not tested there"
+                )
+            drawn.append(
+                Partition(
+                    CONDITION,
+                    len(drawn),
+                    f"{name}: {value}",
+                    np.flatnonzero(~held),
+                    np.flatnonzero(tested),
+                )
+            )
+    return drawn, notes
+
+
 def check_folds(n_folds: int, rows: dict[Any, Rows], argument: str = "n_folds", where: str = "") -> int:
     """Return a number of random folds or blocks, or refuse one below 2 or above the size of the largest class."""
     n_folds = whole_number(argument, n_folds, least=2)
@@ -316,8 +363,15 @@ def are_blocks(partitions: Sequence[Partition]) -> bool:
     ]
 
 
+def held_out_condition(partitions: Sequence[Partition]) -> str:
+    """Name the condition that `condition_partitions` held out."""
+    return partitions[0].description.partition(": ")[0]
+
+
 def protocol_name(protocol: str, partitions: Sequence[Partition]) -> str:
     """Name a protocol in words; blocks in time that stand in for sessions are called blocks."""
+    if protocol == CONDITION:
+        return f"another {held_out_condition(partitions)}"
     if protocol == "session" and are_blocks(partitions):
         return "blocks in time order"
     return PROTOCOLS[protocol]

@@ -19,6 +19,7 @@ from granular_id._checks import argument_error, whole_number
 from granular_id._estimators import routed
 from granular_id._text import counted, verb
 from granular_id.partitions import (
+    CONDITION,
     MATCHED,
     MAX_SESSION_FOLDS,
     PROTOCOLS,
@@ -28,6 +29,7 @@ from granular_id.partitions import (
     block_partitions,
     check_folds,
     chronological_partitions,
+    condition_partitions,
     kfold_partitions,
     lone_session,
     matched_partitions,
@@ -46,6 +48,7 @@ N_FOLDS = 5
 MANY_RECORDINGS, FOLDS_OF_MANY = 2000, 3  # fewer folds: time grows faster than the number of recordings
 
 SESSIONS, HALVES, BLOCKS, RANDOM = "sessions", "halves in time", "blocks in time", "random recordings"
+CONDITIONS = "conditions"
 """What a fold is, for those who take the strictest folds that there are."""
 
 NONE = "nothing"
@@ -64,6 +67,7 @@ class Groups:
     rank: Rows | None  # place of each recording in time, None where no order is known
     basis: str = ""  # what the order goes by, or why there is none
     names: NDArray[np.object_] | None = None  # of the recordings, for errors
+    conditions: NDArray[np.object_] | None = None  # (n,) what new recordings do not share, where it is known
 
     @property
     def order(self) -> Rows | None:
@@ -73,16 +77,19 @@ class Groups:
     def take(self, rows: Rows) -> Groups:
         """Return the groups of some rows."""
         rank = None if self.rank is None else self.rank[rows]
-        return Groups(self.sessions[rows], rank, self.basis, None if self.names is None else self.names[rows])
+        names, conditions = (None if own is None else own[rows] for own in (self.names, self.conditions))
+        return Groups(self.sessions[rows], rank, self.basis, names, conditions)
 
     def fit_arguments(self, estimator: Any, rows: Rows) -> dict[str, Any]:
-        """Return those of ``sessions`` and ``order`` that `fit` takes, in a pipeline that of its last step.
+        """Return those of ``sessions``, ``order`` and ``groups`` that `fit` takes, in a pipeline that of its last step.
 
-        They are those of the training rows, None where none is known; ``order`` holds places in `rows`.
+        They are those of the training rows, None where none is known; ``order`` holds places in `rows`, ``groups`` are
+        conditions.
         """
         own = self.take(rows)
         known = any(session is not None for session in own.sessions)
-        return routed(estimator, {"sessions": own.sessions if known else None, "order": own.order})
+        groups = {} if own.conditions is None else {"groups": own.conditions}
+        return routed(estimator, {"sessions": own.sessions if known else None, "order": own.order, **groups})
 
 
 def groups_of(data: Dataset) -> Groups:
@@ -95,15 +102,22 @@ def groups_of(data: Dataset) -> Groups:
     return Groups(data.sessions, np.argsort(data.chronological_order()[0], kind="stable"), basis, names)
 
 
+def _checked_names(name: str, given: Any, n_rows: int) -> NDArray[np.object_]:
+    """Return the session, or group, of each row as text; None where it is not known."""
+    known = np.full(n_rows, None, dtype=object)
+    if given is not None:
+        what = name.removesuffix("s")
+        if isinstance(given, (str, bytes)) or not hasattr(given, "__len__"):
+            raise TypeError(f"{name} must be a sequence with one {what} per row, got {given!r:.60}")
+        if len(given) != n_rows:
+            raise ValueError(f"{name} must name one {what} per row of X, {n_rows}, got {len(given)}")
+        known[:] = [None if one is None or one != one else str(one) or None for one in list(given)]  # noqa: PLR0124 - NaN
+    return known
+
+
 def checked_groups(n_rows: int, sessions: Any, order: Any) -> Groups:
     """Check the sessions and the order, or None, that come with `n_rows` rows of features."""
-    known = np.full(n_rows, None, dtype=object)
-    if sessions is not None:
-        if isinstance(sessions, (str, bytes)) or not hasattr(sessions, "__len__"):
-            raise TypeError(f"sessions must be a sequence with one session per row, got {sessions!r:.60}")
-        if len(sessions) != n_rows:
-            raise ValueError(f"sessions must name one session per row of X, {n_rows}, got {len(sessions)}")
-        known[:] = [None if one is None or one != one else str(one) or None for one in list(sessions)]  # noqa: PLR0124 - NaN
+    known = _checked_names("sessions", sessions, n_rows)
     if order is None:
         return Groups(known, None, "no order in time is known")
     rows = np.asarray(order)
@@ -195,7 +209,7 @@ def plan_protocols(
     if protocol == AUTO:
         return _auto_partitions(data, n_folds, seed)
     names = [protocol] if isinstance(protocol, str) else list(protocol)
-    choices = [name for name in PROTOCOLS if name != MATCHED]
+    choices = [name for name in PROTOCOLS if name not in (CONDITION, MATCHED)]
     known = ", ".join(map(repr, choices))
     for name in names:
         if name not in choices:
@@ -212,6 +226,26 @@ def plan_protocols(
         drawn[name] = tuple(parts)
         notes.append(note)
     return drawn, notes
+
+
+def plan_held_out(
+    data: Dataset, name: str, values: NDArray[np.object_], *, seed: int = 0
+) -> tuple[dict[str, tuple[Partition, ...]], list[str]]:
+    """Hold out one value (n,) of a condition after the other, and as many recordings at random; lines on how."""
+    drawn, notes = condition_partitions(data.y, name, values)
+    drawn, n_left_out = _without_overlaps(drawn, data.y, data)
+    if n_left_out:
+        notes.append(f"{counted(n_left_out, 'window')} that share samples with tested ones do not train")
+    sessions, every = data.sessions, set(data.sessions.tolist()) - {None}
+    both = {s for s in every if len(set(values[sessions == s].tolist())) > 1}
+    if both:
+        notes.append(
+            f"{len(both)} of {counted(len(every), 'session')} {verb(len(both), 'has', 'have')} several values of "
+            f"{name}: what recordings of a session share is on both sides"
+        )
+    beside = f"as many at random: the same number of each class, value by value, seed {seed}"
+    partitions = {CONDITION: tuple(drawn), MATCHED: tuple(matched_partitions(data.y, drawn, seed=seed))}
+    return partitions, [*notes, beside]
 
 
 def _auto_partitions(
@@ -404,27 +438,39 @@ class ChoiceFolds(NamedTuple):
 
 
 def choice_folds(
-    codes: Rows, sessions: Sessions | None, order: ArrayLike | None, *, n_folds: Any, seed: int
+    codes: Rows,
+    sessions: Sessions | None,
+    order: ArrayLike | None,
+    *,
+    n_folds: Any,
+    seed: int,
+    conditions: Sessions | None = None,
 ) -> ChoiceFolds:
     """Split training rows, with the class, the session and the order in time of each, into folds that make a choice.
 
-    The rule of `strict_partitions`; else stratified random folds, drawn anew until 500 rows were held out, at most 10
+    Whole conditions where each class has two; else the rule of `strict_partitions`; else stratified random folds, drawn
+    anew until 500 rows were held out, at most 10
     times. The single row of a class always trains. Where fewer than two classes have two rows there are no folds.
     Sessions and random folds are `n_folds`, at least 2, and fewer where the largest class has fewer.
     """
     wanted = whole_number("n_folds", n_folds, least=2)
     groups = checked_groups(len(codes), sessions, order)
+    apart = _checked_names("groups", conditions, len(codes))
     counts = np.bincount(codes)
     several = np.flatnonzero(counts[codes] > 1)
     if np.unique(codes[several]).size < 2:
         return ChoiceFolds((), NONE, "no folds: fewer than two classes have more than one recording")
     y, groups = codes[several], groups.take(several)
+    by_condition = not why_no_sessions(y, apart[several])
+    if by_condition:
+        groups = replace(groups, sessions=apart[several])
     parts, left_out = strict_partitions(
         y, groups, max_folds=wanted, in_time=partial(block_partitions, n_folds=2)
     )
     why = why_no_sessions(y, groups.sessions)
     if not left_out:
-        held_out, note = SESSIONS, f"{len(parts)} folds of whole sessions"
+        held_out = CONDITIONS if by_condition else SESSIONS
+        note = f"{len(parts)} folds of whole {held_out}"
     elif parts:
         held_out, note = BLOCKS, f"the earlier and the later half of each class in time ({why})"
     else:

@@ -21,6 +21,7 @@ from granular_id.evaluation.tables import (
     confusion_table as confusion_table,
     controls_table as controls_table,
     finding_lines as finding_lines,
+    hold_out_tables as hold_out_tables,
     mistakes_table as mistakes_table,
     recall_table as recall_table,
     seconds_table as seconds_table,

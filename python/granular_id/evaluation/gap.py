@@ -19,19 +19,37 @@ _APART = {
 }
 _VERDICTS = {
     "lost": (
-        "{points} points do not survive {apart}. Recordings made together resemble each other in more than their "
-        "material, and random draws put them on both sides. For new recordings, count on the lower figure."
+        "{points} points do not survive {apart}. {together} resemble each other in more than their "
+        "material, and random draws put them on both sides. For {new}, count on the lower figure."
     ),
     "unsure": (
         "{points} points less with {apart}, which lies within the uncertainty of the figure for random draws: "
-        "these recordings do not show a gap, and are too few to rule one out. For new recordings, count on the "
+        "these recordings do not show a gap, and are too few to rule one out. For {new}, count on the "
         "lower figure."
     ),
     "kept": (
-        "No point is lost with {apart} against as many recordings drawn at random: no sign that it is their session "
+        "No point is lost with {apart} against as many recordings drawn at random: no sign that it is their {what} "
         "that is recognised instead of their material."
     ),
 }
+
+
+def _words(strict: str, condition: str | None) -> dict[str, str]:
+    """Say what is held apart, for `_VERDICTS`; `condition` is that which was held out."""
+    if condition is None:
+        return {
+            "apart": _APART[strict],
+            "together": "Recordings made together",
+            "new": "new recordings",
+            "what": "session",
+        }
+    other = f"another {condition}"
+    return {
+        "apart": other,
+        "together": f"Recordings of one {condition}, or session,",
+        "new": other,
+        "what": condition,
+    }
 
 
 @dataclass(frozen=True)
@@ -78,14 +96,14 @@ def gap_of(result: Outcome, space: str) -> Gap:
     if gap is None:
         return Gap("unknown", headline, sides, ("", ""), _no_gap(result, sides), chosen)
     strict, random = sides
-    apart = _APART[strict.name]
     low, _ = result.interval(space, random.protocol)
     # Without an interval as all partitions are alike nothing excuses a gap; as they are too few, nothing proves one.
     few = len(result.partitions[random.protocol]) < MIN_PARTITIONS
     excused = few or result.mean_accuracy(space, strict.protocol) >= low
     kind = "kept" if gap < _NO_GAP else "unsure" if excused else "lost"
     headline += f", {random.accuracy} with {random.name}"
-    verdict = _VERDICTS[kind].format(points=f"{100 * gap:.1f}", apart=apart)
+    words = _words(strict.name, result.held_out)
+    verdict = _VERDICTS[kind].format(points=f"{100 * gap:.1f}", **words)
     change = f"{100 * gap:+.1f}".replace("-", "−")
     points = (change, "points at random") if change[1:] != "0.0" else ("no", "difference")
     remarks = tuple(f"{label}: {what}" for label, what in result.exceptions.items())

@@ -14,7 +14,7 @@ from granular_id._checks import argument_error, named
 from granular_id.evaluation.compare import Comparison, compare
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.report_data import ReportData
-from granular_id.partitions import Partition, are_blocks, protocol_name
+from granular_id.partitions import CONDITION, Partition, are_blocks, held_out_condition, protocol_name
 from granular_id.recording import Finding
 from granular_id.spaces import Chosen
 from granular_id.statistics import confusion_counts, macro_f1, mean_interval, recall_per_class, sample_sd
@@ -89,6 +89,7 @@ class Outcome:
     chosen: Mapping[tuple[str, str], tuple[Chosen, ...]] = field(default_factory=dict)
     wall_s: float = math.nan
     findings: tuple[Finding, ...] = ()
+    adapted: Mapping[tuple[str, str], tuple[NDArray[np.intp], ...]] = field(default_factory=dict)
 
     @property
     def protocols(self) -> tuple[str, ...]:
@@ -97,9 +98,9 @@ class Outcome:
 
     @property
     def strictest(self) -> str | None:
-        """The strictest protocol that ran and held out a time or session of its own; None where none did.
+        """The strictest protocol that ran and held out a condition, time or session; None where none did.
 
-        Whole sessions, then halves in time order, then blocks in time that stood in for sessions.
+        A condition, whole sessions, then halves in time order, then blocks in time that stood in for sessions.
         """
         return strictest_of(self.partitions)
 
@@ -107,6 +108,12 @@ class Outcome:
     def random(self) -> str | None:
         """The protocol with random draws that ran, against which the strictest is held; None where none did."""
         return next((name for name in ("matched", "paper", "kfold") if name in self.partitions), None)
+
+    @property
+    def held_out(self) -> str | None:
+        """The condition of which one value after the other was held out; None where none was."""
+        drawn = self.partitions.get(CONDITION)
+        return None if drawn is None else held_out_condition(drawn)
 
     @property
     def headline(self) -> str:
@@ -178,6 +185,39 @@ class Outcome:
         partitions, predicted = self._runs(space, protocol)
         return np.array(
             [np.mean(self.truth[p.test] == said) for p, said in zip(partitions, predicted, strict=True)]
+        )
+
+    def balanced_accuracies(self, space: str, protocol: str | None = None) -> NDArray[np.float64]:
+        """Mean over the tested classes of the share named rightly, one value per partition; see `accuracies`."""
+        return self._balanced(*self._runs(space, protocol))
+
+    def adapted_accuracies(self, space: str, how: str = "adapted") -> NDArray[np.float64] | None:
+        """Balanced accuracy on each held-out value of a condition after adapting to its recordings without labels.
+
+        Parameters
+        ----------
+        space : str
+            Name of a feature space.
+        how : {"adapted", "adapted, all materials"}
+            By a shift that is safe whatever the recordings hold, or with the statement that they hold all materials.
+
+        Returns
+        -------
+        (n_values,) float array or None
+            None where no condition was held out, the classifier cannot be adapted, or the statement would be false.
+        """
+        named = self.adapted.get((self.space(space).name, how))
+        return None if named is None else self._balanced(self.partitions[CONDITION], named)
+
+    def _balanced(
+        self, partitions: Sequence[Partition], named: Sequence[NDArray[np.intp]]
+    ) -> NDArray[np.float64]:
+        n_classes = len(self.labels)
+        return np.array(
+            [
+                np.nanmean(recall_per_class(confusion_counts(self.truth[p.test], said, n_classes)))
+                for p, said in zip(partitions, named, strict=True)
+            ]
         )
 
     def mean_accuracy(self, space: str, protocol: str | None = None) -> float:
@@ -296,10 +336,11 @@ class Outcome:
 
 
 def strictest_of(partitions: Mapping[str, Sequence[Partition]]) -> str | None:
-    """Name the strictest of the protocols that held out a time or session of its own; None where none did."""
+    """Name the strictest of the protocols that held out a condition, time or session; None where none did."""
     order = ["session", "chronological"]
     if "session" in partitions and are_blocks(partitions["session"]):
         order.reverse()
+    order.insert(0, CONDITION)
     return next((name for name in order if name in partitions), None)
 
 

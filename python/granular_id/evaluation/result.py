@@ -6,7 +6,7 @@ import csv
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from granular_id._files import TABLES, json_value, refuse_other_kind, whole_file, write_json
 from granular_id._schema import EACH, check_form, from_json
-from granular_id._text import counted, percent
+from granular_id._text import Table, counted, percent
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.outcome import Outcome, Prediction, SpaceSummary
 from granular_id.evaluation.report_data import ReportData
-from granular_id.evaluation.tables import plain_text
-from granular_id.partitions import PROTOCOLS, Partition
+from granular_id.evaluation.tables import hold_out_table, plain_text
+from granular_id.partitions import CONDITION, PROTOCOLS, Partition
 from granular_id.recording import Finding
 from granular_id.spaces import Chosen
 
@@ -73,6 +73,8 @@ class EvaluationResult(Outcome):
     findings : tuple of Finding
         What the checks found that spoils an evaluation; of results of earlier versions empty. `spoiling` are those
         that ``evaluate(accept=...)`` did not name.
+    adapted : mapping of (str, str) to tuple of int arrays
+        (space, how) to the class numbers after adapting to the recordings of a held-out condition, one array per value.
     """
 
     def table(self) -> str:
@@ -83,6 +85,25 @@ class EvaluationResult(Outcome):
         return plain_text(self)
 
     __str__ = table
+
+    def hold_out_table(self, space: str | None = None) -> Table:
+        """One row for each value of the condition that was held out: accuracies, and those of as many at random.
+
+        Below them their mean with a 95 % interval, which needs three values. ``print`` shows it.
+
+        Parameters
+        ----------
+        space : str, optional
+            Name of a feature space; default: the best.
+
+        Raises
+        ------
+        ValueError
+            No condition was held out.
+        """
+        if self.held_out is None:
+            raise ValueError("no condition was held out: pass hold_out= to evaluate")
+        return hold_out_table(self, self.space(space or self.best_space(self.headline)).name)
 
     def __repr__(self) -> str:
         means = ", ".join(
@@ -203,7 +224,24 @@ def _figures(result: Outcome, space: str, protocol: str) -> dict[str, Any]:
         "confusion": result.confusion(space, protocol).tolist(),
         "predicted": json_value(result.predicted[protocol, space]),
         **({"chosen": chosen} if chosen else {}),
+        **(_of_held_out(result, space, protocol) if result.held_out else {}),
     }
+
+
+def _of_held_out(result: Outcome, space: str, protocol: str) -> dict[str, Any]:
+    """Return what belongs to held-out values of a condition, and to as many at random."""
+    figures: dict[str, Any] = {
+        "interval": json_value(result.interval(space, protocol)),
+        "balanced_accuracies": result.balanced_accuracies(space, protocol).tolist(),
+    }
+    if protocol == CONDITION:
+        figures["adapted"] = {
+            how: json_value(named) for (name, how), named in result.adapted.items() if name == space
+        }
+        figures["adapted_accuracies"] = {
+            how: json_value(result.adapted_accuracies(space, how)) for how in figures["adapted"]
+        }
+    return figures
 
 
 _FINDING = {
@@ -236,7 +274,10 @@ def _form(protocols: Iterable[str]) -> dict[str, Any]:
                 "n_features": int,
                 "settings": {},
                 "seconds": dict.fromkeys(STAGES, float),
-                "protocols": {name: {"predicted": [list, ...], "chosen?": [{}, ...]} for name in protocols},
+                "protocols": {
+                    name: {"predicted": [list, ...], "chosen?": [{}, ...], "adapted?": {EACH: [list, ...]}}
+                    for name in protocols
+                },
             },
             ...,
         ],
@@ -260,14 +301,14 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
     }
     if not (saved["spaces"] and partitions and all(partitions.values())):
         raise ValueError("no space or no partition")
-    predicted, chosen = {}, {}
+    predicted, chosen, adapted = {}, {}, {}
     for space in saved["spaces"]:
         for protocol, drawn in partitions.items():
             key, figures = (protocol, space["name"]), space["protocols"][protocol]
             place = f"predictions of {space['name']!r}, {protocol}"
-            predicted[key] = tuple(_codes(place, codes, len(labels)) for codes in figures["predicted"])
-            if [codes.size for codes in predicted[key]] != [partition.test.size for partition in drawn]:
-                raise ValueError(f"{place}, do not fit the partitions")
+            predicted[key] = _named(place, figures["predicted"], drawn, len(labels))
+            for how, named in figures.get("adapted", {}).items():
+                adapted[space["name"], how] = _named(f"{place}, {how}", named, drawn, len(labels))
             if figures.get("chosen"):
                 chosen[key] = tuple(map(Chosen.from_dict, figures["chosen"]))
                 if len(chosen[key]) != len(drawn):
@@ -301,6 +342,7 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
         if saved["portrait"] is None
         else from_json(ReportData, saved["portrait"], what="portrait"),
         "chosen": chosen,
+        "adapted": adapted,
         "wall_s": math.nan if saved["wall_s"] is None else saved["wall_s"],
     }
 
@@ -318,6 +360,16 @@ def _partition(protocol: str, index: int, saved: Mapping[str, Any], n_rows: int)
     if np.unique(np.concatenate([train, test])).size < train.size + test.size:
         raise ValueError(f"{place} has a recording twice")
     return Partition(protocol, index, saved["description"], train, test)
+
+
+def _named(
+    place: str, saved: Sequence[Any], drawn: Sequence[Partition], n_classes: int
+) -> tuple[NDArray[np.intp], ...]:
+    """Read class numbers of the tested rows of each partition."""
+    named = tuple(_codes(place, codes, n_classes) for codes in saved)
+    if [codes.size for codes in named] != [partition.test.size for partition in drawn]:
+        raise ValueError(f"{place}, do not fit the partitions")
+    return named
 
 
 def _codes(place: str, values: Any, below: int) -> NDArray[np.intp]:

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
-from granular_id._checks import checked_flag
+from granular_id._checks import argument_error, checked_flag
 from granular_id._estimators import describe_estimator, versions
 from granular_id._progress import ProgressCallback, check_progress
 from granular_id._text import percent
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.arguments import check_dataset, plan_seed, plan_spaces
 from granular_id.evaluation.checkpoint import Answer, Checkpoint, fingerprint
+from granular_id.evaluation.conditions import condition_of
 from granular_id.evaluation.controls import (
     MOST_PARTITIONS,
     Control,
@@ -36,10 +37,10 @@ from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.scoring import Task, answers_of
 from granular_id.evaluation.telling import Run, Teller
 from granular_id.features import FeatureSpec
-from granular_id.partitions import PROTOCOLS, Partition, protocol_name
+from granular_id.partitions import CONDITION, PROTOCOLS, Partition, held_out_condition, protocol_name
 from granular_id.recording import Dataset, Finding, common_units, data_warnings, describe_data
 from granular_id.spaces import FeatureSpace
-from granular_id.splits import AUTO, MANY_RECORDINGS, groups_of, plan_protocols
+from granular_id.splits import AUTO, MANY_RECORDINGS, groups_of, plan_held_out, plan_protocols
 
 USUAL_SPACES = ("raw+hfmh", "multiband", "best")
 """The paper's best space and this package's two."""
@@ -50,6 +51,7 @@ def evaluate(
     spaces: str | Sequence[str] | Mapping[str, BaseEstimator | FeatureSpace] = USUAL_SPACES,
     protocol: str | Sequence[str] = "auto",
     *,
+    hold_out: str | None = None,
     n_partitions: int | None = None,
     train_per_class: int | None = None,
     test_per_class: int | None = None,
@@ -81,6 +83,12 @@ def evaluate(
         (whole sessions held out; blocks in time where a class has one session only), ``"chronological"`` (first
         half of each class trains, second half is tested, and the reverse), ``"kfold"`` (stratified random
         folds, for small sets). The paper's table: ``spaces="paper", protocol="paper"``.
+    hold_out : str, optional
+        A condition of the recordings instead of a protocol: ``"session"``, ``"day"`` (UTC), a field of `Setup` such as
+        ``"tool"`` or ``"sensor"``, or an entry of the metadata by its path, as ``"rig.speed_m_s"``. One value of it
+        after the other is held out whole, and beside each as many recordings at random: the gap is what another
+        value costs. A material without recordings of another value is not tested there, and a note says so.
+        `EvaluationResult.hold_out_table` has one row a value.
     n_partitions, train_per_class, test_per_class : int, optional
         Of ``"paper"``. Default: 20 partitions with 50 and 12 recordings of each class, as in the paper.
     n_folds : int, optional
@@ -123,7 +131,8 @@ def evaluate(
         Lengths or rates differ, a recording has no label (or, for ``"session"``, some have no session), there is
         one class only, a class has too few recordings, no order in time exists, a name is unknown, recordings hold
         the same samples and one trains while the other is tested, features are not finite, a transformer is for
-        another rate, or `checkpoint` belongs to something else.
+        another rate, `hold_out` is a condition that is not known of all recordings, has one value, or one value for
+        each material, or `checkpoint` belongs to something else.
     OSError
         `checkpoint` cannot be made or written.
 
@@ -166,7 +175,7 @@ def evaluate(
         "test_per_class": test_per_class,
     }
     given = {name: value for name, value in of_paper.items() if value is not None}
-    partitions, notes = plan_protocols(data, protocol, n_folds=n_folds, seed=seed, **given)
+    partitions, notes, conditions = _partitions(data, protocol, hold_out, n_folds, seed, given)
     notes += _unused(given, partitions)
     if spaces is USUAL_SPACES and data.rate_hz <= 2 * FeatureSpec().cutoff_hz:
         spaces = ("raw", *USUAL_SPACES[1:])
@@ -181,6 +190,7 @@ def evaluate(
     settings = {
         "spaces": [space.name for space in planned],
         "protocol": AUTO if protocol == AUTO else list(partitions),
+        **({} if hold_out is None else {"hold_out": held_out_condition(partitions[CONDITION])}),
         **given,
         **({} if n_folds is None else {"n_folds": n_folds}),
         "classifier": describe_estimator(model),
@@ -199,25 +209,22 @@ def evaluate(
         kept = Checkpoint(checkpoint, fingerprint(data, described, every), len(data.labels))
 
     labels, truth = np.unique(data.y, return_inverse=True)
-    bank, groups = GramBank(X), groups_of(data)
+    bank, groups = GramBank(X), replace(groups_of(data), conditions=conditions)
     tasks = [Task(space, space.classifier or model, bank, groups) for space in planned]
     checks = plan_controls(data, planned, model, bank) if controls else []
     ask = partial(answers_of, labels=labels, truth=truth, seed=seed, n_jobs=n_jobs, checkpoint=kept)
     answered, not_converged, verdicts = _run(tasks, checks, partitions, judged, truth, ask, progress)
-    summaries, predicted, chosen, has_weights = [], {}, {}, {}
-    for space in planned:
-        for name, own in answered[space.name].items():
-            predicted[name, space.name] = tuple(answer.predicted for answer in own)
-            choices = tuple(answer.chosen for answer in own if answer.chosen is not None)
-            if len(choices) == len(own):
-                chosen[name, space.name] = choices
-        summaries.append(_summary(space, answered[space.name], transformers[space.name]))
-        has_weights[space.name] = all(own[-1].has_weights for own in answered[space.name].values())
+    summaries = [_summary(space, answered[space.name], transformers[space.name]) for space in planned]
+    has_weights = {
+        space.name: all(own[-1].has_weights for own in answered[space.name].values()) for space in planned
+    }
+    predicted, chosen, adapted = _gathered(answered)
     result = EvaluationResult(
         spaces=tuple(summaries),
         partitions=partitions,
         predicted=predicted,
         chosen=chosen,
+        adapted=adapted,
         labels=tuple(labels.tolist()),
         truth=truth.astype(np.intp),
         names=tuple(data.names),
@@ -242,6 +249,40 @@ def evaluate(
     accuracies = {space.name: result.mean_accuracy(space.name) for space in shown}
     portrait = portrait_of_result(data, shown, accuracies, model, seed, has_weights)
     return replace(result, portrait=portrait, wall_s=time.perf_counter() - start)
+
+
+def _partitions(
+    data: Dataset,
+    protocol: str | Sequence[str],
+    hold_out: str | None,
+    n_folds: int | None,
+    seed: int,
+    given: Mapping[str, int],
+) -> tuple[dict[str, tuple[Partition, ...]], list[str], NDArray[np.object_] | None]:
+    """Draw the partitions by protocol; return lines on them, too, and the values of the condition to hold out."""
+    if hold_out is None:
+        return *plan_protocols(data, protocol, n_folds=n_folds, seed=seed, **given), None
+    if protocol != AUTO or n_folds is not None:
+        other = "n_folds" if protocol == AUTO else f"protocol={protocol!r}"
+        problem = f" takes each value of {hold_out!r} in turn: leave out {other}"
+        raise argument_error(ValueError, "hold_out", problem)
+    name, values = condition_of(data, hold_out)
+    return *plan_held_out(data, name, values, seed=seed), values
+
+
+def _gathered(answered: Mapping[str, Mapping[str, Sequence[Answer]]]) -> tuple[dict[Any, Any], ...]:
+    """Return what was predicted and chosen by (protocol, space), and predicted after adapting by (space, how)."""
+    predicted, chosen, adapted = {}, {}, {}
+    for space, answers in answered.items():
+        for protocol, own in answers.items():
+            predicted[protocol, space] = tuple(answer.predicted for answer in own)
+            choices = tuple(answer.chosen for answer in own if answer.chosen is not None)
+            if len(choices) == len(own):
+                chosen[protocol, space] = choices
+            for how in own[0].adapted:
+                if all(how in answer.adapted for answer in own):
+                    adapted[space, how] = tuple(answer.adapted[how] for answer in own)
+    return predicted, chosen, adapted
 
 
 def _not_found(accepted: Sequence[str], findings: Sequence[Finding]) -> list[str]:
@@ -321,7 +362,14 @@ def _call(settings: Mapping[str, Any], classifier: BaseEstimator | None) -> str:
     arguments = [
         f"{name}={settings[name]!r}"
         for name in (
-            *("spaces", "protocol", "n_partitions", "train_per_class", "test_per_class", "n_folds"),
+            *(
+                "spaces",
+                "hold_out" if "hold_out" in settings else "protocol",
+                "n_partitions",
+                "train_per_class",
+                "test_per_class",
+                "n_folds",
+            ),
             "accept",
         )
         if name in settings

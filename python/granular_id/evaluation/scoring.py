@@ -18,12 +18,19 @@ from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.checkpoint import Answer, Checkpoint
 from granular_id.evaluation.features import STAGES, GramBank, SpaceFeatures, seeded, timed
 from granular_id.gram import spread
-from granular_id.partitions import Partition
-from granular_id.spaces import Chosen, FeatureSpace, tell_blocks
+from granular_id.partitions import CONDITION, Partition
+from granular_id.spaces import BestClassifier, Chosen, FeatureSpace, tell_blocks
 from granular_id.splits import Groups
 
 Codes = NDArray[np.intp]
 Floats = NDArray[np.float64]
+
+ADAPTED, STANDARDISED = "adapted", "adapted, all materials"
+"""How a classifier was brought to a held-out condition by its recordings, without their labels: the second where these
+are declared to hold all materials about equally."""
+
+_LEAST = 3  # recordings that say anything of an offset, and of each material where all are declared
+_ABOUT_EQUAL = 2  # the most recordings of a material against the least of another
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +159,7 @@ def _answer(
         words = np.random.SeedSequence(seed, spawn_key=(4, partition.index))
         targets = np.random.default_rng(words).permutation(targets)
     classifier: Any = seeded(task.classifier, seed, partition)
+    adapted: dict[str, Codes] = {}
     seconds = dict.fromkeys(STAGES, 0.0)
     if task.by_gram:
         train, cross, n_features = features.products(partition, targets, seconds)
@@ -169,6 +177,8 @@ def _answer(
             classifier.fit(train, targets, **known)
         with timed(seconds, "prediction"):
             predicted = classifier.predict(test)
+        if partition.protocol == CONDITION and task.kind == "space":
+            adapted = _adapted(classifier, train, truth[partition.train], test, truth[partition.test])
     codes = np.searchsorted(labels, predicted) if takes_text else predicted
     return Answer(
         predicted=np.asarray(codes, dtype=np.intp),
@@ -177,4 +187,19 @@ def _answer(
         shared_seconds=features.shared_seconds,
         chosen=Chosen.of(classifier),
         has_weights=task.by_gram or hasattr(classifier, "coef_"),
+        adapted=adapted,
     )
+
+
+def _adapted(classifier: Any, X: Floats, y: Codes, X_new: Floats, truth: Codes) -> dict[str, Codes]:
+    """Name rows of a held-out condition after adapting to them; their classes say only what may be declared."""
+    if not isinstance(classifier, BestClassifier) or len(X_new) < _LEAST:
+        return {}
+    counts = np.bincount(truth, minlength=int(y.max()) + 1)[np.unique(y)]
+    ways = {ADAPTED: False}
+    if counts.min() >= _LEAST and counts.max() <= _ABOUT_EQUAL * counts.min():
+        ways[STANDARDISED] = True
+    return {
+        how: classifier.adapt(X, y, X_new, all_materials=declared).predict(X_new).astype(np.intp)
+        for how, declared in ways.items()
+    }

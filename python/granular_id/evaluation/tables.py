@@ -9,12 +9,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular_id._text import Table, percent, whole_percent
+from granular_id._text import Table, counted, percent, short, whole_percent
 from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.gap import gap_lines
 from granular_id.evaluation.outcome import Outcome
+from granular_id.evaluation.scoring import ADAPTED, STANDARDISED
+from granular_id.partitions import CONDITION
 from granular_id.recording import labelled_check_note
 from granular_id.spaces import Chosen
+from granular_id.statistics import MIN_PARTITIONS, mean_interval
 from granular_id.synthetic import PAPER_MATERIALS
 
 PAPER_NOTE = "* the paper's accuracy on the paper's own recordings (arXiv 2403.17606); not measured here"
@@ -38,6 +41,7 @@ def plain_text(result: Outcome) -> str:
     """Return what spoils the figures, accuracies with gaps, controls, comparisons, choices, then seconds."""
     tables = (
         accuracy_table(result),
+        *hold_out_tables(result),
         *((controls_table(result),) if result.controls else ()),
         *comparison_tables(result),
         *choice_tables(result),
@@ -59,7 +63,7 @@ def accuracy_table(result: Outcome) -> Table:
         columns += _columns(result, protocol)
     gaps = [result.gap(space.name) for space in result.spaces]
     if any(gap is not None for gap in gaps):
-        columns.append(("gap", [f"{round(100 * (gap or 0.0), 1) + 0.0:.1f}" for gap in gaps]))  # never -0.0
+        columns.append(("gap", [_points(gap or 0.0) for gap in gaps]))
     header, cells = zip(*columns, strict=True)
     kind = (
         "SYNTHETIC recordings: says nothing about real materials" if result.synthetic else "these recordings"
@@ -102,6 +106,62 @@ def _columns(result: Outcome, protocol: str) -> list[tuple[str, list[str]]]:
     if protocol == result.headline:
         columns.append(("macro-F1", [f"{result.macro_f1(name, protocol):.3f}" for name in names]))
     return columns
+
+
+def hold_out_tables(result: Outcome) -> tuple[Table, ...]:
+    """One table a space with a row for each held-out value of a condition; none where no condition was held out."""
+    return tuple(hold_out_table(result, space.name) for space in result.spaces if result.held_out)
+
+
+def hold_out_table(result: Outcome, space: str) -> Table:
+    """Compare what a space names rightly of each held-out value of a condition with as many at random."""
+    drawn, beside = result.partitions[CONDITION], result.random
+    columns = {"accuracy": result.accuracies(space, CONDITION)}
+    columns["balanced"] = balanced = result.balanced_accuracies(space, CONDITION)
+    for title, how in (("adapted", ADAPTED), ("adapted*", STANDARDISED)):
+        if (shares := result.adapted_accuracies(space, how)) is not None:
+            columns[title] = shares
+    columns["at random"] = at_random = result.balanced_accuracies(space, beside)
+    names = [partition.description.partition(": ")[2] for partition in drawn]
+    rows = [
+        (
+            short(name, 40),
+            str(part.train.size),
+            str(part.test.size),
+            *(percent(float(shares[k])) for shares in columns.values()),
+            _points(at_random[k] - balanced[k]),
+        )
+        for k, (name, part) in enumerate(zip(names, drawn, strict=True))
+    ]
+    sizes = [part.train.size for part in drawn], [part.test.size for part in drawn]
+    means = tuple(percent(float(shares.mean())) for shares in columns.values())
+    rows.append(("mean", "", "", *means, _points(float((at_random - balanced).mean()))))
+    ranges = [mean_interval(shares, *sizes) for shares in columns.values()]
+    told = tuple("-" if math.isnan(low) else f"{100 * low:.0f} to {100 * high:.0f}" for low, high in ranges)
+    rows.append(("95 % interval", "", "", *told, ""))
+    notes = [
+        "all but accuracy are balanced: the mean over materials; gap: points lost against as many at random"
+    ]
+    if len(drawn) < MIN_PARTITIONS:
+        notes.append(
+            f"no interval: {counted(len(drawn), 'value')} tell nothing of how far another one may be off"
+        )
+    else:
+        notes.append(
+            f"the interval is that of the mean, not of one more {result.held_out}; it allows for the training that "
+            "folds share"
+        )
+    if "adapted" in columns:
+        notes.append("adapted: to the held-out recordings, without their labels")
+    if "adapted*" in columns:
+        notes.append("adapted*: the same with the statement that they hold all materials about equally")
+    title = f"{space} with one {result.held_out} after the other held out{_mark(result)}"
+    header = (str(result.held_out), "train", "tested", *columns, "gap")
+    return Table(title, header, tuple(rows), tuple(notes))
+
+
+def _points(share: float) -> str:
+    return f"{round(100 * share, 1) + 0.0:.1f}"  # never -0.0
 
 
 def controls_table(result: Outcome, space: str | None = None) -> Table:

@@ -16,6 +16,7 @@ from granular_id._columns import samples_of
 from granular_id._files import MODELS, refuse_other_kind, whole_file
 from granular_id._progress import ProgressCallback
 from granular_id.features import FeatureSpec
+from granular_id.identifier.adaptable import Adaptable
 from granular_id.identifier.decision import Decision, decision_of
 from granular_id.identifier.metadata import (
     BANDED,
@@ -40,7 +41,7 @@ FloatArray = npt.NDArray[np.float64]
 _USUAL_RANGE = FeatureSpec().bin_range
 
 
-class Identifier:
+class Identifier(Adaptable):
     """A trained model that names materials: features, linear learners, classes and metadata of the training.
 
     Made by `fit`, `from_classifier` or `load`. Everything that decides about an answer is in `core`, the same object

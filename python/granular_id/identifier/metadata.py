@@ -37,6 +37,12 @@ SPACES = (*BANDED, "raw", "hfmh", "raw+hfmh")
 MARKS = "recording_marks"
 """Key of the hashes of the recordings: side by side in one text."""
 
+SOURCE = "source"
+"""Key of what a model keeps of its training to be adapted: numbers in base64, float64, little-endian."""
+
+HISTORY = "adaptations"
+"""Key of how it was brought to other set-ups, the latest last."""
+
 Begin = Literal["auto", "first", "trigger"]
 
 _MARK_DIGITS = 8
@@ -66,6 +72,26 @@ _CONFIDENCE = {  # the core has found that these rules fit the model, and takes 
     "conformal?": ({"n_calibration": [int, ...]}, None),
     "unknown?": ({"n_calibration": int}, None),
 }
+_ADAPTATION = {
+    "method": str,
+    "rounds": int,
+    "made": str,
+    "n_recordings": int,
+    "sha256": str,
+    "sessions": [str, ...],
+    "shares_before": {EACH: float},
+    "shares_after": {EACH: float},
+    "n_changed": int,
+    "n_judged": int,
+    "accuracy_before": (float, None),
+    "accuracy_after": (float, None),
+    "materials": {EACH: int},
+    "missing": [str, ...],
+    "differences": [str, ...],
+    "dropped": [str, ...],
+    "estimate_before": (float, None),
+    "setup_before": {EACH: [str, ...]},
+}
 _TRAINED = {
     "settings?": {"space": str},
     "synthetic?": bool,
@@ -82,6 +108,8 @@ _TRAINED = {
     "confidence?": _CONFIDENCE,
     "left_out?": str,
     "notes?": [str, ...],
+    "source?": {"mean": (str, None), "sd": str, "scores": str},
+    "adaptations?": [_ADAPTATION, ...],
 }
 
 

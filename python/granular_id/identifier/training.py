@@ -18,6 +18,7 @@ from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence import HeldOutScores, Scores, conformal_rule, unknown_rule
 from granular_id.ecoc import Posterior, Task, check_posterior, design, fit_posterior
+from granular_id.identifier.adapt import with_source
 from granular_id.identifier.metadata import BANDED, MAX_FILE_BYTES, fingerprint, stored_marks
 from granular_id.identifier.recipe import Recipe, model_of
 from granular_id.identifier.rules import (
@@ -53,7 +54,7 @@ class Training:
     """A model of all recordings, and what is known about it."""
 
     core: _core.Model
-    trained: dict[str, Any]  # what the model keeps of its training, in types that JSON knows
+    trained: dict[str, Any]  # what the model says of its training, in types that JSON knows
     held: HeldOut | None
     early: EarlyRule | None  # None where it was not asked for, or nothing was held out
 
@@ -141,6 +142,7 @@ def train(
             training_sha256=fingerprint(data, trained["settings"]),
             coding=recipe.coding if isinstance(recipe.coding, str) else "",
         )
+    core = with_source(core, X, y, max_file_bytes, threads)
     return Training(core, trained, held, rule)
 
 

@@ -1,6 +1,14 @@
 """Feature spaces: recordings to features, one scikit-learn transformer each, and the paper's table of them."""
 
 from granular_id._estimators import learns
+from granular_id.spaces.adaptation import (
+    Learners as Learners,
+    SourceStatistics as SourceStatistics,
+    adapted as adapted,
+    codes_of as codes_of,
+    recalibrated as recalibrated,
+    refuse_missing as refuse_missing,
+)
 from granular_id.spaces.base import (
     FeatureBlock,
     RecordingFilter,

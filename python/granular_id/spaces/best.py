@@ -22,6 +22,7 @@ from granular_id._schema import check_form
 from granular_id._text import Table, percent
 from granular_id.ecoc import ECOCClassifier, class_indices, class_values, fitting_loss, line_scores, onevsone
 from granular_id.gram import linear_gram, spread
+from granular_id.spaces.adaptation import AdaptableClassifier
 from granular_id.spaces.multiband import BAND_LOSS
 from granular_id.spaces.scaling import (
     BlockScaler,
@@ -45,15 +46,15 @@ DECODING = "loss_weighted"
 _MOST_AT_BOUND = 0.5
 
 
-class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type: ignore[misc]
+class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, BaseEstimator):  # type: ignore[misc]
     """A linear one-vs-one classifier that chooses its own preparation of the features.
 
     Every candidate model standardises the columns, gives each block the same weight, may whiten within classes
     (`granular_id.spaces.BlockScaler`, `granular_id.spaces.WithinClassWhitening`) and trains a linear support
     vector machine for each pair of classes. Which of them generalise is found by holding out what will be new
-    later: whole sessions, else halves in time, else random rows. The mean of the scores of those that come within
-    one standard error of the best, or one recording, is the model. All of it is linear, so the model is one matrix of
-    weights for plain features.
+    later: whole groups or sessions, else halves in time, else random rows. The mean of the scores of those that come
+    within one standard error of the best, or one recording, is the model. All of it is linear, so the model is one
+    matrix of weights for plain features.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
     ------
     TypeError, ValueError
         From `fit`: parameters out of range, blocks that do not add up to the columns, one class only, NaN or
-        infinity in X, sessions or an order that do not fit.
+        infinity in X, sessions, groups or an order that do not fit.
 
     Notes
     -----
@@ -160,6 +161,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         y: npt.ArrayLike | None = None,
         sessions: Sequence[Any] | npt.NDArray[Any] | None = None,
         order: npt.ArrayLike | None = None,
+        groups: Sequence[Any] | npt.NDArray[Any] | None = None,
     ) -> BestClassifier:
         """Choose, and train on all rows.
 
@@ -176,6 +178,9 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
 
             Labels, sessions and order that are left out are those of the `Dataset` that a feature space in front was
             given.
+        groups : sequence of n, optional
+            What new recordings will not share with these, such as the tool of each row: where every class has two or
+            more, they are held out whole in place of sessions.
 
         Returns
         -------
@@ -193,7 +198,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         sizes = {name: columns.stop - columns.start for name, columns in slices.items()}
         candidates = plan_candidates(list(sizes), self.optional_blocks, self.shrinkages, self.relative_costs)
         seed = int(check_random_state(self.random_state).randint(np.iinfo(np.int32).max))
-        planned = choice_folds(codes, sessions, order, n_folds=self.n_folds, seed=seed)
+        planned = choice_folds(codes, sessions, order, n_folds=self.n_folds, seed=seed, conditions=groups)
         if len(candidates) == 1:
             planned = ChoiceFolds((), NONE, "no folds: one machine leaves nothing to choose")
         tests = [test for _, test in planned.folds]
@@ -284,7 +289,7 @@ class Choice:
         Of each on each fold; J is 0 where there were no folds.
     joint : ndarray, shape (J,)
         Accuracy of the chosen ones together. They were chosen on these folds: too good by as much as the choice won.
-    held_out : {"sessions", "blocks in time", "random recordings", "nothing"}
+    held_out : {"conditions", "sessions", "blocks in time", "random recordings", "nothing"}
         What a fold was.
     note : str
         How the folds were made, as a line to read.

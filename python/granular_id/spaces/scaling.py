@@ -124,7 +124,7 @@ class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEst
         origin = origin_for_fit(X, self)
         rows = validate_data(self, X, dtype=np.float64)
         self.block_slices_ = block_slices(own_blocks(self.blocks, origin), rows.shape[1])
-        self.mean_, deviation = _column_moments(rows)
+        self.mean_, deviation = column_moments(rows)
         self.factor_ = np.zeros(rows.shape[1])
         varying = deviation > 0
         living = [columns for columns in self.block_slices_.values() if varying[columns].any()]
@@ -184,7 +184,7 @@ def block_slices(blocks: BlockSizes, n_columns: int) -> dict[str, slice]:
     return slices
 
 
-def _column_moments(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+def column_moments(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and standard deviation of each column (population); 0 for one that is constant but for rounding."""
     with np.errstate(over="ignore", invalid="ignore"):  # reported below
         mean = rows.mean(axis=0)

@@ -1,0 +1,492 @@
+"""Models brought to another set-up: a new model with other weights, and the history of how it came to be."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime, timezone
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from granular_id import _core
+from granular_id._checks import checked_flag
+from granular_id._memory import empty
+from granular_id._parallel import single_threaded_blas
+from granular_id._text import Table, counted, percent
+from granular_id.features import FeatureSpec
+from granular_id.identifier.metadata import (
+    HISTORY,
+    MARKS,
+    SOURCE,
+    Begin,
+    Metadata,
+    check_recordings,
+    cropped_to_model,
+    fingerprint,
+    stored_marks,
+)
+from granular_id.identifier.rules import KEY as CONFIDENCE
+from granular_id.recording import Dataset, setups_in, values_in
+from granular_id.spaces import Learners, SourceStatistics, adapted, codes_of, recalibrated, refuse_missing
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.intp]
+
+_MOST_SOURCE = 2**19
+"""Bytes of text; a model of more materials or features keeps none, and asks for its recordings again."""
+
+_FOR_HISTORY = 2**15
+"""Bytes that are left for it in the largest file."""
+
+_CAUTION = 3.0
+"""Rows a material without offset, in spaces of samples and counts: their scores name too few recordings rightly."""
+
+_DONE_TO_SAMPLES = ("tare", "payload", "compensated")
+
+_MOST_SESSIONS, _LONGEST_SESSION = 20, 80
+_FEW = 4
+_AT_ONCE = 1024
+_MOST_FOLDS = 5
+
+SHIFT, STANDARDISED, LABELLED = "balanced shift", "mean and SD of each column", "labelled recordings"
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """How a model was brought to another set-up, as its file keeps it; ``print`` shows a table.
+
+    Attributes
+    ----------
+    method : {"balanced shift", "mean and SD of each column", "labelled recordings"}
+    rounds : int
+        Of self-training.
+    made : str
+        When, UTC, ISO 8601.
+    n_recordings : int
+    sha256 : str
+        Of their samples.
+    sessions : tuple of str
+        Theirs, 20 at most.
+    materials : dict of str to int
+        Labelled recordings of each material; empty where labels were not used.
+    missing : tuple of str
+        Materials without a labelled recording: what the others showed does not carry over to them.
+    shares_before, shares_after : dict of str to float
+        Share of the recordings that each model names for each material.
+    n_changed : int
+        Recordings that the new model names otherwise.
+    n_judged : int
+        Recordings with a label that the model knows.
+    accuracy_before, accuracy_after : float or None
+        Balanced accuracy on those. After labelled recordings by models that were made without the recordings they
+        name; None with fewer than two of a material.
+    differences : tuple of str
+        What of the set-up was not as in the training.
+    dropped : tuple of str
+        What the model could no longer promise.
+    estimate_before : float or None
+        Accuracy that the training expected of recordings of its own set-up.
+    setup_before : dict of str to list of str
+        Set-up of the recordings before.
+    """
+
+    method: str
+    rounds: int
+    made: str
+    n_recordings: int
+    sha256: str
+    sessions: tuple[str, ...]
+    shares_before: dict[str, float]
+    shares_after: dict[str, float]
+    n_changed: int
+    n_judged: int = 0
+    accuracy_before: float | None = None
+    accuracy_after: float | None = None
+    materials: dict[str, int] = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
+    differences: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = ()
+    estimate_before: float | None = None
+    setup_before: dict[str, list[str]] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything in types that JSON knows."""
+        return {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(self).items()}
+
+    @classmethod
+    def from_dict(cls, stored: Mapping[str, Any]) -> Adaptation:
+        """Read what `to_dict` gave."""
+        known: dict[str, Any] = {
+            name: tuple(v) if isinstance(v, list) else v
+            for name, v in stored.items()
+            if name in cls.__dataclass_fields__
+        }
+        return cls(**known)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What was done, in lines to read."""
+        few = ", ".join([*self.sessions[:_FEW], *(["..."] if len(self.sessions) > _FEW else [])])
+        rounds = f" and {counted(self.rounds, 'round')} of self-training" if self.rounds else ""
+        told = [
+            f"{self.method}{rounds}, from {counted(self.n_recordings)}{f' ({few})' if few else ''}",
+            f"made {self.made[:16].replace('T', ' ')} UTC from samples {self.sha256[:16]}",
+            f"answers changed: {self.n_changed} of {self.n_recordings}",
+        ]
+        if self.accuracy_before is not None:
+            after = "after not known, with fewer than two recordings of a material"
+            if self.accuracy_after is not None:
+                after = f"{percent(self.accuracy_after)} after"
+                after += (
+                    ", each named by a model without it" if self.materials else ", on what adapted the model"
+                )
+            told.append(
+                f"balanced accuracy on the {self.n_judged} with a label: {percent(self.accuracy_before)} before, "
+                f"{after}"
+            )
+        if self.differences:
+            told.append(f"set-up: {'; '.join(self.differences)}")
+        if self.missing:
+            told.append(f"materials that were missing, and gain nothing: {', '.join(self.missing)}")
+        if self.dropped:
+            told.append(f"no longer true, and dropped: {', '.join(self.dropped)}")
+        return tuple(told)
+
+    def table(self) -> Table:
+        """Shares of answers before and after, with what was done below."""
+        names = list(self.shares_before)
+        rows = tuple((n, percent(self.shares_before[n]), percent(self.shares_after[n])) for n in names)
+        return Table("Answers before and after", ("material", "before", "after"), rows, self.lines)
+
+    def __str__(self) -> str:
+        return str(self.table())
+
+
+def features_of(core: _core.Model, X: FloatArray, threads: int | None = None) -> FloatArray:
+    """Extract what the weights of a model are for, (n, D), from recordings (n, T, C)."""
+    spec = core.spec
+    features = empty((len(X), core.n_features), "features of the recordings")
+    for start in range(0, len(X), _AT_ONCE):
+        rows = slice(start, start + _AT_ONCE)
+        if isinstance(spec, FeatureSpec):
+            features[rows] = _core.extract_features(X[rows], spec, threads, None, np.float64)
+        else:
+            features[rows] = spec.extract(X[rows], threads)
+    return features
+
+
+def with_source(
+    core: _core.Model,
+    X: FloatArray,
+    y: npt.NDArray[np.str_],
+    max_file_bytes: int,
+    threads: int | None = None,
+) -> _core.Model:
+    """Return the model with what adapting it needs of its training; as it is where that is too large."""
+    shape = core.coding_matrix.shape
+    text = 4 * 8 * (2 * core.n_features + shape[0] * shape[1]) // 3
+    if text > _MOST_SOURCE or len(core.to_bytes()) + text + _FOR_HISTORY > max_file_bytes:
+        return core
+    with single_threaded_blas():
+        stored = _stored_source(_statistics(core, X, y, threads))
+    trained = {**Metadata(core).trained, SOURCE: stored}
+    return _changed(core, trained)
+
+
+def adapted_model(
+    core: _core.Model,
+    recordings: Dataset,
+    *,
+    all_materials: bool,
+    rounds: int | None,
+    trained_on: Dataset | None,
+    begin_at: Begin,
+    lead_s: float | None,
+    accept: str | Sequence[str],
+    threads: int | None,
+) -> _core.Model:
+    """Adapt a model to recordings without labels; `Identifier.adapt` describes it."""
+    checked_flag("all_materials", all_materials)
+    data, differences = _taken(core, recordings, "recordings", begin_at, lead_s, accept)
+    source, learners = _source(core, trained_on, threads), _learners(core)
+    if all_materials and source.mean is None:
+        raise ValueError(
+            "all_materials=True starts from the columns of the training, and this model has been adapted since: "
+            "adapt the model that it was made from"
+        )
+    rows = features_of(core, data.X, threads)
+    with single_threaded_blas():
+        caution = _CAUTION if isinstance(core.spec, FeatureSpec) else 0.0
+        made, known = adapted(
+            learners, source, rows, all_materials=all_materials, rounds=rounds, caution=caution
+        )
+        entry = _entry(core, learners, made, rows, data, differences)
+    rounds = (2 if all_materials else 0) if rounds is None else rounds
+    method = STANDARDISED if all_materials else SHIFT
+    return _new_model(core, made, known, data, replace(entry, method=method, rounds=int(rounds)))
+
+
+def recalibrated_model(
+    core: _core.Model,
+    labelled: Dataset,
+    *,
+    allow_missing: bool,
+    trained_on: Dataset | None,
+    begin_at: Begin,
+    lead_s: float | None,
+    accept: str | Sequence[str],
+    threads: int | None,
+) -> _core.Model:
+    """Adapt a model to recordings with labels; `Identifier.recalibrate` describes it."""
+    checked_flag("allow_missing", allow_missing)
+    data, differences = _taken(core, labelled, "labelled", begin_at, lead_s, accept)
+    codes = codes_of(data.y, np.array(core.classes), len(data), "labelled")
+    missing = refuse_missing(codes, core.classes, allow_missing)
+    source, learners = _source(core, trained_on, threads), _learners(core)
+    rows = features_of(core, data.X, threads)
+    # Of samples and counts too few rows tell too little: there regression costs what recentring gains.
+    blocks = None if isinstance(core.spec, FeatureSpec) else core.spec.block_sizes
+
+    def corrected(members: npt.NDArray[np.bool_]) -> Learners:
+        return recalibrated(learners, source, rows[members], codes[members], blocks)
+
+    with single_threaded_blas():
+        made = corrected(np.ones(len(rows), dtype=np.bool_))
+        entry = _entry(core, learners, made, rows, data, differences)
+        after = _accuracy_held_out(corrected, rows, codes)
+    counts = np.bincount(codes, minlength=len(core.classes)).tolist()
+    entry = replace(
+        entry,
+        method=LABELLED,
+        accuracy_after=after,
+        materials={label: n for label, n in zip(core.classes, counts, strict=True) if n},
+        missing=tuple(missing),
+    )
+    return _new_model(core, made, source, data, entry)
+
+
+def _accuracy_held_out(
+    corrected: Callable[[npt.NDArray[np.bool_]], Learners], rows: FloatArray, codes: IntArray
+) -> float | None:
+    """Balanced accuracy of models made without the rows they name; None where a class has one row."""
+    counts = np.bincount(codes)
+    n_folds = min(_MOST_FOLDS, int(counts[counts > 0].min()))
+    if n_folds < 2:
+        return None
+    fold = np.empty(len(codes), dtype=np.intp)
+    for k in np.flatnonzero(counts):
+        fold[codes == k] = np.arange(counts[k]) % n_folds
+    named = np.empty_like(codes)
+    for number in range(n_folds):
+        held = fold == number
+        named[held] = corrected(~held).answers(rows[held])
+    return _balanced(named, codes)
+
+
+def _taken(
+    core: _core.Model,
+    recordings: Dataset,
+    name: str,
+    begin_at: Begin,
+    lead_s: float | None,
+    accept: str | Sequence[str],
+) -> tuple[Dataset, tuple[str, ...]]:
+    """Refuse what the model cannot identify, and crop the rest to its length."""
+    if not isinstance(recordings, Dataset):
+        raise TypeError(f"{name} must be a granular_id.Dataset, got {type(recordings).__name__}")
+    differences = check_recordings(recordings, core, accept)
+    return cropped_to_model(recordings, core, begin_at=begin_at, lead_s=lead_s), differences
+
+
+def _learners(core: _core.Model) -> Learners:
+    return Learners(core.coef, core.intercept, core.coding_matrix, core.losses)
+
+
+# What a model keeps of its training.
+
+
+def _statistics(
+    core: _core.Model, X: FloatArray, y: npt.NDArray[np.str_], threads: int | None
+) -> SourceStatistics:
+    codes = codes_of(y, np.array(core.classes), len(X), "trained_on")
+    missing = [label for k, label in enumerate(core.classes) if not (codes == k).any()]
+    if missing:
+        raise ValueError(
+            f"trained_on must hold every material that the model knows, {missing[0]!r} is missing"
+        )
+    return SourceStatistics.of(features_of(core, X, threads), codes, _learners(core))
+
+
+def _source(core: _core.Model, trained_on: Dataset | None, threads: int | None) -> SourceStatistics:
+    """Read what the model keeps of its training, or compute it from the recordings."""
+    known = Metadata(core)
+    stored = known.trained.get(SOURCE)
+    if stored is not None:
+        return _read_source(stored, core)
+    if known.trained.get(HISTORY):
+        raise ValueError(
+            "the model keeps nothing of its training, and was adapted before: adapt the model that it was made from"
+        )
+    if trained_on is None:
+        raise ValueError(
+            "the model keeps nothing of its training that it could be adapted with: it is of an earlier version, was "
+            "taken over from a pipeline or has too many materials; pass the recordings of its training, trained_on=data"
+        )
+    if not isinstance(trained_on, Dataset):
+        raise TypeError(f"trained_on must be a granular_id.Dataset, got {type(trained_on).__name__}")
+    check_recordings(trained_on, core)
+    settings, digest = known.trained.get("settings"), core.metadata["training_sha256"]
+    if settings is not None and digest and fingerprint(trained_on, settings) != digest:
+        raise ValueError(
+            "trained_on must be the recordings that the model was trained on, in their order and as they were "
+            "prepared then; these are others"
+        )
+    with single_threaded_blas():
+        return _statistics(core, trained_on.X, trained_on.y, threads)
+
+
+def _stored_source(source: SourceStatistics) -> dict[str, str | None]:
+    parts = {"mean": source.mean, "sd": source.sd, "scores": source.scores}
+    return {
+        name: None if v is None else base64.b64encode(v.astype("<f8").tobytes()).decode("ascii")
+        for name, v in parts.items()
+    }
+
+
+def _read_source(stored: Mapping[str, str | None], core: _core.Model) -> SourceStatistics:
+    n_features, shape = core.n_features, core.coding_matrix.shape
+    mean = None if stored["mean"] is None else _numbers(stored["mean"], "mean", n_features)
+    sd = _numbers(stored["sd"], "sd", n_features)
+    if (sd < 0).any():
+        raise ValueError(f"the model file: {SOURCE}.sd must not be negative")
+    scores = _numbers(stored["scores"], "scores", shape[0] * shape[1])
+    return SourceStatistics(mean, sd, scores.reshape(shape))
+
+
+def _numbers(text: str | None, name: str, size: int) -> FloatArray:
+    try:
+        numbers = np.frombuffer(base64.b64decode(text or "", validate=True), dtype="<f8").astype(np.float64)
+    except ValueError:
+        numbers = np.empty(0)
+    if numbers.size != size or not np.isfinite(numbers).all():
+        raise ValueError(f"the model file: {SOURCE}.{name} must be {size} finite numbers in base64")
+    return numbers
+
+
+# The new model.
+
+
+def _entry(
+    core: _core.Model,
+    before: Learners,
+    after: Learners,
+    rows: FloatArray,
+    data: Dataset,
+    differences: tuple[str, ...],
+) -> Adaptation:
+    """Compare the answers of two models about recordings."""
+    old, new, n = before.answers(rows), after.answers(rows), len(rows)
+    places = {label: k for k, label in enumerate(core.classes)}
+    truth = np.array([places.get(r.label, -1) if r.label is not None else -1 for r in data], dtype=np.intp)
+    judged = truth >= 0
+
+    def shares(named: IntArray) -> dict[str, float]:
+        counts = np.bincount(named, minlength=len(core.classes)) / n
+        return dict(zip(core.classes, counts.tolist(), strict=True))
+
+    return Adaptation(
+        method="",
+        rounds=0,
+        made=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        n_recordings=n,
+        sha256=hashlib.sha256(np.ascontiguousarray(data.X, dtype="<f8").data).hexdigest(),
+        sessions=tuple(sorted({str(s)[:_LONGEST_SESSION] for s in data.sessions.tolist() if s is not None}))[
+            :_MOST_SESSIONS
+        ],
+        shares_before=shares(old),
+        shares_after=shares(new),
+        n_changed=int((old != new).sum()),
+        n_judged=int(judged.sum()),
+        accuracy_before=_balanced(old[judged], truth[judged]) if judged.any() else None,
+        accuracy_after=_balanced(new[judged], truth[judged]) if judged.any() else None,
+        differences=differences,
+    )
+
+
+def _balanced(named: IntArray, truth: IntArray) -> float:
+    return float(np.mean([(named[truth == k] == k).mean() for k in np.unique(truth)]))
+
+
+def _new_model(
+    core: _core.Model, made: Learners, source: SourceStatistics, data: Dataset, entry: Adaptation
+) -> _core.Model:
+    """Put weights and history into a new model, and leave out what was measured on the old one."""
+    trained = dict(Metadata(core).trained)
+    rules = trained.pop(CONFIDENCE, None) or {}
+    estimate, setup = trained.get("estimate"), trained.get("setup") or {}
+    dropped = {
+        "early answers": core.early is not None,
+        "probabilities": core.sigmoid is not None,
+        "candidates": rules.get("conformal") is not None,
+        "refusal of unknown materials": rules.get("unknown") is not None,
+        "estimate of the accuracy": estimate is not None,
+    }
+    entry = replace(
+        entry,
+        dropped=tuple(name for name, had in dropped.items() if had),
+        estimate_before=None if estimate is None else estimate["accuracy"],
+        setup_before=setup,
+    )
+    # What was done to samples is that of the new recordings; what a frame or a sensor is called may only be unsaid.
+    kept_setup = {name: values for name, values in setup.items() if name not in _DONE_TO_SAMPLES}
+    why = "the model was adapted to another set-up, of which no recordings were held out"
+    trained |= {
+        "estimate": None,
+        "why_no_estimate": why,
+        "synthetic": bool(trained.get("synthetic", False)) or data.is_synthetic,
+        "setup": {**kept_setup, **values_in(setups_in(data))},
+        HISTORY: [*trained.get(HISTORY, []), entry.to_dict()],
+    }
+    if SOURCE in trained:
+        # Another time the columns are no longer those of the training.
+        trained[SOURCE] = _stored_source(replace(source, mean=None))
+    if trained.get("early") is not None:
+        target = trained["early"]["target_error"]
+        trained["early"] = {
+            "target_error": target,
+            "why_not": "the model was adapted since its margins were measured",
+        }
+    if entry.materials and trained.get(MARKS):  # they have trained it, too
+        trained[MARKS] += stored_marks(data).get(MARKS, "")
+    kept: dict[str, Any] = {"early": None, "sigmoid": None, "posterior_weights": None}
+    if core.raw_low is not None and core.raw_high is not None:
+        # Bounds of what may still come: what the training saw, and the new set-up.
+        low, high, mean = (v.T.ravel() for v in (data.X.min(axis=0), data.X.max(axis=0), data.X.mean(axis=0)))
+        kept["raw_low"] = np.minimum(low, core.raw_low)
+        kept["raw_high"] = np.maximum(high, core.raw_high)
+        kept["raw_mean"] = np.ascontiguousarray(mean)
+    return _changed(core, trained, made, posterior="", **kept)
+
+
+def _changed(
+    core: _core.Model,
+    trained: Mapping[str, Any],
+    learners: Learners | None = None,
+    posterior: str | None = None,
+    **parts: Any,
+) -> _core.Model:
+    """Return a model with other metadata, and other weights where they are given."""
+    (spec, coef, intercept, coding, classes), options = core.__getnewargs_ex__()
+    if learners is not None:
+        coef, intercept = learners.coef, learners.intercept
+    text = json.dumps(trained, ensure_ascii=False, sort_keys=True, allow_nan=False)
+    metadata = {**core.metadata, "trained": text}
+    if posterior is not None:
+        metadata["posterior"] = posterior
+    options = {**options, **parts, "metadata": metadata, "lacks_digest": False}
+    return _core.Model(spec, coef, intercept, coding, classes, **options)
