@@ -22,9 +22,12 @@ from granular_id.live.rows import (
     late_s,
     measured_rate_hz,
     start_utc_s,
+    timing_in_words,
+    timing_of,
 )
 from granular_id.live.source import SourceInfo
 from granular_id.live.trigger import Trigger
+from granular_id.live.wrench import WrenchLimits
 from granular_id.recording import Recording, SampleFlag
 
 if TYPE_CHECKING:
@@ -77,6 +80,8 @@ class FailureReason(Enum):
     """The sensor's time began anew."""
     RATE = "rate"
     """The samples came at another rate than the source's."""
+    LIMIT = "limit"
+    """Force or torque was larger than it may be."""
     LAG = "lag"
     """Samples without a time of the sensor's own came in late for too long."""
     NO_TRIGGER = "no trigger"
@@ -92,7 +97,10 @@ class FailureReason(Enum):
 
     @property
     def is_lasting(self) -> bool:
-        """Whether the next capture would fail as well: nobody delivers, nobody moves, the program is to end."""
+        """Whether no other capture should follow by itself.
+
+        It would fail as well: nobody delivers, nobody moves, the program is to end. Or the tool has met something.
+        """
         return self in _LASTING
 
 
@@ -100,6 +108,7 @@ _LASTING = frozenset(
     (
         FailureReason.SOURCE,
         FailureReason.ROBOT,
+        FailureReason.LIMIT,
         FailureReason.NO_ROWS,
         FailureReason.NO_TRIGGER,
         FailureReason.INTERRUPTED,
@@ -143,6 +152,9 @@ class Push:
     recording : Recording or None
         What was captured, with the answer in its ``meta["answer"]``. An answer is no label: its `label` is the truth,
         where the source knows it. None where the capture failed or was ended early, and of an answer at a hop.
+    timing : dict of str to float, or None
+        How its rows came in: ``rate_hz`` as measured; ``jitter_s``, the standard deviation of their delays, and
+        ``late_s``, how late they were at most, where the source runs in real time. None where there is no recording.
     """
 
     decision: Decision | None = None
@@ -151,6 +163,7 @@ class Push:
     truth: str | None = None
     time_s: float | None = None
     recording: Recording | None = field(default=None, repr=False, compare=False)
+    timing: dict[str, float] | None = field(default=None, compare=False)
 
     @property
     def is_right(self) -> bool | None:
@@ -171,6 +184,7 @@ class Push:
             "failure": None if self.reason is None else {"reason": self.reason.value, "text": self.text},
             "truth": self.truth,
             **({} if self.time_s is None else {"time_s": self.time_s}),
+            **({} if self.timing is None else {"timing": self.timing}),
         }
 
     def __str__(self) -> str:
@@ -184,7 +198,8 @@ class Push:
             verdict += f", it was {self.truth}"
         if self.is_right is not None and self.truth not in dict(self.decision.ranking):
             verdict += ", which the model does not know"
-        return f"{said}{verdict}"
+        timing = ", ".join(" ".join(pair) for pair in timing_in_words(self.timing))
+        return f"{said}{verdict}{'; ' * bool(timing)}{timing}"
 
 
 class Capture:
@@ -219,6 +234,11 @@ class Capture:
     timeout_s : float, default 30
         From the first row to the trigger, counted in rows: those that are no rest too, but not those that came in
         before `since_ns`.
+    max_force_n, max_torque_n_m : float, optional
+        Limits of a push, lengths of (fx, fy, fz) and (tx, ty, tz) as the sensor tells them: with its zero, and with the
+        tool's weight where that is not taken off. A row beyond one fails the capture; `drive` looks at every row from
+        the robot's command until it stands, and stops it. At rest such rows are waited out. Default: none, as what a
+        tool bears nobody knows but you. At most the smallest range of these axes: what is more cannot be seen.
     info : SourceInfo, optional
         Goes into the recording's metadata. Without a device clock, rate and lag are judged by when rows come in.
     utc_at_zero_s : float, optional
@@ -260,6 +280,8 @@ class Capture:
         max_lag_s: float = 0.02,
         lag_patience_s: float = 0.1,
         timeout_s: float = 30.0,
+        max_force_n: float | None = None,
+        max_torque_n_m: float | None = None,
         info: SourceInfo | None = None,
         utc_at_zero_s: float | None = None,
     ) -> None:
@@ -280,6 +302,7 @@ class Capture:
         self._allow_saturated = bool(allow_saturated)
         self._rate_tolerance = finite_number("rate_tolerance", rate_tolerance, least=0)
         self._timeout_s = finite_number("timeout_s", timeout_s, least=0)
+        self._limits = WrenchLimits(max_force_n, max_torque_n_m, info)
         self._utc_at_zero_s = utc_at_zero_s
         self._device_clock = info is None or info.device_clock
         self._speed = 1.0 if info is None else info.speed
@@ -325,15 +348,26 @@ class Capture:
         self._judge_lag(len(block), lag_s)
         return Rows.joined(self._taken[n_before:]).wrench
 
-    def fail(self, reason: FailureReason, text: str) -> None:
-        """End the capture for a reason from outside, unless it is over already."""
-        if not self.state.is_over:
+    def fail(self, reason: FailureReason, text: str, *, complete: bool = False) -> None:
+        """End the capture for a reason from outside, unless it has failed already, or is over and not `complete`."""
+        if not self.state.is_over or (complete and self.reason is None):
             self.state, self.reason, self.text = CaptureState.FAILED, reason, text
 
     def raise_failure(self) -> None:
         """Raise CaptureError if the capture failed."""
         if self.reason is not None:
             raise CaptureError(self.reason, self.text)
+
+    def beyond_limit(self, rows: BlockLike | Rows) -> str:
+        """Say which is the first of these rows beyond `max_force_n` or `max_torque_n_m`; empty where none is."""
+        return self._limits.beyond(rows)
+
+    @property
+    def timing(self) -> dict[str, float] | None:
+        """How the rows came in, see `Push.timing`; None before all are there."""
+        if self.state is not CaptureState.COMPLETE:
+            return None
+        return timing_of(self.rows, self._measured_hz(self.rows), real_time=self._speed == 1)
 
     @property
     def max_lag_s(self) -> float:
@@ -342,13 +376,15 @@ class Capture:
 
     def wrong_rate(self, rows: Rows) -> str:
         """Say that rows without gaps, at least two, came at another rate than wanted; empty where they did not."""
-        measured_hz = measured_rate_hz(rows, device_clock=self._device_clock)
-        if not self._device_clock:
-            measured_hz /= self._speed
+        measured_hz = self._measured_hz(rows)
         if abs(measured_hz / self.rate_hz - 1) <= self._rate_tolerance:
             return ""
         wanted = f"{self.rate_hz:g} Hz within {100 * self._rate_tolerance:g} %"
         return f"measured {measured_hz:.6g} Hz, wanted {wanted}"
+
+    def _measured_hz(self, rows: Rows) -> float:
+        measured_hz = measured_rate_hz(rows, device_clock=self._device_clock)
+        return measured_hz if self._device_clock else measured_hz / self._speed
 
     @property
     def rows(self) -> Rows:
@@ -455,13 +491,14 @@ class Capture:
             rows = self._wait(rows)
 
     def _arm(self) -> None:
-        complaint = self.trigger.arm(self._rest)
+        beyond = self.beyond_limit(self._rest)
+        complaint = beyond or self.trigger.arm(self._rest)
         if complaint is None:
             self.state, self._broken = CaptureState.ARMED, None
             return
         # The oldest rows go; a fixed share, so that nothing depends on how rows come in.
         self._rest = self._rest[max(1, self.n_pre // _NEW_LOOKS) :]
-        self._broken = FailureReason.NO_REST, complaint
+        self._broken = FailureReason.LIMIT if beyond else FailureReason.NO_REST, complaint
 
     def _wait(self, rows: Rows) -> Rows:
         """Look for the trigger in as many rows as may be looked at alike; return the others."""
@@ -492,6 +529,9 @@ class Capture:
         return replace(rows, host_ns=self._arrival.due_ns(rows.time_s, rows.host_ns))
 
     def _add(self, rows: Rows) -> None:
+        if beyond := self.beyond_limit(rows):
+            self.fail(FailureReason.LIMIT, beyond)
+            return
         self._taken.append(rows)
         self.n_rows += len(rows)
         if self.n_rows < self.n_samples:

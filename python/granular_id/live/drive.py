@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ from granular_id.live.setup import starts_exactly
 from granular_id.live.stopping import InMotion
 from granular_id.live.stream import Stream
 from granular_id.live.trigger import MotionTrigger, Trigger
+from granular_id.recording import SampleFlag
 
 __all__ = [
     "LIMITS",
@@ -29,6 +30,7 @@ __all__ = [
     "drive",
     "motion_duration_s",
     "push_facts",
+    "step_warnings",
     "truth_of",
 ]
 
@@ -37,6 +39,9 @@ _WAIT_S = 0.02
 
 _MARGIN_S = 0.05
 """So much longer does the robot move than is recorded: no sample may fall into its braking."""
+
+_BACK_S = 60.0
+"""So long may the way back take, which is as long as the push, and as fast as the robot likes."""
 
 _BEHIND_S, _AHEAD_S = 0.02, 30.0
 """So far from the newest row may the start of a motion be: further, and its clock is not the sensor's."""
@@ -55,7 +60,16 @@ class Step:
     motion: Motion | None
 
 
-LIMITS = ("max_gap", "allow_saturated", "rate_tolerance", "max_lag_s", "lag_patience_s", "timeout_s")
+LIMITS = (
+    "max_gap",
+    "allow_saturated",
+    "rate_tolerance",
+    "max_lag_s",
+    "lag_patience_s",
+    "timeout_s",
+    "max_force_n",
+    "max_torque_n_m",
+)
 """What a push must be like: parameters of `Capture`."""
 
 
@@ -96,6 +110,20 @@ def push_facts(truth: str | None, motion: Motion | None) -> dict[str, Any]:
     return facts
 
 
+def step_warnings(capture: Capture, step: Step, lag_s: float, *, is_first: bool) -> Iterator[str]:
+    """Yield what an answer about the rows of a step should warn of."""
+    # Putting all rows of a capture together takes the longer, the longer it lasts: only where there is something to
+    # find. The first rows came in earlier blocks as well.
+    if is_first or step.block.flags.any() or step.block.missing_before.any():
+        flags = capture.rows.flags[-len(step.rows) :]
+        if (flags & SampleFlag.GAP_FILLED).any():
+            yield "gap"
+        if (flags & SampleFlag.SATURATED).any():
+            yield "saturation"
+    if lag_s > capture.max_lag_s:
+        yield "lag"
+
+
 def drive(
     stream: Stream,
     capture: Capture,
@@ -107,6 +135,11 @@ def drive(
     reader: AnyReader | None = None,
 ) -> Generator[Step, None, None]:
     """Feed a capture until it is over and the robot stands; it is set in motion as soon as the rest is there.
+
+    A robot that can go back to where the push began (`move_back`) is sent there when all rows are taken, and stands
+    there at the end. Every row from the first command on is held against `max_force_n` and `max_torque_n_m` of the
+    capture before anything else is done with it, also those after the last one that is taken: beyond, the robot is
+    stopped and the capture has failed.
 
     Whenever this ends, the robot stands or was told to stop: on any failure, on Ctrl-C, where a motion does not
     end by itself, where you leave the loop early and close the generator (``contextlib.closing``), and at the end of
@@ -131,7 +164,8 @@ def drive(
     ------
     Step
         Some fifty times a second, or as rows come in. Those after the capture is complete, while the robot comes to
-        its stand, have no rows for it: what is read there is none of the next push's rest.
+        its stand, have no rows for it: what is read there is none of the next push's rest. What you do with a step
+        takes its time from the look at the next rows, and so from the limits.
 
     Raises
     ------
@@ -151,6 +185,9 @@ def drive(
         while not capture.state.is_over and not moving.is_told:
             reader.wait(_WAIT_S)
             block = reader.read()
+            if motion is not None and (beyond := capture.beyond_limit(block)):
+                capture.fail(FailureReason.LIMIT, beyond)
+                break  # to the robot's stop, before anything else
             if len(block):
                 if motion is not None and newest is not None:
                     _check_epoch(capture, motion, newest, block)
@@ -168,12 +205,9 @@ def drive(
                     capture.fail(FailureReason.ROBOT, f"the robot's motion failed: {motion.error}")
             yield Step(block, rows, motion)
         if capture.state is CaptureState.COMPLETE:
-            stands = motion is None
-            deadline_s = time.monotonic() + motion_duration_s(capture)
-            while motion is not None and not stands and not moving.is_told and time.monotonic() < deadline_s:
-                stands = motion.finished()
-                reader.wait(_WAIT_S)
-                yield Step(reader.read(), Rows.none().wrench, motion)
+            stands = motion is None or (
+                yield from _Standing(reader, capture, moving, motion).come_to_it(robot)
+            )
     finally:
         try:
             if not stands:
@@ -183,6 +217,50 @@ def drive(
         finally:
             moving.over(stands=stands)
         moving.raise_signal()  # not where it could not be stopped: that is the first thing to know
+
+
+@dataclass(frozen=True)
+class _Standing:
+    """What comes after the last row of a capture, until the robot stands: at its start, where it can go back."""
+
+    reader: AnyReader
+    capture: Capture
+    moving: InMotion
+    push: Motion
+
+    def come_to_it(self, robot: Robot | None) -> Generator[Step, None, bool]:
+        """Wait for the end of the push and of the way back; False: the robot must be stopped."""
+        capture = self.capture
+        if not (yield from self._ended(self.push, motion_duration_s(capture))):
+            return False
+        back = None if self.moving.is_told else _way_back(robot, capture)
+        if back is not None and (not (yield from self._ended(back, _BACK_S)) or back.error is not None):
+            why = back.error or f"it was not over within {_BACK_S:g} s"
+            capture.fail(FailureReason.ROBOT, f"the robot's way back failed: {why}", complete=True)
+        return capture.state is CaptureState.COMPLETE
+
+    def _ended(self, motion: Motion, seconds: float) -> Generator[Step, None, bool]:
+        """Read on until a motion has ended; False: not within the time, a signal came, or a limit was passed."""
+        deadline_s, stands = time.monotonic() + seconds, False
+        while not stands and not self.moving.is_told and time.monotonic() < deadline_s:
+            stands = motion.finished()
+            self.reader.wait(_WAIT_S)
+            block = self.reader.read()
+            if beyond := self.capture.beyond_limit(block):
+                self.capture.fail(FailureReason.LIMIT, beyond, complete=True)
+                return False
+            yield Step(block, Rows.none().wrench, self.push)
+        return stands
+
+
+def _way_back(robot: Robot | None, capture: Capture) -> Motion | None:
+    """Send a robot back to where its push began; None where it cannot go, or refuses to."""
+    move_back: Callable[[], Motion | None] | None = getattr(robot, "move_back", None)
+    try:
+        return None if move_back is None else move_back()
+    except Exception as error:  # whatever the robot's library raises
+        capture.fail(FailureReason.ROBOT, f"the robot refused the way back: {error}", complete=True)
+        return None
 
 
 def _set_in_motion(

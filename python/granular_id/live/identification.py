@@ -17,12 +17,14 @@ from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, setup_comparison
 from granular_id.live.capture import CaptureError, CaptureState, FailureReason, Push, meta_of
 from granular_id.live.drive import (
+    LIMITS,
     Step,
     capture_from,
     check_limits,
     drive,
     motion_duration_s,
     push_facts,
+    step_warnings,
     truth_of,
 )
 from granular_id.live.recorder import utc_stamp
@@ -34,9 +36,12 @@ from granular_id.live.source import WrenchSource
 from granular_id.live.stream import Stream, opened
 from granular_id.live.trigger import ManualTrigger, Trigger
 from granular_id.live.view import Views
-from granular_id.recording import Recording, SampleFlag, Setup as RecordedSetup, refuse_or_list
+from granular_id.live.wrench import live_tare
+from granular_id.recording import Recording, SampleFlag, Setup as RecordedSetup, refuse_or_list, rest_zero
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from granular_id.identifier import Decision
     from granular_id.live.capture import Capture
 
@@ -48,6 +53,7 @@ _WAIT_S, _SILENT_S = 0.02, 5.0
 """How long to wait for a row at a time; a source that delivers nothing for so long has failed."""
 
 _DIRECTION, _SPEED_M_S = (1.0, 0.0, 0.0), 0.03
+_OF_WINDOWS = ("max_gap", "rate_tolerance", "max_lag_s")
 
 _SYNTHETIC_MODEL = (
     "the model was trained on SYNTHETIC recordings: its answers say nothing about real materials"
@@ -56,6 +62,9 @@ _SYNTHETIC_MODEL = (
 
 class LiveIdentifier:
     """Waits for a push, names the material while it lasts, and waits for the next one.
+
+    A model that was trained on recordings tared by their rest (`Dataset.tare`) gets each push tared in the same way, by
+    the rest before its motion, with the same bits; what is kept (`Push.recording`) is what was measured.
 
     Use it within `granular_id.live.stop_on_signals`, so that the robot is also stopped on SIGTERM and SIGHUP.
 
@@ -85,14 +94,14 @@ class LiveIdentifier:
         What may differ from the training though it is refused otherwise: "frame", "transform", "sign" or
         "units". It is then a warning.
     **limits
-        `max_gap`, `allow_saturated`, `rate_tolerance`, `max_lag_s`, `lag_patience_s`, `timeout_s` of `Capture`;
-        with `hop_s` `max_gap`, `rate_tolerance` and `max_lag_s`.
+        `max_gap`, `allow_saturated`, `rate_tolerance`, `max_lag_s`, `lag_patience_s`, `timeout_s`, `max_force_n`,
+        `max_torque_n_m` of `Capture`; with `hop_s` `max_gap`, `rate_tolerance` and `max_lag_s`.
 
     Raises
     ------
     ValueError
-        The model is for another rate, other axes or units, another frame or sign, or does not know how much rest it was
-        trained with.
+        The model is for another rate, other axes or units, another frame or sign, does not know how much rest it was
+        trained with, or was tared by more of it than a push begins with.
 
     Attributes
     ----------
@@ -139,7 +148,7 @@ class LiveIdentifier:
                 setup=setup is not None,
                 direction=not np.array_equal(direction, _DIRECTION),
                 speed_m_s=speed_m_s != _SPEED_M_S,
-                **{name: name in limits for name in ("allow_saturated", "lag_patience_s", "timeout_s")},
+                **{name: limits.get(name) is not None for name in LIMITS if name not in _OF_WINDOWS},
             )
             self._n_hop, setup = _hop_of(hop_s, model.rate_hz), Setup(None, ManualTrigger)
         rest_s = 0.0 if hop_s is not None else model.lead_s if pre_s is None else pre_s
@@ -180,6 +189,8 @@ class LiveIdentifier:
         compared, now = setup_comparison(model.core), RecordedSetup.of(meta)
         # Recordings that are played again may be of several set-ups.
         each = [now.completed(one) for one in getattr(stream.source, "setups", ())] or [now]
+        self._n_tare, each = live_tare(model, each, None if self._n_hop else capture.n_pre / capture.rate_hz)
+        self._zero = np.zeros(len(info.axes))
         found = dict.fromkeys(difference for one in each for difference in compared(one, meta))
         self.differences = refuse_or_list(found, accept, f"{info.name} has ")
         synthetic = (_SYNTHETIC_MODEL,) if model.synthetic and not info.synthetic else ()
@@ -413,21 +424,31 @@ class LiveIdentifier:
         self._builder.rows(step.block)
         if not len(step.rows):
             return None
-        self._answer.push(step.rows)
-        self._builder.captured(step.rows)
-        is_first = self._answer.n_seen == len(step.rows)
-        for warning in _warnings(capture, step, self.stream.lag_s(), is_first=is_first):
+        rows = self._tared(step.rows, capture.n_pre)
+        self._answer.push(rows)
+        self._builder.captured(rows)
+        is_first = self._answer.n_seen == len(rows)
+        for warning in step_warnings(capture, step, self.stream.lag_s(), is_first=is_first):
             self._answer.warn(warning)
         moment = self._moment(self._answer.n_seen)
         is_due, self._n_moments = moment > self._n_moments, moment
         return self._answer.decision() if is_due or self._grows or self._answer.is_complete else None
+
+    def _tared(self, rows: NDArray[np.float64], n_pre: int) -> NDArray[np.float64]:
+        """Take the rest off, as in the training: the first rows of a push hold all of it."""
+        if not self._n_tare:
+            return rows
+        if not self._answer.n_seen:
+            self._zero = rest_zero(rows[n_pre - self._n_tare : n_pre])
+        return rows - self._zero
 
     def _finished(
         self, capture: Capture, decision: Decision | None, *, answered_early: bool, patient: bool
     ) -> Push:
         truth = truth_of(self.stream, capture)
         failed = capture.state is CaptureState.FAILED and not answered_early
-        push = Push(None, capture.reason, capture.text, truth) if failed else Push(decision, truth=truth)
+        push = Push(decision, truth=truth, timing=capture.timing)
+        push = Push(None, capture.reason, capture.text, truth) if failed else push
         at_end = self._at_end(push)
         self.n_pushes += not at_end
         self._count(push)
@@ -498,19 +519,6 @@ def _hop_of(hop_s: float, rate_hz: float) -> int:
             ValueError, "hop_s", f"={hop_s:g} is less than a sample: at least {1 / rate_hz:g}"
         )
     return n_hop
-
-
-def _warnings(capture: Capture, step: Step, lag_s: float, *, is_first: bool) -> Iterator[str]:
-    # Putting all rows of a capture together takes the longer, the longer it lasts: only where there is something to
-    # find. The first rows came in earlier blocks as well.
-    if is_first or step.block.flags.any() or step.block.missing_before.any():
-        flags = capture.rows.flags[-len(step.rows) :]
-        if (flags & SampleFlag.GAP_FILLED).any():
-            yield "gap"
-        if (flags & SampleFlag.SATURATED).any():
-            yield "saturation"
-    if lag_s > capture.max_lag_s:
-        yield "lag"
 
 
 def identify(

@@ -69,7 +69,7 @@ class Recorder:
         Called as ``on_step(step, capture)`` many times a second, for views; see `drive`.
     **limits
         `n_samples`, `pre_s`, `max_gap`, `allow_saturated`, `rate_tolerance`, `max_lag_s`, `lag_patience_s`,
-        `timeout_s` of `Capture`.
+        `timeout_s`, `max_force_n`, `max_torque_n_m` of `Capture`.
 
     Raises
     ------

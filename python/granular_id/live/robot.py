@@ -62,6 +62,10 @@ class Motion(Protocol):
 class Robot(Protocol):
     """Anything that pushes a tool. ``docs/live/sources.md`` shows how to write one in a few lines.
 
+    A robot may also have ``move_back() -> Motion | None``: begin to move to where the last push began and return at
+    once, None to stay. It is called when a push was recorded whole and the robot stands; after one that failed or was
+    ended early the tool stays where it stopped.
+
     Use one within `granular_id.live.stop_on_signals`: without it, SIGTERM (``kill``) and SIGHUP (a closed terminal) end
     the program before `stop` is called.
     """
@@ -266,6 +270,9 @@ class CallbackRobot:
         Returns x y z (m) rx ry rz (rad).
     name : str, default "callback"
         Stored with the recordings.
+    back : callable, optional
+        Called as ``back()`` in a thread of its own after a push that was recorded whole: it moves the tool to where the
+        push began, and returns when it is there. Default: the tool stays.
 
     Examples
     --------
@@ -281,11 +288,13 @@ class CallbackRobot:
         stop: Callable[[], object],
         pose: Callable[[], Sequence[float]] | None = None,
         name: str = "callback",
+        back: Callable[[], object] | None = None,
     ) -> None:
-        for role, function in {"move": move, "stop": stop, "pose": pose or print}.items():
+        given = {"move": move, "stop": stop, "pose": pose or print, "back": back or print}
+        for role, function in given.items():
             if not callable(function):
                 raise TypeError(f"{role} must be callable, got {type(function).__name__}")
-        self._move, self._stop, self._pose, self._name = move, stop, pose, name
+        self._move, self._stop, self._pose, self._name, self._back = move, stop, pose, name, back
         self._motion: CallbackMotion | None = None
 
     def tcp_pose(self) -> Pose | None:
@@ -304,7 +313,15 @@ class CallbackRobot:
             "speed_m_s": speed_m_s,
             "duration_s": duration_s,
         }
-        motion = CallbackMotion(duration_s, report, lambda: self._move(ahead, speed_m_s, duration_s))
+        return self._begun(
+            CallbackMotion(duration_s, report, lambda: self._move(ahead, speed_m_s, duration_s))
+        )
+
+    def move_back(self) -> CallbackMotion | None:
+        """Call the user's function in a thread; None where there is none."""
+        return None if self._back is None else self._begun(CallbackMotion(0.0, {}, self._back))
+
+    def _begun(self, motion: CallbackMotion) -> CallbackMotion:
         self._motion = motion  # before it begins: whatever comes in between, `stop` finds it
         motion.begin()
         return motion

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Protocol
@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._text import fixed
 from granular_id.recording import SampleFlag
 
 __all__ = [
@@ -22,6 +23,8 @@ __all__ = [
     "late_s",
     "measured_rate_hz",
     "start_utc_s",
+    "timing_in_words",
+    "timing_of",
 ]
 
 _COLUMNS = ("wrench", "time_s", "host_ns", "flags", "missing_before")
@@ -226,8 +229,36 @@ def start_utc_s(rows: Rows, origin_utc_s: float) -> float:
 
 def late_s(rows: Rows) -> float:
     """Return how late rows came in at most, against the one that came soonest after its device time."""
-    delays_s = 1e-9 * (rows.host_ns - rows.host_ns[0]) - (rows.time_s - rows.time_s[0])
-    return round(float(np.ptp(delays_s)), 6)
+    return round(float(np.ptp(_delays_s(rows))), 6)
+
+
+def timing_of(rows: Rows, rate_hz: float, *, real_time: bool) -> dict[str, float]:
+    """Return how at least two rows came in: `rate_hz` as measured; jitter and lateness where device time is real time.
+
+    Jitter is the standard deviation of the delays, without what the clocks drift.
+    """
+    told = {"rate_hz": rate_hz}
+    if real_time:
+        delays_s = _delays_s(rows)
+        step = np.arange(len(rows)) - 0.5 * (len(rows) - 1)
+        left_s = delays_s - delays_s.mean() - step * (float(step @ delays_s) / float(step @ step))
+        told |= {"jitter_s": round(float(np.sqrt(np.mean(left_s**2))), 6), "late_s": late_s(rows)}
+    return told
+
+
+def timing_in_words(timing: Mapping[str, float] | None) -> list[tuple[str, str]]:
+    """Return names and values of what `timing_of` gives as they are shown; nothing where there is none."""
+    known = timing or {}
+    return [
+        (name, f"{fixed(1e3 * known[key], 1)} ms" if key.endswith("_s") else f"{fixed(known[key], 2)} Hz")
+        for name, key in (("rate", "rate_hz"), ("jitter", "jitter_s"), ("late", "late_s"))
+        if key in known
+    ]
+
+
+def _delays_s(rows: Rows) -> NDArray[np.float64]:
+    delays_s: NDArray[np.float64] = 1e-9 * (rows.host_ns - rows.host_ns[0]) - (rows.time_s - rows.time_s[0])
+    return delays_s
 
 
 class ArrivalClock:

@@ -13,6 +13,7 @@ import numpy as np
 
 from granular_id._core import AXES, UNITS
 from granular_id._text import counted, fixed
+from granular_id.live.rows import timing_in_words
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -296,10 +297,12 @@ class Snapshot:
     def _figures(self) -> tuple[Figure, ...]:
         lag = "-" if math.isnan(self.lag_s) else f"{fixed(1e3 * self.lag_s, 1)} ms"
         counts = ((*told, self.counters.get(key, 0)) for key, told in _COUNTERS.items())
+        timing = self.history[-1].push.timing if self.history else None  # of the last push
         return (
             Figure("lag", lag, self.lag_s > self.max_lag_s),
             Figure("lost", f"{self.lost:,}", self.lost > 0),
             *(Figure(name, f"{n:,}", alarm) for name, alarm, n in counts if n),
+            *(Figure(name, value, alarm=False) for name, value in timing_in_words(timing)),
         )
 
     def _score(self) -> str:
