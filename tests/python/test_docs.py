@@ -81,6 +81,7 @@ def test_the_readme_runs_in_an_empty_folder_as_it_is_printed(tmp_path):
 
 
 TUTORIAL = DOCS / "tutorial.md"
+SAND = DOCS / "sand.md"
 
 
 def test_the_tutorial_runs_in_an_empty_folder_as_it_is_printed(tmp_path, monkeypatch):
@@ -102,13 +103,21 @@ def test_the_commands_about_archives_run(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "page", [page for page in PAGES if page != TUTORIAL and blocks(page, "python")], ids=of
+    "page", [page for page in PAGES if page not in (TUTORIAL, SAND) and blocks(page, "python")], ids=of
 )
 def test_examples_run(page, recordings, tmp_path, monkeypatch):
     for library in ("h5py", "pyarrow", "rosbags", "mcap", "matplotlib"):
         pytest.importorskip(library)
     (tmp_path / "recordings").symlink_to(recordings)
     run_examples(page, tmp_path, monkeypatch)
+
+
+@pytest.mark.data
+def test_the_page_about_sand_prints_what_it_says(data_dir, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("rosbags")
+    (tmp_path / "sand_press").symlink_to(data_dir / "sand_press")
+    run_examples(SAND, tmp_path, monkeypatch)
+    assert capsys.readouterr().out == "".join(blocks(SAND, "text"))
 
 
 def test_rules_are_applied_to_models_of_any_number_of_materials(tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from granular_id import _core
+from granular_id.cli.adapt import adapt, recalibrate
 from granular_id.cli.archive import archive, extract
 from granular_id.cli.confidence import confidence
 from granular_id.cli.data import data
@@ -16,6 +17,8 @@ from granular_id.cli.evaluate import evaluate, report, select
 from granular_id.cli.explain import explain
 from granular_id.cli.identify import identify
 from granular_id.cli.live import live, record
+from granular_id.cli.ros2 import ros2
+from granular_id.cli.setup import setup
 from granular_id.cli.train import model, train
 
 __all__ = ["app"]
@@ -30,11 +33,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     help=PURPOSE,
 )
-for command in (evaluate, select, explain, confidence, record, live, report, train, identify, extract, demo):
+for command in (
+    *(evaluate, select, explain, confidence, record, live, ros2, report, train, identify, adapt, recalibrate),
+    *(extract, demo),
+):
     app.command()(command)
 app.add_typer(model, name="model")
 app.add_typer(data, name="data")
 app.add_typer(archive, name="archive")
+app.add_typer(setup, name="setup")
 
 
 def _version(asked: bool) -> None:

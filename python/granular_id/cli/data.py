@@ -14,7 +14,7 @@ from granular_id._text import counted
 from granular_id.cli.errors import FOUND_ERRORS
 from granular_id.cli.options import FORCE, at_least, between, command, names_in, option, positive
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show, write_files
-from granular_id.cli.recordings import Reading, Steps
+from granular_id.cli.recordings import Reading, Steps, WrenchSteps
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset, Recording
@@ -27,7 +27,9 @@ class Target:
     """A place for recordings, where there is nothing yet and which can be written."""
 
     output: Path = typer.Argument(metavar="OUTPUT", help="File or folder to write.")
-    to: str | None = option(OUTPUT, "csv, npz, hdf5, parquet or mcap. Default: told by the ending of OUTPUT.")
+    to: str | None = option(
+        OUTPUT, "csv, npz, hdf5, parquet, mcap or lerobot. Default: told by the ending of OUTPUT."
+    )
 
     def __post_init__(self) -> None:
         from granular_id.io.saving import check_save
@@ -131,8 +133,8 @@ def check(
     """Look recordings over for what would spoil an evaluation, and give each a verdict.
 
     Rate, jitter, gaps, clipping, stuck axes, drift, outliers, duplicates, and what gives a label away without
-    the forces: the clock, the length, the session, the file. Exit code 0 when there is no error, 3 when there
-    is one.
+    the forces: the clock, the length, the session, the file; and whether frame, sign, tare and payload are the
+    same. Exit code 0 when there is no error, 3 when there is one.
 
     Examples:
 
@@ -141,13 +143,18 @@ def check(
     `granular-id data check recordings --sensor-range "ATI Mini45 SI-145-5" --strict`
     """
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
+    from granular_id.recording import mixed_setup_warnings
+
     between("--false-alarm-rate", false_alarm_rate)
     limits = _range_of(sensor_range)
     data = steps.taken(reading.load())
     report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate, progress=True)
     show("\n" + report.text(width=min(Console().width, 100)))
-    write_files((json, lambda path: write_json(path, report.to_dict())))
-    if report.worst == "error" or (strict and report.worst == "warning"):
+    mixed = mixed_setup_warnings(data)
+    for line in mixed:
+        show(line, "bold yellow")
+    write_files((json, lambda path: write_json(path, {**report.to_dict(), "setup": mixed})))
+    if report.worst == "error" or (strict and (mixed or report.worst == "warning")):
         raise typer.Exit(FOUND_ERRORS)
 
 
@@ -229,6 +236,7 @@ def _of_one_unit(data: Dataset) -> list[str] | None:
 def convert(
     reading: Reading,
     steps: Steps,
+    wrench: WrenchSteps,
     target: Target,
     *,
     verify: bool = option(OUTPUT, "Read back what was written and compare.", default=True),
@@ -239,15 +247,19 @@ def convert(
     sessions and history are kept to the last bit, unless an option asks for a step; what was written is read
     back and compared. Nothing is overwritten.
 
+    Recordings of another set-up come into that of a training: the weight of a tool is taken off, and the wrench is
+    given in another frame. The rest before the motion is taken off by `granular-id setup tare`, after that.
+
     Examples:
 
     `granular-id data convert pushes.mat pushes.npz --recorded-hz 500`
     `granular-id data convert recordings archive --to parquet`
     `granular-id data convert bags pushes.h5 --rate-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
+    `granular-id data convert today turned.npz --compensate tool.json --gravity 0,0,1 --rotate 0,0,90 --frame flange`
     """
     from granular_id.io import load
 
-    data = steps.taken(reading.load())
+    data = steps.taken(wrench.taken(reading.load()))
     target.save(data)
     try:
         equal = not verify or load(target.output, max_file_bytes=2**40, progress=True) == data

@@ -31,9 +31,10 @@ P = ParamSpec("P")
 
 _SAME = (
     "array axes begin_at bin_range block_weights C checkpoint coding cutoff_hz direction dtype duration_s engine "
-    "false_alarm_rate hop_s initial label lead_s max_gap max_gap_s n_bins n_samples on_error on_gap on_short "
-    "on_time_error order posterior pre_s protocol rate_hz rest_s robot scheduler sensor_range session space spaces "
-    "speed_m_s tare_s target_error threads threshold_n time_unit tls_cert tls_key topic trigger units window_s"
+    "false_alarm_rate hold_out hop_s initial label lead_s max_force_n max_gap max_gap_s max_torque_n_m n_bins "
+    "n_samples on_error on_gap on_short on_time_error order posterior pre_s protocol rate_hz rest_s robot "
+    "scheduler sensor_range session space spaces speed_m_s tare_s target_error threads threshold_n time_unit "
+    "tls_cert tls_key topic trigger units window_s"
 )
 OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "format": "--to",
@@ -206,6 +207,12 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"raise max_file_bytes to (\d+)": _in_mb,
     r"raise max_file_bytes\b": "raise --max-file-mb",
     r"\bpass accept=\(([^)]*)\)": _accepts,
+    r"\bpass allow_missing=True": "add --allow-missing",
+    r"\ball_materials(=True)?": "--all-materials",
+    r"pass the recordings of its training, trained_on=data": "train it again with granular-id train",
+    r"^labelled must hold labels of the training": (
+        "every label must be one that the model knows (granular-id model info MODEL)"
+    ),
 }
 """Ways out that the command line offers under other words."""
 

@@ -202,6 +202,7 @@ def _print_result(result: EvaluationResult, space: str | None, *, brief: bool) -
         comparison_tables,
         confusion_table,
         controls_table,
+        hold_out_tables,
         mistakes_table,
         seconds_table,
     )
@@ -212,6 +213,8 @@ def _print_result(result: EvaluationResult, space: str | None, *, brief: bool) -
         print_table(replace(accuracies, notes=footnotes), strong=result.synthetic)
         return
     print_table(accuracies, strong=result.synthetic)
+    for table in hold_out_tables(result):
+        print_table(table)
     if result.controls:
         print_table(controls_table(result))
     for table in (*comparison_tables(result)[:1], *choice_tables(result)):
@@ -233,6 +236,10 @@ class Partitions:
 
     protocol: Literal["auto", "paper", "session", "chronological", "kfold"] = option(
         SPLIT, "auto: the strictest that the recordings allow, and as many at random.", default="auto"
+    )
+    hold_out: str | None = option(
+        SPLIT,
+        "Hold out each value of this condition in turn: session, day, tool, sensor, or any entry of the metadata.",
     )
     paper: bool = option(
         SPLIT, "The paper's table: its feature spaces, 20 random partitions of 50 and 12.", default=False
@@ -260,6 +267,16 @@ class Partitions:
     def __post_init__(self) -> None:
         if self.paper and self.protocol not in ("auto", "paper"):
             raise ValueError(f"--paper is random partitions: leave out --protocol {self.protocol}")
+        alone = {
+            "--paper": self.paper,
+            f"--protocol {self.protocol}": self.protocol != "auto",
+            "--folds": self.folds is not None,
+        }
+        for other, given in alone.items():
+            if given and self.hold_out is not None:
+                raise ValueError(
+                    f"--hold-out takes each value of {self.hold_out!r} in turn: leave out {other}"
+                )
         if self.paper:
             self.protocol = "paper"
 
@@ -296,6 +313,7 @@ def evaluate(
     `granular-id evaluate irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest --bin-range auto`
     `granular-id evaluate recordings --protocol session --spaces raw,raw+hfmh --figures figures`
     `granular-id evaluate few --protocol kfold --folds 5`
+    `granular-id evaluate recordings --hold-out tool`
 
     The headline is the strictest protocol that the recordings allow: whole sessions held out, or halves in time
     order. Beside it as many recordings are drawn at random, which flatters a method that recognises the session
@@ -329,6 +347,7 @@ def evaluate(
             outputs,
             confusion=confusion,
             quiet=quiet,
+            hold_out=parts.hold_out,
             n_partitions=parts.partitions,
             train_per_class=parts.train,
             test_per_class=parts.test,

@@ -115,6 +115,12 @@ class Moving:
         default=0.02,
     )
     timeout_s: float = option(LIMITS, "How long to wait for the motion.", default=30.0)
+    max_force_n: float | None = option(
+        LIMITS,
+        "A sample of a larger force (length of fx, fy, fz as the sensor tells them, newton) stops the robot and ends "
+        "the session. Default: none.",
+    )
+    max_torque_n_m: float | None = option(LIMITS, "The same of tx, ty, tz, newton metre. Default: none.")
 
     def __post_init__(self) -> None:
         from granular_id.live.setup import ROBOTS
@@ -124,6 +130,8 @@ class Moving:
         positive("--threshold-n", self.threshold_n)
         positive("--timeout-s", self.timeout_s)
         positive("--speed-m-s", self.speed_m_s)
+        positive("--max-force-n", self.max_force_n)
+        positive("--max-torque-n-m", self.max_torque_n_m)
         at_least("--max-gap", self.max_gap, 0)
         if not 0 <= self.max_lag_s < float("inf"):
             raise ValueError(f"--max-lag-s must be at least 0 and finite, got {self.max_lag_s:g}")
@@ -134,6 +142,8 @@ class Moving:
             "allow_saturated": self.allow_saturated,
             "max_lag_s": self.max_lag_s,
             "timeout_s": self.timeout_s,
+            "max_force_n": self.max_force_n,
+            "max_torque_n_m": self.max_torque_n_m,
         }
         self.of_windows = {"max_gap": self.max_gap, "max_lag_s": self.max_lag_s}
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -15,14 +16,15 @@ import typer
 
 from granular_id._text import counted, known_label, verb
 from granular_id.cli.errors import words_of
-from granular_id.cli.options import at_least, names_in, option, positive
+from granular_id.cli.options import at_least, names_in, numbers_in, option, positive
 from granular_id.cli.outputs import show
 
 if TYPE_CHECKING:
+    from granular_id._checks import FloatArray
     from granular_id._progress import ProgressCallback
     from granular_id.recording import Dataset
 
-PANEL = "Recordings"
+PANEL, SETUP = "Recordings", "Another set-up"
 
 MAX_GAP_S = 0.25
 """Default of ``--max-gap-s``."""
@@ -292,6 +294,155 @@ class Steps(StepOptions):
                 f"no onset in {len(without)} of {len(data)} recordings, the first is {without[0]!r}: state it "
                 "with --onset-at NAME=SECONDS, try another --rest-s, or add --on-short skip to leave them out"
             )
+
+
+GRAVITY = (
+    "Where gravity points, in the frame of the wrench: x,y,z for all recordings, or a CSV file with the columns name "
+    "and gx,gy,gz, or name and qx,qy,qz,qw (orientation of the sensor in a frame whose z points up). Default: what "
+    "their metadata say under these names, or as gravity."
+)
+"""Help of ``--gravity``."""
+
+GRAVITY_WANTED = "x,y,z, or a CSV file with the columns name and gx,gy,gz, or name and qx,qy,qz,qw"
+
+
+@dataclass(kw_only=True)
+class WrenchSteps:
+    """How wrenches of another set-up become those of a training."""
+
+    compensate: Path | None = option(
+        SETUP, "Take weight and zero of a tool off, as `granular-id setup payload` writes them."
+    )
+    gravity: str | None = option(SETUP, GRAVITY)
+    rotate: str | None = option(
+        SETUP,
+        "Turn from the old frame into the new one: roll,pitch,yaw in degrees about fixed axes, or a quaternion "
+        "x,y,z,w; as tf gives it for (new frame, old frame).",
+    )
+    translate: str | None = option(SETUP, "Position of the old origin in the new frame: x,y,z in m.")
+    reverse: str | None = option(
+        SETUP, "Change the sign of all axes; the value says whose force on whom it is then."
+    )
+    frame: str | None = option(SETUP, "Name of the new frame, which models compare.")
+
+    def __post_init__(self) -> None:
+        if self.gravity is not None and self.compensate is None:
+            raise ValueError("--gravity says in which direction a payload weighs: add --compensate")
+        for name in ("rotate", "translate", "reverse"):
+            if getattr(self, name) is not None and self.frame is None:
+                raise ValueError(f"--{name} makes another frame: add --frame with its name")
+        wanted = "roll,pitch,yaw in degrees or a quaternion x,y,z,w"
+        self._turn = [] if self.rotate is None else numbers_in("--rotate", self.rotate, wanted)
+        if len(self._turn) not in (0, 3, 4):
+            raise ValueError(f"--rotate must be {wanted}, got {self.rotate!r}")
+        self._origin = [0.0, 0.0, 0.0]
+        if self.translate is not None:
+            self._origin = numbers_in("--translate", self.translate, "x,y,z in m", 3)
+        if self.compensate is not None:
+            from granular_id.recording import Payload
+
+            self._payload, self._gravity = Payload.load(self.compensate), gravity_in(self.gravity)
+
+    def taken(self, data: Dataset) -> Dataset:
+        """Take off a payload and turn, as asked; say what each step did."""
+        if self.compensate is not None:
+            data = say_step(data.compensate(self._payload, gravity_at(data, self._gravity)), quiet=False)
+        if self.frame is not None:
+            turned = data.transform(
+                self._rotation(),
+                self._origin,
+                frame=self.frame,
+                reverse=self.reverse is not None,
+                sign=self.reverse,
+            )
+            data = say_step(turned, quiet=False)
+        return data
+
+    def _rotation(self) -> FloatArray | list[float] | None:
+        if len(self._turn) != 3:
+            return self._turn or None
+        from scipy.spatial.transform import Rotation
+
+        matrix = Rotation.from_euler("xyz", self._turn, degrees=True).as_matrix()
+        turn: FloatArray = matrix.round(15)  # right angles only change places and signs
+        return turn
+
+
+Gravity = list[float] | dict[str, Mapping[str, Any]] | None
+"""One direction, what a table says by the name of a recording, or nothing: then the metadata say it."""
+
+
+def gravity_in(text: str | None) -> Gravity:
+    """Read ``--gravity``."""
+    if text is None or Path(text).is_file():
+        return None if text is None else _poses_in(Path(text))
+    return numbers_in("--gravity", text, GRAVITY_WANTED, 3)
+
+
+def gravity_at(data: Dataset, stated: Gravity) -> FloatArray:
+    """Return where gravity points in each recording, shape (n, 3)."""
+    import numpy as np
+
+    if isinstance(stated, list):
+        return np.tile(stated, (len(data), 1))
+    found = []
+    for one in data:
+        entry = one.meta if stated is None else stated.get(one.name)
+        if entry is None:
+            raise ValueError(f"--gravity has no line for the recording {one.name!r}")
+        down = _down(entry, f"{'metadata' if stated is None else '--gravity'} of {one.name!r}")
+        if down is None:
+            raise ValueError(
+                f"recording {one.name!r} does not say where gravity points: add --gravity {GRAVITY_WANTED}"
+            )
+        found.append(down)
+    return np.array(found)
+
+
+def _poses_in(path: Path) -> dict[str, Mapping[str, Any]]:
+    """Read a table of poses, a line a recording."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            lines = csv.DictReader(file, skipinitialspace=True)
+            columns, rows = lines.fieldnames or (), list(lines)
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"--gravity {path}: no CSV file: {error}") from None
+    if "name" not in columns or not any({*names} <= {*columns} for names in _POSES):
+        came = ", ".join(columns) or "nothing"
+        raise ValueError(f"--gravity {path} must be {GRAVITY_WANTED}, got the columns {came:.200}")
+    names = [row["name"] for row in rows]
+    if len({*names}) < len(names):
+        raise ValueError(f"--gravity {path}: names {Counter(names).most_common(1)[0][0]!r} twice")
+    return dict(zip(names, rows, strict=True))
+
+
+_POSES = (("gx", "gy", "gz"), ("qx", "qy", "qz", "qw"))
+
+
+def _down(entry: Mapping[str, Any], where: str) -> list[float] | None:
+    """Return where gravity points, as a line of a table or metadata say it."""
+    from granular_id.recording import transform
+
+    stated = next((names for names in _POSES if all(entry.get(name) is not None for name in names)), ())
+    came = [entry[name] for name in stated] if stated else entry.get("gravity")
+    if came is None:
+        return None
+    try:
+        numbers = [float(value) for value in came]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != (len(stated) or 3) or not any(numbers) or not all(map(math.isfinite, numbers)):
+        raise ValueError(
+            f"{where}: {','.join(stated) or 'gravity'} must be finite numbers, not all 0, got {came!r:.80}"
+        )
+    if len(numbers) == 3:
+        return numbers
+    x, y, z, w = numbers
+    try:
+        down: list[float] = transform([0, 0, -1, 0, 0, 0], [-x, -y, -z, w])[:3].tolist()
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+    return down
 
 
 def equal_recordings(reading: Reading, steps: Steps, *, quiet: bool) -> Dataset:

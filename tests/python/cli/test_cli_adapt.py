@@ -1,0 +1,220 @@
+"""`adapt` and `recalibrate`: the model they write is that of the library; what they print, and refuse."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cli_cases import LABELS, ended_well, make, refused, saved
+from granular_id import save
+from granular_id.identifier import Identifier, adapt as adapting
+from granular_id.io import load
+from granular_id.recording import Dataset
+from granular_id.synthetic import synthesize
+
+
+def moved(n, *, labels=True, **fields):
+    """The small recordings in another set-up: other gains, another zero, another session."""
+    data = make(n, **fields)
+    return Dataset(
+        [
+            replace(r, wrench=1.2 * r.wrench + 0.3, session="elsewhere", label=r.label if labels else None)
+            for r in data
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def fresh(tmp_path_factory):
+    """Five labelled recordings of each material."""
+    return saved(moved(5), tmp_path_factory.mktemp("adapt") / "fresh")
+
+
+@pytest.fixture(scope="module")
+def nameless(tmp_path_factory):
+    """The same without labels."""
+    return save(moved(5, labels=False), tmp_path_factory.mktemp("adapt") / "nameless.npz")
+
+
+def weights(model):
+    return model.core.coef.tobytes(), model.core.intercept.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "settings"),
+    [
+        ([], {}),
+        (["--all-materials"], {"all_materials": True}),
+        (["--rounds", 1], {"rounds": 1}),
+        (["--all-materials", "--rounds", 0], {"all_materials": True, "rounds": 0}),
+    ],
+    ids=["shift", "declared", "rounds", "declared without rounds"],
+)
+def test_adapt_writes_the_model_of_the_library(model, fresh, tmp_path, words, settings):
+    before = model.read_bytes()
+    ended_well("adapt", model, fresh, "-o", tmp_path / "new.safetensors", *words)
+    wanted = Identifier.load(model).adapt(load(fresh), **settings)
+    made = Identifier.load(tmp_path / "new.safetensors")
+    assert weights(made) == weights(wanted)
+    assert made.adaptations[-1].shares_after == wanted.adaptations[-1].shares_after
+    assert model.read_bytes() == before
+
+
+def test_recalibrate_writes_the_model_of_the_library(model, fresh, tmp_path):
+    ended_well("recalibrate", model, fresh, "-o", tmp_path / "new.safetensors")
+    made = Identifier.load(tmp_path / "new.safetensors")
+    assert weights(made) == weights(Identifier.load(model).recalibrate(load(fresh)))
+    assert made.adaptations[-1].materials == dict.fromkeys(LABELS, 5)
+
+
+def test_what_was_done_and_dropped_and_what_comes_next_is_printed(model, fresh, tmp_path):
+    new = tmp_path / "new.safetensors"
+    out = ended_well("adapt", model, fresh, "-o", new)
+    for line in (
+        "15 recordings, 3 materials, 60 samples at 125 Hz\n",
+        "Answers before and after\n",
+        "balanced shift, from 15 recordings",
+        "balanced accuracy on the 15 with a label: ",
+        "no longer true, and dropped: early answers, candidates, refusal of unknown materials",
+        f"wrote {new}\n",
+        f"granular_id.cli identify {new} PATH\n",
+        f"live --model {new} --source URL\n",
+    ):
+        assert line in out, out
+    assert "SYNTHETIC" not in out
+
+
+def test_quiet_leaves_what_was_done(model, nameless, tmp_path):
+    out = ended_well("adapt", model, nameless, "-o", tmp_path / "new.safetensors", "--quiet")
+    assert out.startswith("balanced shift, from 15 recordings")
+    assert "balanced accuracy" not in out
+    assert "PATH" not in out
+    assert "wrote" in out
+
+
+def test_an_adapted_model_is_recalibrated_and_tells_its_history(model, fresh, tmp_path):
+    first, second = tmp_path / "first.safetensors", tmp_path / "second.safetensors"
+    ended_well("adapt", model, fresh, "-o", first, "--all-materials")
+    ended_well("recalibrate", first, fresh, "-o", second)
+    told = ended_well("model", "info", second)
+    one, other = (line for line in told.splitlines() if line.startswith("adapted: "))
+    assert one.startswith("adapted: mean and SD of each column and 2 rounds of self-training, from 15 rec")
+    assert other.startswith("adapted: labelled recordings, from 15 recordings")
+    assert "accuracy: not known: the model was adapted to another set-up" in told
+    assert "before, on held-out recordings of the set-up of the training: " in told
+    ended_well("identify", second, fresh)
+
+
+def test_recordings_come_to_the_model_as_for_identify(model, tmp_path):
+    long = save(moved(3, samples=200), tmp_path / "long.npz")
+    line = refused("adapt", model, long, "-o", tmp_path / "new.safetensors")
+    assert line.endswith("state --lead-s or pass --begin-at first")
+    out = ended_well("adapt", model, long, "-o", tmp_path / "new.safetensors", "--begin-at", "first")
+    assert "from 9 recordings" in out
+    made = Identifier.load(tmp_path / "new.safetensors")
+    wanted = Identifier.load(model).adapt(load(long), begin_at="first")
+    assert weights(made) == weights(wanted)
+
+
+def test_a_refused_frame_is_accepted(tmp_path):
+    def framed(name, frame, n):
+        data = Dataset([replace(r, meta={"frame": frame}) for r in make(n)])
+        return save(data, tmp_path / name)
+
+    model, new = tmp_path / "m.safetensors", tmp_path / "new.safetensors"
+    Identifier.fit(load(framed("old.npz", "flange", 4)), "hfmh", n_bins=10, estimate=False).save(model)
+    other = framed("new.npz", "table", 4)
+    assert refused("adapt", model, other, "-o", new).endswith("add --accept frame")
+    out = ended_well("adapt", model, other, "-o", new, "--accept", "frame")
+    assert "set-up: frame 'table', in training 'flange'" in out
+
+
+def test_synthetic_recordings_are_called_so(tmp_path):
+    data = synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.5)
+    model = tmp_path / "m.safetensors"
+    Identifier.fit(data, "hfmh", estimate=False).save(model)
+    out = ended_well("adapt", model, save(data, tmp_path / "d.npz"), "-o", tmp_path / "new.safetensors")
+    assert "SYNTHETIC recordings and a model of such: this says nothing about real materials" in out
+
+
+# Refused, in options.
+
+
+@pytest.mark.parametrize("word", ["adapt", "recalibrate"])
+def test_the_model_itself_is_replaced_only_when_asked(model, fresh, word, tmp_path):
+    own = tmp_path / "own.safetensors"
+    own.write_bytes(model.read_bytes())
+    line = refused(word, own, fresh, "-o", own)
+    assert "is MODEL itself: give the new model another name, or add --force to replace MODEL" in line
+    assert own.read_bytes() == model.read_bytes()
+    ended_well(word, own, fresh, "-o", own, "--force")
+    assert len(Identifier.load(own).adaptations) == 1
+
+
+@pytest.mark.parametrize("word", ["adapt", "recalibrate"])
+def test_outputs_are_checked_first(model, fresh, word, tmp_path):
+    other = tmp_path / "there.safetensors"
+    other.write_bytes(model.read_bytes())
+    assert "there is such a file already; add --force" in refused(word, model, fresh, "-o", other)
+    assert "must end in .safetensors" in refused(word, model, fresh, "-o", tmp_path / "new.csv")
+    assert "no such file or folder" in refused(word, model, tmp_path / "no", "-o", tmp_path / "new")
+    assert "no such file or folder" in refused(word, tmp_path / "no", fresh, "-o", tmp_path / "new")
+
+
+def test_the_model_comes_first(model, fresh, tmp_path):
+    line = refused("adapt", fresh, model, "-o", tmp_path / "new")
+    assert line.endswith("is no recordings but a model file: MODEL comes first, then RECORDINGS")
+
+
+def test_a_refusal_writes_nothing(model, fresh, tmp_path, monkeypatch):
+    monkeypatch.setattr(adapting, "_new_model", lambda *_: (_ for _ in ()).throw(ValueError("full")))
+    refused("adapt", model, fresh, "-o", tmp_path / "new.safetensors")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_too_few_recordings_are_refused_in_options(model, tmp_path):
+    few = save(moved(5)[np.arange(8)], tmp_path / "few.npz")
+    line = refused("adapt", model, few, "-o", tmp_path / "new", "--all-materials")
+    assert (
+        "error: --all-materials needs 3 recordings a material in the mean, 9 for 3 materials, got 8" in line
+    )
+    assert line.endswith("record more, or leave --all-materials out")
+
+
+def test_missing_materials_are_named_and_allowed(model, tmp_path):
+    some = save(moved(4)[np.arange(8)], tmp_path / "some.npz")
+    new = tmp_path / "new.safetensors"
+    line = refused("recalibrate", model, some, "-o", new)
+    assert "sugar is missing" in line
+    assert line.endswith("record them, or add --allow-missing")
+    out = ended_well("recalibrate", model, some, "-o", new, "--allow-missing")
+    assert "materials that were missing, and gain nothing: sugar" in out
+
+
+def test_labels_that_are_missing_or_unknown_are_refused(model, nameless, tmp_path):
+    line = refused("recalibrate", model, nameless, "-o", tmp_path / "new")
+    assert "15 of 15 recordings have no label, the first is " in line
+    assert line.endswith("label them, or use granular-id adapt, which needs no labels")
+    salt = save(Dataset([replace(r, label="salt") for r in moved(1)]), tmp_path / "salt.npz")
+    line = refused("recalibrate", model, salt, "-o", tmp_path / "new")
+    assert (
+        line
+        == "error: every label must be one that the model knows (granular-id model info MODEL), got 'salt'"
+    )
+
+
+def test_a_model_that_keeps_nothing_of_its_training_says_the_way_out(model, fresh, tmp_path):
+    known = Identifier.load(model)
+    trained = {name: value for name, value in known.trained.items() if name != "source"}
+    old = tmp_path / "old.safetensors"
+    Identifier(adapting._changed(known.core, trained)).save(old)
+    line = refused("adapt", old, fresh, "-o", tmp_path / "new")
+    assert line.endswith("has too many materials; train it again with granular-id train")
+
+
+def test_an_adapted_model_is_not_declared_again(model, fresh, tmp_path):
+    new = tmp_path / "new.safetensors"
+    ended_well("adapt", model, fresh, "-o", new)
+    line = refused("adapt", new, fresh, "-o", tmp_path / "newer", "--all-materials")
+    assert line.startswith("error: --all-materials starts from the columns of the training")
+    assert line.endswith("adapt the model that it was made from")

@@ -1,0 +1,52 @@
+"""evaluate --hold-out: the table of held-out values, and what it cannot stand beside."""
+
+from dataclasses import replace
+
+import pytest
+
+from cli_cases import ended_well, make, refused, written
+from granular_id.io import save
+from granular_id.recording import Dataset
+
+SPACES = ("--spaces", "hfmh", "--n-bins", 10, "--no-controls")
+
+
+@pytest.fixture(scope="module")
+def tools(tmp_path_factory):
+    """Recordings of three tools, each material with every one, as one file."""
+    data = Dataset(
+        [replace(r, meta={"tool": ("wide", "thin", "long")[k % 3]}) for k, r in enumerate(make(9))]
+    )
+    return save(data, tmp_path_factory.mktemp("hold") / "tools.h5")
+
+
+def test_the_table_of_held_out_values_is_printed_and_written(tools, tmp_path):
+    out = ended_well("evaluate", tools, "--hold-out", "tool", *SPACES, "--json", tmp_path / "r.json")
+    assert "hfmh with one tool after the other held out" in out
+    assert "another tool" in out
+    saved = written(tmp_path / "r.json")
+    assert saved["settings"]["hold_out"] == "tool"
+    assert [part["description"] for part in saved["partitions"]["condition"]] == [
+        "tool: wide",
+        "tool: thin",
+        "tool: long",
+    ]
+    assert len(saved["spaces"][0]["protocols"]["matched"]["balanced_accuracies"]) == 3
+
+
+def test_a_condition_that_nobody_states_is_refused_with_those_that_are(tools):
+    line = refused("evaluate", tools, "--hold-out", "speed", *SPACES)
+    assert "'speed' cannot be held out, as no recording states it; those that can be: tool (3 values)" in line
+
+
+@pytest.mark.parametrize(
+    ("words", "other"),
+    [
+        (["--paper"], "--paper"),
+        (["--protocol", "kfold"], "--protocol kfold"),
+        (["--folds", 3], "--folds"),
+    ],
+)
+def test_it_stands_alone(tools, words, other):
+    line = refused("evaluate", tools, "--hold-out", "tool", *words)
+    assert line == f"error: --hold-out takes each value of 'tool' in turn: leave out {other}"

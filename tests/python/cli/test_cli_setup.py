@@ -1,0 +1,367 @@
+"""``granular-id setup`` and the steps of ``data convert`` that bring recordings into another set-up."""
+
+import csv
+import re
+import runpy
+import shlex
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import granular_id as gid
+from cli_cases import ended_well, refused, run, written
+from granular_id.io import load, save
+from granular_id.recording import Dataset, Payload, Recording
+from granular_id.synthetic import simulate_rests
+
+TRUE = Payload(0.306, (0.002, -0.003, 0.05), bias=(5, 42, 3, 0.78, -0.16, 0.11), frame="flange")
+POSES = Rotation.random(6, random_state=4)
+DOWN = POSES.inv().apply([0, 0, -1])
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    return tmp_path_factory.mktemp("setup")
+
+
+@pytest.fixture(scope="module")
+def rests(place):
+    """Six rests, whose metadata say where gravity points."""
+    path = place / "rests.npz"
+    save(simulate_rests(TRUE, DOWN, duration_s=1.0, rate_hz=100), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def silent(rests, place):
+    """The same rests, which do not say it."""
+    path = place / "silent.npz"
+    save(Dataset([replace(one, meta={"frame": "flange"}) for one in load(rests)]), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def tool(rests, place):
+    path = place / "tool.json"
+    ended_well("setup", "payload", rests, "-o", path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def pushes(place):
+    path = place / "pushes.npz"
+    save(gid.synthesize(["rice", "fine sugar"], n_per_class=2, duration_s=0.6), path)
+    return path
+
+
+def table_of(path, columns, rows, names=None):
+    with path.open("w", newline="") as file:
+        lines = csv.writer(file)
+        lines.writerow(["name", *columns])
+        lines.writerows([name, *row] for name, row in zip(names or RESTS, rows, strict=True))
+    return path
+
+
+RESTS = [f"rest_{i:02d}" for i in range(6)]
+GRAVITY, QUATERNION = ("gx", "gy", "gz"), ("qx", "qy", "qz", "qw")
+
+
+# The tool's weight.
+
+
+def test_a_payload_is_identified_from_what_metadata_say(rests, tool):
+    assert Payload.load(tool) == Payload.identify(load(rests), gravity=DOWN)
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(GRAVITY, DOWN), (QUATERNION, POSES.as_quat())])
+def test_a_table_of_poses_states_the_same(silent, tool, tmp_path, columns, rows):
+    poses = table_of(tmp_path / "poses.csv", columns, rows)
+    ended_well("setup", "payload", silent, "-o", tmp_path / "t.json", "--gravity", poses)
+    found, known = Payload.load(tmp_path / "t.json"), Payload.load(tool)
+    np.testing.assert_allclose(found.bias, known.bias, rtol=1e-9)
+    assert found.mass_kg == pytest.approx(known.mass_kg, rel=1e-9)
+
+
+def test_an_index_of_files_may_hold_the_poses(silent, tool, tmp_path):
+    data = load(silent)
+    metas = [dict(zip(QUATERNION, map(str, pose), strict=True)) for pose in POSES.as_quat()]
+    save(
+        Dataset([replace(r, meta={**r.meta, **m}) for r, m in zip(data, metas, strict=True)]),
+        tmp_path / "r.npz",
+    )
+    ended_well("setup", "payload", tmp_path / "r.npz", "-o", tmp_path / "t.json")
+    assert Payload.load(tmp_path / "t.json").mass_kg == pytest.approx(Payload.load(tool).mass_kg, rel=1e-9)
+
+
+def test_an_accelerometer_states_the_same(silent, tool, tmp_path):
+    axes = ("fx", "fy", "fz", "tx", "ty", "tz", "ax", "ay", "az")
+    read = [
+        Recording(np.hstack([one.wrench, np.tile(-down, (one.n_samples, 1))]), rate_hz=100, axes=axes)
+        for one, down in zip(load(silent), DOWN, strict=True)
+    ]
+    save(Dataset(read), tmp_path / "imu", "csv")
+    ended_well("setup", "payload", tmp_path / "imu", "-o", tmp_path / "t.json", "--acceleration", "ax,ay,az")
+    assert Payload.load(tmp_path / "t.json").mass_kg == pytest.approx(Payload.load(tool).mass_kg, rel=1e-9)
+
+
+def test_the_table_says_how_well_a_payload_is_known(rests, tmp_path):
+    out = ended_well("setup", "payload", rests, "-o", tmp_path / "t.json")
+    assert re.search(r"mass +0\.30\d\d kg +\+- 0\.0\d+ kg", out)
+    assert re.search(r"centre of mass z +\d\d\.\d+ mm +\+- [\d.]+ mm", out)
+    assert re.search(r"zero of tz +0\.1\d* N m +\+- [\d.e-]+ N m +[\d.e-]+ N m", out)
+    assert "condition number" in out
+    assert f"--compensate {tmp_path / 't.json'}" in out
+
+
+def test_one_pose_is_refused_with_the_way_out(silent, tmp_path):
+    line = refused("setup", "payload", silent, "-o", tmp_path / "t.json", "--gravity", "0,0,-1")
+    assert "mass and bias cannot be told apart" in line
+    assert "only a tare is possible" in line
+    assert not (tmp_path / "t.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "names", "told"),
+    [
+        (GRAVITY, DOWN[:5], RESTS[:5], "--gravity has no line for the recording 'rest_05'"),
+        (GRAVITY, DOWN, [*RESTS[:5], "rest_00"], "names 'rest_00' twice"),
+        (("roll", "pitch", "yaw"), DOWN, RESTS, "must be x,y,z, or a CSV file with the columns"),
+        (GRAVITY, 0 * DOWN, RESTS, "--gravity of 'rest_00': gx,gy,gz must be finite numbers, not all 0"),
+        (GRAVITY, [["", 0, 1]] * 6, RESTS, "gx,gy,gz must be finite numbers"),
+        (QUATERNION, 2 * POSES.as_quat(), RESTS, "a quaternion of length 2; wanted 1"),
+    ],
+)
+def test_poses_that_cannot_be_are_refused(silent, tmp_path, columns, rows, names, told):
+    poses = table_of(tmp_path / "poses.csv", columns, rows, names)
+    assert told in refused("setup", "payload", silent, "-o", tmp_path / "t.json", "--gravity", poses)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ((), "recording 'rest_00' does not say where gravity points: add --gravity"),
+        (("--gravity", "nowhere.csv"), "--gravity must be x,y,z, or a CSV file"),
+        (("--gravity", "0,0,1", "--acceleration", "ax,ay,az"), "give one of --gravity and --acceleration"),
+        (("--acceleration", "ax,ay"), "--acceleration must be three columns"),
+        (("--acceleration", "ax,ay,az"), "ax"),
+    ],
+)
+def test_what_states_no_pose_is_refused(silent, tmp_path, words, told):
+    assert told in refused("setup", "payload", silent, "-o", tmp_path / "t.json", *words)
+
+
+# Into another set-up.
+
+
+def test_convert_takes_a_payload_off_and_turns(pushes, tool, tmp_path):
+    words = ("--compensate", tool, "--gravity", "0,0,1", "--rotate", "0,0,90", "--translate", "0,0,0.1")
+    ended_well("data", "convert", pushes, tmp_path / "there.npz", "--frame", "flange")
+    ended_well("data", "convert", tmp_path / "there.npz", tmp_path / "new.npz", *words, "--frame", "tool")
+    data, new = load(pushes), load(tmp_path / "new.npz")
+    expected = data.transform(frame="flange").compensate(Payload.load(tool), [0, 0, 1])
+    expected = expected.transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0, 0, 0.1], frame="tool")
+    assert (new.X == expected.X).all()
+    assert new[0].meta == expected[0].meta
+
+
+def test_right_angles_there_and_back_change_no_bit(pushes, tmp_path):
+    there, back = tmp_path / "there.npz", tmp_path / "back.npz"
+    ended_well("data", "convert", pushes, there, "--rotate", "0,-90,0", "--frame", "turned")
+    ended_well("data", "convert", there, back, "--rotate", "0,90,0", "--frame", "flange")
+    assert (load(back).X == load(pushes).X).all()
+    assert not (load(there).X == load(pushes).X).all()
+
+
+def test_convert_changes_signs_and_names_them(pushes, tmp_path):
+    words = ("--reverse", "of the robot on the tool", "--frame", "flange", "--rotate", "0,0,0,1")
+    ended_well("data", "convert", pushes, tmp_path / "new.npz", *words)
+    new = load(tmp_path / "new.npz")
+    assert (new.X == -load(pushes).X).all()
+    assert (new[0].meta["sign"], new[0].meta["frame"]) == ("of the robot on the tool", "flange")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--gravity", "0,0,1"), "add --compensate"),
+        (("--rotate", "0,0,90"), "--rotate makes another frame: add --frame"),
+        (("--reverse", "robot"), "--reverse makes another frame: add --frame"),
+        (("--rotate", "90", "--frame", "f"), "--rotate must be roll,pitch,yaw in degrees or a quaternion"),
+        (("--rotate", "0,0,0,2", "--frame", "f"), "quaternion of length 2"),
+        (("--translate", "0,1", "--frame", "f"), "--translate must be x,y,z in m"),
+        (("--compensate", "nowhere.json"), "nowhere.json: no such file"),
+        (("--compensate", "PUSHES", "--gravity", "0,0,1"), "pushes.npz: no payload"),
+        (("--compensate", "TOOL", "--gravity", "down"), "--gravity must be x,y,z, or a CSV file"),
+        (("--compensate", "TOOL"), "does not say where gravity points"),
+        (("--compensate", "TOOL", "--gravity", "0,0,1"), "the payload of 'flange'"),
+    ],
+)
+def test_convert_refuses_what_says_too_little(pushes, tool, tmp_path, words, told):
+    words = [{"TOOL": tool, "PUSHES": pushes}.get(word, word) for word in words]
+    assert told in refused("data", "convert", pushes, tmp_path / "new.npz", *words)
+    assert not (tmp_path / "new.npz").exists()
+
+
+# The zero.
+
+
+def test_tare_writes_what_the_step_makes(pushes, tmp_path):
+    out = ended_well("setup", "tare", pushes, "-o", tmp_path / "tared.npz", "--lead-s", 0.1)
+    assert load(tmp_path / "tared.npz") == load(pushes).tare(lead_s=0.1)
+    assert "Zeros taken off" in out
+
+
+def test_a_rest_may_end_at_the_onset(pushes, tmp_path):
+    path = tmp_path / "untriggered.npz"
+    save(Dataset([replace(one, trigger_index=None) for one in load(pushes)]), path)
+    line = refused("setup", "tare", path, "-o", tmp_path / "t.npz")
+    assert "add --begin-at onset" in line
+    ended_well("setup", "tare", path, "-o", tmp_path / "t.npz", "--begin-at", "onset", "--lead-s", 0.05)
+    assert load(tmp_path / "t.npz")[0].meta["tare"] == "rest"
+
+
+def test_recordings_without_rest_may_be_left_out(pushes, tmp_path):
+    first, *others = load(pushes)
+    save(Dataset([replace(first, trigger_index=20), *others]), tmp_path / "one_short.npz")
+    words = ("setup", "tare", tmp_path / "one_short.npz", "--lead-s", 0.1, "--on-short", "skip", "-o")
+    out = ended_well(*words, tmp_path / "t.npz")
+    assert f"left out 1 recording without 0.1 s of rest before the motion, the first is {first.name!r}" in out
+    assert list(load(tmp_path / "t.npz").names) == [one.name for one in others]
+    assert "none of 4 recordings has 9 s of rest" in refused(*words, tmp_path / "u.npz", "--lead-s", 9)
+
+
+def test_a_rest_of_a_quarter_second_is_the_default(tmp_path):
+    noise = np.random.default_rng(0).normal(0, 1, (300, 6))
+    data = Dataset([Recording(noise, rate_hz=500, trigger_index=200)])
+    save(data, tmp_path / "d.npz")
+    ended_well("setup", "tare", tmp_path / "d.npz", "-o", tmp_path / "t.npz")
+    assert (load(tmp_path / "t.npz").X == data.tare().X).all()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--lead-s", 0), "--lead-s must be positive"),
+        (("--lead-s", 9), "9 s are wanted"),
+        (("--onset-at", "rice_00=0.1"), "add --begin-at onset"),
+        (("--to", "xls"), "--to xls; wanted one of csv"),
+    ],
+)
+def test_tare_refuses(pushes, tmp_path, words, told):
+    assert told in refused("setup", "tare", pushes, "-o", tmp_path / "t.npz", *words)
+
+
+@pytest.mark.data
+def test_the_zeros_of_a_plate_in_sand_are_those_of_the_page(data_dir, tmp_path):
+    (tmp_path / "press").mkdir()
+    for k in (1, 2, 3):
+        shutil.copy(data_dir / "sand_press" / f"press_{k}.bag", tmp_path / "press")
+    words = ("--rate-hz", 100, "--begin-at", "onset", "--rest-s", 0.5)
+    out = ended_well("setup", "tare", tmp_path / "press", "-o", tmp_path / "t.npz", *words)
+    assert re.search(r"fx +6\.55 +6\.58 +6\.6", out)
+    assert re.search(r"fy +42\.4 +42\.6 +42\.7", out)
+    assert re.search(r"fz +-1\.95 +-1\.84 +-1\.3", out)
+
+
+# What is compared.
+
+
+def with_meta(path, target, **meta):
+    save(Dataset([replace(one, meta=meta) for one in load(path)]), target)
+    return target
+
+
+@pytest.fixture(scope="module")
+def trained(pushes, place):
+    data = with_meta(pushes, place / "plain.npz", frame="flange", tool="cylinder")
+    path = place / "m.safetensors"
+    gid.Identifier.fit(load(data).align(n_samples=200), "hfmh", estimate=False).save(path)
+    return path
+
+
+def lines_of(*words):
+    """Thing -> what is said of it."""
+    out = ended_well("setup", "show", *words)
+    return dict(re.findall(r"^(\w+) {2,}(.*?) *$", out, re.M)), out
+
+
+def test_show_says_all_of_recordings_and_where_they_differ(pushes, tmp_path):
+    data = load(pushes)
+    tools = [replace(one, meta={"tool": "spoon" if k else "fork"}) for k, one in enumerate(data)]
+    save(Dataset(tools), tmp_path / "two.npz")
+    told, _ = lines_of(tmp_path / "two.npz")
+    assert told["tool"] == "spoon (3), fork (1)"
+    assert told["rate"] == "500 Hz"
+    assert told["tare"] == "not stated"
+    assert len(told) == 14
+
+
+def test_show_reads_models(trained):
+    told, out = lines_of(trained)
+    assert (told["frame"], told["tool"], told["sign"]) == ("flange", "cylinder", "not stated")
+    assert told["axes"] == "fx fy fz (N), tx ty tz (N m)"
+    assert "model of 2 materials" in out
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_show_says_what_follows(trained, pushes, tmp_path, swapped):
+    now = with_meta(pushes, tmp_path / "now.npz", frame="table", tool="cylinder", tare="rest")
+    told, out = lines_of(*((now, trained) if swapped else (trained, now)))
+    assert told["frame"].split() == ["refused", "flange", "table"]
+    assert told["tool"].split() == ["fine", "cylinder", "the", "same"]
+    assert told["tare"].split() == ["warning", "not", "stated", "rest"]
+    assert "refused: frame" in out
+    assert "--accept frame" in out
+    assert "tare: take the rest before the motion off both" in out
+
+
+@pytest.mark.parametrize("name", ["frame", "tool"])
+def test_show_says_what_identify_does(trained, pushes, tmp_path, name):
+    now = with_meta(pushes, tmp_path / "now.npz", **{"frame": "flange", "tool": "cylinder", name: "another"})
+    told, _ = lines_of(trained, now)
+    ran = run("identify", trained, now, "--begin-at", "first")
+    assert (ran.exit_code == 2) is told[name].startswith("refused")
+    assert f"{name} 'another'" in " ".join(ran.output.split())
+
+
+def test_show_compares_rates_and_axes(trained, pushes, tmp_path):
+    slower = load(pushes).resample(100).select(axes=["tx", "ty", "tz", "fx", "fy", "fz"])
+    save(slower, tmp_path / "slow.npz")
+    told, out = lines_of(trained, tmp_path / "slow.npz", "--axes", "tx,ty,tz,fx,fy,fz")
+    assert told["rate"].startswith("refused")
+    assert told["axes"].startswith("refused")
+    assert "rate: resample with --rate-hz" in out
+
+
+def test_data_check_says_where_recordings_differ(pushes, tmp_path):
+    data = load(pushes)
+    save(Dataset([*data[:2], *data[2:].tare(lead_s=0.1)]), tmp_path / "half.npz")
+    out = ended_well("data", "check", tmp_path / "half.npz", "--json", tmp_path / "c.json")
+    told = "warning: recordings differ in their tare: not stated (2), 'rest' (2)"
+    assert told in out
+    assert told in written(tmp_path / "c.json")["setup"][0]
+    assert run("data", "check", tmp_path / "half.npz", "--strict").exit_code == 3
+
+
+# The page.
+
+PAGE = Path(__file__).parents[3] / "docs" / "setups.md"
+
+
+def test_the_page_runs_as_it_is_printed(tmp_path, monkeypatch):
+    blocks = re.findall(r"```(\w*)\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    program = tmp_path / "page.py"
+    program.write_text("\n".join(text for kind, text in blocks if kind == "python"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(program))
+    commands = [line for kind, text in blocks if not kind for line in text.splitlines()]
+    assert all(line.startswith("granular-id ") for line in commands)
+    printed = "".join(ended_well(*shlex.split(line)[1:]) for line in commands)
+    lines = {" ".join(line.split()) for line in printed.splitlines()}
+    shown = [line for kind, text in blocks if kind == "text" for line in text.splitlines()]
+    assert len(shown) > 10
+    assert [line for line in shown if " ".join(line.split()) not in lines] == []
