@@ -78,7 +78,7 @@ def condition_of(data: Dataset, condition: Any) -> tuple[str, NDArray[np.object_
     more = f" and {len(able) - _MOST_NAMED} more" if len(able) > _MOST_NAMED else ""
     which = f"those that can be: {', '.join(able[:_MOST_NAMED])}{more}"
     which = which if able else "these recordings state none that can be"
-    raise argument_error(ValueError, "hold_out", f": {condition!r} cannot be held out, as {reason}; {which}")
+    raise argument_error(ValueError, "hold_out", f"={condition!r} cannot be held out, as {reason}; {which}")
 
 
 def _why_not(data: Dataset, name: str, values: NDArray[np.object_]) -> str:

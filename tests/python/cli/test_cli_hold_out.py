@@ -36,7 +36,10 @@ def test_the_table_of_held_out_values_is_printed_and_written(tools, tmp_path):
 
 def test_a_condition_that_nobody_states_is_refused_with_those_that_are(tools):
     line = refused("evaluate", tools, "--hold-out", "speed", *SPACES)
-    assert "'speed' cannot be held out, as no recording states it; those that can be: tool (3 values)" in line
+    assert (
+        "--hold-out speed cannot be held out, as no recording states it; those that can be: tool (3 values)"
+        in line
+    )
 
 
 @pytest.mark.parametrize(

@@ -259,7 +259,7 @@ def test_what_cannot_be_held_out_is_refused_with_those_that_can(name, reason):
         a=lambda k, _: {"width": 1},
         b=lambda k, _: {"width": 2},
     )
-    with pytest.raises(ValueError, match=rf"hold_out: '{name}' cannot be held out, as {reason}") as caught:
+    with pytest.raises(ValueError, match=rf"hold_out='{name}' cannot be held out, as {reason}") as caught:
         evaluate(data, "raw", hold_out=name, **QUIET)
     assert caught.value.argument == "hold_out"
 
