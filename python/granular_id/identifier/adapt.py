@@ -32,7 +32,16 @@ from granular_id.identifier.metadata import (
 )
 from granular_id.identifier.rules import KEY as CONFIDENCE
 from granular_id.recording import Dataset, setups_in, values_in
-from granular_id.spaces import Learners, SourceStatistics, adapted, codes_of, recalibrated, refuse_missing
+from granular_id.spaces import (
+    Learners,
+    SourceStatistics,
+    adapted,
+    checked_rounds,
+    codes_of,
+    missing_of,
+    recalibrated,
+    refuse_missing,
+)
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -211,7 +220,7 @@ def adapted_model(
     threads: int | None,
 ) -> _core.Model:
     """Adapt a model to recordings without labels; `Identifier.adapt` describes it."""
-    checked_flag("all_materials", all_materials)
+    rounds = checked_rounds(rounds, all_materials)
     data, differences = _taken(core, recordings, "recordings", begin_at, lead_s, accept)
     source, learners = _source(core, trained_on, threads), _learners(core)
     if all_materials and source.mean is None:
@@ -226,9 +235,8 @@ def adapted_model(
             learners, source, rows, all_materials=all_materials, rounds=rounds, caution=caution
         )
         entry = _entry(core, learners, made, rows, data, differences)
-    rounds = (2 if all_materials else 0) if rounds is None else rounds
     method = STANDARDISED if all_materials else SHIFT
-    return _new_model(core, made, known, data, replace(entry, method=method, rounds=int(rounds)))
+    return _new_model(core, made, known, data, replace(entry, method=method, rounds=rounds))
 
 
 def recalibrated_model(
@@ -314,7 +322,7 @@ def _statistics(
     core: _core.Model, X: FloatArray, y: npt.NDArray[np.str_], threads: int | None
 ) -> SourceStatistics:
     codes = codes_of(y, np.array(core.classes), len(X), "trained_on")
-    missing = [label for k, label in enumerate(core.classes) if not (codes == k).any()]
+    missing = missing_of(codes, core.classes)
     if missing:
         raise ValueError(
             f"trained_on must hold every material that the model knows, {missing[0]!r} is missing"

@@ -5,7 +5,9 @@ from granular_id.spaces.adaptation import (
     Learners as Learners,
     SourceStatistics as SourceStatistics,
     adapted as adapted,
+    checked_rounds as checked_rounds,
     codes_of as codes_of,
+    missing_of as missing_of,
     recalibrated as recalibrated,
     refuse_missing as refuse_missing,
 )

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
+Label = TypeVar("Label")
 Losses = Callable[[FloatArray], FloatArray]
 
 LEAST_ROWS = 3
@@ -84,18 +85,22 @@ class SourceStatistics:
         return cls(means.mean(axis=0), sd, learners.scores(means))
 
 
+def checked_rounds(rounds: int | None, all_materials: bool) -> int:
+    """Return the rounds of self-training: those that are asked for, or the default of the method."""
+    default = 2 if checked_flag("all_materials", all_materials) else 0
+    return default if rounds is None else whole_number("rounds", rounds, least=0)
+
+
 def adapted(
     learners: Learners,
     source: SourceStatistics,
     X: FloatArray,
     *,
     all_materials: bool,
-    rounds: int | None,
+    rounds: int,
     caution: float = 0.0,
 ) -> tuple[Learners, SourceStatistics]:
     """Bring learners to the set-up of rows (n, D) without labels, as `AdaptableClassifier.adapt` says it."""
-    checked_flag("all_materials", all_materials)
-    rounds = (2 if all_materials else 0) if rounds is None else whole_number("rounds", rounds, least=0)
     if len(X) < LEAST_ROWS:
         raise ValueError(
             f"adapting needs at least {LEAST_ROWS} recordings, got {len(X)}: the offset of one cannot be told from its "
@@ -329,6 +334,7 @@ class AdaptableClassifier:
         >>> bool((clf.predict(moved) == y[1::2]).mean() < 0.7 < 0.9 < (new.predict(moved) == y[1::2]).mean())
         True
         """
+        rounds = checked_rounds(rounds, all_materials)
         with single_threaded_blas():
             learners, source, _ = self._known(X, y)
             rows = validate_data(self, X_new, dtype=np.float64, reset=False)
@@ -387,11 +393,9 @@ class AdaptableClassifier:
         slices = block_slices(own_blocks(self.blocks, origin_of(X)), self.n_features_in_)
         rows = validate_data(self, X, dtype=np.float64, reset=False)
         codes = codes_of(np.asarray(y), self.classes_, len(rows), "y")
-        without = np.flatnonzero(np.bincount(codes, minlength=len(self.classes_)) == 0)
-        if without.size:
-            raise ValueError(
-                f"y must hold every class of the training, {self.classes_.tolist()[without[0]]!r} is missing"
-            )
+        missing = missing_of(codes, self.classes_.tolist())
+        if missing:
+            raise ValueError(f"y must hold every class of the training, {missing[0]!r} is missing")
         learners = Learners(
             self.coef_, self.intercept_, self.coding_matrix_, lambda scores: -self._values(scores)
         )
@@ -417,10 +421,15 @@ def codes_of(labels: npt.NDArray[Any], classes: npt.NDArray[Any], n: int, name: 
     return np.array([codes[label] for label in labels.tolist()], dtype=np.intp)
 
 
+def missing_of(codes: IntArray, labels: Sequence[Label]) -> list[Label]:
+    """Return the classes that no row has."""
+    there = set(codes.tolist())
+    return [label for code, label in enumerate(labels) if code not in there]
+
+
 def refuse_missing(codes: IntArray, labels: Sequence[str], allow_missing: bool) -> list[str]:
     """Return the classes without a recording; refuse them unless they are allowed."""
-    counts = np.bincount(codes, minlength=len(labels))
-    missing = [label for label, count in zip(labels, counts, strict=True) if not count]
+    missing = missing_of(codes, labels)
     if missing and not allow_missing:
         raise ValueError(
             f"recalibration needs recordings of every material, {', '.join(missing)} "
