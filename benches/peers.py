@@ -98,6 +98,8 @@ def main() -> None:
     n = len(wrench)
     sos = butter(8, 23.0, "highpass", fs=500.0)
     out, wanted = np.zeros((n, 10_200)), np.zeros((n, 10_200))
+    narrow = np.zeros((n, 10_200), np.float32)
+    silent = wrench * [0, 1, 0, 1, 0, 1]
     axis_major = out[:, :9600].reshape(n, 6, 1600)
     if not np.shares_memory(axis_major, out):
         sys.exit("the copy floor must write into the same memory as the others")
@@ -109,6 +111,8 @@ def main() -> None:
         "granular_id, 1 thread": lambda: gid.extract_features(wrench, threads=1, out=out),
         "granular_id, 2 threads": lambda: gid.extract_features(wrench, threads=2, out=out),
         "numba, 2 threads": lambda: numba_parallel(wrench, sos, out),
+        "granular_id, 1 thread, float32": lambda: gid.extract_features(wrench, threads=1, out=narrow),
+        "granular_id, 1 thread, 3 silent axes": lambda: gid.extract_features(silent, threads=1, out=out),
         "transposing copy, new array": lambda: wrench.transpose(0, 2, 1).copy(),
         "granular_id, 1 thread, new array": lambda: gid.extract_features(wrench, threads=1),
     }
@@ -117,7 +121,11 @@ def main() -> None:
     for name, work in rows.items():
         out[:] = 0.0
         result = work()
-        if name.startswith("granular_id") and not np.array_equal(out if result is None else result, wanted):
+        if (
+            name.startswith("granular_id")
+            and not name.endswith(("float32", "axes"))
+            and not np.array_equal(out if result is None else result, wanted)
+        ):
             sys.exit(f"{name}: the features differ from scipy's and numpy's")
     times: dict[str, list[float]] = {name: [] for name in rows}
     for number in range(options.rounds):

@@ -7,7 +7,7 @@
 use std::hint::black_box;
 
 use criterion::{criterion_group, criterion_main, BenchmarkId, Criterion, Throughput};
-use granular_id::{butterworth, Band, BatchShape, Extractor, FeatureSpec, Path, SosState, UniformBins};
+use granular_id::{butterworth, Band, BatchShape, Extractor, FeatureSpec, Path, SosState};
 
 const N_SAMPLES: usize = 1600;
 
@@ -56,42 +56,35 @@ fn filter(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// Counting one axis of one recording.
-fn histogram(criterion: &mut Criterion) {
-    let Ok(bins) = UniformBins::new(100, -1.5, 1.5) else { return };
-    let values = recordings(1, 1);
-    let mut group = criterion.benchmark_group("histogram");
-    group.throughput(Throughput::Elements(values.len() as u64));
-    group.bench_function("100 bins", |bencher| bencher.iter(|| bins.count(black_box(&values))));
-    group.finish();
-}
-
-/// Filter and histogram of a batch, by order, axes and path: the kernel of the extraction. One axis in six silent, too.
+/// Filter and histogram of a batch, by order, axes and path: the kernel of the extraction. Order 0 counts alone.
 fn kernel(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("kernel");
     group.sample_size(20);
-    for (order, n_axes, silent) in [
-        (2, 6, false),
-        (4, 6, false),
-        (8, 6, false),
-        (8, 6, true),
-        (16, 6, false),
-        (8, 1, false),
-        (8, 3, false),
-        (8, 12, false),
+    for (order, n_axes, n_silent) in [
+        (0, 6, 0),
+        (2, 6, 0),
+        (4, 6, 0),
+        (8, 6, 0),
+        (8, 6, 1),
+        (8, 6, 3),
+        (16, 6, 0),
+        (8, 1, 0),
+        (8, 3, 0),
+        (8, 12, 0),
     ] {
-        let spec = FeatureSpec { order, raw: false, ..FeatureSpec::default() };
+        let spec = FeatureSpec { order: order.max(1), raw: false, ..FeatureSpec::default() };
         let Ok(extractor) = Extractor::new(spec) else { continue };
+        let extractor = if order == 0 { extractor.unfiltered() } else { extractor };
         let shape = BatchShape { n_recordings: 24, n_samples: N_SAMPLES, n_axes };
         let mut wrench = recordings(shape.n_recordings, n_axes);
-        if silent {
-            wrench.iter_mut().step_by(n_axes).for_each(|value| *value = 0.0);
+        for sample in wrench.chunks_exact_mut(n_axes) {
+            sample[..n_silent].fill(0.0);
         }
         let mut out = vec![0.0; shape.n_recordings * n_axes * 100];
         group.throughput(Throughput::Elements(wrench.len() as u64));
         for path in Path::available() {
-            let note = if silent { ", one silent" } else { "" };
-            let id = BenchmarkId::new(format!("order {order}, {n_axes} axes{note}"), path.name());
+            let id =
+                BenchmarkId::new(format!("order {order}, {n_axes} axes, {n_silent} silent"), path.name());
             group.bench_function(id, |bencher| {
                 bencher.iter(|| extractor.extract_on(path, black_box(&wrench), shape, 1, &mut out));
             });
@@ -128,5 +121,5 @@ fn extraction(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, filter, histogram, kernel, extraction);
+criterion_group!(benches, filter, kernel, extraction);
 criterion_main!(benches);

@@ -2,8 +2,11 @@
 
 use crate::features::{BatchShape, Extractor};
 use crate::histogram::Outside;
+use std::marker::PhantomData;
+
 use crate::lanes::{
-    flat, pack, unpack, Cascade, Isa, Job, LaneBins, Raw, Row, Tally, Vector, BLOCK, LANES, MAX_WIDTH,
+    flat, pack, unpack, Beside, Cascade, Counting, Isa, Job, LaneBins, LaneHistograms, Raw, Real, Row,
+    Vector, BLOCK, LANES, MAX_WIDTH,
 };
 
 /// Recordings that share the lanes.
@@ -12,17 +15,17 @@ pub(crate) fn team_size(n_axes: usize) -> usize {
 }
 
 /// Some recordings of a batch and their rows of features. Gives true when all values were finite.
-pub(crate) struct Teams<'a> {
+pub(crate) struct Teams<'a, T> {
     pub(crate) extractor: &'a Extractor,
     pub(crate) shape: BatchShape,
     pub(crate) n_features: usize,
     pub(crate) wrench: &'a [f64],
-    pub(crate) out: &'a mut [f64],
+    pub(crate) out: &'a mut [T],
     /// Write raw features past the caches: worth it when the whole result is larger than they are.
     pub(crate) stream: bool,
 }
 
-impl Job for Teams<'_> {
+impl<T: Real> Job for Teams<'_, T> {
     type Output = bool;
 
     #[inline(always)]
@@ -41,9 +44,11 @@ impl Job for Teams<'_> {
                 let layout = Layout { axes: axes.clone(), recordings, stream };
                 finite &= match (recordings * axes.len()).div_ceil(LANES) {
                     0 => true,
-                    1 => Crew::<1>::new(extractor, shape, layout).run::<I>(wrench, out, n_features),
-                    2 => Crew::<2>::new(extractor, shape, layout).run::<I>(wrench, out, n_features),
-                    _ => Crew::<MAX_WIDTH>::new(extractor, shape, layout).run::<I>(wrench, out, n_features),
+                    1 => Crew::<1>::new(extractor, shape, layout).run::<I, T>(wrench, out, n_features),
+                    2 => Crew::<2>::new(extractor, shape, layout).run::<I, T>(wrench, out, n_features),
+                    _ => {
+                        Crew::<MAX_WIDTH>::new(extractor, shape, layout).run::<I, T>(wrench, out, n_features)
+                    }
                 };
             }
         }
@@ -66,7 +71,9 @@ struct Crew<'a, const W: usize> {
     layout: Layout,
     cascade: Cascade<W>,
     bins: LaneBins<'a, W>,
-    tally: Tally,
+    histograms: LaneHistograms<W>,
+    /// The histogram of one lane, to be written.
+    block: Vec<f64>,
 }
 
 impl<'a, const W: usize> Crew<'a, W> {
@@ -79,7 +86,8 @@ impl<'a, const W: usize> Crew<'a, W> {
         };
         Self {
             cascade: Cascade::new(extractor.sos()),
-            tally: Tally::new(W, extractor.spec().n_bins),
+            histograms: LaneHistograms::new(extractor.spec().n_bins),
+            block: vec![0.0; extractor.spec().n_bins],
             bins: LaneBins::new(bins),
             extractor,
             shape,
@@ -89,20 +97,21 @@ impl<'a, const W: usize> Crew<'a, W> {
 
     /// Runs team after team.
     #[inline(always)]
-    fn run<I: Isa>(mut self, wrench: &[f64], out: &mut [f64], n_features: usize) -> bool {
+    fn run<I: Isa, T: Real>(mut self, wrench: &[f64], out: &mut [T], n_features: usize) -> bool {
         let recordings = wrench.chunks_exact(self.layout.recordings * self.shape.recording_len());
         let rows = out.chunks_exact_mut(self.layout.recordings * n_features);
         let mut finite = true;
         for (wrench, out) in recordings.zip(rows) {
-            finite &= self.team::<I>(wrench, out, n_features);
+            finite &= self.team::<I, T>(wrench, out, n_features);
         }
         finite
     }
 
     /// One team: every sample is read once, every feature written once.
     #[inline(always)]
-    fn team<I: Isa>(&mut self, wrench: &[f64], out: &mut [f64], n_features: usize) -> bool {
+    fn team<I: Isa, T: Real>(&mut self, wrench: &[f64], out: &mut [T], n_features: usize) -> bool {
         let hfmh = self.extractor.spec().hfmh;
+        let filtered = hfmh && !self.extractor.sos().sections().is_empty();
         let n_samples = self.shape.n_samples;
         let mut rows = [[Vector::ZERO; W]; BLOCK];
         let mut finite = true;
@@ -110,23 +119,27 @@ impl<'a, const W: usize> Crew<'a, W> {
         let mut start = 0;
         let mut end = n_samples.min(rows_to_cache_line(out));
         while start < end {
-            self.load::<I>(wrench, out, n_features, start..end, &mut rows);
+            self.load::<I, T>(wrench, out, n_features, start..end, &mut rows);
             let rows = &mut rows[..end - start];
-            if hfmh {
-                let ahead = |row| {
-                    if self.shape.n_axes == 6 {
-                        prefetch::<I>(wrench, n_samples, end + BLOCK, row);
-                    }
-                };
-                self.cascade.filter(rows, ahead);
-                self.tally.add::<I, W>(&self.bins, rows);
+            if filtered {
+                let next = (self.shape.n_axes == 6).then_some(end + BLOCK);
+                let counting = self.histograms.counting(rows.len());
+                let isa = PhantomData::<I>;
+                self.cascade.filter::<I>(rows, &mut Meanwhile { counting, wrench, n_samples, next, isa });
             } else {
                 finite &= rows.iter().all(|row| flat(row).iter().all(|value| value.is_finite()));
+            }
+            if hfmh {
+                if !filtered {
+                    self.histograms.counting(0);
+                }
+                self.histograms.find::<I>(&self.bins, rows);
             }
             (start, end) = (end, n_samples.min(end + BLOCK));
         }
         if hfmh {
-            finite = self.cascade.is_finite();
+            finite &= self.cascade.is_finite();
+            self.histograms.counting(0);
             self.finish(out, n_features);
         }
         finite
@@ -135,7 +148,7 @@ impl<'a, const W: usize> Crew<'a, W> {
     /// Sets the filter as it was before the first sample, and empties the histograms.
     #[inline(always)]
     fn begin(&mut self, wrench: &[f64]) {
-        self.tally.clear();
+        self.histograms.clear();
         self.cascade.rest();
         let axes = self.layout.axes.clone();
         for (section, z) in self.extractor.start().iter().enumerate() {
@@ -149,10 +162,10 @@ impl<'a, const W: usize> Crew<'a, W> {
 
     /// Brings samples into the lanes and, on the way, into the raw features.
     #[inline(always)]
-    fn load<I: Isa>(
+    fn load<I: Isa, T: Real>(
         &self,
         wrench: &[f64],
-        out: &mut [f64],
+        out: &mut [T],
         n_features: usize,
         samples: std::ops::Range<usize>,
         rows: &mut [Row<W>; BLOCK],
@@ -185,32 +198,55 @@ impl<'a, const W: usize> Crew<'a, W> {
     }
 
     /// Writes the histogram block.
-    fn finish(&self, out: &mut [f64], n_features: usize) {
+    fn finish<T: Real>(&mut self, out: &mut [T], n_features: usize) {
         let spec = self.extractor.spec();
         let raw_len = if spec.raw { self.shape.recording_len() } else { 0 };
+        let block = &mut self.block;
         for (r, out) in out.chunks_exact_mut(n_features).enumerate() {
             for (a, axis) in self.layout.axes.clone().enumerate() {
-                let counts = self.tally.lane(r * self.layout.axes.len() + a);
-                let target = &mut out[raw_len + axis * spec.n_bins..][..spec.n_bins];
-                for (value, count) in target.iter_mut().zip(&counts[1..]) {
+                let counts = self.histograms.lane(r * self.layout.axes.len() + a);
+                for (value, count) in block.iter_mut().zip(&counts[1..]) {
                     *value = f64::from(*count);
                 }
                 if spec.outside == Outside::Clip {
-                    target[0] += f64::from(counts[0]);
-                    target[spec.n_bins - 1] += f64::from(counts[spec.n_bins + 1]);
+                    block[0] += f64::from(counts[0]);
+                    block[spec.n_bins - 1] += f64::from(counts[spec.n_bins + 1]);
                 }
                 if let Some(bins) = self.extractor.bins(axis).filter(|_| spec.density) {
-                    bins.normalise(target);
+                    bins.normalise(block);
+                }
+                let target = &mut out[raw_len + axis * spec.n_bins..];
+                for (value, wide) in target.iter_mut().zip(&*block) {
+                    *value = T::of(*wide);
                 }
             }
         }
     }
 }
 
+/// What is done while a block is filtered: the block before it is counted, one of those behind it asked for.
+struct Meanwhile<'a, I, const W: usize> {
+    counting: Counting<'a, W>,
+    wrench: &'a [f64],
+    n_samples: usize,
+    next: Option<usize>,
+    isa: PhantomData<I>,
+}
+
+impl<I: Isa, const W: usize> Beside for Meanwhile<'_, I, W> {
+    #[inline(always)]
+    fn work<const PART: usize, const PARTS: usize>(&mut self, row: usize) {
+        if let (0, Some(next)) = (PART, self.next) {
+            prefetch::<I>(self.wrench, self.n_samples, next, row);
+        }
+        self.counting.work::<PART, PARTS>(row);
+    }
+}
+
 /// Rows of the first block: as many as bring the writes of all later ones to the start of a cache line, where the
 /// sizes are multiples of one, as the paper's are.
-fn rows_to_cache_line(out: &[f64]) -> usize {
-    match out.as_ptr().align_offset(BLOCK * size_of::<f64>()) {
+fn rows_to_cache_line<T>(out: &[T]) -> usize {
+    match out.as_ptr().align_offset(BLOCK * size_of::<T>()) {
         rows @ 1..BLOCK => rows,
         _ => BLOCK,
     }

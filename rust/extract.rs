@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use crate::crew::{team_size, Teams};
 use crate::error::{Error, Result};
 use crate::features::{BatchShape, Extractor};
-use crate::lanes::Path;
+use crate::lanes::{Path, Real};
 use crate::pool;
 
 /// Recordings per task at most: about 5 MB in and out, small enough to balance, large enough to stay cheap.
@@ -42,9 +42,7 @@ impl Extractor {
         let stream = size_of_val(out) > STREAM_BYTES;
         let n_features = self.check(wrench, shape)?;
         in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
-            path.run(Teams { extractor: self, shape, n_features, wrench, out, stream })
-                .then_some(())
-                .ok_or_else(|| not_finite(wrench, shape))
+            self.run_on(path, wrench, shape, out, stream)
         })
     }
 
@@ -56,24 +54,38 @@ impl Extractor {
         threads: usize,
         out: &mut [f32],
     ) -> Result<()> {
-        let histograms = self.without_raw();
         let n_features = self.check(wrench, shape)?;
+        let path = Path::detect()?;
         in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
-            // Samples are rounded on their way, so that no wide copy of them is made.
-            let raw_len = if self.spec().raw { shape.recording_len() } else { 0 };
-            let wide = if self.spec().hfmh { histograms.extract(wrench, shape, 1)? } else { Vec::new() };
-            let mut wide = wide.chunks_exact((n_features - raw_len).max(1));
-            let recordings = wrench.chunks_exact(shape.recording_len()).zip(out.chunks_exact_mut(n_features));
-            for (recording, (samples, row)) in recordings.enumerate() {
-                let (raw, counts) = row.split_at_mut(raw_len);
-                for (axis, raw) in raw.chunks_exact_mut(shape.n_samples).enumerate() {
-                    narrow(recording, samples.iter().skip(axis).step_by(shape.n_axes), raw)
-                        .map_err(|error| if finite(wrench) { error } else { not_finite(wrench, shape) })?;
+            self.run_on(path, wrench, shape, out, false)?;
+            // without a branch, which the compiler turns into a few vector instructions
+            if out.iter().fold(true, |all, value| all & value.is_finite()) {
+                return Ok(());
+            }
+            let rows = out.chunks_exact(n_features).zip(wrench.chunks_exact(shape.recording_len()));
+            for (recording, (row, samples)) in rows.enumerate() {
+                if let Some(index) = row.iter().position(|value| !value.is_finite()) {
+                    let one = BatchShape { n_recordings: 1, ..shape };
+                    let value = self.extract(samples, one, 1)?[index];
+                    return Err(Error::Narrow { recording, value });
                 }
-                narrow(recording, wide.next().into_iter().flatten(), counts)?;
             }
             Ok(())
         })
+    }
+
+    /// One task. Past the caches, where asked.
+    fn run_on<T: Real>(
+        &self,
+        path: Path,
+        wrench: &[f64],
+        shape: BatchShape,
+        out: &mut [T],
+        stream: bool,
+    ) -> Result<()> {
+        let n_features = self.n_features(shape.n_samples, shape.n_axes)?;
+        let finite = path.run(Teams { extractor: self, shape, n_features, wrench, out, stream });
+        finite.then_some(()).ok_or_else(|| not_finite(wrench, shape))
     }
 }
 
@@ -111,19 +123,6 @@ pub(crate) fn in_tasks<T: Send>(
             errors.into_iter().next().map_or(Ok(()), Err)
         }
     }
-}
-
-/// Rounds numbers to float32; refuses those that it cannot hold.
-fn narrow<'a>(recording: usize, wide: impl IntoIterator<Item = &'a f64>, narrow: &mut [f32]) -> Result<()> {
-    for (narrow, wide) in narrow.iter_mut().zip(wide) {
-        #[allow(clippy::cast_possible_truncation)] // what was asked for
-        let rounded = *wide as f32;
-        if !rounded.is_finite() {
-            return Err(Error::Narrow { recording, value: *wide });
-        }
-        *narrow = rounded;
-    }
-    Ok(())
 }
 
 pub(crate) fn finite(wrench: &[f64]) -> bool {

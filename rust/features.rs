@@ -157,6 +157,12 @@ impl Extractor {
         &self.sos
     }
 
+    /// The same without the high-pass: histograms of the samples themselves.
+    #[must_use]
+    pub fn unfiltered(&self) -> Self {
+        Self { sos: Sos::NONE, start: Vec::new(), ..self.clone() }
+    }
+
     /// The same without the raw block.
     pub(crate) fn without_raw(&self) -> Self {
         Self { spec: FeatureSpec { raw: false, ..self.spec.clone() }, ..self.clone() }

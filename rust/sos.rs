@@ -89,6 +89,9 @@ pub struct Sos {
 }
 
 impl Sos {
+    /// No section: signals pass unchanged.
+    pub(crate) const NONE: Self = Self { sections: Vec::new() };
+
     /// Checks rows `[b0, b1, b2, a0, a1, a2]` as `scipy.signal` writes them.
     ///
     /// # Errors

@@ -116,6 +116,8 @@ def extract_features(
     threads: SupportsIndex | None,
     out: NDArray[Any] | None,
     dtype: DTypeLike,
+    *,
+    filtered: bool = True,
 ) -> NDArray[Any]: ...
 def histogram(
     values: ArrayLike, n_bins: SupportsIndex, low: float, high: float

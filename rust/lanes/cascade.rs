@@ -1,5 +1,6 @@
 //! The filter itself: every section of a cascade over rows of lanes.
 
+use super::path::Isa;
 use super::{flat_mut, Row, Vector, LANES};
 use crate::sos::{Section, Sos};
 
@@ -8,6 +9,19 @@ const GROUP: usize = 4;
 
 /// What one section remembers of a row: `z0` and `z1` of every lane.
 type Memory<const W: usize> = [Row<W>; 2];
+
+/// Work that overlaps with the arithmetic of the first sections, in as many parts for each row as there are sections in their
+/// group. A trait, because a closure would lose the features of the wrapper.
+pub(crate) trait Beside {
+    /// One part of what there is to do while row `row` is filtered.
+    fn work<const PART: usize, const PARTS: usize>(&mut self, row: usize);
+}
+
+/// Nothing to do.
+impl Beside for () {
+    #[inline(always)]
+    fn work<const PART: usize, const PARTS: usize>(&mut self, _row: usize) {}
+}
 
 /// Multiplications by one that a group of sections can leave out without changing a bit.
 #[derive(Clone, Copy, Debug)]
@@ -53,39 +67,67 @@ impl<const W: usize> Cascade<W> {
         self.memory.iter().flatten().flatten().all(|vector| vector.0.iter().all(|z| z.is_finite()))
     }
 
-    /// Filters rows in place, in time order. `before` is called with the index of each row as the first
-    /// sections come to it: the place for work that overlaps with arithmetic, such as prefetching.
+    /// Filters rows in place, in time order.
     #[inline(always)]
-    pub(crate) fn filter(&mut self, rows: &mut [Row<W>], before: impl Fn(usize)) {
-        let groups = self.sections.chunks(GROUP).zip(self.memory.chunks_mut(GROUP));
-        for (g, (sections, memory)) in groups.enumerate() {
-            let before = |row| {
-                if g == 0 {
-                    before(row);
-                }
-            };
-            match sections.len() {
-                1 => shaped::<W, 1>(sections, memory, rows, before),
-                2 => shaped::<W, 2>(sections, memory, rows, before),
-                3 => shaped::<W, 3>(sections, memory, rows, before),
-                _ => shaped::<W, GROUP>(sections, memory, rows, before),
-            }
+    pub(crate) fn filter<I: Isa>(&mut self, rows: &mut [Row<W>], beside: &mut impl Beside) {
+        let mut groups = self.sections.chunks(GROUP).zip(self.memory.chunks_mut(GROUP));
+        if let Some((sections, memory)) = groups.next() {
+            some::<I, W>(sections, memory, rows, beside);
+        }
+        for (sections, memory) in groups {
+            some::<I, W>(sections, memory, rows, &mut ());
         }
     }
 }
 
 #[inline(always)]
-fn shaped<const W: usize, const N: usize>(
+fn some<I: Isa, const W: usize>(
     sections: &[Section],
     memory: &mut [Memory<W>],
     rows: &mut [Row<W>],
-    before: impl Fn(usize),
+    beside: &mut impl Beside,
 ) {
-    let (Ok(sections), Ok(memory)) = (sections.try_into(), memory.try_into()) else { return };
+    match sections.len() {
+        1 => shaped::<I, W, 1>(sections, memory, rows, beside),
+        2 => shaped::<I, W, 2>(sections, memory, rows, beside),
+        3 => shaped::<I, W, 3>(sections, memory, rows, beside),
+        _ => shaped::<I, W, GROUP>(sections, memory, rows, beside),
+    }
+}
+
+#[inline(always)]
+fn shaped<I: Isa, const W: usize, const N: usize>(
+    sections: &[Section],
+    memory: &mut [Memory<W>],
+    rows: &mut [Row<W>],
+    beside: &mut impl Beside,
+) {
+    let (Ok(sections), Ok(memory)) =
+        (<&[Section; N]>::try_from(sections), <&mut [Memory<W>; N]>::try_from(memory))
+    else {
+        return;
+    };
+    if I::MANY_REGISTERS {
+        // A copy, which no write to a row or a count can change, stays in registers.
+        let mut kept = *memory;
+        rows_through::<W, N>(sections, &mut kept, rows, beside);
+        *memory = kept;
+    } else {
+        rows_through::<W, N>(sections, memory, rows, beside);
+    }
+}
+
+#[inline(always)]
+fn rows_through<const W: usize, const N: usize>(
+    sections: &[Section; N],
+    memory: &mut [Memory<W>; N],
+    rows: &mut [Row<W>],
+    beside: &mut impl Beside,
+) {
     match shape(sections) {
-        Shape::General => group::<W, N, false, false>(sections, memory, rows, before),
-        Shape::MonicTail => group::<W, N, false, true>(sections, memory, rows, before),
-        Shape::Monic => group::<W, N, true, true>(sections, memory, rows, before),
+        Shape::General => group::<W, N, false, false>(sections, memory, rows, beside),
+        Shape::MonicTail => group::<W, N, false, true>(sections, memory, rows, beside),
+        Shape::Monic => group::<W, N, true, true>(sections, memory, rows, beside),
     }
 }
 
@@ -105,19 +147,22 @@ fn group<const W: usize, const N: usize, const HEAD: bool, const TAIL: bool>(
     sections: &[Section; N],
     memory: &mut [Memory<W>; N],
     rows: &mut [Row<W>],
-    before: impl Fn(usize),
+    beside: &mut impl Beside,
 ) {
     for (i, row) in rows.iter_mut().enumerate() {
-        before(i);
         // Written out for the reason of `each_vector`: rolled up, the row would pass through memory.
+        beside.work::<0, N>(i);
         let mut x = through::<W, HEAD>(&sections[0], &mut memory[0], *row);
         if N > 1 {
+            beside.work::<1, N>(i);
             x = through::<W, TAIL>(&sections[1], &mut memory[1], x);
         }
         if N > 2 {
+            beside.work::<2, N>(i);
             x = through::<W, TAIL>(&sections[2], &mut memory[2], x);
         }
         if N > 3 {
+            beside.work::<3, N>(i);
             x = through::<W, TAIL>(&sections[3], &mut memory[3], x);
         }
         *row = x;

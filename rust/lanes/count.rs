@@ -1,13 +1,19 @@
 //! Counting values of 24 lanes into 24 histograms at once.
 //!
-//! A value's cell is found by arithmetic, not by a search: `cell = value * scale + offset`, where cell 0 collects
-//! what lies below the range, 1..=n the bins, n + 1 what lies above. Adding 2^20 puts the integer part of the
-//! cell into the high word of the float64 and the fraction, in units of 2^-32, into the low word. A fraction
-//! within rounding distance of 0 or 1 means that the value is next to an edge: that row is counted again by
+//! A value's cell is found by arithmetic, not by a search: `cell = value * scale + offset`, where cell 0 of a lane collects
+//! what lies below the range, 1..=n the bins, n + 1 what lies above. The offset holds 2^20 and the first cell of the lane as
+//! well, so that the high word of the float64 is the cell among those of all lanes, and the low word the fraction, in units of
+//! 2^-32. A fraction within rounding distance of 0 or 1 means that the value is next to an edge: that row is settled by
 //! comparison with the float edges. So the counts are exact, and almost no value pays for it.
+//!
+//! Cells of a block wait until the next block is filtered: counting is loads and stores, filtering is arithmetic, and the
+//! machine does both at a time.
 
+use std::marker::PhantomData;
+
+use super::cascade::Beside;
 use super::path::Isa;
-use super::{flat, flat_mut, Row, Vector, LANES, MAX_WIDTH};
+use super::{flat, flat_mut, Row, Vector, BLOCK, LANES, MAX_WIDTH};
 use crate::histogram::{UniformBins, MAX_BINS};
 
 /// 2^20: a float64 between it and 2^21 has 32 bits of fraction.
@@ -19,25 +25,27 @@ const MAGIC_HIGH: u32 = 0x4130_0000;
 /// All cells of a row fit in the twenty integer bits below [`MAGIC`].
 const _: () = assert!(MAX_WIDTH * LANES * (MAX_BINS + 2) < 1 << 20);
 
-/// Rows whose cells are found before any of them is counted: arithmetic and counting then overlap.
-const ROWS: usize = 4;
-
-/// One row of `MAGIC + cell`, as bits.
+/// The cells of one row, counted from `MAGIC_HIGH`, in any order.
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(64))]
-pub(crate) struct Cells<const W: usize>(pub(crate) [[u64; LANES]; W]);
+#[repr(C, align(32))]
+pub(crate) struct Cells<const W: usize>(pub(crate) [[u32; LANES]; W]);
 
 /// Histogram parameters of a row of lanes.
 #[derive(Clone, Debug)]
 pub(crate) struct LaneBins<'a, const W: usize> {
     pub(crate) scale: Row<W>,
     pub(crate) offset: Row<W>,
-    /// `MAGIC` plus the first cell of the lane.
-    pub(crate) base: Row<W>,
+    /// The middle of the cell below the range.
+    pub(crate) bottom: Row<W>,
     /// The middle of the cell above the range.
-    pub(crate) top: f64,
+    pub(crate) top: Row<W>,
     /// A fraction of at most this, in units of 2^-32, is next to an edge.
     pub(crate) limit: u32,
+    /// The edge nearest to zero, where silent axes stay, and what the arithmetic gives for it.
+    pub(crate) zero_edge: Row<W>,
+    pub(crate) zero_cell: Row<W>,
+    /// How far from `zero_cell` a value is next to that edge; half of `limit`.
+    pub(crate) reach: f64,
     lanes: Vec<&'a UniformBins>,
     stride: usize,
 }
@@ -48,27 +56,49 @@ impl<'a, const W: usize> LaneBins<'a, W> {
         let n_bins = lanes.first().map_or(1, |bins| bins.n_bins());
         let stride = n_bins + 2;
         let margin = lanes.iter().map(|bins| margin(bins)).max().unwrap_or(2);
+        let shift = f64::from(margin) / 4_294_967_296.0;
         let mut this = Self {
             scale: [Vector::ZERO; W],
-            offset: [Vector([1.5; LANES]); W],
-            base: [Vector::ZERO; W],
-            top: n_bins as f64 + 1.5,
+            offset: [Vector::ZERO; W],
+            bottom: [Vector::ZERO; W],
+            top: [Vector::ZERO; W],
             limit: margin.saturating_mul(2),
+            zero_edge: [Vector::ZERO; W],
+            zero_cell: [Vector::ZERO; W],
+            reach: shift,
             lanes,
             stride,
         };
-        for (lane, bins) in this.lanes.iter().enumerate() {
+        // Lanes without a channel count as well, in histograms of their own that nobody reads.
+        for lane in 0..W * LANES {
+            let first = MAGIC + (lane * stride) as f64;
+            flat_mut(&mut this.offset)[lane] = first + 1.5;
+            flat_mut(&mut this.bottom)[lane] = first + 0.5;
+            flat_mut(&mut this.top)[lane] = first + n_bins as f64 + 1.5;
+            let Some(bins) = this.lanes.get(lane) else { continue };
             let scale = bins.scale();
             flat_mut(&mut this.scale)[lane] = scale;
             // Shifted by the margin, so that "next to an edge" is one comparison instead of two.
-            let shift = f64::from(margin) / 4_294_967_296.0;
-            flat_mut(&mut this.offset)[lane] = 1.0 - bins.low() * scale + shift;
-        }
-        // Lanes without a channel count as well, in histograms of their own that nobody reads.
-        for (lane, base) in flat_mut(&mut this.base).iter_mut().enumerate() {
-            *base = MAGIC + (lane * stride) as f64;
+            flat_mut(&mut this.offset)[lane] = first + (1.0 - bins.low() * scale + shift);
+            if this.limit < u32::MAX {
+                let edge = nearest_to_zero(bins);
+                flat_mut(&mut this.zero_edge)[lane] = bins.edges()[edge];
+                flat_mut(&mut this.zero_cell)[lane] = first + 1.0 + edge as f64 + shift;
+            }
         }
         this
+    }
+}
+
+/// Of the edges that belong to the bin on their right, the one nearest to zero.
+fn nearest_to_zero(bins: &UniformBins) -> usize {
+    let edges = &bins.edges()[..bins.n_bins()];
+    let right = edges.partition_point(|edge| *edge < 0.0).min(edges.len() - 1);
+    let left = right.saturating_sub(1);
+    if edges[left].abs() < edges[right].abs() {
+        left
+    } else {
+        right
     }
 }
 
@@ -77,7 +107,7 @@ impl<'a, const W: usize> LaneBins<'a, W> {
 fn margin(bins: &UniformBins) -> u32 {
     let reach = bins.low().abs().max(bins.high().abs()) * bins.scale();
     let error = 16.0 * f64::EPSILON * (reach + bins.n_bins() as f64 + 2.0) * 4_294_967_296.0;
-    // The sum itself is rounded to 2^-32: two units cover that. A NaN or huge error saturates.
+    // The offset and the sum are rounded to 2^-32: two units cover both. A NaN or huge error saturates.
     if error < f64::from(1u32 << 29) {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 0 <= error < 2^29
         let units = error.ceil() as u32;
@@ -87,120 +117,177 @@ fn margin(bins: &UniformBins) -> u32 {
     }
 }
 
-/// Histograms of the lanes of a row.
+/// Histograms of the lanes of a row, and a block of cells that wait to be counted in them.
 #[derive(Clone, Debug)]
-pub(crate) struct Tally {
+pub(crate) struct LaneHistograms<const W: usize> {
     counts: Vec<u32>,
     stride: usize,
+    cells: [Cells<W>; BLOCK],
 }
 
-impl Tally {
-    /// Empty histograms for `width` vectors of lanes and `n_bins` bins.
-    pub(crate) fn new(width: usize, n_bins: usize) -> Self {
+impl<const W: usize> LaneHistograms<W> {
+    /// Empty histograms of `n_bins` bins.
+    pub(crate) fn new(n_bins: usize) -> Self {
         let stride = n_bins + 2;
-        Self { counts: vec![0; width * LANES * stride], stride }
+        // One count more, for rows of a block that hold nothing.
+        Self { counts: vec![0; W * LANES * stride + 1], stride, cells: [Self::nothing(stride); BLOCK] }
     }
 
     /// Back to no counts.
     pub(crate) fn clear(&mut self) {
         self.counts.fill(0);
+        self.cells.fill(Self::nothing(self.stride));
     }
 
-    /// Counts of one lane: below the range, the bins, above the range.
+    /// Cells that nobody reads.
+    #[inline(always)]
+    fn nothing(stride: usize) -> Cells<W> {
+        #[allow(clippy::cast_possible_truncation)] // all cells of a row are below 2^20
+        let cell = MAGIC_HIGH + (W * LANES * stride) as u32;
+        Cells([[cell; LANES]; W])
+    }
+
+    /// Counts of one lane: below the range, the bins, above the range. Of cells that have been counted.
     pub(crate) fn lane(&self, lane: usize) -> &[u32] {
         &self.counts[lane * self.stride..][..self.stride]
     }
 
-    /// Adds rows of values.
+    /// Finds the cells of a block of values; they wait for [`counting`](Self::counting), in place of those found before.
     #[inline(always)]
-    pub(crate) fn add<I: Isa, const W: usize>(&mut self, bins: &LaneBins<W>, rows: &[Row<W>]) {
-        // One check for all the unchecked writes below: cells are clamped to the histograms of the lanes.
+    pub(crate) fn find<I: Isa>(&mut self, bins: &LaneBins<W>, rows: &[Row<W>]) {
+        // One check for all the unchecked writes of `Counting`: cells are clamped to the histograms of the lanes.
         assert!(
-            bins.stride == self.stride && self.counts.len() >= W * LANES * self.stride,
+            bins.stride == self.stride && self.counts.len() > W * LANES * self.stride,
             "histograms must fit"
         );
-        let mut cells = [Cells([[0; LANES]; W]); ROWS];
-        // The high word of a cell counts from `MAGIC_HIGH`. Hidden from the compiler, which would subtract it again for
-        // every value.
-        let origin = std::hint::black_box(self.counts.as_mut_ptr().wrapping_sub(MAGIC_HIGH as usize));
-        for rows in rows.chunks(ROWS) {
-            for (row, cells) in rows.iter().zip(&mut cells) {
-                if I::cells(bins, row, cells) {
-                    settle(bins, row, cells);
-                }
+        for (row, cells) in rows.iter().zip(&mut self.cells) {
+            if I::cells(bins, row, cells) {
+                settle(bins, row, cells);
             }
-            for cells in &cells[..rows.len()] {
-                add_cells(origin, cells);
-            }
+        }
+        self.cells[rows.len()..].fill(Self::nothing(self.stride));
+    }
+
+    /// Counts what waits, a little at a time: to be worked on row by row, once each. Rows from `first` on are counted at once.
+    #[inline(always)]
+    pub(crate) fn counting(&mut self, first: usize) -> Counting<'_, W> {
+        let Self { counts, cells, .. } = self;
+        // The cells count from `MAGIC_HIGH`. Hidden from the compiler, which would subtract it again for every value.
+        let origin = std::hint::black_box(counts.as_mut_ptr().wrapping_sub(MAGIC_HIGH as usize));
+        let mut counting = Counting { origin, cells, counts: PhantomData };
+        for row in first..BLOCK {
+            counting.work::<0, 1>(row);
+        }
+        counting
+    }
+}
+
+/// Rows that are counted while something else is calculated.
+pub(crate) struct Counting<'a, const W: usize> {
+    /// `MAGIC_HIGH` before the counts.
+    origin: *mut u32,
+    cells: &'a [Cells<W>; BLOCK],
+    counts: PhantomData<&'a mut [u32]>,
+}
+
+impl<const W: usize> Beside for Counting<'_, W> {
+    /// Adds one to a part of the cells of a row.
+    #[allow(unsafe_code)]
+    #[inline(always)]
+    fn work<const PART: usize, const PARTS: usize>(&mut self, row: usize) {
+        let cells = self.cells[row % BLOCK].0.as_flattened();
+        for cell in &cells[cells.len() * PART / PARTS..cells.len() * (PART + 1) / PARTS] {
+            // SAFETY: a cell is one of the counts, counted from `MAGIC_HIGH` as `origin` is: so `find` has clamped it, and
+            // checked their number.
+            unsafe { *self.origin.wrapping_add(*cell as usize) += 1 };
         }
     }
 }
 
-/// Decides by comparison with the float edges what the quick arithmetic could not.
-///
-/// Never inlined, but not rare: a silent axis is 0, and with an even number of bins 0 is an edge.
+/// The quick arithmetic. NaN compares false and ends in the cell below the range.
+#[inline(always)]
+fn sum<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, w: usize, l: usize) -> f64 {
+    let sum = row[w].0[l] * bins.scale[w].0[l] + bins.offset[w].0[l];
+    let sum = if sum > bins.bottom[w].0[l] { sum } else { bins.bottom[w].0[l] };
+    if sum < bins.top[w].0[l] {
+        sum
+    } else {
+        bins.top[w].0[l]
+    }
+}
+
+/// Plain-loop twin of the vector code in `x86.rs`.
+#[inline(always)]
+pub(super) fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
+    let mut nearest = u32::MAX;
+    for w in 0..W {
+        for l in 0..LANES {
+            let bits = sum(bins, row, w, l).to_bits();
+            #[allow(clippy::cast_possible_truncation)] // the low word is the fraction
+            let fraction = bits as u32;
+            nearest = nearest.min(fraction);
+            cells.0[w][l] = (bits >> 32) as u32;
+        }
+    }
+    nearest <= bins.limit && settle_zeros(bins, row, cells)
+}
+
+/// Decides by comparison what lies next to the edge nearest to zero: a silent axis is 0, and with an even number of bins 0 is
+/// an edge. True when values next to other edges are left.
+#[inline(always)]
+#[allow(clippy::needless_bitwise_bool)] // no branches in a loop over lanes
+fn settle_zeros<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
+    let mut left = false;
+    for w in 0..W {
+        for l in 0..LANES {
+            let sum = sum(bins, row, w, l);
+            let bits = sum.to_bits();
+            let is_zero = (sum - bins.zero_cell[w].0[l]).abs() <= bins.reach;
+            let is_below = is_zero & (row[w].0[l] < bins.zero_edge[w].0[l]);
+            #[allow(clippy::cast_possible_truncation)] // the low word is the fraction
+            let is_near = bits as u32 <= bins.limit;
+            left |= is_near & !is_zero;
+            cells.0[w][l] = (bits >> 32) as u32 - u32::from(is_below);
+        }
+    }
+    left
+}
+
+/// Decides by comparison with the float edges what the quick arithmetic could not. Writes the cells of all lanes: they may be
+/// in another order before.
+#[cold]
 #[inline(never)]
 fn settle<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) {
-    let lanes = bins.lanes.iter().zip(flat(row)).zip(cells.0.as_flattened_mut()).enumerate();
-    for (lane, ((bins_of_lane, value), bits)) in lanes {
-        #[allow(clippy::cast_possible_truncation)] // the low word is the fraction
-        let fraction = *bits as u32;
-        if fraction > bins.limit {
+    for (lane, settled) in cells.0.as_flattened_mut().iter_mut().enumerate() {
+        let value = flat(row)[lane];
+        let bits = sum(bins, row, lane / LANES, lane % LANES).to_bits();
+        let Some(bins_of_lane) = bins.lanes.get(lane) else {
+            *settled = (bits >> 32) as u32;
             continue;
-        }
+        };
         let first = lane * bins.stride;
         let n_bins = bins_of_lane.n_bins();
-        let cell = if bins.limit == u32::MAX {
-            match bins_of_lane.locate(*value) {
+        #[allow(clippy::cast_possible_truncation)] // the low word is the fraction
+        let cell = if bits as u32 > bins.limit {
+            (bits >> 32) as usize - MAGIC_HIGH as usize - first
+        } else if bins.limit == u32::MAX {
+            match bins_of_lane.locate(value) {
                 Some(bin) => 1 + bin,
-                None if *value > bins_of_lane.high() => 1 + n_bins,
+                None if value > bins_of_lane.high() => 1 + n_bins,
                 None => 0,
             }
         } else {
             // Next to one edge; the cell below it has the same number.
-            let edge = (*bits >> 32) as usize - MAGIC_HIGH as usize - first - 1;
+            let edge = (bits >> 32) as usize - MAGIC_HIGH as usize - first - 1;
             let right = if edge == n_bins {
-                *value > bins_of_lane.high()
+                value > bins_of_lane.high()
             } else {
-                *value >= bins_of_lane.edges()[edge]
+                value >= bins_of_lane.edges()[edge]
             };
             edge + usize::from(right)
         };
-        *bits = (u64::from(MAGIC_HIGH) + (first + cell) as u64) << 32;
+        #[allow(clippy::cast_possible_truncation)] // all cells of a row are below 2^20
+        let cell = (first + cell) as u32;
+        *settled = MAGIC_HIGH + cell;
     }
-}
-
-/// Adds one to every cell of a row; `origin` lies `MAGIC_HIGH` before the counts.
-#[allow(unsafe_code)]
-#[inline(always)]
-fn add_cells<const W: usize>(origin: *mut u32, cells: &Cells<W>) {
-    // Through memory: taking the numbers out of vector registers one by one is slower.
-    let cells = std::hint::black_box(cells);
-    for vector in &cells.0 {
-        for bits in vector {
-            let cell = (*bits >> 32) as usize;
-            // SAFETY: cells are clamped to lane * stride .. (lane + 1) * stride, counted from `MAGIC_HIGH` as `origin` is,
-            // and `add` has checked that `counts` holds the histograms of all W * LANES lanes.
-            unsafe { *origin.wrapping_add(cell) += 1 };
-        }
-    }
-}
-
-/// Plain-loop twin of the vector code in `x86.rs`. NaN compares false and ends in cell 0.
-#[inline(always)]
-pub(super) fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
-    let mut nearest = u32::MAX;
-    for (w, vector) in row.iter().enumerate() {
-        for l in 0..LANES {
-            let cell = vector.0[l] * bins.scale[w].0[l] + bins.offset[w].0[l];
-            let cell = if cell > 0.5 { cell } else { 0.5 };
-            let cell = if cell < bins.top { cell } else { bins.top };
-            let bits = (cell + bins.base[w].0[l]).to_bits();
-            #[allow(clippy::cast_possible_truncation)] // the low word is the fraction
-            let fraction = bits as u32;
-            nearest = nearest.min(fraction);
-            cells.0[w][l] = bits;
-        }
-    }
-    nearest <= bins.limit
 }

@@ -34,13 +34,13 @@ mod x86;
 #[cfg(target_arch = "x86_64")]
 mod x86_quad;
 
-pub(crate) use cascade::Cascade;
-pub(crate) use count::{LaneBins, Tally};
+pub(crate) use cascade::{Beside, Cascade};
+pub(crate) use count::{Counting, LaneBins, LaneHistograms};
 pub(crate) use pack::{Mask, Pack};
 pub use path::Path;
 pub(crate) use path::{Isa, Job};
 pub(crate) use quad::Quad;
-pub(crate) use transpose::{pack, unpack, Raw};
+pub(crate) use transpose::{pack, unpack, Raw, Real};
 
 /// Channels per vector.
 pub(crate) const LANES: usize = 8;

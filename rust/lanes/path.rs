@@ -5,7 +5,8 @@ use std::sync::OnceLock;
 use super::count::{Cells, LaneBins};
 use super::pack::Pack;
 use super::quad::Quad;
-use super::{transpose, Row, BLOCK};
+use super::transpose::{self, Real};
+use super::{Row, BLOCK};
 use crate::error::{Error, Result};
 
 /// A compiled variant of the kernels. All give the same bits; they differ in speed only.
@@ -115,6 +116,9 @@ pub(crate) trait Isa {
     /// Four numbers as this instruction set holds them.
     type Quad: Quad;
 
+    /// Whether the state of four sections and 24 lanes stays in registers.
+    const MANY_REGISTERS: bool = false;
+
     /// Cells of one row; true when a value is too near to an edge for the quick arithmetic to decide.
     #[inline(always)]
     fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
@@ -123,11 +127,11 @@ pub(crate) trait Isa {
 
     /// Eight samples of six axes: into lanes `lane..lane + 6` of `rows`, and axis by axis into `raw`.
     #[inline(always)]
-    fn transpose6<const W: usize>(
+    fn transpose6<const W: usize, T: Real>(
         samples: &[f64; 6 * BLOCK],
         rows: &mut [Row<W>; BLOCK],
         lane: usize,
-        raw: Option<transpose::Raw<'_>>,
+        raw: Option<transpose::Raw<'_, T>>,
     ) {
         transpose::transpose6(samples, rows, lane, raw);
     }

@@ -1,5 +1,6 @@
 //! Feature extraction: unpack, call, map the error.
 
+use std::borrow::Cow;
 use std::ffi::CString;
 
 use numpy::{Element, PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
@@ -17,14 +18,17 @@ use granular_id::{BatchShape, Extractor};
 /// More axes than this are most likely samples.
 const MANY_AXES: usize = 32;
 
-/// Features of one recording `(n_samples, n_axes)` or a batch `(n_recordings, n_samples, n_axes)`.
+/// Features of one recording `(n_samples, n_axes)` or a batch `(n_recordings, n_samples, n_axes)`; not `filtered`, the
+/// histograms are those of the samples.
 #[pyfunction]
+#[pyo3(signature = (wrench, spec, threads, out, dtype, *, filtered = true))]
 pub(super) fn extract_features<'py>(
     wrench: &Bound<'py, PyAny>,
     spec: &Bound<'py, PyFeatureSpec>,
     threads: Option<&Bound<'py, PyAny>>,
     out: Option<&Bound<'py, PyAny>>,
     dtype: &Bound<'py, PyAny>,
+    filtered: bool,
 ) -> PyResult<Bound<'py, PyAny>> {
     let threads = threads_for(threads)?;
     let wrench = contiguous_real(wrench, "wrench")?;
@@ -33,7 +37,8 @@ pub(super) fn extract_features<'py>(
         let shape = tuple(wrench.shape());
         return Err(PyValueError::new_err(format!("wrench must not be empty, got shape {shape}")));
     }
-    let extractor = &spec.get().extractor;
+    let designed = &spec.get().extractor;
+    let extractor = &if filtered { Cow::Borrowed(designed) } else { Cow::Owned(designed.unfiltered()) };
     // Before the output is made, which may be large.
     let n_features = extractor.check_len(wrench.len(), shape).or_raise()?;
     if shape.n_axes > MANY_AXES.max(shape.n_samples) {

@@ -152,6 +152,31 @@ fn silent_axes_and_useless_ranges_are_counted_exactly() {
 }
 
 #[test]
+fn histograms_without_the_filter_are_those_of_the_samples_at_every_edge() {
+    for (n_bins, low, high) in [(100, -1.5, 1.5), (7, -0.2, 0.5), (3, 1.0, 2.0), (4, -1e-300, 1e-300)] {
+        let bins = UniformBins::new(n_bins, low, high).unwrap();
+        let edges = bins.edges().iter().flat_map(|edge| [edge.next_down(), *edge, edge.next_up()]);
+        let values: Vec<f64> =
+            edges.chain([0.0, -0.0, 5e-324, -5e-324, 1e-12, -1e-12, 9.0, f64::MAX, f64::MIN]).collect();
+        for outside in [Outside::Drop, Outside::Clip] {
+            let bin_ranges = vec![(low, high)];
+            let spec = FeatureSpec { n_bins, bin_ranges, outside, raw: false, ..FeatureSpec::default() };
+            let extractor = Extractor::new(spec).unwrap().unfiltered();
+            for n_axes in [5, 6, 12, 24] {
+                let wanted = counts(&bins, &values, outside).repeat(n_axes);
+                let wrench: Vec<f64> = values.iter().flat_map(|value| vec![*value; n_axes]).collect();
+                let shape = BatchShape { n_recordings: 1, n_samples: values.len(), n_axes };
+                for path in Path::available() {
+                    let mut out = vec![f64::NAN; wanted.len()];
+                    extractor.extract_on(path, &wrench, shape, 1, &mut out).unwrap();
+                    assert_eq!(bits(&out), bits(&wanted), "{path:?} {n_bins} {outside:?} {n_axes}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn ranges_may_differ_by_axis() {
     let bin_ranges = (1..=6).map(|axis| (-0.3 * f64::from(axis), 0.2 * f64::from(axis))).collect();
     let spec = FeatureSpec { bin_ranges, ..FeatureSpec::default() };

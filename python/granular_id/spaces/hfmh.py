@@ -21,7 +21,6 @@ from granular_id.spaces.base import (
     PAPER_RATE_HZ,
     CoreTransformer,
     FeatureBlock,
-    axis_series,
     level_of_caller,
     range_blocks,
     shifted,
@@ -360,16 +359,7 @@ class RawHistogram(_Histogram):
         return np.column_stack([low, high])
 
     def _features(self, recordings: FloatArray) -> FloatArray:
-        n, _, n_axes = recordings.shape
-        n_bins = self.spec_.n_bins
-        features = np.empty((n, n_axes, n_bins))
-        series = axis_series(recordings)
-        for axis, (low, high) in enumerate(self.bin_range_.tolist()):
-            if self.outside == "clip":
-                np.clip(series[:, axis], low, high, out=series[:, axis])
-            for row in range(n):
-                features[row, axis], _ = _core.histogram(series[row, axis], n_bins, low, high)
-        return features.reshape(n, -1)
+        return _core.extract_features(recordings, self.spec_, None, None, np.float64, filtered=False)
 
     def _names(self) -> list[str]:
         return [name.replace("hfmh_", "hist_", 1) for name in super()._names()]
