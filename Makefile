@@ -19,11 +19,14 @@ BENCHES := .venv-bench
 THREADED := tests/python/core/test_features.py tests/python/core/test_features_arrays.py tests/python/core/test_signal_arrays.py \
 	tests/python/core/test_buffer_arrays.py
 
-.PHONY: help demo test lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign stress sanitize soak archive-kills fuzz bench-formats bench-decision bench-archive wheel clean toolchain
+# cargo shares out the cores itself, also where make runs targets beside each other.
+unexport MAKEFLAGS
+
+.PHONY: help demo test lint rust-lint python-lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign stress sanitize soak archive-kills fuzz bench-formats bench-decision bench-archive wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
-	@echo "make test       lint, Rust tests, Python tests"
+	@echo "make test       lint, Rust tests, Python tests; with --jobs=3 beside each other"
 	@echo "make check-all  all that takes long: threads, campaign, fuzz, stress, sanitize, soak, archive-kills, oldest (hours)"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
@@ -92,7 +95,7 @@ $(OLDEST)/.package: requirements-oldest.txt $(WHEEL)
 demo: $(PACKAGE)
 	$(BIN)/granular-id demo --output demo --force
 
-test: lint rust-test python-test
+test: rust-lint python-lint rust-test python-test
 	@echo "make test: everything passed"
 
 # A command, and how far it is: $(call step,3 of 9,command)
@@ -101,22 +104,29 @@ define step
 	@$(2)
 endef
 
-lint: $(TOOLS)
-	$(call step,lint 1 of 9,cargo fmt --all --check && cargo fmt --check --manifest-path tests/fuzz/Cargo.toml)
-	$(call step,lint 2 of 9,cargo clippy --quiet --workspace --all-targets -- -D warnings)
-	$(call step,lint 3 of 9,cargo clippy --quiet --manifest-path tests/fuzz/Cargo.toml --no-default-features --target-dir target -- -D warnings)
-	$(call step,lint 4 of 9,RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps)
-	$(call step,lint 5 of 9,$(BIN)/ruff check --quiet)
-	$(call step,lint 6 of 9,$(BIN)/ruff format --quiet --check)
-	$(call step,lint 7 of 9,$(BIN)/mypy --no-error-summary)
-	$(call step,lint 8 of 9,$(BIN)/lint-imports --no-logo)
-	$(call step,lint 9 of 9,$(BIN)/python -m mypy.stubtest --concise granular_id._core)
+lint: rust-lint python-lint
+
+rust-lint: | toolchain
+	$(call step,Rust lint 1 of 4,cargo fmt --all --check && cargo fmt --check --manifest-path tests/fuzz/Cargo.toml)
+	$(call step,Rust lint 2 of 4,cargo clippy --quiet --workspace --all-targets -- -D warnings)
+	$(call step,Rust lint 3 of 4,cargo clippy --quiet --manifest-path tests/fuzz/Cargo.toml --no-default-features --target-dir target -- -D warnings)
+	$(call step,Rust lint 4 of 4,RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps)
+
+python-lint: $(TOOLS)
+	$(call step,Python lint 1 of 5,$(BIN)/ruff check --quiet)
+	$(call step,Python lint 2 of 5,$(BIN)/ruff format --quiet --check)
+	$(call step,Python lint 3 of 5,$(BIN)/mypy --no-error-summary)
+	$(call step,Python lint 4 of 5,$(BIN)/lint-imports --no-logo)
+	$(call step,Python lint 5 of 5,$(BIN)/python -m mypy.stubtest --concise granular_id._core)
 
 rust-test: | toolchain
 	$(call step,Rust tests,cargo test --quiet)
 
+# Tests wait for clocks and other processes a quarter of their time: half as many processes again as there are cores.
+PROCESSES = $(shell $(PYTHON) -c 'import os; print((3 * (os.cpu_count() or 1) + 1) // 2)')
+
 python-test: $(TOOLS)
-	$(call step,Python tests 1 of 2,$(BIN)/python -m pytest --numprocesses auto)
+	$(call step,Python tests 1 of 2,$(BIN)/python -m pytest --numprocesses $(PROCESSES) --dist worksteal)
 	$(call step,Python tests 2 of 2: eight threads,GRANULAR_ID_CASES=13 $(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(firstword $(THREADED)))
 
 # What takes too long for every change. `make test` runs a short form of each.

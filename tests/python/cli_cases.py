@@ -1,12 +1,14 @@
 """Small folders of recordings, and the command line run inside the test process."""
 
+import functools
 import json
 import os
 import subprocess
 import sys
 
 import numpy as np
-from typer.testing import CliRunner
+import typer.main
+import typer.testing
 
 from granular_id.cli.app import app
 from granular_id.io import save_csv
@@ -40,8 +42,12 @@ SMALL = ("--train", 6, "--test", 3, "--partitions", 3, "--n-bins", 10, "--spaces
 SMALL_MODEL = ("--space", "raw+hfmh", "--n-bins", 10, "--target-error", 0.2)
 
 
+# Typer makes the command anew for each call, which takes longer than most of them.
+typer.testing._get_command = functools.cache(typer.main.get_command)
+
+
 def run(*words, columns=200):
-    return CliRunner().invoke(
+    return typer.testing.CliRunner().invoke(
         app, [str(word) for word in words], env={"COLUMNS": str(columns), "NO_COLOR": "1"}
     )
 

@@ -139,16 +139,16 @@ def digest(header, data):
 
     metadata = {key: value for key, value in header["__metadata__"].items() if key != DIGEST}
     tensors = {name: entry for name, entry in header.items() if name != "__metadata__"}
-    content = struct.pack("<Q", len(metadata))
+    parts = [struct.pack("<Q", len(metadata))]
     for key in sorted(metadata):
-        content += text(key.encode()) + text(metadata[key].encode())
-    content += struct.pack("<Q", len(tensors))
+        parts += text(key.encode()), text(metadata[key].encode())
+    parts.append(struct.pack("<Q", len(tensors)))
     for name in sorted(tensors):
         shape = tensors[name]["shape"]
-        content += text(name.encode()) + text(tensors[name]["dtype"].encode())
-        content += struct.pack(f"<{1 + len(shape)}Q", len(shape), *shape)
-        content += text(data[slice(*tensors[name]["data_offsets"])])
-    return hashlib.sha256(content).hexdigest()
+        parts += text(name.encode()), text(tensors[name]["dtype"].encode())
+        parts.append(struct.pack(f"<{1 + len(shape)}Q", len(shape), *shape))
+        parts.append(text(data[slice(*tensors[name]["data_offsets"])]))
+    return hashlib.sha256(b"".join(parts)).hexdigest()
 
 
 def sealed(header, data):
