@@ -31,6 +31,8 @@ class Subscribing:
     wait_s: float = option(TOPIC, "How long the first message, and tf, may take.", default=5.0)
 
     def __post_init__(self) -> None:
+        if not self.topic.strip():
+            raise ValueError("--topic must name a topic, such as /ft_sensor/wrench, got ''")
         at_least("--depth", self.depth, 1)
         positive("--wait-s", self.wait_s)
 

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from granular_id._core import Block, Window, WindowError, WrenchBuffer, WrenchReader, host_ns
+    from granular_id.live.answers import identify
     from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason, Push
-    from granular_id.live.identification import LiveIdentifier, identify
+    from granular_id.live.identification import LiveIdentifier
     from granular_id.live.monitor import MonitorServer
     from granular_id.live.rdt import RdtSource
     from granular_id.live.recorder import Recorder
@@ -41,8 +42,9 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "_core": ("Block", "Window", "WindowError", "WrenchBuffer", "WrenchReader", "host_ns"),
+    "live.answers": ("identify",),
     "live.capture": ("Capture", "CaptureError", "CaptureState", "FailureReason", "Push"),
-    "live.identification": ("LiveIdentifier", "identify"),
+    "live.identification": ("LiveIdentifier",),
     "live.monitor": ("MonitorServer",),
     "live.rdt": ("RdtSource",),
     "live.recorder": ("Recorder",),

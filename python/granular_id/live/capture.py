@@ -363,6 +363,11 @@ class Capture:
         return self._limits.beyond(rows)
 
     @property
+    def has_limits(self) -> bool:
+        """Whether there is a limit of force or torque."""
+        return self._limits.are_given
+
+    @property
     def timing(self) -> dict[str, float] | None:
         """How the rows came in, see `Push.timing`; None before all are there."""
         if self.state is not CaptureState.COMPLETE:

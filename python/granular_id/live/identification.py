@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular_id._checks import argument_error, finite_number
+from granular_id._checks import argument_error, finite_number, whole_number
 from granular_id._text import counted
 from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier, StreamingIdentifier, setup_comparison
@@ -22,19 +22,21 @@ from granular_id.live.drive import (
     capture_from,
     check_limits,
     drive,
+    limits_matter,
     motion_duration_s,
     push_facts,
     step_warnings,
     truth_of,
+    was_cut_short,
 )
+from granular_id.live.priority import warn_if_refused
 from granular_id.live.recorder import utc_stamp
-from granular_id.live.robot import Motion, Robot, checked_move
+from granular_id.live.robot import Motion, checked_move
 from granular_id.live.rows import HoppingWindows, Rows
 from granular_id.live.setup import Setup, setup_of, starts_exactly
 from granular_id.live.snapshot_builder import SnapshotBuilder
-from granular_id.live.source import WrenchSource
-from granular_id.live.stream import Stream, opened
-from granular_id.live.trigger import ManualTrigger, Trigger
+from granular_id.live.stream import Stream, checked_stream, left_out
+from granular_id.live.trigger import ManualTrigger
 from granular_id.live.view import Views
 from granular_id.live.wrench import live_tare
 from granular_id.recording import Recording, SampleFlag, Setup as RecordedSetup, refuse_or_list, rest_zero
@@ -45,7 +47,7 @@ if TYPE_CHECKING:
     from granular_id.identifier import Decision
     from granular_id.live.capture import Capture
 
-__all__ = ["LiveIdentifier", "identify"]
+__all__ = ["LiveIdentifier", "refuse_with_hop", "trained_model"]
 
 _PRE_S = 0.25
 
@@ -54,6 +56,8 @@ _WAIT_S, _SILENT_S = 0.02, 5.0
 
 _DIRECTION, _SPEED_M_S = (1.0, 0.0, 0.0), 0.03
 _OF_WINDOWS = ("max_gap", "rate_tolerance", "max_lag_s")
+
+_VIEWS_WAIT = "with limits of force, views wait while the robot moves"
 
 _SYNTHETIC_MODEL = (
     "the model was trained on SYNTHETIC recordings: its answers say nothing about real materials"
@@ -138,11 +142,11 @@ class LiveIdentifier:
         **limits: Any,
     ) -> None:
         check_limits(limits)
-        model = _trained(model)
+        model = trained_model(model)
         _refuse_other_stream(model, stream)
         self._n_hop = 0
         if hop_s is not None:
-            _refuse_with_hop(
+            refuse_with_hop(
                 early=early,
                 pre_s=pre_s is not None,
                 setup=setup is not None,
@@ -154,8 +158,8 @@ class LiveIdentifier:
         rest_s = 0.0 if hop_s is not None else model.lead_s if pre_s is None else pre_s
         if rest_s is None:
             problem = (
-                "must be given: the recordings that the model was trained on do not say how much rest they begin with "
-                f"(recorded here, it is {_PRE_S:g} s); or answer at each hop with hop_s"
+                "must be given: the seconds of rest that each recording of the training begins with, which they do not "
+                f"state (recorded here, {_PRE_S:g}); or answer at each hop with hop_s"
             )
             raise argument_error(ValueError, "pre_s", problem)
         if pre_s is not None and model.lead_s is not None and abs(pre_s - model.lead_s) > 0.5 / model.rate_hz:
@@ -173,12 +177,15 @@ class LiveIdentifier:
         self._answer = StreamingIdentifier(model)
         self._n_looks = self._n_moments = self._n_lost = 0
         self._failed = ""
+        self._back_first = False
         # Most of the work on multi-band features is done for each answer, others have grown with the rows.
         self._grows = isinstance(model.spec, FeatureSpec)
         info = stream.info
         facts: dict[str, Any] = {}
         self._limiting = capture = self.new_capture()  # checks the limits
         max_lag_s = capture.max_lag_s
+        if limits_matter(stream, self._setup.robot, capture):
+            warn_if_refused()
         if not self._n_hop:
             facts = {"trigger": getattr(capture.trigger, "name", None)}
             # Refused before anything moves.
@@ -233,6 +240,11 @@ class LiveIdentifier:
         -------
         Push
             Also where the capture failed: `Push.reason` says why.
+
+        Raises
+        ------
+        CaptureError
+            The robot could not be stopped: no push begins before its motion has ended (see `drive`).
         """
         return self._push(on_decision)
 
@@ -248,7 +260,18 @@ class LiveIdentifier:
         decision: Decision | None = None
         motion: Motion | None = None
         answered_early = False
-        steps = drive(self.stream, capture, robot=self._setup.robot, reader=self._reader, **self._move)
+        watched = limits_matter(self.stream, self._setup.robot, capture)
+        back_first, self._back_first = self._back_first, False
+        steps = drive(
+            self.stream,
+            capture,
+            robot=self._setup.robot,
+            reader=self._reader,
+            # A view that draws keeps Python's lock from the look at the limits.
+            may_move=lambda: not watched or self._views.are_idle,
+            back_first=back_first,
+            **self._move,
+        )
         with closing(steps):
             for step in steps:
                 motion = step.motion
@@ -259,8 +282,10 @@ class LiveIdentifier:
                 if self._early and decision is not None and self._is_answer(decision):
                     answered_early = True
                     break
-                if not capture.state.is_over and self._views.wants_snapshot():
-                    self._show(capture.state.value, decision)
+                waits = watched and (motion is not None or capture.state is CaptureState.ARMED)
+                if not (waits or capture.state.is_over) and self._views.wants_snapshot():
+                    self._show(capture.state.value, decision, _VIEWS_WAIT * watched)
+        self._back_first = answered_early or was_cut_short(capture, motion)
         push = self._finished(capture, decision, answered_early=answered_early, patient=patient)
         return replace(push, recording=self._recording(capture, push, motion))
 
@@ -280,12 +305,16 @@ class LiveIdentifier:
         Raises
         ------
         CaptureError
-            A failure that the next push would share: nobody delivers or moves, a signal ended it (see
+            A failure after which no push may follow by itself: a limit of force or torque was passed; the robot
+            refused, failed or could not be stopped; nobody delivers or, with `n`, moves; a signal ended it (see
             `granular_id.live.stop_on_signals`); the end of a source before `n` answers.
+        TypeError, ValueError
+            `n` is no whole number of at least 1.
         """
-        if self._n_hop:
-            yield from self._at_hops(n)
-            return
+        n = None if n is None else whole_number("n", n)
+        return self._at_hops(n) if self._n_hop else self._one_by_one(n)
+
+    def _one_by_one(self, n: int | None) -> Iterator[Push]:
         while n is None or self.n_answered < n:
             push = self._push(patient=n is None)
             if n is None and self._at_end(push):
@@ -313,7 +342,7 @@ class LiveIdentifier:
                 break
             elif time.monotonic() - heard_s > silent_s:
                 said = f"{self.stream.info.name} delivered nothing for {silent_s:g} s"
-                raise CaptureError(FailureReason.NO_ROWS, said)
+                raise CaptureError(FailureReason.NO_ROWS, said + left_out(health.counters))
             self._builder.rows(block)
             late = ("lag",) if self.stream.lag_s() > self._max_lag_s else ()
             for window in windows.feed(block):
@@ -483,11 +512,13 @@ class LiveIdentifier:
         )
 
 
-def _trained(model: Identifier | str | os.PathLike[str]) -> Identifier:
+def trained_model(model: Identifier | str | os.PathLike[str]) -> Identifier:
+    """Return a model, read where it is a file."""
     return model if isinstance(model, Identifier) else Identifier.load(model)
 
 
 def _refuse_other_stream(model: Identifier, stream: Stream) -> None:
+    checked_stream(stream)
     name, rate_hz = stream.info.name, stream.info.rate_hz
     if abs(rate_hz / model.rate_hz - 1) > 1e-3:
         problem = f"{name} delivers {rate_hz:g} Hz: train one at that rate, or set the sensor's"
@@ -504,7 +535,7 @@ def _said(push: Push) -> object:
     return None if push.decision.unknown else push.decision.label
 
 
-def _refuse_with_hop(**given: bool) -> None:
+def refuse_with_hop(**given: bool) -> None:
     """Refuse what is about pushes, where answers go on."""
     for name, is_given in given.items():
         if is_given:
@@ -519,85 +550,3 @@ def _hop_of(hop_s: float, rate_hz: float) -> int:
             ValueError, "hop_s", f"={hop_s:g} is less than a sample: at least {1 / rate_hz:g}"
         )
     return n_hop
-
-
-def identify(
-    source: str | WrenchSource,
-    model: Identifier | str | os.PathLike[str],
-    *,
-    n: int | None = None,
-    robot: str | Robot | None = "auto",
-    trigger: str | Callable[[], Trigger] = "auto",
-    early: bool = False,
-    on_failure: str = "raise",
-    **settings: Any,
-) -> Iterator[Decision]:
-    """Name the material of one push after another, live.
-
-    Use it within `granular_id.live.stop_on_signals`, so that the robot is also stopped on SIGTERM and SIGHUP.
-
-    Parameters
-    ----------
-    source : str or WrenchSource
-        ``"rdt://192.168.1.1"``, ``"sim:unknown"`` ..., see `granular_id.live.open_source`.
-    model : Identifier or path-like
-        Trained, or the file of a model.
-    n : int, optional
-        Number of answers; default: on and on, until the source comes to its end.
-    robot, trigger
-        Who moves and what starts a capture, see `granular_id.live.setup_of`; not with `hop_s`.
-    early : bool, default False
-        Answer as soon as the answer can no longer change or the model is sure enough.
-    on_failure : {"raise", "skip"}, default "raise"
-        A push that could not be captured (a gap, saturation ...): raise CaptureError, or go on with the next.
-        A source or robot that fails is always raised.
-    **settings
-        `pre_s`, `hop_s`, `views`, `accept` and the limits of `LiveIdentifier`.
-
-    Yields
-    ------
-    Decision
-        Final, or an early one.
-
-    Raises
-    ------
-    CaptureError
-        See `on_failure`.
-    ValueError, TypeError, OSError, ImportError
-        From opening source or model, or where these do not fit each other.
-
-    Examples
-    --------
-    >>> import granular_id as gid
-    >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=8, duration_s=1)
-    >>> model = gid.Identifier.fit(data, "hfmh", estimate=False)
-    >>> for decision in gid.identify("sim:rice?seed=3&speed=20", model, n=1, pre_s=0.2):
-    ...     print(decision.label, decision.final)
-    rice True
-    """
-    if on_failure not in ("raise", "skip"):
-        raise ValueError(f"on_failure must be 'raise' or 'skip', got {on_failure!r}")
-    if n is not None and (isinstance(n, bool) or not isinstance(n, int) or n < 1):
-        raise ValueError(f"n must be a whole number of at least 1, or None, got {n!r}")
-    if settings.get("hop_s") is not None:
-        _refuse_with_hop(robot=robot not in (None, "none", "auto"), trigger=trigger != "auto")
-    return _answers(source, _trained(model), n, (robot, trigger), early, on_failure, settings)
-
-
-def _answers(
-    source: str | WrenchSource,
-    model: Identifier,
-    n: int | None,
-    mover: tuple[str | Robot | None, str | Callable[[], Trigger]],
-    early: bool,
-    on_failure: str,
-    settings: dict[str, Any],
-) -> Iterator[Decision]:
-    with opened(source) as stream:
-        setup = setup_of(stream.source, *mover) if settings.get("hop_s") is None else None
-        live = LiveIdentifier(stream, model, setup, early=early, **settings)
-        for push in live.pushes(n):
-            if push.decision is not None:
-                yield push.decision
-            elif push.reason is not None and on_failure == "raise":
-                raise CaptureError(push.reason, push.text)

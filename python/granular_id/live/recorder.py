@@ -17,10 +17,20 @@ from granular_id.io.folder_save import safe_name
 from granular_id.io.npz import save_npz
 from granular_id.io.parquet.layout import is_parquet_archive
 from granular_id.io.parquet.writing import append, check_archive
-from granular_id.live.drive import Step, capture_from, drive, motion_duration_s, push_facts, truth_of
+from granular_id.live.drive import (
+    Step,
+    capture_from,
+    drive,
+    limits_matter,
+    motion_duration_s,
+    push_facts,
+    truth_of,
+    was_cut_short,
+)
+from granular_id.live.priority import warn_if_refused
 from granular_id.live.robot import Motion, Robot, checked_move, checked_robot
 from granular_id.live.setup import starts_exactly
-from granular_id.live.stream import Stream
+from granular_id.live.stream import Stream, checked_stream
 from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
 from granular_id.recording import Dataset, Recording
 
@@ -108,6 +118,7 @@ class Recorder:
         on_step: Callable[[Step, Capture], object] | None = None,
         **limits: Any,
     ) -> None:
+        checked_stream(stream)
         robot = None if robot is None else checked_robot(robot)
         if trigger is not None and not callable(trigger):
             raise argument_error(
@@ -125,7 +136,11 @@ class Recorder:
         self._direction, self._speed_m_s = direction, speed_m_s
         self._on_step, self._limits = on_step, limits
         self._n_recorded = self._n_tried = 0
-        checked_move(direction, speed_m_s, motion_duration_s(self._new_capture()))
+        self._back_first = False
+        capture = self._new_capture()
+        checked_move(direction, speed_m_s, motion_duration_s(capture))
+        if limits_matter(stream, robot, capture):
+            warn_if_refused()
         self._archive = checked_flag("archive", archive)
         if archive:
             check_archive(self.folder, stream.info.axes)
@@ -151,8 +166,8 @@ class Recorder:
         Raises
         ------
         CaptureError
-            There is no recording; ``reason`` and the text say why. No file was written, the robot was stopped (or
-            the text says that it could not be).
+            There is no recording; ``reason`` and the text say why. No file was written, the robot was stopped; or
+            it could not be (`FailureReason.ROBOT`), and no push begins before its motion has ended (see `drive`).
         OSError
             It cannot be written (disk full ...); the recording is still in `last`.
         KeyboardInterrupt
@@ -164,6 +179,7 @@ class Recorder:
         # The first one may begin with the first row there is: a replay does not wait.
         reader = self._stream.buffer.reader(from_oldest=not self._n_tried)
         self._n_tried += 1
+        back_first, self._back_first = self._back_first, False
         steps = drive(
             self._stream,
             capture,
@@ -171,12 +187,14 @@ class Recorder:
             direction=self._direction,
             speed_m_s=self._speed_m_s,
             reader=reader,
+            back_first=back_first,
         )
         with closing(steps):
             for step in steps:
-                motion = step.motion
+                motion = step.motion or motion
                 if self._on_step is not None:
                     self._on_step(step, capture)
+        self._back_first = was_cut_short(capture, motion)
         capture.raise_failure()
         self._n_recorded += 1
         stem = f"{safe_name(label)}_{utc_stamp()}_{self._n_recorded}"

@@ -19,6 +19,7 @@ __all__ = [
     "Pose",
     "Robot",
     "TimedMotion",
+    "checked_motion",
     "checked_move",
     "checked_robot",
 ]
@@ -52,7 +53,7 @@ class Motion(Protocol):
         """Why it failed, if it did."""
 
     def finished(self) -> bool:
-        """Tell whether the robot stands again."""
+        """Tell whether the robot stands again, at its end or stopped: nothing else begins before."""
 
     def report(self) -> Mapping[str, Any]:
         """Return what is worth keeping with the recording, JSON-like; complete once finished."""
@@ -63,8 +64,9 @@ class Robot(Protocol):
     """Anything that pushes a tool. ``docs/live/sources.md`` shows how to write one in a few lines.
 
     A robot may also have ``move_back() -> Motion | None``: begin to move to where the last push began and return at
-    once, None to stay. It is called when a push was recorded whole and the robot stands; after one that failed or was
-    ended early the tool stays where it stopped.
+    once, None to stay. It is called when a push was recorded whole and the robot stands. After one that failed (a
+    gap, the rate ...) or was answered early the tool stays where it was stopped, and goes back first when the next push
+    is asked for; after a limit, an error of the robot or a signal it is never sent back by itself.
 
     Use one within `granular_id.live.stop_on_signals`: without it, SIGTERM (``kill``) and SIGHUP (a closed terminal) end
     the program before `stop` is called.
@@ -86,7 +88,7 @@ class Robot(Protocol):
         """
 
     def stop(self) -> None:
-        """Stop as soon as it is safe.
+        """Stop as soon as it is safe; the motion's `finished` says when it stands.
 
         Called on every failure and on Ctrl-C, also when nothing moves; a second time, and from another thread, where a
         command may cross with the first call or the main thread is held up (`granular_id.live.stop_on_signals`).
@@ -100,6 +102,14 @@ def checked_robot(robot: object) -> Robot:
             TypeError, "robot", f"must have tcp_pose, move_line and stop, got {type(robot).__name__}"
         )
     return robot
+
+
+def checked_motion(motion: object, method: str) -> Motion:
+    """Return what a method of a robot has returned, or say what it lacks."""
+    if not isinstance(motion, Motion):
+        wanted = "a motion with start_time_s, start_host_ns, error, finished and report"
+        raise TypeError(f"the robot's {method} must return {wanted}; got {type(motion).__name__}")
+    return motion
 
 
 def checked_move(
@@ -126,7 +136,10 @@ def checked_move(
 
 
 class TimedMotion:
-    """A motion of which only the commanded start, by the host's clock, and the duration are known."""
+    """A motion of which only the commanded start, by the host's clock, and the duration are known.
+
+    A robot's `stop` ends it by `cancel`.
+    """
 
     start_time_s: float | None = None
 
@@ -265,7 +278,8 @@ class CallbackRobot:
         the motion is over. What it raises fails the capture.
     stop : callable
         Called as ``stop()`` on every failure and on Ctrl-C, also when nothing moves; a second time where `move` has
-        not returned, because a command may cross with the first one.
+        not returned, because a command may cross with the first one. The robot is taken to stand when `stop` and
+        `move` have returned.
     pose : callable, optional
         Returns x y z (m) rx ry rz (rad).
     name : str, default "callback"

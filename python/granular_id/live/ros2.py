@@ -41,6 +41,9 @@ _SPIN_S, _LOOK_S = 0.05, 0.5
 _N_STAMPS, _RATE_OFF = 200, 0.1
 """So many stamps tell the rate, grossly: a capture measures it to a thousandth."""
 
+_FOLLOWED = 1 / 128
+"""So much of its distance from a stamp does the line through the stamps follow: clocks drift by less in a period."""
+
 _MOVED_M, _TURNED = 1e-3, 1e-7
 """Frames that are further from where they were are not fixed to each other: 1 mm; 1 - |q . q'| of 1 mrad."""
 
@@ -101,6 +104,7 @@ class Ros2Source(ThreadedSource):
         self._tf: Any = None
         self._pose: tuple[Any, Any] | None = None
         self._stamps_s: list[float] = []
+        self._line = StampLine(rate_hz)
         self._since_s = 0.0  # on the host: what is waited for
         self._qos = _ros("rclpy.qos")
         kind = self._qos.ReliabilityPolicy
@@ -146,7 +150,7 @@ class Ros2Source(ThreadedSource):
         time_s = stamp.sec + 1e-9 * stamp.nanosec
         if len(self._stamps_s) < _N_STAMPS:
             self._check_rate(time_s)
-        self._sink.push(wrench, time_s)
+        self._sink.push(wrench, self._line.at(time_s))
 
     def _begin(self, frame_id: str) -> None:
         """Take note of the frame; where another one is wanted, listen to tf."""
@@ -212,6 +216,30 @@ class Ros2Source(ThreadedSource):
             raise ValueError(
                 f"the frames {both} move against each other: train with one that is fixed to the sensor"
             )
+
+
+class StampLine:
+    """Counts rows by stamps that jitter by less than half a period: a row has the time of the line through them.
+
+    A stamp further than half a period after the next instant says how many rows are missing; one as far before it is
+    that of the row before; beyond 1.5 periods before, and a second after, the line begins anew.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
+        self._time_s, self._n = -np.inf, 0
+
+    def at(self, stamp_s: float) -> float:
+        """Return the device time of the next row."""
+        due_s = self._time_s + 1 / self._rate_hz
+        late = (stamp_s - due_s) * self._rate_hz
+        if not -1.5 < late < self._rate_hz:
+            self._time_s, self._n = stamp_s, 0
+        elif late > -(sure := 0.5 + 1 / (self._n + 1)):  # the line is not known well at first
+            due_s += round(late) / self._rate_hz if late > sure else 0
+            self._n += 1
+            self._time_s = due_s + max(_FOLLOWED, 1 / (self._n + 1)) * (stamp_s - due_s)
+        return self._time_s
 
 
 class ArmedTrigger(ForceTrigger):

@@ -448,6 +448,12 @@ def open_url(url: SourceUrl) -> SimSource:
     among = url.words("materials")
     if among is not None and url.path.strip() != UNKNOWN:
         raise ValueError(f"option materials of url {url.text!r} is for sim:{UNKNOWN} only")
+    if url.host:
+        raise ValueError(f"url {url.text!r} names a host, and a simulation has none; wanted sim:{url.host}")
+    if not url.path.strip("/ "):
+        raise ValueError(
+            f"url {url.text!r} names no material; wanted something like sim:rice or sim:{UNKNOWN}"
+        )
     known = [material.name for material in PAPER_MATERIALS]
     names = [known_label(name.strip(), known) for name in among or url.path.split(",")]
     try:

@@ -251,6 +251,12 @@ class ThreadedSource(ABC):
         """What the source measures."""
         return self._info
 
+    @property
+    def threads(self) -> list[int]:
+        """Native ids of the threads that read the sensor: they may get real-time priority, see `drive`."""
+        native = None if self._thread is None else self._thread.native_id
+        return [] if native is None else [native]
+
     @abstractmethod
     def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
         """Write rows until there are no more or `stopping` is set; runs in the source's own thread."""

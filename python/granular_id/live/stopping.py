@@ -7,6 +7,7 @@ import os
 import signal
 import socket
 import threading
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from types import FrameType
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 from weakref import WeakSet
 
 if TYPE_CHECKING:
-    from granular_id.live.robot import Robot
+    from granular_id.live.robot import Motion, Robot
 
 __all__ = ["InMotion", "ending", "robot_was_stopped", "stop_on_signals"]
 
@@ -38,10 +39,11 @@ _TOLD: WeakSet[threading.Thread] = WeakSet()
 
 
 class InMotion:
-    """A robot that may move, from `begin` until it stands or was stopped.
+    """A robot that may move, from `begin` until it stands.
 
     `signum` is the signal that told it to stop; `is_ending`: the thread that drives it has called ``stop()``;
-    `moves`: a motion of a machine was commanded; `was_stopped`: ``stop()`` is over, or there is no robot.
+    `moves`: a motion of a machine was commanded; `was_stopped`: ``stop()`` is over, or there is no robot; `motion` is
+    the last one that was commanded, and should end by itself until `due_s` of the monotonic clock.
     """
 
     def __init__(self, robot: Robot | None) -> None:
@@ -50,6 +52,8 @@ class InMotion:
         self._robot = robot
         self._lock = threading.Lock()
         self.is_ending = self.moves = False
+        self.motion: Motion | None = None
+        self.due_s = 0.0
         self._in_main_thread = threading.current_thread() is threading.main_thread()
 
     @property
@@ -63,9 +67,31 @@ class InMotion:
         about_to = self.is_ending or self.signum is not None
         return self._in_main_thread and about_to and not self.was_stopped
 
+    @property
+    def stands(self) -> bool:
+        """Whether the last motion has ended; not where its robot cannot tell."""
+        try:
+            return self.motion is None or self.motion.finished()
+        except Exception:  # whatever the robot's library raises
+            return False
+
     def begin(self) -> None:
-        """Note that it may move from now on, unless it `is_told` already: a signal sees the one or the other."""
+        """Note that it may move from now on, unless it `is_told` already: a signal sees the one or the other.
+
+        A motion of the robot that goes on, though it was to stop, becomes its own.
+        """
+        for one in tuple(_IN_MOTION):
+            if self._robot is not None and one._robot is self._robot:
+                if not one.stands:
+                    self.motion, self.moves = one.motion, one.moves
+                if one.was_stopped:
+                    _IN_MOTION.discard(one)
         _IN_MOTION.add(self)
+
+    def command(self, motion: Motion, duration_s: float) -> Motion:
+        """Take note of a motion that was commanded, for so long."""
+        self.motion, self.due_s = motion, time.monotonic() + duration_s
+        return motion
 
     def tell(self, signum: int) -> None:
         """Say in a thread of its own that a signal came; the main thread hears it by itself."""
@@ -96,10 +122,11 @@ class InMotion:
                 self._lock.release()
 
     def over(self, *, stands: bool) -> None:
-        """Note that it stands or was stopped."""
+        """Note that it stands or was stopped; where it goes on nevertheless, who begins next is to know."""
         if not (stands or self.was_stopped):  # the signal came right before
             self.stop()
-        _IN_MOTION.discard(self)
+        if stands or self.stands:
+            _IN_MOTION.discard(self)
 
     def raise_signal(self) -> None:
         """Raise what a signal has asked for meanwhile."""
@@ -221,7 +248,7 @@ def _watch(ear: socket.socket, fd_before: int, leaving: threading.Event) -> None
 @atexit.register
 def _at_exit() -> None:
     """Stop what a thread that dies with the program would leave moving."""
-    _stop_all(tuple(_IN_MOTION))
+    _stop_all(one for one in tuple(_IN_MOTION) if not one.was_stopped)
 
 
 def _stop_all(moving: Iterable[InMotion]) -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
-from granular_id._checks import positive_number
+from granular_id._checks import argument_error, positive_number
+from granular_id._text import counted, verb
 from granular_id.live.channels import AnyBuffer, buffer_for
 from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
 
-__all__ = ["Stream", "opened"]
+__all__ = ["Stream", "checked_stream", "left_out", "opened"]
 
 _POLL_S = 0.05
 
@@ -133,7 +134,21 @@ def opened(
             if health.finished and not first.wait(0.0):
                 raise ConnectionError(f"{info.name} came to its end before its first row")
             if time.monotonic() > deadline_s:
-                raise TimeoutError(f"{info.name} delivered nothing within {first_row_s:g} s")
+                came = left_out(buffer.stats())
+                raise TimeoutError(f"{info.name} delivered nothing within {first_row_s:g} s{came}")
         yield Stream(chosen, buffer)
     finally:
         chosen.stop()
+
+
+def left_out(counters: Mapping[str, int]) -> str:
+    """Say that rows came which could not be taken, for the end of a message; empty where there were none."""
+    n = counters.get("non_finite", 0)
+    return f"; {counted(n, 'row')} with NaN or infinity {verb(n, 'was', 'were')} left out" if n else ""
+
+
+def checked_stream(stream: object) -> None:
+    """Refuse what is no started source."""
+    if not hasattr(stream, "buffer"):
+        problem = f"must be an opened source (with opened(...) as stream), got {stream!r:.60}"
+        raise argument_error(TypeError, "stream", problem)

@@ -90,7 +90,7 @@ class BackgroundView(ABC):
         self._period_s = 1.0 / checked_max_hz(max_hz)
         self._patience_s = patience_s
         self._waiting: deque[tuple[int, Snapshot]] = deque(maxlen=waiting)
-        self._published = self._handled = 0
+        self._published = self._handled = self._shown = 0
         self._closing = Event()
         self._thread = Thread(target=self._run, name=f"granular_id {name}", daemon=True)
         self._thread.start()
@@ -115,6 +115,11 @@ class BackgroundView(ABC):
             raise RuntimeError(f"the {self.name} is closed")
         self._published += 1
         self._waiting.append((self._published, snapshot))
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether all that was published is shown, and nothing is being drawn."""
+        return self._shown == self._published or not self._thread.is_alive()
 
     def close(self) -> None:
         """Show what waits and end the thread; one that is stuck in a write is left behind after a while.
@@ -163,6 +168,7 @@ class BackgroundView(ABC):
             self.dropped += number - self._handled - 1
             self._handled = number
             self.show(snapshot)
+            self._shown = number
 
 
 class Views:
@@ -202,6 +208,11 @@ class Views:
     def wants_snapshot(self) -> bool:
         """Tell whether it is time for another snapshot: building one for nobody would be a waste."""
         return bool(self._views) and time.monotonic() >= self._next_s
+
+    @property
+    def are_idle(self) -> bool:
+        """Whether nothing is being drawn, as far as views tell it (`BackgroundView.is_idle`)."""
+        return all(getattr(view, "is_idle", True) for view in self._views)
 
     def publish(self, snapshot: Snapshot) -> None:
         """Pass a snapshot on, whether it was wanted or not: the last one of a capture must not be lost."""

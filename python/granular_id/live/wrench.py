@@ -41,6 +41,11 @@ class WrenchLimits:
             if value is not None
         ]
 
+    @property
+    def are_given(self) -> bool:
+        """Whether there is any."""
+        return bool(self._parts)
+
     def beyond(self, rows: BlockLike | Rows) -> str:
         """Say which is the first of these rows beyond a limit, and by which value; empty where none is."""
         first, said = len(rows), ""

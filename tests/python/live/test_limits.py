@@ -63,11 +63,12 @@ class Bench:
 
 
 class Motion(TimedMotion):
-    """Begins with the next row that is written, and ends when told."""
+    """Begins with the next row that is written, and has ended, or does so when its arm is stopped."""
 
-    def __init__(self, bench):
+    def __init__(self, arm, ended=True):
         super().__init__(host_ns(), 0.0)
-        self.start_time_s, self.ended = bench.n_rows / RATE_HZ, True
+        self.start_time_s, self.ended = arm.bench.n_rows / RATE_HZ, ended
+        arm.motions.append(self)
 
     def finished(self):
         return self.ended
@@ -77,7 +78,7 @@ class Arm:
     """Notes what it is told; a robot that can go back where `back` makes its motion."""
 
     def __init__(self, bench, back=None):
-        self.bench, self.told, self.ended = bench, [], True
+        self.bench, self.told, self.ended, self.motions = bench, [], True, []
         if back is not None:
             self.move_back = lambda: self.told.append("back") or back(self)
 
@@ -86,12 +87,12 @@ class Arm:
 
     def move_line(self, direction, speed_m_s, duration_s):
         self.told.append("move")
-        self.motion = Motion(self.bench)
-        self.motion.ended = self.ended
-        return self.motion
+        return Motion(self, self.ended)
 
     def stop(self):
         self.told.append("stop")
+        for motion in self.motions:
+            motion.ended = True
 
 
 def driven(bench, robot, do, **limits):
@@ -126,7 +127,7 @@ def test_one_sample_beyond_the_limit_in_a_block_of_many_stops_the_robot_and_fail
     capture = driven(bench, robot, once(lambda: bench.write(N, at=[at])), max_force_n=49)
     assert robot.told == ["move", "stop"]
     assert capture.reason is FailureReason.LIMIT
-    assert capture.text == TOO_MUCH.format(f"{(REST + at) / RATE_HZ:.3f}")
+    assert capture.text == TOO_MUCH.format(f"{(REST + at) / RATE_HZ:.3f}") + "; the robot was stopped"
 
 
 @pytest.mark.parametrize(
@@ -260,6 +261,8 @@ def test_a_recorder_leaves_no_file_and_a_live_session_ends_where_a_limit_is_pass
         live = LiveIdentifier(stream, pushes_and_model()[1], max_force_n=1.0)
         with pytest.raises(CaptureError, match="the limit is 1 N") as raised:
             next(live.pushes())
+    with pytest.raises(CaptureError, match="the limit is 1 N; the robot was stopped"):
+        next(gid.identify(SimSource("rice", speed=20), live.model, max_force_n=1.0, on_failure="skip"))
     assert raised.value.reason.is_lasting, "nothing pushes again by itself"
 
 
@@ -268,7 +271,7 @@ def test_a_recorder_leaves_no_file_and_a_live_session_ends_where_a_limit_is_pass
 
 def gone_back(robot):
     """A way back that is over when it is looked at for the second time."""
-    motion = Motion(robot.bench)
+    motion = Motion(robot)
     looks = iter((False, True, True, True))
     motion.finished = lambda: next(looks)
     return motion
@@ -295,7 +298,7 @@ def test_the_way_back_stops_at_the_limits_too():
     bench = Bench()
     bench.write(REST)
     write, hit = once(lambda: bench.write(N)), []
-    robot = Arm(bench, lambda robot: replace_finished(Motion(bench)))
+    robot = Arm(bench, lambda robot: Motion(robot, ended=False))
 
     def do(capture, step):
         write(capture, step)
@@ -307,17 +310,12 @@ def test_the_way_back_stops_at_the_limits_too():
     assert (capture.reason, capture.state) == (FailureReason.LIMIT, CaptureState.FAILED)
 
 
-def replace_finished(motion):
-    motion.ended = False
-    return motion
-
-
 def test_a_way_back_that_is_refused_or_fails_costs_the_push():
     def refuse(_):
         raise ConnectionError("arm is off")
 
     def fail(robot):
-        motion = Motion(robot.bench)
+        motion = Motion(robot)
         motion.error = "reflex"
         return motion
 
@@ -413,7 +411,9 @@ def test_without_limits_nothing_is_changed_by_them():
 def test_the_commands_end_where_a_limit_is_passed(tmp_path):
     words = ("record", "--source", "sim:?seed=1", "--speed", 20, "--label", "rice", "-o", tmp_path / "x")
     line = refused(*words, "--max-force-n", 1)
-    assert re.match(r"error: rice 1/10: force of 1\.0\d* N at .*, the limit is 1 N$", line)
+    assert re.match(
+        r"error: rice 1/10: force of 1\.0\d* N at .*, the limit is 1 N; the robot was stopped$", line
+    )
     assert not (tmp_path / "x").exists()
     assert (
         refused(*words, "--max-torque-n-m", -1)
@@ -423,3 +423,48 @@ def test_the_commands_end_where_a_limit_is_passed(tmp_path):
     live = ("live", "--source", "sim:rice?seed=1", "--speed", 20, "--model", tmp_path / "m.safetensors", "-q")
     assert "the limit is 0.1 N m" in refused(*live, "--max-torque-n-m", 0.1)
     assert "--max-force-n is about pushes" in refused(*live, "--max-force-n", 9, "--hop-s", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("missing", "told"), [(3, ["move", "stop", "back", "move"]), (0, ["move", "stop", "move"])]
+)
+def test_a_push_after_one_that_a_gap_has_cut_short_begins_where_that_one_did(tmp_path, missing, told):
+    bench = Bench()
+    bench.write(REST)
+    robot = Arm(bench, gone_back)
+
+    def go_wrong(step, capture):
+        if robot.told[-1:] == ["move"] and step.motion is not None:
+            bench.n_rows += missing
+            bench.write(N, at=[] if missing else [1])
+        else:
+            bench.write(5)
+
+    recorder = Recorder(
+        bench,
+        robot,
+        tmp_path,
+        on_step=go_wrong,
+        n_samples=N,
+        pre_s=REST / RATE_HZ,
+        max_force_n=49,
+        timeout_s=0.2,
+    )
+    for _ in range(2):
+        with pytest.raises(CaptureError):
+            recorder.record("rice")
+        bench.write(REST)
+    assert [one for one in robot.told if one != "stop"] == [one for one in told if one != "stop"]
+
+
+def test_a_way_back_before_a_push_stops_at_the_limits_and_no_push_follows():
+    bench = Bench()
+    bench.write(REST)
+    robot = Arm(bench, lambda robot: Motion(robot, ended=False))
+    capture = Capture(RATE_HZ, n_samples=N, pre_s=0.04, trigger=MotionTrigger(), info=INFO, max_force_n=49)
+    reader = bench.buffer.reader()
+    with closing(drive(bench, capture, robot=robot, reader=reader, back_first=True)) as steps:
+        for _ in steps:
+            bench.write(4, at=[2])
+    assert robot.told == ["back", "stop"]
+    assert capture.reason is FailureReason.LIMIT

@@ -243,6 +243,20 @@ def test_pushes_end_with_the_source_unless_more_were_wanted(model, pushes, tmp_p
         list(LiveIdentifier(stream, model).pushes(3))
 
 
+def test_identify_ends_the_connection_to_a_robot_that_it_has_opened_and_to_no_other(model, monkeypatch):
+    closed, source = [], simulated(speed=20)
+    robot = source.robot()
+    robot.close = lambda: closed.append(1)
+    monkeypatch.setattr("granular_id.live.setup.open_robot", lambda url: robot)
+    assert len(list(gid.identify(source, model, n=1, robot="gantry://here"))) == 1
+    assert closed == [1]
+    again = simulated(speed=20)
+    robot = again.robot()
+    robot.close = lambda: closed.append(2)
+    assert len(list(gid.identify(again, model, n=1, robot=robot))) == 1
+    assert closed == [1]
+
+
 def test_identify_raises_or_skips_what_could_not_be_captured(model):
     gap = Fault("gap", after_s=0.3)
     with pytest.raises(CaptureError, match=r"missing|gap") as caught:
@@ -257,7 +271,7 @@ def test_identify_raises_or_skips_what_could_not_be_captured(model):
     [
         ("sim:rice?rate_hz=100", {}, "the model is for 500 Hz, simulated rice delivers 100 Hz"),
         ("sim:rice", {"on_failure": "stop"}, "on_failure must be 'raise' or 'skip', got 'stop'"),
-        ("sim:rice", {"n": 0}, "n must be a whole number of at least 1, or None, got 0"),
+        ("sim:rice", {"n": 0}, "n must be at least 1, got 0"),
         ("sim:rice", {"pre_s": 0.2}, "pre_s is 0.2, but the model was trained with 0.1 s of rest"),
     ],
 )
@@ -277,6 +291,25 @@ def test_other_axes_and_an_unknown_rest_are_refused(pushes):
             LiveIdentifier(stream, fitted([5, 4, 3, 2, 1, 0], trigger_index=50))
         with pytest.raises(ValueError, match="pre_s must be given"):
             LiveIdentifier(stream, fitted([0, 1, 2, 3, 4, 5]))
+
+
+def test_what_is_no_opened_source_is_refused_with_the_way_to_open_it(model, tmp_path):
+    wanted = r"^stream must be an opened source \(with opened\(\.\.\.\) as stream\), got 'sim:rice'$"
+    with pytest.raises(TypeError, match=wanted):
+        LiveIdentifier("sim:rice", model)
+    with pytest.raises(TypeError, match=wanted):
+        Recorder("sim:rice", None, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("n", "error", "words"),
+    [("3", TypeError, "n must be a whole number, got '3'"), (-1, ValueError, "n must be at least 1, got -1")],
+)
+def test_numbers_of_answers_that_cannot_be_are_refused_before_anything_moves(model, n, error, words):
+    with opened(simulated(speed=20)) as stream, pytest.raises(error, match=f"^{words}$"):
+        LiveIdentifier(stream, model).pushes(n)
+    with pytest.raises(error, match=f"^{words}$"):
+        gid.identify(simulated(), model, n=n)
 
 
 class Arm(SimSource):

@@ -28,15 +28,18 @@ class Watched(SimRobot):
 
     def __init__(self, source, change=None, on_stop=None):
         super().__init__(source)
-        self.n_stops = 0
+        self.n_stops, self.motion = 0, None
         self._change, self._on_stop = change, on_stop
 
     def move_line(self, direction, speed_m_s, duration_s):
         motion = super().move_line(direction, speed_m_s, duration_s)
-        return motion if self._change is None else self._change(motion) or motion
+        self.motion = motion if self._change is None else self._change(motion) or motion
+        return self.motion
 
     def stop(self):
         super().stop()
+        if self.motion is not None:
+            self.motion.cancel()
         self.n_stops += 1
         if self._on_stop is not None:
             self._on_stop(self.n_stops)
@@ -164,8 +167,8 @@ def test_the_truth_is_that_of_the_push_also_where_the_replay_has_moved_on(tmp_pa
     assert recording.meta["truth"] == data[0].label
 
 
-class Endless(TimedMotion):
-    """A motion in the place of another one: it never ends, and fails after a while if it is told to."""
+class Lasting(TimedMotion):
+    """A motion in the place of another one: it does not end by itself, but fails after a while if it is told to."""
 
     def __init__(self, motion, fails_after=None):
         super().__init__(motion.start_host_ns, 1000.0)
@@ -174,7 +177,7 @@ class Endless(TimedMotion):
     def finished(self):
         if self._fails_after is not None and host_ns() > self.start_host_ns + 1e9 * self._fails_after:
             self.error = "reflex"
-        return False
+        return super().finished()
 
 
 def shifted(by_s):
@@ -218,7 +221,7 @@ GAP = Fault("gap", after_s=0.2, rows=3)
         (None, {"change": shifted(600.0)}, "robot", "newest row is of .* do not share a clock"),
         (
             None,
-            {"change": lambda motion: Endless(motion, 0.05), "speed": 2, "n_samples": 1600},
+            {"change": lambda motion: Lasting(motion, 0.05), "speed": 2, "n_samples": 1600},
             "robot",
             "the robot's motion failed: reflex",
         ),
@@ -256,8 +259,8 @@ def test_what_the_users_robot_raises_fails_the_recording(tmp_path):
         assert stops == [1, 1]
 
 
-def test_a_motion_that_never_ends_is_stopped_and_what_was_recorded_is_good(tmp_path):
-    with bench(tmp_path, change=Endless) as (_, robot, recorder):
+def test_a_motion_that_does_not_end_by_itself_is_stopped_and_what_was_recorded_is_good(tmp_path):
+    with bench(tmp_path, change=Lasting) as (_, robot, recorder):
         assert recorder.record("rice").recording.n_samples == 300
         assert robot.n_stops == 1
 

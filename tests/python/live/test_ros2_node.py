@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import granular_id as gid
 from cli_cases import refused, run
-from granular_id.live import ros2
+from granular_id.live import WrenchBuffer, ros2
 from granular_id.live.rows import Rows
 from granular_id.recording import Dataset, transform
 from live_view_cases import push as rows_of_push, pushes_and_model
@@ -440,6 +440,7 @@ def test_a_frame_that_moves_against_that_of_the_model_ends_it(moved, ros, model)
         ),
         ({}, ("--", "wrong"), "ROS 2 did not start: Failed to parse ROS arguments"),
         ({}, ("--topic", "f t"), "ROS 2 did not start: Invalid topic name: must not hold blanks: 'f t' ^"),
+        ({}, ("--topic", ""), "--topic must name a topic"),
         ({}, ("--depth", 0), "--depth must be at least 1, got 0"),
     ],
     ids=[
@@ -453,6 +454,7 @@ def test_a_frame_that_moves_against_that_of_the_model_ends_it(moved, ros, model)
         "tf",
         "arguments",
         "topic",
+        "no topic",
         "depth",
     ],
 )
@@ -510,3 +512,20 @@ def test_what_moved_before_the_rest_that_armed_is_no_push():
     trigger = ros2.ArmedTrigger(0.5, arm_s=30.0)
     assert trigger.allow(rows_of([0.0] * 10, from_s=5.0)) is None
     assert trigger.index(rows_of([3.0] * 5 + [0.0] * 10 + [1.0])) == 15
+
+
+@pytest.mark.parametrize("lost", [(), (300,), (300, 301, 302)])
+def test_stamps_may_jitter_by_almost_half_a_period_and_lost_rows_are_counted_all_the_same(lost):
+    rng, line, buffer = np.random.default_rng(0), ros2.StampLine(500.0), WrenchBuffer(10.0, rate_hz=500.0)
+    for k in range(1500):
+        if k not in lost:
+            buffer.push(np.zeros(6), line.at(1000 + 1.00005 * (k + rng.uniform(-0.4, 0.4)) / 500))
+    counts = buffer.stats()
+    assert (counts["written"], counts["missing"]) == (1500 - len(lost), len(lost))
+
+
+def test_a_stamp_that_comes_again_is_no_row_and_one_of_long_before_begins_anew():
+    line = ros2.StampLine(500.0)
+    times = [line.at(1000 + k / 500) for k in (0, 1, 2, 2, 3)]
+    assert times[2] == times[3] < times[4]
+    assert line.at(900.0) == 900.0

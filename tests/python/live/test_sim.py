@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from granular_id.live.robot import Motion, Robot
 from granular_id.live.sim import LEAD_S, Fault, FaultKind, SimSource, SimWorld
+from granular_id.live.source import open_source
 from granular_id.recording import SampleFlag
 from granular_id.synthetic import PAPER_MATERIALS, Nuisance, Sensor, simulate_push, synthesize
 from sink_cases import Sink, eventually
@@ -193,3 +194,10 @@ def test_faults(kind, after_s):
         assert np.allclose(np.diff(sink.time_s), 1 / RATE_HZ), "everything comes, later"
     else:
         assert source.health().error == "ConnectionError: the simulated sensor was told to die"
+
+
+def test_a_url_with_a_host_is_refused_with_the_one_that_is_meant():
+    with pytest.raises(ValueError, match=r"url 'sim://rice' names a host.*wanted sim:rice"):
+        open_source("sim://rice")
+    with pytest.raises(ValueError, match=r"url 'sim://' names no material; wanted something like sim:rice"):
+        open_source("sim://")

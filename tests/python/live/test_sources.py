@@ -195,6 +195,20 @@ def test_streams_that_do_not_begin(source, options, error, match):
         pass
 
 
+@pytest.mark.parametrize(
+    ("n", "said"), [(1, "1 row with NaN or infinity was left out"), (3, "3 rows with NaN .* were left out")]
+)
+def test_rows_that_are_no_numbers_are_told_where_nothing_else_comes(n, said):
+    class Broken(Counting):
+        def deliver(self, buffer, stopping):
+            buffer.push_block(np.full((n, 6), np.nan))
+            stopping.wait(20)
+
+    text = f"^counting delivered nothing within 0.1 s; {said}$"
+    with pytest.raises(TimeoutError, match=text), opened(Broken(), first_row_s=0.1):
+        pass
+
+
 def test_a_stream_is_stopped_whatever_happens():
     def use(source):
         with opened(source) as stream:

@@ -113,3 +113,12 @@ def test_no_view_is_faster(rate):
     for make in (Remembering, lambda **options: Views([], **options)):
         with pytest.raises((ValueError, TypeError), match="max_hz must be"):
             make(max_hz=rate)
+
+
+def test_views_are_idle_when_all_is_shown_not_while_one_draws():
+    view = held()
+    with Views([view]) as views:
+        assert not views.are_idle
+        view.released.set()
+        view.close()
+        assert views.are_idle
