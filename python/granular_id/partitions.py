@@ -48,6 +48,7 @@ class Partition:
     description: str  # for a table: "partition 3" or "1st->2nd half"
     train: Rows
     test: Rows
+    condition: str = ""  # whose value is held out, where that is what is
 
 
 def rows_of_class(y: ArrayLike) -> dict[Any, Rows]:
@@ -284,6 +285,7 @@ def condition_partitions(
                     f"{name}: {value}",
                     np.flatnonzero(~held),
                     np.flatnonzero(tested),
+                    name,
                 )
             )
     return drawn, notes
@@ -363,15 +365,10 @@ def are_blocks(partitions: Sequence[Partition]) -> bool:
     ]
 
 
-def held_out_condition(partitions: Sequence[Partition]) -> str:
-    """Name the condition that `condition_partitions` held out."""
-    return partitions[0].description.partition(": ")[0]
-
-
 def protocol_name(protocol: str, partitions: Sequence[Partition]) -> str:
     """Name a protocol in words; blocks in time that stand in for sessions are called blocks."""
     if protocol == CONDITION:
-        return f"another {held_out_condition(partitions)}"
+        return f"another {partitions[0].condition}"
     if protocol == "session" and are_blocks(partitions):
         return "blocks in time order"
     return PROTOCOLS[protocol]

@@ -60,17 +60,8 @@ class Recordings(ReadingOptions):
 class OneStretch(Fitting):
     """How recordings come to the rate and length of the model: one stretch of each."""
 
+    answers_over_all = False
     hop_s: float | None = field(init=False, default=None)
-
-    def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> tuple[Dataset, tuple[str, ...]]:
-        """Bring recordings to the length of the model; the ways out are those that there are here."""
-        try:
-            return super().taken(data, identifier, quiet=quiet)
-        except ValueError as error:
-            way_out = ", pass begin_at='first', or call .predict_over(recording)"
-            if way_out not in str(error):
-                raise
-            raise ValueError(str(error).replace(way_out, " or pass begin_at='first'")) from None
 
 
 NEW: Path = option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o", default=...)
@@ -95,7 +86,8 @@ def adapt(
     """Bring a model to another set-up (tool, mounting, zero, room) by recordings of it; labels are not needed.
 
     Three recordings at least, better ten of each of many materials: with one material the set-up cannot be
-    told from the material. By default a common offset is taken away, whatever the shares of the materials.
+    told from the material, and the model gets worse. By default a common offset is taken away, whatever the
+    shares of the materials.
     `--all-materials` declares that all are there, about equally often: that gains more, and loses where it
     is not so. Where recordings have labels that the model knows, the accuracy before and after is told.
 
@@ -202,4 +194,5 @@ def _make(
     say_written([output])
     if not quiet:
         show(f"name materials with: {typed_command('identify', output, 'PATH')}")
-        show(f"while the tool moves: {typed_command('live', '--model', output, '--source', 'URL')}")
+        rest = () if new.lead_s is not None else ("--pre-s", "SECONDS")
+        show(f"while the tool moves: {typed_command('live', '--model', output, '--source', 'URL', *rest)}")

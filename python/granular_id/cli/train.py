@@ -57,6 +57,9 @@ def train(
     method: ModelOptions,
     *,
     output: Path = option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o", default=...),
+    hold_out: str | None = option(
+        ESTIMATE, "What new recordings will not share, held out value by value: tool, day, rig.depth_m ..."
+    ),
     target_error: float = option(
         ESTIMATE, "Share of early answers that may be wrong.", default=0.01, callback=a_share
     ),
@@ -81,7 +84,8 @@ def train(
     `granular-id identify` and `granular-id live` use it. What may be expected of it is measured on recordings
     that are held out, as strictly as they allow: whole sessions where every material has several; else halves
     in time order; else random folds. The output says which. On the same recordings it is found from which
-    margin on an answer may be given before the push is over.
+    margin on an answer may be given before the push is over. Where new recordings will be of another tool, or
+    depth, --hold-out tool measures that, and chooses by it.
 
     Features are chosen among the multi-band ones (--space best), the paper's are --space raw+hfmh; the
     options of its histogram (--cutoff-hz, --n-bins ...), --C and --coding are for a --space that has them.
@@ -91,6 +95,7 @@ def train(
     `granular-id train recordings -o kitchen.safetensors`
     `granular-id train recordings -o kitchen.safetensors --posterior kullback_leibler --figure over_time.png`
     `granular-id train irregular -o m.safetensors --rate-hz 100 --max-gap-s inf --n-samples shortest`
+    `granular-id train recordings -o any-tool.safetensors --hold-out tool`
     `granular-id train recordings -o paper.safetensors --space raw+hfmh --bin-range auto`
     """
     method.refuse_impossible(steps.rate_hz)
@@ -115,6 +120,7 @@ def train(
     training = fit(
         data,
         recipe,
+        hold_out=hold_out,
         early=early,
         target_error=target_error,
         coverage=coverage,

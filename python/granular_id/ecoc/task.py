@@ -89,6 +89,8 @@ def class_indices(labels: npt.NDArray[Any], weights: FloatArray | None) -> tuple
     """Sorted classes of the rows that count, and the class index of each row (any for a row of weight 0)."""
     if labels.dtype.kind == "f" and np.isnan(labels).any():
         raise ValueError("y must hold a label for each row, got NaN")
+    if labels.dtype.kind == "O" and None in labels.tolist():
+        raise ValueError("y must hold a label for each row, got None")
     try:
         check_classification_targets(labels)
     except ValueError as reason:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timezone
@@ -17,17 +18,21 @@ from granular_id import _core
 from granular_id._checks import checked_flag
 from granular_id._memory import empty
 from granular_id._parallel import single_threaded_blas
-from granular_id._text import Table, counted, percent
+from granular_id._text import Table, counted, percent, verb
 from granular_id.features import FeatureSpec
 from granular_id.identifier.metadata import (
+    ADAPTED_BEFORE,
     HISTORY,
     MARKS,
+    MAX_FILE_BYTES,
     SOURCE,
     Begin,
     Metadata,
     check_recordings,
     cropped_to_model,
     fingerprint,
+    mark_of,
+    marks_of,
     stored_marks,
 )
 from granular_id.identifier.rules import KEY as CONFIDENCE
@@ -40,6 +45,7 @@ from granular_id.spaces import (
     codes_of,
     missing_of,
     recalibrated,
+    refuse_few,
     refuse_missing,
 )
 
@@ -59,6 +65,8 @@ _DONE_TO_SAMPLES = ("tare", "payload", "compensated")
 
 _MOST_SESSIONS, _LONGEST_SESSION = 20, 80
 _FEW = 4
+_LEAST_KNOWN = 0.9  # linear learners name nearly all of what trained them
+_CHANCE = 1.5  # recordings
 _AT_ONCE = 1024
 _MOST_FOLDS = 5
 
@@ -93,15 +101,19 @@ class Adaptation:
         Recordings with a label that the model knows.
     accuracy_before, accuracy_after : float or None
         Balanced accuracy on those. After labelled recordings by models that were made without the recordings they
-        name; None with fewer than two of a material.
+        name, unless some of these were seen before; None with fewer than two of a material.
+    n_seen : int
+        Of the judged, recordings that the model was trained on or adapted to before: they make both accuracies too
+        good.
+    marks : str
+        To know recordings again: 8 hexadecimal digits of each one's SHA-256, side by side; of more than 4096 none.
+        Labelled ones are among the recordings of the training, where the model keeps these.
     differences : tuple of str
         What of the set-up was not as in the training.
     dropped : tuple of str
         What the model could no longer promise.
     estimate_before : float or None
         Accuracy that the training expected of recordings of its own set-up.
-    setup_before : dict of str to list of str
-        Set-up of the recordings before.
     """
 
     method: str
@@ -121,7 +133,8 @@ class Adaptation:
     differences: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     estimate_before: float | None = None
-    setup_before: dict[str, list[str]] = field(default_factory=dict)
+    n_seen: int = 0
+    marks: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows."""
@@ -151,12 +164,17 @@ class Adaptation:
             after = "after not known, with fewer than two recordings of a material"
             if self.accuracy_after is not None:
                 after = f"{percent(self.accuracy_after)} after"
-                after += (
-                    ", each named by a model without it" if self.materials else ", on what adapted the model"
-                )
+                if not self.materials:
+                    after += ", on what adapted the model"
+                elif not self.n_seen:
+                    after += ", each named by a model without it"
             told.append(
-                f"balanced accuracy on the {self.n_judged} with a label: {percent(self.accuracy_before)} before, "
-                f"{after}"
+                f"balanced accuracy on the {self.n_judged} with a label that the model knows: "
+                f"{percent(self.accuracy_before)} before, {after}"
+            )
+        if self.n_seen:
+            told.append(
+                f"{self.n_seen} of these trained or adapted the model before: both accuracies are too good"
             )
         if self.differences:
             told.append(f"set-up: {'; '.join(self.differences)}")
@@ -170,7 +188,9 @@ class Adaptation:
         """Shares of answers before and after, with what was done below."""
         names = list(self.shares_before)
         rows = tuple((n, percent(self.shares_before[n]), percent(self.shares_after[n])) for n in names)
-        return Table("Answers before and after", ("material", "before", "after"), rows, self.lines)
+        return Table(
+            "Share of the answers that name each material", ("material", "before", "after"), rows, self.lines
+        )
 
     def __str__(self) -> str:
         return str(self.table())
@@ -190,21 +210,20 @@ def features_of(core: _core.Model, X: FloatArray, threads: int | None = None) ->
 
 
 def with_source(
-    core: _core.Model,
-    X: FloatArray,
-    y: npt.NDArray[np.str_],
-    max_file_bytes: int,
-    threads: int | None = None,
+    core: _core.Model, rows: Callable[[], FloatArray], y: npt.NDArray[np.str_], max_file_bytes: int
 ) -> _core.Model:
-    """Return the model with what adapting it needs of its training; as it is where that is too large."""
-    shape = core.coding_matrix.shape
-    text = 4 * 8 * (2 * core.n_features + shape[0] * shape[1]) // 3
-    if text > _MOST_SOURCE or len(core.to_bytes()) + text + _FOR_HISTORY > max_file_bytes:
+    """Return the model with what adapting it needs of its training rows; as it is where that is too large."""
+    if not _has_room(core, max_file_bytes):
         return core
     with single_threaded_blas():
-        stored = _stored_source(_statistics(core, X, y, threads))
+        stored = _stored_source(_statistics(core, rows(), y))
     trained = {**Metadata(core).trained, SOURCE: stored}
     return _changed(core, trained)
+
+
+def _has_room(core: _core.Model, max_file_bytes: int = MAX_FILE_BYTES) -> bool:
+    text = 4 * 8 * (2 * core.n_features + core.coding_matrix.size) // 3
+    return text <= _MOST_SOURCE and len(core.to_bytes()) + text + _FOR_HISTORY <= max_file_bytes
 
 
 def adapted_model(
@@ -223,20 +242,26 @@ def adapted_model(
     rounds = checked_rounds(rounds, all_materials)
     data, differences = _taken(core, recordings, "recordings", begin_at, lead_s, accept)
     source, learners = _source(core, trained_on, threads), _learners(core)
-    if all_materials and source.mean is None:
-        raise ValueError(
-            "all_materials=True starts from the columns of the training, and this model has been adapted since: "
-            "adapt the model that it was made from"
-        )
     rows = features_of(core, data.X, threads)
     with single_threaded_blas():
-        caution = _CAUTION if isinstance(core.spec, FeatureSpec) else 0.0
         made, known = adapted(
-            learners, source, rows, all_materials=all_materials, rounds=rounds, caution=caution
+            learners,
+            source,
+            rows,
+            all_materials=all_materials,
+            rounds=rounds,
+            blocks=_blocks(core),
+            caution=_CAUTION if isinstance(core.spec, FeatureSpec) else 0.0,
         )
-        entry = _entry(core, learners, made, rows, data, differences)
-    method = STANDARDISED if all_materials else SHIFT
-    return _new_model(core, made, known, data, replace(entry, method=method, rounds=rounds))
+    entry = _entry(
+        core,
+        *(learners, made, rows, data, differences),
+        method=STANDARDISED if all_materials else SHIFT,
+        rounds=rounds,
+        marks=stored_marks(data).get(MARKS, ""),
+    )
+    _warn_of(entry, core, data, all_materials=all_materials)
+    return _new_model(core, made, known, data, entry)
 
 
 def recalibrated_model(
@@ -254,27 +279,29 @@ def recalibrated_model(
     checked_flag("allow_missing", allow_missing)
     data, differences = _taken(core, labelled, "labelled", begin_at, lead_s, accept)
     codes = codes_of(data.y, np.array(core.classes), len(data), "labelled")
+    refuse_few(len(codes), "recalibration")
     missing = refuse_missing(codes, core.classes, allow_missing)
     source, learners = _source(core, trained_on, threads), _learners(core)
     rows = features_of(core, data.X, threads)
-    # Of samples and counts too few rows tell too little: there regression costs what recentring gains.
-    blocks = None if isinstance(core.spec, FeatureSpec) else core.spec.block_sizes
+    blocks = _blocks(core)
 
     def corrected(members: npt.NDArray[np.bool_]) -> Learners:
         return recalibrated(learners, source, rows[members], codes[members], blocks)
 
     with single_threaded_blas():
         made = corrected(np.ones(len(rows), dtype=np.bool_))
-        entry = _entry(core, learners, made, rows, data, differences)
         after = _accuracy_held_out(corrected, rows, codes)
     counts = np.bincount(codes, minlength=len(core.classes)).tolist()
-    entry = replace(
-        entry,
+    entry = _entry(
+        core,
+        *(learners, made, rows, data, differences),
         method=LABELLED,
         accuracy_after=after,
         materials={label: n for label, n in zip(core.classes, counts, strict=True) if n},
         missing=tuple(missing),
+        marks="" if Metadata(core).marks else stored_marks(data).get(MARKS, ""),
     )
+    _warn_of(entry, core, data)
     return _new_model(core, made, source, data, entry)
 
 
@@ -308,35 +335,41 @@ def _taken(
     if not isinstance(recordings, Dataset):
         raise TypeError(f"{name} must be a granular_id.Dataset, got {type(recordings).__name__}")
     differences = check_recordings(recordings, core, accept)
-    return cropped_to_model(recordings, core, begin_at=begin_at, lead_s=lead_s), differences
+    data = cropped_to_model(recordings, core, begin_at=begin_at, lead_s=lead_s, over_all=False)
+    return data, differences
 
 
 def _learners(core: _core.Model) -> Learners:
     return Learners(core.coef, core.intercept, core.coding_matrix, core.losses)
 
 
+def _blocks(core: _core.Model) -> dict[str, int] | None:
+    """Of samples and counts too few rows tell too little: there regression costs what recentring gains."""
+    return None if isinstance(core.spec, FeatureSpec) else core.spec.block_sizes
+
+
 # What a model keeps of its training.
 
 
-def _statistics(
-    core: _core.Model, X: FloatArray, y: npt.NDArray[np.str_], threads: int | None
-) -> SourceStatistics:
-    codes = codes_of(y, np.array(core.classes), len(X), "trained_on")
+def _statistics(core: _core.Model, rows: FloatArray, y: npt.NDArray[np.str_]) -> SourceStatistics:
+    codes = codes_of(y, np.array(core.classes), len(rows), "trained_on")
     missing = missing_of(codes, core.classes)
     if missing:
         raise ValueError(
             f"trained_on must hold every material that the model knows, {missing[0]!r} is missing"
         )
-    return SourceStatistics.of(features_of(core, X, threads), codes, _learners(core))
+    return SourceStatistics.of(rows, codes, _learners(core))
 
 
 def _source(core: _core.Model, trained_on: Dataset | None, threads: int | None) -> SourceStatistics:
     """Read what the model keeps of its training, or compute it from the recordings."""
     known = Metadata(core)
     stored = known.trained.get(SOURCE)
+    if trained_on is not None:
+        _check_trained_on(core, trained_on)
     if stored is not None:
         return _read_source(stored, core)
-    if known.trained.get(HISTORY):
+    if known.trained.get(HISTORY) or known.trained.get(ADAPTED_BEFORE):
         raise ValueError(
             "the model keeps nothing of its training, and was adapted before: adapt the model that it was made from"
         )
@@ -345,17 +378,32 @@ def _source(core: _core.Model, trained_on: Dataset | None, threads: int | None) 
             "the model keeps nothing of its training that it could be adapted with: it is of an earlier version, was "
             "taken over from a pipeline or has too many materials; pass the recordings of its training, trained_on=data"
         )
+    rows, y = features_of(core, trained_on.X, threads), trained_on.y
+    with single_threaded_blas():
+        source, named = _statistics(core, rows, y), _learners(core).answers(rows)
+    accuracy = _balanced(named, codes_of(y, np.array(core.classes), len(rows), "trained_on"))
+    if accuracy < _LEAST_KNOWN:
+        warnings.warn(
+            f"the model names only {percent(accuracy)} of trained_on rightly: if these are not the recordings of its "
+            "training, what follows is wrong",
+            stacklevel=4,
+        )
+    return source
+
+
+def _check_trained_on(core: _core.Model, trained_on: Dataset) -> None:
+    """Refuse what is not the recordings of the training; a model that was taken over does not know them."""
     if not isinstance(trained_on, Dataset):
         raise TypeError(f"trained_on must be a granular_id.Dataset, got {type(trained_on).__name__}")
-    check_recordings(trained_on, core)
-    settings, digest = known.trained.get("settings"), core.metadata["training_sha256"]
+    trained, digest = Metadata(core).trained, core.metadata["training_sha256"]
+    settings = trained.get("settings")
+    if not trained.get(HISTORY):  # which names the set-up of the new recordings
+        check_recordings(trained_on, core)
     if settings is not None and digest and fingerprint(trained_on, settings) != digest:
         raise ValueError(
             "trained_on must be the recordings that the model was trained on, in their order and as they were "
             "prepared then; these are others"
         )
-    with single_threaded_blas():
-        return _statistics(core, trained_on.X, trained_on.y, threads)
 
 
 def _stored_source(source: SourceStatistics) -> dict[str, str | None]:
@@ -396,9 +444,12 @@ def _entry(
     rows: FloatArray,
     data: Dataset,
     differences: tuple[str, ...],
+    **known: Any,
 ) -> Adaptation:
-    """Compare the answers of two models about recordings."""
-    old, new, n = before.answers(rows), after.answers(rows), len(rows)
+    """Compare the answers of two models about recordings, and add what is known of how the second was made."""
+    with single_threaded_blas():
+        old, new, n = before.answers(rows), after.answers(rows), len(rows)
+    seen = Metadata(core).seen
     places = {label: k for k, label in enumerate(core.classes)}
     truth = np.array([places.get(r.label, -1) if r.label is not None else -1 for r in data], dtype=np.intp)
     judged = truth >= 0
@@ -407,23 +458,57 @@ def _entry(
         counts = np.bincount(named, minlength=len(core.classes)) / n
         return dict(zip(core.classes, counts.tolist(), strict=True))
 
-    return Adaptation(
-        method="",
-        rounds=0,
-        made=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        n_recordings=n,
-        sha256=hashlib.sha256(np.ascontiguousarray(data.X, dtype="<f8").data).hexdigest(),
-        sessions=tuple(sorted({str(s)[:_LONGEST_SESSION] for s in data.sessions.tolist() if s is not None}))[
-            :_MOST_SESSIONS
-        ],
-        shares_before=shares(old),
-        shares_after=shares(new),
-        n_changed=int((old != new).sum()),
-        n_judged=int(judged.sum()),
-        accuracy_before=_balanced(old[judged], truth[judged]) if judged.any() else None,
-        accuracy_after=_balanced(new[judged], truth[judged]) if judged.any() else None,
-        differences=differences,
-    )
+    sessions = sorted({str(s)[:_LONGEST_SESSION] for s in data.sessions.tolist() if s is not None})
+    facts: dict[str, Any] = {
+        "rounds": 0,
+        "made": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "n_recordings": n,
+        "sha256": hashlib.sha256(np.ascontiguousarray(data.X, dtype="<f8").data).hexdigest(),
+        "sessions": tuple(sessions[:_MOST_SESSIONS]),
+        "shares_before": shares(old),
+        "shares_after": shares(new),
+        "n_changed": int((old != new).sum()),
+        "n_judged": int(judged.sum()),
+        "accuracy_before": _balanced(old[judged], truth[judged]) if judged.any() else None,
+        "accuracy_after": _balanced(new[judged], truth[judged]) if judged.any() else None,
+        "n_seen": sum(mark_of(data.X[row]) in seen for row in np.flatnonzero(judged)) if seen else 0,
+        "differences": differences,
+    }
+    return Adaptation(**facts | known)
+
+
+def _warn_of(entry: Adaptation, core: _core.Model, data: Dataset, *, all_materials: bool = False) -> None:
+    """Warn where labels, or recordings that come again, speak against what was made of them."""
+    doubts = []
+    labels = {one.label for one in data}
+    missing = [label for label in core.classes if label not in labels]
+    if None in labels:  # which may be any
+        pass
+    elif all_materials and missing:
+        doubts.append(
+            f"all_materials=True states that all materials are there, and by the labels {', '.join(missing)} "
+            f"{verb(len(missing), 'is', 'are')} missing: leave it out, or record them"
+        )
+    elif len(labels) == 1:
+        doubts.append(
+            f"all recordings are of one material, {data[0].label}: the set-up cannot be told from it, and the new "
+            "model may name other materials less well; record several"
+        )
+    before, after = entry.accuracy_before, entry.accuracy_after
+    if before is not None and after is not None and (before - after) * entry.n_judged > _CHANCE:
+        doubts.append(
+            f"balanced accuracy on the recordings with a label fell from {percent(before)} to {percent(after)}: keep "
+            "the model as it was, or record more, of more materials"
+        )
+    if entry.materials and (taught := Metadata(core).taught):
+        again = sum(mark in taught for mark in marks_of(data))
+        if again:
+            doubts.append(
+                f"{again} of {counted(len(data))} {verb(again, 'has', 'have')} trained or recalibrated the model "
+                "before, and count twice now: record others"
+            )
+    for doubt in doubts:
+        warnings.warn(doubt, stacklevel=4)  # of `Identifier.adapt`
 
 
 def _balanced(named: IntArray, truth: IntArray) -> float:
@@ -448,7 +533,6 @@ def _new_model(
         entry,
         dropped=tuple(name for name, had in dropped.items() if had),
         estimate_before=None if estimate is None else estimate["accuracy"],
-        setup_before=setup,
     )
     # What was done to samples is that of the new recordings; what a frame or a sensor is called may only be unsaid.
     kept_setup = {name: values for name, values in setup.items() if name not in _DONE_TO_SAMPLES}
@@ -460,7 +544,7 @@ def _new_model(
         "setup": {**kept_setup, **values_in(setups_in(data))},
         HISTORY: [*trained.get(HISTORY, []), entry.to_dict()],
     }
-    if SOURCE in trained:
+    if SOURCE in trained or _has_room(core):
         # Another time the columns are no longer those of the training.
         trained[SOURCE] = _stored_source(replace(source, mean=None))
     if trained.get("early") is not None:

@@ -53,7 +53,8 @@ class Adaptable:
             Rounds of self-training. Default: 2 with `all_materials`, else 0.
         trained_on : Dataset, optional
             The recordings of the training, for a model that keeps nothing of it: of an earlier version, or taken over
-            from a pipeline. Others are refused.
+            from a pipeline; one that keeps what it needs goes by that. Other recordings are refused by a model that
+            knows its own, needed or not; one that was taken over warns where it names fewer than 90 % of them rightly.
         begin_at, lead_s, accept
             As in `identify`.
         threads : int, optional
@@ -75,10 +76,16 @@ class Adaptable:
             the mean, or a model that was adapted before; a model that keeps nothing of its training, without
             `trained_on`.
 
+        Warns
+        -----
+        UserWarning
+            All recordings are of one material; with `all_materials`, labels in which some are missing; balanced
+            accuracy fell by more than a recording; doubts about `trained_on`.
+
         Notes
         -----
         The method is that of `granular_id.spaces.BestClassifier.adapt`. With samples and counts as features three
-        recordings of each material are added that ask for no offset, since they name too few materials rightly.
+        more recordings of each material are added that ask for no offset, since they name too few materials rightly.
 
         Examples
         --------
@@ -139,6 +146,11 @@ class Adaptable:
         TypeError, ValueError
             As `adapt`; recordings without a label, or with one that the model does not know; materials that are
             missing: the message names them.
+
+        Warns
+        -----
+        UserWarning
+            As `adapt`; some of the recordings have trained or recalibrated the model before.
 
         Notes
         -----

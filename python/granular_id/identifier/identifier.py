@@ -99,6 +99,7 @@ class Identifier(Adaptable):
         loss: str = "auto",
         decoding: str = "loss_weighted",
         posterior: str | None = None,
+        hold_out: str | None = None,
         estimate: bool = True,
         early: bool = True,
         target_error: float = 0.01,
@@ -127,10 +128,15 @@ class Identifier(Adaptable):
         block_weights : None, "unit" or two numbers
             Of ``"raw+hfmh"``, as in `granular_id.RawHFMH`; they end in the weights of the learners.
         shrinkage : float, optional
-            Whitens multi-band features within classes, see `granular_id.spaces.WithinClassWhitening`.
+            Of ``"multiband"``: its features are whitened within classes, see
+            `granular_id.spaces.WithinClassWhitening`; None is 0.03, 1 hardly whitens. ``"best"`` chooses it.
         C, coding, loss, decoding, posterior
             As in `granular_id.ECOCClassifier`, but that the loss ``"auto"`` is ``"root"`` with multi-band features;
             `posterior` gives `predict_proba`. ``"best"`` chooses the first four.
+        hold_out : str, optional
+            What new recordings will not share with these, such as ``"tool"``: a condition as in `granular_id.evaluate`,
+            of which each material has two values or more. One value after the other is held out whole, in place of
+            sessions: to measure the accuracy, to set all rules, and by ``"best"`` to choose.
         estimate : bool, default True
             Hold recordings out to measure the accuracy: whole sessions where every class has several, else halves
             in time order, else random folds. Costs a training for each partition. Without it there is no early rule.
@@ -165,7 +171,8 @@ class Identifier(Adaptable):
             `data` is not a `Dataset`, or a setting has the wrong type.
         ValueError
             Lengths or rates differ, a recording has no label, there is one class only, a space that does not work
-            here, a setting out of range, or a model too large: the message names ways out.
+            here, a setting out of range, a condition that cannot be held out, or a model too large: the message names
+            ways out.
         """
         from granular_id.identifier.recipe import Recipe
         from granular_id.identifier.training import train
@@ -191,6 +198,7 @@ class Identifier(Adaptable):
         training = train(
             data,
             recipe,
+            hold_out=hold_out,
             estimate=estimate,
             early=early,
             target_error=target_error,
@@ -282,6 +290,9 @@ class Identifier(Adaptable):
         UserWarning
             The file has no digest: an earlier version wrote it, and damage cannot be told. `lacks_digest` tells later.
         """
+        if os.path.isdir(path):  # noqa: PTH112 - bytes are paths, too
+            wanted = "wanted a model file, as granular-id train and Identifier.save write it"
+            raise IsADirectoryError(f"{os.fsdecode(path)} is a folder, {wanted}")
         core = _core.Model.read(path, max_file_bytes=max_file_bytes)
         if core.lacks_digest:
             warnings.warn(
@@ -471,6 +482,10 @@ class Identifier(Adaptable):
             data = Dataset([recording])
             differences = check_recordings(data, self.core, accept)
             wrench = cropped_to_model(data, self.core, begin_at=begin_at, lead_s=lead_s)[0].wrench
+        elif isinstance(recording, Dataset):
+            raise TypeError(
+                "recording must be one Recording or an array, got a Dataset: pass them one by one, or call predict"
+            )
         else:
             wrench = np.asarray(samples_of(recording, "recording", self.axes)[0], dtype=np.float64)
             wanted = (self.n_samples, len(self.axes))

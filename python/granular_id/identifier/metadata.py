@@ -43,6 +43,9 @@ SOURCE = "source"
 HISTORY = "adaptations"
 """Key of how it was brought to other set-ups, the latest last."""
 
+ADAPTED_BEFORE = "adapted_before"
+"""Key of a model that was taken over from a classifier that had been adapted."""
+
 Begin = Literal["auto", "first", "trigger"]
 
 _MARK_DIGITS = 8
@@ -90,7 +93,8 @@ _ADAPTATION = {
     "differences": [str, ...],
     "dropped": [str, ...],
     "estimate_before": (float, None),
-    "setup_before": {EACH: [str, ...]},
+    "n_seen?": int,
+    "marks?": str,
 }
 _TRAINED = {
     "settings?": {"space": str},
@@ -110,6 +114,7 @@ _TRAINED = {
     "notes?": [str, ...],
     "source?": {"mean": (str, None), "sd": str, "scores": str},
     "adaptations?": [_ADAPTATION, ...],
+    "adapted_before?": bool,
 }
 
 
@@ -169,8 +174,23 @@ class Metadata:
     @property
     def marks(self) -> frozenset[str] | None:
         """Marks of the recordings, see `marks_of`; None where it does not keep them."""
-        stored = self.trained.get(MARKS, "")
-        return frozenset(stored[k : k + _MARK_DIGITS] for k in range(0, len(stored), _MARK_DIGITS)) or None
+        return _split(self.trained.get(MARKS, "")) or None
+
+    @property
+    def seen(self) -> frozenset[str]:
+        """Marks of those and of the recordings that it was adapted to, with labels or without."""
+        adapted = (_split(one.get("marks", "")) for one in self.trained.get(HISTORY, ()))
+        return frozenset().union(self.marks or (), *adapted)
+
+    @property
+    def taught(self) -> frozenset[str]:
+        """Marks of those of them whose labels it has learned."""
+        labelled = (_split(one.get("marks", "")) for one in self.trained.get(HISTORY, ()) if one["materials"])
+        return frozenset().union(self.marks or (), *labelled)
+
+
+def _split(marks: str) -> frozenset[str]:
+    return frozenset(marks[k : k + _MARK_DIGITS] for k in range(0, len(marks), _MARK_DIGITS))
 
 
 # Recordings that a model was trained on.
@@ -246,13 +266,14 @@ def cropped_to_model(
     begin_at: Begin = "auto",
     lead_s: float | None = None,
     on_short: Literal["raise", "skip"] = "raise",
+    over_all: bool = True,
 ) -> Dataset:
     """Crop recordings of the rate and axes of a model to its length; the same data set where all have it already.
 
     They begin at the first sample, or at the trigger less the lead. Automatically those of the length begin at the
     first sample, and longer ones as in the training: at the trigger where all had the same lead, else at the first
     sample where that is how they were cropped. `on_short` is for recordings that are too short, or longer and without
-    trigger.
+    trigger; `over_all` says whether answers over all of a recording would do, too.
     """
     n, rate_hz, known = core.n_samples, core.rate_hz, Metadata(core)
     lengths = [recording.n_samples for recording in data]
@@ -260,10 +281,11 @@ def cropped_to_model(
         return data
     short = [recording for recording in data if recording.n_samples < n]
     if short and on_short == "raise":
+        skip = f": call .align({n}, on_short='skip') to leave such recordings out"
         raise ValueError(
             f"recording {short[0].name!r} has {short[0].n_samples} samples ({short[0].n_samples / rate_hz:g} s), the "
             f"model takes {n} ({n / rate_hz:g} s); {len(short)} of {counted(len(data))} "
-            f"{verb(len(short), 'is', 'are')} shorter: pass on_short='skip' to leave such recordings out"
+            f"{verb(len(short), 'is', 'are')} shorter{skip if len(short) < len(data) else ''}"
         )
     if begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
         return data.align(n, on_short=on_short)
@@ -272,7 +294,7 @@ def cropped_to_model(
         as_trained = replace(step, notes=["begins at the first sample, as in the training"])
         return Dataset(cropped.recordings, [*before, as_trained])
     longer = next((r for r in data if r.n_samples > n), data[0])
-    lead = _known_lead(known, lead_s, longer.name, longer.n_samples, n)
+    lead = _known_lead(known, lead_s, longer.name, longer.n_samples, n, over_all=over_all)
     marked = data
     if begin_at == "auto":
         start = round(lead * rate_hz)
@@ -308,12 +330,19 @@ def starts_in(
     return fits
 
 
-def _known_lead(known: Metadata, lead_s: float | None, name: str, length: int, n: int) -> float:
+def _known_lead(
+    known: Metadata, lead_s: float | None, name: str, length: int, n: int, *, over_all: bool = True
+) -> float:
     """Return the rest before the motion, seconds: stated, or that of the training."""
     lead = known.lead_s if lead_s is None else lead_s
     if lead is None:
+        ways = (
+            ", pass begin_at='first', or call .predict_over(recording)"
+            if over_all
+            else " or pass begin_at='first'"
+        )
         raise ValueError(
             f"recording {name!r} has {length} samples, the model takes {n}, and does not know how much rest comes "
-            "before the motion: state lead_s, pass begin_at='first', or call .predict_over(recording)"
+            f"before the motion: state lead_s{ways}"
         )
     return lead

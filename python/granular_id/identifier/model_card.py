@@ -12,7 +12,7 @@ from granular_id import _core
 from granular_id._text import counted, fixed, percent
 from granular_id.features import FeatureSpec
 from granular_id.identifier.identifier import Identifier
-from granular_id.identifier.metadata import HISTORY, Metadata
+from granular_id.identifier.metadata import ADAPTED_BEFORE, HISTORY, Metadata
 from granular_id.identifier.rules import confidence_rules, outcome_text
 from granular_id.recording import SEVERE_PREFIXES, labelled_check_note
 
@@ -180,12 +180,13 @@ def _estimate(model: Identifier, estimate: Mapping[str, Any] | None) -> list[str
 def _adaptations(model: Identifier) -> list[str]:
     """Say how the model was brought to other set-ups, and what it reached in its own."""
     lines = []
+    if model.trained.get(ADAPTED_BEFORE):
+        lines.append("adapted: before it was taken over from a pipeline; how is not known")
     for entry in model.adaptations:
         first, *rest = entry.lines
         if entry.estimate_before is not None:
-            rest.append(
-                f"before, on held-out recordings of the set-up of the training: {percent(entry.estimate_before)}"
-            )
+            share = percent(entry.estimate_before)
+            rest.append(f"the model before named {share} of held-out recordings of its own set-up rightly")
         lines += [f"adapted: {first}", *(f"  {line}" for line in rest)]
     return lines
 

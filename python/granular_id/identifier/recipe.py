@@ -17,11 +17,12 @@ from granular_id._checks import argument_error, named
 from granular_id._estimators import describe_estimator, real_steps
 from granular_id.ecoc import CODINGS, DECODINGS, POSTERIORS, ECOCClassifier, Posterior, fitting_loss
 from granular_id.features import FeatureSpec
-from granular_id.identifier.metadata import BANDED, SPACES
+from granular_id.identifier.metadata import ADAPTED_BEFORE, BANDED, SPACES
 from granular_id.recording import unit_of
 from granular_id.spaces import (
     ALL_BLOCKS,
     BAND_LOSS,
+    BAND_SHRINKAGE,
     DECODING,
     DEFAULT_RANGE,
     HFMH,
@@ -122,6 +123,13 @@ class Recipe:
         """Return the classifier, not fitted; without `posterior` even where the settings ask for one."""
         if self.space == "best":
             return BestClassifier(optional_blocks=("level",), random_state=self.random_state)
+        if self._is_preset:  # as `feature_spaces` has it: C is a share of the spread of the whitened rows
+            return BestClassifier(
+                shrinkages=(self._whitening["shrinkage"],),
+                relative_costs=(self.C,),
+                loss=BAND_LOSS if self.loss == "auto" else self.loss,
+                random_state=self.random_state,
+            )
         return ECOCClassifier(
             C=self.C,
             coding=self.coding,
@@ -134,10 +142,9 @@ class Recipe:
     def pipeline(self, rate_hz: float, *, posterior: bool = True, threads: int | None = None) -> Pipeline:
         """Return feature space, scaling and classifier as one pipeline, which `fit_pipeline` fits."""
         steps: list[tuple[str, Any]] = [("features", self.features(rate_hz).set_params(threads=threads))]
-        if self.space == "multiband":
+        if self.space == "multiband" and not self._is_preset:
             steps.append(("scaling", BlockScaler()))
-            if self.shrinkage is not None:
-                steps.append(("whitening", WithinClassWhitening(self.shrinkage)))
+            steps.append(("whitening", WithinClassWhitening(**self._whitening)))
         return Pipeline([*steps, ("classifier", self.classifier(posterior=posterior))])
 
     def to_dict(self, rate_hz: float) -> dict[str, Any]:
@@ -149,7 +156,17 @@ class Recipe:
             "features": {name: value for name, value in features.items() if name != "threads"},
             "classifier": {name: value for name, value in classifier.items() if name != "n_jobs"},
         }
-        return settings if self.shrinkage is None else settings | {"whitening": {"shrinkage": self.shrinkage}}
+        whitened = self.space == "multiband" and not self._is_preset
+        return settings | {"whitening": self._whitening} if whitened else settings
+
+    @property
+    def _is_preset(self) -> bool:
+        plain = isinstance(self.coding, str) and self.coding == "onevsone" and self.posterior is None
+        return self.space == "multiband" and plain and self.decoding == DECODING
+
+    @property
+    def _whitening(self) -> dict[str, float]:
+        return {"shrinkage": BAND_SHRINKAGE if self.shrinkage is None else self.shrinkage}
 
 
 def _same(value: Any, default: Any) -> bool:
@@ -192,6 +209,8 @@ def model_of(
         axes, units = space.axes_in_, units or space.units_in_
     if units is None:
         units = axis_units(shape[1]) if axes is None else [unit_of(axis) for axis in axes]
+    if hasattr(classifier, "source_"):
+        trained = {**(trained or {}), ADAPTED_BEFORE: True}
     posterior = getattr(classifier, "_posterior", None) if posterior is None else posterior
     arrays: dict[str, Any] = {}
     with np.errstate(over="ignore"):  # the model refuses what is not finite
@@ -268,6 +287,22 @@ def _on_plain_features(
         return space.spec_, coef
     # The filter is never used: a cut-off that fits any rate.
     return FeatureSpec(rate_hz=rate_hz, cutoff_hz=min(23.0, rate_hz / 4), raw=True, hfmh=False), coef
+
+
+def plain_features(
+    space: Any, features: FloatArray, spec: FeatureSpec | _core.MultiBandExtractor
+) -> FloatArray | None:
+    """Return what the weights of a model are for, of the features of its training; None where these are weighted."""
+    if isinstance(space, RawHFMH):
+        return features if (space.block_weights_ == 1).all() else None
+    if isinstance(spec, FeatureSpec):
+        return features
+    sizes = space.extractor_.block_sizes
+    kept = spec.block_sizes  # without those that recordings are too short for
+    if sizes == kept:
+        return features
+    parts = dict(zip(sizes, np.split(features, np.cumsum(list(sizes.values()))[:-1], axis=1), strict=True))
+    return np.concatenate([parts[name] for name in kept], axis=1)
 
 
 def _without_silent_blocks(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,9 @@ from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence import HeldOutScores, Scores, conformal_rule, unknown_rule
 from granular_id.ecoc import Posterior, Task, check_posterior, design, fit_posterior
-from granular_id.identifier.adapt import with_source
+from granular_id.identifier.adapt import features_of, with_source
 from granular_id.identifier.metadata import BANDED, MAX_FILE_BYTES, fingerprint, stored_marks
-from granular_id.identifier.recipe import Recipe, model_of
+from granular_id.identifier.recipe import Recipe, model_of, plain_features
 from granular_id.identifier.rules import (
     KEY,
     EarlyRule,
@@ -29,17 +29,24 @@ from granular_id.identifier.rules import (
     checkpoints,
     provisional_answers,
 )
-from granular_id.partitions import Partition, protocol_name, rows_of_class
+from granular_id.partitions import (
+    Partition,
+    condition_partitions,
+    lone_session,
+    protocol_name,
+    rows_of_class,
+)
 from granular_id.recording import (
     Dataset,
     common_units,
+    condition_of,
     data_warnings,
     describe_data,
     mixed_setup_warnings,
     setups_in,
     values_in,
 )
-from granular_id.spaces import BestClassifier, Choice, Chosen, fit_pipeline
+from granular_id.spaces import BestClassifier, Choice, Chosen, fit_on_features, fit_pipeline
 from granular_id.splits import Groups, groups_of, strictest_partitions
 from granular_id.statistics import confusion_counts, mean_interval, recall_per_class
 
@@ -63,6 +70,7 @@ def train(
     data: Dataset,
     recipe: Recipe,
     *,
+    hold_out: str | None = None,
     estimate: bool = True,
     early: bool = True,
     target_error: float = 0.01,
@@ -90,23 +98,23 @@ def train(
     units = common_units(data)
     classes = tuple(rows_of_class(y))
     refuse_large(recipe, len(classes), X.shape[1:], max_file_bytes)
-    why_none = "" if estimate else "no recordings were held out, as asked"
-    partitions: list[Partition] = []
-    note = ""
-    if estimate:
-        try:
-            partitions, note = strictest_partitions(data, n_folds=n_folds, seed=recipe.random_state)
-        except ValueError as why:  # a model all the same, of which nobody knows how good it is
-            why_none = str(why)
+    if hold_out is not None and not estimate and recipe.space != "best":
+        problem = f"={hold_out!r} has no use without an estimate where nothing is chosen: leave it out"
+        raise argument_error(ValueError, "hold_out", problem)
+    groups, partitions, note = _held_out(data, hold_out, n_folds, recipe.random_state)
+    why_none = "" if partitions else note
+    if not estimate:
+        partitions, why_none = [], "no recordings were held out, as asked"
     held = posterior = None
     # The bits of a model must not depend on how many threads multiply its matrices: here, and where it is built.
     with showing(progress or False) as callback, convergence_warnings(recipe.space) as not_converged:
         ticker = Ticker(1 + len(partitions), callback)
         with single_threaded_blas():
-            groups = groups_of(data)
             pipeline = recipe.pipeline(rate_hz, threads=threads)
-            classifier = fit_pipeline(pipeline, X, y, groups)[-1]
-            chooses = isinstance(classifier, BestClassifier)
+            features = pipeline[0].fit(X, y).transform(X)
+            fit_on_features(pipeline, features, y, groups)
+            classifier = pipeline[-1]
+            chooses = isinstance(classifier, BestClassifier) and recipe.space == "best"
             if recipe.posterior is not None and chooses:
                 posterior = _posterior_of_best(classifier, y, recipe.posterior)
             ticker.tick("all recordings")
@@ -142,7 +150,12 @@ def train(
             training_sha256=fingerprint(data, trained["settings"]),
             coding=recipe.coding if isinstance(recipe.coding, str) else "",
         )
-    core = with_source(core, X, y, max_file_bytes, threads)
+
+    def rows() -> FloatArray:
+        own = plain_features(pipeline[0], features, core.spec)
+        return features_of(core, X, threads) if own is None else own
+
+    core = with_source(core, rows, y, max_file_bytes)
     return Training(core, trained, held, rule)
 
 
@@ -184,6 +197,27 @@ def refuse_large(recipe: Recipe, n_classes: int, shape: tuple[int, int], most: i
 
 
 # What held-out recordings say.
+
+
+def _held_out(
+    data: Dataset, hold_out: str | None, n_folds: int, seed: int
+) -> tuple[Groups, list[Partition], str]:
+    """Return groups and partitions, strictest or by the values of a condition, and a line on how, or why none."""
+    groups = groups_of(data)
+    if hold_out is None:
+        try:
+            return groups, *strictest_partitions(data, n_folds=n_folds, seed=seed)
+        except ValueError as why:  # a model all the same, of which nobody knows how good it is
+            return groups, [], str(why)
+    name, values = condition_of(data, hold_out)
+    alone = lone_session(data.y, values)
+    if alone is not None:  # models of a part would not know it
+        problem = (
+            f"={hold_out!r}: {alone!r} has one value of it only; record it with another, or leave it out"
+        )
+        raise argument_error(ValueError, "hold_out", problem)
+    drawn, _ = condition_partitions(data.y, name, values)
+    return replace(groups, conditions=values), drawn, f"{name}: {len(drawn)} values, held out one by one"
 
 
 def _answers(

@@ -9,6 +9,7 @@ from granular_id.spaces.adaptation import (
     codes_of as codes_of,
     missing_of as missing_of,
     recalibrated as recalibrated,
+    refuse_few as refuse_few,
     refuse_missing as refuse_missing,
 )
 from granular_id.spaces.base import (
@@ -31,6 +32,7 @@ from granular_id.spaces.hfmh import DEFAULT_RANGE as DEFAULT_RANGE, HFMH, BinRan
 from granular_id.spaces.multiband import (
     ALL_BLOCKS as ALL_BLOCKS,
     BAND_LOSS as BAND_LOSS,
+    BAND_SHRINKAGE as BAND_SHRINKAGE,
     USUAL_BLOCKS as USUAL_BLOCKS,
     BandColumn as BandColumn,
     BandColumns as BandColumns,
@@ -41,6 +43,7 @@ from granular_id.spaces.multiband import (
 from granular_id.spaces.presets import (
     FeatureSpace,
     feature_spaces,
+    fit_on_features as fit_on_features,
     fit_pipeline as fit_pipeline,
     in_paper_order as in_paper_order,
 )

@@ -19,6 +19,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from granular_id._checks import checked_flag, whole_number
 from granular_id._estimators import origin_of
 from granular_id._parallel import single_threaded_blas
+from granular_id.recording import Dataset
 from granular_id.spaces.scaling import BlockSizes, block_slices, column_moments, own_blocks
 
 if TYPE_CHECKING:
@@ -32,14 +33,17 @@ Losses = Callable[[FloatArray], FloatArray]
 LEAST_ROWS = 3
 """Recordings, and with `all_materials` recordings a material in the mean, of which less is said than chance says."""
 
-# Measured on synthetic rigs (tool, depth, speed) and on halves of sessions, as they are and turned by hand, with all,
-# half, three of the materials and unequal shares: see docs/adaptation.md.
+# Measured on real recordings under other loads, speeds, sensors and people, on synthetic rigs and on halves of
+# sessions, with all, half, three of the materials and unequal shares: see docs/adaptation.md.
 _STEPS, _KEPT, _MOST_ROWS = 4, 0.7, 5
-_KEPT_TO_TRAIN = 0.6
+_STILL_ROWS, _STILL_ROWS_A_CLASS = 20.0, 1.0  # added to those that ask for a shift, so that few move little
+_WIDTH = 0.15  # of a membership, in medians of the margin
+_RECENTRED, _EVEN_STEPS = 2, 30
 _LEAST_SCALE, _MOST_SCALE = 0.2, 5.0
 _LEAST_SLOPE, _SHARE_FOR_SLOPE = 0.8, 0.25  # less takes a session of one material for one of all
 _PRIOR_ROWS = 1.0
-_RIDGE = 0.1
+_RIDGE, _RIDGE_UNSURE = 0.1, 1.0
+_LEAST_SHARE = 1e-12
 _COLUMNS_AT_ONCE = 256
 
 
@@ -98,14 +102,14 @@ def adapted(
     *,
     all_materials: bool,
     rounds: int,
+    blocks: Mapping[str, int] | None = None,
     caution: float = 0.0,
 ) -> tuple[Learners, SourceStatistics]:
-    """Bring learners to the set-up of rows (n, D) without labels, as `AdaptableClassifier.adapt` says it."""
-    if len(X) < LEAST_ROWS:
-        raise ValueError(
-            f"adapting needs at least {LEAST_ROWS} recordings, got {len(X)}: the offset of one cannot be told from its "
-            "material; record more, of more materials"
-        )
+    """Bring learners to the set-up of rows (n, D) without labels, as `AdaptableClassifier.adapt` says it.
+
+    Without `blocks` self-training only recentres.
+    """
+    refuse_few(len(X), "adapting")
     least = LEAST_ROWS * len(learners.coding)
     if all_materials and len(X) < least:
         raise ValueError(
@@ -114,11 +118,15 @@ def adapted(
         )
     if all_materials:
         learners, source = standardised(learners, source, X)
-    if rounds or not all_materials:
-        learners = balanced_shift(learners, source, X, caution=caution)
-    if rounds:
-        learners = self_trained(learners, source, X, rounds)
-    return learners, source
+    else:
+        learners = balanced_shift(recentred(learners, source, X), source, X, caution=caution)
+    return self_trained(learners, source, X, rounds, blocks, even=all_materials), source
+
+
+def recentred(learners: Learners, source: SourceStatistics, X: FloatArray) -> Learners:
+    """Take the difference of the mean scores of rows (n, D) to those of the training, less so where rows are few."""
+    offset = learners.scores(X).mean(axis=0) - source.scores.mean(axis=0)
+    return learners.shifted(offset * (len(X) / (len(X) + _STILL_ROWS)))
 
 
 def balanced_shift(
@@ -128,11 +136,12 @@ def balanced_shift(
 
     Rows are named, the surest of each class are kept, and their mean scores are compared with those of the training:
     one offset for all classes, and one slope, since scores of rows that did not train are smaller. Each class counts
-    by its rows, at most 5 of them; with less than a quarter of the classes the slope stays 1. `caution` adds as many
-    rows a class that ask for no offset.
+    by its rows, at most 5 of them; with less than a quarter of the classes the slope stays 1. A row a class, and
+    `caution` more, ask for no offset.
     """
     scores, n_classes = learners.scores(X), len(learners.coding)
     offset = np.zeros(scores.shape[1])
+    still = (_STILL_ROWS_A_CLASS + caution) * n_classes
     for _ in range(_STEPS):
         rows, codes = _surest(learners.losses(scores - offset), n_classes, _KEPT)
         present, counts = np.unique(codes, return_counts=True)
@@ -146,7 +155,7 @@ def balanced_shift(
         if within > 0 and total**2 >= _SHARE_FOR_SLOPE * n_classes * (weights @ weights):
             slope = weights @ ((found - mean_found) * (known - mean_known)).sum(axis=1) / within
         slope = float(np.clip(slope, _LEAST_SLOPE, 1.0))
-        offset = (mean_found - slope * mean_known) * (total / (total + caution * n_classes))
+        offset = (mean_found - slope * mean_known) * (total / (total + still))
     return learners.shifted(offset)
 
 
@@ -158,7 +167,10 @@ def standardised(
     Returns the statistics as the new learners see them, too.
     """
     if source.mean is None:
-        raise ValueError("source must hold the means of the columns, got None")
+        raise ValueError(
+            "all_materials=True starts from the columns of the training, and this model has been adapted since: "
+            "adapt the model that it was made from"
+        )
     mean, sd = column_moments(X)
     scale = np.ones_like(sd)
     np.divide(source.sd, sd, out=scale, where=sd > 0)
@@ -168,13 +180,29 @@ def standardised(
     return moved, SourceStatistics(mean, source.sd / scale, source.scores)
 
 
-def self_trained(learners: Learners, source: SourceStatistics, X: FloatArray, rounds: int) -> Learners:
-    """Take from each learner the offset of its own classes, as rows (n, D) show it that it names surely itself."""
-    scores, offset = learners.scores(X), np.zeros(len(learners.intercept))
+def self_trained(
+    learners: Learners,
+    source: SourceStatistics,
+    X: FloatArray,
+    rounds: int,
+    blocks: Mapping[str, int] | None,
+    *,
+    even: bool,
+) -> Learners:
+    """Correct scores by rows (n, D) as `recalibrated` does, by memberships that the scores give in place of labels.
+
+    Where rows are of all classes about equally (`even`), classes that are named too often are named less. Regression
+    follows that by one step only: what it learns does not go away.
+    """
     for _ in range(rounds):
-        rows, codes = _surest(learners.losses(scores - offset), len(learners.coding), _KEPT_TO_TRAIN)
-        offset = _own_offsets(scores[rows], codes, source, learners.coding)
-    return learners.shifted(offset)
+        for _ in range(_RECENTRED):
+            scores = learners.scores(X)
+            members = _memberships(learners.losses(scores), _EVEN_STEPS if even else 0)
+            learners = learners.shifted(_own_offsets(scores, members, source, learners.coding))
+        if blocks is not None:
+            members = _memberships(learners.losses(learners.scores(X)), int(even))
+            learners = _regressed(learners, source, X, members, blocks, _RIDGE_UNSURE)
+    return learners
 
 
 def recalibrated(
@@ -189,15 +217,26 @@ def recalibrated(
     Each learner is recentred on its own classes; what is left between scores and the mean scores of the training is
     learned by ridge regression on the columns, standardised and with blocks of equal weight; not without blocks.
     """
-    learners = learners.shifted(_own_offsets(learners.scores(X), codes, source, learners.coding))
-    if blocks is None:
-        return learners
-    residuals = learners.scores(X) - source.scores[codes]
+    members = np.eye(len(learners.coding))[codes]
+    learners = learners.shifted(_own_offsets(learners.scores(X), members, source, learners.coding))
+    return learners if blocks is None else _regressed(learners, source, X, members, blocks, _RIDGE)
+
+
+def _regressed(
+    learners: Learners,
+    source: SourceStatistics,
+    X: FloatArray,
+    members: FloatArray,
+    blocks: Mapping[str, int],
+    ridge_share: float,
+) -> Learners:
+    """Take from scores what of their difference to the mean scores of the training the columns explain."""
+    residuals = learners.scores(X) - members @ source.scores
     factors = _factors(source.sd, blocks)
     mean = X.mean(axis=0)
     rows = (X - mean) * factors
     gram = rows @ rows.T
-    ridge = _RIDGE * float(np.trace(gram)) / len(gram)
+    ridge = ridge_share * float(np.trace(gram)) / len(gram)
     if not ridge > 0:
         return learners
     correction = np.linalg.solve(gram + ridge * np.eye(len(gram)), residuals).T @ (rows * factors)
@@ -206,19 +245,30 @@ def recalibrated(
     )
 
 
+def _memberships(losses: FloatArray, even_steps: int) -> FloatArray:
+    """Share (n, K) that each class has in each row; steps of Sinkhorn & Knopp make the shares of all classes equal."""
+    width = max(_WIDTH * float(np.median(_answers(losses)[1])), _LEAST_SHARE)
+    members: FloatArray = np.exp((losses.min(axis=1, keepdims=True) - losses) / width)
+    members /= members.sum(axis=1, keepdims=True)
+    for _ in range(even_steps):
+        members /= np.maximum(members.sum(axis=0), _LEAST_SHARE)
+        members /= members.sum(axis=1, keepdims=True)
+    return members
+
+
 def _own_offsets(
-    scores: FloatArray, codes: IntArray, source: SourceStatistics, coding: npt.NDArray[np.int8]
+    scores: FloatArray, members: FloatArray, source: SourceStatistics, coding: npt.NDArray[np.int8]
 ) -> FloatArray:
     """Offset (L,) of each learner: that of the classes on its two sides, drawn to the common one if rows are few."""
-    counts = np.bincount(codes, minlength=len(coding))
+    counts = members.sum(axis=0)
+    known = counts > 0
     offsets = np.zeros_like(source.scores)
-    for k in np.flatnonzero(counts):
-        offsets[k] = scores[codes == k].mean(axis=0) - source.scores[k]
+    offsets[known] = (members[:, known] / counts[known]).T @ scores - source.scores[known]
     weights = np.minimum(counts, _MOST_ROWS)
     common = weights @ offsets / weights.sum()
     own = np.array(common, dtype=np.float64)
     for learner, column in enumerate(coding.T):
-        sides = [np.flatnonzero((column == sign) & (counts > 0)) for sign in (1, -1)]
+        sides = [np.flatnonzero((column == sign) & known) for sign in (1, -1)]
         if all(side.size for side in sides):
             least = float(counts[np.concatenate(sides)].min())
             midpoint = float(np.mean([offsets[side, learner].mean() for side in sides]))
@@ -267,6 +317,7 @@ class AdaptableClassifier:
     coef_: FloatArray
     intercept_: FloatArray
     n_features_in_: int
+    source_: SourceStatistics
 
     def _values(self, scores: FloatArray) -> FloatArray:
         raise NotImplementedError
@@ -296,32 +347,41 @@ class AdaptableClassifier:
             default only a common offset of the scores is taken away, which costs nothing in the mean with any shares
             of three classes or more.
         rounds : int, optional
-            Self-training after the shift, with `all_materials`, too: so often the rows that are named most surely
-            recentre each learner on its own classes. Default: 2 with `all_materials`, else 0.
+            Self-training after that: so often rows with the memberships that their scores give them do what labelled
+            ones do in `recalibrate`. Default: 2 with `all_materials`, else 0: where half of the classes are missing
+            it costs 3 points.
 
         Returns
         -------
         Self
-            A new classifier with other `coef_` and `intercept_`, and no `held_out_scores_`; this one stays.
+            A new classifier with other `coef_` and `intercept_`, and no `held_out_scores_`; this one stays. The new one
+            keeps what is known of the training rows (`source_`), and goes by that when it is adapted again.
 
         Raises
         ------
         TypeError, ValueError
-            Another number of columns, NaN or infinity, labels other than in `fit`, fewer than three new rows, or with
-            `all_materials` fewer than three a class, in the mean.
+            A `Dataset` in place of features, another number of columns, NaN or infinity, labels other than in `fit`,
+            fewer than three new rows; with `all_materials` fewer than three a class, in the mean, or a classifier that
+            was adapted before.
 
         Notes
         -----
-        The shift goes four times: name the rows, keep the 70 % of each class with the largest margin, and compare
+        The default takes away n / (n + 20) of the difference of the mean scores of n rows to those of the training.
+        Then it goes four times: name the rows, keep the 70 % of each class with the largest margin, and compare
         their mean scores with those of the training, where each class counts by its rows, at most by five: an offset
-        for each learner, and one slope in [0.8, 1], since rows that did not train have smaller scores; 1 where less
-        than a quarter of the classes is named.
+        for each learner, drawn to 0 by a row a class, and one slope in [0.8, 1], since rows that did not train have
+        smaller scores; 1 where less than a quarter of the classes is named.
+
+        Memberships are exp(-loss / w), w = 0.15 of the median margin, over their sum. With `all_materials` 30 steps
+        of Sinkhorn and Knopp make the shares of all classes equal for recentring, one step for the regression, whose
+        ridge is the mean squared norm of the rows.
 
         References
         ----------
         Re-centring: Zanini et al., "Transfer learning: a Riemannian geometry framework with applications to
         brain-computer interfaces", IEEE TBME 65 (2018); under other shares of classes: Li et al., "SPDIM:
-        source-free unsupervised conditional and label shift adaptation in EEG" (2024).
+        source-free unsupervised conditional and label shift adaptation in EEG" (2024). Equal shares: Asano et al.,
+        "Self-labelling via simultaneous clustering and representation learning" (ICLR 2020).
 
         Examples
         --------
@@ -336,10 +396,12 @@ class AdaptableClassifier:
         """
         rounds = checked_rounds(rounds, all_materials)
         with single_threaded_blas():
-            learners, source, _ = self._known(X, y)
-            rows = validate_data(self, X_new, dtype=np.float64, reset=False)
-            made, _ = adapted(learners, source, rows, all_materials=all_materials, rounds=rounds)
-        return self._with(made)
+            learners, source, blocks = self._known(X, y)
+            rows = self._rows(X_new, "X_new")
+            made, known = adapted(
+                learners, source, rows, all_materials=all_materials, rounds=rounds, blocks=blocks
+            )
+        return self._with(made, known)
 
     def recalibrate(
         self,
@@ -381,17 +443,18 @@ class AdaptableClassifier:
         """
         with single_threaded_blas():
             learners, source, blocks = self._known(X, y)
-            rows = validate_data(self, X_new, dtype=np.float64, reset=False)
+            rows = self._rows(X_new, "X_new")
             labels = [str(label) for label in self.classes_]
             codes = codes_of(np.asarray(y_new), self.classes_, len(rows), "y_new")
+            refuse_few(len(codes), "recalibration")
             refuse_missing(codes, labels, allow_missing)
             made = recalibrated(learners, source, rows, codes, blocks)
-        return self._with(made)
+        return self._with(made, source)
 
     def _known(self, X: Any, y: Any) -> tuple[Learners, SourceStatistics, dict[str, int]]:
         check_is_fitted(self)
+        rows = self._rows(X, "X")
         slices = block_slices(own_blocks(self.blocks, origin_of(X)), self.n_features_in_)
-        rows = validate_data(self, X, dtype=np.float64, reset=False)
         codes = codes_of(np.asarray(y), self.classes_, len(rows), "y")
         missing = missing_of(codes, self.classes_.tolist())
         if missing:
@@ -400,11 +463,24 @@ class AdaptableClassifier:
             self.coef_, self.intercept_, self.coding_matrix_, lambda scores: -self._values(scores)
         )
         sizes = {name: columns.stop - columns.start for name, columns in slices.items()}
-        return learners, SourceStatistics.of(rows, codes, learners), sizes
+        source = getattr(self, "source_", None)
+        return learners, SourceStatistics.of(rows, codes, learners) if source is None else source, sizes
 
-    def _with(self, learners: Learners) -> Self:
+    def _rows(self, X: Any, name: str) -> FloatArray:
+        if isinstance(X, Dataset):
+            raise TypeError(
+                f"{name} must be features, got a Dataset: pass those of a feature space, as in "
+                "MultiBand().fit_transform(data), or adapt an Identifier, which takes recordings"
+            )
+        rows: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
+        return rows
+
+    def _with(self, learners: Learners, source: SourceStatistics) -> Self:
         made = deepcopy(self)
         made.coef_, made.intercept_ = learners.coef, learners.intercept
+        made.source_ = replace(
+            source, mean=None
+        )  # another time the columns are no longer those of the training
         if hasattr(made, "held_out_scores_"):  # of the learners as they were
             del made.held_out_scores_
         return made
@@ -419,6 +495,15 @@ def codes_of(labels: npt.NDArray[Any], classes: npt.NDArray[Any], n: int, name: 
     if unknown is not None:
         raise ValueError(f"{name} must hold labels of the training, got {unknown!r}")
     return np.array([codes[label] for label in labels.tolist()], dtype=np.intp)
+
+
+def refuse_few(n: int, what: str) -> None:
+    """Refuse fewer recordings than tell a set-up from chance."""
+    if n < LEAST_ROWS:
+        raise ValueError(
+            f"{what} needs at least {LEAST_ROWS} recordings, got {n}: the offset of one cannot be told from its "
+            "material; record more, of more materials"
+        )
 
 
 def missing_of(codes: IntArray, labels: Sequence[Label]) -> list[Label]:

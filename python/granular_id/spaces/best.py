@@ -44,6 +44,7 @@ DECODING = "loss_weighted"
 # Where more of the rows violate the margin, the classes overlap: no cost pulls them apart, and libsvm takes millions of
 # steps to find that out.
 _MOST_AT_BOUND = 0.5
+_LEAST_GAIN = 0.02  # of a block; where the standard error is larger, too few recordings tell
 
 
 class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, BaseEstimator):  # type: ignore[misc]
@@ -52,9 +53,10 @@ class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, Bas
     Every candidate model standardises the columns, gives each block the same weight, may whiten within classes
     (`granular_id.spaces.BlockScaler`, `granular_id.spaces.WithinClassWhitening`) and trains a linear support
     vector machine for each pair of classes. Which of them generalise is found by holding out what will be new
-    later: whole groups or sessions, else halves in time, else random rows. The mean of the scores of those that come
-    within one standard error of the best, or one recording, is the model. All of it is linear, so the model is one
-    matrix of weights for plain features.
+    later: whole groups or sessions, else halves in time, else random rows. Those that come within one standard error
+    of the best, or one recording, are as good. The model is the mean of their scores; where the standard error is two
+    points or less, so that a gain would show, of those with the fewest optional blocks only. All of it is linear, so
+    the model is one matrix of weights for plain features.
 
     Parameters
     ----------
@@ -62,8 +64,8 @@ class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, Bas
         Blocks of columns, as in `BlockScaler`. None: those of the feature space in front, where that was given a
         `Dataset` and has blocks, as `MultiBand`; else one block.
     optional_blocks : sequence of str, default ()
-        Blocks that may hurt: each is tried with and without. The level of the raw signal, for instance, tells
-        materials apart until the zero of the sensor has moved.
+        Blocks that may hurt: each is tried with and without, and left out where it gains nothing that shows. The
+        level of the raw signal, for instance, tells materials apart until the zero of the sensor has moved.
     shrinkages : sequence of float or None, default (None, 1e-3)
         Of `WithinClassWhitening`; None: no whitening. Whitening helps where recordings of a class drift and there are
         enough of them to tell in which directions, and costs a few points where there are not.
@@ -228,7 +230,10 @@ class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, Bas
             ).reshape(len(tests), len(candidates))
             chosen = tuple(range(len(candidates)))
             if tests:
-                chosen = choose(accuracies, np.unique(np.concatenate(tests)).size)
+                n_rows = np.unique(np.concatenate(tests)).size
+                chosen = choose(accuracies, n_rows)
+                if standard_error(accuracies, n_rows) <= _LEAST_GAIN:
+                    chosen = without_optional(candidates, chosen)
             together = [of_fold[list(chosen)].mean(axis=0) for of_fold in scores]
             lines = in_threads(line, chosen, self.n_jobs)
         joint = np.array([accuracy(own, test) for own, test in zip(together, tests, strict=True)])
@@ -242,6 +247,8 @@ class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, Bas
         self.coef_ = np.mean([coef for coef, _ in lines], axis=0)
         self.intercept_ = np.mean([intercept for _, intercept in lines], axis=0)
         number = int(self.random_state) if isinstance(self.random_state, Integral) else None
+        if hasattr(self, "source_"):  # of one that was adapted
+            del self.source_
         self.choice_ = Choice(candidates, chosen, accuracies, joint, planned.held_out, planned.note, number)
         return self
 
@@ -505,9 +512,20 @@ def choose(accuracies: FloatArray, n_rows: int) -> tuple[int, ...]:
     recordings choose, chance does, and a mean of equals is steadier than any one of them.
     """
     means = accuracies.mean(axis=0)
-    best = means.max()
-    slack = max(1.0 / n_rows, np.sqrt(best * (1.0 - best) / n_rows))
-    return tuple(np.flatnonzero(means >= best - slack - 1e-12).tolist())
+    slack = max(1.0 / n_rows, standard_error(accuracies, n_rows))
+    return tuple(np.flatnonzero(means >= means.max() - slack - 1e-12).tolist())
+
+
+def standard_error(accuracies: FloatArray, n_rows: int) -> float:
+    """Return that of the best candidate, by the different recordings held out."""
+    best = float(accuracies.mean(axis=0).max())
+    return float(np.sqrt(best * (1.0 - best) / n_rows))
+
+
+def without_optional(candidates: Sequence[Candidate], chosen: tuple[int, ...]) -> tuple[int, ...]:
+    """Those of the chosen that see the fewest blocks: what a block does not gain here it may lose elsewhere."""
+    fewest = min(len(candidates[k].blocks) for k in chosen)
+    return tuple(k for k in chosen if len(candidates[k].blocks) == fewest)
 
 
 Line = tuple[FloatArray, FloatArray]

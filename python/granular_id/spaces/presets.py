@@ -22,7 +22,7 @@ from granular_id.spaces.base import block_sizes, tell_blocks
 from granular_id.spaces.best import BestClassifier
 from granular_id.spaces.components import PrincipalComponents
 from granular_id.spaces.hfmh import DEFAULT_RANGE, HFMH, BinRange, RawHFMH, RawHistogram
-from granular_id.spaces.multiband import ALL_BLOCKS, MultiBand
+from granular_id.spaces.multiband import ALL_BLOCKS, BAND_SHRINKAGE, MultiBand
 from granular_id.spaces.raw import RangeNormalizer, RawSignal, Tare, TimePermutation
 from granular_id.spaces.spectral import DFT
 from granular_id.spaces.union import BlockUnion, BlockWeights
@@ -144,8 +144,8 @@ def feature_spaces(
             "multiband",
             MultiBand(rate_hz=rate_hz, threads=threads),
             None,
-            note="statistics of octave bands, blocks of equal weight; not in the paper",
-            classifier=BestClassifier(shrinkages=(None,), relative_costs=(1.0,)),
+            note="statistics of octave bands, blocks of equal weight, whitened; not in the paper",
+            classifier=BestClassifier(shrinkages=(BAND_SHRINKAGE,), relative_costs=(1.0,)),
         ),
         FeatureSpace(
             "best",
@@ -188,11 +188,20 @@ def fit_pipeline(
 
     Steps that ask are told the blocks of columns, and sessions and order of the recordings.
     """
+    fit_on_features(pipeline, pipeline[0].fit(X, y).transform(X), y, groups)
+    return pipeline
+
+
+def fit_on_features(
+    pipeline: Pipeline,
+    values: npt.NDArray[np.float64],
+    y: npt.NDArray[np.str_],
+    groups: Groups | None = None,
+) -> None:
+    """Fit in place what follows a fitted feature space, on its values (n, D)."""
     features, *steps = (step for _, step in pipeline.steps)
-    values = features.fit(X, y).transform(X)
     sizes = block_sizes(features)
     for step in steps:
         tell_blocks(step, sizes)
     rest = Pipeline(pipeline.steps[1:])
     rest.fit(values, y, **({} if groups is None else groups.fit_arguments(rest, np.arange(len(y)))))
-    return pipeline

@@ -1,11 +1,13 @@
 """`adapt` and `recalibrate`: the model they write is that of the library; what they print, and refuse."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cli_cases import LABELS, ended_well, make, refused, saved
+from cli_cases import LABELS, ended_well, make, refused, run, saved
 from granular_id import save
 from granular_id.identifier import Identifier, adapt as adapting
 from granular_id.io import load
@@ -72,16 +74,35 @@ def test_what_was_done_and_dropped_and_what_comes_next_is_printed(model, fresh, 
     out = ended_well("adapt", model, fresh, "-o", new)
     for line in (
         "15 recordings, 3 materials, 60 samples at 125 Hz\n",
-        "Answers before and after\n",
+        "Share of the answers that name each material\n",
         "balanced shift, from 15 recordings",
-        "balanced accuracy on the 15 with a label: ",
+        "balanced accuracy on the 15 with a label that the model knows: ",
         "no longer true, and dropped: early answers, candidates, refusal of unknown materials",
         f"wrote {new}\n",
         f"granular_id.cli identify {new} PATH\n",
-        f"live --model {new} --source URL\n",
+        f"live --model {new} --source URL --pre-s SECONDS\n",  # the model does not know its rest
     ):
         assert line in out, out
     assert "SYNTHETIC" not in out
+
+
+def test_the_page_prints_what_it_says_and_its_commands_run(tmp_path, monkeypatch, capsys):
+    page = (Path(__file__).parents[3] / "docs" / "adaptation.md").read_text(encoding="utf-8")
+    blocks = dict(re.findall(r"```(\w*)\n(.*?)```", page, re.DOTALL))
+    monkeypatch.chdir(tmp_path)
+    exec(blocks["python"], {})
+    assert capsys.readouterr().out == blocks["text"]
+    for line in blocks[""].splitlines():
+        ended_well(*line.split()[1:])
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_warning_is_a_line(model, tmp_path):
+    one = save(Dataset([r for r in moved(5) if r.label == "rice"]), tmp_path / "one.npz")
+    ended = run("adapt", model, one, "-o", tmp_path / "new.safetensors")
+    assert (
+        "warning: all recordings are of one material, rice: the set-up cannot be told from it" in ended.stderr
+    )
 
 
 def test_quiet_leaves_what_was_done(model, nameless, tmp_path):
@@ -101,7 +122,10 @@ def test_an_adapted_model_is_recalibrated_and_tells_its_history(model, fresh, tm
     assert one.startswith("adapted: mean and SD of each column and 2 rounds of self-training, from 15 rec")
     assert other.startswith("adapted: labelled recordings, from 15 recordings")
     assert "accuracy: not known: the model was adapted to another set-up" in told
-    assert "before, on held-out recordings of the set-up of the training: " in told
+    assert re.search(
+        r"\n  the model before named [\d.]+ % of held-out recordings of its own set-up rightly\n", told
+    )
+    assert "15 of these trained or adapted the model before: both accuracies are too good" in told
     ended_well("identify", second, fresh)
 
 
@@ -209,7 +233,7 @@ def test_a_model_that_keeps_nothing_of_its_training_says_the_way_out(model, fres
     old = tmp_path / "old.safetensors"
     Identifier(adapting._changed(known.core, trained)).save(old)
     line = refused("adapt", old, fresh, "-o", tmp_path / "new")
-    assert line.endswith("has too many materials; train it again with granular-id train")
+    assert "has too many materials; train it again with granular-id train, or adapt it in Python, " in line
 
 
 def test_an_adapted_model_is_not_declared_again(model, fresh, tmp_path):

@@ -63,7 +63,7 @@ def test_bad_parameters(params, kind, message):
     ("labels", "message"),
     [
         (["sand"] * 30, "y holds one class only"),
-        ([None] * 15 + ["oat"] * 15, "y must hold labels of one kind, .* got None, 'oat'"),
+        ([None] * 15 + ["oat"] * 15, "y must hold a label for each row, got None"),
         (np.array([1] * 15 + ["oat"] * 15, dtype=object), "y must hold labels of one kind, .* got 1, 'oat'"),
         (np.linspace(0.0, 1.0, 30), "y must hold labels of one kind, text or whole numbers, got 0.0, 0.03"),
         (np.repeat([np.nan, 1.0], 15), "y .* NaN"),

@@ -2,15 +2,21 @@
 
 import dataclasses
 import pickle
+import warnings
 
 import numpy as np
 import pytest
+from sklearn.pipeline import make_pipeline
 
 from evaluation_cases import make_data
-from granular_id import Identifier, _core, load, synthesize
+from granular_id import ECOCClassifier, Identifier, MultiBand, _core, load, synthesize
+from granular_id._parallel import single_threaded_blas
 from granular_id.identifier import adapt as adapting, describe_performance
 from granular_id.recording import Dataset, Recording
+from granular_id.spaces import BestClassifier, BlockScaler
 from granular_id.synthetic import Rig
+
+pytestmark = pytest.mark.filterwarnings("ignore:balanced accuracy on the recordings with a label fell")
 
 SPACES = ["raw", "hfmh", "raw+hfmh", "multiband", "best"]
 MATERIALS = ["rice", "fine sugar", "oat flakes", "dry peas", "macaroni"]
@@ -98,13 +104,24 @@ def test_a_model_gains_by_recordings_of_the_new_set_up(rig_model, elsewhere, way
     assert np.mean(WAYS[way](rig_model, known).predict(new) == new.y) > before
 
 
-@pytest.mark.parametrize("materials", ["all", "half", "three", "unequal"])
-def test_the_default_is_at_most_a_point_below_none_in_the_mean(materials):
-    model = Identifier.fit(synthesize(n_per_class=10, duration_s=1.0, seed=1), "multiband", estimate=False)
-    gains = []
+@pytest.fixture(scope="module")
+def large_model():
+    return Identifier.fit(synthesize(n_per_class=10, duration_s=1.0, seed=1), "multiband", estimate=False)
+
+
+@pytest.fixture(scope="module")
+def other_rigs():
     rigs = [Rig(depth_m=0.05), Rig(tool_diameter_m=0.025), Rig(speed_m_s=0.02), Rig(tool_diameter_m=0.012)]
-    for number, rig in enumerate(rigs):
-        data = synthesize(n_per_class=8, duration_s=1.0, seed=20 + number, rig=rig)
+    return [
+        synthesize(n_per_class=8, duration_s=1.0, seed=20 + number, rig=rig)
+        for number, rig in enumerate(rigs)
+    ]
+
+
+@pytest.mark.parametrize("materials", ["all", "half", "three", "unequal"])
+def test_the_default_is_at_most_a_point_below_none_in_the_mean(large_model, other_rigs, materials):
+    model, gains = large_model, []
+    for number, data in enumerate(other_rigs):
         order = np.random.default_rng(number).permutation(11)
         labels = np.array(model.classes)[order[: {"half": 5, "three": 3}.get(materials, 11)]]
         most = {label: 8 - 7 * k // 10 if materials == "unequal" else 8 for k, label in enumerate(labels)}
@@ -180,7 +197,9 @@ def test_the_file_holds_the_history(rig_model, elsewhere, tmp_path):
     assert second.materials == dict.fromkeys(sorted(MATERIALS), 3)
     assert second.n_judged == 15
     assert 0 <= second.accuracy_after <= 1
-    assert "balanced accuracy on the 15 with a label" in str(second)
+    assert "balanced accuracy on the 15 with a label that the model knows: " in str(second)
+    assert "each named by a model without it" not in str(second)  # all have adapted it before
+    assert "each named by a model without it" in str(rig_model.recalibrate(few).adaptations[-1])
 
 
 def test_the_accuracy_after_labels_is_of_models_without_the_recordings_they_name(rig_model, elsewhere):
@@ -189,6 +208,30 @@ def test_the_accuracy_after_labels_is_of_models_without_the_recordings_they_name
     assert entry.accuracy_before is not None
     assert entry.accuracy_after is None
     assert "not known, with fewer than two" in str(entry)
+
+
+def test_recordings_that_the_model_has_seen_are_told_of(rig_model, rig_data, elsewhere):
+    few = elsewhere[[i for i in range(50) if i % 10 < 3]]
+    assert rig_model.recalibrate(few).adaptations[-1].n_seen == 0
+    again = rig_model.adapt(elsewhere[:40]).recalibrate(few).adaptations[-1]
+    assert again.n_seen == 12
+    assert "12 of these trained or adapted the model before: both accuracies are too good" in str(again)
+    assert rig_model.adapt(rig_data).adaptations[-1].n_seen == 60
+
+
+def test_labelled_recordings_that_come_again_are_warned_of(rig_model, rig_data, elsewhere):
+    few = elsewhere[[i for i in range(50) if i % 10 < 3]]
+    own = rig_data[[i for i in range(60) if i % 12 < 2]]
+    pipeline = make_pipeline(MultiBand(), BlockScaler(), ECOCClassifier()).fit(rig_data)
+    taken_over = Identifier.from_classifier(pipeline).recalibrate(few, trained_on=rig_data)
+    for model, again, n in (
+        (rig_model, own, 10),
+        (rig_model.recalibrate(few), few, 15),
+        (taken_over, few[:4], 4),
+    ):
+        with pytest.warns(UserWarning, match=f"{n} of {n} recordings have trained or recalibrated the model"):
+            model.recalibrate(again, allow_missing=True)
+    rig_model.adapt(few).recalibrate(few)  # without labels they taught it nothing
 
 
 def test_labelled_recordings_count_as_trained_on(rig_model, elsewhere):
@@ -205,7 +248,6 @@ def test_the_set_up_becomes_that_of_the_new_recordings():
     assert model.trained["setup"] == {"tool": ["cylinder"], "sensor": ["Mini45"], "frame": ["flange"]}
     entry = model.adaptations[-1]
     assert entry.differences == ("tool 'cylinder', in training 'spoon'",)
-    assert entry.setup_before == {"tool": ["spoon"], "frame": ["flange"]}
 
 
 def test_provisional_answers_know_the_range_of_the_new_set_up(of_spaces, moved):
@@ -216,7 +258,23 @@ def test_provisional_answers_know_the_range_of_the_new_set_up(of_spaces, moved):
     np.testing.assert_allclose(new.raw_mean, seen.mean(axis=0))
 
 
-# Models that keep nothing of their training.
+# What a model keeps of its training.
+
+
+@pytest.mark.parametrize(
+    "settings", [*({"space": space} for space in SPACES), {"block_weights": "unit"}], ids=str
+)
+def test_it_keeps_mean_and_spread_of_what_its_weights_are_for(data, settings):
+    model = Identifier.fit(data, **{"space": "raw+hfmh", "estimate": False, **settings})
+    with single_threaded_blas():
+        wanted = adapting._statistics(model.core, adapting.features_of(model.core, data.X), data.y)
+    assert model.trained["source"] == adapting._stored_source(wanted)
+
+
+@pytest.mark.parametrize("space", SPACES)
+def test_features_are_extracted_once_for_the_weights_and_what_is_kept(data, space, monkeypatch):
+    monkeypatch.setattr("granular_id.identifier.training.features_of", None)
+    assert "source" in Identifier.fit(data, space, estimate=False).trained
 
 
 def without_source(model):
@@ -237,8 +295,54 @@ def test_an_old_model_says_what_is_missing_and_takes_the_recordings_of_its_train
         second = getattr(rig_model, way)(elsewhere).core
         assert first.coef.tobytes() == second.coef.tobytes()
         assert first.intercept.tobytes() == second.intercept.tobytes()
-    with pytest.raises(ValueError, match="trained_on must be the recordings that the model was trained on"):
-        old.adapt(elsewhere, trained_on=rig_data[::2])
+    for model in (old, rig_model, rig_model.adapt(elsewhere)):
+        with pytest.raises(
+            ValueError, match="trained_on must be the recordings that the model was trained on"
+        ):
+            model.adapt(elsewhere, trained_on=rig_data[::2])
+
+
+def test_a_model_that_keeps_what_it_needs_goes_by_that(rig_model, rig_data, elsewhere):
+    first = rig_model.adapt(elsewhere)
+    for model in (rig_model, first):
+        plain, given = model.adapt(elsewhere), model.adapt(elsewhere, trained_on=rig_data)
+        assert plain.core.intercept.tobytes() == given.core.intercept.tobytes()
+
+
+@pytest.fixture(scope="module")
+def pipeline(rig_data):
+    classifier = BestClassifier(shrinkages=[None], relative_costs=[1.0])
+    return make_pipeline(MultiBand(), classifier).fit(rig_data)
+
+
+def test_a_model_that_was_told_its_training_keeps_it(rig_model, rig_data, pipeline, elsewhere):
+    for old in (without_source(rig_model), Identifier.from_classifier(pipeline)):
+        first = old.adapt(elsewhere, trained_on=rig_data)
+        again = first.recalibrate(elsewhere)
+        assert np.mean(again.predict(elsewhere) == elsewhere.y) > 0.9
+        with pytest.raises(ValueError, match="has been adapted since"):
+            first.adapt(elsewhere, all_materials=True)
+    wanted = rig_model.adapt(elsewhere).recalibrate(elsewhere).core
+    made = without_source(rig_model).adapt(elsewhere, trained_on=rig_data).recalibrate(elsewhere).core
+    assert made.coef.tobytes() == wanted.coef.tobytes()
+
+
+def test_a_model_that_does_not_know_its_training_doubts_what_it_names_wrong(pipeline, elsewhere):
+    model = Identifier.from_classifier(pipeline)
+    with pytest.warns(UserWarning, match=r"names only [\d.]+ % of trained_on rightly: if these are not"):
+        model.adapt(elsewhere, trained_on=elsewhere)
+
+
+def test_a_classifier_that_was_adapted_is_not_adapted_again_as_a_model(pipeline, rig_data, elsewhere):
+    space, classifier = pipeline[0], pipeline[1]
+    new = classifier.adapt(space.transform(rig_data), rig_data.y, space.transform(elsewhere))
+    model = Identifier.from_classifier(make_pipeline(space, new))
+    assert "adapted: before it was taken over from a pipeline; how is not known" in describe_performance(
+        model
+    )
+    for trained_on in (None, rig_data):
+        with pytest.raises(ValueError, match="was adapted before: adapt the model that it was made from"):
+            model.adapt(elsewhere, trained_on=trained_on)
 
 
 def test_a_model_too_large_for_it_keeps_nothing(rig_data, elsewhere, monkeypatch):
@@ -298,6 +402,44 @@ def test_missing_materials_are_named_and_may_be_accepted(rig_model, elsewhere):
     assert "gain nothing: macaroni, rice" in str(entry)
 
 
+@pytest.mark.parametrize("way", [lambda m, d: m.adapt(d), lambda m, d: m.recalibrate(d, allow_missing=True)])
+def test_a_set_up_is_not_told_from_fewer_than_three_recordings(rig_model, elsewhere, way):
+    with pytest.raises(ValueError, match=r"needs at least 3 recordings, got 2"):
+        way(rig_model, elsewhere[[0, 10]])
+
+
+@pytest.mark.parametrize("way", [lambda m, d: m.adapt(d), lambda m, d: m.recalibrate(d, allow_missing=True)])
+def test_recordings_of_one_material_are_warned_of(rig_model, elsewhere, way):
+    with pytest.warns(
+        UserWarning, match="all recordings are of one material, rice: the set-up cannot be told"
+    ):
+        way(rig_model, elsewhere[elsewhere.y == "rice"])
+
+
+def test_a_statement_that_labels_contradict_is_warned_of(rig_model, elsewhere):
+    some = elsewhere[np.isin(elsewhere.y, ["rice", "fine sugar", "oat flakes"])]
+    with pytest.warns(
+        UserWarning, match="all_materials=True states .* by the labels dry peas, macaroni are missing"
+    ):
+        rig_model.adapt(some, all_materials=True)
+    unsaid = Dataset([dataclasses.replace(some[0], label=None), *some[1:]])
+    rig_model.adapt(unsaid, all_materials=True)  # what has no label may be any
+
+
+def test_accuracy_that_fell_by_more_than_a_recording_is_warned_of(rig_model, elsewhere):
+    core, data = rig_model.core, elsewhere
+    entry = rig_model.adapt(elsewhere).adaptations[-1]
+    for after, n_warnings in ((0.48, 0), (0.46, 1)):
+        fell = dataclasses.replace(entry, accuracy_before=0.5, accuracy_after=after)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            adapting._warn_of(fell, core, data)
+        assert len(caught) == n_warnings
+    assert str(caught[0].message).startswith(
+        "balanced accuracy on the recordings with a label fell from 50.0 % to 46.0 %: keep the model as it was"
+    )
+
+
 def test_columns_of_an_adapted_model_are_no_longer_those_of_the_training(rig_model, elsewhere):
     for way in WAYS.values():
         with pytest.raises(ValueError, match="has been adapted since: adapt the model that it was made from"):
@@ -318,6 +460,22 @@ def test_columns_of_an_adapted_model_are_no_longer_those_of_the_training(rig_mod
 def test_what_identify_refuses_is_refused(rig_model, elsewhere, change, problem, way):
     with pytest.raises(ValueError, match=problem):
         getattr(rig_model, way)(Dataset([change(r) for r in elsewhere[:3]]))
+
+
+def test_ways_out_are_those_that_there_are(rig_model, elsewhere):
+    def lengths(*counts):
+        return Dataset(
+            [dataclasses.replace(elsewhere[k], wrench=np.ones((n, 6))) for k, n in enumerate(counts)]
+        )
+
+    with pytest.raises(ValueError, match=r"state lead_s or pass begin_at='first'$"):
+        rig_model.adapt(lengths(600, 500, 500))
+    with pytest.raises(
+        ValueError, match=r"call .align\(500, on_short='skip'\) to leave such recordings out$"
+    ):
+        rig_model.adapt(lengths(500, 500, 400))
+    with pytest.raises(ValueError, match=r"3 of 3 recordings are shorter$"):
+        rig_model.adapt(lengths(400, 400, 400))
 
 
 def test_labels_must_be_there_and_known(rig_model, elsewhere):

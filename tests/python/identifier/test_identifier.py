@@ -306,6 +306,8 @@ def test_bad_files_are_refused_by_name(plain, tmp_path):
     plain.save(file)
     with pytest.raises(ModelFileError, match=r"m\.safetensors.*max_file_bytes"):
         Identifier.load(file, max_file_bytes=1000)
+    with pytest.raises(IsADirectoryError, match="is a folder, wanted a model file"):
+        Identifier.load(tmp_path)
     with pytest.raises(OSError, match="folder"):
         plain.save(tmp_path)
     with pytest.raises(TypeError, match=r"Identifier\.load\(path\).*Model, got str"):
@@ -322,3 +324,5 @@ def test_a_data_set_is_checked_before_it_is_answered():
     other = Dataset([replace(recordings[0], rate_hz=100.0)])
     with pytest.raises(ValueError, match="100 Hz"):
         model.predict(other)
+    with pytest.raises(TypeError, match=r"got a Dataset: pass them one by one, or call predict$"):
+        model.identify(data)

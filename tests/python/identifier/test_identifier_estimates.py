@@ -43,6 +43,42 @@ def training(data):
 # -- protocols
 
 
+@pytest.fixture(scope="module")
+def tools(data):
+    """The same recordings: four of each material with each of two tools, beside sessions that both share."""
+    return changed(data, meta=lambda r: {"tool": "wide" if int(r.name[-1]) < 4 else "thin"})
+
+
+def test_a_condition_is_held_out_value_by_value_where_it_is_named(tools):
+    held = train(tools, Recipe(space="hfmh"), hold_out="tool", target_error=0.3).held
+    assert [part.description for part in held.partitions] == ["tool: wide", "tool: thin"]
+    assert held.partitions[0].test.tolist() == [8 * k + i for k in range(4) for i in range(4)]
+    model = Identifier.fit(tools, "hfmh", hold_out="tool", target_error=0.3)
+    first, second = describe_performance(model)[:2]
+    assert first.startswith("accuracy, another tool: ")
+    assert second == "  tool: 2 values, held out one by one"
+
+
+@pytest.mark.parametrize("estimate", [True, False])
+def test_best_chooses_by_the_condition_that_is_held_out(tools, estimate):
+    choice = Identifier.fit(tools, hold_out="tool", estimate=estimate).trained["choice"]
+    assert choice["note"] == "2 folds of whole conditions"
+    assert [one["partition"] for one in choice["in_partitions"]] == ["tool: wide", "tool: thin"] * estimate
+
+
+def test_a_condition_that_cannot_be_held_out_is_refused(tools):
+    with pytest.raises(ValueError, match="hold_out='speed' cannot be held out, as no recording states it"):
+        Identifier.fit(tools, "hfmh", hold_out="speed")
+    with pytest.raises(
+        ValueError, match="hold_out='tool' has no use without an estimate where nothing is cho"
+    ):
+        Identifier.fit(tools, "hfmh", hold_out="tool", estimate=False)
+    with pytest.raises(
+        ValueError, match="hold_out='tool': 'oat' has one value of it only; record it with ano"
+    ):
+        Identifier.fit(tools[4:], "hfmh", hold_out="tool")
+
+
 def test_sessions_are_held_out_where_every_class_has_several(data, training):
     held = training.held
     assert (training.trained["estimate"]["protocol"], held.held_out) == ("session", "held-out sessions")

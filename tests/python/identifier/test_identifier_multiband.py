@@ -20,6 +20,8 @@ from granular_id.identifier import (
     describe_model,
     describe_performance,
 )
+from granular_id.identifier.adapt import features_of
+from granular_id.identifier.recipe import plain_features
 from granular_id.identifier.training import MAX_FILE_BYTES, refuse_large
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import BlockScaler, WithinClassWhitening, feature_spaces, fit_pipeline
@@ -184,6 +186,8 @@ def test_blocks_that_no_learner_hears_are_not_computed(data):
     assert identifier.space == "multiband"
     assert identifier.core.n_features == start
     assert np.array_equal(identifier.core.coef, deaf.coef_[:, :start])
+    rows = plain_features(space, space.transform(data.X), identifier.spec)
+    assert rows.tobytes() == features_of(identifier.core, data.X).tobytes()
     both = Identifier.from_classifier(make_pipeline(space, classifier))
     assert both.space == "multiband+level"
     assert both.core.n_features == classifier.coef_.shape[1]
@@ -191,7 +195,7 @@ def test_blocks_that_no_learner_hears_are_not_computed(data):
 
 @pytest.mark.parametrize("space", ["best", "multiband"])
 def test_recordings_too_long_for_a_file_are_refused_before_anything_is_trained(monkeypatch, space):
-    monkeypatch.setattr("granular_id.identifier.training.fit_pipeline", None)
+    monkeypatch.setattr("granular_id.identifier.training.fit_on_features", None)
     longest = MAX_MULTIBAND_VALUES // 6
     refuse_large(Recipe(space=space), 2, (longest, 6), MAX_FILE_BYTES)
     wrench = np.zeros((longest + 1, 6))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 
+from granular_id import synthesize
 from granular_id.spaces import BestClassifier, Learners, SourceStatistics, adapted, recalibrated
-from granular_id.spaces.adaptation import balanced_shift
+from granular_id.spaces.adaptation import balanced_shift, recentred, self_trained
 
 BLOCKS = {"left": 8, "right": 24}
 K, PAIRS = 4, [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
@@ -76,10 +77,11 @@ def test_the_shift_is_that_of_its_definition(rows, new):
                 weights.append(min(len(kept), 5))
                 found.append(scores[kept].mean(axis=0))
                 known.append(source.scores[k])
-        w, found, known = np.array(weights) / sum(weights), np.array(found), np.array(known)
+        total = sum(weights)
+        w, found, known = np.array(weights) / total, np.array(found), np.array(known)
         a, b = found - w @ found, known - w @ known
         slope = min(max((w @ (a * b).sum(axis=1)) / (w @ (b * b).sum(axis=1)), 0.8), 1)
-        offset = w @ found - slope * (w @ known)
+        offset = (w @ found - slope * (w @ known)) * total / (total + K)  # a row a class asks for none
     np.testing.assert_allclose(balanced_shift(own, source, new[0]).intercept, own.intercept - offset)
 
 
@@ -92,6 +94,27 @@ def test_caution_draws_the_shift_to_none(rows, new):
     ]
     assert sizes[0] > sizes[1] > sizes[2]
     assert sizes[2] < 1e-6
+
+
+def test_the_mean_of_few_rows_moves_little(rows, new):
+    own = learners()
+    source = SourceStatistics.of(rows[0], np.searchsorted(list("abcd"), rows[1]), own)
+    whole = (new[0] @ own.coef.T + own.intercept).mean(axis=0) - source.scores.mean(axis=0)
+    made = recentred(own, source, new[0])
+    np.testing.assert_allclose(own.intercept - made.intercept, whole * 120 / 140)
+
+
+def test_rows_of_all_classes_about_equally_are_named_so(rows, new):
+    own = learners()
+    source = SourceStatistics.of(rows[0], np.searchsorted(list("abcd"), rows[1]), own)
+    tilted = own.shifted(np.array([3.0, 3.0, 3.0, 0.0, 0.0, 0.0]))  # speaks against the first class
+    least = [
+        np.bincount(
+            self_trained(tilted, source, new[0], 1, None, even=even).answers(new[0]), minlength=K
+        ).min()
+        for even in (False, True)
+    ]
+    assert least[1] > least[0]
 
 
 def test_few_rows_are_enough(rows, new):
@@ -138,6 +161,25 @@ def test_the_old_classifier_stays_and_the_new_one_has_no_held_out_scores(rows, n
     assert not hasattr(clone(made), "coef_")
 
 
+def test_a_second_time_goes_by_what_is_known_of_the_training(fitted, rows, new):
+    X, y = draw(200, 2, gains=GAINS, offset=OFFSET)
+    once = fitted.adapt(*rows, new[0])
+    twice = once.adapt(*rows, new[0])
+    declared = fitted.adapt(*rows, new[0], all_materials=True)
+    labelled = declared.recalibrate(*rows, *(part[:40] for part in new))
+    assert right(twice, X, y) > right(once, X, y) - 0.02
+    assert right(labelled, X, y) > right(fitted, X, y) + 0.05
+    for adapted_one in (once, declared, labelled):
+        with pytest.raises(ValueError, match="has been adapted since: adapt the model that it was made from"):
+            adapted_one.adapt(*rows, new[0], all_materials=True)
+
+
+def test_fitted_anew_it_knows_nothing_of_an_earlier_training(fitted, rows, new):
+    again = fitted.adapt(*rows, new[0]).fit(*rows)
+    assert again.coef_.tobytes() == fitted.coef_.tobytes()
+    assert again.adapt(*rows, new[0], all_materials=True)
+
+
 def test_a_constant_column_changes_nothing(rows, new):
     with_constant = [(np.hstack([X, np.full((len(X), 1), 3.0)]), y) for X, y in (rows, new)]
     own = BestClassifier(blocks={**BLOCKS, "still": 1}, shrinkages=[None], relative_costs=[1.0])
@@ -172,6 +214,20 @@ def test_rows_that_do_not_fit_are_refused(fitted, rows, new, change, problem):
 def test_too_few_rows_to_tell_an_offset(fitted, rows, new):
     with pytest.raises(ValueError, match="adapting needs at least 3 recordings, got 2"):
         fitted.adapt(*rows, new[0][:2])
+
+
+def test_too_few_labelled_rows_to_tell_an_offset(fitted, rows, new):
+    with pytest.raises(ValueError, match="recalibration needs at least 3 recordings, got 2"):
+        fitted.recalibrate(*rows, new[0][:2], new[1][:2], allow_missing=True)
+
+
+@pytest.mark.parametrize("name", ["X", "X_new"])
+def test_recordings_are_not_features(fitted, rows, new, name):
+    given = {"X": rows[0], "y": rows[1], "X_new": new[0]} | {name: synthesize(["rice"], 3, duration_s=0.5)}
+    with pytest.raises(
+        TypeError, match=f"{name} must be features, got a Dataset: pass those of a feature space"
+    ):
+        fitted.adapt(**given)
 
 
 def test_too_few_rows_to_be_all_classes(fitted, rows, new):

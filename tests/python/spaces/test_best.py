@@ -10,7 +10,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from granular_id.ecoc import ECOCClassifier
-from granular_id.spaces import BlockScaler, WithinClassWhitening
+from granular_id.spaces import BlockScaler, WithinClassWhitening, best
 from granular_id.spaces.best import BestClassifier, choose, fitted_line, held_out_scores, plan_candidates
 from granular_id.splits import choice_folds
 
@@ -23,6 +23,12 @@ FEW = {"shrinkages": [1e-3], "n_folds": 2}
 )
 def test_sklearn_contract(estimator, check):
     check(estimator)
+
+
+@pytest.mark.parametrize("classifier", [BestClassifier(), ECOCClassifier()])
+def test_a_row_without_a_label_is_refused(classifier):
+    with pytest.raises(ValueError, match="y must hold a label for each row, got None"):
+        classifier.fit(np.eye(4), ["a", "b", None, "a"])
 
 
 def drifting(n=60, n_classes=3, seed=0):
@@ -85,7 +91,8 @@ def test_the_model_is_the_mean_of_what_is_within_one_standard_error_of_the_best(
     X, y, codes, _ = rows
     means = chosen.choice_.accuracies.mean(axis=0)
     slack = max(1 / 60, np.sqrt(means.max() * (1 - means.max()) / 60))
-    assert chosen.choice_.chosen == tuple(np.flatnonzero(means > means.max() - slack - 1e-9))
+    near = np.flatnonzero(means > means.max() - slack - 1e-9)
+    assert chosen.choice_.chosen == tuple(near)
     lines = [fitted_line(X, codes, BLOCKS, chosen.choice_.machines[k]) for k in chosen.choice_.chosen]
     np.testing.assert_allclose(chosen.coef_, np.mean([coef for coef, _ in lines], axis=0))
     np.testing.assert_allclose(chosen.binary_scores(X), X @ chosen.coef_.T + chosen.intercept_)
@@ -101,6 +108,14 @@ def test_beside_a_best_without_a_mistake_stands_what_is_within_one_recording():
     shares = np.array([[1.0, 0.99, 0.98], [1.0, 0.99, 0.98]])
     assert choose(shares, 100) == (0, 1)
     assert choose(shares, 1000) == (0,)
+
+
+def test_an_optional_block_that_gains_nothing_is_left_out_where_a_gain_would_show(monkeypatch, rows):
+    X, y, _, sessions = rows
+    for least, names in ((0.0, {(), ("level",)}), (1.0, {("level",)})):
+        monkeypatch.setattr(best, "_LEAST_GAIN", least)
+        choice = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y, sessions=sessions).choice_
+        assert {choice.machines[k].left_out for k in choice.chosen} == names
 
 
 def test_a_block_that_is_the_session_is_left_out_only_where_sessions_are_held_out():
