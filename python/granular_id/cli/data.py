@@ -241,9 +241,9 @@ def convert(
     *,
     verify: bool = option(OUTPUT, "Read back what was written and compare.", default=True),
 ) -> None:
-    """Convert recordings into CSV, NPZ, HDF5, Parquet or MCAP.
+    """Convert recordings into CSV, NPZ, HDF5, Parquet, MCAP or LeRobot.
 
-    It reads CSV, NumPy, MATLAB, HDF5, Parquet, ROS bags, MCAP and GM10-ts. Samples, stamps, flags, labels,
+    It reads CSV, NumPy, MATLAB, HDF5, Parquet, ROS bags, MCAP, LeRobot and GM10-ts. Samples, stamps, flags, labels,
     sessions and history are kept to the last bit, unless an option asks for a step; what was written is read
     back and compared. Nothing is overwritten.
 

@@ -292,6 +292,7 @@ def tare(
     data = resampled if resampled is data else say_step(resampled, quiet=False)
     if begin_at == "onset":
         data = say_step(steps.with_onsets(data), quiet=False)
+        steps.refuse_missing_onsets(data)
     if steps.on_short == "skip":
         from granular_id.recording import TARE_S
 

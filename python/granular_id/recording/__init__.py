@@ -6,7 +6,9 @@ align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what w
 
 from granular_id._core import AXES
 from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding, Verdict
+from granular_id.recording.conditions import condition_of as condition_of
 from granular_id.recording.dataset import Dataset, describe_data as describe_data
+from granular_id.recording.gravity import POSES as POSES, gravity_in as gravity_in
 from granular_id.recording.onset import (
     FALSE_ALARM_RATE as FALSE_ALARM_RATE,
     ONSET_STEP as ONSET_STEP,

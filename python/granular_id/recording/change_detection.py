@@ -207,7 +207,8 @@ def rest_noise(samples: FloatArray, rest: int, window: int) -> RestNoise:
     # reading is exact to half a count at best, evenly spread: a variance of one count squared over twelve
     own = np.maximum(own, 2 / window * np.square(count) / 12)
     shared = np.maximum(own, colour[:, np.newaxis] * fast)
-    return RestNoise(level, centred.std(axis=1), shared, dof, own, own_dof, count, _held(step))
+    changes: NDArray[np.bool_] = np.any(step > 0, axis=2)
+    return RestNoise(level, centred.std(axis=1), shared, dof, own, own_dof, count, held_samples(changes))
 
 
 # Readings that come at an even pace: so many of the samples lie in runs that are as long as the usual one, give or take
@@ -216,14 +217,13 @@ _EVEN, _PACE = 0.8, 0.25
 _READINGS = 4
 
 
-def _held(step: FloatArray) -> FloatArray:
+def held_samples(changes: NDArray[np.bool_]) -> FloatArray:
     """Return how many samples a reading lasts where a sensor is slower than its messages, which repeat it, shape (n,).
 
-    A reading begins where some axis changes and none did the sample before: between two readings there may be one
-    sample in between, of interpolation.
+    `changes`: whether any axis changes from sample to sample, shape (n, T - 1). A reading begins where some axis
+    changes and none did the sample before: between two readings there may be one sample in between, of interpolation.
     """
-    held = np.ones(len(step))
-    changes: NDArray[np.bool_] = np.any(step > 0, axis=2)
+    held = np.ones(len(changes))
     begins = changes[:, 1:] & ~changes[:, :-1]
     for i in np.flatnonzero(begins.sum(axis=1) > _READINGS):
         lasts = np.diff(np.flatnonzero(begins[i]))

@@ -391,7 +391,8 @@ class Dataset:
         Raises
         ------
         TypeError, ValueError
-            As :func:`granular_id.recording.transform`; recordings that are no wrench in N and N m.
+            As :func:`granular_id.recording.transform`; recordings that are no wrench in N and N m; a turn of recordings
+            that are of several frames, or of `frame` already, by their metadata, as of their signs with `reverse`.
 
         Examples
         --------
@@ -404,15 +405,15 @@ class Dataset:
         """
         return self._after(transform_recordings(self.recordings, rotation, translation, frame, reverse, sign))
 
-    def compensate(self, payload: Payload, gravity: ArrayLike | Sequence[ArrayLike]) -> Dataset:
+    def compensate(self, payload: Payload, gravity: ArrayLike | Sequence[ArrayLike] | None = None) -> Dataset:
         """Take weight and zero of a payload off all recordings, before :meth:`transform` and :meth:`tare`.
 
         Parameters
         ----------
         payload : Payload
-        gravity : array_like, shape (3,), or sequence of them
+        gravity : array_like, shape (3,), or sequence of them, optional
             Direction of gravity in the frame of the wrench, of any length: one for all recordings, or one entry a
-            recording, of shape (3,), or (T, 3) where the sensor turns within it.
+            recording, of shape (3,), or (T, 3) where the sensor turns within it. Default: what their metadata say.
 
         Returns
         -------

@@ -37,8 +37,6 @@ _ORDER = ("not found", "overruled", "found", "kept")  # as rows of a report: wha
 _WANTED = "a real array of shape (T, C), T >= 1: samples by axes"
 # Samples per block that is worked on at once: several arrays of this size stay within a processor's cache.
 _BLOCK = 400_000
-# What is said of a sensor that repeats its readings begins so.
-_SLOW = "the sensor has new values at"
 # A level that strays this many typical differences from that at rest has moved, if ever so slowly.
 _STRAYED = 6.0
 
@@ -74,6 +72,9 @@ class Onset:
         Samples taken for rest, and samples averaged before they are compared.
     why : str
         Why there is no onset, in words; empty where there is one.
+    reading_samples : float
+        Samples that one reading of the sensor lasts: 1 where each is new, more where a sensor is slower than its
+        messages, which repeat its readings.
     """
 
     index: int | None
@@ -90,6 +91,7 @@ class Onset:
     rest_samples: int
     window_samples: int
     why: str = ""
+    reading_samples: float = 1.0
 
     def __repr__(self) -> str:
         if self.index is None:
@@ -245,6 +247,7 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
                 "strength": float(statistic[first : first + rest].max()),
             }
         known |= {"statistic": statistic, "rest_level": level[i], "rest_sd": sd[i], "critical": critical[i]}
+        known["reading_samples"] = float(found.noise.held[i])
         onsets.append(Onset(**{**none, **known}))
     return onsets
 
@@ -256,7 +259,7 @@ def _why_not(
     if held > found.window:
         wanted = WINDOWS_IN_REST * math.ceil(held) / rate_hz
         return (
-            f"{_SLOW} {rate_hz / held:.3g} Hz only, samples in between repeat them: "
+            f"the sensor has new values at {rate_hz / held:.3g} Hz only, samples in between repeat them: "
             f"{rest / rate_hz:g} s at rest hold {int(rest / held)} of them, rest_s={wanted:g} or more is wanted"
         )
     if np.isinf(found.critical[i]).all():
@@ -393,7 +396,7 @@ def _notes(recordings: Sequence[Recording], found: Mapping[int, Onset]) -> list[
             f"filled gaps in what is taken for rest (the first is {filled[0]!r}): "
             "straight lines hide the noise there, and the false-alarm rate does not hold for them"
         )
-    slow = [i for i, onset in found.items() if onset.why.startswith(_SLOW)]
+    slow = [i for i, onset in found.items() if onset.reading_samples > onset.window_samples]
     if slow:
         notes.append(
             f"{subject(len(slow))} too few readings at rest, the first is {recordings[slow[0]].name!r}: "

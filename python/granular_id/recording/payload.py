@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import warnings
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, overload
 
@@ -15,14 +16,15 @@ from granular_id._checks import FloatArray, argument_error, as_floats, checked_t
 from granular_id._files import check_source, json_value, write_json
 from granular_id._schema import check_form, from_json
 from granular_id._text import counted
+from granular_id.recording.gravity import directions, gravity_of, items, stated_gravity
 from granular_id.recording.recording import Recording
 from granular_id.recording.report import StepReport
 from granular_id.recording.wrench import (
     COSINES,
     crossed,
     rest_zero,
-    rotation_matrix,
     slow_parts,
+    stated,
     with_samples,
     wrench_array,
     wrench_samples,
@@ -105,6 +107,8 @@ class Payload:
         Frame of the wrench; recordings of another one are refused.
     fit : PayloadFit, optional
         How well all this is known, where it was identified.
+    sign : str, optional
+        Whose force on whom the wrench is, in the words of the metadata; recordings with other words are refused.
 
     Examples
     --------
@@ -121,6 +125,7 @@ class Payload:
     bias: tuple[float, ...] = (0.0,) * 6
     frame: str | None = None
     fit: PayloadFit | None = None
+    sign: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass_kg", finite_number("mass_kg", self.mass_kg, least=0))
@@ -131,8 +136,9 @@ class Payload:
                     ValueError, name, f"={getattr(self, name)!r:.80}; wanted {n} finite numbers"
                 )
             object.__setattr__(self, name, tuple(values.tolist()))
-        if self.frame is not None:
-            checked_text(self.frame, "frame", spaced=False)
+        for name in _STATED:
+            if (words := getattr(self, name)) is not None:
+                checked_text(words, name, spaced=False)
 
     def wrench(self, gravity: ArrayLike) -> FloatArray:
         """Return what the sensor reads at rest: weight of the tool and zero.
@@ -146,7 +152,7 @@ class Payload:
         -------
         ndarray, shape (..., 6)
         """
-        weight = self.mass_kg * STANDARD_GRAVITY_M_S2 * _directions("gravity", gravity)
+        weight = self.mass_kg * STANDARD_GRAVITY_M_S2 * directions("gravity", gravity)
         torque = crossed(np.asarray(self.centre_of_mass_m), weight)
         result: FloatArray = np.concatenate([weight, torque], axis=-1) + np.asarray(self.bias)
         return result
@@ -175,8 +181,9 @@ class Payload:
             One rest an orientation, N and N m, nothing touching the tool; half a second or more of each. Means alone,
             of shape (6,), will do: then the intervals come from the residuals.
         gravity : array_like, shape (N, 3), optional
-            Direction of gravity in the frame of the wrench at each rest, of any length. Exactly one of this and the
-            next two is given.
+            Direction of gravity in the frame of the wrench at each rest, of any length. At most one of this and the
+            next two is given; default: what the metadata of the recordings say, as ``gravity`` (three numbers),
+            ``gx`` ``gy`` ``gz``, or ``qx`` ``qy`` ``qz`` ``qw`` (orientation of the sensor, as `rotations`).
         rotations : scipy Rotation of N, array_like of shape (N, 3, 3) or (N, 4), optional
             Orientation of the sensor at each rest: from the frame of the wrench into one whose z points up, such as a
             robot's base (quaternions x y z w).
@@ -184,18 +191,25 @@ class Payload:
             What an accelerometer in the sensor reads at rest, along the axes of the wrench and in any unit: it points
             up. Samples of a rest are averaged.
         frame : str, optional
-            Name of the frame of the wrench; default: what the metadata of the recordings say.
+            Name of the frame of the wrench; default: what the metadata of the recordings say, as of the ``sign``.
 
         Returns
         -------
         Payload
             With its ``fit``.
 
+        Warns
+        -----
+        UserWarning
+            One rest does not fit the others, and which; residuals that are large beside the tool's weight; a mass or a
+            centre so large that a unit is wrong.
+
         Raises
         ------
         TypeError, ValueError
             Fewer than four rests, orientations that are too alike ("mass and bias cannot be told apart"), a mass that
-            does not stand out of its noise or is negative, other numbers of poses than of rests.
+            does not stand out of its noise or is negative, other numbers of poses than of rests, rests that are
+            compensated or tared, or of several frames or signs.
 
         References
         ----------
@@ -220,7 +234,7 @@ class Payload:
         True
         """
         given = list(rests)
-        down = _stated_gravity(len(given), gravity, rotations, accelerations)
+        down = stated_gravity(given, gravity, rotations, accelerations)
         if len(given) < _FEWEST:
             raise argument_error(
                 ValueError,
@@ -230,8 +244,12 @@ class Payload:
             )
         samples = [_rest(rest) for rest in given]
         if frame is None:
-            frame = _common_frame(given)
-        return _identified(samples, down, frame)
+            frame = _common("frame", given)
+        payload = _identified(samples, down, frame, _common("sign", given))
+        names = [f"{rest.name!r}" if isinstance(rest, Recording) else f"{i}" for i, rest in enumerate(given)]
+        for doubt in _doubts(payload, samples, down, names):
+            warnings.warn(doubt, stacklevel=2)
+        return payload
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the payload as JSON, whole or not at all."""
@@ -272,63 +290,13 @@ class Payload:
         return "\n".join(lines)
 
 
-# What comes in: rests, and where gravity points.
-
-
-def _directions(name: str, value: ArrayLike) -> FloatArray:
-    """Return vectors (..., 3) at length 1."""
-    array = as_floats(value, name, "an array of shape (..., 3): directions in the frame of the wrench")
-    if array.ndim == 0 or array.shape[-1] != 3:
-        raise argument_error(ValueError, name, f"has shape {array.shape}; wanted (..., 3)")
-    length = np.sqrt((array * array).sum(axis=-1, keepdims=True))
-    if not ((length > 0) & np.isfinite(length)).all():
-        raise argument_error(ValueError, name, "holds a direction without length, or one that is not finite")
-    result: FloatArray = array / length
-    return result
-
-
-def _stated_gravity(
-    n: int,
-    gravity: ArrayLike | None,
-    rotations: Rotation | ArrayLike | None,
-    accelerations: Sequence[ArrayLike] | ArrayLike | None,
-) -> FloatArray:
-    """Return the direction of gravity at each rest, shape (n, 3), from what states it."""
-    ways = {"gravity": gravity, "rotations": rotations, "accelerations": accelerations}
-    stated = [name for name, value in ways.items() if value is not None]
-    if len(stated) != 1:
-        came = " and ".join(stated) or "none"
-        raise ValueError(f"give exactly one of gravity, rotations and accelerations, got {came}")
-    (name,) = stated
-    each: list[FloatArray] = []
-    if rotations is not None:
-        matrices = getattr(rotations, "as_matrix", None)
-        poses = np.asarray(rotations if matrices is None else matrices())
-        if poses.ndim == 0 or poses.shape[1:] not in ((4,), (3, 3)):
-            problem = (
-                f"has shape {poses.shape}; wanted one rotation a rest: (N, 3, 3), (N, 4) or a Rotation of N"
-            )
-            raise argument_error(ValueError, name, problem)
-        each = [-rotation_matrix(pose, f"{name}[{i}]")[2] for i, pose in enumerate(poses)]
-    elif accelerations is not None:
-        for i, read in enumerate(_items(name, accelerations)):
-            array = as_floats(read, f"{name}[{i}]", "an array of shape (3,) or (n, 3)")
-            each.append(-_directions(f"{name}[{i}]", array.reshape(-1, array.shape[-1]).mean(axis=0)))
-    else:
-        each = list(np.atleast_2d(_directions(name, gravity)))  # type: ignore[arg-type]  # it is stated here
-    if len(each) != n or any(down.shape != (3,) for down in each):
-        raise argument_error(ValueError, name, f"has {len(each)} poses for {counted(n, 'rest')}")
-    return np.array(each).reshape(-1, 3)
-
-
-def _items(name: str, value: Any) -> list[Any]:
-    try:
-        return list(value)
-    except TypeError:
-        raise argument_error(TypeError, name, f"must be a sequence, got {type(value).__name__}") from None
+# What comes in: rests.
 
 
 def _rest(rest: Recording | ArrayLike) -> FloatArray:
+    if isinstance(rest, Recording) and (gone := _taken_off(rest)):
+        problem = f"hold {rest.name!r}, which is {gone}, and the weight with it; take rests as the sensor reads them"
+        raise argument_error(ValueError, "rests", problem)
     samples = wrench_samples(rest) if isinstance(rest, Recording) else np.atleast_2d(wrench_array(rest))
     if samples.ndim != 2 or not len(samples):
         raise argument_error(ValueError, "rests", f"hold one of shape {samples.shape}; wanted (n, 6)")
@@ -337,32 +305,41 @@ def _rest(rest: Recording | ArrayLike) -> FloatArray:
     return samples
 
 
-def _stated(recording: Recording, name: str) -> Any:
-    """Return what the metadata say, at their places in `Setup.of`."""
-    source = recording.meta.get("source")
-    places = [recording.meta, source, source.get("meta") if isinstance(source, Mapping) else None]
-    said = (place.get(name) for place in places if isinstance(place, Mapping))
-    return next((value for value in said if value is not None), None)
+def _words(recording: Recording, name: str) -> str | None:
+    value = stated(recording, name)
+    return value if isinstance(value, str) and value else None
 
 
-def _frame_of(recording: Recording) -> str | None:
-    frame = _stated(recording, "frame")
-    return frame if isinstance(frame, str) and frame else None
+_STATED = ("frame", "sign")
+"""What recordings and a payload must agree in, where both state it."""
 
 
-def _common_frame(rests: Iterable[Recording | ArrayLike]) -> str | None:
-    frames = {frame for rest in rests if isinstance(rest, Recording) and (frame := _frame_of(rest))}
-    if len(frames) > 1:
+def _common(name: str, rests: Iterable[Recording | ArrayLike]) -> str | None:
+    found = {words for rest in rests if isinstance(rest, Recording) and (words := _words(rest, name))}
+    if len(found) > 1:
         raise argument_error(
-            ValueError, "rests", f"are of several frames: {', '.join(map(repr, sorted(frames)))}"
+            ValueError, "rests", f"are of several {name}s: {', '.join(map(repr, sorted(found)))}"
         )
-    return next(iter(frames), None)
+    return next(iter(found), None)
+
+
+def _taken_off(recording: Recording) -> str:
+    """Say what took the weight off already; nothing where nothing did."""
+    if stated(recording, "compensated") not in (None, False, "no"):
+        return "compensated already, as its metadata say, by its source or an earlier step"
+    return (
+        "tared from rest, which took weight and zero off already"
+        if stated(recording, "tare") == "rest"
+        else ""
+    )
 
 
 # Least squares.
 
 
-def _identified(samples: Sequence[FloatArray], down: FloatArray, frame: str | None) -> Payload:
+def _identified(
+    samples: Sequence[FloatArray], down: FloatArray, frame: str | None, sign: str | None
+) -> Payload:
     n_rests = len(samples)
     force_design, torque_design = _designs(down)
     condition = _condition(force_design, torque_design)
@@ -406,7 +383,64 @@ def _identified(samples: Sequence[FloatArray], down: FloatArray, frame: str | No
         condition=condition,
     )
     bias = (*force.found[1:].tolist(), *torque.found[3:].tolist())
-    return Payload(float(mass), tuple(centre.tolist()), bias, frame, fit)
+    return Payload(float(mass), tuple(centre.tolist()), bias, frame, fit, sign)
+
+
+_DOUBTFUL_KG, _DOUBTFUL_M, _DOUBTFUL_SHARE = 100.0, 2.0, 0.1
+# Residuals, as a share of the weight, that one of six poses makes which is wrong by five degrees; the chance of sound
+# rests from which on one is called odd.
+_ODD_SHARE, _ODD = 0.02, 1e-3
+
+
+def _doubts(
+    payload: Payload, samples: Sequence[FloatArray], down: FloatArray, names: Sequence[str]
+) -> list[str]:
+    """Say what can hardly be: the size of a payload, or residuals and the rest that makes them."""
+    assert payload.fit is not None
+    doubts = []
+    far = float(np.abs(payload.centre_of_mass_m).max())
+    if payload.mass_kg > _DOUBTFUL_KG or far > _DOUBTFUL_M:
+        doubts.append(
+            f"a payload of {payload.mass_kg:.3g} kg with its centre {far:.3g} m away: are the rests in N and N m, "
+            "and not in mN or N mm?"
+        )
+    means = np.array([rest_zero(rest) for rest in samples])[:, :3]
+    left, n = _left_squared(means, down), len(down)
+    without = {
+        i: _left_squared(np.delete(means, i, 0), rest)
+        for i, rest in ((i, np.delete(down, i, 0)) for i in range(n))
+        if _condition(*_designs(rest)) <= _MOST_CONDITION
+    }
+    scatter, weight = payload.fit.scatter[0], payload.mass_kg * STANDARD_GRAVITY_M_S2
+    odd, least = min(without.items(), key=lambda item: item[1], default=(0, left))
+    rms = [np.sqrt(part / 3 / size) for part, size in ((least, n - 1), (left, n))]
+    if rms[1] > _ODD_SHARE * weight and _is_odd(left, least, n):
+        doubts.append(
+            f"rest {names[odd]} does not fit the others: without it the payload leaves {rms[0]:.2g} N of the forces, "
+            f"with it {rms[1]:.2g} N; its pose is not as stated, or something touched the tool: mend it or leave it out"
+        )
+    elif scatter > _DOUBTFUL_SHARE * weight:
+        doubts.append(
+            f"forces differ by {scatter:.2g} N from what the poses of the rests say, for a tool of {weight:.2g} N: "
+            "poses are not as stated, or something touched the tool"
+        )
+    return doubts
+
+
+def _left_squared(forces: FloatArray, down: FloatArray) -> float:
+    """Return the sum of squares that mass and zero leave of the mean forces of rests."""
+    design = _designs(down)[0].reshape(-1, _N_FORCE)
+    found = np.linalg.lstsq(design, forces.reshape(-1), rcond=None)[0]
+    return float(((forces.reshape(-1) - design @ found) ** 2).sum())
+
+
+def _is_odd(left: float, without: float, n_rests: int) -> bool:
+    """Test by the F distribution, over all rests, whether leaving one out takes too much of the residuals away."""
+    from scipy.special import fdtrc  # slow to import
+
+    freedom = 3 * (n_rests - 1) - _N_FORCE
+    ratio = (left - without) / 3 / (without / freedom) if without > 0 else np.inf
+    return bool(n_rests * fdtrc(3, freedom, ratio) < _ODD)
 
 
 def _designs(down: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -508,10 +542,12 @@ def _no_weight(mass: float, margin: float) -> ValueError:
 
 
 @overload
-def compensate(wrench: Recording, payload: Payload, gravity: ArrayLike) -> Recording: ...
+def compensate(wrench: Recording, payload: Payload, gravity: ArrayLike | None = None) -> Recording: ...
 @overload
 def compensate(wrench: ArrayLike, payload: Payload, gravity: ArrayLike) -> FloatArray: ...
-def compensate(wrench: Recording | ArrayLike, payload: Payload, gravity: ArrayLike) -> Recording | FloatArray:
+def compensate(
+    wrench: Recording | ArrayLike, payload: Payload, gravity: ArrayLike | None = None
+) -> Recording | FloatArray:
     """Take weight and zero of a payload off a wrench.
 
     Parameters
@@ -519,9 +555,10 @@ def compensate(wrench: Recording | ArrayLike, payload: Payload, gravity: ArrayLi
     wrench : array_like, shape (..., 6), or Recording
         fx fy fz in N, tx ty tz in N m, as the sensor reads them.
     payload : Payload
-    gravity : array_like, shape (3,) or (..., 3)
+    gravity : array_like, shape (3,) or (..., 3), optional
         Direction of gravity in the frame of the wrench, of any length: one for all samples, or one a sample where the
-        sensor turns. What a moving tool adds by its acceleration is not taken off.
+        sensor turns. Default: what the recording's metadata say, as in :meth:`Payload.identify`. What a moving tool
+        adds by its acceleration is not taken off.
 
     Returns
     -------
@@ -531,7 +568,7 @@ def compensate(wrench: Recording | ArrayLike, payload: Payload, gravity: ArrayLi
     Raises
     ------
     TypeError, ValueError
-        Other shapes; a recording that is no wrench in N and N m, is compensated already, or of another frame.
+        Other shapes; a recording that is no wrench in N and N m, is compensated already, or of another frame or sign.
 
     Examples
     --------
@@ -539,26 +576,22 @@ def compensate(wrench: Recording | ArrayLike, payload: Payload, gravity: ArrayLi
     """
     if not isinstance(payload, Payload):
         raise argument_error(TypeError, "payload", f"must be a Payload, got {type(payload).__name__}")
+    down = gravity_of(wrench) if gravity is None else gravity
     if not isinstance(wrench, Recording):
         samples = wrench_array(wrench)
-        result: FloatArray = samples - _load(payload, gravity, samples.shape)
+        result: FloatArray = samples - _load(payload, down, samples.shape)
         return result
-    samples, frame = wrench_samples(wrench), _frame_of(wrench)
-    if _stated(wrench, "compensated") not in (None, False, "no"):
-        raise ValueError(
-            f"recording {wrench.name!r} is compensated already, as its metadata say, by its source or an earlier step"
-        )
-    if _stated(wrench, "tare") == "rest":
-        raise ValueError(
-            f"recording {wrench.name!r} is tared from rest, which took weight and zero off already: compensate before "
-            ".tare()"
-        )
-    if None not in (frame, payload.frame) and frame != payload.frame:
-        raise ValueError(
-            f"recording {wrench.name!r} is of the frame {frame!r}, the payload of {payload.frame!r}; compensate "
-            "before .transform(), or identify the payload in this frame"
-        )
-    compensated = samples - _load(payload, gravity, samples.shape)
+    samples = wrench_samples(wrench)
+    if gone := _taken_off(wrench):
+        raise ValueError(f"recording {wrench.name!r} is {gone}: compensate once, before the tare")
+    for name in _STATED:
+        now, known = _words(wrench, name), getattr(payload, name)
+        if None not in (now, known) and now != known:
+            raise ValueError(
+                f"recording {wrench.name!r} is of the {name} {now!r}, the payload of {known!r}; compensate "
+                f"recordings before they are turned or reversed, or identify the payload from rests of this {name}"
+            )
+    compensated = samples - _load(payload, down, samples.shape)
     return with_samples(wrench, compensated, compensated=True, payload=f"{payload.mass_kg:.3g} kg")
 
 
@@ -571,11 +604,11 @@ def _load(payload: Payload, gravity: ArrayLike, shape: tuple[int, ...]) -> Float
 
 
 def compensate_recordings(
-    recordings: Sequence[Recording], payload: Payload, gravity: ArrayLike | Sequence[ArrayLike]
+    recordings: Sequence[Recording], payload: Payload, gravity: ArrayLike | Sequence[ArrayLike] | None
 ) -> tuple[list[Recording], StepReport]:
     """Take a payload off each recording; see :meth:`Dataset.compensate`, which calls this."""
-    each = _items("gravity", gravity)
-    if all(np.ndim(part) == 0 for part in each):
+    each: list[Any] = [None] * len(recordings) if gravity is None else items("gravity", gravity)
+    if gravity is not None and all(np.ndim(part) == 0 for part in each):
         each = [gravity] * len(recordings)
     if len(each) != len(recordings):
         problem = f"has {len(each)} entries for {counted(len(recordings))}; wanted one direction, or one a recording"

@@ -146,7 +146,7 @@ class Setup:
 
         What either does not know is no difference, but for what a step of this library takes off the samples: a tare
         from rest (``tare`` "rest") is warned of where the other side does not name it, and a ``payload`` that was
-        compensated where the other side is not ``compensated``.
+        compensated where the other side is not ``compensated``, unless both are tared from rest.
 
         Examples
         --------
@@ -224,6 +224,8 @@ def setup_differences(trained: Mapping[str, Sequence[str]], now: Setup) -> list[
     same_sensor = now.serial is not None and now.serial in trained.get("serial", ())
     own = values_in([now])
     off = _taken_off(trained) | _taken_off(own)
+    if list(trained.get("tare", ())) == list(own.get("tare", ())) == ["rest"]:
+        off -= {"payload"}  # a tare took the weight off where no payload did
     before, after = _with_unstated(trained, off), _with_unstated(own, off)
     return [
         Difference(f.name, tuple(values), value, "refuse" if f.name in ACCEPTABLE else "warn")

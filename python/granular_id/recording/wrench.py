@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -152,7 +153,8 @@ def rotation_matrix(rotation: RotationLike | None, name: str = "rotation") -> Fl
         )
         raise argument_error(ValueError, name, problem)
     if np.linalg.det(array) < 0:
-        problem = "is a reflection (its axes are left-handed); where signs are to change, pass reverse=True"
+        problem = "is a reflection (its axes are left-handed); wanted a proper rotation"
+        problem += ": where signs are to change, pass reverse=True" * (name == "rotation")
         raise argument_error(ValueError, name, problem)
     return array
 
@@ -176,9 +178,14 @@ def wrench_samples(recording: Recording) -> FloatArray:
     """Return the samples of a recording that is a wrench: its six axes in order, in N and N m."""
     wanted = tuple(KNOWN_UNITS)
     if recording.axes != wanted:
+        way_out = (
+            f"call .select(axes={[*wanted]})"
+            if set(wanted) <= set(recording.axes)
+            else "where six of them are these, give them these names: dataclasses.replace(recording, axes=...)"
+        )
         raise ValueError(
             f"recording {recording.name!r} has the axes {' '.join(recording.axes)}; wanted {' '.join(wanted)} "
-            "in this order: call .select(axes=...)"
+            f"in this order: {way_out}"
         )
     for axis, unit in KNOWN_UNITS.items():
         now = unit_of(axis, recording.meta)
@@ -212,12 +219,39 @@ def transform_recordings(
     if sign is not None:
         meta["sign"] = checked_text(sign, "sign", spaced=False)
     factor = -1.0 if reverse else 1.0
+    turns = not np.array_equal(matrix, np.eye(3)) or bool(p.any())
+    changed = {name: new for name, new, is_ in (("frame", frame, turns), ("sign", sign, reverse)) if is_}
+    for name, new in changed.items():
+        _refuse_unclear(recordings, name, str(new))
     results = [
         with_samples(recording, _transformed(wrench_samples(recording), matrix, p, factor), **meta)
         for recording in recordings
     ]
     parameters = {"rotation": matrix.tolist(), "translation_m": p.tolist(), "reverse": reverse or None}
     return results, StepReport("transform", {**meta, **parameters}, {"recordings": len(results)})
+
+
+def _refuse_unclear(recordings: Sequence[Recording], name: str, new: str) -> None:
+    """Refuse to turn or reverse what is so already by its metadata, or is not of one frame or sign."""
+    now = Counter(value for recording in recordings if (value := stated(recording, name)))
+    if len(now) > 1:
+        told = ", ".join(f"{value!r} ({n})" for value, n in now.most_common())
+        raise ValueError(f"recordings are of several {name}s: {told}; give those of each {name} apart")
+    if new in now:
+        raise argument_error(
+            ValueError,
+            name,
+            f"is {new!r} already, as the metadata of {counted(now[new])} state; wanted the name of what it is "
+            "afterwards, which is another",
+        )
+
+
+def stated(recording: Recording, name: str) -> Any:
+    """Return what the metadata say, at their places in `Setup.of`."""
+    source = recording.meta.get("source")
+    places = [recording.meta, source, source.get("meta") if isinstance(source, Mapping) else None]
+    said = (place.get(name) for place in places if isinstance(place, Mapping))
+    return next((value for value in said if value is not None), None)
 
 
 # The mean of a rest, with its error.
@@ -296,6 +330,8 @@ def rest_mean(wrench: Recording | ArrayLike) -> RestMean:
     """
     from scipy.special import stdtrit  # slow to import
 
+    if isinstance(wrench, Recording) and (irregular := irregular_among([wrench])):
+        raise argument_error(ValueError, "wrench", f": {irregular}; resample it before")
     samples = wrench.wrench if isinstance(wrench, Recording) else as_floats(wrench, "wrench", _REST)
     if samples.ndim != 2 or len(samples) <= COSINES:
         raise argument_error(ValueError, "wrench", f"has shape {samples.shape}; wanted {_REST}")
@@ -344,7 +380,7 @@ def tare_recordings(
     if without:
         raise ValueError(
             f"{subject(len(without))} no trigger_index: {first_names([*map(repr, without)])}; where the rest ends "
-            "is not known: call .find_onsets(), or .select(where=...) those that have one"
+            "is not known: call .find_onsets(), or leave them out"
         )
     rests = [r.trigger_index or 0 for r in recordings]
     rates = [r.rate_hz or 0.0 for r in recordings]  # all are uniform here

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from granular_id._checks import FloatArray, argument_error, positive_number, sampling_rate, whole_number
 from granular_id.recording import Dataset, Payload, Recording
-from granular_id.synthetic.generate import FRAME
+from granular_id.synthetic.generate import FRAME, SIGN
 from granular_id.synthetic.push import random_stream
 
 # Ten rests of a Bota Rokubi on the carriage of a rover's test bed (robomechanics/3d-terramechanics): standard deviation
@@ -93,8 +93,8 @@ def simulate_rests(
     Returns
     -------
     Dataset
-        One recording a rest, labelled "rest"; its metadata hold its ``gravity``, and the frame of the payload or
-        that of `synthesize`.
+        One recording a rest, labelled "rest"; its metadata hold its ``gravity``, and frame and sign of the payload
+        or those of `synthesize`.
 
     Examples
     --------
@@ -110,6 +110,7 @@ def simulate_rests(
         raise argument_error(ValueError, "gravity", f"has shape {directions.shape}; wanted (n, 3)")
     rate = sampling_rate("rate_hz", rate_hz)
     n = round(positive_number("duration_s", duration_s) * rate)
+    stated = {"synthetic": True, "frame": payload.frame or FRAME, "sign": payload.sign or SIGN}
     return Dataset(
         [
             Recording(
@@ -117,7 +118,7 @@ def simulate_rests(
                 rate_hz=rate,
                 label="rest",
                 name=f"rest_{i:02d}",
-                meta={"synthetic": True, "frame": payload.frame or FRAME, "gravity": direction.tolist()},
+                meta={**stated, "gravity": direction.tolist()},
             )
             for i, (load, direction) in enumerate(zip(payload.wrench(directions), directions, strict=True))
         ]

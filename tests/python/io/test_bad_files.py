@@ -4,7 +4,9 @@ The corpus (see ``corpus.py``) goes through ``isolate=True``: a part of it in ev
 ``GRANULAR_ID_CASES`` is set, which is also how many damaged files of each format are tried.
 """
 
+import json
 import os
+import shutil
 import sys
 from contextlib import contextmanager
 from dataclasses import replace
@@ -102,6 +104,28 @@ def test_hostile_files_come_to_what_is_stored(told, folder, file):
 
 def test_memory_of_children_stays_in_bounds():
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * KILO < GIB
+
+
+WIDE = {"observation.wrench": {"dtype": "float64", "shape": [10**9, 6], "names": None}}
+SPOILT = {
+    "a path out of the folder": ({"data_path": "../secret.parquet"}, "read"),  # paths are those of the layout
+    "a path as wide as memory": ({"data_path": "{chunk_index:0999999999d}"}, "read"),
+    "a window larger than memory": ({"features": WIDE}, "refused"),
+    "an endless rate": ({"fps": 10**400}, "refused"),
+    "counts that are too large": ({"total_episodes": 10**15, "chunks_size": 0}, "refused"),
+}
+
+
+@pytest.mark.parametrize("spoilt", SPOILT)
+def test_hostile_data_sets_of_lerobot(told, tmp_path, spoilt):
+    (tmp_path / "set").mkdir()
+    path, (entries, verdict) = write_good("lerobot", tmp_path / "set"), SPOILT[spoilt]
+    shutil.copy(path / "data/chunk-000/file-000.parquet", tmp_path / "secret.parquet")
+    info = path / "meta" / "info.json"
+    info.write_text(json.dumps(json.loads(info.read_text(encoding="utf-8")) | entries), encoding="utf-8")
+    told.write_text("")
+    assert outcome(path) == verdict
+    assert told.read_text() == "", "it led to another file, or the child did more than read"
 
 
 @pytest.mark.parametrize("kind", PATHS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -511,7 +512,22 @@ BAD = {
     ),
     "two tasks": (with_frame("task_index", 25, 0), "episode 1 has the tasks 'peas' and 'rice'; wanted one"),
     "an unknown task": (with_data(task_index=np.full(63, 7)), "tasks.parquet: has no task 7"),
-    "no tasks": (lambda folder: (folder / "meta/tasks.parquet").unlink(), "tasks.parquet: cannot be read"),
+    "no tasks": (
+        lambda folder: (folder / "meta/tasks.parquet").unlink(),
+        r"a part of .*without meta/tasks\.",
+    ),
+    "no information": (
+        lambda folder: (folder / "meta/info.json").unlink(),
+        "a part of .*without meta/info.json",
+    ),
+    "no data": (
+        lambda folder: shutil.rmtree(folder / "data"),
+        "a part of .*, without data; wanted the whole",
+    ),
+    "another number of episodes": (
+        with_info(total_episodes=9),
+        "states total_episodes 9, and meta/epi.*lists 3",
+    ),
     "tasks of no texts": (
         lambda folder: changed(folder / "meta/tasks.parquet", __index_level_0__=None),
         "wanted task_index and one of texts",
@@ -551,6 +567,22 @@ OWN_BAD = {
     "no label": ({"granular_id/label": [" "]}, "label"),
     "no meta": ({"granular_id/meta": ["[1]"]}, "meta"),
 }
+
+
+def test_a_task_that_was_renamed_is_noticed(tmp_path):
+    folder = save(Dataset([push()]), tmp_path / "set", "lerobot")
+    changed(folder / "meta/tasks.parquet", task=["basmati"])
+    with pytest.raises(
+        RecordingFileError, match="names the task of episode 0 'basmati', but granular_id/label 'rice'"
+    ):
+        load(folder)
+
+
+def test_a_stamp_that_was_moved_is_noticed(tmp_path):
+    folder = save(Dataset([push(n=1605)]), tmp_path / "set", "lerobot")
+    changed(folder / DATA_FILE, timestamp=np.arange(161, dtype=np.float32) / 50 + 0.5 * (np.arange(161) == 7))
+    with pytest.raises(RecordingFileError, match=r"frame 7 of episode 0 is 0\.5 s away from its place"):
+        load(folder)
 
 
 @pytest.mark.parametrize("kind", OWN_BAD)

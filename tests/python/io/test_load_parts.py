@@ -23,7 +23,7 @@ def written(tmp_path, format_, recordings=PUSHES):
         for start in range(0, len(recordings), 3):
             append(tmp_path / "data", Dataset(recordings[start : start + 3], HISTORY))
         return tmp_path / "data"
-    if format_ == "parquet":
+    if format_ in ("parquet", "lerobot"):
         pytest.importorskip("pyarrow")
     place = tmp_path / ("data.npz" if format_ == "npz" else "data")
     return save(Dataset(recordings, HISTORY), place, format_)
@@ -33,7 +33,7 @@ def joined(path, **options):
     return [r for part in load_parts(path, **options) for r in part]
 
 
-@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended"])
+@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended", "lerobot"])
 @pytest.mark.parametrize("n_recordings", [1, 3, 7, 100])
 def test_the_same_recordings_in_the_same_order(tmp_path, format_, n_recordings):
     path = written(tmp_path, format_)
@@ -42,7 +42,7 @@ def test_the_same_recordings_in_the_same_order(tmp_path, format_, n_recordings):
     assert [len(part) for part in parts[:-1]] == [n_recordings] * (len(parts) - 1)
 
 
-@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended"])
+@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended", "lerobot"])
 def test_each_piece_has_the_history_of_load_for_itself(tmp_path, format_):
     path = written(tmp_path, format_)
     whole = load(path).history
@@ -84,7 +84,7 @@ def test_recordings_of_others_without_names_are_counted_through(tmp_path):
 
 
 @pytest.mark.parametrize("options", [{"window_s": 0.5}, {"window_s": 0.4, "hop_s": 0.2, "session": "file"}])
-@pytest.mark.parametrize("format_", ["csv", "npz", "appended"])
+@pytest.mark.parametrize("format_", ["csv", "npz", "appended", "lerobot"])
 def test_windows_are_those_of_load(tmp_path, format_, options):
     path = written(tmp_path, format_)
     assert joined(path, n_recordings=2, **options) == list(load(path, **options))

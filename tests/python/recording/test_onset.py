@@ -316,8 +316,9 @@ def test_nothing_known_is_never_enough():
 def test_a_rest_of_few_readings_is_refused_with_one_that_will_do():
     wrench = held(np.random.default_rng(2), (1, 320, 6))[0]
     wrench[160:] += 50
-    said = re.sub(r"12\.\d", "12.5", find_onset(wrench, 100).why)
-    assert said == (
+    onset = find_onset(wrench, 100)
+    assert onset.reading_samples == pytest.approx(8, rel=0.05)
+    assert re.sub(r"12\.\d", "12.5", onset.why) == (
         "the sensor has new values at 12.5 Hz only, samples in between repeat them: 0.1 s at rest hold 1 of them, "
         "rest_s=0.4 or more is wanted"
     )

@@ -253,6 +253,12 @@ def test_what_a_step_took_off_is_missed_where_nothing_is_stated(data, step, told
         assert replayed(now, model)[0] == (() if tares_itself else (wanted,))
 
 
+def test_a_payload_is_not_missed_where_both_sides_are_tared():
+    plain, freed = Setup.of(TARED), Setup.of(TARED | COMPENSATED)
+    assert plain.differences(freed) == freed.differences(plain) == []
+    assert [one.name for one in plain.differences(Setup.of(COMPENSATED))] == ["tare", "payload"]
+
+
 def test_what_some_recordings_of_a_training_lack_is_no_difference(data):
     half = Dataset([*with_meta(data[:6]), *with_meta(data[6:], **TARED)])
     assert values_in(setups_in(half)) == {"tare": ["rest", "not stated"]}

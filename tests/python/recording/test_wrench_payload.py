@@ -156,18 +156,70 @@ def test_gravity_upside_down_is_refused(rests):
 @pytest.mark.parametrize(
     ("stated", "problem"),
     [
-        ({}, "exactly one of gravity, rotations and accelerations, got none"),
         ({"gravity": DOWN, "rotations": POSES}, "got gravity and rotations"),
         ({"gravity": DOWN[:5]}, "gravity has 5 poses for 6 rests"),
         ({"gravity": 0 * DOWN}, "gravity holds a direction without length"),
         ({"gravity": DOWN[:, :2]}, "gravity has shape"),
         ({"rotations": np.eye(3)}, "rotations has shape"),
-        ({"rotations": np.tile(np.diag([1, 1, -1]), (6, 1, 1))}, r"rotations\[0\] is a reflection"),
+        (
+            {"rotations": np.tile(np.diag([1, 1, -1]), (6, 1, 1))},
+            r"rotations\[0\] is a reflection.*rotation$",
+        ),
     ],
 )
 def test_refused_poses(rests, stated, problem):
     with pytest.raises(ValueError, match=problem):
         Payload.identify(rests, **stated)
+
+
+def test_metadata_state_gravity(rests, payload):
+    assert Payload.identify(rests) == payload
+    freed = rests.compensate(payload)
+    assert freed.X.tobytes() == rests.compensate(payload, list(DOWN)).X.tobytes()
+
+
+def test_metadata_may_state_a_pose_as_text(rests, payload):
+    poses = [dict(zip(("qx", "qy", "qz", "qw"), map(str, pose), strict=True)) for pose in POSES.as_quat()]
+    posed = [replace(r, meta={"frame": r.meta["frame"], **p}) for r, p in zip(rests, poses, strict=True)]
+    np.testing.assert_allclose(figures(Payload.identify(posed)), figures(payload), rtol=1e-9)
+
+
+def test_where_nobody_states_gravity_it_is_asked_for(rests, payload):
+    with pytest.raises(ValueError, match="exactly one of gravity, rotations and accelerations, got none"):
+        Payload.identify(rests.X)
+    with pytest.raises(ValueError, match="gravity must be given, as the metadata of 'rest_00' have no"):
+        Payload.identify([replace(r, meta={}) for r in rests])
+    with pytest.raises(ValueError, match="gravity must be given"):
+        compensate(rests.X[0], payload)
+
+
+@pytest.mark.parametrize(("n", "odd"), [(5, 3), (6, 2), (12, 11)])
+def test_a_wrong_pose_is_named(n, odd):
+    down = Rotation.random(n, random_state=4).apply([0, 0, -1])
+    rests = simulate_rests(TRUE, down, seed=1)
+    down[odd] = Rotation.from_euler("x", 25, degrees=True).apply(down[odd])
+    with pytest.warns(UserWarning, match=rf"rest 'rest_{odd:02d}' does not fit the others"):
+        Payload.identify(rests, gravity=down)
+
+
+def test_poses_that_are_all_wrong_are_doubted():
+    down = Rotation.random(6, random_state=4).apply([0, 0, -1])
+    rests = simulate_rests(TRUE, down, seed=1)
+    stated = down + np.random.default_rng(0).normal(0, 0.3, down.shape)
+    with pytest.warns(UserWarning, match="poses are not as stated"):
+        Payload.identify(rests, gravity=stated)
+
+
+@pytest.mark.parametrize("scale", [[1e3] * 3 + [1] * 3, [1] * 3 + [1e3] * 3])
+def test_a_wrong_unit_is_doubted(rests, scale):
+    with pytest.warns(UserWarning, match="in N and N m"):
+        Payload.identify(rests.X * scale, gravity=DOWN)
+
+
+@pytest.mark.parametrize("meta", [{"compensated": True}, {"tare": "rest"}])
+def test_rests_without_their_weight_are_refused(rests, meta):
+    with pytest.raises(ValueError, match="take rests as the sensor reads them"):
+        Payload.identify([replace(r, meta={**r.meta, **meta}) for r in rests])
 
 
 def test_nan_in_a_rest_is_refused():
@@ -258,7 +310,7 @@ def test_twice_is_refused():
 
 def test_what_is_tared_is_not_compensated(payload):
     tared = Recording(np.ones((5, 6)), rate_hz=500, name="push", meta={"tare": "rest"})
-    with pytest.raises(ValueError, match=r"'push' is tared from rest.*compensate before \.tare\(\)"):
+    with pytest.raises(ValueError, match=r"'push' is tared from rest.*before the tare"):
         compensate(tared, payload, [0, 0, -1])
 
 
@@ -266,6 +318,29 @@ def test_another_frame_is_refused():
     recording = Recording(np.zeros((3, 6)), rate_hz=500, name="a", meta={"frame": "flange"})
     with pytest.raises(ValueError, match="'a' is of the frame 'flange', the payload of 'wrist'"):
         compensate(recording, replace(TRUE, frame="wrist"), [0, 0, 1])
+
+
+def test_another_sign_is_refused(rests, payload, tmp_path):
+    turned = rests.transform(frame=payload.frame, reverse=True, sign="robot on tool")
+    payload.save(tmp_path / "tool.json")
+    with pytest.raises(ValueError, match="'rest_00' is of the sign 'robot on tool', the payload of 'load of"):
+        turned.compensate(Payload.load(tmp_path / "tool.json"))
+
+
+def test_a_payload_without_a_sign_is_not_compared(rests, payload, tmp_path):
+    payload.save(tmp_path / "tool.json")
+    stored = json.loads((tmp_path / "tool.json").read_text())
+    del stored["sign"]  # as files of before have none
+    (tmp_path / "tool.json").write_text(json.dumps(stored))
+    old = Payload.load(tmp_path / "tool.json")
+    assert old == replace(payload, sign=None)
+    rests.transform(frame="sensor", reverse=True, sign="robot on tool").compensate(replace(old, frame=None))
+
+
+def test_rests_of_several_signs_are_refused(rests):
+    mixed = [replace(r, meta={**r.meta, "sign": f"{i % 2}"}) for i, r in enumerate(rests)]
+    with pytest.raises(ValueError, match="rests are of several signs: '0', '1'"):
+        Payload.identify(mixed)
 
 
 def test_what_a_live_source_says_counts():

@@ -190,3 +190,11 @@ def test_irregular_recordings_are_refused():
 def test_refused_leads(data, lead_s):
     with pytest.raises(ValueError, match="lead_s"):
         data.tare(lead_s=lead_s)
+
+
+def test_the_mean_of_an_irregular_rest_is_refused():
+    rest = Recording(np.zeros((4, 6)), rate_hz=None, time_s=[0.0, 0.1, 0.3, 0.4], name="a")
+    with pytest.raises(
+        ValueError, match=r"wrench: 1 of 1 recording is irregularly sampled .* resample it before"
+    ):
+        rest_mean(rest)

@@ -92,10 +92,10 @@ def test_a_data_set_is_refused_by_the_function_and_has_a_method():
 
 
 def test_a_recording_keeps_what_it_is():
-    about = {"tool": "cylinder", "frame": "flange"}
+    about = {"tool": "cylinder"}
     turned = Dataset([recorded(trigger_index=7, meta=about)]).transform(TURN, P, frame="flange")[0]
     assert turned.wrench.tobytes() == transform(WRENCH, TURN, P).tobytes()
-    assert replace(turned, wrench=WRENCH) == recorded(trigger_index=7, meta=about)
+    assert replace(turned, wrench=WRENCH) == recorded(trigger_index=7, meta={**about, "frame": "flange"})
 
 
 def test_the_step_names_the_new_frame():
@@ -111,6 +111,30 @@ def test_the_step_reverses_with_the_words_for_it():
     turned = data.transform(frame="sensor", reverse=True, sign="on the robot")
     assert turned[0].meta["sign"] == "on the robot"
     assert np.array_equal(turned.X[0], -WRENCH)
+
+
+MIXED = Dataset([recorded(meta={"frame": name, "sign": name}) for name in ("flange", "wrist", "wrist")])
+
+
+@pytest.mark.parametrize(
+    "keywords", [{"rotation": TURN}, {"translation": P}, {"reverse": True, "sign": "on the robot"}]
+)
+def test_recordings_of_several_frames_are_not_turned_together(keywords):
+    name = "sign" if "reverse" in keywords else "frame"
+    with pytest.raises(ValueError, match=rf"several {name}s: 'wrist' \(2\), 'flange' \(1\)"):
+        MIXED.transform(frame="tool", **keywords)
+
+
+def test_a_frame_may_be_renamed():
+    assert {r.meta["frame"] for r in MIXED.transform(frame="tool")} == {"tool"}
+
+
+def test_what_is_of_the_frame_or_sign_already_is_not_turned():
+    data = Dataset([recorded(meta={"source": {"frame": "flange", "sign": "on the tool"}})])
+    with pytest.raises(ValueError, match="frame is 'flange' already, as the metadata of 1 recording state"):
+        data.transform(TURN, frame="flange")
+    with pytest.raises(ValueError, match="sign is 'on the tool' already"):
+        data.transform(frame="flange", reverse=True, sign="on the tool")
 
 
 @pytest.mark.parametrize("keywords", [{"reverse": True}, {"sign": "on the robot"}])
@@ -132,5 +156,5 @@ def test_units_are_read_however_they_are_written():
 
 def test_what_is_no_wrench_is_refused():
     data = Dataset([Recording(WRENCH[:, :3], rate_hz=500, axes=("fx", "fy", "fz"), name="a")])
-    with pytest.raises(ValueError, match="'a' has the axes fx fy fz; wanted"):
+    with pytest.raises(ValueError, match=r"'a' has the axes fx fy fz; wanted.*replace\(recording, axes="):
         data.transform(TURN, frame="flange")

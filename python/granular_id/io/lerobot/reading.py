@@ -59,8 +59,9 @@ OWN = {
 
 
 def is_lerobot(folder: Path) -> bool:
-    """Tell whether a folder is a LeRobot data set, of whatever version."""
-    return os.path.isfile(folder / INFO) and os.path.isdir(folder / DATA)  # noqa: PTH112, PTH113 (never raise)
+    """Tell whether a folder is a LeRobot data set, of whatever version, or the larger part of one."""
+    folders = [os.path.isdir(folder / name) for name in (DATA, EPISODES)]  # noqa: PTH112 (never raise)
+    return sum((os.path.isfile(folder / INFO), *folders)) > 1  # noqa: PTH113
 
 
 def read_lerobot(source: FileSource, options: LoadOptions) -> FileContent:
@@ -69,8 +70,14 @@ def read_lerobot(source: FileSource, options: LoadOptions) -> FileContent:
     The wrench is the feature ``observation.wrench``, or the one that ``array=`` names, of shape (axes,) or (k, axes).
     What other features hold is not read, and a note says so.
     """
-    feature = _Feature.of(_read_info(source, options), source, options)
+    _refuse_part(source.path)
+    info = _read_info(source, options)
+    feature = _Feature.of(info, source, options)
     listed = _Listed.of(source, options)
+    n_stated = info.get("total_episodes", len(listed.lengths))
+    if n_stated != len(listed.lengths):
+        problem = f"states total_episodes {n_stated!r:.40}, and {EPISODES} lists {len(listed.lengths)}"
+        raise RecordingFileError(source.path / INFO, f"{problem}; {_WHOLE}")
     known = listed.own is not None and feature.name == FEATURE
     content = (_own if known else _of_others)(feature, listed, source, options)
     if feature.unread:
@@ -78,12 +85,29 @@ def read_lerobot(source: FileSource, options: LoadOptions) -> FileContent:
     return content
 
 
+_WHOLE = "wanted the whole data set, as it was written"
+
+
+def _refuse_part(folder: Path) -> None:
+    """Refuse a data set of which something is missing."""
+    parts = (INFO, TASKS, EPISODES, DATA)
+    missing = [part for part in parts if not (folder / part).exists()]
+    if missing and (folder / EPISODES).is_dir():  # another version is told by its own refusal
+        problem = f"is a part of a LeRobot data set, without {', '.join(missing)}; {_WHOLE}"
+        raise RecordingFileError(folder, problem)
+
+
 def _own(feature: _Feature, listed: _Listed, source: FileSource, options: LoadOptions) -> FileContent:
     """Read what this package wrote: everything is as it was."""
     assert listed.own is not None
     listed.own.refuse_changed(listed, feature)
-    samples = _read_frames(feature, listed, source, options).samples
-    flat = listed.own.flat(samples, listed.lengths * feature.k, feature.names)
+    frames = _read_frames(feature, listed, source, options)
+    frames.check_clock(feature, listed, source.path)
+    flat = listed.own.flat(frames.samples, listed.lengths * feature.k, feature.names)
+    for i, (task, label) in enumerate(zip(_labels(frames, listed, source, options), flat.label, strict=True)):
+        if task != " ".join((label or UNLABELLED).split()):
+            problem = f"names the task of episode {listed.indices[i]} {task!r:.60}, but {OWN['label']} {label!r:.60}"
+            raise RecordingFileError(source.path / TASKS, f"{problem}: changed since; {_WAY_OUT}")
     return unflatten(flat, source.path, source)
 
 
@@ -270,6 +294,9 @@ def _stored_history(labels: Mapping[str, str], path: Path) -> str:
     return history
 
 
+_WAY_OUT = f"without the columns {MARK}/... frames are read as they stand"
+
+
 @dataclass(frozen=True)
 class _Stored:
     """What this package wrote of its recordings."""
@@ -283,13 +310,12 @@ class _Stored:
         n_samples, rates = integers(self.table, OWN["n_samples"]), self._floats("rate_hz")
         with np.errstate(invalid="ignore"):
             other = np.abs(rates - feature.rate_hz) > RATE_TOLERANCE * feature.rate_hz
-        way_out = f"without the columns {MARK}/... frames are read as they stand"
         wrong = np.flatnonzero((-(-n_samples // feature.k) != listed.lengths) | other)
         if len(wrong):
             i = wrong[0]
             came = f"{listed.lengths[i]} frames of {feature.k} samples, {feature.fps:g} a second"
             said = f"{OWN['n_samples']} {n_samples[i]} and {OWN['rate_hz']} {rates[i]:g}"
-            problem = f"episode {listed.indices[i]} has {came}, but {said}: changed since; {way_out}"
+            problem = f"episode {listed.indices[i]} has {came}, but {said}: changed since; {_WAY_OUT}"
             raise RecordingFileError(self.path / EPISODES, problem)
 
         for i, (tasks, label) in enumerate(
@@ -297,7 +323,7 @@ class _Stored:
         ):
             if tasks != [label or UNLABELLED]:
                 problem = f"episode {listed.indices[i]} has the tasks {tasks!r:.60}, but {OWN['label']} {label!r:.60}"
-                raise RecordingFileError(self.path / EPISODES, f"{problem}: changed since; {way_out}")
+                raise RecordingFileError(self.path / EPISODES, f"{problem}: changed since; {_WAY_OUT}")
 
     def flat(self, samples: FloatArray, lengths: NDArray[np.int64], axes: tuple[str, ...]) -> FlatRecordings:
         """Put everything together; of the samples (`lengths` in each episode) padding is left out."""
@@ -320,6 +346,11 @@ class _Stored:
             flags=self._per_sample("flags", n_samples, 0, np.uint8),
             history_json=self.history_json,
         )
+
+    @property
+    def is_even(self) -> NDArray[np.bool_]:
+        """Which recordings have a rate."""
+        return ~np.isnan(self._floats("rate_hz"))
 
     def _floats(self, name: str) -> FloatArray:
         return np.asarray(self.table[OWN[name]].to_numpy(), np.float64)
@@ -355,14 +386,15 @@ class _FrameColumns:
     task_index: NDArray[np.int64]
 
     def check_clock(self, feature: _Feature, listed: _Listed, path: Path) -> None:
-        """Refuse time stamps that are not those of frames at fps."""
+        """Refuse time stamps that are not those of frames at fps, but for irregular recordings of this package."""
         starts = np.cumsum(listed.lengths) - listed.lengths
         frame = np.arange(len(self.timestamp)) - np.repeat(starts, listed.lengths)
         stamps = self.timestamp
         with np.errstate(all="ignore"):
             off = np.abs(stamps - np.repeat(stamps[starts], listed.lengths) - frame / feature.fps)
             room = STATED_TOLERANCE / feature.fps + np.spacing(np.abs(stamps).astype(np.float32))
-        wrong = np.flatnonzero(~(off <= room))
+        even = np.ones(len(starts), bool) if listed.own is None else listed.own.is_even
+        wrong = np.flatnonzero(~(off <= room) & np.repeat(even, listed.lengths))
         if len(wrong):
             episode = int(np.searchsorted(starts, wrong[0], side="right")) - 1
             came = (
@@ -411,9 +443,7 @@ def _read_frames(
     if not same:
         came = f"holds {len(frame)} frames of {len(np.unique(episode))} episodes"
         problem = f"{came}, not in their order the {total} of {len(listed.lengths)} that {EPISODES} lists"
-        raise RecordingFileError(
-            source.path / DATA, f"{problem}; wanted the whole data set, as it was written"
-        )
+        raise RecordingFileError(source.path / DATA, f"{problem}; {_WHOLE}")
     return _FrameColumns(
         np.asarray(samples, np.float64).reshape(-1, feature.shape[-1]),
         np.asarray(timestamp, np.float64),

@@ -1,0 +1,111 @@
+"""Conditions of recordings, such as tool, depth or day: what is known of them, and which can be held out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id._checks import argument_error
+from granular_id._text import counted, short
+from granular_id.partitions import condition_partitions
+from granular_id.recording.dataset import Dataset
+from granular_id.recording.setup import setups_in
+
+MOST_VALUES = 50
+"""Values of a condition that are held out one after the other: each costs a training."""
+
+_MOST_NAMED = 12
+_LATEST_S = 1e11  # a clock beyond the year 5000 counts something else than seconds
+
+
+def conditions_in(data: Dataset) -> dict[str, NDArray[np.object_]]:
+    """Gather what recordings state about how they were made, as text (n,), None where one does not state it.
+
+    Session, the fields of `Setup`, single values of the metadata by their path ("rig.speed_m_s"), and the day (UTC).
+    Of equal names the first in this order counts, for all recordings, where any recording states it: an entry "session"
+    of the metadata does not fill in for recordings without a session where others have one.
+    """
+    found: dict[str, NDArray[np.object_]] = {}
+    for source in (
+        ({"session": recording.session} for recording in data),
+        map(vars, setups_in(data)),
+        (dict(_single_values(recording.meta)) for recording in data),
+        ({"day": _day(recording.start_time)} for recording in data),
+    ):
+        own: dict[str, NDArray[np.object_]] = {}
+        for row, stated in enumerate(source):
+            for name, value in stated.items():
+                text = "" if value is None else str(value).strip()
+                if not isinstance(value, str):
+                    text = text.removesuffix(".0")
+                if text:
+                    own.setdefault(name, np.full(len(data), None, dtype=object))[row] = text
+        found |= {name: texts for name, texts in own.items() if name not in found}
+    return found
+
+
+def _day(time: float | None) -> str | None:
+    return None if time is None or abs(time) > _LATEST_S else str(np.datetime64(int(time), "s"))[:10]
+
+
+def _single_values(meta: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in meta.items():
+        if isinstance(value, Mapping):
+            yield from _single_values(value, f"{path}{key}.")
+        elif isinstance(value, str | int | float):
+            yield f"{path}{key}", value
+
+
+def condition_of(data: Dataset, condition: Any) -> tuple[str, NDArray[np.object_]]:
+    """Return the whole name and the values (n,) of a condition, by it or by the end of its path.
+
+    One that cannot be held out is refused with the reason and those that can.
+    """
+    if not isinstance(condition, str):
+        raise argument_error(TypeError, "hold_out", f"must be the name of a condition, got {condition!r:.60}")
+    known = conditions_in(data)
+    ends = [name for name in known if name.rpartition(".")[2] == condition]
+    name = condition if condition in known else ends[0] if len(ends) == 1 else None
+    if name is None:
+        reason = "the labels are what is told apart" if condition == "label" else "no recording states it"
+        if any(condition in recording.meta for recording in data):
+            within = [name for name in known if name.startswith(f"{condition}.")]
+            reason = "it is no single value" + f": take one within it, such as {within[0]!r}" * bool(within)
+        if ends:
+            reason = f"it is several things: {', '.join(ends)}"
+    else:
+        reason = _why_not(data, name, known[name])
+        if not reason:
+            return name, known[name]
+    able = [
+        f"{other} ({len(set(values.tolist()))} values)"
+        for other, values in known.items()
+        if not _why_not(data, other, values)
+    ]
+    more = f" and {len(able) - _MOST_NAMED} more" if len(able) > _MOST_NAMED else ""
+    which = f"those that can be: {', '.join(able[:_MOST_NAMED])}{more}"
+    which = which if able else "these recordings state none that can be"
+    raise argument_error(ValueError, "hold_out", f"={condition!r} cannot be held out, as {reason}; {which}")
+
+
+def _why_not(data: Dataset, name: str, values: NDArray[np.object_]) -> str:
+    """Say why a condition cannot be held out; nothing where it can."""
+    y, n_values = data.y, len(set(values.tolist()))
+    missing = [row for row, value in enumerate(values.tolist()) if value is None]
+    if missing:
+        return (
+            f"{len(missing)} of {counted(len(data))} do not state it, the first is {data.names[missing[0]]!r}"
+        )
+    if n_values == 1:
+        return f"all recordings have the same value, {short(values[0], 40)!r}"
+    if all(len(set(values[y == label].tolist())) == 1 for label in data.labels):
+        return f"each material has one value of it only ({y[0]}: {values[0]!r}), and would not train when held out"
+    if n_values > MOST_VALUES or n_values == len(data):
+        instead = "note a few rounded values in the metadata"
+        if name == "session":
+            instead = "take protocol='session', which holds out groups of them"
+        return f"it has {n_values} values in {len(data)} recordings, each a training of its own: {instead}"
+    return "" if condition_partitions(y, name, values)[0] else "one material only is left to train on"
