@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import typer.main
 
+from cli_cases import ended_well
 from granular_id.cli.app import app
 from granular_id.identifier import Identifier
 from granular_id.io import save
@@ -54,27 +55,18 @@ def run_examples(page, folder, monkeypatch):
     return runpy.run_path(str(program), run_name="__main__")
 
 
-def run_commands(page, folder):
-    """Run the commands of a page in order, in a folder, as they are typed; return what they print."""
-    printed = ""
-    for line in "".join(blocks(page, "")).splitlines():
-        if line.startswith("granular-id "):
-            words = shlex.split(line, comments=True)
-            ran = subprocess.run(
-                [sys.executable, "-m", "granular_id", *words[1:]],
-                cwd=folder,
-                capture_output=True,
-                text=True,
-                check=False,
-                timeout=300,
-            )
-            assert ran.returncode == 0, f"{line}\n{ran.stdout}\n{ran.stderr}"
-            printed += ran.stdout
-    return printed
+def commands_on(page):
+    """The commands of a page in order: the words behind the name of the program."""
+    lines = "".join(blocks(page, "")).splitlines()
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("granular-id ")]
 
 
 def test_the_readme_runs_in_an_empty_folder_as_it_is_printed(tmp_path):
-    run_commands(ROOT / "README.md", tmp_path)
+    """A process each, as they are typed; commands of other pages run in this one."""
+    for words in commands_on(ROOT / "README.md"):
+        command = [sys.executable, "-m", "granular_id", *words]
+        ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+        assert ran.returncode == 0, f"{words}\n{ran.stdout}\n{ran.stderr}"
     assert {"drives.html", "drives.npz", "drives.safetensors", "answers.png"} <= {
         path.name for path in tmp_path.iterdir()
     }
@@ -85,11 +77,13 @@ SAND = DOCS / "sand.md"
 
 
 def test_the_tutorial_runs_in_an_empty_folder_as_it_is_printed(tmp_path, monkeypatch):
-    run_commands(TUTORIAL, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    for words in commands_on(TUTORIAL):
+        ended_well(*words)
     run_examples(TUTORIAL, tmp_path, monkeypatch)
 
 
-def test_the_commands_about_archives_run(tmp_path):
+def test_the_commands_about_archives_run(tmp_path, monkeypatch):
     """Those that need no cluster, with recordings of another day to name."""
     for library in ("pyarrow", "distributed"):
         pytest.importorskip(library)
@@ -97,7 +91,8 @@ def test_the_commands_about_archives_run(tmp_path):
     fresh = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5, seed=1)
     Identifier.fit(data, "hfmh", estimate=False, progress=False).save(tmp_path / "kitchen.safetensors")
     save(fresh, tmp_path / "recordings", "csv")
-    printed = run_commands(DOCS / "scale.md", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    printed = "".join(ended_well(*words) for words in commands_on(DOCS / "scale.md"))
     assert "12 recordings, 2 materials" in printed
     assert "Materials named in 12" in printed
 

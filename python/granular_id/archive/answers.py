@@ -17,10 +17,10 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import checked_choice, finite_number
-from granular_id._files import absolute, durable_file, made_folder
+from granular_id._files import absolute, durable_file
 from granular_id._progress import ProgressCallback
 from granular_id._text import Table, counted, percent, verb
-from granular_id.archive.extraction import Extraction, check_call, run
+from granular_id.archive.extraction import Extraction, run
 from granular_id.archive.manifest import MANIFEST, Partitions
 from granular_id.archive.work import INDEX_COLUMNS, one_of_each, read_samples
 from granular_id.identifier import (
@@ -130,7 +130,6 @@ def identify(
     checked_choice("on_short", on_short, "raise", "skip")
     lead_s = None if lead_s is None else finite_number("lead_s", lead_s)
     folder = Path(out)
-    check_call(opened, folder, engine, n_jobs, scheduler, progress, options)
     content = known.core.to_bytes()
     work = AnswerWork(
         model=absolute(folder / MODEL),
@@ -141,14 +140,17 @@ def identify(
         on_short=on_short,
         loaded=known.core,
     )
-    differences = work.checked(opened)
-    if differences:
-        warnings.warn(setup_mismatch(*differences), stacklevel=2)
-    with made_folder(folder):
-        _keep(folder, content)
-        extraction = run(
-            opened, work, out, engine=engine, n_jobs=n_jobs, scheduler=scheduler, progress=progress, **options
-        )
+    extraction = run(
+        opened,
+        work,
+        out,
+        engine=engine,
+        n_jobs=n_jobs,
+        scheduler=scheduler,
+        progress=progress,
+        prepare=lambda folder: _keep(folder, content),
+        **options,
+    )
     answers = Answers(folder)
     answers.extraction = extraction
     return answers
@@ -193,11 +195,7 @@ class AnswerWork:
         return {Answers.holds: {"model": self.sha256, **begins}}
 
     def check(self, archive: Archive) -> None:
-        """Refuse other axes, rates and set-ups, and recordings that are too short."""
-        self.checked(archive)
-
-    def checked(self, archive: Archive) -> tuple[str, ...]:
-        """Refuse what does not suit the model, and return what else of the set-up is not as in the training."""
+        """Refuse other axes, rates and set-ups, and recordings that are too short; warn of what else is another."""
         core, index = self.core, archive.index
         differences = check_recordings(one_of_each(archive, core.rate_hz), core, self.accept)
         starts = self._starts(index)
@@ -213,7 +211,8 @@ class AnswerWork:
                 f"recording {one['name']!r} has {counted(one['n_samples'], 'sample')} and {trigger}, the model takes "
                 f"{core.n_samples}; {how_many}{skip}"
             )
-        return differences
+        if differences:
+            warnings.warn(setup_mismatch(*differences), stacklevel=4)  # of `identify`, by `run`
 
     def fields(self) -> list[Any]:
         """Fields of the answers; null where a recording has none."""

@@ -127,15 +127,21 @@ def run(
     n_jobs: int | None = None,
     scheduler: Any = None,
     progress: bool | ProgressCallback = True,
+    prepare: Callable[[Path], None] | None = None,
     **options: Any,
 ) -> Extraction:
-    """Do some work for all recordings of an archive, each exactly once; parameters and errors as of `extract`."""
-    check_call(archive, out, engine, n_jobs, scheduler, progress, options)
+    """Do some work for all recordings of an archive, each exactly once; parameters and errors as of `extract`.
+
+    `prepare` is given the folder, once nothing speaks against the work.
+    """
+    _check_call(archive, out, engine, n_jobs, scheduler, progress, options)
     work.check(archive)
     folder = Path(absolute(out))
     tasks = tasks_of(archive, work, out)
     spec, source = spec_json(work, archive), absolute(archive.folder)
     with made_folder(folder):
+        if prepare is not None:
+            prepare(folder)
         stale = _refuse_others(folder, archive, spec, {task.name for task in tasks})
         begun = perf_counter()
         there = _there(folder, tasks)
@@ -204,7 +210,7 @@ def run(
     return extraction
 
 
-def check_call(
+def _check_call(
     archive: Archive,
     out: str | os.PathLike[str],
     engine: str,

@@ -198,6 +198,7 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"leave out ((?:'[^']*', )*'[^']*'), or record more": _excluded,
     r"\.find_onsets\(overrule=\{name: seconds\}\)": "--onset-at NAME=SECONDS",
     r"call \.predict_over\(recording\)": "answer over all of it with --hop-s",
+    r"call \.align\(\d+, on_short='skip'\)": "pass --on-short skip",
     r"call \.find_onsets\(\)": "add --begin-at onset",
     r"load without window_s, then call \.resample\(rate_hz\) and \.windows\([\d.e+]+\)": "add --rate-hz",
     r"(?:call )?\.resample\(rate_hz\)": "add --rate-hz",
@@ -209,7 +210,9 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"\bpass accept=\(([^)]*)\)": _accepts,
     r"\bpass allow_missing=True": "add --allow-missing",
     r"\ball_materials(=True)?": "--all-materials",
-    r"pass the recordings of its training, trained_on=data": "train it again with granular-id train",
+    r"pass the recordings of its training, trained_on=data": (
+        "train it again with granular-id train, or adapt it in Python, which takes them: trained_on=data"
+    ),
     r"^labelled must hold labels of the training": (
         "every label must be one that the model knows (granular-id model info MODEL)"
     ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import typer
 
@@ -110,6 +110,8 @@ def _placed(path: Path, data: Dataset) -> Dataset:
 class Fitting(StepOptions):
     """How recordings come to the rate and length of the model."""
 
+    answers_over_all: ClassVar[bool] = True
+
     begin_at: Literal["auto", "first", "trigger", "onset"] = option(
         PANEL,
         "Where the model's length begins: the first sample, the stored trigger, the onset of motion found in "
@@ -157,6 +159,7 @@ class Fitting(StepOptions):
             begin_at="trigger" if self.begin_at == "onset" else self.begin_at,
             lead_s=self.lead_s,
             on_short=self.on_short,
+            over_all=self.answers_over_all,
         )
         return cropped if cropped is data else say_step(cropped, quiet=quiet), differences
 

@@ -186,6 +186,15 @@ class StepOptions:
         _refuse_unequal_rates(data)
         return data.find_onsets(rest_s=self.rest_s, overrule=self.onsets or None, replace=True)
 
+    def refuse_missing_onsets(self, data: Dataset) -> None:
+        """Refuse recordings in which no onset was found, unless they are left out."""
+        without = [recording.name for recording in data if recording.trigger_index is None]
+        if without and self.on_short == "raise":
+            raise ValueError(
+                f"no onset in {len(without)} of {len(data)} recordings, the first is {without[0]!r}: state it "
+                "with --onset-at NAME=SECONDS, try another --rest-s, or add --on-short skip to leave them out"
+            )
+
 
 @dataclass(kw_only=True)
 class Steps(StepOptions):
@@ -251,7 +260,7 @@ class Steps(StepOptions):
         if self.begin_at == "onset":
             data = self.with_onsets(data)
             yield data
-            self._refuse_missing_onsets(data)
+            self.refuse_missing_onsets(data)
         if self.duration_s is not None or self.length is not None:
             _refuse_unequal_rates(data)
             data = data.align(
@@ -286,14 +295,6 @@ class Steps(StepOptions):
                 f"--exclude left out {out}; {counted(len(remaining))}, {counted(len(kept), 'material')} remain"
             )
         return remaining
-
-    def _refuse_missing_onsets(self, data: Dataset) -> None:
-        without = [recording.name for recording in data if recording.trigger_index is None]
-        if without and self.on_short == "raise":
-            raise ValueError(
-                f"no onset in {len(without)} of {len(data)} recordings, the first is {without[0]!r}: state it "
-                "with --onset-at NAME=SECONDS, try another --rest-s, or add --on-short skip to leave them out"
-            )
 
 
 GRAVITY = (
@@ -330,7 +331,8 @@ class WrenchSteps:
             raise ValueError("--gravity says in which direction a payload weighs: add --compensate")
         for name in ("rotate", "translate", "reverse"):
             if getattr(self, name) is not None and self.frame is None:
-                raise ValueError(f"--{name} makes another frame: add --frame with its name")
+                other = "leaves the frame" if name == "reverse" else "makes another frame"
+                raise ValueError(f"--{name} {other}: add --frame with its name")
         wanted = "roll,pitch,yaw in degrees or a quaternion x,y,z,w"
         self._turn = [] if self.rotate is None else numbers_in("--rotate", self.rotate, wanted)
         if len(self._turn) not in (0, 3, 4):
@@ -338,6 +340,10 @@ class WrenchSteps:
         self._origin = [0.0, 0.0, 0.0]
         if self.translate is not None:
             self._origin = numbers_in("--translate", self.translate, "x,y,z in m", 3)
+            if max(map(abs, self._origin)) >= _FAR_M:
+                raise ValueError(
+                    f"--translate must be x,y,z in m, less than {_FAR_M:g}, got {self.translate!r}"
+                )
         if self.compensate is not None:
             from granular_id.recording import Payload
 
@@ -368,6 +374,8 @@ class WrenchSteps:
         return turn
 
 
+_FAR_M = 10.0  # no robot reaches so far: these are millimetres
+
 Gravity = list[float] | dict[str, Mapping[str, Any]] | None
 """One direction, what a table says by the name of a recording, or nothing: then the metadata say it."""
 
@@ -376,12 +384,16 @@ def gravity_in(text: str | None) -> Gravity:
     """Read ``--gravity``."""
     if text is None or Path(text).is_file():
         return None if text is None else _poses_in(Path(text))
+    if text.endswith(".csv"):
+        raise ValueError(f"--gravity {text}: no such file")
     return numbers_in("--gravity", text, GRAVITY_WANTED, 3)
 
 
 def gravity_at(data: Dataset, stated: Gravity) -> FloatArray:
     """Return where gravity points in each recording, shape (n, 3)."""
     import numpy as np
+
+    from granular_id.recording import gravity_in as read
 
     if isinstance(stated, list):
         return np.tile(stated, (len(data), 1))
@@ -390,7 +402,7 @@ def gravity_at(data: Dataset, stated: Gravity) -> FloatArray:
         entry = one.meta if stated is None else stated.get(one.name)
         if entry is None:
             raise ValueError(f"--gravity has no line for the recording {one.name!r}")
-        down = _down(entry, f"{'metadata' if stated is None else '--gravity'} of {one.name!r}")
+        down = read(entry, f"{'metadata' if stated is None else '--gravity'} of {one.name!r}")
         if down is None:
             raise ValueError(
                 f"recording {one.name!r} does not say where gravity points: add --gravity {GRAVITY_WANTED}"
@@ -407,42 +419,15 @@ def _poses_in(path: Path) -> dict[str, Mapping[str, Any]]:
             columns, rows = lines.fieldnames or (), list(lines)
     except (ValueError, csv.Error) as error:
         raise ValueError(f"--gravity {path}: no CSV file: {error}") from None
-    if "name" not in columns or not any({*names} <= {*columns} for names in _POSES):
+    from granular_id.recording import POSES
+
+    if "name" not in columns or not any({*names} <= {*columns} for names in POSES):
         came = ", ".join(columns) or "nothing"
         raise ValueError(f"--gravity {path} must be {GRAVITY_WANTED}, got the columns {came:.200}")
     names = [row["name"] for row in rows]
     if len({*names}) < len(names):
         raise ValueError(f"--gravity {path}: names {Counter(names).most_common(1)[0][0]!r} twice")
     return dict(zip(names, rows, strict=True))
-
-
-_POSES = (("gx", "gy", "gz"), ("qx", "qy", "qz", "qw"))
-
-
-def _down(entry: Mapping[str, Any], where: str) -> list[float] | None:
-    """Return where gravity points, as a line of a table or metadata say it."""
-    from granular_id.recording import transform
-
-    stated = next((names for names in _POSES if all(entry.get(name) is not None for name in names)), ())
-    came = [entry[name] for name in stated] if stated else entry.get("gravity")
-    if came is None:
-        return None
-    try:
-        numbers = [float(value) for value in came]
-    except (TypeError, ValueError):
-        numbers = []
-    if len(numbers) != (len(stated) or 3) or not any(numbers) or not all(map(math.isfinite, numbers)):
-        raise ValueError(
-            f"{where}: {','.join(stated) or 'gravity'} must be finite numbers, not all 0, got {came!r:.80}"
-        )
-    if len(numbers) == 3:
-        return numbers
-    x, y, z, w = numbers
-    try:
-        down: list[float] = transform([0, 0, -1, 0, 0, 0], [-x, -y, -z, w])[:3].tolist()
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-    return down
 
 
 def equal_recordings(reading: Reading, steps: Steps, *, quiet: bool) -> Dataset:

@@ -11,6 +11,7 @@ from sklearn.base import BaseEstimator
 
 from granular_id._checks import argument_error, whole_number
 from granular_id._estimators import with_rate
+from granular_id.ecoc import ECOCClassifier
 from granular_id.recording import Dataset
 from granular_id.spaces import FeatureSpace, feature_spaces, in_paper_order
 
@@ -26,6 +27,16 @@ def plan_seed(random_state: int | None) -> int:
     if random_state is None:
         return secrets.randbits(32)
     return whole_number("random_state", random_state, least=0, or_else=" or None")
+
+
+def plan_classifier(classifier: BaseEstimator | None) -> BaseEstimator:
+    """Return the classifier: the given one, or the paper's."""
+    if classifier is None:
+        return ECOCClassifier()
+    if isinstance(classifier, type) or not all(hasattr(classifier, name) for name in ("fit", "get_params")):
+        wanted = f"must be a classifier of scikit-learn such as LinearSVC(), got {classifier!r:.60}"
+        raise argument_error(TypeError, "classifier", wanted)
+    return classifier
 
 
 def plan_spaces(

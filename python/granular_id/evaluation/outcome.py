@@ -14,7 +14,7 @@ from granular_id._checks import argument_error, named
 from granular_id.evaluation.compare import Comparison, compare
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.report_data import ReportData
-from granular_id.partitions import CONDITION, Partition, are_blocks, held_out_condition, protocol_name
+from granular_id.partitions import CONDITION, Partition, are_blocks, protocol_name
 from granular_id.recording import Finding
 from granular_id.spaces import Chosen
 from granular_id.statistics import confusion_counts, macro_f1, mean_interval, recall_per_class, sample_sd
@@ -113,7 +113,7 @@ class Outcome:
     def held_out(self) -> str | None:
         """The condition of which one value after the other was held out; None where none was."""
         drawn = self.partitions.get(CONDITION)
-        return None if drawn is None else held_out_condition(drawn)
+        return None if drawn is None else drawn[0].condition
 
     @property
     def headline(self) -> str:

@@ -130,7 +130,7 @@ class EvaluationResult(Outcome):
             "controls": json_value(self.controls),
             "partitions": {
                 protocol: [
-                    {name: json_value(part) for name, part in vars(partition).items() if name != "protocol"}
+                    {name: json_value(getattr(partition, name)) for name in _PARTITION}
                     for partition in partitions
                 ]
                 for protocol, partitions in self.partitions.items()
@@ -244,6 +244,7 @@ def _of_held_out(result: Outcome, space: str, protocol: str) -> dict[str, Any]:
     return figures
 
 
+_PARTITION = {"index": int, "description": str, "train": list, "test": list}
 _FINDING = {
     "severity": {"error", "warning", "info"},
     **{"code": str, "message": str, "recordings": [str, ...], "indices": [int, ...], "values": {}},
@@ -258,7 +259,7 @@ def _form(protocols: Iterable[str]) -> dict[str, Any]:
         "notes": [str, ...],
         "findings?": [_FINDING, ...],
         "versions": {"granular_id": str},
-        "settings": {"seed": int},
+        "settings": {"seed": int, "hold_out?": str},
         "data": {
             **{"n_recordings": int, "n_samples": int, "n_axes": int, "rate_hz": float},
             "summary": {"rows": [{}, ...]},
@@ -282,7 +283,7 @@ def _form(protocols: Iterable[str]) -> dict[str, Any]:
             ...,
         ],
         "controls": [{}, ...],
-        "partitions": {EACH: [{"index": int, "description": str, "train": list, "test": list}, ...]},
+        "partitions": {EACH: [_PARTITION, ...]},
         "recordings": [{"name": str, "session": str, "label": str}, ...],
         "portrait": ({}, None),
     }
@@ -295,8 +296,12 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
         raise ValueError(f"there is no protocol {min(unknown)!r}")
     check_form(saved, _form(saved["partitions"]))
     labels, recordings = tuple(saved["labels"]), saved["recordings"]
+    condition = saved["settings"].get("hold_out", "")
     partitions = {
-        protocol: tuple(_partition(protocol, index, one, len(recordings)) for index, one in enumerate(drawn))
+        protocol: tuple(
+            _partition(protocol, index, one, len(recordings), condition if protocol == CONDITION else "")
+            for index, one in enumerate(drawn)
+        )
         for protocol, drawn in saved["partitions"].items()
     }
     if not (saved["spaces"] and partitions and all(partitions.values())):
@@ -352,14 +357,14 @@ def _finding(saved: Mapping[str, Any]) -> Finding:
     return Finding(**given | {name: tuple(saved[name]) for name in ("recordings", "indices")})
 
 
-def _partition(protocol: str, index: int, saved: Mapping[str, Any], n_rows: int) -> Partition:
+def _partition(protocol: str, index: int, saved: Mapping[str, Any], n_rows: int, condition: str) -> Partition:
     place = f"{protocol} partition {index}"
     if saved["index"] != index:
         raise ValueError(f"{place} has index {saved['index']!r}")
     train, test = (_codes(f"{place}, {part}", saved[part], n_rows) for part in ("train", "test"))
     if np.unique(np.concatenate([train, test])).size < train.size + test.size:
         raise ValueError(f"{place} has a recording twice")
-    return Partition(protocol, index, saved["description"], train, test)
+    return Partition(protocol, index, saved["description"], train, test, condition)
 
 
 def _named(

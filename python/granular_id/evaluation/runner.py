@@ -18,10 +18,8 @@ from granular_id._checks import argument_error, checked_flag
 from granular_id._estimators import describe_estimator, versions
 from granular_id._progress import ProgressCallback, check_progress
 from granular_id._text import percent
-from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.arguments import check_dataset, plan_seed, plan_spaces
+from granular_id.evaluation.arguments import check_dataset, plan_classifier, plan_seed, plan_spaces
 from granular_id.evaluation.checkpoint import Answer, Checkpoint, fingerprint
-from granular_id.evaluation.conditions import condition_of
 from granular_id.evaluation.controls import (
     MOST_PARTITIONS,
     Control,
@@ -37,8 +35,8 @@ from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.scoring import Task, answers_of
 from granular_id.evaluation.telling import Run, Teller
 from granular_id.features import FeatureSpec
-from granular_id.partitions import CONDITION, PROTOCOLS, Partition, held_out_condition, protocol_name
-from granular_id.recording import Dataset, Finding, common_units, data_warnings, describe_data
+from granular_id.partitions import CONDITION, PROTOCOLS, Partition, protocol_name
+from granular_id.recording import Dataset, Finding, common_units, condition_of, data_warnings, describe_data
 from granular_id.spaces import FeatureSpace
 from granular_id.splits import AUTO, MANY_RECORDINGS, groups_of, plan_held_out, plan_protocols
 
@@ -166,7 +164,7 @@ def evaluate(
     check_dataset(data)
     check_progress(progress)
     controls, accepted = checked_flag("controls", controls), accepted_names(accept)
-    seed, model = plan_seed(random_state), ECOCClassifier() if classifier is None else classifier
+    seed, model = plan_seed(random_state), plan_classifier(classifier)
     X = data.X  # before the counts: resampling and cropping come first, and may change them
     common_units(data)
     of_paper = {
@@ -190,7 +188,7 @@ def evaluate(
     settings = {
         "spaces": [space.name for space in planned],
         "protocol": AUTO if protocol == AUTO else list(partitions),
-        **({} if hold_out is None else {"hold_out": held_out_condition(partitions[CONDITION])}),
+        **({} if hold_out is None else {"hold_out": partitions[CONDITION][0].condition}),
         **given,
         **({} if n_folds is None else {"n_folds": n_folds}),
         "classifier": describe_estimator(model),

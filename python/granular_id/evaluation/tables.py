@@ -122,7 +122,7 @@ def hold_out_table(result: Outcome, space: str) -> Table:
         if (shares := result.adapted_accuracies(space, how)) is not None:
             columns[title] = shares
     columns["at random"] = at_random = result.balanced_accuracies(space, beside)
-    names = [partition.description.partition(": ")[2] for partition in drawn]
+    names = [partition.description.removeprefix(f"{result.held_out}: ") for partition in drawn]
     rows = [
         (
             short(name, 40),
@@ -149,7 +149,7 @@ def hold_out_table(result: Outcome, space: str) -> Table:
     else:
         notes.append(
             f"the interval is that of the mean, not of one more {result.held_out}; it allows for the training that "
-            "folds share"
+            "folds share" + ("; -: no spread to tell it from" if "-" in told else "")
         )
     if "adapted" in columns:
         notes.append("adapted: to the held-out recordings, without their labels")

@@ -212,6 +212,7 @@ def test_what_else_differs_is_told_once(model, tmp_path):
     assert [str(one.message) for one in told] == [
         "another set-up than in the training: sensor 'Nano17', in training 'Mini45'"
     ]
+    assert told[0].filename == answered.__code__.co_filename
 
 
 def test_what_was_done_to_appended_recordings_is_compared_too(model, tmp_path):

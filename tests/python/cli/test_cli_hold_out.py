@@ -1,4 +1,4 @@
-"""evaluate --hold-out: the table of held-out values, and what it cannot stand beside."""
+"""`evaluate` and `train` with --hold-out: what is held out, and what it cannot stand beside."""
 
 from dataclasses import replace
 
@@ -53,3 +53,12 @@ def test_a_condition_that_nobody_states_is_refused_with_those_that_are(tools):
 def test_it_stands_alone(tools, words, other):
     line = refused("evaluate", tools, "--hold-out", "tool", *words)
     assert line == f"error: --hold-out takes each value of 'tool' in turn: leave out {other}"
+
+
+def test_a_model_is_measured_on_held_out_values(tools, tmp_path):
+    words = ("--space", "hfmh", "--n-bins", 10, "--target-error", 0.3)
+    out = ended_well("train", tools, "-o", tmp_path / "m.safetensors", "--hold-out", "tool", *words)
+    assert "accuracy, another tool: " in out
+    assert "  tool: 3 values, held out one by one\n" in out
+    line = refused("train", tools, "-o", tmp_path / "n.safetensors", "--hold-out", "speed", *words)
+    assert line.startswith("error: --hold-out speed cannot be held out, as no recording states it")

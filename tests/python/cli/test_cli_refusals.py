@@ -167,7 +167,11 @@ AFTER_READING = [
     ("identify {folder}", "are needed, got {folder} alone: granular-id identify"),
     (
         "identify {folder} {model}",
-        "{folder}: is a directory; the model comes first: granular-id identify MODEL PATH",
+        "{folder} is a folder, wanted a model file, ... the model comes first: granular-id identify MODEL PATH",
+    ),
+    (
+        "model info .",
+        "error: . is a folder, wanted a model file, as granular-id train and Identifier.save write",
     ),
     ("identify -m absent.safetensors {model}", "error: absent.safetensors: no such file or folder"),
     ("identify -m {model}", "error: no recordings given: granular-id identify -m MODEL PATH..."),

@@ -144,7 +144,7 @@ def test_poses_that_cannot_be_are_refused(silent, tmp_path, columns, rows, names
     ("words", "told"),
     [
         ((), "recording 'rest_00' does not say where gravity points: add --gravity"),
-        (("--gravity", "nowhere.csv"), "--gravity must be x,y,z, or a CSV file"),
+        (("--gravity", "nowhere.csv"), "--gravity nowhere.csv: no such file"),
         (("--gravity", "0,0,1", "--acceleration", "ax,ay,az"), "give one of --gravity and --acceleration"),
         (("--acceleration", "ax,ay"), "--acceleration must be three columns"),
         (("--acceleration", "ax,ay,az"), "ax"),
@@ -189,10 +189,11 @@ def test_convert_changes_signs_and_names_them(pushes, tmp_path):
     [
         (("--gravity", "0,0,1"), "add --compensate"),
         (("--rotate", "0,0,90"), "--rotate makes another frame: add --frame"),
-        (("--reverse", "robot"), "--reverse makes another frame: add --frame"),
+        (("--reverse", "robot"), "--reverse leaves the frame: add --frame with its name"),
         (("--rotate", "90", "--frame", "f"), "--rotate must be roll,pitch,yaw in degrees or a quaternion"),
         (("--rotate", "0,0,0,2", "--frame", "f"), "quaternion of length 2"),
         (("--translate", "0,1", "--frame", "f"), "--translate must be x,y,z in m"),
+        (("--translate", "0,0,50", "--frame", "f"), "--translate must be x,y,z in m, less than 10"),
         (("--compensate", "nowhere.json"), "nowhere.json: no such file"),
         (("--compensate", "PUSHES", "--gravity", "0,0,1"), "pushes.npz: no payload"),
         (("--compensate", "TOOL", "--gravity", "down"), "--gravity must be x,y,z, or a CSV file"),
@@ -204,6 +205,32 @@ def test_convert_refuses_what_says_too_little(pushes, tool, tmp_path, words, tol
     words = [{"TOOL": tool, "PUSHES": pushes}.get(word, word) for word in words]
     assert told in refused("data", "convert", pushes, tmp_path / "new.npz", *words)
     assert not (tmp_path / "new.npz").exists()
+
+
+def test_a_payload_is_not_taken_off_recordings_of_another_sign(pushes, tool, tmp_path):
+    reversed_ = tmp_path / "reversed.npz"
+    ended_well("data", "convert", pushes, reversed_, "--reverse", "robot on tool", "--frame", "flange")
+    words = ("--compensate", tool, "--gravity", "0,0,1", "--reverse", "load", "--frame", "flange")
+    line = refused("data", "convert", reversed_, tmp_path / "new.npz", *words)
+    assert "is of the sign 'robot on tool', the payload of 'load of the tool" in line
+    assert not (tmp_path / "new.npz").exists()
+
+
+def test_what_is_turned_already_is_not_turned_again(pushes, tmp_path):
+    flange = tmp_path / "flange.npz"
+    ended_well("data", "convert", pushes, flange, "--frame", "flange")
+    words = ("data", "convert", flange, tmp_path / "new.npz", "--frame", "flange")
+    assert "frame is 'flange' already" in refused(*words, "--rotate", "0,0,-90")
+    assert "sign is 'load of the tool" in refused(*words, "--reverse", load(pushes)[0].meta["sign"])
+
+
+def test_a_missing_onset_is_said_in_options(tmp_path):
+    silent = [Recording(np.zeros((500, 6)), rate_hz=500, name=f"r{i}") for i in range(2)]
+    save(Dataset(silent), tmp_path / "silent.npz")
+    words = ("setup", "tare", tmp_path / "silent.npz", "-o", tmp_path / "t.npz", "--begin-at", "onset")
+    line = refused(*words)
+    assert "no onset in 2 of 2 recordings" in line
+    assert "--begin-at" not in line
 
 
 # The zero.

@@ -84,6 +84,14 @@ def test_bad_data(data, protocol, message):
         evaluate(data, "raw", protocol, **SMALL)
 
 
+@pytest.mark.parametrize("classifier", ["svm", ECOCClassifier])
+def test_what_is_no_classifier_is_refused(data, classifier):
+    with pytest.raises(
+        TypeError, match=r"classifier must be a classifier of scikit-learn such as LinearSVC\(\)"
+    ):
+        evaluate(data, "raw", classifier=classifier, **SMALL)
+
+
 def test_transformers_that_leave_the_rate_open_take_that_of_the_recordings():
     pipeline = make_pipeline(Tare(), BlockUnion([("hfmh", HFMH()), ("raw", RawSignal(rate_hz=100.0))]))
     (planned,) = plan_spaces({"mine": pipeline}, 100.0)

@@ -10,9 +10,9 @@ import pytest
 
 from evaluation_cases import LABELS, make_data
 from granular_id.evaluation import EvaluationResult, evaluate, hold_out_tables
-from granular_id.evaluation.conditions import conditions_in
 from granular_id.partitions import condition_partitions, matched_partitions
 from granular_id.recording import Dataset
+from granular_id.recording.conditions import conditions_in
 from granular_id.spaces import BestClassifier, FeatureSpace, MultiBand, RawSignal
 
 QUIET = {"controls": False, "progress": False}
@@ -204,6 +204,15 @@ def test_one_material_that_is_left_trains_nothing():
     assert notes == ["day 'one' is not held out: only a is left to train on"]
 
 
+def test_an_interval_without_spread_is_explained(result):
+    perfect = {
+        ("condition", "raw"): tuple(result.truth[part.test] for part in result.partitions["condition"])
+    }
+    table = replace(result, predicted={**result.predicted, **perfect}).hold_out_table("raw")
+    assert table.rows[-1][3] == "-"
+    assert any(note.endswith("; -: no spread to tell it from") for note in table.notes)
+
+
 def test_two_values_have_no_interval(data):
     two = data[np.flatnonzero(conditions_in(data)["tool"] != "long")]
     table = evaluate(two, {"raw": RawSignal()}, hold_out="tool", **QUIET).hold_out_table()
@@ -231,6 +240,26 @@ def test_conditions_are_session_set_up_metadata_and_day(data):
     }
 
 
+def test_a_name_is_one_thing_for_all_recordings():
+    some = [
+        replace(r, session="own" if k else None, meta={"session": "noted"})
+        for k, r in enumerate(make_data(2))
+    ]
+    assert conditions_in(Dataset(some))["session"].tolist() == [None, *["own"] * 7]
+    none = Dataset([replace(r, session=None) for r in some])
+    assert set(conditions_in(none)["session"]) == {"noted"}
+
+
+def test_a_condition_with_a_colon_in_its_name_keeps_its_name(data, tmp_path):
+    odd = Dataset([replace(r, meta={"rig: tool": r.meta["source"]["tool"]}) for r in data])
+    result = evaluate(odd, {"raw": RawSignal()}, hold_out="rig: tool", **QUIET)
+    assert result.held_out == result.settings["hold_out"] == "rig: tool"
+    assert result.protocol_name("condition") == "another rig: tool"
+    assert [row[0] for row in result.hold_out_table().rows[:3]] == list(TOOLS)
+    result.to_json(tmp_path / "r.json")
+    assert EvaluationResult.from_json(tmp_path / "r.json").held_out == "rig: tool"
+
+
 def test_the_end_of_a_path_is_enough():
     data = with_tools(rig=lambda k, _: {"depth_mm": 10.0 + k % 2})
     assert evaluate(data, {"raw": RawSignal()}, hold_out="depth_mm", **QUIET).held_out == "rig.depth_mm"
@@ -247,6 +276,7 @@ def test_the_end_of_a_path_is_enough():
         ("kind", "each material has one value of it only .oat: 'oat'., and would not train when held out"),
         ("pair", "each material has one value of it only"),
         ("width", "it is several things: a.width, b.width"),
+        ("a", "it is no single value: take one within it, such as 'a.width'"),
     ],
 )
 def test_what_cannot_be_held_out_is_refused_with_those_that_can(name, reason):

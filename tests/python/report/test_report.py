@@ -164,6 +164,17 @@ def test_what_spoils_the_figures_stands_before_them(result, no_pictures):
     page = Page(html(replace(result, findings=(finding,))))
     assert page.sections[0] == "findings"
     assert "SPOILED by leak-clock: the clock alone names 100 % of the labels" in page.text
+    assert "Do not rely on the figures below" in page.text
+
+
+@pytest.mark.parametrize("accept", [(), ("leak-clock",)])
+def test_warnings_do_not_contradict_what_spoils_the_figures(result, no_pictures, accept):
+    finding = Finding("warning", "leak-clock", "the clock alone names 100 % of the labels")
+    known = replace(result, notes=(), findings=(finding,), settings={**result.settings, "accept": accept})
+    page = Page(html(known))
+    assert "None: no check" not in page.text
+    assert "What the checks of the recordings found stands at the top" in page.text
+    assert ("Do not rely" in page.text) is not bool(accept)
 
 
 def test_without_a_portrait_or_its_filtered_part_the_rest_is_reported(result):
