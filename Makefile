@@ -123,7 +123,7 @@ rust-test: | toolchain
 	$(call step,Rust tests,cargo test --quiet)
 
 # Tests wait for clocks and other processes a quarter of their time: half as many processes again as there are cores.
-PROCESSES = $(shell $(PYTHON) -c 'import os; print((3 * (os.cpu_count() or 1) + 1) // 2)')
+PROCESSES = $(shell $(BIN)/python -c 'from granular_id._core import available_cores as n; print((3 * n() + 1) // 2)')
 
 python-test: $(TOOLS)
 	$(call step,Python tests 1 of 2,$(BIN)/python -m pytest --numprocesses $(PROCESSES) --dist worksteal)

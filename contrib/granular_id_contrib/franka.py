@@ -108,7 +108,7 @@ class FrankaRobot:
         start_time_s = self._arm.state.time.to_sec() if self._shares_clock else None
         self._arm.move(push, asynchronous=True)
         # Joining without waiting tells whether the motion has ended, and raises what ended it.
-        return PolledMotion(start_time_s, lambda: self._arm.join_motion(timeout=0.0), report)
+        return PolledMotion(start_time_s, lambda: self._arm.join_motion(timeout=0.0), report, error_ends=True)
 
     def stop(self) -> None:
         """Brake."""

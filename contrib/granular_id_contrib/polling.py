@@ -107,16 +107,24 @@ class PolledMotion:
         Asked until it says True; what it raises is the motion's error.
     report : mapping
         See `Motion.report`.
+    error_ends : bool
+        Whether what `has_ended` raises has ended the motion; else nobody knows, and it counts as going on.
     """
 
     def __init__(
-        self, start_time_s: float | None, has_ended: Callable[[], bool], report: Mapping[str, Any]
+        self,
+        start_time_s: float | None,
+        has_ended: Callable[[], bool],
+        report: Mapping[str, Any],
+        *,
+        error_ends: bool,
     ) -> None:
         self.start_time_s = start_time_s
         self.start_host_ns = host_ns()
         self.error: str | None = None
         self._has_ended = has_ended
         self._report = dict(report)
+        self._error_ends = error_ends
         self._done = False
 
     def finished(self) -> bool:
@@ -125,7 +133,7 @@ class PolledMotion:
             try:
                 self._done = bool(self._has_ended())
             except Exception as error:  # whatever the robot's library raises
-                self._done, self.error = True, f"{type(error).__name__}: {error}"
+                self._done, self.error = self._error_ends, f"{type(error).__name__}: {error}"
         return self._done
 
     def report(self) -> Mapping[str, Any]:

@@ -132,7 +132,7 @@ class URRobot:
         if not self._control.moveL(target, speed_m_s, self._acceleration, True):
             raise RuntimeError("the controller refused moveL: is the arm in remote control and released?")
         report = {"robot": "ur", "start": list(pose), "target": target, "speed_m_s": speed_m_s}
-        return PolledMotion(start_time_s, self._has_ended, report)
+        return PolledMotion(start_time_s, self._has_ended, report, error_ends=False)
 
     def stop(self) -> None:
         """Brake."""

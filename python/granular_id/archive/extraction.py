@@ -132,7 +132,7 @@ def run(
 ) -> Extraction:
     """Do some work for all recordings of an archive, each exactly once; parameters and errors as of `extract`.
 
-    `prepare` is given the folder, once nothing speaks against the work.
+    `prepare` is given the folder before anything else is written to it.
     """
     _check_call(archive, out, engine, n_jobs, scheduler, progress, options)
     work.check(archive)

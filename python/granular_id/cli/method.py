@@ -113,7 +113,7 @@ class Method(Features):
     )
     c: float = option(
         PANEL,
-        "Box constraint of the support vector machines, where the space has no classifier of its own.",
+        "Box constraint of the support vector machines; of multiband a share of the spread of its rows. Not of best.",
         "--C",
         default=1.0,
         callback=above_zero,

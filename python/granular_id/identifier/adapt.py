@@ -55,7 +55,7 @@ IntArray = npt.NDArray[np.intp]
 _MOST_SOURCE = 2**19
 """Bytes of text; a model of more materials or features keeps none, and asks for its recordings again."""
 
-_FOR_HISTORY = 2**15
+_FOR_HISTORY = 2**17
 """Bytes that are left for it in the largest file."""
 
 _CAUTION = 3.0
@@ -167,7 +167,7 @@ class Adaptation:
                 if not self.materials:
                     after += ", on what adapted the model"
                 elif not self.n_seen:
-                    after += ", each named by a model without it"
+                    after += ", each named by a recalibration without it"
             told.append(
                 f"balanced accuracy on the {self.n_judged} with a label that the model knows: "
                 f"{percent(self.accuracy_before)} before, {after}"
@@ -542,7 +542,7 @@ def _new_model(
         "why_no_estimate": why,
         "synthetic": bool(trained.get("synthetic", False)) or data.is_synthetic,
         "setup": {**kept_setup, **values_in(setups_in(data))},
-        HISTORY: [*trained.get(HISTORY, []), entry.to_dict()],
+        HISTORY: [*_older(trained.get(HISTORY, [])), entry.to_dict()],
     }
     if SOURCE in trained or _has_room(core):
         # Another time the columns are no longer those of the training.
@@ -563,6 +563,12 @@ def _new_model(
         kept["raw_high"] = np.maximum(high, core.raw_high)
         kept["raw_mean"] = np.ascontiguousarray(mean)
     return _changed(core, trained, made, posterior="", **kept)
+
+
+def _older(history: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Keep the marks of the last two adaptations only: a file has no room for all."""
+    last = len(history) - 2
+    return [{**one, "marks": ""} if k < last else dict(one) for k, one in enumerate(history)]
 
 
 def _changed(

@@ -132,7 +132,9 @@ class Identifier(Adaptable):
             `granular_id.spaces.WithinClassWhitening`; None is 0.03, 1 hardly whitens. ``"best"`` chooses it.
         C, coding, loss, decoding, posterior
             As in `granular_id.ECOCClassifier`, but that the loss ``"auto"`` is ``"root"`` with multi-band features;
-            `posterior` gives `predict_proba`. ``"best"`` chooses the first four.
+            `posterior` gives `predict_proba`. ``"best"`` chooses the first four. In one-vs-one coding of
+            ``"multiband"`` `C` is divided by the mean squared distance of the whitened rows from their mean; another
+            coding, decoding or a `posterior` takes `C` as it is, which is nearly a hard margin: answers may differ.
         hold_out : str, optional
             What new recordings will not share with these, such as ``"tool"``: a condition as in `granular_id.evaluate`,
             of which each material has two values or more. One value after the other is held out whole, in place of

@@ -39,6 +39,7 @@ __all__ = [
 ]
 
 _WAIT_S = 0.02
+_LONGEST_WAIT_S = 1.0  # of a robot for what `may_move` speaks for: a view that is stuck holds up no push
 """How long to wait for a row at a time: so soon are errors, Ctrl-C and the end noticed."""
 
 _MARGIN_S = 0.05
@@ -183,7 +184,7 @@ def drive(
         Read on from there; rows that wait in it do not count for `timeout_s`. Default: a new one, which begins with
         the rows that come in from now on.
     may_move : callable, optional
-        The robot waits at rest until this says True.
+        The robot waits at rest until this says True, a second at most.
     back_first : bool, default False
         A robot that can is sent back to where its last push began before the rest is looked for: the push before this
         one was stopped on its way.
@@ -214,7 +215,7 @@ def drive(
         _begin(moving, capture)
         standing = _Standing(reader, capture, moving, robot)
         yield from standing.go_back() if back_first and not capture.state.is_over else ()
-        heard_s = time.monotonic()
+        heard_s, may = time.monotonic(), _within_a_while(may_move)
         while not capture.state.is_over and not moving.is_told:
             reader.wait(_WAIT_S)
             block = reader.read()
@@ -229,7 +230,7 @@ def drive(
             if not len(block):
                 _check_source(stream, capture, time.monotonic() - heard_s, silent_s)
             ready = capture.state is CaptureState.ARMED and not moving.is_told
-            if robot is not None and motion is None and ready and may_move():
+            if robot is not None and motion is None and ready and may():
                 moving.moves = starts_exactly(robot)  # else a person, who was only told
                 motion = _set_in_motion(robot, moving, capture, direction, speed_m_s, newest)
             if motion is not None:
@@ -247,6 +248,17 @@ def drive(
             priority.close()
             moving.over(stands=stands)
         moving.raise_signal()  # not where it could not be stopped: that is the first thing to know
+
+
+def _within_a_while(may_move: Callable[[], bool]) -> Callable[[], bool]:
+    until_s = np.inf
+
+    def may() -> bool:
+        nonlocal until_s
+        until_s = min(until_s, time.monotonic() + _LONGEST_WAIT_S)
+        return may_move() or time.monotonic() > until_s
+
+    return may
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from contextlib import contextmanager, suppress
 
 __all__ = ["at_once", "reading_threads", "warn_if_refused"]
 
-_PRIORITY = 1
-"""Above everything at usual priority, below whatever a driver has asked for."""
+_WATCHING, _READING = 2, 1
+"""Above everything at usual priority, below what drivers ask for; who reads may not keep the other waiting."""
 
 _SWITCH_S = 0.0005
 """So long may another thread, of a view, keep Python's lock at a time; Python's own 5 ms are all that a limit has."""
@@ -39,8 +39,9 @@ def at_once(threads: Iterable[int] = ()) -> Iterator[None]:
         sys.setswitchinterval(min(_SWITCH_S, _switches[0]))
     before: dict[int, int | None] = {}
     try:
-        for thread in dict.fromkeys((threading.get_native_id(), *threads)):
-            before[thread] = _raised(thread)
+        own = threading.get_native_id()
+        for thread in dict.fromkeys((own, *threads)):
+            before[thread] = _raised(thread, _WATCHING if thread == own else _READING)
         yield
     finally:
         for thread, policy in before.items():
@@ -55,7 +56,7 @@ def at_once(threads: Iterable[int] = ()) -> Iterator[None]:
                 sys.setswitchinterval(switch_s)
 
 
-def _raised(thread: int) -> int | None:
+def _raised(thread: int, priority: int) -> int | None:
     """Give a thread real-time priority; return what it had, None where it is not granted, or it has that already."""
     if not hasattr(os, "sched_setscheduler"):
         return None
@@ -63,7 +64,7 @@ def _raised(thread: int) -> int | None:
         policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
         if policy in (os.SCHED_FIFO, os.SCHED_RR):
             return None
-        os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_PRIORITY))
+        os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError:
         return None
     return policy
@@ -71,16 +72,15 @@ def _raised(thread: int) -> int | None:
 
 def reading_threads(source: object) -> list[int]:
     """Return the native ids of the threads that read a sensor, where its source tells them."""
-    threads: list[int] = getattr(source, "threads", [])
-    return threads
+    threads = getattr(source, "threads", [])
+    return threads if isinstance(threads, list) else []
 
 
 def warn_if_refused() -> None:
     """Warn, once a process, where the system grants the calling thread no real-time priority."""
     thread = threading.get_native_id()
     with at_once():
-        granted = (
-            hasattr(os, "sched_getscheduler") and os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
-        )
-    if not granted:
+        known = hasattr(os, "sched_getscheduler")
+        policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK if known else None
+    if policy is None or policy not in (os.SCHED_FIFO, os.SCHED_RR):
         warnings.warn(_REFUSED, RuntimeWarning, stacklevel=1)

@@ -38,7 +38,8 @@ _TYPE = "geometry_msgs/msg/WrenchStamped"
 _SPIN_S, _LOOK_S = 0.05, 0.5
 """How long to wait for a message at a time; how often to look whether topic and frames are as they should be."""
 
-_N_STAMPS, _RATE_OFF = 200, 0.1
+# A rate further off than the line through the stamps can follow would lose rows, or double them.
+_N_STAMPS, _LAG, _RATE_OFF = 1000, 50, 0.003
 """So many stamps tell the rate, grossly: a capture measures it to a thousandth."""
 
 _FOLLOWED = 1 / 128
@@ -168,7 +169,8 @@ class Ros2Source(ThreadedSource):
         self._stamps_s.append(time_s)
         if len(self._stamps_s) < _N_STAMPS:
             return
-        step_s, rate_hz = float(np.median(np.diff(self._stamps_s))), self._info.rate_hz
+        stamps_s, rate_hz = np.array(self._stamps_s), self._info.rate_hz
+        step_s = float(np.median(stamps_s[_LAG:] - stamps_s[:-_LAG])) / _LAG
         if step_s <= 0:
             raise ValueError("the stamps of its headers stand still: let the driver fill header.stamp")
         if abs(step_s * rate_hz - 1) > _RATE_OFF:

@@ -8,7 +8,7 @@ from granular_id._core import AXES
 from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding, Verdict
 from granular_id.recording.conditions import condition_of as condition_of
 from granular_id.recording.dataset import Dataset, describe_data as describe_data
-from granular_id.recording.gravity import POSES as POSES, gravity_in as gravity_in
+from granular_id.recording.gravity import gravity_in as gravity_in
 from granular_id.recording.onset import (
     FALSE_ALARM_RATE as FALSE_ALARM_RATE,
     ONSET_STEP as ONSET_STEP,
@@ -65,6 +65,7 @@ from granular_id.recording.summary import (
     headline as headline,
 )
 from granular_id.recording.wrench import (
+    POSES as POSES,
     TARE_S as TARE_S,
     RestMean,
     lead_samples as lead_samples,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from granular_id._checks import FloatArray, argument_error, as_floats
 from granular_id._text import counted
 from granular_id.recording.recording import Recording
-from granular_id.recording.wrench import rotation_matrix
+from granular_id.recording.wrench import POSES, rotation_matrix
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -65,10 +65,6 @@ def stated_gravity(
     return np.array(each).reshape(-1, 3)
 
 
-POSES = (("gx", "gy", "gz"), ("qx", "qy", "qz", "qw"))
-"""Names under which metadata and tables state a direction of gravity, or the orientation of a sensor."""
-
-
 def gravity_of(rest: Recording | ArrayLike) -> FloatArray:
     """Return where gravity points by the metadata of a recording."""
     if not isinstance(rest, Recording):
@@ -85,7 +81,7 @@ def gravity_of(rest: Recording | ArrayLike) -> FloatArray:
 
 def gravity_in(entry: Mapping[str, Any], where: str) -> FloatArray | None:
     """Return where gravity points by a line of a table or metadata, `where`; None where they do not say it."""
-    stated = next((names for names in POSES if all(entry.get(name) is not None for name in names)), ())
+    stated = next((names for names in POSES[1:] if all(entry.get(name) is not None for name in names)), ())
     came = [entry[name] for name in stated] if stated else entry.get("gravity")
     if came is None:
         return None

@@ -529,8 +529,8 @@ def _margins(draws: FloatArray, *blocks: tuple[_Block, FloatArray]) -> FloatArra
 def _no_weight(mass: float, margin: float) -> ValueError:
     if mass < -margin:
         return ValueError(
-            f"rests give a mass of {mass:.3g} kg: the wrench is that of the sensor on the tool, or gravity is stated "
-            "upwards; turn one of them round"
+            f"rests give a mass of {mass:.3g} kg: the wrench is that of the robot on the tool: reverse the recordings "
+            "first, .transform(reverse=True, sign=...); or gravity is stated upwards"
         )
     return ValueError(
         f"rests give a mass of {mass:.2g} +- {margin:.2g} kg, which does not stand out of the noise: mass and bias "

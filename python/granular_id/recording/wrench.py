@@ -36,6 +36,9 @@ Of ten rests of a Bota Rokubi, zeros from 0.1, 0.25, 0.5, 1, 2 and 4 s differ fr
 0.6, 0.5, 0.4, 0.4 and 0.4 standard deviations of a sample: the longer the better, until the zero has wandered as far.
 """
 
+POSES = (("gravity",), ("gx", "gy", "gz"), ("qx", "qy", "qz", "qw"))
+"""Names under which metadata state where gravity points, in the frame of the wrench."""
+
 _WRENCH = (
     "an array of shape (..., 6): fx fy fz (N) tx ty tz (N m); of recordings call this method of their Dataset"
 )
@@ -224,11 +227,21 @@ def transform_recordings(
     for name, new in changed.items():
         _refuse_unclear(recordings, name, str(new))
     results = [
-        with_samples(recording, _transformed(wrench_samples(recording), matrix, p, factor), **meta)
+        with_samples(
+            _without_poses(recording) if turns else recording,
+            _transformed(wrench_samples(recording), matrix, p, factor),
+            **meta,
+        )
         for recording in recordings
     ]
     parameters = {"rotation": matrix.tolist(), "translation_m": p.tolist(), "reverse": reverse or None}
     return results, StepReport("transform", {**meta, **parameters}, {"recordings": len(results)})
+
+
+def _without_poses(recording: Recording) -> Recording:
+    """Leave out where gravity points by the metadata: they say it in the frame that the recording is no longer in."""
+    names = {name for way in POSES for name in way}
+    return replace(recording, meta={name: v for name, v in thaw(recording.meta).items() if name not in names})
 
 
 def _refuse_unclear(recordings: Sequence[Recording], name: str, new: str) -> None:

@@ -291,7 +291,8 @@ class Choice:
     machines : tuple of Candidate
         All candidate models that were tried.
     chosen : tuple of int
-        Which of them make up the model; those within one standard error of the best.
+        Which of them make up the model; those within one standard error of the best, with the fewest optional blocks
+        where a gain of them would show.
     accuracies : ndarray, shape (J, n_candidates)
         Of each on each fold; J is 0 where there were no folds.
     joint : ndarray, shape (J,)
@@ -337,8 +338,9 @@ class Choice:
         if len(self.accuracies):
             means, spreads = self.accuracies.mean(axis=0), self.accuracies.std(axis=0)
             notes.append(
-                "> chosen: what is within one standard error of the best, or one recording; the mean of their "
-                f"scores reaches {percent(self.accuracy)} on the same folds"
+                "> chosen: what is within one standard error of the best, or one recording, without optional blocks "
+                "where these gain nothing that shows; the mean of their scores reaches "
+                f"{percent(self.accuracy)} on the same folds"
             )
         rows = tuple(
             (
@@ -512,14 +514,13 @@ def choose(accuracies: FloatArray, n_rows: int) -> tuple[int, ...]:
     recordings choose, chance does, and a mean of equals is steadier than any one of them.
     """
     means = accuracies.mean(axis=0)
-    slack = max(1.0 / n_rows, standard_error(accuracies, n_rows))
-    return tuple(np.flatnonzero(means >= means.max() - slack - 1e-12).tolist())
+    return tuple(np.flatnonzero(means >= means.max() - standard_error(accuracies, n_rows) - 1e-12).tolist())
 
 
 def standard_error(accuracies: FloatArray, n_rows: int) -> float:
-    """Return that of the best candidate, by the different recordings held out."""
+    """Return that of the best candidate, by the different recordings held out; one recording at least."""
     best = float(accuracies.mean(axis=0).max())
-    return float(np.sqrt(best * (1.0 - best) / n_rows))
+    return max(1.0 / n_rows, float(np.sqrt(best * (1.0 - best) / n_rows)))
 
 
 def without_optional(candidates: Sequence[Candidate], chosen: tuple[int, ...]) -> tuple[int, ...]:

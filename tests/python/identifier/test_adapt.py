@@ -198,8 +198,8 @@ def test_the_file_holds_the_history(rig_model, elsewhere, tmp_path):
     assert second.n_judged == 15
     assert 0 <= second.accuracy_after <= 1
     assert "balanced accuracy on the 15 with a label that the model knows: " in str(second)
-    assert "each named by a model without it" not in str(second)  # all have adapted it before
-    assert "each named by a model without it" in str(rig_model.recalibrate(few).adaptations[-1])
+    assert "each named by a recalibration without it" not in str(second)  # all have adapted it before
+    assert "each named by a recalibration without it" in str(rig_model.recalibrate(few).adaptations[-1])
 
 
 def test_the_accuracy_after_labels_is_of_models_without_the_recordings_they_name(rig_model, elsewhere):

@@ -11,7 +11,7 @@ from contextlib import closing
 
 import pytest
 
-from granular_id.live import Capture, MotionTrigger, SimSource, opened, priority
+from granular_id.live import Capture, MotionTrigger, SimSource, drive as drive_module, opened, priority
 from granular_id.live.drive import drive, limits_matter
 from granular_id.live.setup import setup_of
 from granular_id.testing import FakeNetft
@@ -48,7 +48,7 @@ def refused(monkeypatch):
 def test_threads_get_real_time_priority_and_lose_it_again(asked):
     me = threading.get_native_id()
     with priority.at_once([me + 1]):
-        assert asked == [(me, os.SCHED_FIFO, 1), (me + 1, os.SCHED_FIFO, 1)]
+        assert asked == [(me, os.SCHED_FIFO, 2), (me + 1, os.SCHED_FIFO, 1)]
     assert asked[2:] == [(me, os.SCHED_OTHER, 0), (me + 1, os.SCHED_OTHER, 0)]
 
 
@@ -57,7 +57,7 @@ def test_a_thread_that_is_named_twice_loses_it_again(asked):
     me = threading.get_native_id()
     with priority.at_once([me]):
         pass
-    assert asked == [(me, os.SCHED_FIFO, 1), (me, os.SCHED_OTHER, 0)]
+    assert asked == [(me, os.SCHED_FIFO, 2), (me, os.SCHED_OTHER, 0)]
 
 
 @linux
@@ -131,6 +131,22 @@ def test_the_thread_of_a_source_in_python_is_its_reading_thread():
     with opened(SimSource("rice", speed=20)) as stream:
         (found,) = priority.reading_threads(stream.source)
         assert found in {thread.native_id for thread in threading.enumerate()} - {threading.get_native_id()}
+
+
+def test_a_view_that_is_stuck_holds_a_robot_up_for_a_second_only(monkeypatch):
+    monkeypatch.setattr(drive_module, "_LONGEST_WAIT_S", 0.05)
+    bench = Bench()
+    bench.write(20)
+    capture = Capture(RATE_HZ, n_samples=40, pre_s=0.04, trigger=MotionTrigger(), info=INFO)
+    robot, begun_s = Arm(bench), time.monotonic()
+    steps = drive(
+        bench, capture, robot=robot, reader=bench.buffer.reader(from_oldest=True), may_move=lambda: False
+    )
+    with closing(steps):
+        while not robot.told and time.monotonic() < begun_s + 30:
+            next(steps)
+        assert robot.told == ["move"]
+        assert time.monotonic() > begun_s + 0.05
 
 
 def test_a_robot_waits_until_it_may_move():

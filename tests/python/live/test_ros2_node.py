@@ -427,6 +427,7 @@ def test_a_frame_that_moves_against_that_of_the_model_ends_it(moved, ros, model)
             (),
             "it comes at 125 Hz by its stamps, the model is for 500 Hz",
         ),
+        ({"script": rest(), "rate_hz": 505.0}, (), "it comes at 505 Hz by its stamps"),
         ({"script": rest(), "rate_hz": 0}, (), "the stamps of its headers stand still"),
         (
             {"script": rest(), "frame_ids": chain(repeat("tool0", 300), repeat("b"))},
@@ -449,6 +450,7 @@ def test_a_frame_that_moves_against_that_of_the_model_ends_it(moved, ros, model)
         "type",
         "qos",
         "rate",
+        "rate, a little off",
         "stamps",
         "publishers",
         "tf",

@@ -375,3 +375,12 @@ def test_what_is_no_payload_is_refused():
 def test_it_prints_what_is_known(payload):
     assert "95 % intervals" in str(payload)
     assert str(TRUE) == "0.306 kg at (2.0, -3.0, 50.0) mm"
+
+
+def test_where_gravity_points_is_no_longer_known_of_turned_recordings():
+    rests = simulate_rests(replace(TRUE, frame="wrist"), DOWN)
+    turned = rests.transform(Rotation.from_euler("z", 90, degrees=True), frame="flange")
+    renamed = rests.transform(frame="flange")
+    Payload.identify(renamed)
+    with pytest.raises(ValueError, match="gravity must be given, as the metadata of"):
+        Payload.identify(turned)

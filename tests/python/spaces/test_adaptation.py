@@ -180,6 +180,15 @@ def test_fitted_anew_it_knows_nothing_of_an_earlier_training(fitted, rows, new):
     assert again.adapt(*rows, new[0], all_materials=True)
 
 
+@pytest.mark.parametrize("n", [8, 120])
+def test_a_block_that_was_left_out_stays_out(rows, new, n):
+    clf = BestClassifier(blocks=BLOCKS, shrinkages=[None], relative_costs=[1.0]).fit(*rows)
+    clf.coef_[:, :4] = 0.0
+    made = clf.recalibrate(*rows, *(part[:n] for part in new), allow_missing=True)
+    assert not made.coef_[:, :4].any()
+    assert (made.coef_[:, 4:] != clf.coef_[:, 4:]).any()
+
+
 def test_a_constant_column_changes_nothing(rows, new):
     with_constant = [(np.hstack([X, np.full((len(X), 1), 3.0)]), y) for X, y in (rows, new)]
     own = BestClassifier(blocks={**BLOCKS, "still": 1}, shrinkages=[None], relative_costs=[1.0])

@@ -118,6 +118,10 @@ def test_an_optional_block_that_gains_nothing_is_left_out_where_a_gain_would_sho
         assert {choice.machines[k].left_out for k in choice.chosen} == names
 
 
+def test_without_a_mistake_the_standard_error_is_one_recording():
+    assert best.standard_error(np.ones((2, 1)), 12) == 1 / 12
+
+
 def test_a_block_that_is_the_session_is_left_out_only_where_sessions_are_held_out():
     X, y, sessions = drifting(600)
     clf = BestClassifier(blocks=BLOCKS, optional_blocks=["level"], shrinkages=[None], relative_costs=[1.0])

@@ -74,8 +74,8 @@ def read_lerobot(source: FileSource, options: LoadOptions) -> FileContent:
     info = _read_info(source, options)
     feature = _Feature.of(info, source, options)
     listed = _Listed.of(source, options)
-    n_stated = info.get("total_episodes", len(listed.lengths))
-    if n_stated != len(listed.lengths):
+    n_stated = info.get("total_episodes")
+    if n_stated is not None and n_stated != len(listed.lengths):
         problem = f"states total_episodes {n_stated!r:.40}, and {EPISODES} lists {len(listed.lengths)}"
         raise RecordingFileError(source.path / INFO, f"{problem}; {_WHOLE}")
     known = listed.own is not None and feature.name == FEATURE
