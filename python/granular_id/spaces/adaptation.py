@@ -347,7 +347,7 @@ class AdaptableClassifier:
             Features of recordings of the new set-up, of whichever classes.
         all_materials : bool, default False
             Declare that `X_new` holds all classes about equally: each column gets mean and spread of the training.
-            Gains more than the shift, and loses where it is not so: with half of the classes 2 points in the mean. By
+            Gains more than the shift, and loses where it is not so: with half of the classes 2 to 18 points. By
             default only a common offset of the scores is taken away, which costs nothing in the mean with any shares
             of three classes or more.
         rounds : int, optional
