@@ -421,7 +421,7 @@ def _poses_in(path: Path) -> dict[str, Mapping[str, Any]]:
         raise ValueError(f"--gravity {path}: no CSV file: {error}") from None
     from granular_id.recording import POSES
 
-    if "name" not in columns or not any({*names} <= {*columns} for names in POSES[1:]):
+    if "name" not in columns or not any({*names} <= {*columns} for names in POSES):
         came = ", ".join(columns) or "nothing"
         raise ValueError(f"--gravity {path} must be {GRAVITY_WANTED}, got the columns {came:.200}")
     names = [row["name"] for row in rows]

@@ -255,7 +255,11 @@ def adapted_model(
         )
     entry = _entry(
         core,
-        *(learners, made, rows, data, differences),
+        learners,
+        made,
+        rows,
+        data,
+        differences,
         method=STANDARDISED if all_materials else SHIFT,
         rounds=rounds,
         marks=stored_marks(data).get(MARKS, ""),
@@ -294,7 +298,11 @@ def recalibrated_model(
     counts = np.bincount(codes, minlength=len(core.classes)).tolist()
     entry = _entry(
         core,
-        *(learners, made, rows, data, differences),
+        learners,
+        made,
+        rows,
+        data,
+        differences,
         method=LABELLED,
         accuracy_after=after,
         materials={label: n for label, n in zip(core.classes, counts, strict=True) if n},
@@ -482,14 +490,13 @@ def _warn_of(entry: Adaptation, core: _core.Model, data: Dataset, *, all_materia
     doubts = []
     labels = {one.label for one in data}
     missing = [label for label in core.classes if label not in labels]
-    if None in labels:  # which may be any
-        pass
-    elif all_materials and missing:
+    all_known = None not in labels  # one without a label may be of any material
+    if all_known and all_materials and missing:
         doubts.append(
             f"all_materials=True states that all materials are there, and by the labels {', '.join(missing)} "
             f"{verb(len(missing), 'is', 'are')} missing: leave it out, or record them"
         )
-    elif len(labels) == 1:
+    elif all_known and len(labels) == 1:
         doubts.append(
             f"all recordings are of one material, {data[0].label}: the set-up cannot be told from it, and the new "
             "model may name other materials less well; record several"

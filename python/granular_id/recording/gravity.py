@@ -81,7 +81,7 @@ def gravity_of(rest: Recording | ArrayLike) -> FloatArray:
 
 def gravity_in(entry: Mapping[str, Any], where: str) -> FloatArray | None:
     """Return where gravity points by a line of a table or metadata, `where`; None where they do not say it."""
-    stated = next((names for names in POSES[1:] if all(entry.get(name) is not None for name in names)), ())
+    stated = next((names for names in POSES if all(entry.get(name) is not None for name in names)), ())
     came = [entry[name] for name in stated] if stated else entry.get("gravity")
     if came is None:
         return None

@@ -36,8 +36,8 @@ Of ten rests of a Bota Rokubi, zeros from 0.1, 0.25, 0.5, 1, 2 and 4 s differ fr
 0.6, 0.5, 0.4, 0.4 and 0.4 standard deviations of a sample: the longer the better, until the zero has wandered as far.
 """
 
-POSES = (("gravity",), ("gx", "gy", "gz"), ("qx", "qy", "qz", "qw"))
-"""Names under which metadata state where gravity points, in the frame of the wrench."""
+POSES = (("gx", "gy", "gz"), ("qx", "qy", "qz", "qw"))
+"""Names under which metadata and tables state a direction of gravity, or the orientation of a sensor."""
 
 _WRENCH = (
     "an array of shape (..., 6): fx fy fz (N) tx ty tz (N m); of recordings call this method of their Dataset"
@@ -240,7 +240,7 @@ def transform_recordings(
 
 def _without_poses(recording: Recording) -> Recording:
     """Leave out where gravity points by the metadata: they say it in the frame that the recording is no longer in."""
-    names = {name for way in POSES for name in way}
+    names = {"gravity", *(name for way in POSES for name in way)}
     return replace(recording, meta={name: v for name, v in thaw(recording.meta).items() if name not in names})
 
 

@@ -143,7 +143,7 @@ def balanced_shift(
     offset = np.zeros(scores.shape[1])
     still = (_STILL_ROWS_A_CLASS + caution) * n_classes
     for _ in range(_STEPS):
-        rows, codes = _surest(learners.losses(scores - offset), n_classes, _KEPT)
+        rows, codes = _surest(learners.losses(scores - offset), n_classes)
         present, counts = np.unique(codes, return_counts=True)
         weights = np.minimum(counts, _MOST_ROWS).astype(np.float64)
         total = weights.sum()
@@ -286,14 +286,14 @@ def _answers(losses: FloatArray) -> tuple[IntArray, FloatArray]:
     return losses.argmin(axis=1), least[:, 1] - least[:, 0]
 
 
-def _surest(losses: FloatArray, n_classes: int, share: float) -> tuple[IntArray, IntArray]:
+def _surest(losses: FloatArray, n_classes: int) -> tuple[IntArray, IntArray]:
     """Return the rows of largest margin, a share of those named for each class and one at least, and their classes."""
     named, margins = _answers(losses)
     kept = []
     for k in range(n_classes):
         rows = np.flatnonzero(named == k)
         order = np.argsort(-margins[rows], kind="stable")
-        kept.append(rows[order[: max(1, int(share * rows.size))]])
+        kept.append(rows[order[: max(1, int(_KEPT * rows.size))]])
     rows = np.concatenate(kept)
     return rows, named[rows]
 
