@@ -6,7 +6,7 @@ use std::hint::black_box;
 
 use criterion::{criterion_group, criterion_main, Criterion};
 use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
-use granular_id::{BatchShape, Path};
+use granular_id::{BatchShape, SimdPath};
 
 const N_SAMPLES: usize = 1600;
 const N_AXES: usize = 6;
@@ -35,19 +35,19 @@ fn noise(len: usize) -> Vec<f64> {
 fn one_recording(c: &mut Criterion) {
     let mut group = c.benchmark_group("multiband");
     let rows = noise(N_SAMPLES * N_AXES);
-    let mut measure = |name: String, spec: MultiBandSpec, path: Path| {
+    let mut measure = |name: String, spec: MultiBandSpec, path: SimdPath| {
         let design = design(spec);
         let (mut work, mut out) = (design.workspace().expect("memory"), vec![0.0; design.n_features()]);
         group.bench_function(name, |b| {
             b.iter(|| design.extract_on(path, black_box(&rows), &mut work, &mut out).expect("finite"));
         });
     };
-    for path in Path::available() {
+    for path in SimdPath::available() {
         measure(format!("whole/{}", path.name()), MultiBandSpec::default(), path);
     }
     // The level costs next to nothing: its time is that of the filter bank, which every block needs.
     for (name, block) in Block::NAMED {
-        measure(format!("bank and {name}"), only(&[block]), Path::detect().expect("a vector unit"));
+        measure(format!("bank and {name}"), only(&[block]), SimdPath::detect().expect("a vector unit"));
     }
     group.finish();
 }

@@ -7,7 +7,7 @@
 use std::hint::black_box;
 
 use criterion::{criterion_group, criterion_main, BenchmarkId, Criterion, Throughput};
-use granular_id::{butterworth, Band, BatchShape, Extractor, FeatureSpec, Path, SosState};
+use granular_id::{butterworth, Band, BatchShape, Extractor, FeatureSpec, SimdPath, SosState};
 
 const N_SAMPLES: usize = 1600;
 
@@ -82,7 +82,7 @@ fn kernel(criterion: &mut Criterion) {
         }
         let mut out = vec![0.0; shape.n_recordings * n_axes * 100];
         group.throughput(Throughput::Elements(wrench.len() as u64));
-        for path in Path::available() {
+        for path in SimdPath::available() {
             let id =
                 BenchmarkId::new(format!("order {order}, {n_axes} axes, {n_silent} silent"), path.name());
             group.bench_function(id, |bencher| {
@@ -109,7 +109,7 @@ fn extraction(criterion: &mut Criterion) {
         let Ok(extractor) = Extractor::new(spec) else { continue };
         let Ok(n_features) = extractor.n_features(N_SAMPLES, 6) else { continue };
         let mut out = vec![0.0; n_recordings * n_features];
-        for path in Path::available() {
+        for path in SimdPath::available() {
             for threads in [1, 2] {
                 let id = BenchmarkId::new(format!("{name} {}", path.name()), format!("{threads} threads"));
                 group.bench_function(id, |bencher| {

@@ -16,8 +16,8 @@ pub fn brief(value: f64) -> String {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A filter order outside 1 to [`MAX_ORDER`](crate::butterworth::MAX_ORDER).
-    #[error("order must be from 1 to {}, got {order}", crate::butterworth::MAX_ORDER)]
+    /// A filter order outside 1 to [`MAX_ORDER`](crate::dsp::MAX_ORDER).
+    #[error("order must be from 1 to {}, got {order}", crate::dsp::MAX_ORDER)]
     Order {
         /// The order asked for.
         order: usize,

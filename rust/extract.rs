@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
-use crate::crew::{team_size, Teams};
+use crate::batch_kernel::{team_size, Teams};
 use crate::error::{Error, Result};
 use crate::features::{BatchShape, Extractor};
-use crate::lanes::{Path, Real};
+use crate::kernel::{Real, SimdPath};
 use crate::pool;
 
 /// Recordings per task at most: about 5 MB in and out, small enough to balance, large enough to stay cheap.
@@ -27,13 +27,13 @@ impl Extractor {
         threads: usize,
         out: &mut [f64],
     ) -> Result<()> {
-        self.extract_on(Path::detect()?, wrench, shape, threads, out)
+        self.extract_on(SimdPath::detect()?, wrench, shape, threads, out)
     }
 
     /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
     pub fn extract_on(
         &self,
-        path: Path,
+        path: SimdPath,
         wrench: &[f64],
         shape: BatchShape,
         threads: usize,
@@ -55,7 +55,7 @@ impl Extractor {
         out: &mut [f32],
     ) -> Result<()> {
         let n_features = self.check(wrench, shape)?;
-        let path = Path::detect()?;
+        let path = SimdPath::detect()?;
         in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
             self.run_on(path, wrench, shape, out, false)?;
             // without a branch, which the compiler turns into a few vector instructions
@@ -77,7 +77,7 @@ impl Extractor {
     /// One task. Past the caches, where asked.
     fn run_on<T: Real>(
         &self,
-        path: Path,
+        path: SimdPath,
         wrench: &[f64],
         shape: BatchShape,
         out: &mut [T],

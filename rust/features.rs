@@ -1,11 +1,11 @@
 //! From recordings to feature vectors: what to compute ([`FeatureSpec`]) and the tool that does
 //! ([`Extractor`]).
 
-use crate::butterworth::{butterworth, Band};
+use crate::dsp::Sos;
+use crate::dsp::{butterworth, Band};
+use crate::dsp::{Outside, UniformBins, MAX_BINS};
 use crate::error::{Error, Result};
-use crate::histogram::{Outside, UniformBins, MAX_BINS};
 use crate::memory::{filled, reserved, room};
-use crate::sos::Sos;
 use crate::wrench::axis_name;
 
 /// The largest number of samples of a recording: counts are 32 bits wide.

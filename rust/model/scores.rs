@@ -4,7 +4,7 @@ use super::trained::Model;
 use super::weights::AddTeam;
 use crate::error::{Error, Result};
 use crate::extract::in_tasks;
-use crate::lanes::Path;
+use crate::kernel::SimdPath;
 use crate::memory::{filled, room};
 use crate::BatchShape;
 
@@ -91,7 +91,7 @@ impl Model {
     ) -> Result<()> {
         let shape = self.batch(n_recordings);
         self.extraction.check(wrench, shape)?;
-        let path = Path::detect()?;
+        let path = SimdPath::detect()?;
         in_tasks(wrench, shape, self.n_learners(), threads, out, |wrench, shape, out| {
             let features = self.extraction.extract(wrench, shape)?;
             let n_features = features.len() / shape.n_recordings;
@@ -116,7 +116,7 @@ impl Model {
     }
 
     /// Scores of a few recordings, each row of weights read once.
-    fn team(&self, path: Path, wrench: &[f64], features: &[f64], sums: &mut [f64], out: &mut [f64]) {
+    fn team(&self, path: SimdPath, wrench: &[f64], features: &[f64], sums: &mut [f64], out: &mut [f64]) {
         let lanes = self.lanes();
         let (raw_rows, other_rows) = self.weights.blocks();
         let (raw, hist) = sums.split_at_mut(TEAM * lanes);

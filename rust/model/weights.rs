@@ -1,6 +1,6 @@
 //! Weights of the learners, laid out in the order in which they are used.
 
-use crate::lanes::{Isa, Job, LANES};
+use crate::kernel::{Isa, Job, LANES};
 use crate::memory::filled;
 use crate::Error;
 

@@ -1,6 +1,6 @@
 //! Which octaves there are, and at what rate each is sampled.
 
-use crate::butterworth::{butterworth, Band};
+use crate::dsp::{butterworth, Band};
 use crate::error::Result;
 
 /// Where the highest octave ends, as a share of the Nyquist frequency.

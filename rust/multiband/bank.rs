@@ -8,7 +8,7 @@ use super::octave::{Coefficients, Rows, ROWS};
 use super::pyramid::{Pyramid, Target};
 use super::quad::{first, spread, Quad, QUAD};
 use crate::error::{Error, Result};
-use crate::lanes::Isa;
+use crate::kernel::Isa;
 
 /// Signals begin at whole cache lines: this many float64.
 const LINE: usize = 8;

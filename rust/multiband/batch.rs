@@ -5,7 +5,7 @@ use super::workspace::Workspace;
 use crate::error::{Error, Result};
 use crate::extract::in_tasks;
 use crate::features::BatchShape;
-use crate::lanes::Path;
+use crate::kernel::SimdPath;
 
 impl MultiBand {
     /// Features of a batch, one row per recording. 1 and n threads give the same bits; threads beyond the number of cores
@@ -27,13 +27,13 @@ impl MultiBand {
         threads: usize,
         out: &mut [f64],
     ) -> Result<()> {
-        self.extract_batch_on(Path::detect()?, wrench, shape, threads, out)
+        self.extract_batch_on(SimdPath::detect()?, wrench, shape, threads, out)
     }
 
     /// [`extract_batch`](Self::extract_batch) on a path of choice, for tests and benchmarks.
     pub fn extract_batch_on(
         &self,
-        path: Path,
+        path: SimdPath,
         wrench: &[f64],
         shape: BatchShape,
         threads: usize,

@@ -1,6 +1,6 @@
 //! Complex numbers side by side, and Fourier transforms of a few of them.
 
-use crate::lanes::Quad;
+use crate::kernel::Quad;
 
 /// Complex numbers side by side.
 #[derive(Clone, Copy)]

@@ -7,7 +7,7 @@
 use super::band_signals::BandSignals;
 use super::moments::{Moments, LAG};
 use super::symmetric::{Logarithms, MATRICES};
-use crate::lanes::{Isa, Job, Path, Quad};
+use crate::kernel::{Isa, Job, Quad, SimdPath};
 
 /// Added to the second moments of scaled signals: what is a thousandth of the usual energy counts as noise.
 pub(super) const RIDGE: f64 = 1e-3;
@@ -86,7 +86,7 @@ impl Coupling {
     /// features is that of the matrix. Allocates nothing.
     pub(super) fn compute(
         &self,
-        path: Path,
+        path: SimdPath,
         signals: BandSignals<'_>,
         work: &mut CouplingWork,
         out: &mut [f64],
@@ -140,7 +140,7 @@ mod tests {
     use super::super::signals::{same_on_every_path, Signals};
     use super::*;
 
-    fn compute(path: Path, signals: &Signals) -> Vec<f64> {
+    fn compute(path: SimdPath, signals: &Signals) -> Vec<f64> {
         let design = Coupling::new(&signals.lengths(), signals.n_axes());
         let mut out = vec![0.0; design.n_features()];
         design.compute(path, signals.view(), &mut design.work(), &mut out);
@@ -163,7 +163,7 @@ mod tests {
     fn silence_is_the_ridge() {
         let signals = Signals::from(vec![vec![vec![0.0; 30]; 1]]);
         let log = libm::log(RIDGE);
-        assert_eq!(compute(Path::Baseline, &signals), [log, 0.0, log]);
+        assert_eq!(compute(SimdPath::Baseline, &signals), [log, 0.0, log]);
     }
 
     #[test]
@@ -171,23 +171,23 @@ mod tests {
         let design = Coupling::new(&[100], 1);
         let signals = Signals::from(vec![vec![vec![5.0; 2]; 1]]);
         let mut out = [0.0; 3];
-        design.compute(Path::Baseline, signals.view(), &mut design.work(), &mut out);
+        design.compute(SimdPath::Baseline, signals.view(), &mut design.work(), &mut out);
         assert_eq!(out, [libm::log(RIDGE), 0.0, libm::log(RIDGE)]);
     }
 
     #[test]
     fn what_overflows_is_not_hidden() {
         let signals = Signals::from(vec![vec![vec![1e200; 30]; 1]]);
-        assert!(compute(Path::Baseline, &signals).iter().all(|x| x.is_nan()));
+        assert!(compute(SimdPath::Baseline, &signals).iter().all(|x| x.is_nan()));
     }
 
     #[test]
     fn more_bands_than_fit_at_a_time() {
         let signals = Signals::new(&[60; 19], 2);
-        let all = compute(Path::detect().unwrap(), &signals);
+        let all = compute(SimdPath::detect().unwrap(), &signals);
         for (band, features) in all.chunks_exact(10).enumerate() {
             let alone = Signals::from(vec![signals.band(band)]);
-            assert_eq!(features, compute(Path::detect().unwrap(), &alone));
+            assert_eq!(features, compute(SimdPath::detect().unwrap(), &alone));
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::band_signals::BandSignals;
-use crate::lanes::{Pack, Quad};
+use crate::kernel::{Pack, Quad};
 
 /// Stretches of time, as equal as whole samples allow.
 pub(super) const STRETCHES: usize = 4;

@@ -3,7 +3,7 @@
 use super::band_signals::BandSignals;
 use super::energies::{stretch, Energies, STRETCHES};
 use super::logarithm::{self, Log};
-use crate::lanes::{Isa, Job, Path};
+use crate::kernel::{Isa, Job, SimdPath};
 
 /// Added to scaled energies before the logarithm.
 const FLOOR: f64 = 1e-6;
@@ -31,7 +31,7 @@ impl Envelope {
     #[allow(clippy::unused_self)] // as the other statistics
     pub(super) fn compute(
         self,
-        path: Path,
+        path: SimdPath,
         signals: BandSignals<'_>,
         energies: &[Energies],
         out: &mut [f64],
@@ -67,7 +67,7 @@ mod tests {
     use super::super::signals::{same_on_every_path, Signals};
     use super::*;
 
-    fn compute(path: Path, signals: &Signals) -> Vec<f64> {
+    fn compute(path: SimdPath, signals: &Signals) -> Vec<f64> {
         let design = Envelope::new(signals.lengths().len(), signals.n_axes());
         let mut out = vec![0.0; design.n_features()];
         design.compute(path, signals.view(), &signals.energies(), &mut out);
@@ -83,13 +83,13 @@ mod tests {
     fn logarithms_of_mean_squares() {
         let signals = Signals::from(vec![vec![vec![1.0, 2.0, 3.0, 4.0, 0.0]]]);
         let expected = [1.0, 4.0, 9.0, 8.0].map(|energy| libm::log(energy + FLOOR));
-        assert_eq!(compute(Path::Baseline, &signals), expected);
+        assert_eq!(compute(SimdPath::Baseline, &signals), expected);
     }
 
     #[test]
     fn a_stretch_without_samples_has_no_energy() {
         let signals = Signals::from(vec![vec![vec![3.0]]]);
         let floor = libm::log(FLOOR);
-        assert_eq!(compute(Path::Baseline, &signals), [floor, floor, floor, libm::log(9.0 + FLOOR)]);
+        assert_eq!(compute(SimdPath::Baseline, &signals), [floor, floor, floor, libm::log(9.0 + FLOOR)]);
     }
 }

@@ -18,7 +18,7 @@ use super::workspace::Workspace;
 use crate::error::{Error, Result};
 use crate::extract::{finite, not_finite};
 use crate::features::{BatchShape, MAX_SAMPLES};
-use crate::lanes::Path;
+use crate::kernel::SimdPath;
 use crate::memory::room;
 
 /// The largest number of features of a recording that is worth computing.
@@ -144,11 +144,17 @@ impl MultiBand {
     /// [`Error::Length`]; [`Error::NonFinite`] and [`Error::TooLoud`] call the recording number 0. On an error `out` holds
     /// unspecified numbers.
     pub fn extract_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
-        self.extract_on(Path::detect()?, rows, work, out)
+        self.extract_on(SimdPath::detect()?, rows, work, out)
     }
 
     /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
-    pub fn extract_on(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
+    pub fn extract_on(
+        &self,
+        path: SimdPath,
+        rows: &[f64],
+        work: &mut Workspace,
+        out: &mut [f64],
+    ) -> Result<()> {
         work.restart();
         let done = self.finish_on(path, rows, work, out);
         work.restart();
@@ -167,13 +173,13 @@ impl MultiBand {
     /// # Errors
     /// [`Error::Length`].
     pub(crate) fn advance(&self, rows: &[f64], work: &mut Workspace, n_new: usize) -> Result<()> {
-        self.advance_on(Path::detect()?, rows, work, n_new)
+        self.advance_on(SimdPath::detect()?, rows, work, n_new)
     }
 
     /// [`advance`](Self::advance) on a path of choice, for tests and benchmarks.
     pub(crate) fn advance_on(
         &self,
-        path: Path,
+        path: SimdPath,
         rows: &[f64],
         work: &mut Workspace,
         n_new: usize,
@@ -189,13 +195,13 @@ impl MultiBand {
     /// # Errors
     /// As [`extract_into`](Self::extract_into).
     pub(crate) fn finish_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
-        self.finish_on(Path::detect()?, rows, work, out)
+        self.finish_on(SimdPath::detect()?, rows, work, out)
     }
 
     /// [`finish_into`](Self::finish_into) on a path of choice, for tests and benchmarks.
     pub(crate) fn finish_on(
         &self,
-        path: Path,
+        path: SimdPath,
         rows: &[f64],
         work: &mut Workspace,
         out: &mut [f64],
@@ -217,7 +223,7 @@ impl MultiBand {
     /// As [`extract_into`](Self::extract_into).
     pub fn rms_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
         work.restart();
-        let split = self.split(Path::detect()?, rows, work);
+        let split = self.split(SimdPath::detect()?, rows, work);
         work.restart();
         split?;
         let expected = self.n_bands() * self.n_axes;
@@ -236,7 +242,7 @@ impl MultiBand {
     }
 
     /// All blocks of the recording that was split last.
-    fn blocks(&self, path: Path, rows: &[f64], work: &mut Workspace, out: &mut [f64]) {
+    fn blocks(&self, path: SimdPath, rows: &[f64], work: &mut Workspace, out: &mut [f64]) {
         let (signals, energies) = (work.bank.signals(self.n_axes), &work.energies);
         let mut rest = out;
         if let Some((block, work)) = self.coupling.as_ref().zip(work.coupling.as_mut()) {
@@ -257,7 +263,7 @@ impl MultiBand {
     }
 
     /// Splits the rest of a recording into bands, once it is known to be one.
-    fn split(&self, path: Path, rows: &[f64], work: &mut Workspace) -> Result<()> {
+    fn split(&self, path: SimdPath, rows: &[f64], work: &mut Workspace) -> Result<()> {
         self.fit(rows, work)?;
         if path.run(Finish { design: self, rows, work }) {
             return Ok(());

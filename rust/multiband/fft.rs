@@ -8,7 +8,7 @@
 
 use super::grid::{Grid, GridWork, Parts, LANES};
 use super::passes::{radices, root};
-use crate::lanes::{Pack, Quad};
+use crate::kernel::{Pack, Quad};
 
 /// A transform of some length, `exp(-2 pi i j k / n)`.
 #[derive(Clone, Debug)]

@@ -4,7 +4,7 @@
 
 use super::butterfly::{Cell, Complex};
 use super::passes::{radices, root, Passes};
-use crate::lanes::Quad;
+use crate::kernel::Quad;
 
 /// Columns, or rows, at a time.
 pub(super) const LANES: usize = 4;

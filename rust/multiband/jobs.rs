@@ -4,7 +4,7 @@ use super::energies::measure;
 use super::extractor::MultiBand;
 use super::limits::means_within;
 use super::workspace::Workspace;
-use crate::lanes::{Isa, Job};
+use crate::kernel::{Isa, Job};
 
 /// Splits the next blocks of rows of the beginning of a recording into octaves, and adds up what the statistics make of them.
 pub(super) struct Advance<'a> {

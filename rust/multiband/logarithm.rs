@@ -1,6 +1,6 @@
 //! Natural logarithms, a few at a time.
 
-use crate::lanes::Pack;
+use crate::kernel::Pack;
 
 const LN2_HIGH: f64 = 0.693_147_180_369_123_8;
 const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;

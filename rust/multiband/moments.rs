@@ -1,7 +1,7 @@
 //! Second moments of the axes of a band, and of the axes with themselves two samples earlier.
 
 use super::band_signals::BandSignals;
-use crate::lanes::{Pack, Quad};
+use crate::kernel::{Pack, Quad};
 
 /// Samples of the earlier of two instants before the later.
 pub(super) const LAG: usize = 2;

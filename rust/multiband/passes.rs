@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 
 use super::butterfly::{Butterfly, Cell, Complex, Eight, Five, Four, Three, Two};
-use crate::lanes::Quad;
+use crate::kernel::Quad;
 
 /// One pass: `blocks` transforms of `radix` values for each of `stride` places.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! Four axes at a time: the lanes of the bank.
 
-use crate::lanes::{Isa, Pack};
+use crate::kernel::{Isa, Pack};
 
 /// Axes per quad. Eight lanes would leave a quarter of the work of six axes without use.
 pub(super) const QUAD: usize = 4;

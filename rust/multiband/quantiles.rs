@@ -5,7 +5,7 @@ use super::energies::{mean_square, Energies};
 use super::log_bins::edges;
 use super::logarithm::{self, Asinh};
 use super::tally::{Histogram, Tally, TURNS};
-use crate::lanes::{Isa, Job, Pack, Path};
+use crate::kernel::{Isa, Job, Pack, SimdPath};
 
 /// Which quantiles.
 pub(super) const PROBABILITIES: [f64; 7] = [0.02, 0.10, 0.25, 0.50, 0.75, 0.90, 0.98];
@@ -96,7 +96,7 @@ impl Quantiles {
     /// Band by band, axis by axis: inverse hyperbolic sines of quantiles, then the logarithm of the RMS. Allocates nothing.
     pub(super) fn compute(
         &self,
-        path: Path,
+        path: SimdPath,
         signals: BandSignals<'_>,
         energies: &[Energies],
         tally: &mut Tally,
@@ -156,7 +156,7 @@ mod tests {
     use super::super::signals::{same_on_every_path, Signals};
     use super::*;
 
-    fn compute(path: Path, signals: &Signals) -> Vec<f64> {
+    fn compute(path: SimdPath, signals: &Signals) -> Vec<f64> {
         let design = Quantiles::new(signals.lengths(), signals.n_axes());
         let mut out = vec![0.0; design.n_features()];
         design.compute(path, signals.view(), &signals.energies(), &mut design.work(), &mut out);
@@ -171,7 +171,7 @@ mod tests {
     #[test]
     fn quantiles_of_one_to_a_thousand() {
         let signals = Signals::from(vec![vec![(1..=1000).map(|x| f64::from(x) / 10.0).collect()]]);
-        let got = compute(Path::detect().unwrap(), &signals);
+        let got = compute(SimdPath::detect().unwrap(), &signals);
         for (got, p) in got.iter().zip(PROBABILITIES) {
             // No better than a bin is wide.
             assert!((got.sinh() / (0.1 + 99.9 * p) - 1.0).abs() < 1.0 / 16.0, "{p}: {}", got.sinh());
@@ -183,7 +183,7 @@ mod tests {
     fn linear_within_a_bin() {
         // All in the bin from 1 to 17/16, ranks 0.56, 0.8, ... of 4.
         let signals = Signals::from(vec![vec![vec![1.0; 4]]]);
-        let got = compute(Path::Baseline, &signals);
+        let got = compute(SimdPath::Baseline, &signals);
         for (got, p) in got.iter().zip(PROBABILITIES) {
             assert!((got - (1.0 + (p * 3.0 + 0.5) / 64.0).asinh()).abs() < 1e-15);
         }
@@ -191,9 +191,9 @@ mod tests {
 
     #[test]
     fn silence_and_overflow() {
-        let silence = compute(Path::detect().unwrap(), &Signals::from(vec![vec![vec![0.0; 50]]]));
+        let silence = compute(SimdPath::detect().unwrap(), &Signals::from(vec![vec![vec![0.0; 50]]]));
         assert!(silence[3].abs() < 1e-2 && silence[7] == libm::log(FLOOR));
-        let overflow = compute(Path::detect().unwrap(), &Signals::from(vec![vec![vec![1e200; 50]]]));
+        let overflow = compute(SimdPath::detect().unwrap(), &Signals::from(vec![vec![vec![1e200; 50]]]));
         assert_eq!(overflow[7], f64::INFINITY);
     }
 }

@@ -1,7 +1,7 @@
 //! Householder reflections: from symmetric matrices to tridiagonal ones, a few side by side.
 
 use super::symmetric::Numbers;
-use crate::lanes::Pack;
+use crate::kernel::Pack;
 
 /// Below this a sum of squares counts as zero, for matrices with a trace of about one: far below rounding, and far from
 /// where a reciprocal overflows.

@@ -1,7 +1,7 @@
 //! QL iterations: from tridiagonal matrices to their eigenvalues and eigenvectors, a few side by side.
 
 use super::symmetric::{Numbers, MATRICES};
-use crate::lanes::{Mask, Pack, Quad};
+use crate::kernel::{Mask, Pack, Quad};
 
 /// QL iterations for one eigenvalue at most; two or three do.
 const MAX_ITERATIONS: usize = 60;

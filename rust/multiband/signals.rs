@@ -2,13 +2,13 @@
 
 use super::band_signals::{BandSignals, Place};
 use super::energies::{measure, Energies, STRETCHES};
-use crate::lanes::{Pack, Path};
+use crate::kernel::{Pack, SimdPath};
 
 /// Asserts that features of restless signals, of many lengths and more axes than fit into a vector, are finite and have the
 /// same bits on every path.
-pub(super) fn same_on_every_path(compute: impl Fn(Path, &Signals) -> Vec<f64>) {
+pub(super) fn same_on_every_path(compute: impl Fn(SimdPath, &Signals) -> Vec<f64>) {
     let signals = Signals::new(&[1000, 1000, 500, 61, 9, 1], 7);
-    let all: Vec<_> = Path::available().into_iter().map(|path| compute(path, &signals)).collect();
+    let all: Vec<_> = SimdPath::available().into_iter().map(|path| compute(path, &signals)).collect();
     assert!(all[0].iter().all(|x| x.is_finite()));
     assert!(all.windows(2).all(|pair| pair[0] == pair[1]));
 }

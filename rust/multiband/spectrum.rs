@@ -7,7 +7,7 @@ use super::band_signals::BandSignals;
 use super::fft::Fft;
 use super::grid::{GridWork, Parts, LANES};
 use super::logarithm::{self, Log};
-use crate::lanes::{Isa, Job, Path, Quad};
+use crate::kernel::{Isa, Job, Quad, SimdPath};
 
 /// Pooled bins at most.
 const BINS: usize = 40;
@@ -100,7 +100,7 @@ impl Spectrum {
     /// is followed by zeros. Allocates nothing.
     pub(super) fn compute(
         &self,
-        path: Path,
+        path: SimdPath,
         signals: BandSignals<'_>,
         work: &mut SpectrumWork,
         out: &mut [f64],
@@ -206,7 +206,7 @@ mod tests {
     use super::super::signals::{same_on_every_path, Signals};
     use super::*;
 
-    fn compute(path: Path, signals: &Signals) -> Vec<f64> {
+    fn compute(path: SimdPath, signals: &Signals) -> Vec<f64> {
         let design = Spectrum::new(signals.lengths()[0], signals.n_axes());
         let mut out = vec![0.0; design.n_features()];
         design.compute(path, signals.view(), &mut design.work(), &mut out);
@@ -235,7 +235,7 @@ mod tests {
         let sine = |t: usize| (2.0 * PI * 100.0 * t as f64 / 1600.0).sin();
         let signals =
             Signals::from(vec![vec![(0..1600).map(sine).collect(), vec![0.0; 1600], vec![1e-3; 1600]]]);
-        let got = compute(Path::detect().unwrap(), &signals);
+        let got = compute(SimdPath::detect().unwrap(), &signals);
         let edges = edges(1600);
         let bin = edges.iter().rposition(|edge| *edge <= 100).unwrap();
         let (first, others) = got.split_at(edges.len() - 1);
@@ -251,9 +251,9 @@ mod tests {
         let signals = Signals::new(&[77], 1);
         let (mut short, mut long) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
         let mut work = design.work();
-        design.compute(Path::detect().unwrap(), signals.view(), &mut work, &mut short);
-        design.compute(Path::detect().unwrap(), Signals::new(&[200], 1).view(), &mut work, &mut long);
+        design.compute(SimdPath::detect().unwrap(), signals.view(), &mut work, &mut short);
+        design.compute(SimdPath::detect().unwrap(), Signals::new(&[200], 1).view(), &mut work, &mut long);
         assert!(short.iter().all(|x| x.is_finite()));
-        assert_eq!(long, compute(Path::detect().unwrap(), &Signals::new(&[200], 1)));
+        assert_eq!(long, compute(SimdPath::detect().unwrap(), &Signals::new(&[200], 1)));
     }
 }

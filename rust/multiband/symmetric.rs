@@ -8,7 +8,7 @@
 use super::logarithm;
 use super::reflections::{product, tridiagonal};
 use super::rotations::diagonalise;
-use crate::lanes::{Pack, Quad};
+use crate::kernel::{Pack, Quad};
 
 /// Matrices at a time: eight bands of a recording of 1600 samples have one.
 pub(super) const MATRICES: usize = 8;

@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use super::extractor::{DESIGN_BYTES, WORK_BYTES};
 use super::{n_bands, MultiBand, MultiBandSpec, Scales};
-use crate::{BatchShape, Error, Path};
+use crate::{BatchShape, Error, SimdPath};
 
 const ALL: MultiBandSpec = MultiBandSpec {
     rate_hz: 500.0,
@@ -41,8 +41,8 @@ fn all_paths_threads_and_workspaces_give_the_same_bits() {
         let shape = BatchShape { n_recordings: 9, n_samples, n_axes };
         let wrench = noise(9 * n_samples * n_axes, 3);
         let mut expected = vec![0.0; 9 * design.n_features()];
-        design.extract_batch_on(Path::Baseline, &wrench, shape, 1, &mut expected).unwrap();
-        for path in Path::available() {
+        design.extract_batch_on(SimdPath::Baseline, &wrench, shape, 1, &mut expected).unwrap();
+        for path in SimdPath::available() {
             for threads in [1, 2] {
                 let mut out = vec![f64::NAN; expected.len()];
                 design.extract_batch_on(path, &wrench, shape, threads, &mut out).unwrap();
@@ -83,7 +83,7 @@ fn extraction_allocates_nothing() {
 /// A recording that arrives bit by bit, with features asked for now and then, on all paths in turn, in the memory of another.
 #[test]
 fn a_recording_that_arrives_has_the_same_bits() {
-    let paths = Path::available();
+    let paths = SimdPath::available();
     for (n_samples, n_axes) in [(6, 2), (63, 3), (64, 1), (85, 6), (700, 5), (1600, 6), (1665, 13), (2800, 4)]
     {
         let design = design(n_samples, n_axes);

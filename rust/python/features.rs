@@ -12,7 +12,7 @@ use super::pool::threads_for;
 use super::scalars::{count, shown};
 use super::spec::PyFeatureSpec;
 use crate::convert::OrRaise;
-use granular_id::histogram::MAX_BINS;
+use granular_id::dsp::MAX_BINS;
 use granular_id::{BatchShape, Extractor};
 
 /// More axes than this are most likely samples.

@@ -58,7 +58,7 @@ mod _core {
         module.add("RDT_PORT", granular_id::rdt::PORT)?;
         let limits = (granular_id::rdt::COUNTS_PER_NEWTON, granular_id::rdt::COUNTS_PER_NEWTON_METRE);
         module.add("RDT_SCALE_LIMITS", limits)?;
-        module.add("SIMD", granular_id::Path::detect().or_raise()?.name())?;
+        module.add("SIMD", granular_id::SimdPath::detect().or_raise()?.name())?;
         // Found out here: a process that is forked while another thread is finding out would wait for it for ever.
         granular_id::bindings::cores();
         let _ = granular_id::buffer::host_ns();

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use super::arrays::{axis_index, owned_real, tuple};
 use super::pool::work_on;
 use crate::convert::OrRaise;
-use granular_id::sosfilt::default_padlen;
+use granular_id::dsp::default_padlen;
 use granular_id::{AlongAxis, Band, Padding, Result, Sos};
 
 /// A float64 array of any rank.
@@ -33,7 +33,7 @@ pub(super) fn butter<'py>(
         }
     };
     let sos = granular_id::butterworth(order, band, rate_hz).or_raise()?;
-    let rows: Vec<f64> = sos.sections().iter().flat_map(granular_id::sos::Section::row).collect();
+    let rows: Vec<f64> = sos.sections().iter().flat_map(granular_id::dsp::Section::row).collect();
     PyArray::from_vec(py, rows).reshape([sos.sections().len(), 6])
 }
 

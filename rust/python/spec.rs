@@ -10,9 +10,9 @@ use pyo3::types::{PyDict, PyTuple};
 use super::arrays::{owned_real, tuple};
 use super::scalars::{count, flag, number, word};
 use crate::convert::OrRaise;
-use granular_id::butterworth::MAX_ORDER;
+use granular_id::dsp::MAX_ORDER;
+use granular_id::dsp::{Outside, MAX_BINS};
 use granular_id::features::Initial;
-use granular_id::histogram::{Outside, MAX_BINS};
 use granular_id::{Extractor, FeatureSpec};
 
 /// What to extract from a recording, as one checked, immutable, hashable value.

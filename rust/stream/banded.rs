@@ -3,7 +3,7 @@
 use super::window::Window;
 use super::windows::Windows;
 use crate::error::Result;
-use crate::lanes::Path;
+use crate::kernel::SimdPath;
 use crate::memory::filled;
 use crate::model::{AddRows, Model};
 use crate::multiband::{MultiBand, Workspace};
@@ -16,7 +16,7 @@ pub(super) struct Banded {
     work: Workspace,
     features: Vec<f64>,
     sums: Vec<f64>,
-    path: Path,
+    path: SimdPath,
 }
 
 impl Banded {
@@ -26,7 +26,7 @@ impl Banded {
             work: multiband.workspace()?,
             features: filled(0.0, multiband.n_features())?,
             sums: filled(0.0, model.lanes())?,
-            path: Path::detect()?,
+            path: SimdPath::detect()?,
             multiband: multiband.clone(),
         })
     }

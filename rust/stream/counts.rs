@@ -1,8 +1,8 @@
 //! Histograms of the samples of a window, as they come and go.
 
+use crate::dsp::{Outside, UniformBins, MAX_BINS};
 use crate::error::Result;
 use crate::features::Extractor;
-use crate::histogram::{Outside, UniformBins, MAX_BINS};
 use crate::memory::filled;
 
 /// The cell of a value that is not counted.

@@ -3,10 +3,10 @@
 use super::counts::Counts;
 use super::raw::RawSamples;
 use super::windows::Windows;
+use crate::dsp::SosState;
 use crate::error::{Error, Result};
 use crate::features::Extractor;
 use crate::memory::filled;
-use crate::state::SosState;
 
 /// Rows that are filtered before they are counted.
 const CHUNK: usize = 64;

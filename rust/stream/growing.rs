@@ -5,7 +5,7 @@ use super::outlook::{Outlook, SoFar};
 use super::settled::Race;
 use super::windows::Windows;
 use crate::error::Result;
-use crate::lanes::Path;
+use crate::kernel::SimdPath;
 use crate::memory::filled;
 use crate::model::{AddRows, Model};
 use crate::Extractor;
@@ -15,7 +15,7 @@ use crate::Extractor;
 pub(super) struct Growing {
     pub(super) stream: StreamingExtractor,
     outlook: Outlook,
-    path: Path,
+    path: SimdPath,
     /// Sums of the raw block so far.
     raw: Vec<f64>,
     /// Room for a row, histogram features, sums over them, bounds of scores.
@@ -33,7 +33,7 @@ impl Growing {
         Ok(Self {
             stream: StreamingExtractor::new(extractor, windows)?,
             outlook: Outlook::new(model, extractor)?,
-            path: Path::detect()?,
+            path: SimdPath::detect()?,
             raw: filled(0.0, lanes)?,
             row: filled(0.0, model.n_axes())?,
             values: filled(0.0, model.n_features() - model.n_raw())?,

@@ -1,9 +1,9 @@
 //! What samples that have not arrived yet can add to the scores.
 
 use super::counts::Counts;
+use crate::dsp::Outside;
 use crate::error::Result;
-use crate::histogram::Outside;
-use crate::lanes::Path;
+use crate::kernel::SimdPath;
 use crate::memory::filled;
 use crate::model::{AddRows, Model};
 use crate::Extractor;
@@ -68,7 +68,7 @@ impl Outlook {
     /// rounding included. False when there are none.
     pub(super) fn bound_scores(
         &self,
-        path: Path,
+        path: SimdPath,
         model: &Model,
         so_far: &SoFar<'_>,
         sums: &mut [f64],

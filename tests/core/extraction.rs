@@ -1,8 +1,8 @@
 //! Extraction against a plain twin: one lane at a time, comparisons instead of arithmetic.
 
+use granular_id::dsp::Outside;
 use granular_id::features::Initial;
-use granular_id::histogram::Outside;
-use granular_id::{BatchShape, Error, Extractor, FeatureSpec, Path, SosState, UniformBins};
+use granular_id::{BatchShape, Error, Extractor, FeatureSpec, SimdPath, SosState, UniformBins};
 use proptest::prelude::*;
 
 use crate::twins::signals::{bits, spec, uniform, value};
@@ -58,7 +58,7 @@ proptest! {
     fn every_path_and_thread_count_equals_the_twin(spec in spec(), (wrench, shape) in batch()) {
         let extractor = Extractor::new(spec).unwrap();
         let wanted = twin(&extractor, &wrench, shape);
-        for path in Path::available() {
+        for path in SimdPath::available() {
             for threads in [1, 2, 3] {
                 let mut out = vec![f64::NAN; wanted.len()];
                 extractor.extract_on(path, &wrench, shape, threads, &mut out).unwrap();
@@ -88,7 +88,7 @@ proptest! {
         let at = at.index(wrench.len());
         wrench[at] = bad;
         let extractor = Extractor::new(FeatureSpec { raw, hfmh, ..FeatureSpec::default() }).unwrap();
-        for path in Path::available() {
+        for path in SimdPath::available() {
             let mut out = vec![0.0; shape.n_recordings * extractor.n_features(shape.n_samples, shape.n_axes).unwrap()];
             let error = extractor.extract_on(path, &wrench, shape, 2, &mut out).unwrap_err();
             let Error::NonFinite { recording, sample, axis, value } = error else {
@@ -107,7 +107,7 @@ fn millions_of_samples_are_the_same_on_every_path() {
     let wrench: Vec<f64> = (0..shape.n_recordings * shape.recording_len()).map(|_| 3.0 * uniform()).collect();
     let extractor = Extractor::new(FeatureSpec::default()).unwrap();
     let wanted = bits(&twin(&extractor, &wrench, shape));
-    for path in Path::available() {
+    for path in SimdPath::available() {
         let mut out = vec![0.0; wanted.len()];
         extractor.extract_on(path, &wrench, shape, 2, &mut out).unwrap();
         assert!(bits(&out) == wanted, "{path:?}");
@@ -142,7 +142,7 @@ fn silent_axes_and_useless_ranges_are_counted_exactly() {
             let spec = FeatureSpec { n_bins, bin_ranges: bin_ranges.clone(), ..FeatureSpec::default() };
             let extractor = Extractor::new(spec).unwrap();
             let wanted = twin(&extractor, &wrench, shape);
-            for path in Path::available() {
+            for path in SimdPath::available() {
                 let mut out = vec![0.0; wanted.len()];
                 extractor.extract_on(path, &wrench, shape, 1, &mut out).unwrap();
                 assert_eq!(bits(&out), bits(&wanted), "{path:?} {n_bins} {bin_ranges:?}");
@@ -166,7 +166,7 @@ fn histograms_without_the_filter_are_those_of_the_samples_at_every_edge() {
                 let wanted = counts(&bins, &values, outside).repeat(n_axes);
                 let wrench: Vec<f64> = values.iter().flat_map(|value| vec![*value; n_axes]).collect();
                 let shape = BatchShape { n_recordings: 1, n_samples: values.len(), n_axes };
-                for path in Path::available() {
+                for path in SimdPath::available() {
                     let mut out = vec![f64::NAN; wanted.len()];
                     extractor.extract_on(path, &wrench, shape, 1, &mut out).unwrap();
                     assert_eq!(bits(&out), bits(&wanted), "{path:?} {n_bins} {outside:?} {n_axes}");
@@ -241,7 +241,7 @@ fn a_specification_is_checked_once() {
     let error = check(FeatureSpec { order: 0, ..default() });
     assert_eq!(error, Error::Order { order: 0 });
     let error = check(FeatureSpec { n_bins: 0, ..default() });
-    assert_eq!(error, Error::Bins { n_bins: 0, max: granular_id::histogram::MAX_BINS });
+    assert_eq!(error, Error::Bins { n_bins: 0, max: granular_id::dsp::MAX_BINS });
     let error = check(FeatureSpec { bin_ranges: vec![(1.0, -1.0)], ..default() });
     assert_eq!(error, Error::BinRange { low: 1.0, high: -1.0 });
     let error = check(FeatureSpec { bin_ranges: vec![], ..default() });

@@ -1,6 +1,6 @@
 //! The filter from outside: golden outputs of scipy, and any split of a signal against the whole.
 
-use granular_id::sosfilt::default_padlen;
+use granular_id::dsp::default_padlen;
 use granular_id::{
     butterworth, sosfilt, sosfilt_from, sosfiltfilt, AlongAxis, Band, Error, Padding, Sos, SosState,
 };

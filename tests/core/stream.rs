@@ -1,7 +1,7 @@
 //! A stream of rows against whole recordings: the same bits, however the rows come.
 
+use granular_id::dsp::Outside;
 use granular_id::features::Initial;
-use granular_id::histogram::Outside;
 use granular_id::stream::{StreamingExtractor, Windows, MAX_WINDOW};
 use granular_id::{BatchShape, Error, Extractor, FeatureSpec, SosState};
 use proptest::prelude::*;

@@ -3,8 +3,8 @@
 use serde_json::{json, Value};
 
 use super::json::{Json, Object};
+use crate::dsp::Outside;
 use crate::features::Initial;
-use crate::histogram::Outside;
 use crate::model::fault::Fault;
 use crate::multiband::{Block, MultiBandSpec};
 use crate::names::listed;

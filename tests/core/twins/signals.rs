@@ -1,7 +1,7 @@
 //! Specifications and samples that extraction finds hard, and results as bits.
 
+use granular_id::dsp::Outside;
 use granular_id::features::Initial;
-use granular_id::histogram::Outside;
 use granular_id::FeatureSpec;
 use proptest::prelude::*;
 

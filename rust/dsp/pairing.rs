@@ -3,7 +3,7 @@
 //! The pairing is the one that `scipy.signal.zpk2sos` calls "nearest": take the pole closest to the unit circle, give it
 //! the zero closest to it, and put that section last, so that the sharpest resonance comes when the signal is tamest.
 
-use crate::complex::Complex;
+use crate::dsp::complex::Complex;
 
 /// Below this fraction of its magnitude an imaginary part is rounding.
 const REAL_TOLERANCE: f64 = 100.0 * f64::EPSILON;
@@ -118,7 +118,7 @@ fn monic([r0, r1]: [Complex; 2]) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::to_rows;
-    use crate::complex::Complex;
+    use crate::dsp::complex::Complex;
 
     fn pair(re: f64, im: f64) -> [Complex; 2] {
         [Complex::new(re, im), Complex::new(re, -im)]

@@ -3,13 +3,13 @@
 //! A *lane* is one channel of one recording. Lanes never mix, and every lane goes through the same operations
 //! in the same order as [`SosState`](crate::SosState), so the width of the machine's vectors cannot change
 //! a bit. The bodies are loops over `[f64; 8]`; thin wrappers compile them for the baseline (SSE2 or NEON), for
-//! AVX2 and for AVX-512, and [`Path`] picks one at run time.
+//! AVX2 and for AVX-512, and [`SimdPath`] picks one at run time.
 
 /// Runs a block for each vector `w` of a row. Written out, because a compiler keeps so short a loop rolled, and then
 /// passes the vectors through memory instead of registers; and a closure would lose the features of the wrapper.
 macro_rules! each_vector {
     ($width:ident, $w:ident, $work:block) => {
-        const { assert!($width >= 1 && $width <= $crate::lanes::MAX_WIDTH) };
+        const { assert!($width >= 1 && $width <= $crate::kernel::MAX_WIDTH) };
         let $w = 0;
         $work
         if $width > 1 {
@@ -23,23 +23,23 @@ macro_rules! each_vector {
     };
 }
 
-mod cascade;
 mod count;
+mod filter;
 mod pack;
-mod path;
 mod quad;
+mod simd;
 mod transpose;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 #[cfg(target_arch = "x86_64")]
 mod x86_quad;
 
-pub(crate) use cascade::{Beside, Cascade};
 pub(crate) use count::{Counting, LaneBins, LaneHistograms};
+pub(crate) use filter::{Beside, Cascade};
 pub(crate) use pack::{Mask, Pack};
-pub use path::Path;
-pub(crate) use path::{Isa, Job};
 pub(crate) use quad::Quad;
+pub use simd::SimdPath;
+pub(crate) use simd::{Isa, Job};
 pub(crate) use transpose::{pack, unpack, Raw, Real};
 
 /// Channels per vector.

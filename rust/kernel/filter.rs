@@ -1,8 +1,8 @@
 //! The filter itself: every section of a cascade over rows of lanes.
 
-use super::path::Isa;
+use super::simd::Isa;
 use super::{flat_mut, Row, Vector, LANES};
-use crate::sos::{Section, Sos};
+use crate::dsp::{Section, Sos};
 
 /// Sections that run over a row together, written out in `group`.
 const GROUP: usize = 4;

@@ -10,10 +10,10 @@
 
 use std::f64::consts::PI;
 
-use crate::complex::Complex;
+use super::pairing;
+use crate::dsp::complex::Complex;
+use crate::dsp::Sos;
 use crate::error::{Error, Result};
-use crate::pairing;
-use crate::sos::Sos;
 
 /// The highest order that can be designed.
 pub const MAX_ORDER: usize = 32;
@@ -178,8 +178,8 @@ fn bilinear(analog: &Analog, order: usize) -> (Vec<Complex>, Vec<Complex>, f64) 
 #[cfg(test)]
 mod tests {
     use super::{butterworth, Band, MAX_ORDER};
+    use crate::dsp::Sos;
     use crate::error::Error;
-    use crate::sos::Sos;
 
     const RATE_HZ: f64 = 500.0;
     const BANDS: [Band; 4] =
@@ -187,7 +187,7 @@ mod tests {
 
     /// Magnitude of the frequency response.
     fn magnitude(sos: &Sos, frequency_hz: f64) -> f64 {
-        use crate::complex::Complex;
+        use crate::dsp::complex::Complex;
         let omega = std::f64::consts::TAU * frequency_hz / RATE_HZ;
         let delay = Complex::new(omega.cos(), -omega.sin());
         sos.sections().iter().fold(1.0, |product, s| {

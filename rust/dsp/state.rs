@@ -1,9 +1,9 @@
 //! What one stream of samples leaves behind in a filter.
 
-use crate::cascade;
+use super::cascade;
+use crate::dsp::Sos;
 use crate::error::{Error, Result};
 use crate::memory::filled;
-use crate::sos::Sos;
 
 /// The memory of a stream of `channels` channels on its way through an [`Sos`]: two values per section and channel.
 ///
@@ -118,8 +118,8 @@ impl SosState {
 #[cfg(test)]
 mod tests {
     use super::SosState;
+    use crate::dsp::Sos;
     use crate::error::Error;
-    use crate::sos::Sos;
 
     fn sos(n_sections: usize) -> Sos {
         let rows: Vec<_> =

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 /// A compiled variant of the kernels. All give the same bits; they differ in speed only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Path {
+pub enum SimdPath {
     /// What every machine of the target has: SSE2 on `x86_64`, NEON on `aarch64`.
     Baseline,
     /// AVX2: two vectors of four float64 for eight lanes.
@@ -21,11 +21,11 @@ pub enum Path {
     Avx512,
 }
 
-impl Path {
+impl SimdPath {
     /// The paths that this machine can run, slowest first.
     ///
     /// ```
-    /// assert_eq!(granular_id::Path::available()[0], granular_id::Path::Baseline);
+    /// assert_eq!(granular_id::SimdPath::available()[0], granular_id::SimdPath::Baseline);
     /// ```
     #[must_use]
     pub fn available() -> Vec<Self> {
@@ -40,7 +40,7 @@ impl Path {
     /// # Errors
     /// [`Error::VectorUnit`]: the variable names none, or one that this machine lacks.
     pub fn detect() -> Result<Self> {
-        static CHOICE: OnceLock<Result<Path>> = OnceLock::new();
+        static CHOICE: OnceLock<Result<SimdPath>> = OnceLock::new();
         let asked = || std::env::var_os("GRANULAR_ID_SIMD").unwrap_or_default();
         CHOICE.get_or_init(|| Self::named(&asked().to_string_lossy())).clone()
     }
@@ -164,13 +164,13 @@ mod tests {
 
     #[test]
     fn a_name_that_means_nothing_here_is_refused() {
-        let available = Path::available();
-        assert_eq!(Path::named("").ok(), available.last().copied());
-        for path in [Path::Baseline, Path::Avx2, Path::Avx512] {
-            assert_eq!(Path::named(path.name()).ok(), available.contains(&path).then_some(path));
+        let available = SimdPath::available();
+        assert_eq!(SimdPath::named("").ok(), available.last().copied());
+        for path in [SimdPath::Baseline, SimdPath::Avx2, SimdPath::Avx512] {
+            assert_eq!(SimdPath::named(path.name()).ok(), available.contains(&path).then_some(path));
         }
         for asked in ["AVX2", "neon", "avx2 "] {
-            let error = Path::named(asked).unwrap_err().to_string();
+            let error = SimdPath::named(asked).unwrap_err().to_string();
             assert!(
                 error.contains("GRANULAR_ID_SIMD") && error.contains("baseline") && error.contains(asked)
             );

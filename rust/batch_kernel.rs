@@ -1,10 +1,10 @@
 //! A team of recordings through the lanes, in one pass over the samples.
 
+use crate::dsp::Outside;
 use crate::features::{BatchShape, Extractor};
-use crate::histogram::Outside;
 use std::marker::PhantomData;
 
-use crate::lanes::{
+use crate::kernel::{
     flat, pack, unpack, Beside, Cascade, Counting, Isa, Job, LaneBins, LaneHistograms, Raw, Real, Row,
     Vector, BLOCK, LANES, MAX_WIDTH,
 };

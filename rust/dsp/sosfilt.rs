@@ -1,9 +1,9 @@
 //! Whole arrays of any rank, filtered along one axis: once, or forward and backward.
 
+use crate::dsp::Sos;
+use crate::dsp::SosState;
 use crate::error::{Error, Result};
 use crate::memory::filled;
-use crate::sos::Sos;
-use crate::state::SosState;
 
 /// A C-ordered array seen from one of its axes: `outer` blocks of `len` rows of `inner` neighbours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

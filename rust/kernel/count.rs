@@ -11,10 +11,10 @@
 
 use std::marker::PhantomData;
 
-use super::cascade::Beside;
-use super::path::Isa;
+use super::filter::Beside;
+use super::simd::Isa;
 use super::{flat, flat_mut, Row, Vector, BLOCK, LANES, MAX_WIDTH};
-use crate::histogram::{UniformBins, MAX_BINS};
+use crate::dsp::{UniformBins, MAX_BINS};
 
 /// 2^20: a float64 between it and 2^21 has 32 bits of fraction.
 const MAGIC: f64 = 1_048_576.0;

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 
-/// The largest number of bins: the cells of 24 such histograms still fit in twenty bits (see `lanes::count`).
+/// The largest number of bins: the cells of 24 such histograms still fit in twenty bits (see `kernel::count`).
 pub const MAX_BINS: usize = 32_768;
 
 /// Equal bins on `[low, high]`: left-closed, the last one closed, values outside dropped.

@@ -9,7 +9,7 @@
 //! circling a few units of 2^-1074), runs at 1.1 times the time of noise for one channel and 1.5 times for six on AMD
 //! Zen 3. Machines that handle subnormals in microcode may take longer.
 
-use crate::sos::Section;
+use crate::dsp::Section;
 
 /// Samples that one group of sections filters before the next group takes over; they stay in the first-level cache.
 const STRETCH: usize = 1024;
@@ -17,7 +17,7 @@ const STRETCH: usize = 1024;
 /// Sections whose coefficients and states one loop keeps at hand.
 const WIDEST: usize = 8;
 
-/// One sample through one section: the one order of operations. `steps` below and `lanes::cascade::step` write the same
+/// One sample through one section: the one order of operations. `steps` below and `kernel::filter::step` write the same
 /// operations out over arrays, for speed; tests hold all three to the same bits.
 #[inline(always)]
 #[allow(clippy::inline_always)] // a call in the innermost loop would cost more than the section

@@ -13,7 +13,7 @@ use std::arch::x86_64::{
 };
 
 use super::count::{Cells, LaneBins};
-use super::path::{Isa, Job};
+use super::simd::{Isa, Job};
 use super::transpose::{Raw, Real};
 use super::x86_quad::Register;
 use super::{Row, BLOCK, LANES};
@@ -30,7 +30,7 @@ pub(super) fn avx512<J: Job>(job: J) -> J::Output {
     job.run::<X86<true>>()
 }
 
-/// AVX2 primitives. Only ever used inside the wrappers above, which [`Path`](super::Path) calls after it has
+/// AVX2 primitives. Only ever used inside the wrappers above, which [`SimdPath`](super::Path) calls after it has
 /// asked the processor: that is the safety argument of every block here.
 pub(super) struct X86<const MANY_REGISTERS: bool>;
 

@@ -1,0 +1,16 @@
+//! Butterworth filters as second-order sections, and histograms of equal bins.
+
+mod butterworth;
+mod cascade;
+pub(crate) mod complex;
+mod histogram;
+mod pairing;
+mod sos;
+mod sosfilt;
+mod state;
+
+pub use butterworth::{butterworth, Band, MAX_ORDER};
+pub use histogram::{Outside, UniformBins, MAX_BINS};
+pub use sos::{Section, Sos};
+pub use sosfilt::{default_padlen, sosfilt, sosfilt_from, sosfiltfilt, AlongAxis, Padding};
+pub use state::SosState;
