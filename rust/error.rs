@@ -12,6 +12,35 @@ pub fn brief(value: f64) -> String {
     }
 }
 
+/// Characters of a text that a message shows.
+const SHOWN: usize = 40;
+
+/// Text from a file in quotes: cut where it is long, control characters and bytes that are no text escaped.
+pub(crate) fn shown(cell: &[u8]) -> String {
+    let mut text = String::from("'");
+    let mut left = SHOWN;
+    for chunk in cell.utf8_chunks() {
+        for character in chunk.valid().chars().take(left) {
+            left -= 1;
+            if character.is_ascii_graphic() || character == ' ' {
+                text.push(character);
+            } else {
+                text.extend(character.escape_debug());
+            }
+        }
+        for byte in chunk.invalid().iter().take(left) {
+            left -= 1;
+            text.extend(byte.escape_ascii().map(char::from));
+        }
+    }
+    text += if left == 0 && characters(cell) > SHOWN { "'..." } else { "'" };
+    text
+}
+
+fn characters(cell: &[u8]) -> usize {
+    cell.utf8_chunks().map(|chunk| chunk.valid().chars().count() + chunk.invalid().len()).sum()
+}
+
 /// An input that cannot be used, with the numbers that say why.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -377,7 +406,7 @@ pub type Result<T> = std::result::Result<T, Error>;
 
 #[cfg(test)]
 mod tests {
-    use super::{brief, Error};
+    use super::{brief, shown, Error};
 
     #[test]
     fn numbers_are_written_as_they_are_unless_that_is_a_row_of_digits() {
@@ -396,5 +425,14 @@ mod tests {
         }
         let error = Error::Cutoff { cutoff_hz: f64::MAX, rate_hz: f64::MIN_POSITIVE };
         assert!(error.to_string().len() < 160, "{error}");
+    }
+
+    #[test]
+    fn long_texts_are_cut() {
+        let forty = [b'x'; 40];
+        assert_eq!(shown(&forty), format!("'{}'", "x".repeat(40)));
+        assert_eq!(shown(&[b'x'; 41]), format!("'{}'...", "x".repeat(40)));
+        assert_eq!(shown(&[0xff; 41]), format!("'{}'...", "\\xff".repeat(40)));
+        assert_eq!(shown("é".repeat(50).as_bytes()), format!("'{}'...", "é".repeat(40)));
     }
 }

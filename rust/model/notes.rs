@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::fault::Fault;
 use super::file::json;
-use crate::number_table::shown;
+use crate::error::shown;
 use crate::wrench::{axis_name, AXES, UNITS};
 
 /// Longest label, name of an axis, unit, or short text.

@@ -10,7 +10,7 @@ use super::arrays::{contiguous_real, readable};
 use super::scalars::shown;
 use crate::convert::{OrRaise, Raise};
 use granular_id::bindings::{collected, reserved};
-use granular_id::number_table::{parse, write, Column, Fault, Kind};
+use granular_id::number_table::{parse, write, Column, ParseError, ParseErrorKind};
 
 create_exception!(
     granular_id._core,
@@ -19,10 +19,10 @@ create_exception!(
     "A text that is no table of numbers; ``args`` are row and column (from 0; None: the whole row) and the problem."
 );
 
-impl Raise for Fault {
+impl Raise for ParseError {
     fn raise(self) -> PyErr {
         match self.kind {
-            Kind::Memory(error) => error.raise(),
+            ParseErrorKind::Memory(error) => error.raise(),
             kind => NumberTableError::new_err((self.row, self.column, kind.to_string())),
         }
     }

@@ -5,9 +5,9 @@ use safetensors::{Dtype, SafeTensors};
 use super::json::{self, Json};
 use super::read::{OPTIONAL, REQUIRED};
 use super::{LENGTH_BYTES, MAX_HEADER_BYTES};
+use crate::error::shown;
 use crate::model::fault::Fault;
 use crate::model::notes::Entries;
-use crate::number_table::shown;
 
 /// Kinds of files that are taken for a model now and then, by their first bytes.
 const OTHERS: [(&[u8], &str); 6] = [

@@ -6,8 +6,8 @@ use std::fmt;
 use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::Value;
 
+use crate::error::shown;
 use crate::model::fault::Fault;
-use crate::number_table::shown;
 
 /// Characters of what a library says, which may quote the file.
 const MAX_COMPLAINT: usize = 160;

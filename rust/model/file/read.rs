@@ -7,6 +7,7 @@ use std::path::Path;
 use safetensors::SafeTensors;
 
 use super::{digest, header, json, spec, ADDITIVE, DIGEST, DIGESTED, FORMAT, MAX_FILE_BYTES, MULTIBAND};
+use crate::error::shown;
 use crate::model::extraction::Features;
 use crate::model::fault::{Fault, FileFault};
 use crate::model::loss::{Decoding, Loss};
@@ -14,7 +15,6 @@ use crate::model::notes::{take, Entries, Notes};
 use crate::model::parts::{ModelParts, Tensor};
 use crate::model::trained::Model;
 use crate::names::listed;
-use crate::number_table::shown;
 
 /// The tensors of every model, then those that it may have.
 pub(super) const REQUIRED: [&str; 3] = ["coding_matrix", "coef", "intercept"];

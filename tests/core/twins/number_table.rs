@@ -1,27 +1,27 @@
 //! A reader of number tables written for its obviousness, against which the fast one is tested and fuzzed.
 
-use granular_id::number_table::{Fault, Kind, MAX_LINE_BYTES};
+use granular_id::number_table::{ParseError, ParseErrorKind, MAX_LINE_BYTES};
 
 /// What `parse` promises, written out with `split`, a check of the grammar and `str::parse`.
-pub fn read(text: &[u8], n_columns: usize) -> Result<Vec<f64>, Fault> {
+pub fn read(text: &[u8], n_columns: usize) -> Result<Vec<f64>, ParseError> {
     let blank = |byte: &u8| b" \t\r\n".contains(byte);
     let end = text.len() - text.iter().rev().take_while(|byte| blank(byte)).count();
     if end == 0 {
-        return Err(Fault { row: 0, column: None, kind: Kind::NoRows });
+        return Err(ParseError { row: 0, column: None, kind: ParseErrorKind::NoRows });
     }
     let lines: Vec<_> = text[..end].split(|byte| *byte == b'\n').collect();
     let mut values = Vec::new();
     for (row, line) in lines.iter().enumerate() {
         let line = if row + 1 < lines.len() { line.strip_suffix(b"\r").unwrap_or(line) } else { line };
-        let whole = |kind| Err(Fault { row, column: None, kind });
+        let whole = |kind| Err(ParseError { row, column: None, kind });
         if line.len() > MAX_LINE_BYTES {
-            return whole(Kind::LongLine);
+            return whole(ParseErrorKind::LongLine);
         }
         if line.contains(&0) {
-            return whole(Kind::Binary);
+            return whole(ParseErrorKind::Binary);
         }
         if line.is_empty() {
-            return whole(Kind::EmptyLine);
+            return whole(ParseErrorKind::EmptyLine);
         }
         let cells: Vec<_> = line.split(|byte| *byte == b',').collect();
         for (column, cell) in cells.iter().take(n_columns).enumerate() {
@@ -31,14 +31,14 @@ pub fn read(text: &[u8], n_columns: usize) -> Result<Vec<f64>, Fault> {
                     values.push(value);
                     continue;
                 }
-                Some(_) => Kind::TooLarge { cell: trimmed },
-                None if trimmed.is_empty() => Kind::EmptyCell,
-                None => Kind::NotANumber { cell: trimmed },
+                Some(_) => ParseErrorKind::TooLarge { cell: trimmed },
+                None if trimmed.is_empty() => ParseErrorKind::EmptyCell,
+                None => ParseErrorKind::NotANumber { cell: trimmed },
             };
-            return Err(Fault { row, column: Some(column), kind });
+            return Err(ParseError { row, column: Some(column), kind });
         }
         if cells.len() != n_columns {
-            return whole(Kind::Cells { got: cells.len(), wanted: n_columns });
+            return whole(ParseErrorKind::Cells { got: cells.len(), wanted: n_columns });
         }
     }
     Ok(values)
