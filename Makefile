@@ -106,11 +106,14 @@ endef
 
 lint: rust-lint python-lint
 
+FEATURES := $(shell sed -n '/^\[features\]/,/^$$/s/^\([a-z-]*\) = .*/\1/p' Cargo.toml)
+
 rust-lint: | toolchain
-	$(call step,Rust lint 1 of 4,cargo fmt --all --check && cargo fmt --check --manifest-path tests/fuzz/Cargo.toml)
-	$(call step,Rust lint 2 of 4,cargo clippy --quiet --workspace --all-targets -- -D warnings)
-	$(call step,Rust lint 3 of 4,cargo clippy --quiet --manifest-path tests/fuzz/Cargo.toml --no-default-features --target-dir target -- -D warnings)
-	$(call step,Rust lint 4 of 4,RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps)
+	$(call step,Rust lint 1 of 5,cargo fmt --all --check && cargo fmt --check --manifest-path tests/fuzz/Cargo.toml)
+	$(call step,Rust lint 2 of 5,cargo clippy --quiet --workspace --all-targets -- -D warnings)
+	$(call step,Rust lint 3 of 5,cargo clippy --quiet --manifest-path tests/fuzz/Cargo.toml --no-default-features --target-dir target -- -D warnings)
+	$(call step,Rust lint 4 of 5,RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps)
+	$(call step,Rust lint 5 of 5: no feature and each alone,for feature in "" $(FEATURES); do cargo clippy --quiet --lib --no-default-features --features "$$feature" -- -D warnings || exit; done)
 
 python-lint: $(TOOLS)
 	$(call step,Python lint 1 of 5,$(BIN)/ruff check --quiet)

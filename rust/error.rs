@@ -341,6 +341,7 @@ pub enum Error {
         value: f64,
     },
     /// A device clock slower than the rows, or no clock at all.
+    #[cfg(feature = "buffer")]
     #[error("tick_hz must be finite and at least rate_hz = {}, got {}", brief(*.rate_hz), brief(*.tick_hz))]
     TickRate {
         /// The ticks per second asked for.
@@ -349,12 +350,14 @@ pub enum Error {
         rate_hz: f64,
     },
     /// More waiting rows than a buffer allows.
+    #[cfg(feature = "buffer")]
     #[error("reorder_depth must be at most {}, got {reorder_depth}", crate::buffer::MAX_REORDER_DEPTH)]
     ReorderDepth {
         /// The depth asked for.
         reorder_depth: usize,
     },
     /// A buffer of no rows, or of too many.
+    #[cfg(feature = "buffer")]
     #[error("seconds must be positive and give at most {} rows, got {} at rate_hz = {}", crate::buffer::MAX_ROWS, brief(*.seconds), brief(*.rate_hz))]
     BufferSize {
         /// The time asked for, in seconds.

@@ -1,5 +1,6 @@
 //! The work of [`Extractor`]: a batch in tasks for threads, into float64 or float32, and what to say when it fails.
 
+#[cfg(feature = "parallel")]
 use rayon::prelude::*;
 
 use crate::batch_kernel::{team_size, Teams};
@@ -117,6 +118,7 @@ pub(crate) fn in_tasks<T: Send>(
     let (recordings, rows) = (size * shape.recording_len(), size * row_len);
     match pool::of(threads).filter(|_| teams > 1) {
         None => wrench.chunks(recordings).zip(out.chunks_mut(rows)).enumerate().try_for_each(one),
+        #[cfg(feature = "parallel")]
         Some(pool) => {
             let tasks = wrench.par_chunks(recordings).zip(out.par_chunks_mut(rows)).enumerate().map(one);
             let errors: Vec<_> = pool.install(|| tasks.filter_map(Result::err).collect());

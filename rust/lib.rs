@@ -1,9 +1,89 @@
-//! Names the granular material under a robot's tool from a 6-axis force-torque signal.
+//! Names the granular material under a robot's tool from a 6-axis force-torque signal: rice, sugar, gravel.
+//!
+//! A rod is pushed through the material, a force-torque sensor is read. The parts serve any signal of several axes:
+//! filters with the bits of scipy, features of whole recordings or of streams, the buffer between a sensor and those who
+//! read it, trained models. Source of the method: Hynninen, Nguyen Le, Kyrki, "Interactive Identification of Granular
+//! Materials using Force Measurements" (arXiv 2403.17606). Models are trained by the Python package `granular-id`.
+//!
+//! # Examples
+//!
+//! Design a filter, then filter rows as they arrive, in pieces of any size:
+//!
+//! ```
+//! use granular_id::{butterworth, Band, SosState};
+//!
+//! let sos = butterworth(8, Band::Highpass(23.0), 500.0)?;
+//! let mut state = SosState::zero(&sos, 6)?;
+//! let mut rows = [0.25; 10 * 6]; // ten rows of six axes
+//! state.filter(&sos, &mut rows)?;
+//! # Ok::<(), granular_id::Error>(())
+//! ```
+//!
+//! The paper's features of a recording, 3.2 s at 500 Hz:
+//!
+//! ```
+//! use granular_id::{BatchShape, Extractor, FeatureSpec};
+//!
+//! let extractor = Extractor::new(FeatureSpec { cutoff_hz: 23.0, ..FeatureSpec::default() })?;
+//! let shape = BatchShape { n_recordings: 1, n_samples: 1600, n_axes: 6 };
+//! let wrench = vec![0.25; 1600 * 6]; // N and N m, sample by sample
+//! let features = extractor.extract(&wrench, shape, 1)?;
+//! assert_eq!(features.len(), 1600 * 6 + 100 * 6);
+//! # Ok::<(), granular_id::Error>(())
+//! ```
+//!
+//! The material, while rows arrive:
+//!
+#![cfg_attr(feature = "model", doc = "```no_run")]
+#![cfg_attr(not(feature = "model"), doc = "```ignore")]
+//! use std::sync::Arc;
+//!
+//! use granular_id::stream::StreamingIdentifier;
+//! use granular_id::Model;
+//!
+//! let model = Arc::new(Model::read("kitchen.safetensors")?);
+//! let mut stream = StreamingIdentifier::new(Arc::clone(&model), None)?;
+//! while !stream.is_complete() {
+//!     stream.push(&[0.25, 0.0, -5.0, 0.0, 0.0, 0.0])?; // fx fy fz tx ty tz
+//! }
+//! println!("{}", model.classes()[stream.standing()?.best]);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Modules and features
+//!
+//! All features are on; `default-features = false` leaves a filter, the paper's features and streams of them.
+//!
+//! | module | holds | feature | brings |
+//! |---|---|---|---|
+//! | `dsp` | Butterworth design, filters of streams and arrays, histograms | | libm, thiserror |
+//! | `features` | the paper's features of a recording or a batch | `parallel` for several threads | rayon |
+//! | `stream` | features and answers as rows arrive | answers: `model` | |
+//! | `wrench` | order, names and units of the six axes | | |
+//! | `multiband` | statistics of every octave | `multiband` | |
+//! | `model` | trained models and their files | `model` | safetensors, serde, `serde_json`, sha2 |
+//! | `buffer` | one writer, many readers, nothing lost unnoticed | `buffer` | |
+//! | `rdt` | force-torque sensors on the network (ATI Net F/T, `OnRobot`) | `rdt` | socket2 |
+//! | `number_table` | CSV that keeps every bit | `number-table` | lexical-parse-float, zmij |
+//!
+//! # Limits
+//!
+//! - Same bits: a stream equals the recording, and the number of threads and the vector unit (SSE2, AVX2, AVX-512, NEON)
+//!   change nothing. No fused multiply-add and no fast transcendental function is used for that.
+//! - Numbers are float64; features can be returned as float32.
+//! - Filters are second-order sections. Designs are Butterworth of order 1 to 32; any stable sections can be brought along.
+//! - Nothing trains a model, and nothing resamples, crops or pads a recording.
+//! - Every input ends in a value or an [`Error`] that names the argument; a size beyond the memory is an error, too.
+//! - The standard library is needed, and Rust 1.89.
 
 // Tests compare results that are exact.
 #![cfg_attr(test, allow(clippy::float_cmp))]
+// What only some features use is dead without them; with all of them nothing may be.
+#![cfg_attr(not(feature = "default"), allow(dead_code, unused_imports))]
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 mod batch_kernel;
+#[cfg(feature = "buffer")]
 pub mod buffer;
 pub mod dsp;
 pub mod error;
@@ -12,11 +92,15 @@ pub mod features;
 mod interleave;
 mod kernel;
 mod memory;
+#[cfg(feature = "model")]
 pub mod model;
+#[cfg(feature = "multiband")]
 pub mod multiband;
 mod names;
+#[cfg(feature = "number-table")]
 pub mod number_table;
 mod pool;
+#[cfg(feature = "rdt")]
 pub mod rdt;
 pub mod stream;
 pub mod wrench;
@@ -28,6 +112,7 @@ pub use error::{Error, Result};
 pub use features::{BatchShape, Extractor, FeatureSpec};
 pub use interleave::interleave;
 pub use kernel::SimdPath;
+#[cfg(feature = "model")]
 pub use model::Model;
 
 /// What the extension module needs beside the public face; no promise to anybody else.
@@ -35,6 +120,7 @@ pub use model::Model;
 pub mod bindings {
     pub use crate::error::brief;
     pub use crate::memory::{collected, filled, reserved, room};
+    #[cfg(feature = "model")]
     pub use crate::model::ranking;
     pub use crate::names::listed;
     pub use crate::pool::cores;

@@ -4,11 +4,15 @@
 //! threads, so waiting for them would hang. The pool is therefore remembered together with the process id, and
 //! a child makes its own.
 
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::OnceLock;
+#[cfg(feature = "parallel")]
+use std::sync::{Arc, Mutex};
 
+#[cfg(feature = "parallel")]
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 /// The pool of one process.
+#[cfg(feature = "parallel")]
 struct Owned {
     process: u32,
     threads: usize,
@@ -21,10 +25,12 @@ pub fn cores() -> usize {
     *CORES.get_or_init(|| std::thread::available_parallelism().map_or(1, Into::into))
 }
 
+#[cfg(feature = "parallel")]
 static CURRENT: Mutex<Option<Owned>> = Mutex::new(None);
 
 /// A pool of `threads`, but of no more than the machine has cores: the work never waits, so more would only cost. `None`
 /// for one thread, and where the system gives no threads: the caller then works alone.
+#[cfg(feature = "parallel")]
 pub(crate) fn of(threads: usize) -> Option<Arc<ThreadPool>> {
     let threads = threads.min(cores());
     if threads <= 1 {
@@ -48,7 +54,14 @@ pub(crate) fn of(threads: usize) -> Option<Arc<ThreadPool>> {
     Some(pool)
 }
 
+#[cfg(feature = "parallel")]
 fn build(threads: usize) -> Option<Arc<ThreadPool>> {
     let name = |index| format!("granular-id-{index}");
     ThreadPoolBuilder::new().num_threads(threads).thread_name(name).build().ok().map(Arc::new)
+}
+
+/// Without the feature `parallel` every caller works alone.
+#[cfg(not(feature = "parallel"))]
+pub(crate) fn of(_threads: usize) -> Option<std::convert::Infallible> {
+    None
 }

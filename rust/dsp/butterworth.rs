@@ -10,9 +10,8 @@
 
 use std::f64::consts::PI;
 
-use super::pairing;
-use crate::dsp::complex::Complex;
-use crate::dsp::Sos;
+use super::pairing::{to_rows, Complex};
+use super::sos::Sos;
 use crate::error::{Error, Result};
 
 /// The highest order that can be designed.
@@ -20,6 +19,7 @@ pub const MAX_ORDER: usize = 32;
 
 /// What a filter lets pass; edges in hertz, at which the magnitude is down by 3 dB.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Band {
     /// Everything below the cut-off.
     Lowpass(f64),
@@ -82,7 +82,7 @@ pub fn butterworth(order: usize, band: Band, rate_hz: f64) -> Result<Sos> {
     if !(finite && gain.is_normal()) {
         return Err(Error::Unrepresentable { order, gain });
     }
-    Sos::new(&pairing::to_rows(&zeros, &poles, gain))
+    Sos::new(&to_rows(&zeros, &poles, gain))
 }
 
 fn check_edges(band: Band, rate_hz: f64) -> Result<()> {
@@ -177,9 +177,7 @@ fn bilinear(analog: &Analog, order: usize) -> (Vec<Complex>, Vec<Complex>, f64) 
 
 #[cfg(test)]
 mod tests {
-    use super::{butterworth, Band, MAX_ORDER};
-    use crate::dsp::Sos;
-    use crate::error::Error;
+    use super::*;
 
     const RATE_HZ: f64 = 500.0;
     const BANDS: [Band; 4] =
@@ -187,7 +185,6 @@ mod tests {
 
     /// Magnitude of the frequency response.
     fn magnitude(sos: &Sos, frequency_hz: f64) -> f64 {
-        use crate::dsp::complex::Complex;
         let omega = std::f64::consts::TAU * frequency_hz / RATE_HZ;
         let delay = Complex::new(omega.cos(), -omega.sin());
         sos.sections().iter().fold(1.0, |product, s| {

@@ -2,7 +2,6 @@
 
 mod butterworth;
 mod cascade;
-pub(crate) mod complex;
 mod histogram;
 mod pairing;
 mod sos;

@@ -8,12 +8,17 @@ const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// One biquad `(b0 + b1 z^-1 + b2 z^-2) / (1 + a1 z^-1 + a2 z^-2)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[allow(missing_docs)]
+#[non_exhaustive]
 pub struct Section {
+    /// Numerator, of the sample itself.
     pub b0: f64,
+    /// Numerator, of the sample before.
     pub b1: f64,
+    /// Numerator, of the sample before that.
     pub b2: f64,
+    /// Denominator, of the result before.
     pub a1: f64,
+    /// Denominator, of the result before that.
     pub a2: f64,
 }
 

@@ -1,7 +1,7 @@
 //! Whole arrays of any rank, filtered along one axis: once, or forward and backward.
 
-use crate::dsp::Sos;
-use crate::dsp::SosState;
+use super::sos::Sos;
+use super::state::SosState;
 use crate::error::{Error, Result};
 use crate::memory::filled;
 
@@ -93,6 +93,7 @@ pub fn sosfilt_from(sos: &Sos, x: &mut [f64], along: AlongAxis, z: &mut [f64]) -
 
 /// How a signal is continued beyond its ends before it is filtered in both directions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Padding {
     /// Not at all.
     None,
