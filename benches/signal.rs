@@ -1,15 +1,21 @@
-//! Throughput of filter, histogram and extraction. Synthetic noise on a random walk, 1,600 samples a recording.
+//! Throughput of filters and features, stage by stage. Synthetic noise on a random walk, 1,600 samples a recording.
 //!
-//! `cargo bench` prints elements per second; an element is one sample of one axis.
+//! Criterion prints elements per second; an element is one sample of one axis.
 
 #![allow(missing_docs)] // the macros of criterion make functions without
 
 use std::hint::black_box;
+use std::time::Duration;
 
-use criterion::{criterion_group, criterion_main, BenchmarkId, Criterion, Throughput};
-use granular_id::{butterworth, Band, BatchShape, Extractor, FeatureSpec, SimdPath, SosState};
+use biquad::{Biquad, Coefficients, DirectForm2Transposed};
+use criterion::{criterion_group, criterion_main, BatchSize, BenchmarkId, Criterion, Throughput};
+use granular_id::bench_hooks::FilterLanes;
+use granular_id::{butterworth, Band, BatchShape, Extractor, FeatureSpec, SimdPath, Sos, SosState};
 
 const N_SAMPLES: usize = 1600;
+
+/// Recordings that fit in the second-level cache with their features, and more than any cache holds.
+const PLACES: [(&str, usize); 2] = [("in cache", 4), ("from memory", 682)];
 
 /// Noise on a random walk, sample by sample.
 fn recordings(n_recordings: usize, n_axes: usize) -> Vec<f64> {
@@ -31,95 +37,181 @@ fn recordings(n_recordings: usize, n_axes: usize) -> Vec<f64> {
     values
 }
 
-/// Filtering one recording with a state, by order and number of axes.
-fn filter(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("filter");
-    for order in [2, 4, 8, 16] {
-        let Ok(sos) = butterworth(order, Band::Highpass(23.0), 500.0) else { continue };
-        for n_axes in [1, 3, 6, 12] {
-            let recording = recordings(1, n_axes);
-            group.throughput(Throughput::Elements(recording.len() as u64));
-            group.bench_function(
-                BenchmarkId::new(format!("order {order}"), format!("{n_axes} axes")),
-                |bencher| {
-                    let mut state = SosState::zero(&sos, n_axes).expect("memory");
-                    let mut chunk = recording.clone();
-                    bencher.iter(|| {
-                        chunk.copy_from_slice(&recording);
-                        state.reset();
-                        black_box(state.filter(&sos, black_box(&mut chunk)))
-                    });
-                },
-            );
+fn high_pass(order: usize) -> Sos {
+    butterworth(order, Band::Highpass(23.0), 500.0).expect("a filter")
+}
+
+/// One recording after the other through a filter that goes on; neither copies nor resets are timed.
+fn stream(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("stream");
+    for (order, n_axes, tail) in
+        [(2, 6, ""), (8, 1, ""), (8, 3, ""), (8, 6, ""), (8, 6, ", subnormal tail"), (8, 12, ""), (16, 6, "")]
+    {
+        let sos = high_pass(order);
+        let mut state = SosState::zero(&sos, n_axes).expect("memory");
+        let mut recording = recordings(1, n_axes);
+        if !tail.is_empty() {
+            // What is left of noise after 30 recordings of silence.
+            state.filter(&sos, &mut recording).expect("whole rows");
+            for _ in 0..30 {
+                recording.fill(0.0);
+                state.filter(&sos, &mut recording).expect("whole rows");
+            }
+            assert!(recording.iter().all(|value| value.abs() < f64::MIN_POSITIVE));
+            recording.fill(0.0);
         }
+        group.throughput(Throughput::Elements(recording.len() as u64));
+        group.bench_function(format!("order {order}, {n_axes} axes{tail}"), |bencher| {
+            bencher.iter_batched_ref(
+                || recording.clone(),
+                |chunk| state.filter(&sos, chunk),
+                BatchSize::PerIteration,
+            );
+        });
     }
     group.finish();
 }
 
-/// Filter and histogram of a batch, by order, axes and path: the kernel of the extraction. Order 0 counts alone.
+/// The same filter by another crate, sample by sample, and by this one.
+fn peers(criterion: &mut Criterion) {
+    let sos = high_pass(8);
+    let mut group = criterion.benchmark_group("peers, order 8");
+    for n_axes in [1, 6] {
+        let recording = recordings(1, n_axes);
+        group.throughput(Throughput::Elements(recording.len() as u64));
+        let mut state = SosState::zero(&sos, n_axes).expect("memory");
+        group.bench_function(BenchmarkId::new("granular-id", format!("{n_axes} axes")), |bencher| {
+            bencher.iter_batched_ref(
+                || recording.clone(),
+                |chunk| state.filter(&sos, chunk),
+                BatchSize::PerIteration,
+            );
+        });
+        let section = |s: &granular_id::dsp::Section| {
+            DirectForm2Transposed::new(Coefficients { b0: s.b0, b1: s.b1, b2: s.b2, a1: s.a1, a2: s.a2 })
+        };
+        let cascade: Vec<_> = sos.sections().iter().map(section).collect();
+        let mut cascades = vec![<[_; 4]>::try_from(cascade).expect("four sections"); n_axes];
+        group.bench_function(BenchmarkId::new("biquad", format!("{n_axes} axes")), |bencher| {
+            bencher.iter_batched_ref(
+                || recording.clone(),
+                |chunk| {
+                    for row in chunk.chunks_exact_mut(n_axes) {
+                        for (value, cascade) in row.iter_mut().zip(&mut cascades) {
+                            *value = cascade.iter_mut().fold(*value, |x, section| section.run(x));
+                        }
+                    }
+                },
+                BatchSize::PerIteration,
+            );
+        });
+    }
+    group.finish();
+}
+
+/// Features of a batch on one thread into memory that is there.
+fn features(
+    criterion: &mut Criterion,
+    group: &str,
+    id: BenchmarkId,
+    (extractor, path): (&Extractor, SimdPath),
+    (wrench, n_axes): (&[f64], usize),
+) {
+    let shape =
+        BatchShape { n_recordings: wrench.len() / (N_SAMPLES * n_axes), n_samples: N_SAMPLES, n_axes };
+    let mut out = vec![0.0; shape.n_recordings * extractor.n_features(N_SAMPLES, n_axes).expect("a number")];
+    let mut group = criterion.benchmark_group(group);
+    group.throughput(Throughput::Elements(wrench.len() as u64));
+    group.bench_function(id, |bencher| {
+        bencher.iter(|| extractor.extract_on(path, black_box(wrench), shape, 1, &mut out).expect("finite"));
+    });
+    group.finish();
+}
+
+/// What the kernel does to a team of four recordings: each stage alone, then together.
+fn stages(criterion: &mut Criterion) {
+    let whole = Extractor::new(FeatureSpec::default()).expect("a specification");
+    let hfmh = Extractor::new(FeatureSpec { raw: false, ..FeatureSpec::default() }).expect("one");
+    let raw = Extractor::new(FeatureSpec { hfmh: false, ..FeatureSpec::default() }).expect("one");
+    for (place, n_recordings) in PLACES {
+        let wrench = recordings(n_recordings, 6);
+        for path in SimdPath::available() {
+            let id = |stage: &str| BenchmarkId::new(format!("{stage}, {place}"), path.name());
+            if place == "in cache" {
+                let mut lanes = FilterLanes::new(&high_pass(8), &wrench);
+                let mut group = criterion.benchmark_group("stages");
+                group.throughput(Throughput::Elements(lanes.n_values(N_SAMPLES) as u64));
+                group.bench_function(id("filter"), |bencher| bencher.iter(|| lanes.filter(path, N_SAMPLES)));
+                group.finish();
+            }
+            for (stage, extractor) in [
+                ("transpose", &raw),
+                ("transpose and count", &hfmh.unfiltered()),
+                ("transpose, filter, count", &hfmh),
+                ("transpose, filter, count, write samples", &whole),
+            ] {
+                features(criterion, "stages", id(stage), (extractor, path), (&wrench, 6));
+            }
+        }
+    }
+}
+
+/// Histograms of filtered samples, by order, axes, and axes that are silent.
 fn kernel(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("kernel");
-    group.sample_size(20);
+    let path = SimdPath::detect().expect("a vector unit");
     for (order, n_axes, n_silent) in [
-        (0, 6, 0),
         (2, 6, 0),
         (4, 6, 0),
-        (8, 6, 0),
-        (8, 6, 1),
-        (8, 6, 3),
         (16, 6, 0),
         (8, 1, 0),
         (8, 3, 0),
         (8, 12, 0),
+        (8, 6, 0),
+        (8, 6, 1),
+        (8, 6, 3),
+        (8, 6, 6),
     ] {
-        let spec = FeatureSpec { order: order.max(1), raw: false, ..FeatureSpec::default() };
-        let Ok(extractor) = Extractor::new(spec) else { continue };
-        let extractor = if order == 0 { extractor.unfiltered() } else { extractor };
-        let shape = BatchShape { n_recordings: 24, n_samples: N_SAMPLES, n_axes };
-        let mut wrench = recordings(shape.n_recordings, n_axes);
+        let spec = FeatureSpec { order, raw: false, ..FeatureSpec::default() };
+        let extractor = Extractor::new(spec).expect("a specification");
+        let mut wrench = recordings(24, n_axes);
         for sample in wrench.chunks_exact_mut(n_axes) {
             sample[..n_silent].fill(0.0);
         }
-        let mut out = vec![0.0; shape.n_recordings * n_axes * 100];
+        let id = BenchmarkId::new(format!("order {order}, {n_axes} axes"), format!("{n_silent} silent"));
+        features(criterion, "kernel", id, (&extractor, path), (&wrench, n_axes));
+    }
+}
+
+/// The whole extraction by threads, as float64 and float32.
+fn extraction(criterion: &mut Criterion) {
+    let extractor = Extractor::new(FeatureSpec::default()).expect("a specification");
+    let n_features = extractor.n_features(N_SAMPLES, 6).expect("a number");
+    let mut group = criterion.benchmark_group("extraction");
+    for (place, n_recordings) in PLACES {
+        let wrench = recordings(n_recordings, 6);
+        let shape = BatchShape { n_recordings, n_samples: N_SAMPLES, n_axes: 6 };
+        let mut wide = vec![0.0_f64; n_recordings * n_features];
+        let mut narrow = vec![0.0_f32; n_recordings * n_features];
         group.throughput(Throughput::Elements(wrench.len() as u64));
-        for path in SimdPath::available() {
-            let id =
-                BenchmarkId::new(format!("order {order}, {n_axes} axes, {n_silent} silent"), path.name());
-            group.bench_function(id, |bencher| {
-                bencher.iter(|| extractor.extract_on(path, black_box(&wrench), shape, 1, &mut out));
+        for threads in [1, 2] {
+            let id = |name: &str| BenchmarkId::new(format!("{name}, {place}"), format!("{threads} threads"));
+            group.bench_function(id("float64"), |bencher| {
+                bencher.iter(|| extractor.extract_into(black_box(&wrench), shape, threads, &mut wide));
+            });
+            group.bench_function(id("float32"), |bencher| {
+                bencher.iter(|| extractor.extract_into_f32(black_box(&wrench), shape, threads, &mut narrow));
             });
         }
     }
     group.finish();
 }
 
-/// The whole extraction, by path and threads, on more data than the caches hold.
-fn extraction(criterion: &mut Criterion) {
-    let n_recordings = 682;
-    let wrench = recordings(n_recordings, 6);
-    let shape = BatchShape { n_recordings, n_samples: N_SAMPLES, n_axes: 6 };
-    let specs = [
-        ("raw+hfmh", FeatureSpec::default()),
-        ("raw", FeatureSpec { hfmh: false, ..FeatureSpec::default() }),
-        ("hfmh", FeatureSpec { raw: false, ..FeatureSpec::default() }),
-    ];
-    let mut group = criterion.benchmark_group("extraction");
-    group.sample_size(20).throughput(Throughput::Elements(wrench.len() as u64));
-    for (name, spec) in specs {
-        let Ok(extractor) = Extractor::new(spec) else { continue };
-        let Ok(n_features) = extractor.n_features(N_SAMPLES, 6) else { continue };
-        let mut out = vec![0.0; n_recordings * n_features];
-        for path in SimdPath::available() {
-            for threads in [1, 2] {
-                let id = BenchmarkId::new(format!("{name} {}", path.name()), format!("{threads} threads"));
-                group.bench_function(id, |bencher| {
-                    bencher.iter(|| extractor.extract_on(path, black_box(&wrench), shape, threads, &mut out));
-                });
-            }
-        }
-    }
-    group.finish();
+criterion_group! {
+    name = benches;
+    config = Criterion::default()
+        .warm_up_time(Duration::from_millis(300))
+        .measurement_time(Duration::from_secs(1))
+        .sample_size(20);
+    targets = stream, peers, stages, kernel, extraction
 }
-
-criterion_group!(benches, filter, kernel, extraction);
 criterion_main!(benches);

@@ -56,15 +56,15 @@
 //!
 //! | module | holds | feature | brings |
 //! |---|---|---|---|
-//! | `dsp` | Butterworth design, filters of streams and arrays, histograms | | libm, thiserror |
-//! | `features` | the paper's features of a recording or a batch | `parallel` for several threads | rayon |
-//! | `stream` | features and answers as rows arrive | answers: `model` | |
-//! | `wrench` | order, names and units of the six axes | | |
-//! | `multiband` | statistics of every octave | `multiband` | |
-//! | `model` | trained models and their files | `model` | safetensors, serde, `serde_json`, sha2 |
-//! | `buffer` | one writer, many readers, nothing lost unnoticed | `buffer` | |
-//! | `rdt` | force-torque sensors on the network (ATI Net F/T, `OnRobot`) | `rdt` | socket2 |
-//! | `number_table` | CSV that keeps every bit | `number-table` | lexical-parse-float, zmij |
+//! | [`dsp`] | Butterworth design, filters of streams and arrays, histograms | | libm, thiserror |
+//! | [`features`] | the paper's features of a recording or a batch | `parallel` for several threads | rayon |
+//! | [`stream`] | features and answers as rows arrive | answers: `model` | |
+//! | [`wrench`] | order, names and units of the six axes | | |
+//! | [`multiband`] | statistics of every octave | `multiband` | |
+//! | [`model`] | trained models and their files | `model` | safetensors, serde, `serde_json`, sha2 |
+//! | [`buffer`] | one writer, many readers, nothing lost unnoticed | `buffer` | |
+//! | [`rdt`] | force-torque sensors on the network (ATI Net F/T, `OnRobot`) | `rdt` | socket2 |
+//! | [`number_table`] | CSV that keeps every bit | `number-table` | lexical-parse-float, zmij |
 //!
 //! # Limits
 //!
@@ -83,6 +83,8 @@
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
 mod batch_kernel;
+#[doc(hidden)]
+pub mod bench_hooks;
 #[cfg(feature = "buffer")]
 pub mod buffer;
 pub mod dsp;

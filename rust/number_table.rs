@@ -53,7 +53,7 @@ pub fn parse(text: &[u8], n_columns: usize) -> Result<Vec<f64>, ParseError> {
 
 /// Where and why a text is no table of numbers.
 ///
-/// Not a variant of [`Error`](crate::Error), which is about arguments: a file has places.
+/// Not a variant of [`Error`], which is about arguments: a file has places.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("row {row}{}: {kind}", .column.map(|column| format!(", column {column}")).unwrap_or_default())]
 pub struct ParseError {
