@@ -59,7 +59,7 @@ fn main() -> ExitCode {
 /// Whether the model says of itself that simulated recordings trained it.
 #[must_use]
 pub fn is_synthetic(model: &Model) -> bool {
-    serde_json::from_str(&model.notes().trained)
+    serde_json::from_str(&model.metadata().trained)
         .is_ok_and(|trained: serde_json::Value| trained["synthetic"] == serde_json::Value::Bool(true))
 }
 
@@ -120,7 +120,7 @@ fn in_order(
             .position(|name| *name == axis.to_lowercase())
             .ok_or_else(|| format!("wanted a column {axis}, got {}", names.join(", ")))
     };
-    let axes = model.notes().axes.iter().map(column).collect::<Result<Vec<_>, _>>()?;
+    let axes = model.metadata().axes.iter().map(column).collect::<Result<Vec<_>, _>>()?;
     let rows = values.chunks_exact(names.len());
     if rows.len() != model.n_samples() {
         return Err(format!("wanted {} samples, got {}", model.n_samples(), rows.len()).into());

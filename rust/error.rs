@@ -41,7 +41,10 @@ fn characters(cell: &[u8]) -> usize {
     cell.utf8_chunks().map(|chunk| chunk.valid().chars().count() + chunk.invalid().len()).sum()
 }
 
-/// An input that cannot be used, with the numbers that say why.
+/// An input that cannot be used, with the numbers that say why: each is a field of its variant.
+///
+/// One type for the whole crate, so that design, features and streams pass each other's errors on as they are. What has
+/// places or causes of its own, a text, a model file or a sensor, has its own type beside it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {

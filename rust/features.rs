@@ -11,8 +11,9 @@ use crate::wrench::axis_name;
 /// The largest number of samples of a recording: counts are 32 bits wide.
 pub const MAX_SAMPLES: usize = u32::MAX as usize;
 
-/// The largest number of names that are worth writing out.
-const MAX_NAMES: usize = 100_000_000;
+/// The largest number of names that are written out: as many as a model file of the usual limit has weights. They take
+/// 400 MB.
+const MAX_NAMES: usize = 1 << 21;
 
 /// Memory that a name takes, here and as a string of Python.
 pub(crate) const NAME_BYTES: usize = 200;

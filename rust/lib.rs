@@ -15,7 +15,7 @@
 //! let sos = butterworth(8, Band::Highpass(23.0), 500.0)?;
 //! let mut state = SosState::zero(&sos, 6)?;
 //! let mut rows = [0.25; 10 * 6]; // ten rows of six axes
-//! state.filter(&sos, &mut rows)?;
+//! state.filter(&mut rows)?;
 //! # Ok::<(), granular_id::Error>(())
 //! ```
 //!

@@ -46,7 +46,7 @@ pub fn parse(text: &[u8], n_columns: usize) -> Result<Vec<f64>, ParseError> {
     let mut at = 0;
     for row in 0..rows {
         at = parse_row(text, at, n_columns, &mut values)
-            .map_err(|(column, problem)| fault(&text[at..], row, column, problem, n_columns))?;
+            .map_err(|(column, problem)| row_error(&text[at..], row, column, problem, n_columns))?;
     }
     Ok(values)
 }
@@ -59,7 +59,7 @@ pub fn parse(text: &[u8], n_columns: usize) -> Result<Vec<f64>, ParseError> {
 pub struct ParseError {
     /// The row, from 0; as all rows before it were read, also the number of line ends before it.
     pub row: usize,
-    /// The column, from 0; `None` where the row as a whole is at fault.
+    /// The column, from 0; `None` where the row as a whole is wrong.
     pub column: Option<usize>,
     /// What is wrong.
     pub kind: ParseErrorKind,
@@ -164,8 +164,8 @@ fn parse_row(
     }
 }
 
-/// The fault of a row: what is wrong with its line comes before what is wrong with a cell.
-fn fault(rest: &[u8], row: usize, column: usize, problem: Problem, n_columns: usize) -> ParseError {
+/// The error of a row: what is wrong with its line comes before what is wrong with a cell.
+fn row_error(rest: &[u8], row: usize, column: usize, problem: Problem, n_columns: usize) -> ParseError {
     let line = rest.split(|byte| *byte == b'\n').next().unwrap_or_default();
     // The last line of a text lost its end together with the blanks after it.
     let line = if line.len() < rest.len() { line.strip_suffix(b"\r").unwrap_or(line) } else { line };
@@ -334,11 +334,12 @@ fn reserve(text: &mut String, bytes: usize) -> Result<(), Error> {
 
 #[cfg(test)]
 mod tests {
+    use super::ParseErrorKind as Kind;
     use super::*;
 
-    fn kind(text: &str, n_columns: usize) -> (usize, Option<usize>, ParseErrorKind) {
-        let fault = parse(text.as_bytes(), n_columns).unwrap_err();
-        (fault.row, fault.column, fault.kind)
+    fn kind(text: &str, n_columns: usize) -> (usize, Option<usize>, Kind) {
+        let error = parse(text.as_bytes(), n_columns).unwrap_err();
+        (error.row, error.column, error.kind)
     }
 
     #[test]
@@ -403,11 +404,11 @@ mod tests {
             "1\u{a0}",
         ] {
             let cell = text.as_bytes().to_vec();
-            assert_eq!(kind(text, 1), (0, Some(0), ParseErrorKind::NotANumber { cell }), "{text}");
+            assert_eq!(kind(text, 1), (0, Some(0), Kind::NotANumber { cell }), "{text}");
         }
         for text in ["1e999", "-1e309", &"9".repeat(400)] {
             let cell = text.as_bytes().to_vec();
-            assert_eq!(kind(text, 1), (0, Some(0), ParseErrorKind::TooLarge { cell }), "{text}");
+            assert_eq!(kind(text, 1), (0, Some(0), Kind::TooLarge { cell }), "{text}");
         }
     }
 
@@ -416,42 +417,33 @@ mod tests {
         assert_eq!(parse(b"1,2\n3,4", 2).unwrap(), [1.0, 2.0, 3.0, 4.0]);
         assert_eq!(parse(b"1,2\r\n3,4 \r\n\r\n \n", 2).unwrap(), [1.0, 2.0, 3.0, 4.0]);
         for blank in ["", "\n", "\r\n \t\n"] {
-            assert_eq!(kind(blank, 2), (0, None, ParseErrorKind::NoRows));
+            assert_eq!(kind(blank, 2), (0, None, Kind::NoRows));
         }
-        assert_eq!(kind("1,2\n\n3,4", 2), (1, None, ParseErrorKind::EmptyLine));
-        assert_eq!(kind("1,2\n\r\n3,4", 2), (1, None, ParseErrorKind::EmptyLine));
-        assert_eq!(kind("1,2\n  \n3,4", 2), (1, Some(0), ParseErrorKind::EmptyCell));
-        assert_eq!(kind("1,2\n3,\n", 2), (1, Some(1), ParseErrorKind::EmptyCell));
-        assert_eq!(kind("1,2\n3", 2), (1, None, ParseErrorKind::Cells { got: 1, wanted: 2 }));
-        assert_eq!(kind("1,2\n3,4,x\n", 2), (1, None, ParseErrorKind::Cells { got: 3, wanted: 2 }));
-        assert_eq!(kind("1,2\nx,4,5\n", 2), (1, Some(0), ParseErrorKind::NotANumber { cell: b"x".to_vec() }));
-        assert_eq!(kind("1,2", 0), (0, None, ParseErrorKind::Cells { got: 2, wanted: 0 }));
-        assert_eq!(
-            kind("1,2\n3,4\r\r\n5,6", 2),
-            (1, Some(1), ParseErrorKind::NotANumber { cell: b"4".to_vec() })
-        );
+        assert_eq!(kind("1,2\n\n3,4", 2), (1, None, Kind::EmptyLine));
+        assert_eq!(kind("1,2\n\r\n3,4", 2), (1, None, Kind::EmptyLine));
+        assert_eq!(kind("1,2\n  \n3,4", 2), (1, Some(0), Kind::EmptyCell));
+        assert_eq!(kind("1,2\n3,\n", 2), (1, Some(1), Kind::EmptyCell));
+        assert_eq!(kind("1,2\n3", 2), (1, None, Kind::Cells { got: 1, wanted: 2 }));
+        assert_eq!(kind("1,2\n3,4,x\n", 2), (1, None, Kind::Cells { got: 3, wanted: 2 }));
+        assert_eq!(kind("1,2\nx,4,5\n", 2), (1, Some(0), Kind::NotANumber { cell: b"x".to_vec() }));
+        assert_eq!(kind("1,2", 0), (0, None, Kind::Cells { got: 2, wanted: 0 }));
+        assert_eq!(kind("1,2\n3,4\r\r\n5,6", 2), (1, Some(1), Kind::NotANumber { cell: b"4".to_vec() }));
     }
 
     #[test]
     fn what_is_wrong_with_a_line_comes_first() {
-        assert_eq!(kind("x\0,2,3\n", 2), (0, None, ParseErrorKind::Binary));
+        assert_eq!(kind("x\0,2,3\n", 2), (0, None, Kind::Binary));
         let longest = format!("{},2", "1".repeat(MAX_LINE_BYTES - 2));
-        assert_eq!(
-            kind(&longest, 2),
-            (0, Some(0), ParseErrorKind::TooLarge { cell: vec![b'1'; MAX_LINE_BYTES - 2] })
-        );
-        assert_eq!(kind(&format!("1{longest}"), 2), (0, None, ParseErrorKind::LongLine));
+        assert_eq!(kind(&longest, 2), (0, Some(0), Kind::TooLarge { cell: vec![b'1'; MAX_LINE_BYTES - 2] }));
+        assert_eq!(kind(&format!("1{longest}"), 2), (0, None, Kind::LongLine));
         let blank = " ".repeat(MAX_LINE_BYTES - 3);
         assert_eq!(parse(format!("1,2{blank}\r\n3,4").as_bytes(), 2).unwrap().len(), 4);
-        assert_eq!(kind(&format!("1,2{blank} \n3,4"), 2), (0, None, ParseErrorKind::LongLine));
-        assert_eq!(
-            kind(&format!("x\0{}", "x".repeat(MAX_LINE_BYTES)), 2),
-            (0, None, ParseErrorKind::LongLine)
-        );
+        assert_eq!(kind(&format!("1,2{blank} \n3,4"), 2), (0, None, Kind::LongLine));
+        assert_eq!(kind(&format!("x\0{}", "x".repeat(MAX_LINE_BYTES)), 2), (0, None, Kind::LongLine));
     }
 
     fn problem(cell: &[u8]) -> String {
-        ParseErrorKind::NotANumber { cell: cell.to_vec() }.to_string()
+        Kind::NotANumber { cell: cell.to_vec() }.to_string()
     }
 
     #[test]
@@ -471,10 +463,10 @@ mod tests {
 
     #[test]
     fn the_place_is_named() {
-        let fault = ParseError { row: 3, column: None, kind: ParseErrorKind::Cells { got: 1, wanted: 7 } };
-        assert_eq!(fault.to_string(), "row 3: 1 cell; wanted 7, as in the header");
-        let fault = ParseError { row: 0, column: Some(2), kind: ParseErrorKind::EmptyCell };
-        assert_eq!(fault.to_string(), "row 0, column 2: the cell is empty; wanted a number");
+        let error = ParseError { row: 3, column: None, kind: Kind::Cells { got: 1, wanted: 7 } };
+        assert_eq!(error.to_string(), "row 3: 1 cell; wanted 7, as in the header");
+        let error = ParseError { row: 0, column: Some(2), kind: Kind::EmptyCell };
+        assert_eq!(error.to_string(), "row 0, column 2: the cell is empty; wanted a number");
     }
 
     #[test]

@@ -14,34 +14,271 @@
 //!
 //! Multi-band features stand in the place of `h`, in their order, and there are no raw ones.
 
-mod checks;
-mod codes;
-mod extraction;
-mod fault;
+mod decoding;
+mod error;
 mod file;
-mod loss;
-mod nearest;
-mod notes;
+mod json;
+mod metadata;
 mod parts;
 mod rules;
 mod scores;
-mod trained;
-mod weights;
 
+pub(crate) use decoding::best_and_margin;
 #[doc(hidden)]
-pub use extraction::Extraction;
-pub use extraction::{Features, MAX_MULTIBAND_AXES, MAX_MULTIBAND_VALUES};
-pub use fault::{Fault, FileFault};
+pub use decoding::ranking;
+pub use decoding::{Answer, Decoding, Loss};
+pub use error::{ModelError, ModelFileError};
 pub use file::{MAX_FILE_BYTES, MAX_HEADER_BYTES};
-pub use loss::{Decoding, Loss};
-pub use nearest::NearestMean;
-pub use notes::{Notes, MAX_NAME_BYTES};
-pub use parts::{ModelParts, Tensor, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_WINDOW};
-pub use rules::Rules;
-pub(crate) use rules::Verdict;
-pub(crate) use scores::best_and_margin;
+pub use metadata::{Metadata, MAX_NAME_BYTES};
 #[doc(hidden)]
-pub use scores::ranking;
-pub use scores::Answer;
-pub use trained::Model;
-pub(crate) use weights::AddRows;
+pub use parts::Extraction;
+pub use parts::{
+    Features, ModelParts, Tensor, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_MULTIBAND_AXES,
+    MAX_MULTIBAND_VALUES, MAX_WINDOW,
+};
+pub(crate) use rules::Verdict;
+pub use rules::{NearestMean, Rules};
+pub(crate) use scores::AddRows;
+
+use crate::multiband::MultiBand;
+use crate::Extractor;
+use decoding::Codes;
+use scores::Weights;
+
+/// A trained identifier: features of a recording, a score per linear learner, a mean loss per class.
+///
+/// Made by [`Model::new`] from parts, or read by [`Model::read`] and [`Model::from_bytes`]; immutable, shared between
+/// threads.
+///
+/// ```
+/// use granular_id::model::{Decoding, Loss, Metadata, ModelParts, Tensor};
+/// use granular_id::{FeatureSpec, Model};
+///
+/// // Two materials, told apart by the second of three samples of one axis.
+/// let spec = FeatureSpec { hfmh: false, ..FeatureSpec::default() };
+/// let model = Model::new(ModelParts {
+///     features: spec.into(),
+///     n_samples: 3,
+///     n_axes: 1,
+///     coef: Tensor::new(vec![1, 3], &[0.0, 2.0, 0.0]),
+///     intercept: Tensor::new(vec![1], &[-1.0]),
+///     coding_matrix: Tensor::new(vec![2, 1], &[1.0, -1.0]),
+///     classes: vec!["rice".to_owned(), "salt".to_owned()],
+///     loss: Loss::Hinge,
+///     decoding: Decoding::LossWeighted,
+///     raw_mean: None,
+///     raw_low: None,
+///     raw_high: None,
+///     early: None,
+///     sigmoid: None,
+///     posterior_weights: None,
+///     metadata: Metadata::of_axes(1),
+/// })?;
+/// let answer = model.identify(&[0.1, 0.9, 0.2])?;
+/// assert_eq!(model.classes()[answer.best], "rice");
+/// assert_eq!(Model::from_bytes(&model.to_bytes()?, 1 << 20)?, model);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Model {
+    extraction: Extraction,
+    n_samples: usize,
+    n_axes: usize,
+    weights: Weights,
+    codes: Codes,
+    loss: Loss,
+    decoding: Decoding,
+    raw_mean: Option<Vec<f64>>,
+    raw_low: Option<Vec<f64>>,
+    raw_high: Option<Vec<f64>>,
+    early: Option<Vec<[f64; 2]>>,
+    sigmoid: Option<Vec<[f64; 2]>>,
+    posterior_weights: Option<Vec<f64>>,
+    classes: Vec<String>,
+    rules: Rules,
+    metadata: Metadata,
+    lacks_digest: bool,
+}
+
+impl PartialEq for Model {
+    /// The same parts, and therefore the same answers, wherever they came from.
+    fn eq(&self, other: &Self) -> bool {
+        self.extraction == other.extraction
+            && (self.n_samples, self.n_axes) == (other.n_samples, other.n_axes)
+            && (self.loss, self.decoding) == (other.loss, other.decoding)
+            && (&self.weights, &self.codes) == (&other.weights, &other.codes)
+            && (&self.raw_mean, &self.raw_low, &self.raw_high)
+                == (&other.raw_mean, &other.raw_low, &other.raw_high)
+            && (&self.early, &self.sigmoid) == (&other.early, &other.sigmoid)
+            && self.posterior_weights == other.posterior_weights
+            && (&self.classes, &self.metadata) == (&other.classes, &other.metadata)
+    }
+}
+
+impl Model {
+    /// What is extracted from a recording; `None` for multi-band features.
+    #[must_use]
+    pub fn extractor(&self) -> Option<&Extractor> {
+        match &self.extraction {
+            Extraction::Additive { extractor, .. } => Some(extractor),
+            Extraction::MultiBand(_) => None,
+        }
+    }
+
+    /// The multi-band features that are extracted; `None` for samples and histograms.
+    #[must_use]
+    pub fn multiband(&self) -> Option<&MultiBand> {
+        match &self.extraction {
+            Extraction::Additive { .. } => None,
+            Extraction::MultiBand(multiband) => Some(multiband),
+        }
+    }
+
+    /// Sampling rate of a recording, in hertz.
+    #[must_use]
+    pub fn rate_hz(&self) -> f64 {
+        match &self.extraction {
+            Extraction::Additive { extractor, .. } => extractor.spec().rate_hz,
+            Extraction::MultiBand(multiband) => multiband.spec().rate_hz,
+        }
+    }
+
+    /// Samples of a recording.
+    #[must_use]
+    pub fn n_samples(&self) -> usize {
+        self.n_samples
+    }
+
+    /// Axes of a sample.
+    #[must_use]
+    pub fn n_axes(&self) -> usize {
+        self.n_axes
+    }
+
+    /// Features of a recording: D.
+    #[must_use]
+    pub fn n_features(&self) -> usize {
+        self.weights.n_features()
+    }
+
+    /// Features of the raw block; 0 without one.
+    #[must_use]
+    pub fn n_raw(&self) -> usize {
+        self.weights.n_raw
+    }
+
+    /// Binary learners: L.
+    #[must_use]
+    pub fn n_learners(&self) -> usize {
+        self.weights.n_learners
+    }
+
+    /// Labels of the K classes.
+    #[must_use]
+    pub fn classes(&self) -> &[String] {
+        &self.classes
+    }
+
+    /// The binary loss.
+    #[must_use]
+    pub fn loss(&self) -> Loss {
+        self.loss
+    }
+
+    /// By what the summed loss of a class is divided.
+    #[must_use]
+    pub fn decoding(&self) -> Decoding {
+        self.decoding
+    }
+
+    /// The weight of a feature, in the order of [`Extractor::extract`] or
+    /// [`MultiBand::extract_into`]; 0 where there is none.
+    #[must_use]
+    pub fn coef(&self, learner: usize, feature: usize) -> f64 {
+        self.weights.coef(learner, feature)
+    }
+
+    /// The intercepts of the learners.
+    #[must_use]
+    pub fn intercepts(&self) -> &[f64] {
+        &self.intercept()[..self.n_learners()]
+    }
+
+    /// Code -1, 0 or +1 of a class at a learner; 0 where there is none.
+    #[must_use]
+    pub fn code(&self, class: usize, learner: usize) -> i8 {
+        self.codes.code(class, learner)
+    }
+
+    /// Mean of the training recordings, axis by axis.
+    #[must_use]
+    pub fn raw_mean(&self) -> Option<&[f64]> {
+        self.raw_mean.as_deref()
+    }
+
+    /// Smallest and largest values of the training recordings, axis by axis.
+    #[must_use]
+    pub fn raw_range(&self) -> Option<(&[f64], &[f64])> {
+        self.raw_low.as_deref().zip(self.raw_high.as_deref())
+    }
+
+    /// The rule for early answers: samples seen (rising) and the margin needed from there on.
+    #[must_use]
+    pub fn early(&self) -> Option<&[[f64; 2]]> {
+        self.early.as_deref()
+    }
+
+    /// The margin that an early answer needs after `n_seen` samples: that of the latest row of [`early`](Self::early)
+    /// reached. `None` before the first, and without a rule.
+    #[must_use]
+    pub fn margin_needed(&self, n_seen: usize) -> Option<f64> {
+        let rows = self.early()?;
+        let reached = rows.partition_point(|[from, _]| *from <= n_seen as f64);
+        rows[..reached].last().map(|[_, margin]| *margin)
+    }
+
+    /// Slope and offset of the sigmoid of each learner.
+    #[must_use]
+    pub fn sigmoid(&self) -> Option<&[[f64; 2]]> {
+        self.sigmoid.as_deref()
+    }
+
+    /// Sum of the weights of the training rows behind each learner.
+    #[must_use]
+    pub fn posterior_weights(&self) -> Option<&[f64]> {
+        self.posterior_weights.as_deref()
+    }
+
+    /// What is said of a whole recording beside its label.
+    #[must_use]
+    pub fn rules(&self) -> &Rules {
+        &self.rules
+    }
+
+    /// What describes the model; of all this only [`rules`](Self::rules) are part of an answer.
+    #[must_use]
+    pub fn metadata(&self) -> &Metadata {
+        &self.metadata
+    }
+
+    /// What is extracted.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn extraction(&self) -> &Extraction {
+        &self.extraction
+    }
+
+    /// Whether it was read from a file without a digest, as earlier versions wrote them: had the numbers been damaged,
+    /// nobody would know.
+    #[must_use]
+    pub fn lacks_digest(&self) -> bool {
+        self.lacks_digest
+    }
+
+    /// The same model as one of a file without a digest.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn without_digest(self) -> Self {
+        Self { lacks_digest: true, ..self }
+    }
+}

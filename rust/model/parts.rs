@@ -1,11 +1,17 @@
-//! What a model is made of, before anybody has looked at it.
+//! What a model is made of, and whether the parts fit together.
 
-use super::extraction::Features;
-use super::fault::Fault;
-use super::loss::{Decoding, Loss};
-use super::notes::Notes;
-use crate::memory::collected;
-use crate::Error;
+use std::fmt::Display;
+use std::ops::RangeInclusive;
+
+use super::decoding::Codes;
+use super::metadata::check_names;
+use super::scores::Weights;
+use super::{json, Decoding, Loss, Metadata, Model, ModelError};
+use crate::error::{brief, Error};
+use crate::extract::{finite, not_finite};
+use crate::memory::{collected, filled};
+use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
+use crate::{BatchShape, Extractor, FeatureSpec};
 
 /// The largest number of classes.
 pub const MAX_CLASSES: usize = 1024;
@@ -18,6 +24,13 @@ pub const MAX_AXES: usize = 256;
 
 /// The largest number of bins of all histograms together: their edges take 8 MB.
 pub const MAX_BINS_IN_ALL: usize = 1 << 20;
+
+/// The largest number of axes of a multi-band model: each adds twice to the size of a matrix whose logarithm is taken.
+pub const MAX_MULTIBAND_AXES: usize = 32;
+
+/// The largest number of values of a recording of a multi-band model: nearly a minute and a half of six axes at 500 Hz. A
+/// design takes up to 150 bytes for each, however small the file that asks for it, and 650 more once it works.
+pub const MAX_MULTIBAND_VALUES: usize = 1 << 18;
 
 /// Numbers with a shape, the last index fastest. Borrowed: models are large, and what is checked is copied once.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,7 +64,7 @@ impl<'a> Tensor<'a> {
     }
 
     /// The number of values, whatever the shape says.
-    pub(super) fn len(&self) -> usize {
+    fn len(&self) -> usize {
         match self.values {
             Values::Numbers(numbers) => numbers.len(),
             Values::Bytes(bytes) => bytes.len(),
@@ -68,62 +81,51 @@ impl<'a> Tensor<'a> {
         .unwrap_or(f64::NAN)
     }
 
-    pub(super) fn to_vec(&self) -> Result<Vec<f64>, Error> {
-        collected((0..self.len()).map(|index| self.at(index)))
-    }
-
-    /// Refuses a tensor of another shape.
-    pub(super) fn check_shape(
-        &self,
-        name: &'static str,
-        shape: &[usize],
-        wanted: impl FnOnce() -> String,
-    ) -> Result<(), Fault> {
-        let len = shape.iter().try_fold(1_usize, |len, size| len.checked_mul(*size));
-        if self.shape == shape && len == Some(self.len()) {
-            return Ok(());
-        }
-        Err(Fault::Shape { name, wanted: wanted(), got: self.shape.clone() })
-    }
-
-    /// Refuses NaN and infinity.
-    pub(super) fn check_finite(&self, name: &'static str) -> Result<(), Fault> {
-        (0..self.len()).try_for_each(|index| self.finite(name, index).map(drop))
-    }
-
-    /// Refuses NaN, infinity, zero and negative numbers.
-    pub(super) fn check_positive(&self, name: &'static str) -> Result<(), Fault> {
-        self.check_finite(name)?;
-        match (0..self.len()).map(|index| self.at(index)).find(|value| *value <= 0.0) {
-            None => Ok(()),
-            Some(got) => Err(Fault::Entry { key: name, wanted: "positive".to_owned(), got: got.to_string() }),
-        }
-    }
-
     /// A value by its place, unless it is NaN or infinite.
     #[inline]
-    pub(super) fn finite(&self, name: &'static str, index: usize) -> Result<f64, Fault> {
+    pub(super) fn finite(&self, name: &str, index: usize) -> Result<f64, ModelError> {
         let value = self.at(index);
         if value.is_finite() {
             return Ok(value);
         }
-        let mut left = index;
-        let mut place: Vec<_> = self
-            .shape
-            .iter()
-            .rev()
-            .map(|size| {
-                let part = left % (*size).max(1);
-                left /= (*size).max(1);
-                part
-            })
-            .collect();
-        place.reverse();
-        Err(Fault::NonFinite { name, place, value })
+        let (mut left, mut place) = (index, self.shape.clone());
+        for size in place.iter_mut().rev() {
+            let n = (*size).max(1);
+            (*size, left) = (left % n, left / n);
+        }
+        Err(ModelError::must_be(format!("{name}{place:?}"), "finite", value))
+    }
+
+    fn to_vec(&self) -> Result<Vec<f64>, Error> {
+        collected((0..self.len()).map(|index| self.at(index)))
+    }
+
+    fn to_pairs(&self) -> Result<Vec<[f64; 2]>, Error> {
+        collected((0..self.len() / 2).map(|row| [self.at(2 * row), self.at(2 * row + 1)]))
+    }
+
+    fn check_shape(&self, name: &str, shape: &[usize], wanted: impl Display) -> Result<(), ModelError> {
+        let len = shape.iter().try_fold(1_usize, |len, size| len.checked_mul(*size));
+        if self.shape == shape && len == Some(self.len()) {
+            return Ok(());
+        }
+        Err(ModelError::part(name, format!("must have shape {wanted}, got {:?}", self.shape)))
+    }
+
+    fn check_finite(&self, name: &str) -> Result<(), ModelError> {
+        (0..self.len()).try_for_each(|index| self.finite(name, index).map(drop))
+    }
+
+    fn check_positive(&self, name: &str) -> Result<(), ModelError> {
+        self.check_finite(name)?;
+        match (0..self.len()).map(|index| self.at(index)).find(|value| *value <= 0.0) {
+            None => Ok(()),
+            Some(got) => Err(ModelError::must_be(name, "positive", got)),
+        }
     }
 }
 
-/// The parts of a [`Model`](super::Model): L learners, D features, K classes.
+/// The parts of a [`Model`]: L learners, D features, K classes.
 #[derive(Clone, Debug)]
 pub struct ModelParts<'a> {
     /// What is extracted from a recording.
@@ -132,8 +134,8 @@ pub struct ModelParts<'a> {
     pub n_samples: usize,
     /// Axes of a sample.
     pub n_axes: usize,
-    /// Weights (L, D), features in the order of [`Extractor::extract`](crate::Extractor::extract) or
-    /// [`MultiBand::extract_into`](crate::multiband::MultiBand::extract_into).
+    /// Weights (L, D), features in the order of [`Extractor::extract`] or
+    /// [`MultiBand::extract_into`].
     pub coef: Tensor<'a>,
     /// Intercepts (L,).
     pub intercept: Tensor<'a>,
@@ -158,5 +160,276 @@ pub struct ModelParts<'a> {
     /// Sum of the weights of the training rows behind each learner (L,), for the coupling of probabilities.
     pub posterior_weights: Option<Tensor<'a>>,
     /// What describes the model; of all this only the rules are part of an answer.
-    pub notes: Notes,
+    pub metadata: Metadata,
+}
+
+/// What is extracted from a recording, not checked yet.
+#[derive(Clone, Debug)]
+pub enum Features<'a> {
+    /// Samples and histograms: scores add up sample by sample.
+    Additive(FeatureSpec),
+    /// Multi-band features.
+    MultiBand {
+        /// Which blocks, and the rate.
+        spec: MultiBandSpec,
+        /// Typical size of each band and axis in the training recordings (`n_bands`, `n_axes`).
+        band_scales: Tensor<'a>,
+        /// Typical size of the level of each axis (`n_axes`,); there exactly if the specification has levels.
+        level_scales: Option<Tensor<'a>>,
+    },
+}
+
+impl From<FeatureSpec> for Features<'_> {
+    fn from(spec: FeatureSpec) -> Self {
+        Self::Additive(spec)
+    }
+}
+
+impl Model {
+    /// A model of parts that fit together.
+    ///
+    /// # Errors
+    /// The first [`ModelError`] found: sizes, then values, then labels and metadata.
+    pub fn new(parts: ModelParts<'_>) -> Result<Self, ModelError> {
+        let ModelParts { n_samples, n_axes, ref coef, ref intercept, ref coding_matrix, .. } = parts;
+        let (n_classes, n_learners) = (parts.classes.len(), intercept.len());
+        in_range("n_samples", n_samples, 1..=MAX_WINDOW)?;
+        in_range("n_axes", n_axes, 1..=MAX_AXES)?;
+        in_range("classes", n_classes, 2..=MAX_CLASSES)?;
+        let extraction = parts.features.checked(n_samples, n_axes)?;
+        let (n_raw, n_features) = extraction.n_features(n_samples, n_axes)?;
+        intercept.check_shape("intercept", &[n_learners.max(1)], "(L,), one per learner")?;
+        coef.check_shape("coef", &[n_learners, n_features], format_args!("({n_learners}, {n_features}), as many rows as intercept and {n_features} features for n_samples = {n_samples}, n_axes = {n_axes} and the feature_spec"))?;
+        coding_matrix.check_shape(
+            "coding_matrix",
+            &[n_classes, n_learners],
+            format_args!("({n_classes}, {n_learners}), one row per class and one column per learner"),
+        )?;
+        check_names("classes", &parts.classes)?;
+        parts.metadata.check(n_axes)?;
+        let codes = Codes::new(coding_matrix, n_classes, n_learners, parts.decoding)?;
+        let rules = json::read_rules(&parts.metadata.trained, &parts.classes, &codes)?;
+        parts.check_optional(n_raw)?;
+        intercept.check_finite("intercept")?;
+        let weights = Weights::new(coef, intercept.to_vec()?, (n_samples, n_axes), (n_raw, n_features))?;
+        let owned = |tensor: &Option<Tensor<'_>>| tensor.as_ref().map(Tensor::to_vec).transpose();
+        let pairs = |tensor: &Option<Tensor<'_>>| tensor.as_ref().map(Tensor::to_pairs).transpose();
+        let model = Self {
+            extraction,
+            n_samples,
+            n_axes,
+            weights,
+            codes,
+            loss: parts.loss,
+            decoding: parts.decoding,
+            raw_mean: owned(&parts.raw_mean)?,
+            raw_low: owned(&parts.raw_low)?,
+            raw_high: owned(&parts.raw_high)?,
+            early: pairs(&parts.early)?,
+            sigmoid: pairs(&parts.sigmoid)?,
+            posterior_weights: owned(&parts.posterior_weights)?,
+            classes: parts.classes,
+            rules,
+            metadata: parts.metadata,
+            lacks_digest: false,
+        };
+        model.check_header()?;
+        Ok(model)
+    }
+}
+
+impl ModelParts<'_> {
+    /// The tensors that a model may lack.
+    fn check_optional(&self, n_raw: usize) -> Result<(), ModelError> {
+        let n_learners = self.intercept.len();
+        let of_raw = [("raw_mean", &self.raw_mean), ("raw_low", &self.raw_low), ("raw_high", &self.raw_high)];
+        for (name, tensor) in of_raw {
+            let Some(tensor) = tensor else { continue };
+            if n_raw == 0 {
+                return Err(no_use(name, "raw features"));
+            }
+            tensor.check_shape(name, &[n_raw], format_args!("({n_raw},), n_axes * n_samples"))?;
+            tensor.check_finite(name)?;
+        }
+        match (&self.raw_low, &self.raw_high) {
+            (Some(low), Some(high)) => {
+                if let Some(index) = (0..n_raw).find(|index| low.at(*index) > high.at(*index)) {
+                    let (low, high) = (brief(low.at(index)), brief(high.at(index)));
+                    let problem = format!("must not be above raw_high[{index}], got {low} and {high}");
+                    return Err(ModelError::part(format!("raw_low[{index}]"), problem));
+                }
+            }
+            (Some(_), None) => return Err(no_use("raw_low", "raw_high")),
+            (None, Some(_)) => return Err(no_use("raw_high", "raw_low")),
+            (None, None) => {}
+        }
+        if let Some(early) = &self.early {
+            self.check_early(early)?;
+        }
+        let has_posterior = !self.metadata.posterior.is_empty();
+        if let Some(sigmoid) = &self.sigmoid {
+            let wanted = format_args!("({n_learners}, 2), slope and offset per learner");
+            sigmoid.check_shape("sigmoid", &[n_learners, 2], wanted)?;
+            sigmoid.check_finite("sigmoid")?;
+            if !has_posterior {
+                return Err(no_use("sigmoid", "a posterior in the metadata"));
+            }
+        } else if has_posterior {
+            return Err(no_use("posterior in the metadata", "sigmoid"));
+        }
+        if let Some(weights) = &self.posterior_weights {
+            let name = "posterior_weights";
+            weights.check_shape(name, &[n_learners], format_args!("({n_learners},), one per learner"))?;
+            weights.check_positive(name)?;
+            if self.sigmoid.is_none() {
+                return Err(no_use(name, "sigmoid"));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_early(&self, early: &Tensor<'_>) -> Result<(), ModelError> {
+        let (rows, n_samples) = (early.len() / 2, self.n_samples);
+        early.check_shape("early", &[rows.max(1), 2], "(M, 2), samples seen and margin needed")?;
+        early.check_finite("early")?;
+        let mut before = 0.0;
+        for row in 0..rows {
+            let (seen, margin) = (early.at(2 * row), early.at(2 * row + 1));
+            if !(seen > before && seen <= n_samples as f64 && seen.fract() == 0.0 && margin >= 0.0) {
+                let (seen, margin) = (brief(seen), brief(margin));
+                let problem = format!("must be (samples seen, margin): whole, rising, from 1 to {n_samples}; at least 0. Got ({seen}, {margin})");
+                return Err(ModelError::part(format!("early[{row}]"), problem));
+            }
+            before = seen;
+        }
+        Ok(())
+    }
+}
+
+fn in_range(what: &str, got: usize, range: RangeInclusive<usize>) -> Result<(), ModelError> {
+    if range.contains(&got) {
+        return Ok(());
+    }
+    Err(ModelError::must_be(what, format_args!("from {} to {}", range.start(), range.end()), got))
+}
+
+pub(super) fn missing_tensor(name: &str) -> ModelError {
+    ModelError::part(format!("tensor '{name}'"), "is missing")
+}
+
+pub(super) fn no_use(what: &str, without: &str) -> ModelError {
+    ModelError::part(what, format!("is of no use without {without}"))
+}
+
+/// What is extracted from a recording, checked and ready.
+#[allow(clippy::large_enum_variant)] // a model has one
+#[derive(Clone, Debug)]
+pub enum Extraction {
+    /// Samples as they are, and what counts them.
+    Additive {
+        /// What extracts all of them.
+        extractor: Extractor,
+        /// The extractor without the raw block; `None` where there is nothing to count.
+        histograms: Option<Extractor>,
+    },
+    /// Multi-band features.
+    MultiBand(MultiBand),
+}
+
+impl PartialEq for Extraction {
+    /// The same features, bit for bit.
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Additive { extractor: a, .. }, Self::Additive { extractor: b, .. }) => {
+                a.spec() == b.spec()
+            }
+            (Self::MultiBand(a), Self::MultiBand(b)) => (a.spec(), a.scales()) == (b.spec(), b.scales()),
+            _ => false,
+        }
+    }
+}
+
+impl Features<'_> {
+    /// What extracts them, after a look at sizes that a small file must not ask for.
+    fn checked(&self, n_samples: usize, n_axes: usize) -> Result<Extraction, ModelError> {
+        match self {
+            Self::Additive(spec) => {
+                let ranges = spec.bin_ranges.len();
+                if ranges != 1 && ranges != n_axes {
+                    return Err(Error::RangeCount { ranges, axes: n_axes }.into());
+                }
+                let n_bins = spec.n_bins.saturating_mul(ranges);
+                in_range("n_bins of all axes together", n_bins, 1..=MAX_BINS_IN_ALL)?;
+                let extractor = Extractor::new(spec.clone())?;
+                let histograms = spec.hfmh.then(|| extractor.without_raw());
+                Ok(Extraction::Additive { extractor, histograms })
+            }
+            Self::MultiBand { spec, band_scales, level_scales } => {
+                in_range("n_axes of multi-band features", n_axes, 1..=MAX_MULTIBAND_AXES)?;
+                let values = n_samples.saturating_mul(n_axes);
+                in_range("values of a recording of multi-band features", values, 1..=MAX_MULTIBAND_VALUES)?;
+                let bands = n_bands(n_samples);
+                let wanted =
+                    format_args!("({bands}, {n_axes}), one per band of {n_samples} samples and axis");
+                band_scales.check_shape("band_scales", &[bands, n_axes], wanted)?;
+                band_scales.check_positive("band_scales")?;
+                let level = match (spec.level, level_scales) {
+                    (true, None) => return Err(missing_tensor("level_scales")),
+                    (false, Some(_)) => return Err(no_use("level_scales", "the block 'level'")),
+                    (false, None) => filled(1.0, n_axes)?,
+                    (true, Some(levels)) => {
+                        let wanted = format_args!("({n_axes},), one per axis");
+                        levels.check_shape("level_scales", &[n_axes], wanted)?;
+                        levels.check_positive("level_scales")?;
+                        levels.to_vec()?
+                    }
+                };
+                let scales = Scales { bands: band_scales.to_vec()?, level };
+                Ok(Extraction::MultiBand(MultiBand::new(*spec, n_samples, n_axes, &scales)?))
+            }
+        }
+    }
+}
+
+impl Extraction {
+    /// Number of raw features and of all features of a recording.
+    fn n_features(&self, n_samples: usize, n_axes: usize) -> Result<(usize, usize), Error> {
+        match self {
+            Self::Additive { extractor, .. } => {
+                let n_raw = if extractor.spec().raw { n_samples * n_axes } else { 0 };
+                Ok((n_raw, extractor.n_features(n_samples, n_axes)?))
+            }
+            Self::MultiBand(multiband) => Ok((0, multiband.n_features())),
+        }
+    }
+
+    /// Refuses a batch of another size than `wrench` has.
+    pub(super) fn check(&self, wrench: &[f64], shape: BatchShape) -> Result<(), Error> {
+        let BatchShape { n_recordings, n_samples, n_axes } = shape;
+        let expected = n_recordings.saturating_mul(shape.recording_len());
+        match self {
+            Self::Additive { extractor, .. } => extractor.check(wrench, shape).map(drop),
+            Self::MultiBand(_) if n_recordings == 0 => {
+                Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] })
+            }
+            Self::MultiBand(_) if wrench.len() != expected => {
+                Err(Error::Length { what: "wrench", expected, got: wrench.len() })
+            }
+            Self::MultiBand(_) => Ok(()),
+        }
+    }
+
+    /// All features but raw ones, recording by recording; none where there are no others.
+    pub(super) fn extract(&self, wrench: &[f64], shape: BatchShape) -> Result<Vec<f64>, Error> {
+        match self {
+            Self::Additive { histograms: Some(histograms), .. } => histograms.extract(wrench, shape, 1),
+            Self::MultiBand(multiband) => {
+                let mut out = filled(0.0, shape.n_recordings.saturating_mul(multiband.n_features()))?;
+                multiband.extract_batch(wrench, shape, 1, &mut out)?;
+                Ok(out)
+            }
+            Self::Additive { .. } if finite(wrench) => Ok(Vec::new()),
+            Self::Additive { .. } => Err(not_finite(wrench, shape)),
+        }
+    }
 }

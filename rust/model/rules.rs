@@ -1,20 +1,18 @@
-//! What is said of a whole recording beside its label: which classes it may be, and whether it is like none.
+//! Confidence rules, what is said of a whole recording beside its label: which classes it may be, and whether it is like
+//! none.
 //!
 //! The rules are made elsewhere, from recordings that did not train, and stand in the file of a model. Sources: Vovk,
 //! Gammerman, Shafer, "Algorithmic learning in a random world" (2005) for sets of classes; Romano, Sesia, Candes,
 //! "Classification with valid and adaptive coverage" (2020) for the cumulative one; [`NearestMean`] for the distance.
 
-use super::nearest::NearestMean;
-use super::scores::{best_and_margin, rank};
+use super::decoding::{best_and_margin, pairs, rank, Loss};
 use super::Model;
-use crate::{
-    error::{Error, Result},
-    memory::reserved,
-};
+use crate::error::{Error, Result};
+use crate::memory::{collected, filled, reserved};
 
 /// How badly a class fits a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Misfit {
+pub(super) enum Nonconformity {
     /// By how much its loss exceeds the least of the others.
     Margin,
     /// Minus its probability: shares of the exponentials of minus the losses.
@@ -23,24 +21,24 @@ pub(super) enum Misfit {
     Cumulative,
 }
 
-impl Misfit {
+impl Nonconformity {
     pub(super) const NAMED: [(&'static str, Self); 3] =
         [("margin", Self::Margin), ("probability", Self::Probability), ("cumulative", Self::Cumulative)];
 }
 
 /// Which classes a recording may be.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Candidates {
-    pub(super) misfit: Misfit,
+pub(super) struct ConformalRule {
+    pub(super) nonconformity: Nonconformity,
     /// Losses are divided by it before they become probabilities.
     pub(super) temperature: f64,
     /// For each class how badly a candidate may fit.
     pub(super) limits: Vec<f64>,
 }
 
-/// How strange a recording is.
+/// How unlike all classes a recording is.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Strangeness {
+pub(super) enum Novelty {
     /// Distance of the scores of the learners to those of the nearest class.
     OfScores(NearestMean),
     /// Distance of the losses of the classes, negated.
@@ -54,8 +52,8 @@ pub(super) enum Strangeness {
 
 /// Beyond what a recording is like no class.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Refusal {
-    pub(super) strangeness: Strangeness,
+pub(super) struct UnknownRule {
+    pub(super) novelty: Novelty,
     pub(super) threshold: f64,
 }
 
@@ -63,31 +61,28 @@ pub(super) struct Refusal {
 /// [`StreamingIdentifier`](crate::stream::StreamingIdentifier) apply them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Rules {
-    pub(super) candidates: Option<Candidates>,
-    pub(super) refusal: Option<Refusal>,
+    pub(super) conformal: Option<ConformalRule>,
+    pub(super) unknown: Option<UnknownRule>,
 }
 
 impl Rules {
     /// Whether answers name the classes that a recording may be.
     #[must_use]
     pub fn name_candidates(&self) -> bool {
-        self.candidates.is_some()
+        self.conformal.is_some()
     }
 
     /// Whether answers say that a recording is like none of the classes.
     #[must_use]
     pub fn refuse_unknown(&self) -> bool {
-        self.refusal.is_some()
+        self.unknown.is_some()
     }
 
     /// Memory for what they say, taken once.
     pub(crate) fn verdict(&self) -> Verdict {
-        let n_classes = self.candidates.as_ref().map_or(0, |rule| rule.limits.len());
-        let nearest = match &self.refusal {
-            Some(Refusal {
-                strangeness: Strangeness::OfScores(nearest) | Strangeness::OfLosses(nearest),
-                ..
-            }) => nearest.n_values(),
+        let n_classes = self.conformal.as_ref().map_or(0, |rule| rule.limits.len());
+        let nearest = match self.unknown.as_ref().map(|rule| &rule.novelty) {
+            Some(Novelty::OfScores(nearest) | Novelty::OfLosses(nearest)) => nearest.n_values,
             _ => 0,
         };
         Verdict {
@@ -164,28 +159,26 @@ impl Model {
         }
         Ok(all)
     }
-}
 
-impl Model {
     /// Applies the rules to a whole recording, by its mean losses and the scores of the learners. Allocates nothing.
     pub(crate) fn judge(&self, losses: &[f64], scores: &[f64], verdict: &mut Verdict) {
-        let Rules { candidates, refusal } = &self.rules;
-        if let Some(rule) = candidates {
+        let Rules { conformal, unknown } = &self.rules;
+        if let Some(rule) = conformal {
             verdict.n_candidates = rule.within(losses, &mut verdict.order, &mut verdict.values);
         }
-        verdict.unknown = refusal.as_ref().map(|Refusal { strangeness, threshold }| {
+        verdict.unknown = unknown.as_ref().map(|UnknownRule { novelty, threshold }| {
             let Verdict { values, white, .. } = verdict;
-            let strangeness = match strangeness {
-                Strangeness::OfScores(nearest) => {
-                    nearest.distance(scores, &mut values[..nearest.n_values()], white)
+            let novelty = match novelty {
+                Novelty::OfScores(nearest) => {
+                    nearest.distance(scores, &mut values[..nearest.n_values], white)
                 }
-                Strangeness::OfLosses(nearest) => {
+                Novelty::OfLosses(nearest) => {
                     for (value, loss) in values.iter_mut().zip(losses) {
                         *value = -loss;
                     }
                     nearest.distance(&values[..losses.len()], &mut [], white)
                 }
-                Strangeness::LeastClear => {
+                Novelty::LeastClear => {
                     let best = best_and_margin(losses).0;
                     let sides =
                         scores.iter().enumerate().map(|(learner, score)| (self.code(best, learner), score));
@@ -193,23 +186,23 @@ impl Model {
                         sides.filter(|(side, _)| *side != 0).map(|(side, score)| f64::from(side) * score);
                     -clear.fold(f64::INFINITY, f64::min)
                 }
-                Strangeness::LeastLoss => losses.iter().copied().fold(f64::INFINITY, f64::min),
-                Strangeness::Margin => -best_and_margin(losses).1,
+                Novelty::LeastLoss => losses.iter().copied().fold(f64::INFINITY, f64::min),
+                Novelty::Margin => -best_and_margin(losses).1,
             };
             // What is no number is like nothing.
-            strangeness.is_nan() || strangeness > *threshold
+            novelty.is_nan() || novelty > *threshold
         });
     }
 }
 
-impl Candidates {
+impl ConformalRule {
     /// Puts the classes that a recording may be first in `order`, the likeliest first, and gives their number: the best one
     /// alone where none fits well enough. `order` and `shares` have a place for each class.
     fn within(&self, losses: &[f64], order: &mut [usize], shares: &mut [f64]) -> usize {
         let (best, margin) = best_and_margin(losses);
         rank(losses, order);
         let mut sum = 0.0;
-        if self.misfit != Misfit::Margin {
+        if self.nonconformity != Nonconformity::Margin {
             let largest = -losses[best] / self.temperature;
             for (share, loss) in shares.iter_mut().zip(losses) {
                 *share = libm::exp(-loss / self.temperature - largest);
@@ -219,16 +212,16 @@ impl Candidates {
         let (mut n_within, mut seen) = (0, 0.0);
         for place in 0..order.len() {
             let class = order[place];
-            let misfit = match self.misfit {
-                Misfit::Margin if class == best => -margin,
-                Misfit::Margin => losses[class] - losses[best],
-                Misfit::Probability => -(shares[class] / sum),
-                Misfit::Cumulative => {
+            let nonconformity = match self.nonconformity {
+                Nonconformity::Margin if class == best => -margin,
+                Nonconformity::Margin => losses[class] - losses[best],
+                Nonconformity::Probability => -(shares[class] / sum),
+                Nonconformity::Cumulative => {
                     seen += shares[class] / sum;
                     seen
                 }
             };
-            if misfit <= self.limits[class] {
+            if nonconformity <= self.limits[class] {
                 order[n_within] = class;
                 n_within += 1;
             }
@@ -240,12 +233,151 @@ impl Candidates {
     }
 }
 
+/// How far the scores of a recording lie from those of the nearest class: means of some classes, and the matrix that makes
+/// the covariance within them the unit matrix.
+///
+/// The Mahalanobis distance of Lee, Lee, Lee, Shin, "A simple unified framework for detecting out-of-distribution samples
+/// and adversarial attacks" (2018): the covariance within classes makes all directions alike first.
+///
+/// ```
+/// use granular_id::model::NearestMean;
+///
+/// let nearest = NearestMean::new(&[0.0, 0.0, 3.0, 4.0], &[1.0, 0.0, 0.0, 2.0])?;
+/// assert_eq!(nearest.distances(&[3.0, 3.0, 1.0, 0.0])?, [2.0, 1.0]);
+/// # Ok::<(), granular_id::Error>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct NearestMean {
+    /// Row by row.
+    whitener: Vec<f64>,
+    /// Products of the means with the whitener, one after the other.
+    means: Vec<f64>,
+    /// Numbers of a recording that are whitened.
+    n_values: usize,
+    /// Whether the values of a recording are made of scores, one for each pair of them.
+    of_pairs: bool,
+}
+
+impl NearestMean {
+    /// For recordings of S values each.
+    ///
+    /// # Arguments
+    /// - `means`: S numbers of one class after the other.
+    /// - `whitener`: S x S; the product of a mean with it is a mean of whitened values.
+    ///
+    /// # Errors
+    /// [`Error::Length`]: a whitener that is not square, means that are not whole.
+    pub fn new(means: &[f64], whitener: &[f64]) -> Result<Self> {
+        let n_values = whitener.len().isqrt();
+        if n_values == 0 || n_values * n_values != whitener.len() {
+            return Err(Error::Length {
+                what: "whitener",
+                expected: n_values.max(1).pow(2),
+                got: whitener.len(),
+            });
+        }
+        let n_classes = (means.len() / n_values).max(1);
+        if n_classes * n_values != means.len() {
+            return Err(Error::Length { what: "means", expected: n_classes * n_values, got: means.len() });
+        }
+        let mut white = filled(0.0, means.len())?;
+        for (mean, white) in means.chunks_exact(n_values).zip(white.chunks_exact_mut(n_values)) {
+            whiten(whitener, mean, white);
+        }
+        Ok(Self { whitener: collected(whitener.iter().copied())?, means: white, n_values, of_pairs: false })
+    }
+
+    /// For class values that are made of the scores of one learner for each pair of S classes: minus their mean losses
+    /// under the hinge.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn of_pairs(means: &[f64], whitener: &[f64]) -> Result<Self> {
+        Ok(Self { of_pairs: true, ..Self::new(means, whitener)? })
+    }
+
+    /// Means: K.
+    #[must_use]
+    pub fn n_classes(&self) -> usize {
+        self.means.len() / self.n_values
+    }
+
+    /// Numbers of one recording.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        if self.of_pairs {
+            self.n_values * (self.n_values - 1) / 2
+        } else {
+            self.n_values
+        }
+    }
+
+    /// Distance of each recording to the nearest mean. Every recording has the same bits alone and among others.
+    ///
+    /// # Errors
+    /// [`Error::Length`]: not [`width`](Self::width) numbers for each; [`Error::Score`]: one that is not finite.
+    pub fn distances(&self, scores: &[f64]) -> Result<Vec<f64>> {
+        // A single class has no pairs.
+        let width = self.width().max(1);
+        if !scores.len().is_multiple_of(width) {
+            let expected = scores.len().next_multiple_of(width);
+            return Err(Error::Length { what: "scores", expected, got: scores.len() });
+        }
+        if let Some(index) = scores.iter().position(|score| !score.is_finite()) {
+            let (recording, learner) = (index / width, index % width);
+            return Err(Error::Score { recording, learner, value: scores[index] });
+        }
+        let (mut values, mut white) = (filled(0.0, self.n_values)?, filled(0.0, self.n_values)?);
+        let one = |scores: &[f64]| self.distance(scores, &mut values, &mut white);
+        collected(scores.chunks_exact(width).map(one))
+    }
+
+    /// Distance of one recording of [`width`](Self::width) numbers, with memory for two times `n_values`.
+    fn distance(&self, scores: &[f64], values: &mut [f64], white: &mut [f64]) -> f64 {
+        if self.of_pairs {
+            hinge_values(scores, values);
+            whiten(&self.whitener, values, white);
+        } else {
+            whiten(&self.whitener, scores, white);
+        }
+        let squares = self
+            .means
+            .chunks_exact(self.n_values)
+            .map(|mean| white.iter().zip(mean).fold(0.0, |sum, (x, mean)| sum + (x - mean) * (x - mean)));
+        squares.fold(f64::INFINITY, f64::min).sqrt()
+    }
+}
+
+/// Values times a matrix.
+fn whiten(matrix: &[f64], values: &[f64], out: &mut [f64]) {
+    out.fill(0.0);
+    for (value, row) in values.iter().zip(matrix.chunks_exact(out.len())) {
+        for (sum, factor) in out.iter_mut().zip(row) {
+            *sum += value * factor;
+        }
+    }
+}
+
+/// Minus the mean losses of classes under the hinge: of the pair `i < j` a positive score speaks for `i`.
+fn hinge_values(scores: &[f64], values: &mut [f64]) {
+    values.fill(0.0);
+    let n_classes = values.len();
+    for ((i, j), score) in pairs(n_classes).zip(scores) {
+        values[i] -= Loss::Hinge.of_agreement(*score);
+        values[j] -= Loss::Hinge.of_agreement(-score);
+    }
+    let n_others = (n_classes as f64 - 1.0).max(1.0);
+    for value in values {
+        *value /= n_others;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn within(misfit: Misfit, limits: [f64; 3], losses: [f64; 3]) -> Vec<usize> {
-        let rule = Candidates { misfit, temperature: 0.5, limits: limits.to_vec() };
+    fn within(nonconformity: Nonconformity, limits: [f64; 3], losses: [f64; 3]) -> Vec<usize> {
+        let rule = ConformalRule { nonconformity, temperature: 0.5, limits: limits.to_vec() };
         let (mut order, mut shares) = ([0; 3], [0.0; 3]);
         let n = rule.within(&losses, &mut order, &mut shares);
         order[..n].to_vec()
@@ -253,7 +385,7 @@ mod tests {
 
     #[test]
     fn candidates_by_their_distance_from_the_best_other() {
-        let of = |limits, losses| within(Misfit::Margin, limits, losses);
+        let of = |limits, losses| within(Nonconformity::Margin, limits, losses);
         assert_eq!(of([0.25; 3], [0.5, 0.25, 1.0]), [1, 0]);
         assert_eq!(of([f64::INFINITY; 3], [0.5, 0.25, 0.25]), [1, 2, 0]);
         // The best one alone, though it is not clear enough.
@@ -265,11 +397,45 @@ mod tests {
     fn candidates_by_their_probability() {
         // Shares of 1, 1/4 and 1/2.
         let losses = [0.0, 2.0_f64.ln(), 2.0_f64.ln() / 2.0];
-        let of = |misfit, limit| within(misfit, [limit; 3], losses);
-        assert_eq!(of(Misfit::Probability, -0.2), [0, 2]);
-        assert_eq!(of(Misfit::Probability, -0.1), [0, 2, 1]);
-        assert_eq!(of(Misfit::Probability, -0.9), [0]);
-        assert_eq!(of(Misfit::Cumulative, 0.9), [0, 2]);
-        assert_eq!(of(Misfit::Cumulative, 0.1), [0]);
+        let of = |nonconformity, limit| within(nonconformity, [limit; 3], losses);
+        assert_eq!(of(Nonconformity::Probability, -0.2), [0, 2]);
+        assert_eq!(of(Nonconformity::Probability, -0.1), [0, 2, 1]);
+        assert_eq!(of(Nonconformity::Probability, -0.9), [0]);
+        assert_eq!(of(Nonconformity::Cumulative, 0.9), [0, 2]);
+        assert_eq!(of(Nonconformity::Cumulative, 0.1), [0]);
+    }
+
+    const UNIT: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+    #[test]
+    fn pairs_become_class_values() {
+        // Those of the decoding of [2, 1/2, -1] under the hinge.
+        let nearest = NearestMean::of_pairs(&[-0.125, -1.25, -0.375, 9.0, 9.0, 9.0], &UNIT).unwrap();
+        assert_eq!(nearest.width(), 3);
+        assert_eq!(nearest.distances(&[2.0, 0.5, -1.0]).unwrap(), [0.0]);
+    }
+
+    #[test]
+    fn a_recording_among_others_is_the_same() {
+        let nearest = NearestMean::new(&[0.3, -0.7, 1.1, 0.9, 0.2, -0.4], &UNIT).unwrap();
+        let scores: Vec<f64> = (0..30).map(|i| (0.7 * f64::from(i)).sin()).collect();
+        let together = nearest.distances(&scores).unwrap();
+        let alone = scores.chunks_exact(3).flat_map(|one| nearest.distances(one).unwrap());
+        assert_eq!(together, alone.collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused() {
+        let got = |means: &[f64], whitener: &[f64]| NearestMean::new(means, whitener).unwrap_err();
+        assert_eq!(got(&[1.0], &[]), Error::Length { what: "whitener", expected: 1, got: 0 });
+        assert_eq!(got(&[1.0], &[1.0; 3]), Error::Length { what: "whitener", expected: 1, got: 3 });
+        assert_eq!(got(&[], &[1.0; 4]), Error::Length { what: "means", expected: 2, got: 0 });
+        assert_eq!(got(&[1.0; 5], &[1.0; 4]), Error::Length { what: "means", expected: 4, got: 5 });
+        let nearest = NearestMean::new(&[0.0; 3], &UNIT).unwrap();
+        let error = Error::Length { what: "scores", expected: 6, got: 4 };
+        assert_eq!(nearest.distances(&[0.0; 4]), Err(error));
+        let error = nearest.distances(&[0.0, 0.0, 0.0, 1.0, f64::INFINITY, 0.0]).unwrap_err();
+        assert_eq!(error, Error::Score { recording: 1, learner: 1, value: f64::INFINITY });
+        assert_eq!(NearestMean::of_pairs(&[1.0], &[1.0]).unwrap().distances(&[]), Ok(Vec::new()));
     }
 }

@@ -1,74 +1,135 @@
-//! From recordings to scores, losses and answers.
+//! From recordings to scores: the weights of the learners, and sums in the order that a model promises.
 
-use super::trained::Model;
-use super::weights::AddTeam;
-use crate::error::{Error, Result};
+use super::parts::Tensor;
+use super::{Model, ModelError};
+use crate::error::Error;
 use crate::extract::in_tasks;
-use crate::kernel::SimdPath;
-use crate::memory::{filled, room};
+use crate::kernel::{Isa, Job, SimdPath, LANES};
+use crate::memory::filled;
 use crate::BatchShape;
 
 /// Recordings that share each row of weights on its way through the caches.
 const TEAM: usize = 4;
 
-/// What a model says of one recording.
+/// Weights turned round: for each feature those of all learners, side by side and filled up with zeros to whole vectors.
+/// Raw features stand sample by sample, as they come from a sensor, then all others.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Answer {
-    /// Index of the class with the smallest loss; the first of equal ones.
-    pub best: usize,
-    /// Score of each learner.
-    pub scores: Vec<f64>,
-    /// Mean loss of each class.
-    pub losses: Vec<f64>,
-    /// Indices of the classes that the recording may be by the [`Rules`](super::Rules) of the model, the likeliest first
-    /// and at least one; empty without such a rule.
-    pub candidates: Vec<usize>,
-    /// Whether the recording is like none of the classes: `best` then says nothing. `None` without such a rule.
-    pub unknown: Option<bool>,
+pub(super) struct Weights {
+    pub(super) n_learners: usize,
+    /// Features of the raw block.
+    pub(super) n_raw: usize,
+    /// Numbers per feature.
+    lanes: usize,
+    n_samples: usize,
+    n_axes: usize,
+    values: Vec<f64>,
+    intercept: Vec<f64>,
 }
 
-impl Answer {
-    /// Classes by their loss, the smallest first; of equal ones the first.
-    #[must_use]
-    pub fn ranking(&self) -> Vec<usize> {
-        ranking(&self.losses)
+impl Weights {
+    /// From weights whose shape is checked already; refuses NaN and infinity.
+    pub(super) fn new(
+        coef: &Tensor<'_>,
+        mut intercept: Vec<f64>,
+        (n_samples, n_axes): (usize, usize),
+        (n_raw, n_features): (usize, usize),
+    ) -> Result<Self, ModelError> {
+        let n_learners = intercept.len();
+        // Few learners are not filled up eightfold: a file must not ask for much more memory than it has bytes.
+        let lanes = n_learners.next_multiple_of(n_learners.next_power_of_two().min(LANES));
+        let mut values = filled(0.0, lanes.saturating_mul(n_features))?;
+        for (row, weights) in values.chunks_exact_mut(lanes).enumerate() {
+            let feature = if row < n_raw { row % n_axes * n_samples + row / n_axes } else { row };
+            for (learner, weight) in weights[..n_learners].iter_mut().enumerate() {
+                *weight = coef.finite("coef", learner * n_features + feature)?;
+            }
+        }
+        intercept.resize(lanes, 0.0);
+        Ok(Self { n_learners, n_raw, lanes, n_samples, n_axes, values, intercept })
     }
 
-    /// By how much the second loss is larger than the first.
-    #[must_use]
-    pub fn margin(&self) -> f64 {
-        best_and_margin(&self.losses).1
+    pub(super) fn n_features(&self) -> usize {
+        self.values.len() / self.lanes
     }
-}
 
-/// The first of the smallest losses, and by how much the next one is larger.
-pub(crate) fn best_and_margin(losses: &[f64]) -> (usize, f64) {
-    let (mut best, mut first, mut second) = (0, f64::INFINITY, f64::INFINITY);
-    for (class, loss) in losses.iter().enumerate() {
-        if *loss < first {
-            (best, first, second) = (class, *loss, first);
+    /// The weight of a feature in the order of its names; 0 where there is none.
+    pub(super) fn coef(&self, learner: usize, feature: usize) -> f64 {
+        if learner >= self.n_learners || feature >= self.n_features() {
+            return 0.0;
+        }
+        let row = if feature < self.n_raw {
+            feature % self.n_samples * self.n_axes + feature / self.n_samples
         } else {
-            second = second.min(*loss);
+            feature
+        };
+        self.values[row * self.lanes + learner]
+    }
+
+    /// Rows of the raw block, then of all other features.
+    fn blocks(&self) -> (&[f64], &[f64]) {
+        self.values.split_at(self.n_raw * self.lanes)
+    }
+}
+
+/// Adds `weights * value`: the one place where scores grow, whether a recording comes whole or sample by sample.
+#[inline(always)]
+fn add(scores: &mut [f64], weights: &[f64], value: f64) {
+    for (score, weight) in scores.iter_mut().zip(weights) {
+        *score += weight * value;
+    }
+}
+
+/// Adds rows of weights, each times its value and a scale, in their order.
+///
+/// Rows of value zero are left out, which changes no bit: a sum that began at zero is never minus zero.
+pub(crate) struct AddRows<'a> {
+    pub(crate) sums: &'a mut [f64],
+    /// One row as long as `sums` for each value.
+    pub(crate) rows: &'a [f64],
+    pub(crate) values: &'a [f64],
+    pub(crate) scale: f64,
+}
+
+impl Job for AddRows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let Self { sums, rows, values, scale } = self;
+        for (weights, value) in rows.chunks_exact(sums.len()).zip(values) {
+            if *value != 0.0 {
+                add(sums, weights, *value * scale);
+            }
         }
     }
-    (best, second - first)
 }
 
-/// Classes by their loss, the smallest first; of equal ones the first.
-#[doc(hidden)]
-#[must_use]
-pub fn ranking(losses: &[f64]) -> Vec<usize> {
-    let mut order = vec![0; losses.len()];
-    rank(losses, &mut order);
-    order
+/// Adds rows of weights to the sums of several recordings at once, so that each row is brought from memory once. For each
+/// recording the same bits as [`AddRows`].
+struct AddTeam<'a> {
+    /// As many numbers per recording as a row has.
+    sums: &'a mut [f64],
+    lanes: usize,
+    rows: &'a [f64],
+    /// A value per row and recording, recording by recording.
+    values: &'a [f64],
 }
 
-/// The same, into as many places as there are losses. Allocates nothing.
-pub(super) fn rank(losses: &[f64], order: &mut [usize]) {
-    for (class, place) in order.iter_mut().enumerate() {
-        *place = class;
+impl Job for AddTeam<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let Self { sums, lanes, rows, values } = self;
+        let n_rows = rows.len() / lanes;
+        for (row, weights) in rows.chunks_exact(lanes).enumerate() {
+            for (sums, values) in sums.chunks_exact_mut(lanes).zip(values.chunks_exact(n_rows)) {
+                if values[row] != 0.0 {
+                    add(sums, weights, values[row]);
+                }
+            }
+        }
     }
-    order.sort_unstable_by(|a, b| losses[*a].total_cmp(&losses[*b]).then(a.cmp(b)));
 }
 
 impl Model {
@@ -88,7 +149,7 @@ impl Model {
         n_recordings: usize,
         threads: usize,
         out: &mut [f64],
-    ) -> Result<()> {
+    ) -> Result<(), Error> {
         let shape = self.batch(n_recordings);
         self.extraction.check(wrench, shape)?;
         let path = SimdPath::detect()?;
@@ -103,12 +164,12 @@ impl Model {
                 let features = features.get(first * n_features..).unwrap_or_default();
                 self.team(path, wrench, features, &mut sums, out);
             }
-            self.all_finite(out)
+            self.check_scores(out)
         })
     }
 
     /// Scores of all learners, one row per recording.
-    pub fn scores(&self, wrench: &[f64], n_recordings: usize, threads: usize) -> Result<Vec<f64>> {
+    pub fn scores(&self, wrench: &[f64], n_recordings: usize, threads: usize) -> Result<Vec<f64>, Error> {
         self.extraction.check(wrench, self.batch(n_recordings))?;
         let mut out = filled(0.0, n_recordings.saturating_mul(self.n_learners()))?;
         self.scores_into(wrench, n_recordings, threads, &mut out)?;
@@ -133,58 +194,35 @@ impl Model {
     }
 
     /// Refuses scores that are NaN or infinite, one row per recording.
-    fn all_finite(&self, scores: &[f64]) -> Result<()> {
-        match scores.iter().position(|score| !score.is_finite()) {
-            None => Ok(()),
-            Some(index) => Err(Error::Score {
-                recording: index / self.n_learners(),
-                learner: index % self.n_learners(),
-                value: scores[index],
-            }),
-        }
+    pub(super) fn check_scores(&self, scores: &[f64]) -> Result<(), Error> {
+        let Some(index) = scores.iter().position(|score| !score.is_finite()) else { return Ok(()) };
+        let (recording, learner) = (index / self.n_learners(), index % self.n_learners());
+        Err(Error::Score { recording, learner, value: scores[index] })
+    }
+}
+
+/// For streams: the same weights in the same order of addition. Rows have [`lanes`](Self::lanes) numbers, those beyond the
+/// number of learners zero.
+impl Model {
+    /// Numbers in a row of weights.
+    pub(crate) fn lanes(&self) -> usize {
+        self.weights.lanes
     }
 
-    /// Mean loss of each class from the scores of all learners; the smallest wins, the first of equal ones. Allocates
-    /// nothing.
-    ///
-    /// # Errors
-    /// [`Error::Length`] for another number of scores than learners or of losses than classes, [`Error::Score`] for a score
-    /// that is not finite.
-    pub fn decode(&self, scores: &[f64], losses: &mut [f64]) -> Result<()> {
-        let lengths =
-            [("scores", self.n_learners(), scores.len()), ("losses", self.classes.len(), losses.len())];
-        for (what, expected, got) in lengths {
-            if got != expected {
-                return Err(Error::Length { what, expected, got });
-            }
-        }
-        self.all_finite(scores)?;
-        self.codes.mean_losses(self.loss, scores, losses);
-        Ok(())
+    /// Rows of weights of raw samples from `sample` on, axis by axis for each; empty without a raw block.
+    pub(crate) fn raw_rows(&self, sample: usize) -> &[f64] {
+        let (raw, _) = self.weights.blocks();
+        raw.get(sample * self.n_axes * self.lanes()..).unwrap_or_default()
     }
 
-    /// The answers for a batch of recordings.
-    pub fn identify_batch(&self, wrench: &[f64], n_recordings: usize, threads: usize) -> Result<Vec<Answer>> {
-        let scores = self.scores(wrench, n_recordings, threads)?;
-        let numbers = self.n_learners() + self.classes.len();
-        let candidates = self.classes.len() * size_of::<usize>();
-        let per_answer = size_of::<Answer>() + numbers * size_of::<f64>() + candidates;
-        room(n_recordings.saturating_mul(per_answer))?;
-        let mut verdict = self.rules.verdict();
-        let answers = scores.chunks_exact(self.n_learners()).map(|scores| {
-            let mut losses = vec![0.0; self.classes.len()];
-            self.decode(scores, &mut losses)?;
-            let (best, _) = best_and_margin(&losses);
-            self.judge(&losses, scores, &mut verdict);
-            let (candidates, unknown) = (verdict.candidates().to_vec(), verdict.unknown());
-            Ok(Answer { best, scores: scores.to_vec(), losses, candidates, unknown })
-        });
-        answers.collect()
+    /// Rows of weights of features behind the raw ones, from the one in place `first` on.
+    pub(crate) fn rows_from(&self, first: usize) -> &[f64] {
+        let (_, rest) = self.weights.blocks();
+        rest.get(first * self.lanes()..).unwrap_or_default()
     }
 
-    /// The answer for one recording of `n_samples * n_axes` values, sample by sample.
-    pub fn identify(&self, wrench: &[f64]) -> Result<Answer> {
-        let mut answers = self.identify_batch(wrench, 1, 1)?;
-        answers.pop().ok_or(Error::Empty { what: "wrench", shape: vec![0] })
+    /// Intercepts of all learners, filled up with zeros.
+    pub(crate) fn intercept(&self) -> &[f64] {
+        &self.weights.intercept
     }
 }

@@ -8,14 +8,17 @@ use numpy::{
     get_array_module, BorrowError, Element, PyArray1, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods,
     PyReadonlyArrayDyn, PyReadwriteArrayDyn, PyUntypedArray, PyUntypedArrayMethods,
 };
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyMemoryView, PyTuple, PyWeakrefReference};
 
-use super::pool::MANY_VALUES;
-use crate::convert::OrRaise;
+use crate::arguments::{threads, OrRaise};
 use granular_id::bindings::{collected, reserved, room};
 use granular_id::BatchShape;
+
+/// Values of an array from which on other threads of Python run meanwhile: some 40 microseconds of work. Handing the GIL
+/// over takes a tenth of one, getting it back from a thread that is busy takes up to 5 ms.
+const MANY_VALUES: usize = 1 << 14;
 
 /// A C-ordered, aligned float64 copy of real numbers that nothing else refers to: safe to change without the GIL.
 pub(super) fn owned_real<'py>(
@@ -116,6 +119,38 @@ impl<'py> Hold<'py> {
     }
 }
 
+/// Work on an array of [`contiguous_real`], which is held for as many values.
+pub(super) fn work_on<R: Send>(
+    array: &Bound<'_, PyArrayDyn<f64>>,
+    name: &str,
+    n_values: usize,
+    work: impl FnOnce(&[f64]) -> R + Send,
+) -> PyResult<R> {
+    let hold = Hold::for_values(n_values, &[array.as_any()])?;
+    let values = readable(array, name)?;
+    let values = values.as_slice()?;
+    Ok(hold.work(array.py(), || work(values)))
+}
+
+/// Work from such an array into `out`, which must have one shape.
+pub(super) fn work_into<T: Element>(
+    (out, wanted): (&Bound<'_, PyArrayDyn<T>>, &[usize]),
+    array: &Bound<'_, PyArrayDyn<f64>>,
+    name: &str,
+    n_values: usize,
+    work: impl FnOnce(&[f64], &mut [T]) -> granular_id::Result<()> + Send,
+) -> PyResult<()> {
+    let hold = Hold::for_values(n_values, &[array.as_any(), out.as_any()])?;
+    let values = readable(array, name)?;
+    let values = values.as_slice()?;
+    if out.shape() != wanted {
+        return Err(wrong_shape("out", tuple(wanted), out.shape()));
+    }
+    let mut target = writable(out, name, &[values])?;
+    let target = target.as_slice_mut()?;
+    hold.work(out.py(), || work(values, target)).or_raise()
+}
+
 /// Where the memory of an array comes from.
 enum Owner<'py> {
     /// From an array, which could be resized.
@@ -208,15 +243,47 @@ pub(super) fn writable<'py, T: Element>(
     borrowed
 }
 
-/// Recordings `(n_recordings, n_samples, n_axes)`, or a single one without the first dimension; and whether it is one.
-pub(super) fn recordings(array: &Bound<'_, PyArrayDyn<f64>>, name: &str) -> PyResult<(BatchShape, bool)> {
-    match *array.shape() {
-        [n_samples, n_axes] => Ok((BatchShape { n_recordings: 1, n_samples, n_axes }, true)),
-        [n_recordings, n_samples, n_axes] => Ok((BatchShape { n_recordings, n_samples, n_axes }, false)),
-        _ => Err(PyValueError::new_err(format!(
-            "{name} must have shape (n_samples, n_axes) or (n_recordings, n_samples, n_axes), got shape {}",
-            tuple(array.shape())
-        ))),
+/// Recordings `(n_recordings, n_samples, n_axes)`, or a single one without the first dimension, and threads for them.
+pub(super) struct Recordings<'py> {
+    pub(super) array: Bound<'py, PyArrayDyn<f64>>,
+    pub(super) shape: BatchShape,
+    pub(super) threads: usize,
+}
+
+impl<'py> Recordings<'py> {
+    /// Of any number of samples and axes, or of those that a model was trained on.
+    pub(super) fn new(
+        value: &Bound<'py, PyAny>,
+        name: &str,
+        n_threads: Option<&Bound<'py, PyAny>>,
+        trained_on: Option<[usize; 2]>,
+    ) -> PyResult<Self> {
+        let threads = threads(n_threads)?;
+        let array = contiguous_real(value, name)?;
+        let shape = match *array.shape() {
+            [n_samples, n_axes] => Some(BatchShape { n_recordings: 1, n_samples, n_axes }),
+            [n_recordings, n_samples, n_axes] => Some(BatchShape { n_recordings, n_samples, n_axes }),
+            _ => None,
+        };
+        let fits = |shape: &BatchShape| trained_on.is_none_or(|of| of == [shape.n_samples, shape.n_axes]);
+        if let Some(shape) = shape.filter(fits) {
+            let threads = threads(array.ndim() == 2);
+            return Ok(Self { array, shape, threads });
+        }
+        let wanted = trained_on.map_or_else(
+            || "(n_samples, n_axes) or (n_recordings, n_samples, n_axes), got shape".to_owned(),
+            |of| tuple(&of) + ", or one more dimension in front of it, as the model was trained on, got",
+        );
+        Err(PyValueError::new_err(format!("{name} must have shape {wanted} {}", tuple(array.shape()))))
+    }
+
+    /// Shape of results of which each recording has a row.
+    pub(super) fn rows(&self, row: &[usize]) -> Vec<usize> {
+        if self.array.ndim() == 2 {
+            row.to_vec()
+        } else {
+            [&[self.shape.n_recordings], row].concat()
+        }
     }
 }
 
@@ -278,6 +345,7 @@ pub(super) fn axis_index(axis: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<u
         Err(error) if error.is_instance_of::<PyTypeError>(py) => {
             Err(PyTypeError::new_err(format!("axis must be an integer, got {}", axis.get_type())))
         }
+        Err(error) if !error.is_instance_of::<PyOverflowError>(py) => Err(error),
         _ => {
             let message = format!(
                 "axis must be in [{}, {ndim}) for x of shape {}, got {axis}",
@@ -292,6 +360,11 @@ pub(super) fn axis_index(axis: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<u
 
 fn signed(ndim: usize) -> i64 {
     i64::try_from(ndim).unwrap_or(i64::MAX)
+}
+
+/// An array of another shape than is wanted.
+pub(super) fn wrong_shape(name: &str, wanted: impl std::fmt::Display, got: &[usize]) -> PyErr {
+    PyValueError::new_err(format!("{name} must have shape {wanted}, got {}", tuple(got)))
 }
 
 /// A shape as Python writes it.

@@ -1,18 +1,15 @@
 //! The extension module `granular_id._core`: registration only.
 
+mod arguments;
 mod arrays;
 mod buffer;
-mod convert;
 mod features;
-mod interleave;
 mod model;
 mod multiband;
+mod nearest_mean;
 mod number_table;
-mod pool;
 mod rdt;
-mod scalars;
 mod signal;
-mod spec;
 mod stream;
 
 use pyo3::prelude::*;
@@ -23,30 +20,38 @@ mod _core {
     use pyo3::prelude::*;
     use pyo3::types::{IntoPyDict, PyTuple};
 
-    use super::convert::OrRaise;
+    use super::arguments::OrRaise;
 
     #[pymodule_export]
-    use super::buffer::{host_ns, PyBlock, PyWindow, PyWrenchBuffer, PyWrenchReader, WindowError};
+    use super::buffer::{PyBlock, PyWindow, PyWrenchBuffer, PyWrenchReader, WindowError};
     #[pymodule_export]
-    use super::features::{extract_features, histogram};
+    use super::features::{extract_features, histogram, PyFeatureSpec};
     #[pymodule_export]
-    use super::interleave::interleave;
-    #[pymodule_export]
-    use super::model::{ModelFileError, PyModel, PyNearestMean};
+    use super::model::{ModelFileError, PyModel};
     #[pymodule_export]
     use super::multiband::PyMultiBandExtractor;
     #[pymodule_export]
-    use super::number_table::{parse_number_table, write_number_table, NumberTableError};
+    use super::nearest_mean::PyNearestMean;
     #[pymodule_export]
-    use super::pool::available_cores;
+    use super::number_table::{interleave, parse_number_table, write_number_table, NumberTableError};
     #[pymodule_export]
     use super::rdt::PyRdtReceiver;
     #[pymodule_export]
     use super::signal::{butter, sosfilt, sosfilt_zi, sosfiltfilt};
     #[pymodule_export]
-    use super::spec::PyFeatureSpec;
-    #[pymodule_export]
     use super::stream::{PyStreamingExtractor, PyStreamingIdentifier};
+
+    /// How many cores this process may use, by affinity and by quota of its control group.
+    #[pyfunction]
+    fn available_cores() -> usize {
+        granular_id::bindings::cores()
+    }
+
+    /// Monotonic nanoseconds since an origin of this process: the clock of `Block.host_ns`.
+    #[pyfunction]
+    fn host_ns() -> u64 {
+        granular_id::buffer::host_ns()
+    }
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {

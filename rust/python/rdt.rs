@@ -9,8 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
 use super::buffer::PyWrenchBuffer;
-use super::scalars::word;
-use crate::convert::{OrRaise, Raise};
+use crate::arguments::{word, OrRaise, Raise};
 use granular_id::rdt::{Fault, Receiver, Scale, Settings, State, Variant};
 
 /// Words for the kinds of box.

@@ -1,12 +1,11 @@
 //! Filter design and filtering: unpack, call, map the error.
 
 use numpy::{PyArray, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-use super::arrays::{axis_index, owned_real, tuple};
-use super::pool::work_on;
-use crate::convert::OrRaise;
+use crate::arguments::OrRaise;
+use crate::arrays::{axis_index, owned_real, tuple, wrong_shape, Hold};
 use granular_id::dsp::default_padlen;
 use granular_id::{AlongAxis, Band, Padding, Result, Sos};
 
@@ -58,13 +57,9 @@ pub(super) fn sosfilt<'py>(
     wanted[axis] = 2;
     wanted.insert(0, sos.sections().len());
     if zf.shape() != wanted {
-        return Err(PyValueError::new_err(format!(
-            "Invalid zi shape: zi must have shape {} for x of shape {} along axis {axis} with {} sections, got {}",
-            tuple(&wanted),
-            tuple(y.shape()),
-            sos.sections().len(),
-            tuple(zf.shape()),
-        )));
+        let (of, n) = (tuple(y.shape()), sos.sections().len());
+        let wanted = format!("{} for x of shape {of} along axis {axis} with {n} sections", tuple(&wanted));
+        return Err(wrong_shape("Invalid zi shape: zi", wanted, zf.shape()));
     }
     let mut borrowed = zf.try_readwrite()?;
     let z = borrowed.as_slice_mut()?;
@@ -105,8 +100,7 @@ pub(super) fn sosfiltfilt<'py>(
 fn sections(value: &Bound<'_, PyAny>) -> PyResult<Sos> {
     let array = owned_real(value, "sos")?;
     if !matches!(array.shape(), [6] | [_, 6]) {
-        let shape = tuple(array.shape());
-        return Err(PyValueError::new_err(format!("sos must have shape (n_sections, 6), got {shape}")));
+        return Err(wrong_shape("sos", "(n_sections, 6)", array.shape()));
     }
     let array = array.try_readonly()?;
     Sos::new(array.as_slice()?.as_chunks().0).or_raise()
@@ -126,9 +120,10 @@ fn signal<'py>(x: &Bound<'py, PyAny>, axis: &Bound<'py, PyAny>) -> PyResult<(Arr
 
 /// Runs a filter on an array of our own, without the GIL when that pays.
 fn filter(py: Python<'_>, y: &Array<'_>, run: impl FnOnce(&mut [f64]) -> Result<()> + Send) -> PyResult<()> {
+    let hold = Hold::for_values(y.len(), &[])?;
     let mut borrowed = y.try_readwrite()?;
     let y = borrowed.as_slice_mut()?;
-    work_on(py, y.len(), || run(y)).or_raise()
+    hold.work(py, || run(y)).or_raise()
 }
 
 fn padding(padtype: &Bound<'_, PyAny>) -> PyResult<Padding> {
@@ -152,10 +147,12 @@ fn padding_length(padlen: &Bound<'_, PyAny>) -> PyResult<usize> {
     padlen.extract().map_err(|error: PyErr| {
         if error.is_instance_of::<PyTypeError>(padlen.py()) {
             PyTypeError::new_err(format!("padlen must be an integer or None, got {}", padlen.get_type()))
-        } else {
+        } else if error.is_instance_of::<PyOverflowError>(padlen.py()) {
             PyValueError::new_err(format!(
                 "padlen must be at least 0 and less than the samples along the axis, got {padlen}"
             ))
+        } else {
+            error
         }
     })
 }

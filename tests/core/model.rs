@@ -10,7 +10,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use granular_id::model::{Decoding, Fault, FileFault, Loss, ModelParts, Notes, Tensor, MAX_FILE_BYTES};
+use granular_id::model::{
+    Decoding, Loss, Metadata, ModelError, ModelFileError, ModelParts, Tensor, MAX_FILE_BYTES,
+};
 use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, FeatureSpec, Model};
 use proptest::prelude::*;
@@ -20,7 +22,7 @@ use proptest::prelude::*;
 mod identify;
 
 use crate::twins::models::{
-    damage_is_a_fault_or_a_model, no_flipped_bit_is_read, random_model, without_digest,
+    damage_is_an_error_or_a_model, no_flipped_bit_is_read, random_model, without_digest,
 };
 use crate::twins::signals::bits;
 
@@ -124,11 +126,11 @@ impl Small {
             early: None,
             sigmoid: None,
             posterior_weights: None,
-            notes: Notes::of_axes(self.n_axes),
+            metadata: Metadata::of_axes(self.n_axes),
         }
     }
 
-    fn model(&self) -> Result<Model, Fault> {
+    fn model(&self) -> Result<Model, ModelError> {
         Model::new(self.parts())
     }
 }
@@ -209,39 +211,46 @@ proptest! {
 }
 
 #[test]
-fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
+fn every_beginning_and_every_changed_byte_is_a_model_or_an_error() {
     let good = without_digest(&Small::new().model().unwrap().to_bytes().unwrap());
-    damage_is_a_fault_or_a_model(&good, &[0.25, -1.0, 2.0], |error| {
+    damage_is_an_error_or_a_model(&good, &[0.25, -1.0, 2.0], |error| {
         matches!(error, Error::Score { .. } | Error::Length { .. })
     });
 }
 
 #[test]
-fn faults_tell_what_and_where() {
-    let fault = |change: fn(&mut Small)| {
+fn errors_tell_what_and_where() {
+    let error = |change: fn(&mut Small)| {
         let mut small = Small::new();
         change(&mut small);
         small.model().unwrap_err()
     };
-    assert_eq!(fault(|small| small.codes[5] = 2.0), Fault::Code { class: 1, learner: 2, value: 2.0 });
-    assert_eq!(fault(|small| small.codes[3] = 0.0), Fault::OneSided { learner: 0 });
-    assert_eq!(
-        fault(|small| small.coef[7] = f64::INFINITY),
-        Fault::NonFinite { name: "coef", place: vec![1, 2], value: f64::INFINITY }
-    );
-    assert_eq!(
-        fault(|small| small.classes[2] = "rice"),
-        Fault::Doubled { what: "classes", first: 0, second: 2, name: "'rice'".to_owned() }
-    );
-    assert_eq!(
-        fault(|small| small.n_samples = usize::MAX),
-        Fault::Count { what: "n_samples", least: 1, most: granular_id::model::MAX_WINDOW, got: usize::MAX }
-    );
-    assert_eq!(fault(|small| small.spec.rate_hz = -1.0), Fault::Spec(Error::Rate { rate_hz: -1.0 }));
-    assert!(matches!(fault(|small| small.intercept.clear()), Fault::Shape { name: "intercept", .. }));
-    assert!(matches!(fault(|small| small.coef.truncate(14)), Fault::Shape { name: "coef", .. }));
-    assert!(matches!(fault(|small| small.codes.push(0.0)), Fault::Shape { name: "coding_matrix", .. }));
-    assert!(matches!(fault(|small| small.spec.n_bins = usize::MAX), Fault::Count { .. }));
+    let cases: [(fn(&mut Small), &str); 9] = [
+        (|small| small.codes[5] = 2.0, "coding_matrix[1, 2] must be -1, 0 or 1, got 2"),
+        (|small| small.codes[3] = 0.0, "coding_matrix column 0 must hold both 1 and -1"),
+        (|small| small.coef[7] = f64::INFINITY, "coef[1, 2] must be finite, got inf"),
+        (|small| small.classes[2] = "rice", "classes[0] and classes[2] are both 'rice'"),
+        (
+            |small| small.n_samples = usize::MAX,
+            "n_samples must be from 1 to 1048576, got 18446744073709551615",
+        ),
+        (|small| small.intercept.clear(), "intercept must have shape (L,), one per learner, got [0]"),
+        (
+            |small| small.coef.truncate(14),
+            "coef must have shape (3, 5), as many rows as intercept and 5 features",
+        ),
+        (|small| small.codes.push(0.0), "coding_matrix must have shape (3, 3), one row per class"),
+        (|small| small.spec.n_bins = usize::MAX, "n_bins of all axes together must be from 1 to 1048576"),
+    ];
+    for (change, message) in cases {
+        let error = error(change);
+        assert!(
+            matches!(error, ModelError::Part { .. }) && error.to_string().starts_with(message),
+            "{error}"
+        );
+    }
+    let rate = error(|small| small.spec.rate_hz = -1.0);
+    assert_eq!(rate, ModelError::Spec(Error::Rate { rate_hz: -1.0 }));
 }
 
 #[test]
@@ -297,16 +306,16 @@ fn models_are_shared_between_threads() {
 fn files_are_named_in_errors() {
     let path = golden().join("none.safetensors");
     let error = Model::read(&path).unwrap_err();
-    assert!(matches!(error, FileFault::Unreadable { .. }));
+    assert!(matches!(error, ModelFileError::Unreadable { .. }));
     assert!(error.to_string().starts_with(&path.display().to_string()));
     let path = golden().join("wrench.f64");
     assert!(matches!(
         Model::read(&path).unwrap_err(),
-        FileFault::NoModel { fault: Fault::Foreign { .. }, .. }
+        ModelFileError::NoModel { source: ModelError::Foreign { .. }, .. }
     ));
     assert!(matches!(
         Model::read_within(golden().join("model.safetensors"), 100).unwrap_err(),
-        FileFault::NoModel { fault: Fault::FileSize { max: 100, .. }, .. }
+        ModelFileError::NoModel { source: ModelError::FileSize { max: 100, .. }, .. }
     ));
 }
 

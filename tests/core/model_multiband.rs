@@ -5,14 +5,14 @@
 
 use std::sync::Arc;
 
-use granular_id::model::{Fault, Features, MAX_FILE_BYTES, MAX_MULTIBAND_AXES};
+use granular_id::model::{Features, ModelError, Tensor, MAX_FILE_BYTES};
 use granular_id::multiband::{Block, MultiBandSpec};
 use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, Model};
 use proptest::prelude::*;
 
 use crate::twins::models::{
-    damage_is_a_fault_or_a_model, no_flipped_bit_is_read, random_banded, stream_has_the_scores_of_the_batch,
+    damage_is_an_error_or_a_model, no_flipped_bit_is_read, random_banded, stream_has_the_scores_of_the_batch,
     without_digest,
 };
 use crate::twins::signals::{bits, noise};
@@ -204,17 +204,17 @@ fn rows_too_large_are_not_taken() {
 }
 
 #[test]
-fn every_beginning_and_every_changed_byte_is_a_model_or_a_fault() {
+fn every_beginning_and_every_changed_byte_is_a_model_or_an_error() {
     let spec = MultiBandSpec { coupling: false, spectrum: false, level: true, ..MultiBandSpec::default() };
     let good = random_banded(3, 5, 1, spec).to_bytes().unwrap();
     no_flipped_bit_is_read(&good);
-    damage_is_a_fault_or_a_model(&without_digest(&good), &[0.25, -1.0, 2.0, 0.0, 1.0], |error| {
+    damage_is_an_error_or_a_model(&without_digest(&good), &[0.25, -1.0, 2.0, 0.0, 1.0], |error| {
         matches!(error, Error::Score { .. } | Error::TooLoud { .. })
     });
 }
 
-/// What a small file with other sizes in its header is refused for.
-fn fault_of(change: impl FnOnce(String) -> String) -> Fault {
+/// Why a small file with another header is refused.
+fn refused(change: impl FnOnce(String) -> String) -> String {
     let model = random_banded(2, 8, 1, MultiBandSpec { level: true, ..MultiBandSpec::default() });
     let good = without_digest(&model.to_bytes().unwrap());
     let end = 8 + usize::try_from(u64::from_le_bytes(*good.first_chunk().unwrap())).unwrap();
@@ -222,83 +222,76 @@ fn fault_of(change: impl FnOnce(String) -> String) -> Fault {
     let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
     bytes.extend(header.bytes());
     bytes.extend(&good[end..]);
-    Model::from_bytes(&bytes, MAX_FILE_BYTES).unwrap_err()
+    Model::from_bytes(&bytes, MAX_FILE_BYTES).unwrap_err().to_string()
 }
 
 #[test]
 fn a_small_file_asks_for_no_large_recording() {
-    let with = |from: &'static str, to: &'static str| {
-        move |header: String| {
-            assert_eq!(header.matches(from).count(), 1, "{from} in {header}");
-            header.replace(from, to)
-        }
-    };
-    assert!(matches!(
-        fault_of(with("\"n_samples\":\"8\"", "\"n_samples\":\"262144\"")),
-        Fault::Shape { name: "band_scales", .. }
-    ));
-    let both = |header: String| {
-        header
-            .replace("\"n_samples\":\"8\"", "\"n_samples\":\"262144\"")
-            .replace("\"n_axes\":\"1\"", "\"n_axes\":\"2\"")
-    };
-    assert!(matches!(fault_of(both), Fault::Count { most: 262_144, .. }));
-    assert!(matches!(
-        fault_of(with("\"n_axes\":\"1\"", "\"n_axes\":\"200\"")),
-        Fault::Count { most: MAX_MULTIBAND_AXES, got: 200, .. }
-    ));
-    assert!(matches!(
-        fault_of(with("\"format_version\":\"2\"", "\"format_version\":\"1\"")),
-        Fault::Alone { name: "band_scales", .. }
-    ));
-    assert!(matches!(fault_of(with("coupling", "coupler")), Fault::Hash { .. }));
+    let samples = ("\"n_samples\":\"8\"", "\"n_samples\":\"262144\"");
+    let axes = |n: &'static str| ("\"n_axes\":\"1\"", n);
+    let cases = [
+        (vec![samples], "band_scales must have shape (17, 1)"),
+        (
+            vec![samples, axes("\"n_axes\":\"2\"")],
+            "values of a recording of multi-band features must be from 1 to 262144",
+        ),
+        (vec![axes("\"n_axes\":\"200\"")], "n_axes of multi-band features must be from 1 to 32, got 200"),
+        (vec![("\"format_version\":\"2\"", "\"format_version\":\"1\"")], "band_scales is of no use without"),
+        (vec![("coupling", "coupler")], "feature_spec does not have the hash"),
+    ];
+    for (changes, message) in cases {
+        let error = refused(|mut header| {
+            for (from, to) in changes {
+                assert_eq!(header.matches(from).count(), 1, "{from} in {header}");
+                header = header.replace(from, to);
+            }
+            header
+        });
+        assert!(error.starts_with(message), "{error}");
+    }
 }
 
 #[test]
-fn features_that_do_not_fit_are_faults() {
-    let parts = |features: Features<'static>| {
-        let model = random_banded(2, 8, 1, MultiBandSpec::default());
-        let coef: Vec<f64> = (0..model.n_features()).map(|feature| model.coef(0, feature)).collect();
+fn features_that_do_not_fit_are_errors() {
+    let model = random_banded(2, 8, 1, MultiBandSpec::default());
+    let coef: Vec<f64> = (0..model.n_features()).map(|feature| model.coef(0, feature)).collect();
+    let n_bands = granular_id::multiband::n_bands(8);
+    let ones = vec![1.0; n_bands + 1];
+    let refused = |spec, bands: &[f64], levels: Option<&[f64]>| {
+        let features = Features::MultiBand {
+            spec,
+            band_scales: Tensor::new(vec![bands.len(), 1], bands),
+            level_scales: levels.map(|levels| Tensor::new(vec![levels.len()], levels)),
+        };
         crate::twins::models::parts_of(features, &coef, 8, 1).unwrap_err()
     };
     let spec = MultiBandSpec::default();
-    let one = granular_id::multiband::n_bands(8);
-    let good: &'static [f64] = vec![1.0; one].leak();
-    let tensor = |shape: Vec<usize>, values: &'static [f64]| granular_id::model::Tensor::new(shape, values);
-    let banded = |spec, band_scales, level_scales| Features::MultiBand { spec, band_scales, level_scales };
-    assert!(matches!(
-        parts(banded(spec, tensor(vec![one + 1, 1], good), None)),
-        Fault::Shape { name: "band_scales", .. }
-    ));
-    for value in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-200] {
-        let mut scales = vec![1.0; one];
-        scales[one - 1] = value;
-        let fault = parts(banded(spec, tensor(vec![one, 1], scales.leak()), None));
-        let known = match &fault {
-            Fault::Entry { key, .. } => *key == "band_scales",
-            Fault::NonFinite { name, .. } => *name == "band_scales",
-            Fault::Spec(Error::Scale { .. }) => value == 1e-200,
-            _ => false,
-        };
-        assert!(known, "{value}: {fault}");
-    }
     let level = MultiBandSpec { level: true, ..spec };
-    let scales = || tensor(vec![one, 1], good);
-    assert_eq!(parts(banded(level, scales(), None)), Fault::MissingTensor { name: "level_scales" });
-    assert!(matches!(
-        parts(banded(spec, scales(), Some(tensor(vec![1], &[1.0])))),
-        Fault::Alone { name: "level_scales", .. }
-    ));
-    assert!(matches!(
-        parts(banded(level, scales(), Some(tensor(vec![2], &[1.0, 1.0])))),
-        Fault::Shape { name: "level_scales", .. }
-    ));
-    assert!(matches!(
-        parts(banded(level, scales(), Some(tensor(vec![1], &[0.0])))),
-        Fault::Entry { key: "level_scales", .. }
-    ));
+    let said = |spec, n_bands: usize, levels| refused(spec, &ones[..n_bands], levels).to_string();
+    let error = said(spec, n_bands + 1, None);
+    assert!(error.starts_with("band_scales must have shape"), "{error}");
+    for (value, message) in [
+        (0.0, "band_scales must be positive, got 0"),
+        (-1.0, "band_scales must be positive, got -1"),
+        (f64::NAN, "must be finite, got NaN"),
+        (f64::INFINITY, "must be finite, got inf"),
+        (1e-200, "must be from 1e-150 to 1e150, got 1e-200"),
+    ] {
+        let mut scales = vec![1.0; n_bands];
+        scales[n_bands - 1] = value;
+        let error = refused(spec, &scales, None).to_string();
+        assert!(error.contains(message), "{error}");
+    }
+    for (spec, levels, message) in [
+        (level, None, "tensor 'level_scales' is missing"),
+        (spec, Some(&[1.0][..]), "level_scales is of no use without the block 'level'"),
+        (level, Some(&[1.0, 1.0]), "level_scales must have shape (1,), one per axis, got [2]"),
+        (level, Some(&[0.0]), "level_scales must be positive, got 0"),
+    ] {
+        assert_eq!(said(spec, n_bands, levels), message);
+    }
     let none = MultiBandSpec { coupling: false, quantiles: false, envelope: false, spectrum: false, ..spec };
-    assert!(matches!(parts(banded(none, scales(), None)), Fault::Spec(Error::NoBlocks { .. })));
+    assert!(matches!(refused(none, &ones[..n_bands], None), ModelError::Spec(Error::NoBlocks { .. })));
     let slow = MultiBandSpec { rate_hz: -1.0, ..spec };
-    assert_eq!(parts(banded(slow, scales(), None)), Fault::Spec(Error::Rate { rate_hz: -1.0 }));
+    assert_eq!(refused(slow, &ones[..n_bands], None), ModelError::Spec(Error::Rate { rate_hz: -1.0 }));
 }

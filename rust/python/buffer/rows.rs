@@ -7,9 +7,8 @@ use numpy::{
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-use super::super::arrays::{contiguous_real, readable, tuple};
-use super::super::scalars::{shown, whole};
-use crate::convert::OrRaise;
+use crate::arguments::{shown, whole, OrRaise};
+use crate::arrays::{contiguous_real, readable, wrong_shape};
 use granular_id::bindings::{brief, collected, reserved};
 use granular_id::buffer;
 use granular_id::wrench::KNOWN_FLAGS;
@@ -58,8 +57,7 @@ impl<'py> Rows<'py> {
     ) -> PyResult<Self> {
         let wrench = contiguous_real(wrench, "wrench")?;
         let &[n_rows, 6] = wrench.shape() else {
-            let shape = tuple(wrench.shape());
-            return Err(PyValueError::new_err(format!("wrench must have shape (n, 6), got {shape}")));
+            return Err(wrong_shape("wrench", "(n, 6)", wrench.shape()));
         };
         let ticks = t.map(|t| times(t, n_rows, tick_hz)).transpose()?;
         let flags = flags.map_or(Ok(Each::All(0)), |flags| flags_of_rows(flags, n_rows))?;
@@ -89,10 +87,7 @@ pub(super) fn one_wrench(wrench: &Bound<'_, PyAny>) -> PyResult<[f64; 6]> {
     let array = readable(&array, "wrench")?;
     match (array.shape(), array.as_slice()?.as_chunks().0) {
         ([6], [row]) => Ok(*row),
-        (shape, _) => {
-            let shape = tuple(shape);
-            Err(PyValueError::new_err(format!("wrench must have shape (6,), got {shape}")))
-        }
+        (shape, _) => Err(wrong_shape("wrench", "(6,)", shape)),
     }
 }
 
@@ -199,8 +194,5 @@ fn check_length(shape: &[usize], n_rows: usize, name: &str) -> PyResult<()> {
     if shape == [n_rows] {
         return Ok(());
     }
-    let shape = tuple(shape);
-    Err(PyValueError::new_err(format!(
-        "{name} must have shape ({n_rows},), one per row of wrench, got {shape}"
-    )))
+    Err(wrong_shape(name, format_args!("({n_rows},), one per row of wrench"), shape))
 }

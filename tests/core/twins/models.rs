@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use granular_id::model::{Decoding, Fault, Features, Loss, ModelParts, Notes, Tensor, MAX_FILE_BYTES};
+use granular_id::model::{
+    Decoding, Features, Loss, Metadata, ModelError, ModelParts, Tensor, MAX_FILE_BYTES,
+};
 use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, FeatureSpec, Model};
@@ -57,7 +59,7 @@ pub fn no_flipped_bit_is_read(good: &[u8]) {
 
 /// Asserts that a file without a digest, cut off anywhere or with any byte changed, is refused or a model whose answers are
 /// numbers or such errors as `told`.
-pub fn damage_is_a_fault_or_a_model(good: &[u8], wrench: &[f64], told: impl Fn(&Error) -> bool) {
+pub fn damage_is_an_error_or_a_model(good: &[u8], wrench: &[f64], told: impl Fn(&Error) -> bool) {
     for len in 0..good.len() {
         assert!(Model::from_bytes(&good[..len], MAX_FILE_BYTES).is_err(), "{len} bytes");
     }
@@ -97,7 +99,7 @@ pub fn parts_of(
     coef: &[f64],
     n_samples: usize,
     n_axes: usize,
-) -> Result<Model, Fault> {
+) -> Result<Model, ModelError> {
     Model::new(ModelParts {
         features,
         n_samples,
@@ -114,7 +116,7 @@ pub fn parts_of(
         early: None,
         sigmoid: None,
         posterior_weights: None,
-        notes: Notes::of_axes(n_axes),
+        metadata: Metadata::of_axes(n_axes),
     })
 }
 
@@ -153,7 +155,7 @@ fn random_of(
         early: Some(Tensor::new(vec![1, 2], &[1.0, 0.5])),
         sigmoid: None,
         posterior_weights: None,
-        notes: Notes::of_axes(n_axes),
+        metadata: Metadata::of_axes(n_axes),
         features,
     })
     .unwrap()

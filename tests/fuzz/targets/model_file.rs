@@ -1,4 +1,4 @@
-//! The reader of model files on damaged and on invented ones, of all versions: a model or a fault. A model that was read
+//! The reader of model files on damaged and on invented ones, of all versions: a model or an error. A model that was read
 //! writes itself, and gives the same bits for a whole recording as sample by sample.
 //!
 //! cargo-fuzz sets `cfg(fuzzing)`, under which the reader lets wrong digests pass: no mutation would ever fit them.
@@ -34,8 +34,8 @@ fn bits(values: &[f64]) -> Vec<u64> {
 fn check(file: &[u8]) {
     let model = match Model::from_bytes(file, MAX_BYTES) {
         Ok(model) => model,
-        Err(fault) => {
-            let message = fault.to_string();
+        Err(error) => {
+            let message = error.to_string();
             assert!(message.len() < LONGEST_MESSAGE, "{} bytes", message.len());
             assert!(!message.chars().any(char::is_control), "{message:?}");
             return;

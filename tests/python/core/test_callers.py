@@ -244,7 +244,7 @@ TOO_LARGE = {
     "names of multi-band features": "many = _core.MultiBandExtractor(3001, 350, blocks=['coupling']);"
     "limit(50); many.names",
     "features": "gid.extract_features(np.zeros((10**7, 1, 1)), n_bins=32768)",
-    "names": "gid.FeatureSpec().feature_names(10**7, 9)",
+    "names": "limit(50); gid.FeatureSpec().feature_names(300_000, 6)",
     "ranges": "gid.FeatureSpec(n_bins=32768, bin_range=np.tile([[-1.0, 1.0]], (10**5, 1)))",
     "scores": "model(np.ones((10**5, 1)), 1, 1, codes=np.tile([[1], [-1]], 10**5)).scores(np.zeros((10**7, 1, 1)))",
     "losses": "codes = np.repeat([[1], [-1]], (1, 1023), axis=0);"
@@ -259,6 +259,13 @@ TOO_LARGE = {
     "rows of a buffer": "buffer = full(); limit(20); buffer.reader(from_oldest=True).read()",
     "a window of a buffer": "buffer = full(); limit(20); buffer.window(10**6)",
     "a buffer": "limit(50); WrenchBuffer(20000.0)",
+    "weights of a model": "large = model(np.ones((1, 1 << 22)), 1 << 20, 4); limit(20); large.coef",
+    "a model": "X = np.ones((1, 1 << 22)); limit(20); model(X, 1 << 20, 4)",
+    "a stream of a model": "large = model(np.ones((1, 1 << 22)), 1 << 20, 4); limit(20);"
+    "_core.StreamingIdentifier(large)",
+    "features of a stream": "stream = gid.StreamingExtractor(SPEC, n_samples=1 << 20, n_axes=4); limit(20);"
+    "stream.features()",
+    "distances": "X = np.zeros((10**7, 1)); limit(50); _core.NearestMean([[0.0]], [[1.0]]).distances(X)",
     "bytes of a model": "large = model(np.ones((1, 1 << 22)), 1 << 20, 4); limit(20); large.to_bytes()",
     "a file of a model": "file = Path(tempfile.mkdtemp(), 'model');"
     "file.write_bytes(model(np.ones((1, 1 << 22)), 1 << 20, 4).to_bytes()); limit(10);"
@@ -267,6 +274,40 @@ TOO_LARGE = {
     "metadata = {'trained': json.dumps({'confidence': {'conformal': rule}})};"
     "judge = _core.Model(SPEC, [[1.0]], [0.0], [[1], [-1]], list('ab'), n_samples=1, n_axes=1, metadata=metadata);"
     "S = np.ones((10**6, 1)); limit(50); judge.verdicts(S)",
+}
+
+ABSURD = """
+case({name!r})
+MANY = 1 << 62
+FAR = np.broadcast_to(0.0, (1 << 45, 6))
+try:
+    {call}
+except (MemoryError, ValueError) as error:
+    assert str(error)
+else:
+    raise AssertionError("done")
+"""
+
+WITHOUT_LIMIT = {
+    "recordings": "gid.extract_features(FAR)",
+    "recordings of a model": "model(np.ones((1, 12)), 2, 6).scores(np.broadcast_to(0.0, (1 << 45, 2, 6)))",
+    "scores": "model(np.ones((6, 1)), 1, 1, codes=np.tile([[1], [-1]], 6)).losses(FAR)",
+    "a signal": "_core.sosfilt(low_pass(2), FAR, 0, None)",
+    "a pause": "_core.sosfiltfilt(low_pass(2), np.zeros(9), 0, 'odd', MANY)",
+    "values": "_core.histogram(FAR, 4, -1.0, 1.0)",
+    "bins": "_core.histogram([0.0], MANY, -1.0, 1.0)",
+    "ranges": "gid.FeatureSpec(bin_range=FAR[:, :2])",
+    "n_features": "gid.FeatureSpec().n_features(MANY, MANY)",
+    "names": "gid.FeatureSpec().feature_names(MANY, 1)",
+    "a stream": "gid.StreamingExtractor(SPEC, n_samples=MANY, n_axes=MANY)",
+    "rows of a stream": "gid.StreamingExtractor(SPEC).push(FAR)",
+    "multi-band features": "_core.MultiBandExtractor(MANY, MANY)",
+    "a buffer": "WrenchBuffer(1e300)",
+    "a window": "WrenchBuffer().window(MANY)",
+    "rows of a buffer": "WrenchBuffer().push_block(FAR)",
+    "a table": "_core.parse_number_table(b'1', 0, MANY)",
+    "a table without columns": "_core.parse_number_table(b'1', 0, 0)",
+    "means": "_core.NearestMean(FAR, np.eye(6))",
 }
 
 
@@ -301,6 +342,10 @@ def test_arrays_that_change_their_type_while_garbage_is_collected():
 
 def test_sizes_for_which_there_is_no_memory():
     lives_on("", LIMITED, {name: {"call": call} for name, call in TOO_LARGE.items()})
+
+
+def test_sizes_that_no_machine_has():
+    lives_on("", ABSURD, {name: {"call": call} for name, call in WITHOUT_LIMIT.items()})
 
 
 def test_recordings_without_samples_ask_for_no_memory():

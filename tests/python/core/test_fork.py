@@ -206,3 +206,29 @@ def test_fork_while_another_thread_waits_for_rows():
     with thread_at_work(lambda: reader.wait(0.0003)):
         answers = [in_bare_child(answer) for _ in range(max(N_CHILDREN, 12))]
     assert set(answers) == {answer()}
+
+
+@needs_fork
+def test_fork_while_other_threads_fill_and_read_a_buffer():
+    """The child has whole rows in order, may push its own, and neither end disturbs the parent's."""
+    buffer = WrenchBuffer(seconds=1.0, rate_hz=500.0, tick_hz=500.0)
+    reader, first = buffer.reader(from_oldest=True), itertools.count()
+
+    def fill_and_read():
+        ticks = np.arange(64.0) + 64 * next(first)
+        buffer.push_block(np.repeat(ticks[:, None], 6, axis=1), ticks / 500.0)
+        reader.read()
+
+    def answer():
+        reader.read()  # whatever was ahead
+        window = buffer.window(64)
+        whole = (window.wrench == window.ticks[:, None]).all() and (np.diff(window.ticks) == 1).all()
+        later = [window.ticks[-1] + 1.0] * 6
+        taken = buffer.push(later, later[0] / 500.0) and reader.wait(0.0)
+        return f"{whole} {taken} {reader.read().wrench.tolist() == [later]}"
+
+    fill_and_read()
+    with thread_at_work(fill_and_read):
+        answers = [in_bare_child(answer) for _ in range(max(N_CHILDREN, 12))]
+    assert set(answers) == {"True True True"}
+    assert buffer.stats()["written"] == 64 * next(first)

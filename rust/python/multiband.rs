@@ -1,55 +1,29 @@
-//! Multi-band features: unpack, call, map the error.
+//! Multi-band features of recordings.
 
-mod arguments;
-
-use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
-use self::arguments::{blocks_of, given_scales};
-use super::arrays::{self, contiguous_real, copied, readable, writable, zeros, Hold};
-use super::pool::threads_for;
-use super::scalars::{count, number};
-use crate::convert::OrRaise;
-use granular_id::bindings::brief;
-use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
+use crate::arguments::{each, new_arguments, number, samples_and_axes, shown, word, NewArguments, OrRaise};
+use crate::arrays::{copied, owned_real, tuple, work_into, wrong_shape, zeros, Recordings};
+use granular_id::bindings::{brief, collected, filled};
+use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
+use granular_id::BatchShape;
 
 /// Multi-band features of recordings of one shape, as one checked, immutable value.
 ///
-/// Parameters
-/// ----------
-/// n_samples, n_axes : int
-///     Shape of a whole recording.
-/// rate_hz : float, default 500.0
-///     Sampling rate in hertz. It names the bands; no feature depends on it.
-/// blocks : sequence of str, default ("coupling", "quantiles", "envelope", "spectrum")
-///     What to compute; also "level". Their order does not matter. Blocks that such short recordings do not have are left
-///     out.
-/// scales : array-like, shape (n_bands, n_axes), optional
-///     Typical root mean square of each band and axis; ones without it.
-/// level_scales : array-like, shape (n_axes,), optional
-///     Typical magnitude of the level of each axis; ones without it.
-///
-/// Raises
-/// ------
-/// TypeError, ValueError
-///     If a value has the wrong type or is outside its range; the message names the argument.
-///
-/// Notes
-/// -----
-/// Pickles with protocol 2 and later. `granular_id.spaces.MultiBand` learns the scales.
+/// `rate_hz` only names the bands. Blocks that such short recordings do not have are left out; the order of their names
+/// does not matter. `scales` (n_bands, n_axes) are the typical root mean square of each band and axis, `level_scales`
+/// (n_axes,) the typical magnitude of the level; ones without them. `granular_id.spaces.MultiBand` learns them.
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "MultiBandExtractor", module = "granular_id._core")]
 pub(super) struct PyMultiBandExtractor {
     pub(super) design: MultiBand,
 }
 
-/// Which numbers of a recording are wanted.
-#[derive(Clone, Copy)]
-enum Wanted {
-    Features,
-    RootMeanSquares,
-}
+/// Numbers of each recording of a batch, by so many threads.
+type Extract = fn(&MultiBand, &[f64], BatchShape, usize, &mut [f64]) -> granular_id::Result<()>;
 
 #[pymethods]
 impl PyMultiBandExtractor {
@@ -67,15 +41,11 @@ impl PyMultiBandExtractor {
         scales: Option<&Bound<'_, PyAny>>,
         level_scales: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let n_samples = count(n_samples, "n_samples", usize::MAX)?;
-        let n_axes = count(n_axes, "n_axes", usize::MAX)?;
-        let mut spec = MultiBandSpec::default();
-        if let Some(rate_hz) = rate_hz {
-            spec.rate_hz = number(rate_hz, "rate_hz")?;
-        }
-        if let Some(blocks) = blocks {
-            spec = blocks_of(blocks, spec.rate_hz)?;
-        }
+        let (n_samples, n_axes) = samples_and_axes(n_samples, n_axes)?;
+        let default = MultiBandSpec::default();
+        let rate_hz = rate_hz.map_or(Ok(default.rate_hz), |value| number(value, "rate_hz"))?;
+        let default = MultiBandSpec { rate_hz, ..default };
+        let spec = blocks.map_or(Ok(default), |value| blocks_of(value, rate_hz))?;
         MultiBand::check_size(n_samples, n_axes).or_raise()?;
         let n_bands = n_bands(n_samples);
         let scales = Scales {
@@ -113,22 +83,14 @@ impl PyMultiBandExtractor {
     /// Names of the blocks that were asked for.
     #[getter]
     fn blocks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        let spec = self.design.spec();
-        let named = granular_id::multiband::Block::NAMED.into_iter();
-        PyTuple::new(
-            py,
-            named.filter(|(_, block)| spec.wants(*block)).map(|(name, _)| name).collect::<Vec<_>>(),
-        )
+        let wanted = Block::NAMED.iter().filter(|(_, block)| self.design.spec().wants(*block));
+        PyTuple::new(py, wanted.map(|(name, _)| name).collect::<Vec<_>>())
     }
 
     /// Features of each block that such recordings have, in order.
     #[getter]
     fn block_sizes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let sizes = PyDict::new(py);
-        for (block, size) in self.design.block_sizes() {
-            sizes.set_item(block.name(), size)?;
-        }
-        Ok(sizes)
+        self.design.block_sizes().into_iter().map(|(block, size)| (block.name(), size)).into_py_dict(py)
     }
 
     /// Names of the features, in order.
@@ -169,8 +131,8 @@ impl PyMultiBandExtractor {
         &self,
         X: &Bound<'py, PyAny>,
         threads: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        self.each(X, threads, Wanted::Features, &[self.design.n_features()])
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        self.each(X, threads, MultiBand::extract_batch, &[self.design.n_features()])
     }
 
     /// Root mean square `(n, n_bands, C)` of each band and axis of recordings `(n, T, C)`, or `(n_bands, C)` of one.
@@ -180,17 +142,12 @@ impl PyMultiBandExtractor {
         &self,
         X: &Bound<'py, PyAny>,
         threads: Option<&Bound<'py, PyAny>>,
-    ) -> PyResult<Bound<'py, PyAny>> {
-        self.each(X, threads, Wanted::RootMeanSquares, &[self.design.n_bands(), self.design.n_axes()])
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        self.each(X, threads, MultiBand::rms_batch, &[self.design.n_bands(), self.design.n_axes()])
     }
 
-    fn __getnewargs_ex__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyTuple>, Bound<'py, PyDict>)> {
-        let keywords = PyDict::new(py);
-        keywords.set_item("rate_hz", self.rate_hz())?;
-        keywords.set_item("blocks", self.blocks(py)?)?;
-        keywords.set_item("scales", self.scales(py)?)?;
-        keywords.set_item("level_scales", self.level_scales(py)?)?;
-        Ok((PyTuple::new(py, [self.n_samples(), self.n_axes()])?, keywords))
+    fn __getnewargs_ex__<'py>(slf: &Bound<'py, Self>) -> NewArguments<'py> {
+        new_arguments(slf, "n_samples n_axes", "rate_hz blocks scales level_scales")
     }
 
     fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
@@ -215,30 +172,46 @@ impl PyMultiBandExtractor {
         &self,
         recordings: &Bound<'py, PyAny>,
         threads: Option<&Bound<'py, PyAny>>,
-        wanted: Wanted,
+        extract: Extract,
         row: &[usize],
-    ) -> PyResult<Bound<'py, PyAny>> {
-        let py = recordings.py();
-        let threads = threads_for(threads)?;
-        let array = contiguous_real(recordings, "X")?;
-        let (shape, single) = arrays::recordings(&array, "X")?;
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let recordings = Recordings::new(recordings, "X", threads, None)?;
+        let Recordings { array, shape, threads } = &recordings;
         // Refused here, before the result is made, which may be large.
-        self.design.check_batch(array.len(), shape).or_raise()?;
-        let dims: Vec<_> = if single { row.to_vec() } else { [&[shape.n_recordings], row].concat() };
-        let out = zeros(py, &dims)?;
-        {
-            let hold = Hold::new(&[array.as_any()])?;
-            let values = readable(&array, "X")?;
-            let values = values.as_slice()?;
-            let mut target = writable(&out, "X", &[values])?;
-            let target = target.as_slice_mut()?;
-            let (design, threads) = (&self.design, threads(single));
-            hold.work(py, || match wanted {
-                Wanted::Features => design.extract_batch(values, shape, threads, target),
-                Wanted::RootMeanSquares => design.rms_batch(values, shape, threads, target),
-            })
-            .or_raise()?;
-        }
-        Ok(out.into_any())
+        self.design.check_batch(array.len(), *shape).or_raise()?;
+        let rows = recordings.rows(row);
+        let out = zeros(array.py(), &rows)?;
+        work_into((&out, &rows), array, "X", usize::MAX, |values, out| {
+            extract(&self.design, values, *shape, *threads, out)
+        })?;
+        Ok(out)
     }
+}
+
+/// Names of blocks, in any order.
+fn blocks_of(value: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<MultiBandSpec> {
+    let mut wanted = Vec::new();
+    let wrong = || PyTypeError::new_err(format!("blocks must be a sequence of names, got {}", shown(value)));
+    for block in each(value, wrong)? {
+        let block = word(&block?, "each of blocks", &Block::NAMED)?;
+        if wanted.contains(&block) {
+            let message = format!("blocks must name each block once, got '{}' twice", block.name());
+            return Err(PyValueError::new_err(message));
+        }
+        wanted.push(block);
+    }
+    Ok(MultiBandSpec::of(rate_hz, |block| wanted.contains(&block)))
+}
+
+/// Scales of one shape; ones where there are none.
+fn given_scales(value: Option<&Bound<'_, PyAny>>, name: &str, shape: &[usize]) -> PyResult<Vec<f64>> {
+    let Some(value) = value else {
+        return filled(1.0, shape.iter().product()).or_raise();
+    };
+    let array = owned_real(value, name)?;
+    if array.shape() != shape {
+        return Err(wrong_shape(name, tuple(shape), array.shape()));
+    }
+    let array = array.try_readonly()?;
+    collected(array.as_slice()?.iter().copied()).or_raise()
 }

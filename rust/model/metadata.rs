@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use super::fault::Fault;
-use super::file::json;
+use serde_json::Value;
+
+use super::{json, ModelError};
 use crate::error::shown;
 use crate::wrench::{axis_name, AXES, UNITS};
 
@@ -12,7 +13,7 @@ pub const MAX_NAME_BYTES: usize = 256;
 
 /// Texts of the metadata that are not part of the computation.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Notes {
+pub struct Metadata {
     /// Name of each axis.
     pub axes: Vec<String>,
     /// Unit of each axis; empty where unknown.
@@ -35,7 +36,7 @@ pub struct Notes {
 #[doc(hidden)]
 pub type Entries = BTreeMap<String, String>;
 
-impl Notes {
+impl Metadata {
     /// Nothing known but the axes; those of a wrench have their units.
     #[must_use]
     pub fn of_axes(n_axes: usize) -> Self {
@@ -58,11 +59,11 @@ impl Notes {
     }
 
     /// The same with some entries of the metadata replaced.
-    pub fn with(&self, texts: BTreeMap<String, String>) -> Result<Self, Fault> {
+    pub fn with(&self, texts: BTreeMap<String, String>) -> Result<Self, ModelError> {
         let mut entries = self.entries();
         for (key, text) in texts {
             if entries.insert(key.clone(), text).is_none() {
-                return Err(Fault::UnknownEntry { key: shown(key.as_bytes()) });
+                return Err(unknown_entry(&key));
             }
         }
         Self::take(&mut entries)
@@ -73,22 +74,22 @@ impl Notes {
     #[must_use]
     pub fn entries(&self) -> Entries {
         let texts = [
-            ("axes", json::list(&self.axes)),
-            ("units", json::list(&self.units)),
+            ("axes", Value::from(&self.axes[..]).to_string()),
+            ("units", Value::from(&self.units[..]).to_string()),
             ("coding", self.coding.clone()),
             ("posterior", self.posterior.clone()),
             ("training_sha256", self.training_sha256.clone()),
             ("library_version", self.library_version.clone()),
-            ("lead_s", self.lead_s.map_or_else(String::new, json::number)),
+            ("lead_s", self.lead_s.map_or_else(String::new, |lead_s| Value::from(lead_s).to_string())),
             ("trained", self.trained.clone()),
         ];
         texts.map(|(key, text)| (key.to_owned(), text)).into()
     }
 
     /// Takes them out of the metadata.
-    pub(crate) fn take(entries: &mut Entries) -> Result<Self, Fault> {
+    pub(super) fn take(entries: &mut Entries) -> Result<Self, ModelError> {
         let lead_s = take(entries, "lead_s")?;
-        let seconds = || lead_s.parse().ok().filter(|lead_s: &f64| lead_s.is_finite() && *lead_s >= 0.0);
+        let seconds = || lead_s.parse().ok().filter(is_lead);
         Ok(Self {
             axes: json::names("axes", &take(entries, "axes")?)?,
             units: json::names("units", &take(entries, "units")?)?,
@@ -98,75 +99,88 @@ impl Notes {
             library_version: take(entries, "library_version")?,
             lead_s: match lead_s.as_str() {
                 "" => None,
-                text => Some(seconds().ok_or_else(|| Fault::Entry {
-                    key: "lead_s",
-                    wanted: "seconds, at least 0, or empty".to_owned(),
-                    got: shown(text.as_bytes()),
-                })?),
+                text => Some(
+                    seconds().ok_or_else(|| ModelError::must_be("lead_s", LEAD, shown(text.as_bytes())))?,
+                ),
             },
             trained: take(entries, "trained")?,
         })
     }
 
     /// Refuses what cannot be shown, or does not fit the number of axes.
-    pub(super) fn check(&self, n_axes: usize) -> Result<(), Fault> {
+    pub(super) fn check(&self, n_axes: usize) -> Result<(), ModelError> {
         for (what, names) in [("axes", &self.axes), ("units", &self.units)] {
             if names.len() != n_axes {
-                return Err(Fault::Count { what, least: n_axes, most: n_axes, got: names.len() });
+                return Err(ModelError::must_be(
+                    what,
+                    format_args!("from {n_axes} to {n_axes}"),
+                    names.len(),
+                ));
             }
         }
         check_names("axes", &self.axes)?;
-        for (index, unit) in self.units.iter().enumerate() {
-            if !(unit.is_empty() || printable(unit)) {
-                return Err(Fault::Name { what: "units", index, got: shown(unit.as_bytes()) });
-            }
+        if let Some(index) = self.units.iter().position(|unit| !(unit.is_empty() || printable(unit))) {
+            return Err(bad_name("units", index, &self.units[index]));
         }
         let texts = [
             ("coding", &self.coding),
             ("posterior", &self.posterior),
             ("library_version", &self.library_version),
         ];
-        for (key, text) in texts {
-            if !(text.is_empty() || printable(text)) {
-                let wanted = format!("at most {MAX_NAME_BYTES} bytes of printable text");
-                return Err(Fault::Entry { key, wanted, got: shown(text.as_bytes()) });
-            }
+        if let Some((key, text)) = texts.into_iter().find(|(_, text)| !(text.is_empty() || printable(text))) {
+            let wanted = format_args!("at most {MAX_NAME_BYTES} bytes of printable text");
+            return Err(ModelError::must_be(key, wanted, shown(text.as_bytes())));
         }
         let hash = self.training_sha256.as_bytes();
         let hexadecimal = |byte: &u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');
         if !(hash.is_empty() || hash.len() == 64 && hash.iter().all(hexadecimal)) {
-            return Err(Fault::Entry {
-                key: "training_sha256",
-                wanted: "64 hexadecimal digits in lower case, or empty".to_owned(),
-                got: shown(hash),
-            });
+            let wanted = "64 hexadecimal digits in lower case, or empty";
+            return Err(ModelError::must_be("training_sha256", wanted, shown(hash)));
         }
-        if let Some(lead_s) = self.lead_s.filter(|lead_s| !(lead_s.is_finite() && *lead_s >= 0.0)) {
-            let wanted = "seconds, at least 0, or empty".to_owned();
-            return Err(Fault::Entry { key: "lead_s", wanted, got: lead_s.to_string() });
+        match self.lead_s.filter(|lead_s| !is_lead(lead_s)) {
+            None => Ok(()),
+            Some(lead_s) => Err(ModelError::must_be("lead_s", LEAD, lead_s)),
         }
-        Ok(())
     }
+}
+
+const LEAD: &str = "seconds, at least 0, or empty";
+
+fn is_lead(lead_s: &f64) -> bool {
+    lead_s.is_finite() && *lead_s >= 0.0
 }
 
 /// Takes an entry that must be there.
-pub(super) fn take(entries: &mut Entries, key: &'static str) -> Result<String, Fault> {
-    entries.remove(key).ok_or(Fault::MissingEntry { key })
+pub(super) fn take(entries: &mut Entries, key: &str) -> Result<String, ModelError> {
+    entries.remove(key).ok_or_else(|| missing_entry(key))
+}
+
+pub(super) fn missing_entry(key: &str) -> ModelError {
+    ModelError::part("metadata", format!("must have an entry '{key}'"))
+}
+
+pub(super) fn unknown_entry(key: &str) -> ModelError {
+    ModelError::part("metadata", format!("has an unknown entry {}", shown(key.as_bytes())))
 }
 
 /// Refuses names that are empty, long, not printable or there twice.
-pub(super) fn check_names(what: &'static str, names: &[String]) -> Result<(), Fault> {
+pub(super) fn check_names(what: &str, names: &[String]) -> Result<(), ModelError> {
     let mut places = BTreeMap::new();
     for (second, name) in names.iter().enumerate() {
-        let got = || shown(name.as_bytes());
         if !printable(name) {
-            return Err(Fault::Name { what, index: second, got: got() });
+            return Err(bad_name(what, second, name));
         }
         if let Some(first) = places.insert(name, second) {
-            return Err(Fault::Doubled { what, first, second, name: got() });
+            let problem = format!("and {what}[{second}] are both {}", shown(name.as_bytes()));
+            return Err(ModelError::part(format!("{what}[{first}]"), problem));
         }
     }
     Ok(())
+}
+
+fn bad_name(what: &str, index: usize, name: &str) -> ModelError {
+    let wanted = format_args!("1 to {MAX_NAME_BYTES} bytes of printable text");
+    ModelError::must_be(format!("{what}[{index}]"), wanted, shown(name.as_bytes()))
 }
 
 /// Text that is there, is short, and does nothing to a terminal.

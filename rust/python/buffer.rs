@@ -1,18 +1,21 @@
-//! The class: unpack, call, map the error.
+//! The wrench buffer and its writing end.
 
-use std::sync::Mutex;
+mod clock;
+mod reader;
+mod rows;
 
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{IntoPyDict, PyDict};
 
-use super::super::scalars::{count, flag, number, whole, word};
-use super::block::{Columns, PyBlock};
-use super::input::Input;
-use super::reader::PyWrenchReader;
-use super::rows::{flags_of_one, host_time, number_of_ticks, one_wrench, Rows};
-use super::window::PyWindow;
-use crate::convert::OrRaise;
-use granular_id::buffer::{self, wrench_buffer, BufferSpec, Fill, Pushed, Reader, MAX_REORDER_DEPTH};
+use self::clock::DeviceClock;
+use self::rows::{flags_of_one, host_time, number_of_ticks, one_wrench, Rows};
+use crate::arguments::{count, flag, number, whole, word, OrRaise};
+use granular_id::buffer::{self, wrench_buffer, BufferSpec, Fill, Pushed, Reader, Writer, MAX_REORDER_DEPTH};
+
+pub(super) use reader::{PyBlock, PyWindow, PyWrenchReader, WindowError};
 
 /// Words for what stands for an instant without a row.
 const FILLS: [(&str, Fill); 3] = [("none", Fill::None), ("nan", Fill::Nan), ("linear", Fill::Linear)];
@@ -63,7 +66,21 @@ const FILLS: [(&str, Fill); 3] = [("none", Fill::None), ("nan", Fill::Nan), ("li
 #[pyclass(frozen, name = "WrenchBuffer", module = "granular_id.live")]
 pub(crate) struct PyWrenchBuffer {
     reader: Reader,
-    pub(super) input: Mutex<Input>,
+    input: Mutex<Input>,
+}
+
+/// The writing end, which Python has unless a sensor of the core does.
+struct Input {
+    /// Nothing while a sensor has it.
+    writer: Option<Writer>,
+    clock: DeviceClock,
+}
+
+impl Input {
+    fn writing(&mut self) -> PyResult<(&mut Writer, &mut DeviceClock)> {
+        let writer = self.writer.as_mut().ok_or_else(sensor_writes)?;
+        Ok((writer, &mut self.clock))
+    }
 }
 
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
@@ -80,21 +97,17 @@ impl PyWrenchBuffer {
         tick_hz: Option<&Bound<'_, PyAny>>,
         reorder_depth: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let mut spec = BufferSpec::default();
-        if let Some(value) = seconds {
-            spec.seconds = number(value, "seconds")?;
-        }
-        if let Some(value) = rate_hz {
-            spec.rate_hz = number(value, "rate_hz")?;
-        }
-        if let Some(value) = tick_hz {
-            spec.tick_hz = number(value, "tick_hz")?;
-        }
-        if let Some(value) = reorder_depth {
-            spec.reorder_depth = whole(value, "reorder_depth", MAX_REORDER_DEPTH)?;
-        }
+        let of = BufferSpec::default();
+        let depth = |value| whole(value, "reorder_depth", MAX_REORDER_DEPTH);
+        let spec = BufferSpec {
+            seconds: seconds.map_or(Ok(of.seconds), |value| number(value, "seconds"))?,
+            rate_hz: rate_hz.map_or(Ok(of.rate_hz), |value| number(value, "rate_hz"))?,
+            tick_hz: tick_hz.map_or(Ok(of.tick_hz), |value| number(value, "tick_hz"))?,
+            reorder_depth: reorder_depth.map_or(Ok(of.reorder_depth), depth)?,
+        };
         let (writer, reader) = wrench_buffer(spec).or_raise()?;
-        Ok(Self { reader, input: Mutex::new(Input::new(writer, &spec)) })
+        let input = Input { writer: Some(writer), clock: DeviceClock::new(&spec) };
+        Ok(Self { reader, input: Mutex::new(input) })
     }
 
     /// Take in one row.
@@ -204,8 +217,7 @@ impl PyWrenchBuffer {
 
     /// The newest row as a block of one, or None before the first.
     fn latest(&self, py: Python<'_>) -> PyResult<Option<PyBlock>> {
-        let newest = self.reader.latest();
-        newest.map(|row| PyBlock::new(py, Columns::one(&row), self.tick_hz())).transpose()
+        self.reader.latest().map(|row| PyBlock::one(py, &row, self.tick_hz())).transpose()
     }
 
     /// The last instants up to the newest row, as a copy.
@@ -293,11 +305,7 @@ impl PyWrenchBuffer {
     /// (instants in them); ``epochs`` (new beginnings after the first); ``saturated`` and ``bad_status`` (written with that
     /// flag).
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let counts = PyDict::new(py);
-        for (name, n) in self.reader.stats().named() {
-            counts.set_item(name, n)?;
-        }
-        Ok(counts)
+        self.reader.stats().named().into_py_dict(py)
     }
 
     /// Nominal rate of the rows.
@@ -334,4 +342,28 @@ impl PyWrenchBuffer {
         let BufferSpec { rate_hz, seconds, tick_hz, reorder_depth } = self.reader.spec();
         format!("WrenchBuffer({seconds:?}, rate_hz={rate_hz:?}, tick_hz={tick_hz:?}, reorder_depth={reorder_depth})")
     }
+}
+
+impl PyWrenchBuffer {
+    /// The writer, for a sensor that pushes from a thread of its own; pushing from Python is refused until
+    /// [`give_back`](Self::give_back). An error when another sensor has it.
+    pub(crate) fn take_writer(&self) -> PyResult<Writer> {
+        self.input().writer.take().ok_or_else(sensor_writes)
+    }
+
+    /// Takes the writer back from a sensor that has stopped; rows that wait are written.
+    pub(crate) fn give_back(&self, mut writer: Writer) {
+        writer.flush();
+        self.input().writer = Some(writer);
+    }
+
+    /// Locked for moments only and never without the GIL, so that no fork finds it locked. Nothing that runs under this lock
+    /// panics half-way.
+    fn input(&self) -> MutexGuard<'_, Input> {
+        self.input.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn sensor_writes() -> PyErr {
+    PyRuntimeError::new_err("a sensor is writing to this buffer: stop it before you push rows")
 }

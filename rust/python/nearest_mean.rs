@@ -1,45 +1,25 @@
-//! Distances to the nearest class: unpack, call, map the error.
+//! Distances to the nearest class.
 
 use numpy::{PyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use super::super::arrays::{contiguous_real, readable, tuple, Hold};
-use crate::convert::{OrRaise, Raise};
+use crate::arguments::{OrRaise, Raise};
+use crate::arrays::{contiguous_real, readable, tuple, work_on, wrong_shape};
 use granular_id::model::NearestMean;
 use granular_id::Error;
 
 /// Distances of recordings to the nearest of some means, one per class, after whitening.
 ///
-/// Parameters
-/// ----------
-/// means : array-like, shape (K, S)
-///     Mean values of each class.
-/// whitener : array-like, shape (S, S)
-///     Matrix whose product with values has the unit matrix as covariance within a class.
-/// of_pairs : bool, default False
-///     Whether recordings come as scores of one learner for each pair of S classes. The values are then minus the mean
-///     losses of the classes under the hinge.
+/// `means` (K, S) are those of each class; the product of values with `whitener` (S, S) has the unit matrix as covariance
+/// within a class. With `of_pairs`, recordings come as scores of one learner for each pair of S classes: the values are
+/// then minus the mean losses of the classes under the hinge.
 ///
-/// Raises
-/// ------
-/// TypeError, ValueError
-///     Shapes that do not fit, numbers that are not finite.
-///
-/// Notes
-/// -----
 /// Source: Lee, Lee, Lee, Shin, "A simple unified framework for detecting out-of-distribution samples and adversarial
 /// attacks" (NeurIPS 2018).
-///
-/// Examples
-/// --------
-/// >>> from granular_id._core import NearestMean
-/// >>> nearest = NearestMean([[0.0, 0.0], [3.0, 4.0]], [[1.0, 0.0], [0.0, 2.0]])
-/// >>> nearest.distances([[3.0, 3.0], [1.0, 0.0]])
-/// array([2., 1.])
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "NearestMean", module = "granular_id._core")]
-pub(crate) struct PyNearestMean {
+pub(super) struct PyNearestMean {
     nearest: NearestMean,
 }
 
@@ -76,20 +56,16 @@ impl PyNearestMean {
         let scores = contiguous_real(scores, name)?;
         let width = self.nearest.width();
         if !matches!(*scores.shape(), [n] | [_, n] if n == width) {
-            let got = tuple(scores.shape());
-            let message = format!("{name} must have shape ({width},) or (n, {width}), got {got}");
-            return Err(PyValueError::new_err(message));
+            return Err(wrong_shape(name, format_args!("({width},) or (n, {width})"), scores.shape()));
         }
-        let hold = Hold::for_values(scores.len().saturating_mul(width), &[scores.as_any()])?;
-        let scores = readable(&scores, name)?;
         let not_finite = |error| match error {
             Error::Score { .. } => {
                 PyValueError::new_err(format!("{name} must be finite, got NaN or infinity"))
             }
             error => error.raise(),
         };
-        let scores = scores.as_slice()?;
-        let distances = hold.work(py, || self.nearest.distances(scores)).map_err(not_finite)?;
-        Ok(PyArray1::from_vec(py, distances))
+        let n_values = scores.len().saturating_mul(width);
+        let distances = work_on(&scores, name, n_values, |scores| self.nearest.distances(scores))?;
+        Ok(PyArray1::from_vec(py, distances.map_err(not_finite)?))
     }
 }

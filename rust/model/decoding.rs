@@ -1,0 +1,313 @@
+//! From scores to classes: the binary losses, the codes of the classes, and the answer that both give.
+//!
+//! Sources: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141; Escalera, Pujol, Radeva
+//! (2010), "On the decoding process in ternary error-correcting output codes", IEEE TPAMI 32:120-134.
+
+use std::f64::consts::LN_2;
+
+use super::parts::Tensor;
+use super::{Model, ModelError};
+use crate::error::{brief, Error};
+use crate::memory::{reserved, room};
+use crate::names;
+
+/// `exp` is continued along its tangent from here on, so that sums of losses stay finite.
+const EXP_TANGENT_FROM: f64 = 650.0;
+
+/// ... as far as the sum over any number of learners is finite, and level from there.
+const EXP_TANGENT_TO: f64 = 1e20;
+
+/// A binary loss of the agreement `z` of a code with a score: 1/2 where the score says nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Loss {
+    /// `max(0, 1 - z) / 2`: that of support vector machines, and the paper's.
+    #[default]
+    Hinge,
+    /// `(1 - sign(z)) / 2`.
+    Hamming,
+    /// `(1 - r(min(1, z))) / 2`, `r(x) = sign(x) sqrt(|x|)`: half way from the votes (power 0) to the hinge (power 1).
+    Root,
+    /// `(1 - z) / 2`.
+    Linear,
+    /// `exp(-z) / 2`, along its tangent below z = -650.
+    Exponential,
+    /// `log(1 + exp(-z)) / (2 log 2)`.
+    Logit,
+    /// `log(1 + exp(-2 z)) / (2 log 2)`.
+    Binodeviance,
+}
+
+impl Loss {
+    /// Each with its name.
+    pub const NAMED: [(&str, Self); 7] = [
+        ("hinge", Self::Hinge),
+        ("hamming", Self::Hamming),
+        ("root", Self::Root),
+        ("linear", Self::Linear),
+        ("exponential", Self::Exponential),
+        ("logit", Self::Logit),
+        ("binodeviance", Self::Binodeviance),
+    ];
+
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        names::of(self, &Self::NAMED)
+    }
+
+    /// The loss of a class whose code agrees with the score by `z` (code times score).
+    #[must_use]
+    pub fn of_agreement(self, z: f64) -> f64 {
+        match self {
+            Self::Hinge => (1.0 - z).max(0.0) / 2.0,
+            Self::Hamming => (1.0 - f64::from(i8::from(z > 0.0) - i8::from(z < 0.0))) / 2.0,
+            Self::Root => (1.0 - z.min(1.0).abs().sqrt().copysign(z)) / 2.0,
+            Self::Linear => (1.0 - z) / 2.0,
+            Self::Exponential => {
+                let beyond = (-z - EXP_TANGENT_FROM).clamp(0.0, EXP_TANGENT_TO);
+                libm::exp((-z).min(EXP_TANGENT_FROM)) * (1.0 + beyond) / 2.0
+            }
+            Self::Logit => softplus(-z) / (2.0 * LN_2),
+            Self::Binodeviance => softplus(-2.0 * z) / (2.0 * LN_2),
+        }
+    }
+}
+
+/// `log(1 + exp(x))` in a form that does not overflow.
+fn softplus(x: f64) -> f64 {
+    x.max(0.0) + libm::log1p(libm::exp(-x.abs()))
+}
+
+/// By what the summed loss of a class is divided.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Decoding {
+    /// The number of learners that saw the class: the paper's.
+    #[default]
+    LossWeighted,
+    /// The number of learners.
+    LossBased,
+}
+
+impl Decoding {
+    /// Each with its name.
+    pub const NAMED: [(&str, Self); 2] =
+        [("loss_weighted", Self::LossWeighted), ("loss_based", Self::LossBased)];
+
+    /// Its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        names::of(self, &Self::NAMED)
+    }
+}
+
+/// Pairs of classes `i < j` in the order of one learner for each: (0, 1), (0, 2), ..., (1, 2), ...
+pub(super) fn pairs(n_classes: usize) -> impl Iterator<Item = (usize, usize)> {
+    (0..n_classes).flat_map(move |i| (i + 1..n_classes).map(move |j| (i, j)))
+}
+
+/// A checked coding matrix, learner by learner, and by what the sums of losses are divided.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Codes {
+    n_classes: usize,
+    /// Code plus one of every class at the first learner, then at the second, ...
+    columns: Vec<u8>,
+    divisors: Vec<f64>,
+}
+
+impl Codes {
+    /// Of `n_classes` classes at `n_learners` learners; the shape of the matrix is checked already.
+    pub(super) fn new(
+        matrix: &Tensor,
+        n_classes: usize,
+        n_learners: usize,
+        decoding: Decoding,
+    ) -> Result<Self, ModelError> {
+        let mut columns = reserved(n_classes.saturating_mul(n_learners))?;
+        for learner in 0..n_learners {
+            for class in 0..n_classes {
+                let value = matrix.at(class * n_learners + learner);
+                // The sign of zero is not looked at.
+                columns.push(match value {
+                    -1.0 => 0,
+                    0.0 => 1,
+                    1.0 => 2,
+                    _ => {
+                        let what = format!("coding_matrix[{class}, {learner}]");
+                        return Err(ModelError::must_be(what, "-1, 0 or 1", brief(value)));
+                    }
+                });
+            }
+        }
+        let mut sides = columns.chunks_exact(n_classes);
+        if let Some(learner) = sides.position(|codes| !(codes.contains(&0) && codes.contains(&2))) {
+            let what = format!("coding_matrix column {learner}");
+            return Err(ModelError::part(what, "must hold both 1 and -1"));
+        }
+        let seen = |class| columns.iter().skip(class).step_by(n_classes).filter(|code| **code != 1).count();
+        let counts: Vec<_> = (0..n_classes).map(seen).collect();
+        if let Some(class) = counts.iter().position(|count| *count == 0) {
+            let what = format!("coding_matrix row {class}");
+            return Err(ModelError::part(what, "is all 0: no learner ever sees this class"));
+        }
+        let divisors = counts.into_iter().map(|count| match decoding {
+            Decoding::LossWeighted => count as f64,
+            Decoding::LossBased => n_learners as f64,
+        });
+        Ok(Self { n_classes, divisors: divisors.collect(), columns })
+    }
+
+    /// Binary learners: L.
+    pub(super) fn n_learners(&self) -> usize {
+        self.columns.len() / self.n_classes
+    }
+
+    /// Code -1, 0 or +1; 0 where there is none.
+    pub(super) fn code(&self, class: usize, learner: usize) -> i8 {
+        if class >= self.n_classes || learner >= self.n_learners() {
+            return 0;
+        }
+        [-1, 0, 1][usize::from(self.columns[learner * self.n_classes + class])]
+    }
+
+    /// Whether there is one learner for each pair of classes `i < j`, in their order, for which `i` is positive.
+    pub(super) fn is_of_pairs(&self) -> bool {
+        let n = self.n_classes;
+        let has = |learner, i, j| {
+            (0..n).all(|class| self.code(class, learner) == i8::from(class == i) - i8::from(class == j))
+        };
+        self.n_learners() == n * (n - 1) / 2
+            && pairs(n).enumerate().all(|(learner, (i, j))| has(learner, i, j))
+    }
+}
+
+/// What a model says of one recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answer {
+    /// Index of the class with the smallest loss; the first of equal ones.
+    pub best: usize,
+    /// Score of each learner.
+    pub scores: Vec<f64>,
+    /// Mean loss of each class.
+    pub losses: Vec<f64>,
+    /// Indices of the classes that the recording may be by the [`Rules`](super::Rules) of the model, the likeliest first
+    /// and at least one; empty without such a rule.
+    pub candidates: Vec<usize>,
+    /// Whether the recording is like none of the classes: `best` then says nothing. `None` without such a rule.
+    pub unknown: Option<bool>,
+}
+
+impl Answer {
+    /// Classes by their loss, the smallest first; of equal ones the first.
+    #[must_use]
+    pub fn ranking(&self) -> Vec<usize> {
+        ranking(&self.losses)
+    }
+
+    /// By how much the second loss is larger than the first.
+    #[must_use]
+    pub fn margin(&self) -> f64 {
+        best_and_margin(&self.losses).1
+    }
+}
+
+/// The first of the smallest losses, and by how much the next one is larger.
+pub(crate) fn best_and_margin(losses: &[f64]) -> (usize, f64) {
+    let (mut best, mut first, mut second) = (0, f64::INFINITY, f64::INFINITY);
+    for (class, loss) in losses.iter().enumerate() {
+        if *loss < first {
+            (best, first, second) = (class, *loss, first);
+        } else {
+            second = second.min(*loss);
+        }
+    }
+    (best, second - first)
+}
+
+/// Classes by their loss, the smallest first; of equal ones the first.
+#[doc(hidden)]
+#[must_use]
+pub fn ranking(losses: &[f64]) -> Vec<usize> {
+    let mut order = vec![0; losses.len()];
+    rank(losses, &mut order);
+    order
+}
+
+/// The same into as many places as there are losses. Allocates nothing.
+pub(super) fn rank(losses: &[f64], order: &mut [usize]) {
+    for (class, place) in order.iter_mut().enumerate() {
+        *place = class;
+    }
+    order.sort_unstable_by(|a, b| losses[*a].total_cmp(&losses[*b]).then(a.cmp(b)));
+}
+
+impl Model {
+    /// Mean loss of each class from the scores of all learners, added in their order; the smallest wins, the first of
+    /// equal ones. Allocates nothing.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for another number of scores than learners or of losses than classes, [`Error::Score`] for a score
+    /// that is not finite.
+    pub fn decode(&self, scores: &[f64], losses: &mut [f64]) -> Result<(), Error> {
+        let lengths =
+            [("scores", self.n_learners(), scores.len()), ("losses", self.classes.len(), losses.len())];
+        for (what, expected, got) in lengths {
+            if got != expected {
+                return Err(Error::Length { what, expected, got });
+            }
+        }
+        self.check_scores(scores)?;
+        let Codes { n_classes, columns, divisors } = &self.codes;
+        losses.fill(0.0);
+        for (score, codes) in scores.iter().zip(columns.chunks_exact(*n_classes)) {
+            let costs = [self.loss.of_agreement(-score), 0.0, self.loss.of_agreement(*score)];
+            for (sum, code) in losses.iter_mut().zip(codes) {
+                *sum += costs[usize::from(*code)];
+            }
+        }
+        for (sum, divisor) in losses.iter_mut().zip(divisors) {
+            *sum /= divisor;
+        }
+        Ok(())
+    }
+
+    /// Codes plus one of all classes at a learner.
+    pub(crate) fn codes_of(&self, learner: usize) -> &[u8] {
+        let Codes { n_classes, columns, .. } = &self.codes;
+        columns.get(learner * n_classes..(learner + 1) * n_classes).unwrap_or_default()
+    }
+
+    /// By what the summed loss of a class is divided.
+    pub(crate) fn divisor(&self, class: usize) -> f64 {
+        self.codes.divisors.get(class).copied().unwrap_or(1.0)
+    }
+
+    /// The answers for a batch of recordings.
+    pub fn identify_batch(
+        &self,
+        wrench: &[f64],
+        n_recordings: usize,
+        threads: usize,
+    ) -> Result<Vec<Answer>, Error> {
+        let scores = self.scores(wrench, n_recordings, threads)?;
+        let numbers = self.n_learners() + self.classes.len();
+        let candidates = self.classes.len() * size_of::<usize>();
+        let per_answer = size_of::<Answer>() + numbers * size_of::<f64>() + candidates;
+        room(n_recordings.saturating_mul(per_answer))?;
+        let mut verdict = self.rules.verdict();
+        let answers = scores.chunks_exact(self.n_learners()).map(|scores| {
+            let mut losses = vec![0.0; self.classes.len()];
+            self.decode(scores, &mut losses)?;
+            let (best, _) = best_and_margin(&losses);
+            self.judge(&losses, scores, &mut verdict);
+            let (candidates, unknown) = (verdict.candidates().to_vec(), verdict.unknown());
+            Ok(Answer { best, scores: scores.to_vec(), losses, candidates, unknown })
+        });
+        answers.collect()
+    }
+
+    /// The answer for one recording of `n_samples * n_axes` values, sample by sample.
+    pub fn identify(&self, wrench: &[f64]) -> Result<Answer, Error> {
+        let mut answers = self.identify_batch(wrench, 1, 1)?;
+        answers.pop().ok_or(Error::Empty { what: "wrench", shape: vec![0] })
+    }
+}

@@ -1,0 +1,480 @@
+//! The model file: safetensors with an exact set of tensors and metadata. `docs/live/model-file.md` is its description.
+//!
+//! Reading trusts nothing. Sizes are compared with limits before anything is parsed or allocated; a file is read only if it
+//! is what the writer could have written, but for the order of entries and the spacing of its JSON.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Read;
+use std::path::Path;
+
+use safetensors::{Dtype, SafeTensors};
+use serde_json::{json, Value};
+use sha2::{Digest, Sha256};
+
+use super::metadata::{missing_entry, take, unknown_entry, Entries};
+use super::parts::{missing_tensor, no_use};
+use super::{
+    json, Decoding, Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts,
+    Tensor,
+};
+use crate::error::shown;
+use crate::memory::reserved;
+use crate::names::listed;
+
+/// Bytes of a file that are read unless the caller allows more.
+pub const MAX_FILE_BYTES: usize = 16 << 20;
+
+/// Bytes of the header that are read at most.
+pub const MAX_HEADER_BYTES: usize = 1 << 20;
+
+/// Bytes ahead of the header: its length.
+const LENGTH_BYTES: usize = 8;
+
+/// What the metadata calls the format.
+const FORMAT: &str = "granular_id.identifier";
+
+/// Versions of the format that are read, as an error says it.
+pub(super) const VERSIONS: &str = "1, 2 and 3";
+
+/// The version of a file with samples and histograms and no digest.
+const ADDITIVE: &str = "1";
+
+/// The version of a file with multi-band features and no digest.
+const MULTIBAND: &str = "2";
+
+/// The version that is written: with a digest, whatever is extracted.
+const DIGESTED: &str = "3";
+
+/// The entry of the metadata that holds the digest of all the rest.
+const DIGEST: &str = "content_sha256";
+
+/// The other entries, all of which every model has.
+const ENTRIES: [&str; 17] = [
+    "axes",
+    "classes",
+    "coding",
+    "decoding",
+    "feature_spec",
+    "feature_spec_sha256",
+    "format",
+    "format_version",
+    "lead_s",
+    "library_version",
+    "loss",
+    "n_axes",
+    "n_samples",
+    "posterior",
+    "trained",
+    "training_sha256",
+    "units",
+];
+
+/// The tensors of every model, then those that it may have.
+const TENSORS: [&str; 11] = [
+    "coding_matrix",
+    "coef",
+    "intercept",
+    "band_scales",
+    "early",
+    "level_scales",
+    "posterior_weights",
+    "raw_high",
+    "raw_low",
+    "raw_mean",
+    "sigmoid",
+];
+
+/// What a header says of a tensor.
+const TENSOR_KEYS: [&str; 3] = ["data_offsets", "dtype", "shape"];
+
+impl Model {
+    /// The model in a file of at most [`MAX_FILE_BYTES`].
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelFileError> {
+        Self::read_within(path, MAX_FILE_BYTES)
+    }
+
+    /// The model in a file of at most `max_file_bytes`.
+    pub fn read_within(path: impl AsRef<Path>, max_file_bytes: usize) -> Result<Self, ModelFileError> {
+        let path = path.as_ref();
+        let unreadable = |source| ModelFileError::Unreadable { path: path.to_owned(), source };
+        let no_model = |source| ModelFileError::NoModel { path: path.to_owned(), source };
+        // A pipe or a device has no end that could be waited for; of a folder the system says what is wrong.
+        let stat = fs::metadata(path).map_err(unreadable)?;
+        if !(stat.is_file() || stat.is_dir()) {
+            return Err(no_model(ModelError::Foreign { what: "this is no regular file" }));
+        }
+        check_size(stat.len(), max_file_bytes).map_err(no_model)?;
+        let mut bytes = Vec::new();
+        let most = u64::try_from(max_file_bytes).unwrap_or(u64::MAX).saturating_add(1);
+        // It may have grown since.
+        fs::File::open(path).and_then(|file| file.take(most).read_to_end(&mut bytes)).map_err(unreadable)?;
+        Self::from_bytes(&bytes, max_file_bytes).map_err(no_model)
+    }
+
+    /// The model in the bytes of a file, of at most `max_file_bytes` ([`MAX_FILE_BYTES`] is what [`read`](Self::read)
+    /// allows).
+    ///
+    /// Memory stays below twice the size of the file and some megabytes for the header and the edges of the histograms; of
+    /// multi-band features below 150 bytes for each value of a recording, of which
+    /// [`MAX_MULTIBAND_VALUES`](crate::model::MAX_MULTIBAND_VALUES) are allowed.
+    pub fn from_bytes(bytes: &[u8], max_file_bytes: usize) -> Result<Self, ModelError> {
+        check_size(bytes.len() as u64, max_file_bytes)?;
+        let mut entries = metadata(header(bytes)?)?;
+        let version = version(&entries)?;
+        let digest = if version == DIGESTED { Some(take(&mut entries, DIGEST)?) } else { None };
+        if let Some(key) = entries.keys().find(|key| !ENTRIES.contains(&key.as_str())) {
+            return Err(unknown_entry(key));
+        }
+        let tensors = Tensors::of(bytes)?;
+        // A fuzzer would never get past a digest.
+        let matches = |digest: &String| cfg!(fuzzing) || *digest == tensors.digest(&entries);
+        if !digest.as_ref().is_none_or(matches) {
+            return Err(ModelError::Hash { what: "what the file holds", key: DIGEST });
+        }
+        let spec = take(&mut entries, "feature_spec")?;
+        if digest_of_text(&spec) != take(&mut entries, "feature_spec_sha256")? && !cfg!(fuzzing) {
+            return Err(ModelError::Hash { what: "feature_spec", key: "feature_spec_sha256" });
+        }
+        let parts = ModelParts {
+            features: tensors.features(version, &spec)?,
+            n_samples: count(&mut entries, "n_samples")?,
+            n_axes: count(&mut entries, "n_axes")?,
+            coef: tensors.required("coef")?,
+            intercept: tensors.required("intercept")?,
+            coding_matrix: tensors.required("coding_matrix")?,
+            classes: json::names("classes", &take(&mut entries, "classes")?)?,
+            loss: choice(&mut entries, "loss", &Loss::NAMED)?,
+            decoding: choice(&mut entries, "decoding", &Decoding::NAMED)?,
+            raw_mean: tensors.optional("raw_mean")?,
+            raw_low: tensors.optional("raw_low")?,
+            raw_high: tensors.optional("raw_high")?,
+            early: tensors.optional("early")?,
+            sigmoid: tensors.optional("sigmoid")?,
+            posterior_weights: tensors.optional("posterior_weights")?,
+            metadata: Metadata::take(&mut entries)?,
+        };
+        Ok(Self { lacks_digest: digest.is_none(), ..Self::new(parts)? })
+    }
+}
+
+fn check_size(bytes: u64, max: usize) -> Result<(), ModelError> {
+    if usize::try_from(bytes).is_ok_and(|bytes| bytes <= max) {
+        Ok(())
+    } else {
+        Err(ModelError::FileSize { bytes, max })
+    }
+}
+
+/// The text of the header, once its length is known to be possible.
+fn header(bytes: &[u8]) -> Result<&str, ModelError> {
+    // A safetensors file may begin with any bytes, but not have a brace missing.
+    if bytes.get(LENGTH_BYTES) != Some(&b'{') {
+        let what = match bytes {
+            [] => "the file is empty",
+            [0x80, 2..=5, ..] => "this is a pickle, which may run code and is never read",
+            [b'P', b'K', 3, 4, ..] => "this is a zip archive (an .npz or a .pt file?)",
+            [0x89, b'H', b'D', b'F', ..] => "this is an HDF5 file",
+            _ => "this is no safetensors file: it has no header",
+        };
+        return Err(ModelError::Foreign { what });
+    }
+    let (length, rest) = bytes.split_first_chunk::<LENGTH_BYTES>().unwrap_or((&[0; LENGTH_BYTES], &[]));
+    let length = u64::from_le_bytes(*length);
+    let Some(text) = usize::try_from(length).ok().and_then(|length| rest.get(..length)) else {
+        let left = rest.len();
+        let problem = format!(
+            "should have {length} bytes, {left} are left in the file: it is cut off, or no safetensors file"
+        );
+        return Err(ModelError::Header { problem });
+    };
+    check_header_size(text.len())?;
+    str::from_utf8(text).map_err(|error| not_header(format!("is no UTF-8 text: {error}")))
+}
+
+fn check_header_size(bytes: usize) -> Result<(), ModelError> {
+    if bytes <= MAX_HEADER_BYTES {
+        return Ok(());
+    }
+    Err(ModelError::Header { problem: format!("has {bytes} bytes; at most {MAX_HEADER_BYTES} are allowed") })
+}
+
+fn not_header(problem: String) -> ModelError {
+    ModelError::Json { what: "header", problem }
+}
+
+/// The metadata of a header; refuses names that are there twice, which the library would let pass, and tensors that no
+/// model has, before anything else is made of them.
+fn metadata(header: &str) -> Result<Entries, ModelError> {
+    let mut header = json::object("header", header)?;
+    let texts = header.take("__metadata__", "an object of texts", |value| match value {
+        Value::Object(texts) => Some(texts),
+        _ => None,
+    })?;
+    if let Some(name) = header.entries.keys().find(|name| !TENSORS.contains(&name.as_str())) {
+        let what = format!("tensor {}", shown(name.as_bytes()));
+        return Err(ModelError::part(what, "is unknown"));
+    }
+    for (name, tensor) in &header.entries {
+        let mut keys = tensor.as_object().into_iter().flat_map(|tensor| tensor.keys());
+        if let Some(key) = keys.find(|key| !TENSOR_KEYS.contains(&key.as_str())) {
+            let key = shown(key.as_bytes());
+            return Err(not_header(format!("tensor '{name}' has an unknown key {key}")));
+        }
+    }
+    let entries = texts.into_iter().map(|(key, value)| match value {
+        Value::String(text) => Ok((key, text)),
+        other => {
+            let (key, kind) = (shown(key.as_bytes()), json::kind(&other));
+            Err(not_header(format!("metadata {key} must be a text, got {kind}")))
+        }
+    });
+    entries.collect()
+}
+
+/// The version of a model file, if it is one that is read here.
+fn version(entries: &Entries) -> Result<&'static str, ModelError> {
+    if entries.get("format").map(String::as_str) != Some(FORMAT) {
+        return Err(ModelError::Foreign { what: "this is a safetensors file of something else" });
+    }
+    let version = entries.get("format_version").ok_or_else(|| missing_entry("format_version"))?;
+    let known = [ADDITIVE, MULTIBAND, DIGESTED].into_iter().find(|known| known == version);
+    known.ok_or_else(|| ModelError::Version { got: shown(version.as_bytes()) })
+}
+
+/// A whole number as it is written: no sign, no leading zeros.
+fn count(entries: &mut Entries, key: &str) -> Result<usize, ModelError> {
+    let text = take(entries, key)?;
+    let count = text.parse().ok().filter(|count: &usize| count.to_string() == text);
+    count.ok_or_else(|| ModelError::must_be(key, "a whole number", shown(text.as_bytes())))
+}
+
+fn choice<T: Copy>(entries: &mut Entries, key: &str, named: &[(&str, T)]) -> Result<T, ModelError> {
+    let text = take(entries, key)?;
+    let choice = named.iter().find(|(name, _)| *name == text).map(|(_, meaning)| *meaning);
+    choice.ok_or_else(|| ModelError::must_be(key, listed(named), shown(text.as_bytes())))
+}
+
+/// The tensors of a file.
+struct Tensors<'a>(SafeTensors<'a>);
+
+impl<'a> Tensors<'a> {
+    /// Those of a file that they fill from the header to its end without gaps and overlaps.
+    fn of(bytes: &'a [u8]) -> Result<Self, ModelError> {
+        let problem = |error| ModelError::Layout { problem: json::quoted(&error) };
+        SafeTensors::deserialize(bytes).map(Self).map_err(problem)
+    }
+
+    fn optional(&self, name: &str) -> Result<Option<Tensor<'a>>, ModelError> {
+        let Ok(view) = self.0.tensor(name) else { return Ok(None) };
+        if view.dtype() != Dtype::F64 {
+            return Err(ModelError::must_be(format!("tensor '{name}'"), "float64 (F64)", view.dtype()));
+        }
+        Ok(Some(Tensor::from_bytes(view.shape().to_vec(), view.data())))
+    }
+
+    fn required(&self, name: &str) -> Result<Tensor<'a>, ModelError> {
+        self.optional(name)?.ok_or_else(|| missing_tensor(name))
+    }
+
+    /// What is extracted: as the version of the format says it, since the third as the specification does.
+    fn features(&self, version: &str, spec: &str) -> Result<Features<'a>, ModelError> {
+        let spec = json::object("feature_spec", spec)?;
+        if version == MULTIBAND || version == DIGESTED && json::is_multiband(&spec) {
+            return Ok(Features::MultiBand {
+                spec: json::read_multiband(spec)?,
+                band_scales: self.required("band_scales")?,
+                level_scales: self.optional("level_scales")?,
+            });
+        }
+        for name in ["band_scales", "level_scales"] {
+            if self.optional(name)?.is_some() {
+                return Err(no_use(name, "multi-band features"));
+            }
+        }
+        Ok(Features::Additive(json::read_spec(spec)?))
+    }
+
+    /// The digest that a file with these tensors and entries should have.
+    fn digest(&self, entries: &Entries) -> String {
+        let mut tensors = self.0.tensors();
+        tensors.sort_unstable_by(|(a, _), (b, _)| a.cmp(b));
+        let types: Vec<_> = tensors.iter().map(|(_, view)| view.dtype().to_string()).collect();
+        let stored = tensors.iter().zip(&types);
+        digest(entries, stored.map(|((name, view), dtype)| (&**name, &**dtype, view.shape(), view.data())))
+    }
+}
+
+impl Model {
+    /// The bytes of a model file. There are no times in it: the same model gives the same bytes, on every machine.
+    ///
+    /// A file larger than [`MAX_FILE_BYTES`] is read only by callers that allow it.
+    ///
+    /// # Errors
+    /// [`Error::Memory`](crate::Error::Memory) where there is no room for them.
+    pub fn to_bytes(&self) -> crate::Result<Vec<u8>> {
+        let (entries, tensors) = (self.entries(), self.tensors());
+        let header = header_of(&entries, BLANK, &tensors);
+        let len = tensors.iter().map(OneTensor::n_bytes).sum::<usize>();
+        let mut bytes = reserved(LENGTH_BYTES + header.len() + len)?;
+        bytes.extend((header.len() as u64).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        for OneTensor { shape, value, .. } in &tensors {
+            bytes.extend((0..shape.iter().product()).flat_map(|index| value(index).to_le_bytes()));
+        }
+        let (ahead, mut rest) = bytes.split_at_mut(LENGTH_BYTES + header.len());
+        let stored = tensors.iter().map(|tensor| {
+            let own = rest.split_off_mut(..tensor.n_bytes()).unwrap_or_default();
+            (tensor.name, "F64", &*tensor.shape, &*own)
+        });
+        let digest = digest(&entries, stored);
+        ahead[LENGTH_BYTES..].copy_from_slice(header_of(&entries, &digest, &tensors).as_bytes());
+        Ok(bytes)
+    }
+
+    /// Refuses metadata and labels too long for a header that is read again.
+    pub(super) fn check_header(&self) -> Result<(), ModelError> {
+        check_header_size(header_of(&self.entries(), BLANK, &self.tensors()).len())
+    }
+
+    /// The metadata without the digest.
+    fn entries(&self) -> Entries {
+        let mut entries = self.metadata.entries();
+        let spec = match &self.extraction {
+            Extraction::Additive { extractor, .. } => json::write_spec(extractor.spec()),
+            Extraction::MultiBand(multiband) => json::write_multiband(multiband.spec()),
+        };
+        let own = [
+            ("classes", Value::from(&self.classes[..]).to_string()),
+            ("decoding", self.decoding.name().to_owned()),
+            ("feature_spec_sha256", digest_of_text(&spec)),
+            ("feature_spec", spec),
+            ("format", FORMAT.to_owned()),
+            ("format_version", DIGESTED.to_owned()),
+            ("loss", self.loss.name().to_owned()),
+            ("n_axes", self.n_axes.to_string()),
+            ("n_samples", self.n_samples.to_string()),
+        ];
+        entries.extend(own.map(|(key, text)| (key.to_owned(), text)));
+        entries
+    }
+
+    /// The tensors by their names, as they stand in the file.
+    fn tensors(&self) -> Vec<OneTensor<'_>> {
+        let (n_classes, n_learners, n_features) = (self.classes.len(), self.n_learners(), self.n_features());
+        let mut tensors = vec![
+            OneTensor::new("coding_matrix", vec![n_classes, n_learners], move |index| {
+                f64::from(self.code(index / n_learners, index % n_learners))
+            }),
+            OneTensor::new("coef", vec![n_learners, n_features], move |index| {
+                self.coef(index / n_features, index % n_features)
+            }),
+            OneTensor::list("intercept", self.intercepts()),
+        ];
+        let lists = [
+            ("posterior_weights", &self.posterior_weights),
+            ("raw_high", &self.raw_high),
+            ("raw_low", &self.raw_low),
+            ("raw_mean", &self.raw_mean),
+        ];
+        tensors
+            .extend(lists.into_iter().filter_map(|(name, list)| Some(OneTensor::list(name, list.as_ref()?))));
+        for (name, pairs) in [("early", &self.early), ("sigmoid", &self.sigmoid)] {
+            tensors.extend(pairs.as_ref().map(|pairs| {
+                OneTensor::new(name, vec![pairs.len(), 2], |index| pairs[index / 2][index % 2])
+            }));
+        }
+        if let Some(multiband) = self.multiband() {
+            let scales = multiband.scales();
+            let shape = vec![multiband.n_bands(), self.n_axes];
+            tensors.push(OneTensor::new("band_scales", shape, |index| scales.bands[index]));
+            tensors.extend(multiband.spec().level.then(|| OneTensor::list("level_scales", &scales.level)));
+        }
+        tensors.sort_by_key(|tensor| tensor.name);
+        tensors
+    }
+}
+
+/// A tensor to be written, its values by their places.
+struct OneTensor<'a> {
+    name: &'static str,
+    shape: Vec<usize>,
+    value: Box<dyn Fn(usize) -> f64 + 'a>,
+}
+
+impl<'a> OneTensor<'a> {
+    fn new(name: &'static str, shape: Vec<usize>, value: impl Fn(usize) -> f64 + 'a) -> Self {
+        Self { name, shape, value: Box::new(value) }
+    }
+
+    fn list(name: &'static str, values: &'a [f64]) -> Self {
+        Self::new(name, vec![values.len()], |index| values[index])
+    }
+
+    fn n_bytes(&self) -> usize {
+        8 * self.shape.iter().product::<usize>()
+    }
+}
+
+/// As long as a digest: stands for it until the numbers behind the header are known.
+const BLANK: &str = "0000000000000000000000000000000000000000000000000000000000000000";
+
+/// The header, filled up with blanks so that the numbers behind it are aligned.
+fn header_of(entries: &Entries, digest: &str, tensors: &[OneTensor<'_>]) -> String {
+    // Sorted here: another crate of the program may ask serde_json to keep the order of insertion.
+    let mut metadata: BTreeMap<_, _> = entries.iter().map(|(key, text)| (&**key, &**text)).collect();
+    metadata.insert(DIGEST, digest);
+    let mut header = BTreeMap::from([("__metadata__", json!(metadata))]);
+    let mut start = 0;
+    for tensor in tensors {
+        let end = start + tensor.n_bytes();
+        let entry = json!({"data_offsets": [start, end], "dtype": "F64", "shape": tensor.shape});
+        header.insert(tensor.name, entry);
+        start = end;
+    }
+    let mut text = json!(header).to_string();
+    text.extend(std::iter::repeat_n(' ', text.len().next_multiple_of(LENGTH_BYTES) - text.len()));
+    text
+}
+
+/// SHA-256 in hexadecimal digits of the metadata and the tensors (name, type, shape, bytes), both in the order of their
+/// names. Each text has its length ahead, each list its size: no part can pass for another. Order and spacing of the header
+/// are not part of it.
+fn digest<'a>(
+    entries: &Entries,
+    tensors: impl ExactSizeIterator<Item = (&'a str, &'a str, &'a [usize], &'a [u8])>,
+) -> String {
+    fn number(hash: &mut Sha256, number: usize) {
+        hash.update((number as u64).to_le_bytes());
+    }
+    fn text(hash: &mut Sha256, bytes: &[u8]) {
+        number(hash, bytes.len());
+        hash.update(bytes);
+    }
+    let mut hash = Sha256::new();
+    number(&mut hash, entries.len());
+    for (key, value) in entries {
+        text(&mut hash, key.as_bytes());
+        text(&mut hash, value.as_bytes());
+    }
+    number(&mut hash, tensors.len());
+    for (name, dtype, shape, bytes) in tensors {
+        text(&mut hash, name.as_bytes());
+        text(&mut hash, dtype.as_bytes());
+        number(&mut hash, shape.len());
+        for size in shape {
+            number(&mut hash, *size);
+        }
+        text(&mut hash, bytes);
+    }
+    hexadecimal(hash)
+}
+
+fn digest_of_text(text: &str) -> String {
+    hexadecimal(Sha256::new_with_prefix(text))
+}
+
+fn hexadecimal(hash: Sha256) -> String {
+    let digits = hash.finalize().into_iter().flat_map(|byte| [byte >> 4, byte & 15]);
+    digits.filter_map(|digit| char::from_digit(digit.into(), 16)).collect()
+}

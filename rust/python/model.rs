@@ -1,0 +1,510 @@
+//! Trained models and their files.
+
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use numpy::{Element, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::create_exception;
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{IntoPyDict, PyBytes, PyDict, PyList, PyString, PyTuple};
+
+use crate::arguments::{count, each, flag, new_arguments, shown, word, NewArguments, OrRaise, Raise};
+use crate::arrays::{
+    contiguous_real, copied, readable, work_into, work_on, wrong_shape, zeros, Hold, Recordings,
+};
+use crate::features::PyFeatureSpec;
+use crate::multiband::PyMultiBandExtractor;
+use crate::number_table::bytes;
+use granular_id::bindings::{collected, filled, room};
+use granular_id::model::{
+    Decoding, Extraction, Features, Loss, Metadata, ModelError, ModelFileError as FileError, ModelParts,
+    Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
+};
+use granular_id::{Error, Model};
+
+create_exception!(
+    granular_id._core,
+    ModelFileError,
+    PyValueError,
+    "A file that holds no model; the message says what is wrong with it."
+);
+
+/// Samples of the paper's recordings.
+const PAPER_SAMPLES: usize = 1600;
+
+/// A trained linear identifier as one checked, immutable value, shared between threads.
+///
+/// Parameters
+/// ----------
+/// spec : FeatureSpec or MultiBandExtractor
+///     What is extracted from a recording: samples and counts, or multi-band features with their scales.
+/// coef : array_like, shape (L, D)
+///     Weights of L linear learners for D features, in the order of `granular_id.extract_features` or of
+///     `MultiBandExtractor.names`.
+/// intercept : array_like, shape (L,)
+///     Intercepts.
+/// coding_matrix : array_like, shape (K, L)
+///     Codes -1, 0 and +1 of K classes.
+/// classes : sequence of str
+///     K different labels.
+/// loss : str, default "hinge"
+///     Also "hamming", "root", "linear", "exponential", "logit", "binodeviance".
+/// decoding : str, default "loss_weighted"
+///     Or "loss_based".
+/// n_samples : int, default 1600
+///     Samples of a recording; the default is the paper's, or what a `MultiBandExtractor` was made for.
+/// n_axes : int, default 6
+///     Axes of a sample; likewise.
+/// metadata : mapping of str to str, optional
+///     What describes the model: "axes" and "units" (JSON lists), "coding", "posterior", "training_sha256",
+///     "library_version", "lead_s" (seconds, or empty), "trained" (a JSON object). Of all this only the rules under
+///     "confidence" in "trained" are part of an answer.
+/// raw_mean, raw_low, raw_high : array_like, shape (n_axes * n_samples,), optional
+///     Of the training recordings, axis by axis, for provisional answers.
+/// early : array_like, shape (M, 2), optional
+///     Samples seen and margin needed for an early answer.
+/// sigmoid : array_like, shape (L, 2), optional
+///     Slope and offset of each learner's sigmoid; needs a "posterior" in the metadata.
+/// posterior_weights : array_like, shape (L,), optional
+///     Weight of the training rows behind each learner, for coupling by "kullback_leibler".
+/// lacks_digest : bool, default False
+///     Whether the parts come from a file without a digest.
+///
+/// Notes
+/// -----
+/// Scores are added in one order (`docs/live/model-file.md`), so that batches, streams and other readers of the file agree
+/// bit for bit.
+#[allow(clippy::doc_markdown, clippy::doc_link_with_quotes)] // numpydoc, read by Python
+#[pyclass(frozen, name = "Model", module = "granular_id._core")]
+pub(super) struct PyModel {
+    pub(super) model: Arc<Model>,
+}
+
+#[pymethods]
+impl PyModel {
+    #[new]
+    #[pyo3(
+        signature = (spec, coef, intercept, coding_matrix, classes, *, loss=None, decoding=None, n_samples=None, n_axes=None,
+                     metadata=None, raw_mean=None, raw_low=None, raw_high=None, early=None, sigmoid=None,
+                     posterior_weights=None, lacks_digest=None),
+        text_signature = "(spec, coef, intercept, coding_matrix, classes, *, loss='hinge', decoding='loss_weighted', \
+                          n_samples=1600, n_axes=6, metadata=None, raw_mean=None, raw_low=None, raw_high=None, early=None, \
+                          sigmoid=None, posterior_weights=None, lacks_digest=False)"
+    )]
+    #[allow(clippy::too_many_arguments)] // the parts of a model
+    fn new<'py>(
+        spec: &Bound<'py, PyAny>,
+        coef: &Bound<'py, PyAny>,
+        intercept: &Bound<'py, PyAny>,
+        coding_matrix: &Bound<'py, PyAny>,
+        classes: &Bound<'py, PyAny>,
+        loss: Option<&Bound<'py, PyAny>>,
+        decoding: Option<&Bound<'py, PyAny>>,
+        n_samples: Option<&Bound<'py, PyAny>>,
+        n_axes: Option<&Bound<'py, PyAny>>,
+        metadata: Option<&Bound<'py, PyAny>>,
+        raw_mean: Option<&Bound<'py, PyAny>>,
+        raw_low: Option<&Bound<'py, PyAny>>,
+        raw_high: Option<&Bound<'py, PyAny>>,
+        early: Option<&Bound<'py, PyAny>>,
+        sigmoid: Option<&Bound<'py, PyAny>>,
+        posterior_weights: Option<&Bound<'py, PyAny>>,
+        lacks_digest: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Self> {
+        let lacks_digest = lacks_digest.map_or(Ok(false), |value| flag(value, "lacks_digest"))?;
+        let (features, own) = features(spec)?;
+        let (own_samples, own_axes) = own.unwrap_or((PAPER_SAMPLES, granular_id::wrench::AXES.len()));
+        let n_axes = n_axes.map_or(Ok(own_axes), |value| count(value, "n_axes", MAX_AXES))?;
+        let n_samples = n_samples.map_or(Ok(own_samples), |value| count(value, "n_samples", MAX_WINDOW))?;
+        if own.is_some_and(|own| own != (n_samples, n_axes)) {
+            return Err(PyValueError::new_err(format!(
+                "spec is for {own_samples} samples of {own_axes} axes, got n_samples = {n_samples}, n_axes = {n_axes}"
+            )));
+        }
+        let classes = labels(classes)?;
+        let loss = loss.map_or(Ok(Loss::default()), |value| word(value, "loss", &Loss::NAMED))?;
+        let decoding =
+            decoding.map_or(Ok(Decoding::default()), |value| word(value, "decoding", &Decoding::NAMED))?;
+        let metadata = described(n_axes, metadata)?;
+        let given = [
+            ("coef", Some(coef)),
+            ("intercept", Some(intercept)),
+            ("coding_matrix", Some(coding_matrix)),
+            ("raw_mean", raw_mean),
+            ("raw_low", raw_low),
+            ("raw_high", raw_high),
+            ("early", early),
+            ("sigmoid", sigmoid),
+            ("posterior_weights", posterior_weights),
+        ];
+        let given = given.into_iter().filter_map(|(name, value)| Some((name, value?)));
+        let convert = |(name, value)| Ok((name, contiguous_real(value, name)?));
+        let arrays = given.map(convert).collect::<PyResult<Vec<_>>>()?;
+        let hold = Hold::for_values(
+            arrays.iter().map(|(_, array)| array.len()).sum(),
+            &arrays.iter().map(|(_, array)| array.as_any()).collect::<Vec<_>>(),
+        )?;
+        // Nothing of Python's runs from here on.
+        let borrow = |(name, array): &(&'static str, _)| Ok((*name, readable(array, name)?));
+        let borrowed = arrays.iter().map(borrow).collect::<PyResult<Vec<_>>>()?;
+        let tensor = |wanted| {
+            let found = borrowed.iter().find(|(name, _)| *name == wanted);
+            found
+                .map(|(_, array)| Ok::<_, PyErr>(Tensor::new(array.shape().to_vec(), array.as_slice()?)))
+                .transpose()
+        };
+        let needed = |name| Ok::<_, PyErr>(tensor(name)?.unwrap_or_else(|| Tensor::new(Vec::new(), &[])));
+        let parts = ModelParts {
+            features,
+            n_samples,
+            n_axes,
+            coef: needed("coef")?,
+            intercept: needed("intercept")?,
+            coding_matrix: needed("coding_matrix")?,
+            classes,
+            loss,
+            decoding,
+            raw_mean: tensor("raw_mean")?,
+            raw_low: tensor("raw_low")?,
+            raw_high: tensor("raw_high")?,
+            early: tensor("early")?,
+            sigmoid: tensor("sigmoid")?,
+            posterior_weights: tensor("posterior_weights")?,
+            metadata,
+        };
+        let model = hold.work(coef.py(), || Model::new(parts)).map_err(bad_part)?;
+        Ok(Self { model: Arc::new(if lacks_digest { model.without_digest() } else { model }) })
+    }
+
+    /// The model in the bytes of a file.
+    #[staticmethod]
+    #[pyo3(signature = (data, *, max_file_bytes=None), text_signature = "(data, *, max_file_bytes=16777216)")]
+    fn from_bytes(py: Python<'_>, data: &[u8], max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        let most = most_bytes(max_file_bytes)?;
+        let model = py.detach(|| Model::from_bytes(data, most)).map_err(no_model)?;
+        Ok(Self { model: Arc::new(model) })
+    }
+
+    /// The model in a file.
+    #[staticmethod]
+    #[pyo3(signature = (path, *, max_file_bytes=None), text_signature = "(path, *, max_file_bytes=16777216)")]
+    fn read(py: Python<'_>, path: PathBuf, max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        let most = most_bytes(max_file_bytes)?;
+        let model = py.detach(|| Model::read_within(path, most)).map_err(|fault| bad_file(py, fault))?;
+        Ok(Self { model: Arc::new(model) })
+    }
+
+    /// The bytes of a file with this model, always the same ones.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        bytes(py, &py.detach(|| self.model.to_bytes()).or_raise()?)
+    }
+
+    /// Scores (n, L) of the learners for recordings (n, `n_samples`, `n_axes`), or (1, L) for one recording.
+    #[pyo3(signature = (wrench, threads=None))]
+    fn scores<'py>(
+        &self,
+        wrench: &Bound<'py, PyAny>,
+        threads: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let model = &self.model;
+        let trained_on = [model.n_samples(), model.n_axes()];
+        let Recordings { array, shape, threads } =
+            Recordings::new(wrench, "wrench", threads, Some(trained_on))?;
+        let n_recordings = shape.n_recordings;
+        let wanted = [n_recordings, model.n_learners()];
+        let out = zeros(array.py(), &wanted)?;
+        work_into((&out, &wanted), &array, "wrench", usize::MAX, |values, out| {
+            model.scores_into(values, n_recordings, threads, out)
+        })?;
+        Ok(out)
+    }
+
+    /// Mean losses (n, K) of the classes from scores (n, L) or (L,): the smallest wins, the first of equal ones.
+    fn losses<'py>(&self, scores: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let n_classes = self.n_classes();
+        let losses = self.of_scores(scores, losses)?.or_raise()?;
+        let shape = [losses.len() / n_classes, n_classes];
+        PyArray1::from_vec(scores.py(), losses).reshape(shape)
+    }
+
+    /// What the rules of the model say of whole recordings, from scores (n, L) or (L,): for each the labels of the
+    /// candidates, the likeliest first, and whether it is like no class; an empty tuple and None without rules.
+    fn verdicts<'py>(&self, scores: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyList>> {
+        let py = scores.py();
+        let judged = |model: &Model, scores: &[f64]| model.verdicts(&losses(model, scores)?, scores);
+        let verdicts = self.of_scores(scores, judged)?.or_raise()?;
+        // The list, a pair for each row, and its candidates: objects of Python with a header of some 50 bytes.
+        let per_row = size_of::<usize>() + 2 * (56 + 2 * size_of::<usize>());
+        room(verdicts.n_rows().saturating_mul(per_row) + size_of::<usize>() * verdicts.n_candidates())
+            .or_raise()?;
+        let labels: Vec<_> = self.model.classes().iter().map(|label| PyString::new(py, label)).collect();
+        let told = PyList::empty(py);
+        for (candidates, unknown) in verdicts.rows() {
+            told.append((PyTuple::new(py, candidates.iter().map(|class| &labels[*class]))?, unknown))?;
+        }
+        Ok(told)
+    }
+
+    /// Whether it was read from a file without a digest: had its numbers been damaged, nobody would know.
+    #[getter]
+    fn lacks_digest(&self) -> bool {
+        self.model.lacks_digest()
+    }
+
+    #[getter]
+    fn spec<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        Ok(match self.model.extraction() {
+            Extraction::Additive { extractor, .. } => {
+                Bound::new(py, PyFeatureSpec { extractor: extractor.clone() })?.into_any()
+            }
+            Extraction::MultiBand(multiband) => {
+                Bound::new(py, PyMultiBandExtractor { design: multiband.clone() })?.into_any()
+            }
+        })
+    }
+
+    #[getter]
+    fn rate_hz(&self) -> f64 {
+        self.model.rate_hz()
+    }
+
+    #[getter]
+    fn coef<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        matrix(py, [self.n_learners(), self.n_features()], |row, column| self.model.coef(row, column))
+    }
+
+    #[getter]
+    fn intercept<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        copied(py, self.model.intercepts())
+    }
+
+    #[getter]
+    fn coding_matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i8>>> {
+        matrix(py, [self.n_classes(), self.n_learners()], |row, column| self.model.code(row, column))
+    }
+
+    #[getter]
+    fn classes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.model.classes())
+    }
+
+    #[getter]
+    fn loss(&self) -> &'static str {
+        self.model.loss().name()
+    }
+
+    #[getter]
+    fn decoding(&self) -> &'static str {
+        self.model.decoding().name()
+    }
+
+    #[getter]
+    fn n_samples(&self) -> usize {
+        self.model.n_samples()
+    }
+
+    #[getter]
+    fn n_axes(&self) -> usize {
+        self.model.n_axes()
+    }
+
+    #[getter]
+    fn n_features(&self) -> usize {
+        self.model.n_features()
+    }
+
+    #[getter]
+    fn n_learners(&self) -> usize {
+        self.model.n_learners()
+    }
+
+    #[getter]
+    fn n_classes(&self) -> usize {
+        self.model.classes().len()
+    }
+
+    /// What describes the model, as the constructor takes it; of all this only the rules are part of an answer.
+    #[getter]
+    fn metadata<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        self.model.metadata().entries().into_py_dict(py)
+    }
+
+    #[getter]
+    fn raw_mean<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        vector(py, self.model.raw_mean())
+    }
+
+    #[getter]
+    fn raw_low<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        vector(py, self.model.raw_range().map(|range| range.0))
+    }
+
+    #[getter]
+    fn raw_high<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        vector(py, self.model.raw_range().map(|range| range.1))
+    }
+
+    #[getter]
+    fn early<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        pairs(py, self.model.early())
+    }
+
+    #[getter]
+    fn sigmoid<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        pairs(py, self.model.sigmoid())
+    }
+
+    #[getter]
+    fn posterior_weights<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+        vector(py, self.model.posterior_weights())
+    }
+
+    fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
+        other.cast::<Self>().is_ok_and(|other| other.get().model == self.model)
+    }
+
+    fn __getnewargs_ex__<'py>(slf: &Bound<'py, Self>) -> NewArguments<'py> {
+        let keywords = "loss decoding n_samples n_axes metadata raw_mean raw_low raw_high early sigmoid \
+                        posterior_weights lacks_digest";
+        new_arguments(slf, "spec coef intercept coding_matrix classes", keywords)
+    }
+
+    fn __repr__(&self) -> String {
+        let Self { model } = self;
+        format!(
+            "<Model: {} classes, {} learners, {} x {} samples>",
+            model.classes().len(),
+            model.n_learners(),
+            model.n_samples(),
+            model.n_axes()
+        )
+    }
+}
+
+impl PyModel {
+    /// Work on scores (n, L) or (L,).
+    fn of_scores<R: Send>(
+        &self,
+        scores: &Bound<'_, PyAny>,
+        work: impl FnOnce(&Model, &[f64]) -> R + Send,
+    ) -> PyResult<R> {
+        let (model, n_learners) = (&self.model, self.n_learners());
+        let scores = contiguous_real(scores, "scores")?;
+        if !matches!(*scores.shape(), [l] | [_, l] if l == n_learners) {
+            let wanted = format_args!("(n, {n_learners}) or ({n_learners},), one per learner");
+            return Err(wrong_shape("scores", wanted, scores.shape()));
+        }
+        let n_values = scores.len().saturating_mul(self.n_classes());
+        work_on(&scores, "scores", n_values, |scores| work(model, scores))
+    }
+}
+
+/// Mean losses of the classes, row by row.
+fn losses(model: &Model, scores: &[f64]) -> granular_id::Result<Vec<f64>> {
+    let (n_learners, n_classes) = (model.n_learners(), model.classes().len());
+    let mut losses = filled(0.0, (scores.len() / n_learners).saturating_mul(n_classes))?;
+    let rows = scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes));
+    for (row, (scores, losses)) in rows.enumerate() {
+        model.decode(scores, losses).map_err(|error| error.later(row))?;
+    }
+    Ok(losses)
+}
+
+fn most_bytes(max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<usize> {
+    max_file_bytes.map_or(Ok(MAX_FILE_BYTES), |value| count(value, "max_file_bytes", usize::MAX))
+}
+
+fn matrix<T: Element>(
+    py: Python<'_>,
+    shape: [usize; 2],
+    at: impl Fn(usize, usize) -> T,
+) -> PyResult<Bound<'_, PyArray2<T>>> {
+    let values = (0..shape[0] * shape[1]).map(|index| at(index / shape[1], index % shape[1]));
+    PyArray1::from_vec(py, collected(values).or_raise()?).reshape(shape)
+}
+
+fn vector<'py>(py: Python<'py>, values: Option<&[f64]>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
+    values.map(|values| copied(py, values)).transpose()
+}
+
+fn pairs<'py>(py: Python<'py>, pairs: Option<&[[f64; 2]]>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+    pairs.map(|pairs| copied(py, pairs.as_flattened())?.reshape([pairs.len(), 2])).transpose()
+}
+
+/// What is extracted; with samples and axes of a recording, where it knows them.
+fn features<'a>(spec: &'a Bound<'_, PyAny>) -> PyResult<(Features<'a>, Option<(usize, usize)>)> {
+    if let Ok(spec) = spec.cast::<PyFeatureSpec>() {
+        return Ok((spec.get().extractor.spec().clone().into(), None));
+    }
+    let Ok(multiband) = spec.cast::<PyMultiBandExtractor>() else {
+        let got = shown(spec);
+        let message = format!("spec must be a FeatureSpec or a MultiBandExtractor, got {got}");
+        return Err(PyTypeError::new_err(message));
+    };
+    let design = &multiband.get().design;
+    let (scales, n_axes) = (design.scales(), design.n_axes());
+    let levels = || Tensor::new(vec![n_axes], &scales.level);
+    let features = Features::MultiBand {
+        spec: *design.spec(),
+        band_scales: Tensor::new(vec![design.n_bands(), n_axes], &scales.bands),
+        level_scales: design.spec().level.then(levels),
+    };
+    Ok((features, Some((design.n_samples(), n_axes))))
+}
+
+fn labels(classes: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    let wrong = || PyTypeError::new_err(format!("classes must be a sequence of str, got {}", shown(classes)));
+    each(classes, wrong)?.map(|label| label?.extract::<String>().map_err(|_| wrong())).collect()
+}
+
+/// The metadata of a mapping, what it leaves out as it is without one.
+fn described(n_axes: usize, metadata: Option<&Bound<'_, PyAny>>) -> PyResult<Metadata> {
+    let Some(metadata) = metadata else { return Ok(Metadata::of_axes(n_axes)) };
+    let texts: BTreeMap<String, String> = metadata.extract().map_err(|_| {
+        PyTypeError::new_err(format!("metadata must be a dict of str to str, got {}", shown(metadata)))
+    })?;
+    Metadata::of_axes(n_axes).with(texts).map_err(bad_part)
+}
+
+/// Parts come from the caller, not from a file.
+#[allow(clippy::needless_pass_by_value)] // for `map_err`
+fn bad_part(error: ModelError) -> PyErr {
+    match error {
+        ModelError::Spec(error) => error.raise(),
+        error => PyValueError::new_err(error.to_string()),
+    }
+}
+
+/// Bytes that are no model.
+#[allow(clippy::needless_pass_by_value)] // for `map_err`
+fn no_model(error: ModelError) -> PyErr {
+    match error {
+        ModelError::Spec(error @ Error::Memory { .. }) => error.raise(),
+        error => ModelFileError::new_err(error.to_string()),
+    }
+}
+
+/// A file that is no model or cannot be read.
+fn bad_file(py: Python<'_>, error: FileError) -> PyErr {
+    match error {
+        FileError::Unreadable { ref source, .. } if source.kind() == io::ErrorKind::OutOfMemory => {
+            PyMemoryError::new_err(error.to_string())
+        }
+        FileError::Unreadable { path, source } => {
+            unreadable(py, path.into(), &source).unwrap_or_else(|error| error)
+        }
+        FileError::NoModel { source: ModelError::Spec(error @ Error::Memory { .. }), .. } => error.raise(),
+        error => ModelFileError::new_err(error.to_string()),
+    }
+}
+
+/// The exception that Python's own `open` would raise.
+fn unreadable(py: Python<'_>, path: OsString, error: &io::Error) -> PyResult<PyErr> {
+    let Some(code) = error.raw_os_error() else { return Ok(PyOSError::new_err((error.to_string(), path))) };
+    let text: String = py.import("os")?.call_method1("strerror", (code,))?.extract()?;
+    Ok(PyOSError::new_err((code, text, path)))
+}

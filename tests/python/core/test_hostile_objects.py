@@ -1,0 +1,170 @@
+"""Objects that the core asks for numbers and arrays: they raise, answer with other things, or come back meanwhile.
+
+Arrays that change while they are read are in `test_callers.py`.
+"""
+
+import numpy as np
+import pytest
+
+import granular_id as gid
+from granular_id import _core
+from granular_id.live import WrenchBuffer
+
+SPEC = gid.FeatureSpec(n_bins=4)
+MODEL = _core.Model(
+    gid.FeatureSpec(hfmh=False), np.ones((1, 6)), [0.0], [[1], [-1]], ["rice", "salt"], n_samples=2, n_axes=3
+)
+X, ROW = np.ones((5, 40, 6)), np.arange(6.0)
+SOS = _core.butter(2, "lowpass", 1.0, 0.0, 10.0)
+
+
+class Hostile:
+    """Answers to every question of Python's about numbers and arrays with one function's answer."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def __index__(self):
+        return self.answer()
+
+    def __float__(self):
+        return self.answer()
+
+    def __array__(self, dtype=None, copy=None):
+        return self.answer()
+
+    def __iter__(self):
+        return self.answer()
+
+
+def raised(error):
+    def answer():
+        raise error
+
+    return Hostile(answer)
+
+
+INTEGERS = {
+    "n_samples of a spec": lambda it: SPEC.n_features(it, 6),
+    "order": lambda it: gid.FeatureSpec(order=it),
+    "threads": lambda it: _core.extract_features(X, SPEC, it, None, float),
+    "threads of scores": lambda it: MODEL.scores(np.zeros((2, 3)), it),
+    "bins": lambda it: _core.histogram(ROW, it, -1.0, 1.0),
+    "axis": lambda it: _core.sosfilt(SOS, ROW, it, None),
+    "padlen": lambda it: _core.sosfiltfilt(SOS, ROW, 0, "odd", it),
+    "hop": lambda it: gid.StreamingExtractor(SPEC, hop=it),
+    "n_axes of a model": lambda it: _core.Model(SPEC, ROW, ROW, ROW, ["a"], n_axes=it),
+    "n_axes of multi-band features": lambda it: _core.MultiBandExtractor(100, it),
+    "size of a file": lambda it: _core.Model.from_bytes(b"", max_file_bytes=it),
+    "first byte of a table": lambda it: _core.parse_number_table(b"1", it, 1),
+    "reorder_depth": lambda it: WrenchBuffer(reorder_depth=it),
+    "flags": lambda it: WrenchBuffer().push(ROW, flags=it),
+    "host_ns": lambda it: WrenchBuffer().push(ROW, host_ns=it),
+    "n of a window": lambda it: WrenchBuffer().window(it),
+    "max_rows": lambda it: WrenchBuffer().reader().read(it),
+}
+NUMBERS = {
+    "rate_hz": lambda it: gid.FeatureSpec(rate_hz=it),
+    "rate_hz of multi-band features": lambda it: _core.MultiBandExtractor(100, 6, rate_hz=it),
+    "seconds": WrenchBuffer,
+    "t": lambda it: WrenchBuffer().push(ROW, it),
+    "timeout_s": lambda it: WrenchBuffer().reader().wait(it),
+}
+ARRAYS = {
+    "wrench": lambda it: _core.extract_features(it, SPEC, 1, None, float),
+    "bin_range": lambda it: gid.FeatureSpec(bin_range=it),
+    "values": lambda it: _core.histogram(it, 4, -1.0, 1.0),
+    "sos": lambda it: _core.sosfilt(it, ROW, 0, None),
+    "x": lambda it: _core.sosfiltfilt(SOS, it, 0, "odd", None),
+    "zi": lambda it: _core.sosfilt(SOS, ROW, 0, it),
+    "coef": lambda it: _core.Model(SPEC, it, [0.0], [[1], [-1]], ["a", "b"]),
+    "scores": MODEL.verdicts,
+    "recordings of a model": MODEL.scores,
+    "means": lambda it: _core.NearestMean(it, [[1.0]]),
+    "scales": lambda it: _core.MultiBandExtractor(100, 6, scales=it),
+    "rows of a stream": lambda it: gid.StreamingExtractor(SPEC).push(it),
+    "rows of an identifier": lambda it: _core.StreamingIdentifier(MODEL).push(it),
+    "a row": lambda it: WrenchBuffer().push(it),
+    "rows": lambda it: WrenchBuffer().push_block(it),
+    "times of rows": lambda it: WrenchBuffer().push_block([ROW], it),
+}
+SEQUENCES = {
+    "classes": lambda it: _core.Model(SPEC, ROW, ROW, ROW, it),
+    "blocks": lambda it: _core.MultiBandExtractor(100, 6, blocks=it),
+}
+ASKED = {**INTEGERS, **NUMBERS, **ARRAYS, **SEQUENCES}
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, MemoryError, ZeroDivisionError])
+@pytest.mark.parametrize("argument", ASKED)
+def test_what_an_argument_raises_arrives_as_it_is(argument, error):
+    mine = error("mine")
+    with pytest.raises(error) as got:
+        ASKED[argument](raised(mine))
+    assert got.value is mine
+
+
+@pytest.mark.parametrize("argument", [*INTEGERS, *NUMBERS, *SEQUENCES])
+def test_an_answer_of_another_type_is_a_type_error(argument):
+    for answer in ("1", None, [1, 2], 1j, object(), *([] if argument in NUMBERS else [1.5])):
+        with pytest.raises(TypeError):
+            ASKED[argument](Hostile(lambda answer=answer: answer))
+
+
+@pytest.mark.parametrize(
+    "answer", [None, [1.0], "1", np.array([object()]), np.array(["1"]), np.array(1j)], ids=repr
+)
+@pytest.mark.parametrize("argument", ARRAYS)
+def test_an_answer_that_is_no_array_of_numbers_is_refused_by_name(argument, answer):
+    with pytest.raises((TypeError, ValueError), match=r"must (be an array of|hold) real numbers"):
+        ARRAYS[argument](Hostile(lambda: answer))
+
+
+def test_integers_beyond_any_size_are_out_of_range():
+    for ask in INTEGERS.values():
+        for integer in (-(2**64), 2**64):
+            with pytest.raises((ValueError, OverflowError, IndexError)):
+                ask(Hostile(lambda integer=integer: integer))
+
+
+def test_an_input_that_turns_out_to_be_the_output_is_refused():
+    out = np.ones((4, 6))
+    spec = gid.FeatureSpec(hfmh=False)
+    with pytest.raises(ValueError, match="out must not"):
+        _core.extract_features(Hostile(lambda: out), spec, 1, out.reshape(24), float)
+    assert (out == 1).all()
+
+
+@pytest.mark.parametrize("stream", [gid.StreamingExtractor(SPEC), _core.StreamingIdentifier(MODEL, hop=1)])
+def test_rows_that_push_or_reset_themselves_find_the_stream_free(stream):
+    n_axes = 6 if isinstance(stream, gid.StreamingExtractor) else 3
+
+    def within():
+        assert stream.push(np.zeros((1, n_axes))) == 1
+        return np.ones((1, n_axes))
+
+    def anew():
+        stream.reset()
+        return np.ones((1, n_axes))
+
+    assert stream.push(Hostile(within)) == 1
+    assert stream.n_seen == 2
+    stream.reset()
+    assert stream.push(Hostile(anew)) == stream.n_seen == 1
+
+
+def test_nothing_is_taken_of_rows_that_fail():
+    stream, buffer = gid.StreamingExtractor(SPEC), WrenchBuffer()
+    buffer.push(ROW)
+    before = buffer.stats()
+    for ask in (
+        stream.push,
+        lambda it: buffer.push_block([ROW, ROW], it),
+        lambda it: buffer.push_block(it, [1.0, 2.0]),
+        lambda it: buffer.push_block([ROW, ROW], flags=[0, it]),
+        lambda it: buffer.push_block([ROW, ROW], host_ns=[0, it]),
+    ):
+        with pytest.raises(ZeroDivisionError):
+            ask(raised(ZeroDivisionError()))
+    assert stream.n_seen == 0
+    assert buffer.stats() == before
