@@ -22,12 +22,12 @@ THREADED := tests/python/core/test_features.py tests/python/core/test_features_a
 # cargo shares out the cores itself, also where make runs targets beside each other.
 unexport MAKEFLAGS
 
-.PHONY: help demo test lint rust-lint python-lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign stress sanitize soak archive-kills fuzz deny bench-formats bench-decision bench-archive wheel clean toolchain
+.PHONY: help demo test lint rust-lint python-lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny bench-formats bench-decision bench-archive wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
 	@echo "make test       lint, Rust tests, Python tests; with --jobs=3 beside each other"
-	@echo "make check-all  all that takes long: threads, campaign, fuzz, stress, sanitize, soak, archive-kills, oldest (hours)"
+	@echo "make check-all  all that takes long: threads, campaign, fuzz, loom, stress, sanitize, soak, archive-kills, oldest (hours)"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
@@ -38,6 +38,7 @@ help:
 	@echo "                100,000 damaged CSV files; all 1,413 hostile files (minutes)"
 	@echo "make deny       licences, sources and known faults of the crates that are used, with cargo-deny"
 	@echo "make fuzz       CSV parser, model files and sensor packets, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
+	@echo "make loom       the ring of the wrench buffer in all orders that the memory model allows (seconds, once it is compiled)"
 	@echo "make stress     1e9 items through the wrench buffer, with a reader that sleeps (RING_ITEMS=...; minutes)"
 	@echo "make sanitize   the Rust tests under AddressSanitizer, those with threads under ThreadSanitizer (minutes)"
 	@echo "make soak       the sensor client beside a busy interpreter: 10 minutes at 500 Hz, 1 minute at 7000 Hz"
@@ -134,7 +135,7 @@ python-test: $(TOOLS)
 	$(call step,Python tests 2 of 2: eight threads,GRANULAR_ID_CASES=13 $(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(firstword $(THREADED)))
 
 # What takes too long for every change. `make test` runs a short form of each.
-check-all: threads campaign fuzz stress sanitize soak archive-kills oldest
+check-all: threads campaign fuzz loom stress sanitize soak archive-kills oldest
 
 threads: $(TOOLS)
 	$(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(THREADED)
@@ -194,6 +195,10 @@ FUZZ_RUNS ?= 200000
 
 # Items through the wrench buffer under stress: a short run is part of the tests.
 RING_ITEMS ?= 1000000000
+
+# Compiled apart, as all dependencies are told of loom.
+loom: | toolchain
+	RUSTFLAGS="--cfg loom" cargo test --quiet --target-dir target/loom --lib ring::model
 
 stress: | toolchain
 	GRANULAR_ID_RING_ITEMS=$(RING_ITEMS) cargo test --release --test core buffer_stress -- --nocapture

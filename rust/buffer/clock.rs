@@ -1,7 +1,15 @@
 //! Host time, and the line that leads from device time to it.
+//!
+//! The line is the lower envelope of (host - device): what a row's arrival would have been without delay. A row is never
+//! seen before it was measured, so arrivals lie above a line, and the rows that came fastest lie near it. It is an edge of
+//! the lower convex hull of those points, the one over their mean (S. B. Moon, P. Skelly and D. Towsley, "Estimation and
+//! removal of clock skew from network delay measurements", INFOCOM 1999): the slope follows a drift of the two clocks, and
+//! a burst of late rows leaves it where it is.
 
 use std::sync::OnceLock;
 use std::time::Instant;
+
+use super::{BufferSpec, Writer};
 
 /// Monotonic nanoseconds since this was first asked for in the process: the host's clock of every row.
 #[must_use]
@@ -110,5 +118,185 @@ fn difference(a: u64, b: u64) -> f64 {
         (a - b) as f64
     } else {
         -((b - a) as f64)
+    }
+}
+
+/// Points kept: the fastest row of each stretch of time.
+const POINTS: usize = 32;
+
+/// Longest stretch that one point stands for: the hull reaches back up to five minutes. A delay that lasts is told from a
+/// drift as long as the time without it takes up more of the hull.
+const LONGEST_NS: f64 = 1e10;
+
+/// A row this much below the line is a step of a clock, not a faster row.
+const STEP_NS: f64 = 5e8;
+
+/// Device time and host minus device time, in nanoseconds since the first row.
+type Point = (f64, f64);
+
+/// The fastest rows of the last minutes and the line below them. Never allocates.
+pub(super) struct LowerEnvelope {
+    points: [Point; POINTS],
+    len: usize,
+    /// Length of a stretch; starts at nothing and doubles, so that the first rows already give a line.
+    stretch_ns: f64,
+    /// Begin of the newest stretch.
+    begin_ns: f64,
+    line: ClockLine,
+}
+
+impl LowerEnvelope {
+    /// The envelope of an epoch's first row.
+    pub(super) fn new(line: ClockLine) -> Self {
+        let mut envelope =
+            Self { points: [(0.0, 0.0); POINTS], len: 0, stretch_ns: 0.0, begin_ns: 0.0, line };
+        envelope.restart((0.0, 0.0));
+        envelope
+    }
+
+    pub(super) fn line(&self) -> &ClockLine {
+        &self.line
+    }
+
+    /// Takes in the next row, later in device time than all before; true when the line has changed.
+    pub(super) fn add(&mut self, ticks: u64, host_ns: u64) -> bool {
+        let device_ns = self.line.device_ns(ticks);
+        let above = self.line.lag_ns(ticks, host_ns);
+        let point = (device_ns, self.line.offset_ns(device_ns) + above);
+        if above < -STEP_NS {
+            self.restart(point);
+            return true;
+        }
+        let stretch_goes_on = device_ns < self.begin_ns + self.stretch_ns;
+        if stretch_goes_on {
+            let newest = &mut self.points[self.len - 1];
+            if above < newest.1 - self.line.offset_ns(newest.0) {
+                *newest = point;
+            }
+        } else {
+            self.make_room();
+            self.points[self.len] = point;
+            self.len += 1;
+            self.begin_ns = device_ns;
+        }
+        // A point above the line can only move it when a stretch is complete.
+        if stretch_goes_on && above >= 0.0 {
+            return false;
+        }
+        let before = self.line;
+        self.fit();
+        self.line != before
+    }
+
+    fn restart(&mut self, point: Point) {
+        self.points[0] = point;
+        self.len = 1;
+        self.stretch_ns = 0.0;
+        self.begin_ns = point.0;
+        (self.line.at_ns, self.line.offset_ns, self.line.slope) = (point.0, point.1, 0.0);
+    }
+
+    /// Makes stretches twice as long while they are short; forgets the oldest once they are not.
+    fn make_room(&mut self) {
+        if self.len < POINTS {
+            return;
+        }
+        if self.stretch_ns >= LONGEST_NS {
+            self.points.copy_within(1.., 0);
+            self.len = POINTS - 1;
+            return;
+        }
+        self.len = POINTS / 2;
+        for pair in 0..self.len {
+            let [a, b] = [self.points[2 * pair], self.points[2 * pair + 1]];
+            let above = |point: Point| point.1 - self.line.offset_ns(point.0);
+            self.points[pair] = if above(a) <= above(b) { a } else { b };
+        }
+        let span_ns = self.points[self.len - 1].0 - self.points[0].0;
+        self.stretch_ns = (span_ns / self.len as f64).min(LONGEST_NS);
+    }
+
+    /// The edge of the lower convex hull over the mean of the points.
+    fn fit(&mut self) {
+        let points = &self.points[..self.len];
+        let mean = points.iter().map(|point| point.0).sum::<f64>() / self.len as f64;
+        let mut hull = [(0.0, 0.0); POINTS];
+        let mut corners = 0;
+        for point in points {
+            while corners >= 2 && !turns_left(hull[corners - 2], hull[corners - 1], *point) {
+                corners -= 1;
+            }
+            hull[corners] = *point;
+            corners += 1;
+        }
+        let edge = hull[..corners].windows(2).find(|edge| edge[1].0 >= mean);
+        if let Some(&[a, b]) = edge {
+            self.line.slope = (b.1 - a.1) / (b.0 - a.0);
+            (self.line.at_ns, self.line.offset_ns) = b;
+        }
+    }
+}
+
+/// True when `b` lies below the straight line from `a` to `c`.
+fn turns_left(a: Point, b: Point, c: Point) -> bool {
+    (b.0 - a.0) * (c.1 - a.1) > (c.0 - a.0) * (b.1 - a.1)
+}
+
+/// Device time of rows that come without any: one period after the last.
+///
+/// Periods are counted from the last row whose time is known, so that one of no whole number of ticks does not drift.
+///
+/// ```
+/// use granular_id::buffer::{wrench_buffer, BufferSpec, DeviceClock};
+///
+/// let spec = BufferSpec { rate_hz: 300.0, tick_hz: 1000.0, ..BufferSpec::default() };
+/// let (writer, _) = wrench_buffer(spec)?;
+/// let mut clock = DeviceClock::new(&spec);
+/// assert_eq!([None; 4].map(|own| clock.ticks(own, &writer)), [0, 3, 7, 10]);
+/// # Ok::<(), granular_id::Error>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct DeviceClock {
+    period_ticks: f64,
+    epoch: u32,
+    /// Where periods are counted from, and how many have passed.
+    base: Option<(u64, u64)>,
+    /// Time of the last row, taken or dropped.
+    last: Option<u64>,
+}
+
+impl DeviceClock {
+    /// A clock for the rows of a buffer, before the first.
+    #[must_use]
+    pub fn new(spec: &BufferSpec) -> Self {
+        Self { period_ticks: spec.tick_hz / spec.rate_hz, epoch: 0, base: None, last: None }
+    }
+
+    /// The row's own time, or the next instant: one period after the last row of the writer's epoch, whoever pushed it, and
+    /// 0 for the first. To be asked once for every row, also for one that will be dropped: it has had its instant too.
+    pub fn ticks(&mut self, own: Option<u64>, writer: &Writer) -> u64 {
+        let newest = writer.newest_ticks();
+        if self.epoch != writer.epoch() || newest > self.last {
+            self.start(newest, writer);
+        }
+        if let Some(ticks) = own {
+            if own > self.last {
+                self.start(own, writer);
+            }
+            return ticks;
+        }
+        let (base, periods) = self.base.map_or((0, 0), |(base, periods)| (base, periods + 1));
+        self.base = Some((base, periods));
+        // Rounded and not negative; it saturates after centuries.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let ticks = base.saturating_add((periods as f64 * self.period_ticks).round() as u64);
+        self.last = Some(ticks);
+        ticks
+    }
+
+    fn start(&mut self, at: Option<u64>, writer: &Writer) {
+        self.epoch = writer.epoch();
+        self.base = at.map(|ticks| (ticks, 0));
+        self.last = at;
     }
 }

@@ -22,32 +22,329 @@
 //! ```
 
 mod clock;
-mod counters;
-mod envelope;
-mod holding;
 mod reader;
 mod ring;
-mod row;
-mod shared;
-mod spec;
-mod window;
 mod writer;
 
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::Arc;
 
-pub use clock::host_ns;
-pub use counters::Stats;
-pub use reader::{Reader, Taken};
-pub use row::{BufferedRow, Row};
-pub use spec::{BufferSpec, MAX_REORDER_DEPTH, MAX_ROWS};
-pub use window::{Fill, Window, WindowError, WindowSpec};
+pub use clock::{host_ns, DeviceClock};
+pub use reader::{Fill, Reader, Taken, Window, WindowError, WindowSpec};
 pub use writer::{Pushed, Writer};
+
+use crate::error::{Error, Result};
+use clock::{ClockLine, CLOCK_WORDS};
+use ring::Ring;
 
 /// A new buffer: its one writer, and a reader from the first row on.
 ///
 /// # Errors
 /// When a rate is not positive and finite, ticks come more slowly than rows, or the size is out of range.
-pub fn wrench_buffer(spec: BufferSpec) -> crate::Result<(Writer, Reader)> {
-    let shared = Arc::new(shared::Shared::new(spec)?);
-    Ok((Writer::new(Arc::clone(&shared)), Reader::new(shared)))
+pub fn wrench_buffer(spec: BufferSpec) -> Result<(Writer, Reader)> {
+    let buffer = Arc::new(Buffer::new(spec)?);
+    Ok((Writer::new(Arc::clone(&buffer)), Reader::new(buffer)))
+}
+
+/// Rows that a buffer may hold: nine hours at 500 Hz.
+pub const MAX_ROWS: usize = 1 << 24;
+
+/// Largest number of rows that may wait for a late one.
+pub const MAX_REORDER_DEPTH: usize = 1024;
+
+/// What a buffer is to hold.
+///
+/// ```
+/// use granular_id::buffer::BufferSpec;
+///
+/// let spec = BufferSpec { rate_hz: 7000.0, tick_hz: 7000.0, ..BufferSpec::default() };
+/// assert_eq!(spec.seconds, 10.0);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BufferSpec {
+    /// Nominal rate of the rows.
+    pub rate_hz: f64,
+    /// Time that the newest rows reach back; with the rate it gives the capacity.
+    pub seconds: f64,
+    /// Ticks of the device's clock per second, at least `rate_hz`.
+    pub tick_hz: f64,
+    /// Rows that wait for a late one at most. 0: a row that comes late is dropped and counted, and nothing ever waits.
+    pub reorder_depth: usize,
+}
+
+impl Default for BufferSpec {
+    fn default() -> Self {
+        Self { rate_hz: 500.0, seconds: 10.0, tick_hz: 1e9, reorder_depth: 0 }
+    }
+}
+
+impl BufferSpec {
+    /// Rows the buffer holds: seconds times rate, rounded up.
+    fn capacity(&self) -> Result<usize> {
+        let Self { rate_hz, seconds, tick_hz, reorder_depth } = *self;
+        if !(rate_hz.is_finite() && rate_hz > 0.0) {
+            return Err(Error::Rate { rate_hz });
+        }
+        if !(tick_hz.is_finite() && tick_hz >= rate_hz) {
+            return Err(Error::TickRate { tick_hz, rate_hz });
+        }
+        if reorder_depth > MAX_REORDER_DEPTH {
+            return Err(Error::ReorderDepth { reorder_depth });
+        }
+        let rows = (seconds * rate_hz).ceil();
+        // NaN is in no range.
+        if !(seconds > 0.0 && (1.0..=MAX_ROWS as f64).contains(&rows)) {
+            return Err(Error::BufferSize { seconds, rate_hz });
+        }
+        // Between 1 and MAX_ROWS.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        Ok(rows as usize)
+    }
+
+    /// Instants without a row between two rows of one epoch.
+    #[inline]
+    fn missing_between(&self, earlier: u64, later: u64) -> u32 {
+        let periods = (later - earlier) as f64 * self.rate_hz / self.tick_hz;
+        // Rounded by hand, as `round` is a call on processors without SSE4.1. The cast saturates, as
+        // BufferedRow::missing_before says.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let rounded = (periods + 0.5) as u64;
+        u32::try_from(rounded.saturating_sub(1)).unwrap_or(u32::MAX)
+    }
+}
+
+/// One measurement with its two time stamps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Device time, never wrapped; the unit is `1 / tick_hz` seconds.
+    pub ticks: u64,
+    /// When it arrived, by [`host_ns`].
+    pub host_ns: u64,
+    /// Forces in N, then torques in N m, in the order of [`AXES`](crate::wrench::AXES).
+    pub wrench: [f64; 6],
+    /// Bits of [`SAMPLE_FLAGS`](crate::wrench::SAMPLE_FLAGS).
+    pub flags: u8,
+}
+
+/// A row as a reader gets it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BufferedRow {
+    /// What was pushed.
+    pub row: Row,
+    /// Instants without a row between this one and the one before it in its epoch; `u32::MAX` stands for that many or
+    /// more.
+    pub missing_before: u32,
+    /// Number of its epoch. Rows of two epochs have no common time axis.
+    pub epoch: u32,
+}
+
+/// Words of a row in a slot.
+const WORDS: usize = 10;
+
+/// Packet numbers are compared by as many bits as a slot has room for beside the flags.
+const PACKET_BITS: u32 = 56;
+
+/// A packet's number in the bits that are kept, or none: all ones.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Packet(u64);
+
+impl Packet {
+    const UNKNOWN: Self = Self((1 << PACKET_BITS) - 1);
+
+    fn new(number: u64) -> Self {
+        Self(number & Self::UNKNOWN.0)
+    }
+
+    /// True for two known numbers that differ: not one packet twice.
+    fn differs(self, other: Self) -> bool {
+        self != other && self != Self::UNKNOWN && other != Self::UNKNOWN
+    }
+}
+
+impl BufferedRow {
+    /// A row of any content, to be overwritten: room for [`Reader::read`](Reader::read).
+    pub const EMPTY: Self =
+        Self { row: Row { ticks: 0, host_ns: 0, wrench: [0.0; 6], flags: 0 }, missing_before: 0, epoch: 0 };
+
+    fn to_words(self, packet: Packet) -> [u64; WORDS] {
+        let [fx, fy, fz, tx, ty, tz] = self.row.wrench.map(f64::to_bits);
+        let place = u64::from(self.epoch) << 32 | u64::from(self.missing_before);
+        let marks = u64::from(self.row.flags) << PACKET_BITS | packet.0;
+        [self.row.ticks, self.row.host_ns, fx, fy, fz, tx, ty, tz, place, marks]
+    }
+
+    fn from_words(words: &[u64; WORDS]) -> (Self, Packet) {
+        let [ticks, host_ns, wrench @ .., place, marks] = *words;
+        let [missing_before, epoch] = halves(place);
+        let [.., flags] = marks.to_le_bytes();
+        let row = Row { ticks, host_ns, wrench: wrench.map(f64::from_bits), flags };
+        (Self { row, missing_before, epoch }, Packet::new(marks))
+    }
+}
+
+/// The low and the high half of a word.
+fn halves(word: u64) -> [u32; 2] {
+    let [a, b, c, d, e, f, g, h] = word.to_le_bytes();
+    [u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h])]
+}
+
+/// Counts of one thread: a public struct, and its twin of atomics that others read.
+macro_rules! counters {
+    ($(#[$about:meta])* $counts:ident, $cells:ident: $($(#[$doc:meta])* $name:ident,)*) => {
+        $(#[$about])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        pub struct $counts { $($(#[$doc])* pub $name: u64,)* }
+
+        impl $counts {
+            /// Names and counts, in order.
+            #[must_use]
+            pub fn named(&self) -> Vec<(&'static str, u64)> {
+                vec![$((stringify!($name), self.$name),)*]
+            }
+        }
+
+        /// On cache lines of their own, as what lies beside them is read all the time.
+        #[derive(Debug, Default)]
+        #[repr(align(128))]
+        struct $cells { $($name: $crate::buffer::Counter,)* }
+
+        impl $cells {
+            fn load(&self) -> $counts {
+                $counts { $($name: self.$name.get(),)* }
+            }
+
+            #[allow(dead_code)] // the buffer's are counted one by one
+            fn store(&self, counts: &$counts) {
+                $(self.$name.set(counts.$name);)*
+            }
+        }
+    };
+}
+pub(crate) use counters;
+
+counters! {
+    /// Counts since the buffer was made. Each row pushed is in exactly one of `written`, `held`, `duplicates`,
+    /// `stale`, `late` and `non_finite`.
+    #[non_exhaustive]
+    Stats, Counters:
+    /// Rows that readers got, or could have got.
+    written,
+    /// Rows that wait for a late one at this moment.
+    held,
+    /// Rows dropped because their device time was there already.
+    duplicates,
+    /// Rows dropped because a packet with another number had brought the same device time: the device measured nothing
+    /// new.
+    stale,
+    /// Rows dropped because later ones were written already.
+    late,
+    /// Rows that came after later ones and were put in order.
+    reordered,
+    /// Gaps between rows written.
+    gaps,
+    /// Instants without a row in those gaps.
+    missing,
+    /// New beginnings of device time after the first.
+    epochs,
+    /// Rows written with [`SATURATED`](crate::wrench::SATURATED).
+    saturated,
+    /// Rows written with [`BAD_STATUS`](crate::wrench::BAD_STATUS).
+    bad_status,
+    /// Rows dropped because a value was NaN or infinite.
+    non_finite,
+}
+
+/// A count that one thread changes.
+#[derive(Debug, Default)]
+pub(crate) struct Counter(AtomicU64);
+
+impl Counter {
+    pub(crate) fn get(&self) -> u64 {
+        self.0.load(Relaxed)
+    }
+
+    #[inline]
+    pub(crate) fn add(&self, n: u64) {
+        // A load and a store: cheaper than an atomic addition, and exact with one writer.
+        self.set(self.get().wrapping_add(n));
+    }
+
+    #[inline]
+    pub(crate) fn set(&self, n: u64) {
+        self.0.store(n, Relaxed);
+    }
+}
+
+/// Lines of the clock that are kept: the newest, and some for readers that are slower than the writer.
+const CLOCK_LINES: usize = 8;
+
+/// What the writer and the readers share.
+struct Buffer {
+    spec: BufferSpec,
+    rows: Ring<WORDS>,
+    /// The relation of device and host time, as it was last changed.
+    clock: Ring<CLOCK_WORDS>,
+    counters: Counters,
+}
+
+impl Buffer {
+    fn new(spec: BufferSpec) -> Result<Self> {
+        let (rows, clock) = (Ring::new(spec.capacity()?)?, Ring::new(CLOCK_LINES)?);
+        Ok(Self { spec, rows, clock, counters: Counters::default() })
+    }
+
+    #[inline]
+    fn row(&self, n: u64) -> Option<BufferedRow> {
+        self.rows.read(n).map(|words| BufferedRow::from_words(&words).0)
+    }
+
+    /// The newest row and its number.
+    fn newest(&self) -> Option<(u64, BufferedRow)> {
+        self.rows.newest().map(|(n, words)| (n, BufferedRow::from_words(&words).0))
+    }
+
+    /// The relation of device and host time in an epoch, while it is one of the last few that were published.
+    fn clock_line(&self, epoch: u32) -> Option<ClockLine> {
+        let head = self.clock.head();
+        let lines = (self.clock.oldest(head)..head).rev().filter_map(|n| self.clock.read(n));
+        lines.map(|words| ClockLine::from_words(&words)).find(|line| line.epoch == epoch)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn instants_are_rounded_to_the_nearest_period(
+            ticks in prop_oneof![0..10_000_u64, any::<u64>()],
+            (rate_hz, tick_hz) in prop_oneof![Just((500.0, 1e9)), Just((500.0, 7000.0)), Just((7000.0, 7000.0)), Just((300.0, 1000.0))],
+        ) {
+            let spec = BufferSpec { rate_hz, tick_hz, ..BufferSpec::default() };
+            let wanted = (ticks as f64 * rate_hz / tick_hz).round() - 1.0;
+            prop_assert_eq!(f64::from(spec.missing_between(5, ticks.saturating_add(5))), wanted.clamp(0.0, f64::from(u32::MAX)));
+        }
+
+        #[test]
+        fn words_give_the_row_back(
+            (ticks, host_ns, flags, missing_before, epoch, packet) in any::<(u64, u64, u8, u32, u32, u64)>(),
+            wrench in proptest::array::uniform6(proptest::num::f64::NORMAL),
+        ) {
+            let row = BufferedRow { row: Row { ticks, host_ns, wrench, flags }, missing_before, epoch };
+            let packet = Packet::new(packet);
+            prop_assert_eq!(BufferedRow::from_words(&row.to_words(packet)), (row, packet));
+        }
+    }
+
+    #[test]
+    fn only_known_packets_differ() {
+        let [one, two] = [1, 2].map(Packet::new);
+        assert!(one.differs(two));
+        assert!(!one.differs(one));
+        assert!(!one.differs(Packet::UNKNOWN));
+        assert!(!Packet::UNKNOWN.differs(one));
+    }
 }

@@ -1,13 +1,12 @@
-//! Readers: each with a place of its own.
+//! Readers, each with a place of its own, and windows: the last instants as one array, or the reason why they are none.
 
 use std::sync::Arc;
 
 use super::clock::ClockLine;
-use super::counters::Stats;
-use super::row::BufferedRow;
-use super::shared::Shared;
-use super::spec::BufferSpec;
-use super::window::{Window, WindowError, WindowSpec};
+use super::{Buffer, BufferSpec, BufferedRow, Row, Stats};
+use crate::error::Error;
+use crate::memory::reserved;
+use crate::wrench::{GAP_FILLED, SATURATED};
 
 /// What one read brought.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,32 +22,32 @@ pub struct Taken {
 /// Reading never blocks the writer or other readers, and never allocates except for [`window`](Self::window).
 #[derive(Clone)]
 pub struct Reader {
-    shared: Arc<Shared>,
+    buffer: Arc<Buffer>,
     /// Number of the next row to read.
     next: u64,
 }
 
 impl Reader {
-    pub(super) fn new(shared: Arc<Shared>) -> Self {
-        Self { shared, next: 0 }
+    pub(super) fn new(buffer: Arc<Buffer>) -> Self {
+        Self { buffer, next: 0 }
     }
 
     /// Another reader that gets the rows to come.
     #[must_use]
     pub fn from_now(&self) -> Self {
-        Self { shared: Arc::clone(&self.shared), next: self.shared.rows.head() }
+        Self { buffer: Arc::clone(&self.buffer), next: self.buffer.rows.head() }
     }
 
     /// Another reader that gets every row still there, oldest first, and then those to come.
     #[must_use]
     pub fn from_oldest(&self) -> Self {
-        Self { shared: Arc::clone(&self.shared), next: self.shared.oldest(self.shared.rows.head()) }
+        Self { buffer: Arc::clone(&self.buffer), next: self.buffer.rows.oldest(self.buffer.rows.head()) }
     }
 
     /// Rows written and not yet read, overwritten ones included.
     #[must_use]
     pub fn n_ahead(&self) -> u64 {
-        self.shared.rows.head() - self.next
+        self.buffer.rows.head() - self.next
     }
 
     /// Reads the oldest rows not yet read, as many as there are and fit. Ends early at the border of an epoch.
@@ -67,13 +66,13 @@ impl Reader {
         if max_rows == 0 {
             return taken;
         }
-        let mut head = self.shared.rows.head();
+        let mut head = self.buffer.rows.head();
         let mut epoch = None;
         while self.next < head && taken.n_rows < max_rows {
-            let oldest = self.shared.oldest(head);
+            let oldest = self.buffer.rows.oldest(head);
             // Rows that no longer count are missed, even where their slots are still whole: what is missed must depend
             // on how far behind a reader is, not on how many slots there are to spare.
-            let row = if self.next < oldest { None } else { self.shared.row(self.next) };
+            let row = if self.next < oldest { None } else { self.buffer.row(self.next) };
             match row {
                 Some(row) if *epoch.get_or_insert(row.epoch) == row.epoch => {
                     take(&row);
@@ -83,8 +82,8 @@ impl Reader {
                 // Never rows from both sides of a loss, nor of two epochs: the next read goes on there.
                 _ if taken.n_rows > 0 => break,
                 _ => {
-                    head = self.shared.rows.head();
-                    let next = self.shared.oldest(head).max(self.next + 1);
+                    head = self.buffer.rows.head();
+                    let next = self.buffer.rows.oldest(head).max(self.next + 1);
                     taken.missed += next - self.next;
                     self.next = next;
                 }
@@ -96,31 +95,33 @@ impl Reader {
     /// The newest row.
     #[must_use]
     pub fn latest(&self) -> Option<BufferedRow> {
-        Some(self.shared.newest()?.1)
+        Some(self.buffer.newest()?.1)
     }
 
     /// The last instants, up to the newest row, as one array: a copy.
     pub fn window(&self, spec: &WindowSpec) -> Result<Window, WindowError> {
-        super::window::window(&self.shared, spec)
+        if spec.n > self.capacity() {
+            return Err(WindowError::TooLong { n: spec.n, capacity: self.capacity() as u64 });
+        }
+        assemble(&newest_first(&self.buffer, spec)?, spec)
     }
 
     /// Counts since the buffer was made.
     #[must_use]
     pub fn stats(&self) -> Stats {
-        self.shared.counters.stats()
+        self.buffer.counters.load()
     }
 
     /// What the buffer was made for.
     #[must_use]
     pub fn spec(&self) -> &BufferSpec {
-        &self.shared.spec
+        &self.buffer.spec
     }
 
     /// Rows the buffer holds.
     #[must_use]
-    #[allow(clippy::cast_possible_truncation)] // it came from a usize
     pub fn capacity(&self) -> usize {
-        self.shared.capacity as usize
+        self.buffer.rows.capacity()
     }
 
     /// How long before `now` the newest row would have arrived without any delay, in nanoseconds; `None` without rows.
@@ -145,11 +146,231 @@ impl Reader {
     /// The newest row and the clock of its epoch.
     fn newest_on_line(&self) -> Option<(ClockLine, BufferedRow)> {
         loop {
-            let (_, newest) = self.shared.newest()?;
+            let (_, newest) = self.buffer.newest()?;
             // The writer publishes a line before the first row on it, so one is there unless it was replaced meanwhile.
-            if let Some(line) = self.shared.clock_line(newest.epoch) {
+            if let Some(line) = self.buffer.clock_line(newest.epoch) {
                 return Some((line, newest));
             }
         }
+    }
+}
+
+/// What stands for an instant without a row.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fill {
+    /// Nothing: the window has as many rows as were measured, and its mask says where they belong.
+    #[default]
+    None,
+    /// NaN on every axis.
+    Nan,
+    /// A straight line between the rows on both sides, with the flag [`GAP_FILLED`].
+    Linear,
+}
+
+/// Which window is wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WindowSpec {
+    /// Instants, up to the newest row, with or without a row.
+    pub n: usize,
+    /// What stands for an instant without a row.
+    pub fill: Fill,
+    /// Longest gap, in instants, that the window may touch.
+    pub max_gap: u32,
+    /// Whether rows at the end of the sensor's range are taken.
+    pub allow_saturated: bool,
+}
+
+impl WindowSpec {
+    /// A window without gaps and saturation.
+    #[must_use]
+    pub fn whole(n: usize) -> Self {
+        Self { n, fill: Fill::None, max_gap: 0, allow_saturated: false }
+    }
+}
+
+/// Rows of a window, oldest first: a copy that later rows do not change.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Window {
+    /// One entry per instant: whether a row was measured there.
+    pub mask: Vec<bool>,
+    /// Device time; interpolated where a row is filled in.
+    pub ticks: Vec<u64>,
+    /// Host time of arrival; interpolated where a row is filled in.
+    pub host_ns: Vec<u64>,
+    /// Forces and torques.
+    pub wrench: Vec<[f64; 6]>,
+    /// Flags of the samples.
+    pub flags: Vec<u8>,
+}
+
+/// Why there is no such window.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WindowError {
+    /// More instants than the buffer has room for.
+    #[error("n must be at most the capacity of the buffer, {capacity}, got {n}")]
+    TooLong {
+        /// Instants asked for.
+        n: usize,
+        /// Rows the buffer holds.
+        capacity: u64,
+    },
+    /// Not enough rows yet, or no longer.
+    #[error("a window of n = {n} needs as many instants, got {have} in the buffer")]
+    TooFew {
+        /// Instants asked for.
+        n: usize,
+        /// Instants there are.
+        have: u64,
+    },
+    /// A gap that is too long.
+    #[error("a window may have gaps of at most max_gap = {max_gap} instants, got one of {missing} that ended {ago} instants before the newest row")]
+    Gap {
+        /// Its length in instants.
+        missing: u32,
+        /// The longest allowed.
+        max_gap: u32,
+        /// Instants from its end to the newest row.
+        ago: u64,
+    },
+    /// The device started again within the window.
+    #[error("a window must lie in one epoch: a window of n = {n} was asked for, and the present epoch has {have} instants")]
+    EpochBorder {
+        /// Instants asked for.
+        n: usize,
+        /// Instants since the border.
+        have: u64,
+    },
+    /// A row at the end of the sensor's range.
+    #[error("a window must be free of saturation unless allow_saturated is set: the row {ago} instants before the newest is saturated")]
+    Saturated {
+        /// Instants from the row to the newest.
+        ago: u64,
+    },
+    /// No memory for so many rows.
+    #[error(transparent)]
+    Memory(#[from] Error),
+}
+
+/// Rows from the newest back to the first of the window; if that begins inside a gap, the row before the gap too.
+fn newest_first(buffer: &Buffer, spec: &WindowSpec) -> Result<Vec<BufferedRow>, WindowError> {
+    let n = spec.n;
+    let wanted = n as u64;
+    let mut rows: Vec<BufferedRow> = reserved(n.saturating_add(1))?;
+    let mut have = 0_u64;
+    if wanted == 0 {
+        return Ok(rows);
+    }
+    let too_few = |have| WindowError::TooFew { n, have };
+    let (mut number, mut row) = buffer.newest().ok_or(too_few(0))?;
+    let oldest = buffer.rows.oldest(number + 1);
+    loop {
+        if rows.last().is_some_and(|later| later.epoch != row.epoch) {
+            return Err(WindowError::EpochBorder { n, have });
+        }
+        let begins_in_gap = have >= wanted;
+        let counts = !begins_in_gap || spec.fill == Fill::Linear;
+        if counts && row.row.flags & SATURATED != 0 && !spec.allow_saturated {
+            return Err(WindowError::Saturated { ago: have });
+        }
+        rows.push(row);
+        if begins_in_gap {
+            return Ok(rows);
+        }
+        have += 1;
+        if have == wanted {
+            return Ok(rows);
+        }
+        let missing = row.missing_before;
+        if missing > spec.max_gap {
+            return Err(WindowError::Gap { missing, max_gap: spec.max_gap, ago: have - 1 });
+        }
+        let measured = have;
+        have += u64::from(missing);
+        number = number.checked_sub(1).filter(|number| *number >= oldest).ok_or(too_few(measured))?;
+        row = buffer.row(number).ok_or(too_few(measured))?;
+    }
+}
+
+/// Puts rows, newest first, and what stands for the missing ones into arrays, oldest first.
+fn assemble(newest_first: &[BufferedRow], spec: &WindowSpec) -> Result<Window, WindowError> {
+    let mut window = Window::with_room(spec.n)?;
+    let spans: u64 = newest_first.iter().map(|row| 1 + u64::from(row.missing_before)).sum();
+    let Some(oldest) = newest_first.last() else { return Ok(window) };
+    // What is missing before the oldest row lies before the window; the last gap may begin before it as well.
+    let spans = spans - u64::from(oldest.missing_before);
+    let begins_in_gap = spans > spec.n as u64;
+    if !begins_in_gap {
+        window.push(&oldest.row);
+    }
+    let mut outside = spans - spec.n as u64;
+    for pair in newest_first.windows(2).rev() {
+        let [later, earlier] = [&pair[0], &pair[1]];
+        // The row before the gap is outside too.
+        let first = if outside > 0 { outside } else { 1 };
+        outside = 0;
+        for place in first..=u64::from(later.missing_before) {
+            window.push_missing(&earlier.row, later, place, spec.fill);
+        }
+        window.push(&later.row);
+    }
+    Ok(window)
+}
+
+impl Window {
+    /// An empty window with memory for `n` instants.
+    fn with_room(n: usize) -> Result<Self, Error> {
+        Ok(Self {
+            mask: reserved(n)?,
+            ticks: reserved(n)?,
+            host_ns: reserved(n)?,
+            wrench: reserved(n)?,
+            flags: reserved(n)?,
+        })
+    }
+
+    fn push(&mut self, row: &Row) {
+        self.mask.push(true);
+        self.push_values(row);
+    }
+
+    fn push_values(&mut self, row: &Row) {
+        self.ticks.push(row.ticks);
+        self.host_ns.push(row.host_ns);
+        self.wrench.push(row.wrench);
+        self.flags.push(row.flags);
+    }
+
+    /// The instant `place`, from 1, of the gap between two rows.
+    fn push_missing(&mut self, earlier: &Row, later: &BufferedRow, place: u64, fill: Fill) {
+        self.mask.push(false);
+        let steps = u64::from(later.missing_before) + 1;
+        let later = &later.row;
+        let part = place as f64 / steps as f64;
+        let row = Row {
+            ticks: between(earlier.ticks, later.ticks, place, steps),
+            host_ns: between(earlier.host_ns, later.host_ns, place, steps),
+            wrench: std::array::from_fn(|axis| {
+                earlier.wrench[axis] + (later.wrench[axis] - earlier.wrench[axis]) * part
+            }),
+            flags: GAP_FILLED,
+        };
+        match fill {
+            Fill::None => {}
+            Fill::Nan => self.push_values(&Row { wrench: [f64::NAN; 6], flags: 0, ..row }),
+            Fill::Linear => self.push_values(&row),
+        }
+    }
+}
+
+/// The whole number `place / steps` of the way from `a` to `b`, without overflow.
+fn between(a: u64, b: u64, place: u64, steps: u64) -> u64 {
+    let way = u128::from(b.abs_diff(a)) * u128::from(place) / u128::from(steps.max(1));
+    // At most the way between two numbers of 64 bits.
+    let way = u64::try_from(way).unwrap_or(u64::MAX);
+    if b >= a {
+        a.saturating_add(way)
+    } else {
+        a.saturating_sub(way)
     }
 }

@@ -2,11 +2,8 @@
 
 use std::sync::Arc;
 
-use super::clock::ClockLine;
-use super::envelope::Envelope;
-use super::holding::Holding;
-use super::row::{BufferedRow, Packet, Row};
-use super::shared::Shared;
+use super::clock::{ClockLine, LowerEnvelope};
+use super::{Buffer, BufferedRow, Packet, Row};
 use crate::wrench::{BAD_STATUS, SATURATED};
 
 /// A row so much older than the newest is no late packet: the device has started again.
@@ -50,8 +47,9 @@ enum Restarts {
 /// if that is longer), or the eighth late row in a row, is a device that has started again: a new epoch begins by itself,
 /// but for rows of [`push_in_epoch`](Self::push_in_epoch).
 pub struct Writer {
-    shared: Arc<Shared>,
-    holding: Holding,
+    buffer: Arc<Buffer>,
+    /// Rows that wait for a late one before them, in order of device time; never more than it has room for.
+    held: Vec<(Row, Packet)>,
     /// The epoch of rows to come.
     epoch: u32,
     /// What the epoch has so far; nothing before its first row.
@@ -66,20 +64,21 @@ struct Written {
     begin: u64,
     /// Device time of its newest row.
     newest: u64,
-    envelope: Envelope,
+    envelope: LowerEnvelope,
 }
 
 impl Writer {
-    pub(super) fn new(shared: Arc<Shared>) -> Self {
-        let spec = &shared.spec;
+    pub(super) fn new(buffer: Arc<Buffer>) -> Self {
+        let spec = &buffer.spec;
         let restart_s = RESTART_S.max(f64::from(LATE_IN_A_ROW) / spec.rate_hz);
         Self {
-            holding: Holding::new(spec.reorder_depth),
+            // One more than may wait: a row goes in before the first goes out.
+            held: Vec::with_capacity(spec.reorder_depth + 1),
             epoch: 0,
             written: None,
             late_in_a_row: 0,
             restart_ticks: restart_s * spec.tick_hz,
-            shared,
+            buffer,
         }
     }
 
@@ -106,15 +105,15 @@ impl Writer {
         self.flush();
         if self.written.take().is_some() {
             self.epoch = self.epoch.saturating_add(1);
-            self.shared.counters.epochs.add(1);
+            self.buffer.counters.epochs.add(1);
         }
         self.late_in_a_row = 0;
     }
 
     /// Writes all rows that wait: no late one will come any more.
     pub fn flush(&mut self) {
-        while let Some((row, packet)) = self.holding.pop() {
-            self.write(&row, packet);
+        while !self.held.is_empty() {
+            self.write_first();
         }
         self.count_held();
     }
@@ -123,7 +122,7 @@ impl Writer {
     #[must_use]
     pub fn newest_ticks(&self) -> Option<u64> {
         let written = self.written.as_ref()?.newest;
-        Some(self.holding.last().map_or(written, |row| row.ticks))
+        Some(self.held.last().map_or(written, |(row, _)| row.ticks))
     }
 
     /// Number of the epoch that the next row belongs to, unless its device time begins another.
@@ -134,15 +133,15 @@ impl Writer {
 
     fn take(&mut self, row: &Row, packet: Packet, restarts: Restarts) -> Pushed {
         if !row.wrench.iter().all(|value| value.is_finite()) {
-            self.shared.counters.non_finite.add(1);
+            self.buffer.counters.non_finite.add(1);
             return Pushed::NonFinite;
         }
         match &self.written {
             Some(written) if row.ticks <= written.newest => self.take_late(row, packet, restarts),
             Some(written) => {
                 self.late_in_a_row = 0;
-                let waits = self.holding.depth() > 0
-                    && self.shared.spec.missing_between(written.newest, row.ticks) > 0;
+                let waits = self.buffer.spec.reorder_depth > 0
+                    && self.buffer.spec.missing_between(written.newest, row.ticks) > 0;
                 if waits {
                     self.hold(row, packet)
                 } else {
@@ -158,8 +157,8 @@ impl Writer {
 
     /// A row that nothing is missing before.
     fn take_next(&mut self, row: &Row, packet: Packet) -> Pushed {
-        if self.holding.len() > 0 {
-            self.shared.counters.reordered.add(1);
+        if !self.held.is_empty() {
+            self.buffer.counters.reordered.add(1);
         }
         self.write(row, packet);
         self.release();
@@ -168,12 +167,12 @@ impl Writer {
 
     /// A row with a gap before it that a late row may fill yet.
     fn hold(&mut self, row: &Row, packet: Packet) -> Pushed {
-        let comes_late = self.holding.last().is_some_and(|last| row.ticks < last.ticks);
-        if let Err(same) = self.holding.insert(row, packet) {
-            return self.repeated(packet, same);
-        }
-        if comes_late {
-            self.shared.counters.reordered.add(1);
+        match self.held.binary_search_by_key(&row.ticks, |(row, _)| row.ticks) {
+            Ok(same) => return self.repeated(packet, self.held[same].1),
+            Err(place) => {
+                self.buffer.counters.reordered.add(u64::from(place < self.held.len()));
+                self.held.insert(place, (*row, packet));
+            }
         }
         self.release();
         match &self.written {
@@ -184,14 +183,12 @@ impl Writer {
 
     /// Writes waiting rows as long as there are too many or nothing is missing before them.
     fn release(&mut self) {
-        while let (Some(first), Some(written)) = (self.holding.first(), &self.written) {
-            let next = self.shared.spec.missing_between(written.newest, first.ticks) == 0;
-            if !next && !self.holding.is_overfull() {
+        while let (Some((first, _)), Some(written)) = (self.held.first(), &self.written) {
+            let next = self.buffer.spec.missing_between(written.newest, first.ticks) == 0;
+            if !next && self.held.len() <= self.buffer.spec.reorder_depth {
                 break;
             }
-            if let Some((row, packet)) = self.holding.pop() {
-                self.write(&row, packet);
-            }
+            self.write_first();
         }
         self.count_held();
     }
@@ -211,7 +208,7 @@ impl Writer {
         if guessed && self.late_in_a_row >= LATE_IN_A_ROW {
             return self.restart(row, packet);
         }
-        self.shared.counters.late.add(1);
+        self.buffer.counters.late.add(1);
         Pushed::Late
     }
 
@@ -224,21 +221,21 @@ impl Writer {
 
     fn repeated(&self, packet: Packet, same: Packet) -> Pushed {
         if packet.differs(same) {
-            self.shared.counters.stale.add(1);
+            self.buffer.counters.stale.add(1);
             Pushed::Stale
         } else {
-            self.shared.counters.duplicates.add(1);
+            self.buffer.counters.duplicates.add(1);
             Pushed::Duplicate
         }
     }
 
     /// The packet that brought a device time, when its row is still in the ring. `begin` is the first row of the epoch.
     fn packet_at(&self, ticks: u64, begin: u64) -> Option<Packet> {
-        let head = self.shared.rows.head();
-        let (mut low, mut high) = (begin.max(self.shared.oldest(head)), head);
+        let head = self.buffer.rows.head();
+        let (mut low, mut high) = (begin.max(self.buffer.rows.oldest(head)), head);
         while low < high {
             let middle = low + (high - low) / 2;
-            let (found, packet) = BufferedRow::from_words(&self.shared.rows.read(middle)?);
+            let (found, packet) = BufferedRow::from_words(&self.buffer.rows.read(middle)?);
             match found.row.ticks.cmp(&ticks) {
                 std::cmp::Ordering::Less => low = middle + 1,
                 std::cmp::Ordering::Greater => high = middle,
@@ -248,34 +245,40 @@ impl Writer {
         None
     }
 
+    /// Writes the first of the rows that wait.
+    fn write_first(&mut self) {
+        let (row, packet) = self.held.remove(0);
+        self.write(&row, packet);
+    }
+
     fn write(&mut self, row: &Row, packet: Packet) {
         let missing_before = self.advance(row);
         self.count(row, missing_before);
         let row = BufferedRow { row: *row, missing_before, epoch: self.epoch };
-        self.shared.rows.publish(&row.to_words(packet));
+        self.buffer.rows.publish(&row.to_words(packet));
     }
 
     /// Moves device time on to a row, the clock's line with it; the instants that are missing before it.
     fn advance(&mut self, row: &Row) -> u32 {
-        let Self { shared, epoch, written, .. } = self;
+        let Self { buffer, epoch, written, .. } = self;
         if let Some(written) = written {
-            let missing = shared.spec.missing_between(written.newest, row.ticks);
+            let missing = buffer.spec.missing_between(written.newest, row.ticks);
             written.newest = row.ticks;
             if written.envelope.add(row.ticks, row.host_ns) {
-                shared.clock.publish(&written.envelope.line().to_words());
+                buffer.clock.publish(&written.envelope.line().to_words());
             }
             missing
         } else {
-            let line = ClockLine::new(*epoch, 1e9 / shared.spec.tick_hz, row.ticks, row.host_ns);
-            shared.clock.publish(&line.to_words());
-            let (begin, envelope) = (shared.rows.head(), Envelope::new(line));
+            let line = ClockLine::new(*epoch, 1e9 / buffer.spec.tick_hz, row.ticks, row.host_ns);
+            buffer.clock.publish(&line.to_words());
+            let (begin, envelope) = (buffer.rows.head(), LowerEnvelope::new(line));
             *written = Some(Written { begin, newest: row.ticks, envelope });
             0
         }
     }
 
     fn count(&self, row: &Row, missing_before: u32) {
-        let counters = &self.shared.counters;
+        let counters = &self.buffer.counters;
         counters.written.add(1);
         if missing_before > 0 {
             counters.gaps.add(1);
@@ -290,6 +293,6 @@ impl Writer {
     }
 
     fn count_held(&self) {
-        self.shared.counters.held.set(self.holding.len() as u64);
+        self.buffer.counters.held.set(self.held.len() as u64);
     }
 }

@@ -1,6 +1,5 @@
 //! The wrench buffer and its writing end.
 
-mod clock;
 mod reader;
 mod rows;
 
@@ -10,10 +9,11 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
-use self::clock::DeviceClock;
 use self::rows::{flags_of_one, host_time, number_of_ticks, one_wrench, Rows};
 use crate::arguments::{count, flag, number, whole, word, OrRaise};
-use granular_id::buffer::{self, wrench_buffer, BufferSpec, Fill, Pushed, Reader, Writer, MAX_REORDER_DEPTH};
+use granular_id::buffer::{
+    self, wrench_buffer, BufferSpec, DeviceClock, Fill, Pushed, Reader, Writer, MAX_REORDER_DEPTH,
+};
 
 pub(super) use reader::{PyBlock, PyWindow, PyWrenchReader, WindowError};
 

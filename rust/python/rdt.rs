@@ -10,19 +10,19 @@ use pyo3::types::{IntoPyDict, PyDict};
 
 use super::buffer::PyWrenchBuffer;
 use crate::arguments::{word, OrRaise, Raise};
-use granular_id::rdt::{Fault, Receiver, Scale, Settings, State, Variant};
+use granular_id::rdt::{RdtError, Receiver, Scale, Settings, State, Variant};
 
 /// Words for the kinds of box.
 const VARIANTS: [(&str, Variant); 3] =
     [("netft", Variant::NetFt), ("axia", Variant::Axia), ("onrobot", Variant::OnRobot)];
 
-impl Raise for Fault {
+impl Raise for RdtError {
     fn raise(self) -> PyErr {
         let message = self.to_string();
         match self {
-            Fault::Scale { .. } | Fault::Setting { .. } => PyValueError::new_err(message),
-            Fault::Refused { .. } => PyConnectionRefusedError::new_err(message),
-            Fault::Silent { .. } => PyTimeoutError::new_err(message),
+            RdtError::Scale { .. } | RdtError::Setting { .. } => PyValueError::new_err(message),
+            RdtError::Refused { .. } => PyConnectionRefusedError::new_err(message),
+            RdtError::Silent { .. } => PyTimeoutError::new_err(message),
             // the host and the system, and what is to come
             _ => PyConnectionError::new_err(message),
         }
@@ -153,7 +153,7 @@ impl PyRdtReceiver {
         self.place.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn ask(&self, ask: impl FnOnce(&Receiver) -> Result<(), Fault>) -> PyResult<()> {
+    fn ask(&self, ask: impl FnOnce(&Receiver) -> Result<(), RdtError>) -> PyResult<()> {
         match &*self.place() {
             Place::Running { receiver, .. } => Ok(ask(receiver).or_raise()?),
             Place::Idle { .. } | Place::Busy => {

@@ -1,10 +1,11 @@
 //! From datagrams to rows in newton and newton metre: everything between the socket and the buffer, without either.
+//!
+//! A record carries two numbers: its place in the stream (`rdt`) and the sensor's own count of samples (`ft`), both
+//! of 32 bits and both wrapping. The first record, and one that fits neither the next places nor the last ones, is
+//! believed only when the record after it continues it, as RTP does (RFC 3550, appendix A.1): a stray datagram then
+//! costs nothing, and a restarted box is a new epoch, not 4 billion lost records.
 
-use super::counts::Counts;
-use super::record::{records, Record};
-use super::scale::Scale;
-use super::sequence::{Placed, Sequence};
-use super::variant::Variant;
+use super::{records, Counts, Record, Scale, Variant};
 use crate::buffer::Row;
 use crate::wrench::{BAD_STATUS, SATURATED};
 
@@ -17,15 +18,6 @@ pub enum Decoded {
     NewEpoch,
 }
 
-/// A record that passed every check but that of its place.
-#[derive(Clone, Copy, Debug)]
-struct Sample {
-    wrench: [f64; 6],
-    flags: u8,
-    warning: bool,
-    host_ns: u64,
-}
-
 /// Turns the datagrams of one stream into rows, and counts.
 ///
 /// Allocates at construction only. Any bytes may be given: what is no record is counted, never guessed.
@@ -34,22 +26,22 @@ pub struct Decoder {
     variant: Variant,
     scale: Scale,
     limits: [f64; 6],
-    sequence: Sequence<Sample>,
-    counts: Counts,
+    sequence: Sequence,
 }
 
 impl Decoder {
     /// A decoder that rejects records beyond `limits`, in N and N m; infinite ones reject nothing.
     #[must_use]
     pub fn new(variant: Variant, scale: Scale, limits: [f64; 6]) -> Self {
-        Self { variant, scale, limits, sequence: Sequence::default(), counts: Counts::default() }
+        let seen = vec![None; WINDOW as usize].into_boxed_slice();
+        Self { variant, scale, limits, sequence: Sequence { seen, ..Sequence::default() } }
     }
 
     /// Takes a datagram that arrived at `host_ns`.
     pub fn datagram(&mut self, bytes: &[u8], host_ns: u64, sink: &mut impl FnMut(Decoded)) {
-        self.counts.datagrams += 1;
+        self.sequence.counts.datagrams += 1;
         let Some(records) = records(bytes) else {
-            self.counts.malformed += 1;
+            self.sequence.counts.malformed += 1;
             return;
         };
         for record in records {
@@ -59,49 +51,256 @@ impl Decoder {
 
     /// The stream has ended: a record that waits for the next one is given up.
     pub fn finish(&mut self) {
-        self.sequence.finish(&mut self.counts);
+        self.sequence.drop_suspect();
     }
 
     /// What was counted so far.
     #[must_use]
     pub fn counts(&self) -> &Counts {
-        &self.counts
+        &self.sequence.counts
     }
 
     /// Whether a record waits for the next one, and is counted among the records only.
     #[must_use]
     pub fn is_waiting(&self) -> bool {
-        self.sequence.is_waiting()
+        self.sequence.suspect.is_some()
     }
 
     fn record(&mut self, record: &Record, host_ns: u64, sink: &mut impl FnMut(Decoded)) {
-        self.counts.records += 1;
-        let wrench = self.scale.wrench(record.counts);
+        let Record { rdt_sequence: rdt, ft_sequence: ft, status, counts } = *record;
+        self.sequence.counts.records += 1;
+        let wrench = self.scale.wrench(counts);
         // Impossible forces make its numbers unbelievable too: they must not move the sequence.
         if wrench.iter().zip(self.limits).any(|(value, limit)| value.abs() > limit) {
-            self.counts.out_of_range += 1;
+            self.sequence.counts.out_of_range += 1;
             return;
         }
-        let (mut flags, warning) = self.variant.judge(record.status);
-        if record.counts.iter().any(|count| matches!(*count, i32::MIN | i32::MAX)) {
+        let (mut flags, warning) = self.variant.judge(status);
+        if counts.iter().any(|count| matches!(*count, i32::MIN | i32::MAX)) {
             flags |= SATURATED;
         }
-        let sample = Sample { wrench, flags, warning, host_ns };
-        let Self { sequence, counts, .. } = self;
-        let mut marks = [0; 3];
-        let mut hand_on = |placed| match placed {
-            Placed::Row { ticks, item: Sample { wrench, flags, warning, host_ns } } => {
-                marks[0] += u64::from(flags & BAD_STATUS != 0);
-                marks[1] += u64::from(flags & SATURATED != 0);
-                marks[2] += u64::from(warning);
-                sink(Decoded::Row(Row { ticks, host_ns, wrench, flags }));
-            }
-            Placed::NewEpoch => sink(Decoded::NewEpoch),
-        };
-        sequence.push(record.rdt_sequence, record.ft_sequence, sample, counts, &mut hand_on);
-        let [bad_status, saturated, warnings] = marks;
-        counts.bad_status += bad_status;
-        counts.saturated += saturated;
-        counts.warnings += warnings;
+        self.sequence.place(Entry { rdt, ft, wrench, flags, warning, host_ns }, sink);
     }
+}
+
+/// Places behind the newest that are remembered, and the longest leap that needs no confirmation.
+const WINDOW: u32 = 1024;
+
+/// How far apart two records that confirm each other may be.
+const NEIGHBOURS: u32 = 64;
+
+/// The most samples from one record to the next where no step is known yet: 9 s of a sensor's 7000 a second.
+const FIRST_STEP: u32 = 1 << 16;
+
+/// A gap's samples may differ from the usual number per record by this factor (a changed output rate) ...
+const STEP_FACTOR: u64 = 16;
+
+/// ... and this many.
+const STEP_SLACK: u64 = 1024;
+
+/// A record that passed every check but that of its place.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    rdt: u32,
+    ft: u32,
+    wrench: [f64; 6],
+    flags: u8,
+    warning: bool,
+    host_ns: u64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Newest {
+    rdt: u32,
+    ft: u32,
+    ticks: u64,
+}
+
+/// Where a record stands in its stream: next, late, again, lost ones before it, or the first of a new stream.
+#[derive(Debug, Default)]
+struct Sequence {
+    counts: Counts,
+    newest: Option<Newest>,
+    /// The `ft` of each place behind the newest, by `rdt` modulo `WINDOW`; `None` where nothing came yet.
+    seen: Box<[Option<u32>]>,
+    /// How many places behind the newest belong to this stream: each is seen or counted as lost.
+    reach: u32,
+    /// Ticks of the newest record that is no longer remembered: nothing late may lie before it.
+    forgotten: Option<u64>,
+    /// Samples per record, as last seen; 0 while unknown.
+    step: u32,
+    suspect: Option<Entry>,
+}
+
+impl Sequence {
+    fn place(&mut self, entry: Entry, sink: &mut impl FnMut(Decoded)) {
+        let Some(newest) = self.newest else { return self.doubt(entry, sink) };
+        let ahead = distance(newest.rdt, entry.rdt);
+        let samples = distance(newest.ft, entry.ft);
+        if ahead > 0 {
+            if ahead.unsigned_abs() <= WINDOW && self.fits(ahead, samples) {
+                self.drop_suspect();
+                return self.advance(entry, newest, sink);
+            }
+        } else if ahead.unsigned_abs() <= self.reach {
+            let seen = self.seen[slot(entry.rdt)];
+            if seen == Some(entry.ft) {
+                self.drop_suspect();
+                self.counts.duplicates += 1;
+                return;
+            }
+            if seen.is_none() && self.late(entry, newest, sink) {
+                return;
+            }
+        }
+        self.doubt(entry, sink);
+    }
+
+    /// Whether so many samples are to be expected over so many records.
+    fn fits(&self, records: i32, samples: i32) -> bool {
+        let most = u64::from(records.unsigned_abs()) * u64::from(self.step) * STEP_FACTOR + STEP_SLACK;
+        samples >= 0 && (self.step == 0 || u64::from(samples.unsigned_abs()) <= most)
+    }
+
+    /// The first record of a stream.
+    fn begin(&mut self, entry: Entry, sink: &mut impl FnMut(Decoded)) {
+        self.seen.fill(None);
+        self.seen[slot(entry.rdt)] = Some(entry.ft);
+        // Streams are numbered from 1: what is missing before the first that came was sent.
+        self.reach = if entry.rdt < WINDOW { entry.rdt.saturating_sub(1) } else { 0 };
+        self.step = 0;
+        self.forgotten = None;
+        let ticks = u64::from(entry.ft);
+        self.newest = Some(Newest { rdt: entry.rdt, ft: entry.ft, ticks });
+        self.counts.lost += u64::from(self.reach);
+        self.hand_on(entry, ticks, sink);
+    }
+
+    /// A record that comes next, or after a few lost ones.
+    fn advance(&mut self, entry: Entry, newest: Newest, sink: &mut impl FnMut(Decoded)) {
+        let records = entry.rdt.wrapping_sub(newest.rdt);
+        let samples = entry.ft.wrapping_sub(newest.ft);
+        if records >= WINDOW {
+            self.seen.fill(None);
+            self.forgotten = Some(newest.ticks);
+        } else {
+            for ahead in 1..=records {
+                let left = self.seen[slot(newest.rdt.wrapping_add(ahead))].take();
+                let ticks =
+                    left.and_then(|ft| newest.ticks.checked_add_signed(distance(newest.ft, ft).into()));
+                self.forgotten = self.forgotten.max(ticks);
+            }
+        }
+        self.seen[slot(entry.rdt)] = Some(entry.ft);
+        self.reach = self.reach.saturating_add(records).min(WINDOW - 1);
+        self.counts.lost += u64::from(records - 1);
+        // 2^64 samples take 80 million years.
+        let ticks = newest.ticks.saturating_add(u64::from(samples));
+        self.newest = Some(Newest { rdt: entry.rdt, ft: entry.ft, ticks });
+        if samples == 0 {
+            self.counts.stale += 1;
+            return;
+        }
+        if records == 1 {
+            self.step = samples;
+        }
+        self.hand_on(entry, ticks, sink);
+    }
+
+    /// A record at a place counted as lost. Returns whether its sample fits between those around it.
+    fn late(&mut self, entry: Entry, newest: Newest, sink: &mut impl FnMut(Decoded)) -> bool {
+        let behind = newest.rdt.wrapping_sub(entry.rdt);
+        let at = |distance: u32| self.seen[slot(newest.rdt.wrapping_sub(distance))];
+        let after = (0..behind).rev().find_map(at).map_or(0, |ft| distance(newest.ft, ft));
+        let before = (behind + 1..=self.reach).find_map(at).map_or(i32::MIN, |ft| distance(newest.ft, ft));
+        let samples = distance(newest.ft, entry.ft);
+        let ticks = newest.ticks.checked_add_signed(i64::from(samples));
+        let fits = |ticks: &u64| (before..=after).contains(&samples) && Some(*ticks) > self.forgotten;
+        let Some(ticks) = ticks.filter(fits) else { return false };
+        self.drop_suspect();
+        self.seen[slot(entry.rdt)] = Some(entry.ft);
+        self.counts.lost -= 1;
+        if samples == before || samples == after {
+            self.counts.stale += 1;
+        } else {
+            self.counts.reordered += 1;
+            self.hand_on(entry, ticks, sink);
+        }
+        true
+    }
+
+    /// A record that continues nothing: kept until the next one says what it was.
+    fn doubt(&mut self, entry: Entry, sink: &mut impl FnMut(Decoded)) {
+        let Some(suspect) = self.suspect.take() else {
+            self.suspect = Some(entry);
+            return;
+        };
+        let ahead = distance(suspect.rdt, entry.rdt);
+        let samples = distance(suspect.ft, entry.ft);
+        if ahead == 0 && samples == 0 {
+            self.counts.duplicates += 1;
+            self.suspect = Some(suspect);
+        } else if !self.confirms(ahead, samples) {
+            self.counts.implausible += 1;
+            self.suspect = Some(entry);
+        } else {
+            let (first, second) = if ahead > 0 { (suspect, entry) } else { (entry, suspect) };
+            self.leap(first, sink);
+            self.place(second, sink);
+        }
+    }
+
+    /// Whether a record so far from a doubted one continues it, or comes before it.
+    fn confirms(&self, records: i32, samples: i32) -> bool {
+        if !(1..=NEIGHBOURS).contains(&records.unsigned_abs()) {
+            return false;
+        }
+        if self.newest.is_some() {
+            return records.signum() * samples.signum() > 0;
+        }
+        // A box may begin with one sample under two numbers; a counter that leaps is none.
+        let most = records.unsigned_abs() * FIRST_STEP;
+        records.signum() * samples.signum() >= 0 && samples.unsigned_abs() <= most
+    }
+
+    /// A record far from the last, and confirmed: after a long outage, or of a new stream.
+    fn leap(&mut self, entry: Entry, sink: &mut impl FnMut(Decoded)) {
+        if let Some(newest) = self.newest {
+            let records = distance(newest.rdt, entry.rdt);
+            let samples = distance(newest.ft, entry.ft);
+            let expected = i64::from(records) * i64::from(self.step);
+            // Both numbers must agree on the length of the outage: a new stream agrees by chance once in thousands.
+            let error = (i64::from(samples) - expected).abs();
+            if records > 0 && samples > 0 && self.step > 0 && error <= expected / 8 {
+                return self.advance(entry, newest, sink);
+            }
+            self.counts.restarts += 1;
+            sink(Decoded::NewEpoch);
+        }
+        self.begin(entry, sink);
+    }
+
+    fn hand_on(&mut self, entry: Entry, ticks: u64, sink: &mut impl FnMut(Decoded)) {
+        let Entry { wrench, flags, warning, host_ns, .. } = entry;
+        self.counts.rows += 1;
+        self.counts.bad_status += u64::from(flags & BAD_STATUS != 0);
+        self.counts.saturated += u64::from(flags & SATURATED != 0);
+        self.counts.warnings += u64::from(warning);
+        sink(Decoded::Row(Row { ticks, host_ns, wrench, flags }));
+    }
+
+    fn drop_suspect(&mut self) {
+        if self.suspect.take().is_some() {
+            self.counts.implausible += 1;
+        }
+    }
+}
+
+/// How far `to` is ahead of `from`, by the shorter way round.
+fn distance(from: u32, to: u32) -> i32 {
+    to.wrapping_sub(from).cast_signed()
+}
+
+fn slot(rdt: u32) -> usize {
+    (rdt % WINDOW) as usize
 }

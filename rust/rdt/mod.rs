@@ -6,28 +6,260 @@
 //!
 //! Source: ATI Industrial Automation, manuals 9620-05-NET FT and 9610-05-Ethernet Axia, chapters on UDP and status codes.
 
-mod counts;
 mod decoder;
-mod fault;
+mod packet;
 mod receiver;
-mod record;
-mod request;
-mod scale;
-mod sequence;
-mod settings;
-mod shared;
-mod socket;
-mod variant;
-mod work;
 
-pub use counts::Counts;
+use std::time::Duration;
+
 pub use decoder::{Decoded, Decoder};
-pub use fault::Fault;
-pub use receiver::Receiver;
-pub use record::{records, Record, MAX_RECORDS, RECORD_BYTES};
-pub use request::Request;
-pub use scale::{Scale, COUNTS_PER_NEWTON, COUNTS_PER_NEWTON_METRE};
-pub use sequence::{Placed, Sequence};
-pub use settings::{Settings, PORT};
-pub use shared::State;
-pub use variant::Variant;
+pub use packet::{
+    records, Record, Request, Scale, Variant, COUNTS_PER_NEWTON, COUNTS_PER_NEWTON_METRE, MAX_RECORDS,
+    RECORD_BYTES,
+};
+pub use receiver::{Receiver, State};
+
+use crate::buffer::counters;
+use crate::error::brief;
+
+/// The port that boxes listen on unless told otherwise.
+pub const PORT: u16 = 49152;
+
+/// Silence that is an alarm, however fast records come; slower streams get three periods.
+const ALARM: Duration = Duration::from_millis(20);
+const ALARM_PERIODS: f64 = 3.0;
+
+/// Silence that is an alarm, however slowly records come.
+const LONGEST_ALARM: Duration = Duration::from_secs(60);
+
+/// A box, and how to talk to it.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Name or address of the box.
+    pub host: String,
+    /// Its UDP port.
+    pub port: u16,
+    /// What kind of box it is.
+    pub variant: Variant,
+    /// Counts per newton and newton metre.
+    pub scale: Scale,
+    /// Records beyond this are rejected, N and N m.
+    pub limits: [f64; 6],
+    /// Records per second that the box is set to send.
+    pub rate_hz: f64,
+    /// Whether to ask for several records per datagram.
+    pub buffered: bool,
+    /// Whether to ask for the stream again after a second of silence. Off by default: two clients that both do so
+    /// would take it from each other for ever.
+    pub resume: bool,
+}
+
+impl Settings {
+    /// Settings of a Net F/T at its usual rate of 500 Hz: real time, no limits, no resuming.
+    #[must_use]
+    pub fn new(host: &str, scale: Scale) -> Self {
+        Self {
+            host: host.to_owned(),
+            port: PORT,
+            variant: Variant::NetFt,
+            scale,
+            limits: [f64::INFINITY; 6],
+            rate_hz: 500.0,
+            buffered: false,
+            resume: false,
+        }
+    }
+
+    /// Refuses numbers that no box has; [`Receiver::start`] does so too.
+    pub fn check(&self) -> Result<(), RdtError> {
+        if let Some(limit) = self.limits.into_iter().find(|limit| limit.is_nan() || *limit <= 0.0) {
+            return Err(RdtError::Setting { what: "limits", wanted: "positive", value: limit });
+        }
+        if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
+            return Err(RdtError::Setting {
+                what: "rate_hz",
+                wanted: "positive and finite",
+                value: self.rate_hz,
+            });
+        }
+        Ok(())
+    }
+
+    /// Requests that start the stream, in order.
+    #[must_use]
+    pub fn start_requests(&self) -> Vec<Request> {
+        let start = if self.buffered { Request::StartBuffered } else { Request::StartRealTime };
+        match self.variant {
+            // Whole milliseconds, 4 ms at least on older firmware; the cast saturates.
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            Variant::OnRobot => {
+                vec![
+                    Request::PeriodOnRobot { period_ms: (1000.0 / self.rate_hz).round().max(1.0) as u32 },
+                    start,
+                ]
+            }
+            Variant::NetFt | Variant::Axia => vec![start],
+        }
+    }
+
+    /// The request that makes the present load the new zero.
+    #[must_use]
+    pub fn bias_request(&self) -> Request {
+        match self.variant {
+            Variant::OnRobot => Request::BiasOnRobot,
+            Variant::NetFt | Variant::Axia => Request::Bias,
+        }
+    }
+
+    /// Silence that counts as a stall.
+    fn alarm(&self) -> Duration {
+        Duration::try_from_secs_f64(ALARM_PERIODS / self.rate_hz)
+            .unwrap_or(LONGEST_ALARM)
+            .clamp(ALARM, LONGEST_ALARM)
+    }
+}
+
+counters! {
+    /// Numbers of a stream since its start. Every datagram and every record is counted under exactly one reason:
+    /// `records = rows + duplicates + stale + implausible + out_of_range`, but for one record that may wait for the next.
+    Counts, Cells:
+    /// Datagrams that arrived.
+    datagrams,
+    /// Datagrams of another length than 1 to 40 records.
+    malformed,
+    /// Records in the datagrams that were well-formed.
+    records,
+    /// Records handed on.
+    rows,
+    /// Records missing from the numbering of the stream; one that arrives late is taken off again.
+    lost,
+    /// Records that came after one with a higher number; they are among the rows.
+    reordered,
+    /// Records that came again.
+    duplicates,
+    /// Records of a sample that an earlier record brought, under a new number.
+    stale,
+    /// Records that continue nothing, and that no later record continues.
+    implausible,
+    /// Records with a force or torque beyond all sense for the sensor.
+    out_of_range,
+    /// Times that the numbering began anew.
+    restarts,
+    /// Rows whose status word is an error.
+    bad_status,
+    /// Rows whose status word, or a count at the end of its 32 bits, says saturation.
+    saturated,
+    /// Rows whose status word is a mere warning.
+    warnings,
+}
+
+/// Why there is no stream.
+///
+/// Not a variant of [`Error`](crate::Error), which is about arguments: most of these are about the world.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RdtError {
+    /// A scale that no sensor has.
+    #[error("{what} must be from {least} to {most:e}, got {}", brief(*.value))]
+    Scale {
+        /// Which one.
+        what: &'static str,
+        /// The value given.
+        value: f64,
+        /// The least that is believed.
+        least: f64,
+        /// The most.
+        most: f64,
+    },
+    /// A number among the settings outside its range.
+    #[error("{what} must be {wanted}, got {}", brief(*.value))]
+    Setting {
+        /// Which one.
+        what: &'static str,
+        /// The range.
+        wanted: &'static str,
+        /// The value given.
+        value: f64,
+    },
+    /// A host name that leads nowhere.
+    #[error("{host} has no address: {reason}")]
+    Host {
+        /// The name.
+        host: String,
+        /// The system's words.
+        reason: String,
+    },
+    /// A call of the operating system that failed.
+    #[error("{what} {host}:{port} failed: {reason}")]
+    System {
+        /// What was tried.
+        what: &'static str,
+        /// The host.
+        host: String,
+        /// The port.
+        port: u16,
+        /// The system's words.
+        reason: String,
+    },
+    /// Nobody listens at the address.
+    #[error("nobody listens at {host}:{port} (UDP): wrong address, or the box is off or has RDT disabled")]
+    Refused {
+        /// The host.
+        host: String,
+        /// The port.
+        port: u16,
+    },
+    /// No stream came.
+    #[error(
+        "no stream from {host}:{port} within {:.1} s of {requests} requests ({datagrams} datagrams made none): another \
+         client may own the stream, or a firewall stands between", .waited.as_secs_f64()
+    )]
+    Silent {
+        /// The host.
+        host: String,
+        /// The port.
+        port: u16,
+        /// How long was waited.
+        waited: Duration,
+        /// How often the stream was asked for.
+        requests: u32,
+        /// Datagrams that came, and were no two records that continue one another.
+        datagrams: u64,
+    },
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(rate_hz: f64) -> Settings {
+        Settings { rate_hz, ..Settings::new("box", Scale::new(1e6, 1e6).unwrap()) }
+    }
+
+    #[test]
+    fn an_alarm_is_a_time_that_can_be_waited_for() {
+        for (rate_hz, alarm) in [
+            (1e300, ALARM),
+            (500.0, ALARM),
+            (10.0, Duration::from_millis(300)),
+            (1e-3, LONGEST_ALARM),
+            (1e-300, LONGEST_ALARM),
+        ] {
+            assert_eq!(settings(rate_hz).alarm(), alarm, "{rate_hz} Hz");
+        }
+    }
+
+    #[test]
+    fn numbers_that_no_box_has_are_refused() {
+        for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let fault = settings(rate_hz).check().unwrap_err().to_string();
+            assert_eq!(fault, format!("rate_hz must be positive and finite, got {rate_hz}"));
+        }
+        for limit in [0.0, -1.0, f64::NAN] {
+            let limits = [1.0, 1.0, 1.0, limit, 1.0, f64::INFINITY];
+            let fault = Settings { limits, ..settings(500.0) }.check().unwrap_err().to_string();
+            assert_eq!(fault, format!("limits must be positive, got {limit}"));
+        }
+        assert_eq!(Settings { limits: [f64::INFINITY; 6], ..settings(500.0) }.check(), Ok(()));
+    }
+}

@@ -1,9 +1,7 @@
 //! Features of a window while its samples arrive.
 
-use super::counts::Counts;
-use super::raw::RawSamples;
-use super::windows::Windows;
-use crate::dsp::SosState;
+use super::{Position, Windows};
+use crate::dsp::{Outside, SosState, UniformBins, MAX_BINS};
 use crate::error::{Error, Result};
 use crate::features::Extractor;
 use crate::memory::filled;
@@ -35,31 +33,18 @@ const CHUNK: usize = 64;
 #[derive(Clone, Debug)]
 pub struct StreamingExtractor {
     extractor: Extractor,
-    windows: Windows,
     n_features: usize,
     /// `None` without raw features.
     raw: Option<RawSamples>,
     /// `None` without histograms; nothing is filtered then.
-    counts: Option<Counts>,
+    histograms: Option<WindowHistograms>,
     filter: SosState,
     /// The filter as it was before a push, should that fail.
     filter_before: SosState,
     chunk: Vec<f64>,
     /// Slot of the first sample of the window.
     first: usize,
-    place: Place,
-    first_row: u64,
-}
-
-/// How far a stream has come.
-#[derive(Clone, Copy, Debug, Default)]
-struct Place {
-    /// Whether the filter has met its first row.
-    started: bool,
-    /// Rows before the next window, filtered only: a hop longer than a window.
-    ahead: usize,
-    /// Rows of the window.
-    n_seen: usize,
+    position: Position,
 }
 
 impl StreamingExtractor {
@@ -72,16 +57,17 @@ impl StreamingExtractor {
         let n_features = extractor.n_features(n_samples, n_axes)?;
         let filter = SosState::zero(extractor.sos(), n_axes)?;
         Ok(Self {
-            windows,
             n_features,
             raw: spec.raw.then(|| RawSamples::new(n_samples, n_axes)).transpose()?,
-            counts: spec.hfmh.then(|| Counts::new(n_samples, n_axes, spec.n_bins)).transpose()?,
+            histograms: spec
+                .hfmh
+                .then(|| WindowHistograms::new(n_samples, n_axes, spec.n_bins))
+                .transpose()?,
             filter_before: SosState::zero(extractor.sos(), n_axes)?,
             filter,
             chunk: filled(0.0, CHUNK.min(n_samples) * n_axes)?,
             first: 0,
-            place: Place::default(),
-            first_row: 0,
+            position: Position::new(windows),
             extractor: extractor.clone(),
         })
     }
@@ -95,7 +81,7 @@ impl StreamingExtractor {
     /// The windows.
     #[must_use]
     pub fn windows(&self) -> Windows {
-        self.windows
+        self.position.windows
     }
 
     /// Number of features of a window.
@@ -107,19 +93,19 @@ impl StreamingExtractor {
     /// Rows of the current window so far.
     #[must_use]
     pub fn n_seen(&self) -> usize {
-        self.place.n_seen
+        self.position.n_seen
     }
 
     /// Whether all rows of the window are there.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        self.place.n_seen == self.windows.n_samples
+        self.position.is_complete()
     }
 
     /// Rows of the stream before the current window.
     #[must_use]
     pub fn first_row(&self) -> u64 {
-        self.first_row
+        self.position.first_row
     }
 
     /// Takes rows of one value per axis, in N and N m, until the window is complete. Returns how many it took.
@@ -131,9 +117,8 @@ impl StreamingExtractor {
     /// - [`Error::NonFiniteRow`]: NaN or infinity in one of the rows that would have been taken.
     /// - [`Error::FilterOverflow`]: finite rows so large that the filter leaves float64.
     pub fn push(&mut self, rows: &[f64]) -> Result<usize> {
-        let room = self.place.ahead.saturating_add(self.windows.n_samples - self.place.n_seen);
-        let rows = self.windows.taken(rows, room)?;
-        let before = self.place;
+        let rows = self.position.taken(rows)?;
+        let before = self.position;
         self.filter_before.values_mut().copy_from_slice(self.filter.values());
         for chunk in rows.chunks(self.chunk.len()) {
             if let Err(error) = self.take(chunk) {
@@ -141,7 +126,7 @@ impl StreamingExtractor {
                 return Err(error);
             }
         }
-        Ok(rows.len() / self.windows.n_axes)
+        Ok(rows.len() / self.position.windows.n_axes)
     }
 
     /// Goes on to the next window: rows that it shares with this one stay, the others are forgotten.
@@ -149,31 +134,24 @@ impl StreamingExtractor {
     /// # Errors
     /// [`Error::NoHop`] without a hop; [`Error::Unfinished`] while rows of this window are missing.
     pub fn advance(&mut self) -> Result<()> {
-        let Windows { n_samples, hop, .. } = self.windows;
-        let hop = hop.ok_or(Error::NoHop)?;
-        if !self.is_complete() {
-            return Err(Error::Unfinished { n_seen: self.place.n_seen, n_samples });
-        }
-        let leaving = hop.min(n_samples);
-        if let Some(counts) = &mut self.counts {
+        let leaving = self.position.advance()?;
+        let n_samples = self.position.windows.n_samples;
+        if let Some(histograms) = &mut self.histograms {
             for t in 0..leaving {
-                counts.remove((self.first + t) % n_samples);
+                histograms.remove((self.first + t) % n_samples);
             }
         }
         self.first = (self.first + leaving) % n_samples;
-        self.first_row = self.first_row.saturating_add(hop as u64);
-        self.place.n_seen = n_samples - leaving;
-        self.place.ahead = hop - leaving;
         Ok(())
     }
 
     /// Back to the state before the first row.
     pub fn reset(&mut self) {
         self.filter.reset();
-        if let Some(counts) = &mut self.counts {
-            counts.clear();
+        if let Some(histograms) = &mut self.histograms {
+            histograms.clear();
         }
-        (self.first, self.first_row, self.place) = (0, 0, Place::default());
+        (self.first, self.position) = (0, Position::new(self.position.windows));
     }
 
     /// The features of the window so far, in the order of [`Extractor::feature_names`]. Raw samples that have not
@@ -185,43 +163,45 @@ impl StreamingExtractor {
         if out.len() != self.n_features {
             return Err(Error::Length { what: "out", expected: self.n_features, got: out.len() });
         }
-        let raw_len = if self.raw.is_some() { self.windows.n_samples * self.windows.n_axes } else { 0 };
-        let (raw_out, counts_out) = out.split_at_mut(raw_len);
+        let raw_len = if self.raw.is_some() {
+            self.position.windows.n_samples * self.position.windows.n_axes
+        } else {
+            0
+        };
+        let (raw_out, histograms_out) = out.split_at_mut(raw_len);
         if let Some(raw) = &self.raw {
-            raw.write(self.first, self.place.n_seen, raw_out);
+            raw.write(self.first, self.position.n_seen, raw_out);
         }
-        if let Some(counts) = &self.counts {
-            counts.write(&self.extractor, counts_out);
+        if let Some(histograms) = &self.histograms {
+            histograms.write(&self.extractor, histograms_out);
         }
         Ok(())
     }
 
-    /// Rows before the next window begins.
-    pub(super) fn ahead(&self) -> usize {
-        self.place.ahead
+    pub(super) fn position(&self) -> &Position {
+        &self.position
     }
 
     /// The histograms so far; `None` where the specification has none.
-    pub(super) fn counts(&self) -> Option<&Counts> {
-        self.counts.as_ref()
+    pub(super) fn histograms(&self) -> Option<&WindowHistograms> {
+        self.histograms.as_ref()
     }
 
     /// Sample `t` of the window; false where the specification has no raw features.
     pub(super) fn raw_row(&self, t: usize, out: &mut [f64]) -> bool {
         if let Some(raw) = &self.raw {
-            raw.read((self.first + t) % self.windows.n_samples, out);
+            raw.read((self.first + t) % self.position.windows.n_samples, out);
         }
         self.raw.is_some()
     }
 
     /// Filters, counts and keeps at most a chunk of rows.
     fn take(&mut self, rows: &[f64]) -> Result<()> {
-        let Windows { n_samples, n_axes, .. } = self.windows;
+        let Windows { n_samples, n_axes, .. } = self.position.windows;
         let filtered = &mut self.chunk[..rows.len()];
-        if self.counts.is_some() {
-            if !self.place.started {
+        if self.histograms.is_some() {
+            if self.position.n_seen == 0 && self.position.first_row == 0 {
                 self.filter.settle(self.extractor.start(), rows);
-                self.place.started = true;
             }
             filtered.copy_from_slice(rows);
             self.filter.filter(self.extractor.sos(), filtered)?;
@@ -231,34 +211,153 @@ impl StreamingExtractor {
             }
         }
         for (row, filtered) in rows.chunks_exact(n_axes).zip(filtered.chunks_exact(n_axes)) {
-            if self.place.ahead > 0 {
-                self.place.ahead -= 1;
+            if self.position.ahead > 0 {
+                self.position.ahead -= 1;
                 continue;
             }
-            let slot = (self.first + self.place.n_seen) % n_samples;
+            let slot = (self.first + self.position.n_seen) % n_samples;
             if let Some(raw) = &mut self.raw {
                 raw.set(slot, row);
             }
-            if let Some(counts) = &mut self.counts {
-                counts.add(&self.extractor, slot, filtered);
+            if let Some(histograms) = &mut self.histograms {
+                histograms.add(&self.extractor, slot, filtered);
             }
-            self.place.n_seen += 1;
+            self.position.n_seen += 1;
         }
         Ok(())
     }
 
     /// As it was before a push: no row of it is counted, the filter has not met it.
-    fn undo(&mut self, before: Place) {
-        if let Some(counts) = &mut self.counts {
-            for t in before.n_seen..self.place.n_seen {
-                counts.remove((self.first + t) % self.windows.n_samples);
+    fn undo(&mut self, before: Position) {
+        if let Some(histograms) = &mut self.histograms {
+            for t in before.n_seen..self.position.n_seen {
+                histograms.remove((self.first + t) % self.position.windows.n_samples);
             }
         }
         self.filter.values_mut().copy_from_slice(self.filter_before.values());
-        self.place = before;
+        self.position = before;
     }
 }
 
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |largest, value| value.abs().max(largest))
+}
+
+/// The samples of a window, a ring per axis: `values[axis * n_slots + slot]`.
+#[derive(Clone, Debug)]
+struct RawSamples {
+    n_slots: usize,
+    values: Vec<f64>,
+}
+
+impl RawSamples {
+    fn new(n_slots: usize, n_axes: usize) -> Result<Self> {
+        Ok(Self { n_slots, values: filled(0.0, n_slots * n_axes)? })
+    }
+
+    /// Keeps a row under a slot.
+    fn set(&mut self, slot: usize, row: &[f64]) {
+        for (axis, value) in self.values.chunks_exact_mut(self.n_slots).zip(row) {
+            axis[slot] = *value;
+        }
+    }
+
+    /// The row of a slot.
+    fn read(&self, slot: usize, out: &mut [f64]) {
+        for (axis, value) in self.values.chunks_exact(self.n_slots).zip(out) {
+            *value = axis[slot];
+        }
+    }
+
+    /// The raw block of the features: `n_seen` samples from slot `first` on, round the end; zero where none was seen.
+    fn write(&self, first: usize, n_seen: usize, out: &mut [f64]) {
+        let axes = self.values.chunks_exact(self.n_slots).zip(out.chunks_exact_mut(self.n_slots));
+        for (samples, out) in axes {
+            let (seen, unseen) = out.split_at_mut(n_seen);
+            let (until_end, from_start) = seen.split_at_mut(n_seen.min(self.n_slots - first));
+            until_end.copy_from_slice(&samples[first..][..until_end.len()]);
+            from_start.copy_from_slice(&samples[..from_start.len()]);
+            unseen.fill(0.0);
+        }
+    }
+}
+
+/// The cell of a value that is not counted.
+const NONE: u16 = u16::MAX;
+
+/// Every bin has a number of its own beside [`NONE`].
+const _: () = assert!(MAX_BINS <= NONE as usize);
+
+/// One histogram per axis, and the cell of every counted row, so that any row can be taken out again.
+#[derive(Clone, Debug)]
+pub(super) struct WindowHistograms {
+    n_axes: usize,
+    n_bins: usize,
+    /// `histograms[axis * n_bins + bin]`: counts.
+    histograms: Vec<u32>,
+    /// `cells[slot * n_axes + axis]`: the bin, or `NONE`.
+    cells: Vec<u16>,
+}
+
+impl WindowHistograms {
+    /// Empty histograms for rows in slots `0..n_slots`.
+    fn new(n_slots: usize, n_axes: usize, n_bins: usize) -> Result<Self> {
+        let (histograms, cells) = (filled(0, n_axes * n_bins)?, filled(NONE, n_slots * n_axes)?);
+        Ok(Self { n_axes, n_bins, histograms, cells })
+    }
+
+    fn clear(&mut self) {
+        self.histograms.fill(0);
+    }
+
+    /// Counts a filtered row and remembers it under a slot.
+    fn add(&mut self, extractor: &Extractor, slot: usize, row: &[f64]) {
+        let clip = extractor.spec().outside == Outside::Clip;
+        let cells = &mut self.cells[slot * self.n_axes..][..self.n_axes];
+        let histograms = self.histograms.chunks_exact_mut(self.n_bins);
+        for (axis, ((value, cell), counts)) in row.iter().zip(cells).zip(histograms).enumerate() {
+            *cell = extractor.bins(axis).map_or(NONE, |bins| cell_of(bins, *value, clip));
+            if let Some(count) = counts.get_mut(usize::from(*cell)) {
+                *count += 1;
+            }
+        }
+    }
+
+    /// Takes the row of a slot out again.
+    fn remove(&mut self, slot: usize) {
+        let cells = &self.cells[slot * self.n_axes..][..self.n_axes];
+        for (cell, counts) in cells.iter().zip(self.histograms.chunks_exact_mut(self.n_bins)) {
+            if let Some(count) = counts.get_mut(usize::from(*cell)) {
+                *count -= 1;
+            }
+        }
+    }
+
+    /// Counts of one axis.
+    pub(super) fn axis(&self, axis: usize) -> &[u32] {
+        &self.histograms[axis * self.n_bins..][..self.n_bins]
+    }
+
+    /// The histogram block of the features.
+    pub(super) fn write(&self, extractor: &Extractor, out: &mut [f64]) {
+        for (value, count) in out.iter_mut().zip(&self.histograms) {
+            *value = f64::from(*count);
+        }
+        if extractor.spec().density {
+            for (axis, block) in out.chunks_exact_mut(self.n_bins).enumerate() {
+                if let Some(bins) = extractor.bins(axis) {
+                    bins.normalise(block);
+                }
+            }
+        }
+    }
+}
+
+fn cell_of(bins: &UniformBins, value: f64, clip: bool) -> u16 {
+    let bin = match bins.locate(value) {
+        None if clip && value < bins.low() => Some(0),
+        None if clip => Some(bins.n_bins() - 1),
+        found => found,
+    };
+    bin.and_then(|bin| u16::try_from(bin).ok()).unwrap_or(NONE)
 }

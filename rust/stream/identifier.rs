@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use super::banded::Banded;
-use super::growing::Growing;
-use super::windows::Windows;
+use super::additive_stream::AdditiveStream;
+use super::multiband_stream::MultiBandStream;
+use super::{Position, Windows};
 use crate::error::Result;
 use crate::memory::filled;
 use crate::model::{best_and_margin, Extraction, Model, Verdict};
@@ -28,7 +28,7 @@ use crate::model::{best_and_margin, Extraction, Model, Verdict};
 #[derive(Clone, Debug)]
 pub struct StreamingIdentifier {
     model: Arc<Model>,
-    way: Way,
+    stream: Stream,
     /// Whether scores and losses are those of the samples so far.
     is_fresh: bool,
     scores: Vec<f64>,
@@ -40,9 +40,9 @@ pub struct StreamingIdentifier {
 
 /// How samples become scores.
 #[derive(Clone, Debug)]
-enum Way {
-    Growing(Box<Growing>),
-    Banded(Box<Banded>),
+enum Stream {
+    Additive(Box<AdditiveStream>),
+    MultiBand(Box<MultiBandStream>),
 }
 
 /// Where a window stands.
@@ -74,16 +74,16 @@ impl StreamingIdentifier {
     /// A stream before its first row: windows of the model's size, one or every `hop` samples.
     pub fn new(model: Arc<Model>, hop: Option<usize>) -> Result<Self> {
         let windows = Windows { n_samples: model.n_samples(), n_axes: model.n_axes(), hop };
-        let way = match model.extraction() {
+        let stream = match model.extraction() {
             Extraction::Additive { extractor, .. } => {
-                Way::Growing(Box::new(Growing::new(&model, extractor, windows)?))
+                Stream::Additive(Box::new(AdditiveStream::new(&model, extractor, windows)?))
             }
             Extraction::MultiBand(multiband) => {
-                Way::Banded(Box::new(Banded::new(&model, multiband, windows)?))
+                Stream::MultiBand(Box::new(MultiBandStream::new(&model, multiband, windows)?))
             }
         };
         Ok(Self {
-            way,
+            stream,
             is_fresh: false,
             scores: filled(0.0, model.n_learners())?,
             losses: vec![0.0; model.classes().len()],
@@ -102,28 +102,19 @@ impl StreamingIdentifier {
     /// Rows of the current window so far.
     #[must_use]
     pub fn n_seen(&self) -> usize {
-        match &self.way {
-            Way::Growing(growing) => growing.stream.n_seen(),
-            Way::Banded(banded) => banded.window().n_seen(),
-        }
+        self.position().n_seen
     }
 
     /// Whether all rows of the window are there.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        match &self.way {
-            Way::Growing(growing) => growing.stream.is_complete(),
-            Way::Banded(banded) => banded.window().is_complete(),
-        }
+        self.position().is_complete()
     }
 
     /// Rows of the stream before the current window.
     #[must_use]
     pub fn first_row(&self) -> u64 {
-        match &self.way {
-            Way::Growing(growing) => growing.stream.first_row(),
-            Way::Banded(banded) => banded.window().first_row(),
-        }
+        self.position().first_row
     }
 
     /// Takes rows of one value per axis, in N and N m, until the window is complete. Returns how many it took.
@@ -131,9 +122,9 @@ impl StreamingIdentifier {
     /// # Errors
     /// Those of [`StreamingExtractor::push`](super::StreamingExtractor::push); nothing has changed then.
     pub fn push(&mut self, rows: &[f64]) -> Result<usize> {
-        let n_taken = match &mut self.way {
-            Way::Growing(growing) => growing.push(&self.model, rows)?,
-            Way::Banded(banded) => banded.push(rows)?,
+        let n_taken = match &mut self.stream {
+            Stream::Additive(stream) => stream.push(&self.model, rows)?,
+            Stream::MultiBand(stream) => stream.push(rows)?,
         };
         self.is_fresh &= n_taken == 0;
         Ok(n_taken)
@@ -141,9 +132,9 @@ impl StreamingIdentifier {
 
     /// Goes on to the next window, as [`StreamingExtractor::advance`](super::StreamingExtractor::advance) does.
     pub fn advance(&mut self) -> Result<()> {
-        match &mut self.way {
-            Way::Growing(growing) => growing.advance(&self.model)?,
-            Way::Banded(banded) => banded.advance()?,
+        match &mut self.stream {
+            Stream::Additive(stream) => stream.advance(&self.model)?,
+            Stream::MultiBand(stream) => stream.advance()?,
         }
         self.is_fresh = false;
         Ok(())
@@ -151,9 +142,9 @@ impl StreamingIdentifier {
 
     /// Back to the state before the first row.
     pub fn reset(&mut self) {
-        match &mut self.way {
-            Way::Growing(growing) => growing.reset(),
-            Way::Banded(banded) => banded.reset(),
+        match &mut self.stream {
+            Stream::Additive(stream) => stream.reset(),
+            Stream::MultiBand(stream) => stream.reset(),
         }
         self.is_fresh = false;
     }
@@ -189,9 +180,9 @@ impl StreamingIdentifier {
             return Ok(true);
         }
         let best = best_and_margin(&self.losses).0;
-        Ok(match &mut self.way {
-            Way::Growing(growing) => growing.is_settled(&self.model, best),
-            Way::Banded(_) => false,
+        Ok(match &mut self.stream {
+            Stream::Additive(stream) => stream.is_settled(&self.model, best),
+            Stream::MultiBand(_) => false,
         })
     }
 
@@ -222,14 +213,21 @@ impl StreamingIdentifier {
         })
     }
 
+    fn position(&self) -> &Position {
+        match &self.stream {
+            Stream::Additive(stream) => stream.stream.position(),
+            Stream::MultiBand(stream) => stream.position(),
+        }
+    }
+
     /// Brings scores and losses up to the last sample.
     fn refresh(&mut self) -> Result<()> {
         if self.is_fresh {
             return Ok(());
         }
-        match &mut self.way {
-            Way::Growing(growing) => growing.scores(&self.model, &mut self.scores),
-            Way::Banded(banded) => banded.scores(&self.model, &mut self.scores)?,
+        match &mut self.stream {
+            Stream::Additive(stream) => stream.scores(&self.model, &mut self.scores),
+            Stream::MultiBand(stream) => stream.scores(&self.model, &mut self.scores)?,
         }
         self.model.decode(&self.scores, &mut self.losses)?;
         (self.is_fresh, self.is_judged) = (true, false);

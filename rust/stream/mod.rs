@@ -6,23 +6,106 @@
 //! bounded time per row or answer.
 
 #[cfg(feature = "model")]
-mod banded;
-mod counts;
+mod additive_stream;
 mod extractor;
-#[cfg(feature = "model")]
-mod growing;
 #[cfg(feature = "model")]
 mod identifier;
 #[cfg(feature = "model")]
-mod outlook;
-mod raw;
-#[cfg(feature = "model")]
-mod settled;
-#[cfg(feature = "model")]
-mod window;
-mod windows;
+mod multiband_stream;
 
 pub use extractor::StreamingExtractor;
 #[cfg(feature = "model")]
 pub use identifier::{Standing, StreamingIdentifier};
-pub use windows::{Windows, MAX_WINDOW};
+
+use crate::error::{Error, Result};
+
+/// The largest number of values of a window, 134 MB of samples: with six axes at 500 Hz more than an hour and a half.
+pub const MAX_WINDOW: usize = 1 << 24;
+
+/// Which stretches of a stream are windows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Windows {
+    /// Samples per window.
+    pub n_samples: usize,
+    /// Axes per sample.
+    pub n_axes: usize,
+    /// Samples from the start of a window to that of the next; `None` for one window from the first row on.
+    pub hop: Option<usize>,
+}
+
+impl Default for Windows {
+    /// One recording of the paper: 1600 samples of six axes.
+    fn default() -> Self {
+        Self { n_samples: 1600, n_axes: 6, hop: None }
+    }
+}
+
+impl Windows {
+    /// Refuses windows that are empty, too large to keep, or never move on.
+    fn check(self, n_bins: usize) -> Result<()> {
+        let Self { n_samples, n_axes, hop } = self;
+        if hop == Some(0) {
+            return Err(Error::Hop);
+        }
+        if n_samples == 0 || n_axes == 0 {
+            return Err(Error::Empty { what: "a window", shape: vec![n_samples, n_axes] });
+        }
+        if n_samples.max(n_bins).saturating_mul(n_axes) > MAX_WINDOW {
+            return Err(Error::Window { n_samples, n_axes, max: MAX_WINDOW });
+        }
+        Ok(())
+    }
+}
+
+/// How far a stream of windows has come.
+#[derive(Clone, Copy, Debug)]
+struct Position {
+    windows: Windows,
+    /// Rows of the window so far.
+    n_seen: usize,
+    /// Rows to pass over before the next window: a hop longer than a window.
+    ahead: usize,
+    /// Rows of the stream before the window.
+    first_row: u64,
+}
+
+impl Position {
+    fn new(windows: Windows) -> Self {
+        Self { windows, n_seen: 0, ahead: 0, first_row: 0 }
+    }
+
+    fn is_complete(&self) -> bool {
+        self.n_seen == self.windows.n_samples
+    }
+
+    /// The rows that are taken of those given: whole and finite ones, until the window is complete.
+    fn taken<'a>(&self, rows: &'a [f64]) -> Result<&'a [f64]> {
+        let Windows { n_samples, n_axes, .. } = self.windows;
+        let room = self.ahead.saturating_add(n_samples - self.n_seen);
+        let n_rows = rows.len() / n_axes;
+        if n_rows * n_axes != rows.len() {
+            return Err(Error::Length { what: "wrench", expected: n_rows * n_axes, got: rows.len() });
+        }
+        let rows = &rows[..n_rows.min(room) * n_axes];
+        match rows.iter().position(|value| !value.is_finite()) {
+            None => Ok(rows),
+            Some(index) => {
+                Err(Error::NonFiniteRow { row: index / n_axes, axis: index % n_axes, value: rows[index] })
+            }
+        }
+    }
+
+    /// Goes on to the next window. Returns how many rows of this one leave; the others are the first of the next.
+    fn advance(&mut self) -> Result<usize> {
+        let Windows { n_samples, hop, .. } = self.windows;
+        let hop = hop.ok_or(Error::NoHop)?;
+        if !self.is_complete() {
+            return Err(Error::Unfinished { n_seen: self.n_seen, n_samples });
+        }
+        let leaving = hop.min(n_samples);
+        self.n_seen = n_samples - leaving;
+        self.ahead = hop - leaving;
+        self.first_row = self.first_row.saturating_add(hop as u64);
+        Ok(leaving)
+    }
+}

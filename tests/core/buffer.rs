@@ -1,8 +1,9 @@
-//! The buffer from outside: sizes that are refused, what begins an epoch, readers of their own.
+//! The buffer from outside: sizes that are refused, what begins an epoch, readers of their own; host time from device time
+//! with clocks that drift, rows that are late, steps and restarts.
 
 use granular_id::buffer::{
-    host_ns, wrench_buffer, BufferSpec, BufferedRow, Fill, Pushed, Reader, Row, WindowError, WindowSpec,
-    Writer, MAX_REORDER_DEPTH, MAX_ROWS,
+    host_ns, wrench_buffer, BufferSpec, BufferedRow, DeviceClock, Fill, Pushed, Reader, Row, WindowError,
+    WindowSpec, Writer, MAX_REORDER_DEPTH, MAX_ROWS,
 };
 use granular_id::wrench::{KNOWN_FLAGS, SAMPLE_FLAGS, SATURATED};
 use granular_id::Error;
@@ -200,4 +201,215 @@ fn host_time_never_runs_back() {
 fn flags_are_single_bits_that_differ() {
     assert!(SAMPLE_FLAGS.iter().all(|(_, bit)| bit.is_power_of_two()));
     assert_eq!(SAMPLE_FLAGS.iter().map(|(_, bit)| u32::from(*bit)).sum::<u32>(), u32::from(KNOWN_FLAGS));
+}
+
+const PERIOD_NS: u64 = 2_000_000;
+
+/// A device whose clock differs from the host's, and the way its rows take.
+struct Device {
+    writer: Writer,
+    reader: Reader,
+    /// Host time per device time.
+    rate: f64,
+    seed: u64,
+}
+
+/// Where the device's clock and the host's stand at the first row.
+const ORIGIN_TICKS: u64 = 1 << 50;
+const ORIGIN_HOST_NS: u64 = 5_000_000_000;
+
+impl Device {
+    fn new(rate: f64) -> Self {
+        let (writer, reader) = wrench_buffer(BufferSpec::default()).unwrap();
+        Self { writer, reader, rate, seed: 1 }
+    }
+
+    /// From 0 to 1.
+    fn uniform(&mut self) -> f64 {
+        self.seed = self.seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.seed >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Delay of a row that meets no trouble: 50 us and an exponential tail.
+    fn usual_delay_ns(&mut self) -> f64 {
+        50_000.0 - 100_000.0 * (1.0 - self.uniform()).ln()
+    }
+
+    /// Host time at which row `n` was measured.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    fn measured_ns(&self, n: u64) -> u64 {
+        ORIGIN_HOST_NS + (self.rate * (n * PERIOD_NS) as f64).round() as u64
+    }
+
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+    fn push(&mut self, n: u64, delay_ns: f64) -> u64 {
+        let host_ns = self.measured_ns(n) + delay_ns.round() as u64;
+        self.writer.push(&Row { host_ns, ..row(ORIGIN_TICKS + n * PERIOD_NS) });
+        host_ns
+    }
+
+    /// Error of the mapped arrival of row `n`: 50 us after it was measured is right.
+    fn error_ns(&self, n: u64) -> f64 {
+        let ideal = self.measured_ns(n) as f64 + 50_000.0;
+        self.reader.host_ns_at(ORIGIN_TICKS + n * PERIOD_NS).unwrap() - ideal
+    }
+}
+
+#[test]
+fn before_the_first_row_there_is_no_time() {
+    let (_, reader) = wrench_buffer(BufferSpec::default()).unwrap();
+    assert_eq!((reader.lag_ns(0), reader.host_ns_at(0), reader.ticks_at(0)), (None, None, None));
+}
+
+#[test]
+fn drift_and_delays_are_followed() {
+    for rate in [1.0, 1.0 + 200e-6, 1.0 - 200e-6, 1.01] {
+        let mut device = Device::new(rate);
+        let mut worst: f64 = 0.0;
+        // Two minutes; every second and a half the host is busy for 50 ms and sees the rows in one go.
+        for n in 0..60_000 {
+            let busy = (n % 750) < 25 && n > 750;
+            let delay = if busy { (25 - n % 750) as f64 * PERIOD_NS as f64 } else { device.usual_delay_ns() };
+            device.push(n, delay);
+            if n > 500 {
+                worst = worst.max(device.error_ns(n).abs());
+            }
+        }
+        assert!(worst < 300_000.0, "rate {rate}: {worst} ns");
+    }
+}
+
+#[test]
+fn a_stall_of_the_way_is_lag_although_rows_keep_coming() {
+    let mut device = Device::new(1.0 + 50e-6);
+    for n in 0..10_000 {
+        let delay = device.usual_delay_ns();
+        let now = device.push(n, delay);
+        let lag = device.reader.lag_ns(now).unwrap();
+        assert!((-1.0..3e6).contains(&lag), "{lag}");
+    }
+    for n in 10_000..15_000 {
+        let now = device.push(n, 80e6);
+        let lag = device.reader.lag_ns(now).unwrap();
+        assert!((lag - 79.95e6).abs() < 0.3e6, "row {n}: {lag}");
+    }
+}
+
+#[test]
+fn without_new_rows_lag_grows_with_the_time() {
+    let mut device = Device::new(1.0);
+    let now = (0..1000).map(|n| device.push(n, 0.0)).last().unwrap();
+    for later in [0, 1, 20_000_000, 3_600_000_000_000] {
+        assert_eq!(device.reader.lag_ns(now + later), Some(later as f64));
+    }
+    assert_eq!(device.reader.lag_ns(now - 500), Some(-500.0), "a moment before the newest row");
+}
+
+#[test]
+fn both_ways_give_the_same_moment() {
+    let mut device = Device::new(1.0 + 300e-6);
+    for n in 0..5000 {
+        let delay = device.usual_delay_ns();
+        device.push(n, delay);
+    }
+    for n in [0, 1, 2500, 4999, 6000] {
+        let host_ns = device.reader.host_ns_at(ORIGIN_TICKS + n * PERIOD_NS).unwrap();
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let ticks = device.reader.ticks_at(host_ns.round() as u64).unwrap();
+        assert!((ticks - (ORIGIN_TICKS + n * PERIOD_NS) as f64).abs() <= 2.0, "row {n}");
+    }
+}
+
+#[test]
+fn a_step_of_the_device_clock_begins_anew() {
+    let mut device = Device::new(1.0);
+    for n in 0..5000 {
+        device.push(n, 0.0);
+    }
+    // Ten seconds forward at once, within an epoch: rows go on at the usual pace of the host.
+    for n in 5000..5100 {
+        let ticks = ORIGIN_TICKS + (n + 5000) * PERIOD_NS;
+        let host_ns = device.measured_ns(n);
+        device.writer.push(&Row { host_ns, ..row(ticks) });
+        assert_eq!(device.reader.lag_ns(host_ns), Some(0.0));
+    }
+}
+
+#[test]
+fn a_new_epoch_has_a_clock_of_its_own() {
+    let mut device = Device::new(1.0);
+    for n in 0..1000 {
+        device.push(n, 30e6);
+    }
+    device.writer.new_epoch();
+    let first = Row { host_ns: 77_000_000_000, ..row(0) };
+    device.writer.push(&first);
+    assert_eq!(device.reader.lag_ns(first.host_ns + 5), Some(5.0));
+    assert_eq!(device.reader.host_ns_at(PERIOD_NS), Some((first.host_ns + PERIOD_NS) as f64));
+}
+
+#[test]
+fn replays_at_another_speed_have_no_lag() {
+    for speed in [0.1, 10.0, 1000.0] {
+        let mut device = Device::new(1.0 / speed);
+        for n in 0..20_000 {
+            let now = device.push(n, 0.0);
+            let lag = device.reader.lag_ns(now).unwrap();
+            assert!(lag.abs() < 1e6, "speed {speed}, row {n}: {lag}");
+        }
+    }
+}
+
+#[test]
+fn many_rows_at_one_moment_are_no_trouble() {
+    let mut device = Device::new(0.0);
+    for n in 0..5000 {
+        let now = device.push(n, 0.0);
+        assert!(device.reader.lag_ns(now).unwrap().abs() < 1.0);
+    }
+    assert!(device.reader.ticks_at(ORIGIN_HOST_NS).is_none_or(f64::is_finite), "host time stands still");
+}
+
+/// Pushes rows with these times, or none, as they come; their times by the clock.
+fn push_by_clock(
+    clock: &mut DeviceClock,
+    writer: &mut Writer,
+    times: impl IntoIterator<Item = Option<u64>>,
+) -> Vec<u64> {
+    let push = |own| {
+        let ticks = clock.ticks(own, writer);
+        writer.push(&row(ticks));
+        ticks
+    };
+    times.into_iter().map(push).collect()
+}
+
+#[test]
+fn rows_without_time_follow_one_period_apart_without_drift() {
+    for (rate_hz, tick_hz) in [(500.0, 1e9), (300.0, 1000.0), (7000.0, 1e9), (0.3, 7.0)] {
+        let spec = BufferSpec { rate_hz, tick_hz, seconds: 20.0 / rate_hz, ..BufferSpec::default() };
+        let (mut writer, reader) = wrench_buffer(spec).unwrap();
+        let times = push_by_clock(&mut DeviceClock::new(&spec), &mut writer, [None; 3000]);
+        for (n, ticks) in times.iter().enumerate() {
+            assert!(
+                (*ticks as f64 - n as f64 * tick_hz / rate_hz).abs() <= 0.5,
+                "row {n} at {rate_hz} Hz: {ticks}"
+            );
+        }
+        assert_eq!(reader.stats().missing, 0);
+    }
+}
+
+#[test]
+fn time_without_any_goes_on_from_the_last_row_and_begins_at_zero_in_every_epoch() {
+    let (mut writer, _) = buffer(20, 3);
+    let mut clock = DeviceClock::new(&BufferSpec { tick_hz: 500.0, ..BufferSpec::default() });
+    let times = push_by_clock(&mut clock, &mut writer, [None, Some(7), None, Some(3), None]);
+    assert_eq!(times, [0, 7, 8, 3, 9], "a row out of order leaves the clock where it is");
+    let lost = clock.ticks(None, &writer);
+    assert_eq!((lost, clock.ticks(None, &writer)), (10, 11), "a row that is not pushed has had its instant");
+    push(&mut writer, [30]);
+    assert_eq!(clock.ticks(None, &writer), 31, "rows that others pushed count");
+    writer.new_epoch();
+    assert_eq!(push_by_clock(&mut clock, &mut writer, [None, None, Some(600), None]), [0, 1, 600, 601]);
 }

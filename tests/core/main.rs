@@ -1,7 +1,6 @@
 //! The tests of the crate's public face, one program: what they share is compiled once.
 
 mod buffer;
-mod buffer_clock;
 mod buffer_model;
 mod buffer_stress;
 mod extraction;
@@ -11,11 +10,9 @@ mod model_multiband;
 mod number_table;
 mod rdt;
 mod stream;
-mod stream_identifier;
 
 /// Plain twins, and what several files take from each other.
 mod twins {
-    pub mod buffer;
     pub mod models;
     pub mod number_table;
     pub mod signals;

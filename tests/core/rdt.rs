@@ -1,22 +1,24 @@
 //! The sensor's records from outside: every fault is counted as it was made, and counts add up whatever comes.
 
-use granular_id::rdt::{Counts, Decoded, Decoder, Placed, Record, Scale, Sequence, Variant};
+use granular_id::rdt::{Counts, Decoded, Decoder, Record, Scale, Variant};
 use granular_id::wrench::{BAD_STATUS, SATURATED};
 use proptest::prelude::*;
 
-/// What a sequence makes of records `(rdt, ft)`: the ticks of its rows with the number of their epoch, and the counts.
+/// What a decoder makes of records `(rdt, ft)`: the ticks of its rows with the number of their epoch, and the counts of
+/// records.
 fn placed(records: &[(u32, u32)]) -> (Vec<(u32, u64)>, Counts) {
-    let (mut sequence, mut counts) = (Sequence::default(), Counts::default());
+    let mut decoder = decoder(Variant::NetFt, f64::INFINITY);
     let (mut rows, mut epoch) = (Vec::new(), 0);
-    for (rdt, ft) in records {
-        counts.records += 1;
-        sequence.push(*rdt, *ft, (), &mut counts, &mut |placed| match placed {
-            Placed::Row { ticks, .. } => rows.push((epoch, ticks)),
-            Placed::NewEpoch => epoch += 1,
+    for (rdt_sequence, ft_sequence) in records.iter().copied() {
+        let record = Record { rdt_sequence, ft_sequence, status: 0, counts: [0; 6] };
+        decoder.datagram(&record.to_bytes(), 0, &mut |decoded| match decoded {
+            Decoded::Row(row) => rows.push((epoch, row.ticks)),
+            Decoded::NewEpoch => epoch += 1,
         });
     }
-    sequence.finish(&mut counts);
-    (rows, counts)
+    decoder.finish();
+    assert_eq!(decoder.counts().datagrams, records.len() as u64);
+    (rows, Counts { datagrams: 0, ..*decoder.counts() })
 }
 
 /// `count` records from number `rdt` and sample `ft` on, one every `step` samples.
