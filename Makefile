@@ -22,7 +22,7 @@ THREADED := tests/python/core/test_features.py tests/python/core/test_features_a
 # cargo shares out the cores itself, also where make runs targets beside each other.
 unexport MAKEFLAGS
 
-.PHONY: help demo test lint rust-lint python-lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny bench-formats bench-decision bench-archive wheel clean toolchain
+.PHONY: help demo test lint rust-lint python-lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
@@ -41,6 +41,11 @@ help:
 	@echo "make loom       the ring of the wrench buffer in all orders that the memory model allows (seconds, once it is compiled)"
 	@echo "make stress     1e9 items through the wrench buffer, with a reader that sleeps (RING_ITEMS=...; minutes)"
 	@echo "make sanitize   the Rust tests under AddressSanitizer, those with threads under ThreadSanitizer (minutes)"
+	@echo "make counts     instructions of the hot paths, by callgrind, beside the stored ones (benches/counts.json)"
+	@echo "make memcheck   the Rust tests of kernels and golden bits under valgrind, baseline and AVX2 (minutes)"
+	@echo "make miri       the same under Miri, of a nightly compiler, in small sizes"
+	@echo "make arm64      the Rust tests on arm64 by qemu; tests/arm64.sh does it with Debian's compiler (minutes)"
+	@echo "make semver     the crate's public face beside that of SINCE=revision, by cargo-semver-checks"
 	@echo "make soak       the sensor client beside a busy interpreter: 10 minutes at 500 Hz, 1 minute at 7000 Hz"
 	@echo "make archive-kills    drivers and workers killed while they extract 100,000 recordings: the same files each time (minutes; 2 GB)"
 	@echo "make bench-decision   time from the last sample to the answer, beside scipy and scikit-learn"
@@ -210,6 +215,39 @@ sanitize: | toolchain
 	RUSTFLAGS=-Zsanitizer=address $(SANITIZE) --target-dir target/address --tests
 	RUSTFLAGS="-Zsanitizer=thread -Cunsafe-allow-abi-mismatch=sanitizer" GRANULAR_ID_RING_ITEMS=1000000 \
 	TSAN_OPTIONS=suppressions=$(CURDIR)/tests/data/tsan_suppressions.txt $(SANITIZE) --target-dir target/thread --test core -- buffer_stress rdt
+
+counts: | toolchain
+	@command -v valgrind >/dev/null || { echo "make counts needs valgrind" >&2; exit 1; }
+	$(PYTHON) benches/counts.py
+
+# valgrind knows no AVX-512.
+MEMCHECK := PROPTEST_CASES=4 cargo test --quiet --config 'target."cfg(unix)".runner="valgrind --quiet --error-exitcode=9"'
+
+memcheck: | toolchain
+	@command -v valgrind >/dev/null || { echo "make memcheck needs valgrind" >&2; exit 1; }
+	GRANULAR_ID_SIMD=baseline $(MEMCHECK) --test core golden
+	GRANULAR_ID_SIMD=avx2 $(MEMCHECK) --test core golden
+	$(MEMCHECK) --lib -- kernel:: dsp:: --test-threads=1
+
+# Miri detects no vector unit beyond the baseline.
+MIRI := PROPTEST_CASES=2 MIRIFLAGS=-Zmiri-disable-isolation cargo +nightly miri test --quiet
+
+miri:
+	@cargo +nightly miri --version >/dev/null 2>&1 || { echo "make miri needs: rustup toolchain install nightly --component miri,rust-src" >&2; exit 1; }
+	$(MIRI) --test core golden
+	$(MIRI) --lib -- kernel:: dsp::
+
+# Debian: gcc-aarch64-linux-gnu, qemu-user.
+arm64: export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER = aarch64-linux-gnu-gcc
+arm64: export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER = qemu-aarch64 -L /usr/aarch64-linux-gnu
+arm64: | toolchain
+	cargo test --quiet --target aarch64-unknown-linux-gnu --lib --tests
+
+SINCE ?= $(shell git describe --tags --abbrev=0 2>/dev/null || echo HEAD~1)
+
+semver: | toolchain
+	@cargo semver-checks --version >/dev/null 2>&1 || { echo "make semver needs cargo-semver-checks: cargo install cargo-semver-checks" >&2; exit 1; }
+	cargo semver-checks --package granular-id --baseline-rev $(SINCE)
 
 soak: $(RELEASE)/.package
 	$(RELEASE)/bin/python benches/rdt_soak.py --rate-hz 500 --seconds 600

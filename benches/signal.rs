@@ -52,10 +52,10 @@ fn stream(criterion: &mut Criterion) {
         let mut recording = recordings(1, n_axes);
         if !tail.is_empty() {
             // What is left of noise after 30 recordings of silence.
-            state.filter(&sos, &mut recording).expect("whole rows");
+            state.filter(&mut recording).expect("whole rows");
             for _ in 0..30 {
                 recording.fill(0.0);
-                state.filter(&sos, &mut recording).expect("whole rows");
+                state.filter(&mut recording).expect("whole rows");
             }
             assert!(recording.iter().all(|value| value.abs() < f64::MIN_POSITIVE));
             recording.fill(0.0);
@@ -64,7 +64,7 @@ fn stream(criterion: &mut Criterion) {
         group.bench_function(format!("order {order}, {n_axes} axes{tail}"), |bencher| {
             bencher.iter_batched_ref(
                 || recording.clone(),
-                |chunk| state.filter(&sos, chunk),
+                |chunk| state.filter(chunk),
                 BatchSize::PerIteration,
             );
         });
@@ -83,7 +83,7 @@ fn peers(criterion: &mut Criterion) {
         group.bench_function(BenchmarkId::new("granular-id", format!("{n_axes} axes")), |bencher| {
             bencher.iter_batched_ref(
                 || recording.clone(),
-                |chunk| state.filter(&sos, chunk),
+                |chunk| state.filter(chunk),
                 BatchSize::PerIteration,
             );
         });

@@ -1,12 +1,10 @@
 //! A team of recordings through the lanes, in one pass over the samples.
 
-use crate::dsp::Outside;
+use crate::dsp::{Outside, Real};
 use crate::features::{BatchShape, Extractor};
-use std::marker::PhantomData;
-
 use crate::kernel::{
-    flat, pack, unpack, Beside, Cascade, Counting, Isa, Job, LaneBins, LaneHistograms, Raw, Real, Row,
-    Vector, BLOCK, LANES, MAX_WIDTH,
+    pack, unpack, Beside, Cascade, Counting, Job, LaneBins, LaneHistograms, Raw, Row, Simd, BLOCK, LANES,
+    MAX_WIDTH,
 };
 
 /// Recordings that share the lanes.
@@ -29,7 +27,7 @@ impl<T: Real> Job for Teams<'_, T> {
     type Output = bool;
 
     #[inline(always)]
-    fn run<I: Isa>(self) -> bool {
+    fn run<S: Simd>(self, simd: S) -> bool {
         let Teams { extractor, shape, n_features, wrench, out, stream } = self;
         let team = team_size(shape.n_axes);
         let mut finite = true;
@@ -44,15 +42,14 @@ impl<T: Real> Job for Teams<'_, T> {
                 let layout = Layout { axes: axes.clone(), recordings, stream };
                 finite &= match (recordings * axes.len()).div_ceil(LANES) {
                     0 => true,
-                    1 => Crew::<1>::new(extractor, shape, layout).run::<I, T>(wrench, out, n_features),
-                    2 => Crew::<2>::new(extractor, shape, layout).run::<I, T>(wrench, out, n_features),
-                    _ => {
-                        Crew::<MAX_WIDTH>::new(extractor, shape, layout).run::<I, T>(wrench, out, n_features)
-                    }
+                    1 => BatchKernel::<1>::new(extractor, shape, layout).run(simd, wrench, out, n_features),
+                    2 => BatchKernel::<2>::new(extractor, shape, layout).run(simd, wrench, out, n_features),
+                    _ => BatchKernel::<MAX_WIDTH>::new(extractor, shape, layout)
+                        .run(simd, wrench, out, n_features),
                 };
             }
         }
-        I::finish_writes();
+        simd.finish_writes();
         finite
     }
 }
@@ -65,7 +62,7 @@ struct Layout {
 }
 
 /// What a team of one layout works with.
-struct Crew<'a, const W: usize> {
+struct BatchKernel<'a, const W: usize> {
     extractor: &'a Extractor,
     shape: BatchShape,
     layout: Layout,
@@ -76,7 +73,7 @@ struct Crew<'a, const W: usize> {
     block: Vec<f64>,
 }
 
-impl<'a, const W: usize> Crew<'a, W> {
+impl<'a, const W: usize> BatchKernel<'a, W> {
     fn new(extractor: &'a Extractor, shape: BatchShape, layout: Layout) -> Self {
         let axes = (0..layout.recordings).flat_map(|_| layout.axes.clone());
         let bins = if extractor.spec().hfmh {
@@ -97,43 +94,42 @@ impl<'a, const W: usize> Crew<'a, W> {
 
     /// Runs team after team.
     #[inline(always)]
-    fn run<I: Isa, T: Real>(mut self, wrench: &[f64], out: &mut [T], n_features: usize) -> bool {
+    fn run<T: Real>(mut self, simd: impl Simd, wrench: &[f64], out: &mut [T], n_features: usize) -> bool {
         let recordings = wrench.chunks_exact(self.layout.recordings * self.shape.recording_len());
         let rows = out.chunks_exact_mut(self.layout.recordings * n_features);
         let mut finite = true;
         for (wrench, out) in recordings.zip(rows) {
-            finite &= self.team::<I, T>(wrench, out, n_features);
+            finite &= self.team(simd, wrench, out, n_features);
         }
         finite
     }
 
     /// One team: every sample is read once, every feature written once.
     #[inline(always)]
-    fn team<I: Isa, T: Real>(&mut self, wrench: &[f64], out: &mut [T], n_features: usize) -> bool {
+    fn team<T: Real>(&mut self, simd: impl Simd, wrench: &[f64], out: &mut [T], n_features: usize) -> bool {
         let hfmh = self.extractor.spec().hfmh;
         let filtered = hfmh && !self.extractor.sos().sections().is_empty();
         let n_samples = self.shape.n_samples;
-        let mut rows = [[Vector::ZERO; W]; BLOCK];
+        let mut rows = [Row::ZERO; BLOCK];
         let mut finite = true;
         self.begin(wrench);
         let mut start = 0;
         let mut end = n_samples.min(rows_to_cache_line(out));
         while start < end {
-            self.load::<I, T>(wrench, out, n_features, start..end, &mut rows);
+            self.load(simd, wrench, out, n_features, start..end, &mut rows);
             let rows = &mut rows[..end - start];
             if filtered {
                 let next = (self.shape.n_axes == 6).then_some(end + BLOCK);
                 let counting = self.histograms.counting(rows.len());
-                let isa = PhantomData::<I>;
-                self.cascade.filter::<I>(rows, &mut Meanwhile { counting, wrench, n_samples, next, isa });
+                self.cascade.filter(simd, rows, &mut Meanwhile { simd, counting, wrench, n_samples, next });
             } else {
-                finite &= rows.iter().all(|row| flat(row).iter().all(|value| value.is_finite()));
+                finite &= rows.iter().all(|row| row.flat().iter().all(|value| value.is_finite()));
             }
             if hfmh {
                 if !filtered {
                     self.histograms.counting(0);
                 }
-                self.histograms.find::<I>(&self.bins, rows);
+                self.histograms.find(simd, &self.bins, rows);
             }
             (start, end) = (end, n_samples.min(end + BLOCK));
         }
@@ -162,8 +158,9 @@ impl<'a, const W: usize> Crew<'a, W> {
 
     /// Brings samples into the lanes and, on the way, into the raw features.
     #[inline(always)]
-    fn load<I: Isa, T: Real>(
+    fn load<T: Real>(
         &self,
+        simd: impl Simd,
         wrench: &[f64],
         out: &mut [T],
         n_features: usize,
@@ -178,7 +175,7 @@ impl<'a, const W: usize> Crew<'a, W> {
             let raw = self.extractor.spec().raw.then_some(&mut *out);
             if let (6, Ok(samples)) = (n_axes, samples.try_into()) {
                 let stream = self.layout.stream;
-                I::transpose6(
+                simd.transpose6(
                     samples,
                     rows,
                     6 * r,
@@ -225,19 +222,19 @@ impl<'a, const W: usize> Crew<'a, W> {
 }
 
 /// What is done while a block is filtered: the block before it is counted, one of those behind it asked for.
-struct Meanwhile<'a, I, const W: usize> {
+struct Meanwhile<'a, S, const W: usize> {
+    simd: S,
     counting: Counting<'a, W>,
     wrench: &'a [f64],
     n_samples: usize,
     next: Option<usize>,
-    isa: PhantomData<I>,
 }
 
-impl<I: Isa, const W: usize> Beside for Meanwhile<'_, I, W> {
+impl<S: Simd, const W: usize> Beside for Meanwhile<'_, S, W> {
     #[inline(always)]
     fn work<const PART: usize, const PARTS: usize>(&mut self, row: usize) {
         if let (0, Some(next)) = (PART, self.next) {
-            prefetch::<I>(self.wrench, self.n_samples, next, row);
+            prefetch(self.simd, self.wrench, self.n_samples, next, row);
         }
         self.counting.work::<PART, PARTS>(row);
     }
@@ -255,10 +252,10 @@ fn rows_to_cache_line<T>(out: &[T]) -> usize {
 /// Asks for a share of the samples of the block from sample `next` on: without it, the filter would wait for memory at the
 /// start of every block. Two rows for each recording of a team, three cache lines for each row.
 #[inline(always)]
-fn prefetch<I: Isa>(wrench: &[f64], n_samples: usize, next: usize, row: usize) {
+fn prefetch(simd: impl Simd, wrench: &[f64], n_samples: usize, next: usize, row: usize) {
     let (recording, line) = (row / 2, 3 * (row % 2));
     let first = (recording * n_samples + next) * 6 + line * BLOCK;
     for k in 0..3 {
-        I::will_read(wrench, first + k * BLOCK);
+        simd.will_read(wrench, first + k * BLOCK);
     }
 }

@@ -1,7 +1,7 @@
 //! What the benches time and nobody can call: no promise to anybody else.
 
 use crate::dsp::Sos;
-use crate::kernel::{flat_mut, Cascade, Isa, Job, Row, SimdPath, Vector, BLOCK, LANES, MAX_WIDTH};
+use crate::kernel::{Cascade, Job, Row, Simd, SimdPath, BLOCK, LANES, MAX_WIDTH};
 
 /// Blocks of rows that are filtered again and again: they stay in the first-level cache.
 const BLOCKS: usize = 8;
@@ -16,8 +16,8 @@ impl FilterLanes {
     /// A filter at rest, and the first of these values.
     #[must_use]
     pub fn new(sos: &Sos, values: &[f64]) -> Self {
-        let mut blocks = vec![[[Vector::ZERO; MAX_WIDTH]; BLOCK]; BLOCKS];
-        let rows = blocks.iter_mut().flatten().flat_map(flat_mut);
+        let mut blocks = vec![[Row::ZERO; BLOCK]; BLOCKS];
+        let rows = blocks.iter_mut().flatten().flat_map(Row::flat_mut);
         rows.zip(values).for_each(|(to, value)| *to = *value);
         Self { cascade: Cascade::new(sos), blocks }
     }
@@ -43,13 +43,13 @@ impl Job for Filter<'_> {
     type Output = f64;
 
     #[inline(always)]
-    fn run<I: Isa>(self) -> f64 {
+    fn run<S: Simd>(self, simd: S) -> f64 {
         let FilterLanes { cascade, blocks } = self.lanes;
         let mut sum = 0.0;
         for index in 0..self.n_blocks {
             let mut block = blocks[index % BLOCKS];
-            cascade.filter::<I>(&mut block, &mut ());
-            sum += std::hint::black_box(&block)[0][0].0[0];
+            cascade.filter(simd, &mut block, &mut ());
+            sum += std::hint::black_box(&block)[0].0[0][0];
         }
         sum
     }

@@ -1,11 +1,12 @@
 //! From recordings to feature vectors: what to compute ([`FeatureSpec`]) and the tool that does
 //! ([`Extractor`]).
 
-use crate::dsp::Sos;
-use crate::dsp::{butterworth, Band};
-use crate::dsp::{Outside, UniformBins, MAX_BINS};
+use crate::batch_kernel::Teams;
+use crate::dsp::{butterworth, Band, Outside, Real, Sos, UniformBins, MAX_BINS};
 use crate::error::{Error, Result};
+use crate::kernel::SimdPath;
 use crate::memory::{filled, reserved, room};
+use crate::pool::in_tasks;
 use crate::wrench::axis_name;
 
 /// The largest number of samples of a recording: counts are 32 bits wide.
@@ -14,6 +15,10 @@ pub const MAX_SAMPLES: usize = u32::MAX as usize;
 /// The largest number of names that are written out: as many as a model file of the usual limit has weights. They take
 /// 400 MB.
 const MAX_NAMES: usize = 1 << 21;
+
+/// Results larger than this are written past the caches: they would not find room, and reading every line before it is
+/// overwritten would cost a third of the memory traffic.
+const STREAM_BYTES: usize = 8 << 20;
 
 /// Memory that a name takes, here and as a string of Python.
 pub(crate) const NAME_BYTES: usize = 200;
@@ -161,7 +166,7 @@ impl Extractor {
     /// The same without the high-pass: histograms of the samples themselves.
     #[must_use]
     pub fn unfiltered(&self) -> Self {
-        Self { sos: Sos::NONE, start: Vec::new(), ..self.clone() }
+        Self { sos: Sos::none(), start: Vec::new(), ..self.clone() }
     }
 
     /// The same without the raw block.
@@ -252,4 +257,100 @@ impl Extractor {
         self.extract_into(wrench, shape, threads, &mut out)?;
         Ok(out)
     }
+
+    /// Features of a batch into `out`, one row per recording. 1 and n threads give the same bits; threads beyond the
+    /// number of cores are not used.
+    ///
+    /// On an error `out` holds unspecified numbers.
+    pub fn extract_into(
+        &self,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
+        self.extract_on(SimdPath::detect()?, wrench, shape, threads, out)
+    }
+
+    /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
+    pub fn extract_on(
+        &self,
+        path: SimdPath,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
+        let stream = size_of_val(out) > STREAM_BYTES;
+        let n_features = self.check(wrench, shape)?;
+        in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
+            self.run_on(path, wrench, shape, out, stream)
+        })
+    }
+
+    /// [`extract_into`](Self::extract_into) rounded to float32 once, for half the memory.
+    pub fn extract_into_f32(
+        &self,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [f32],
+    ) -> Result<()> {
+        let n_features = self.check(wrench, shape)?;
+        let path = SimdPath::detect()?;
+        in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
+            self.run_on(path, wrench, shape, out, false)?;
+            // without a branch, which the compiler turns into a few vector instructions
+            if out.iter().fold(true, |all, value| all & value.is_finite()) {
+                return Ok(());
+            }
+            let rows = out.chunks_exact(n_features).zip(wrench.chunks_exact(shape.recording_len()));
+            for (recording, (row, samples)) in rows.enumerate() {
+                if let Some(index) = row.iter().position(|value| !value.is_finite()) {
+                    let one = BatchShape { n_recordings: 1, ..shape };
+                    let value = self.extract(samples, one, 1)?[index];
+                    return Err(Error::Narrow { recording, value });
+                }
+            }
+            Ok(())
+        })
+    }
+
+    /// One task. Past the caches, where asked.
+    fn run_on<T: Real>(
+        &self,
+        path: SimdPath,
+        wrench: &[f64],
+        shape: BatchShape,
+        out: &mut [T],
+        stream: bool,
+    ) -> Result<()> {
+        let n_features = self.n_features(shape.n_samples, shape.n_axes)?;
+        let finite = path.run(Teams { extractor: self, shape, n_features, wrench, out, stream });
+        finite.then_some(()).ok_or_else(|| not_finite(wrench, shape))
+    }
+}
+
+pub(crate) fn finite(wrench: &[f64]) -> bool {
+    wrench.iter().all(|value| value.is_finite())
+}
+
+/// Finds out why a result is not finite: the first bad value, or values too large to filter.
+pub(crate) fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
+    let place = |index: usize| {
+        let (recording, rest) = (index / shape.recording_len(), index % shape.recording_len());
+        (recording, rest / shape.n_axes, rest % shape.n_axes)
+    };
+    if let Some(index) = wrench.iter().position(|value| !value.is_finite()) {
+        let (recording, sample, axis) = place(index);
+        return Error::NonFinite { recording, sample, axis, value: wrench[index] };
+    }
+    let (index, largest) = wrench.iter().map(|value| value.abs()).enumerate().fold((0, 0.0), |best, this| {
+        if this.1 > best.1 {
+            this
+        } else {
+            best
+        }
+    });
+    Error::Overflow { recording: place(index).0, largest }
 }

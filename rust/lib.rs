@@ -89,9 +89,7 @@ pub mod bench_hooks;
 pub mod buffer;
 pub mod dsp;
 pub mod error;
-mod extract;
 pub mod features;
-mod interleave;
 mod kernel;
 mod memory;
 #[cfg(feature = "model")]
@@ -112,10 +110,10 @@ pub use dsp::{
 };
 pub use error::{Error, Result};
 pub use features::{BatchShape, Extractor, FeatureSpec};
-pub use interleave::interleave;
 pub use kernel::SimdPath;
 #[cfg(feature = "model")]
 pub use model::Model;
+pub use wrench::interleave;
 
 /// What the extension module needs beside the public face; no promise to anybody else.
 #[doc(hidden)]

@@ -9,7 +9,14 @@ use std::sync::OnceLock;
 use std::sync::{Arc, Mutex};
 
 #[cfg(feature = "parallel")]
-use rayon::{ThreadPool, ThreadPoolBuilder};
+use rayon::{prelude::*, ThreadPool, ThreadPoolBuilder};
+
+use crate::batch_kernel::team_size;
+use crate::error::{Error, Result};
+use crate::features::BatchShape;
+
+/// Recordings per task at most: about 5 MB in and out, small enough to balance, large enough to stay cheap.
+const TASK_RECORDINGS: usize = 32;
 
 /// The pool of one process.
 #[cfg(feature = "parallel")]
@@ -64,4 +71,41 @@ fn build(threads: usize) -> Option<Arc<ThreadPool>> {
 #[cfg(not(feature = "parallel"))]
 pub(crate) fn of(_threads: usize) -> Option<std::convert::Infallible> {
     None
+}
+
+/// Cuts a checked batch into tasks; each writes `row_len` numbers for each of its recordings. The error is that of the first
+/// recording that has one.
+pub(crate) fn in_tasks<T: Send>(
+    wrench: &[f64],
+    shape: BatchShape,
+    row_len: usize,
+    threads: usize,
+    out: &mut [T],
+    task: impl Fn(&[f64], BatchShape, &mut [T]) -> Result<()> + Sync,
+) -> Result<()> {
+    if threads == 0 {
+        return Err(Error::Threads { threads });
+    }
+    let expected = shape.n_recordings.saturating_mul(row_len);
+    if out.len() != expected {
+        return Err(Error::Length { what: "out", expected, got: out.len() });
+    }
+    // Whole teams per task, at least four tasks per thread where there are that many.
+    let team = team_size(shape.n_axes);
+    let teams = shape.n_recordings.div_ceil(team);
+    let size = teams.div_ceil(4 * threads.min(teams)).min((TASK_RECORDINGS / team).max(1)) * team;
+    let one = |(index, (wrench, out)): (usize, (&[f64], &mut [T]))| {
+        let part = BatchShape { n_recordings: wrench.len() / shape.recording_len(), ..shape };
+        task(wrench, part, out).map_err(|error| error.later(index * size))
+    };
+    let (recordings, rows) = (size * shape.recording_len(), size * row_len);
+    match of(threads).filter(|_| teams > 1) {
+        None => wrench.chunks(recordings).zip(out.chunks_mut(rows)).enumerate().try_for_each(one),
+        #[cfg(feature = "parallel")]
+        Some(pool) => {
+            let tasks = wrench.par_chunks(recordings).zip(out.par_chunks_mut(rows)).enumerate().map(one);
+            let errors: Vec<_> = pool.install(|| tasks.filter_map(Result::err).collect());
+            errors.into_iter().next().map_or(Ok(()), Err)
+        }
+    }
 }

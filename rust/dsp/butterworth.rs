@@ -11,7 +11,7 @@
 use std::f64::consts::PI;
 
 use super::pairing::{to_rows, Complex};
-use super::sos::Sos;
+use super::Sos;
 use crate::error::{Error, Result};
 
 /// The highest order that can be designed.

@@ -6,10 +6,10 @@ mod histogram;
 mod pairing;
 mod sos;
 mod sosfilt;
-mod state;
 
 pub use butterworth::{butterworth, Band, MAX_ORDER};
+pub(crate) use cascade::{advance, private::Slice};
+pub use cascade::{Real, SosState};
 pub use histogram::{Outside, UniformBins, MAX_BINS};
 pub use sos::{Section, Sos};
 pub use sosfilt::{default_padlen, sosfilt, sosfilt_from, sosfiltfilt, AlongAxis, Padding};
-pub use state::SosState;

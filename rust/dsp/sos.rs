@@ -1,5 +1,7 @@
 //! Second-order sections: checked, immutable coefficients.
 
+use std::sync::Arc;
+
 use crate::error::{Error, Result};
 use crate::memory::reserved;
 
@@ -78,8 +80,8 @@ impl Section {
     }
 }
 
-/// A cascade of second-order sections. Never changes; what a stream remembers lives in
-/// [`SosState`](crate::SosState).
+/// A cascade of second-order sections. Never changes, and a clone shares the coefficients; what a stream remembers lives
+/// in [`SosState`](crate::SosState).
 ///
 /// ```
 /// use granular_id::Sos;
@@ -90,12 +92,14 @@ impl Section {
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sos {
-    sections: Vec<Section>,
+    sections: Arc<Vec<Section>>,
 }
 
 impl Sos {
     /// No section: signals pass unchanged.
-    pub(crate) const NONE: Self = Self { sections: Vec::new() };
+    pub(crate) fn none() -> Self {
+        Self { sections: Arc::default() }
+    }
 
     /// Checks rows `[b0, b1, b2, a0, a1, a2]` as `scipy.signal` writes them.
     ///
@@ -126,7 +130,7 @@ impl Sos {
             }
             sections.push(section);
         }
-        Ok(Self { sections })
+        Ok(Self { sections: Arc::new(sections) })
     }
 
     /// The sections, in the order in which a sample passes through them.

@@ -1,7 +1,6 @@
 //! Whole arrays of any rank, filtered along one axis: once, or forward and backward.
 
-use super::sos::Sos;
-use super::state::SosState;
+use super::{Sos, SosState};
 use crate::error::{Error, Result};
 use crate::memory::filled;
 
@@ -56,7 +55,7 @@ pub fn sosfilt(sos: &Sos, x: &mut [f64], along: AlongAxis) -> Result<()> {
     let mut state = SosState::zero(sos, along.inner)?;
     for block in blocks(x, along) {
         state.reset();
-        state.filter(sos, block)?;
+        state.filter(block)?;
     }
     Ok(())
 }
@@ -82,7 +81,7 @@ pub fn sosfilt_from(sos: &Sos, x: &mut [f64], along: AlongAxis, z: &mut [f64]) -
             to.copy_from_slice(from);
         }
         let block = along.len * along.inner;
-        state.filter(sos, &mut x[index * block..(index + 1) * block])?;
+        state.filter(&mut x[index * block..(index + 1) * block])?;
         let pairs = z.chunks_exact_mut(pair).skip(index).step_by(along.outer);
         for (to, from) in pairs.zip(state.values().chunks_exact(pair)) {
             to.copy_from_slice(from);
@@ -147,7 +146,7 @@ pub fn sosfiltfilt(
         extend(block, &mut longer, inner, padding, padlen);
         for _ in 0..2 {
             state.settle(&steady, &longer[..inner]);
-            state.filter(sos, &mut longer)?;
+            state.filter(&mut longer)?;
             reverse_rows(&mut longer, inner);
         }
         block.copy_from_slice(&longer[padlen * inner..][..block.len()]);

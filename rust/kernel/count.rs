@@ -12,8 +12,8 @@
 use std::marker::PhantomData;
 
 use super::filter::Beside;
-use super::simd::Isa;
-use super::{flat, flat_mut, Row, Vector, BLOCK, LANES, MAX_WIDTH};
+use super::simd::Simd;
+use super::transpose::{Row, BLOCK, LANES, MAX_WIDTH};
 use crate::dsp::{UniformBins, MAX_BINS};
 
 /// 2^20: a float64 between it and 2^21 has 32 bits of fraction.
@@ -58,13 +58,13 @@ impl<'a, const W: usize> LaneBins<'a, W> {
         let margin = lanes.iter().map(|bins| margin(bins)).max().unwrap_or(2);
         let shift = f64::from(margin) / 4_294_967_296.0;
         let mut this = Self {
-            scale: [Vector::ZERO; W],
-            offset: [Vector::ZERO; W],
-            bottom: [Vector::ZERO; W],
-            top: [Vector::ZERO; W],
+            scale: Row::ZERO,
+            offset: Row::ZERO,
+            bottom: Row::ZERO,
+            top: Row::ZERO,
             limit: margin.saturating_mul(2),
-            zero_edge: [Vector::ZERO; W],
-            zero_cell: [Vector::ZERO; W],
+            zero_edge: Row::ZERO,
+            zero_cell: Row::ZERO,
             reach: shift,
             lanes,
             stride,
@@ -72,18 +72,18 @@ impl<'a, const W: usize> LaneBins<'a, W> {
         // Lanes without a channel count as well, in histograms of their own that nobody reads.
         for lane in 0..W * LANES {
             let first = MAGIC + (lane * stride) as f64;
-            flat_mut(&mut this.offset)[lane] = first + 1.5;
-            flat_mut(&mut this.bottom)[lane] = first + 0.5;
-            flat_mut(&mut this.top)[lane] = first + n_bins as f64 + 1.5;
+            this.offset.flat_mut()[lane] = first + 1.5;
+            this.bottom.flat_mut()[lane] = first + 0.5;
+            this.top.flat_mut()[lane] = first + n_bins as f64 + 1.5;
             let Some(bins) = this.lanes.get(lane) else { continue };
             let scale = bins.scale();
-            flat_mut(&mut this.scale)[lane] = scale;
+            this.scale.flat_mut()[lane] = scale;
             // Shifted by the margin, so that "next to an edge" is one comparison instead of two.
-            flat_mut(&mut this.offset)[lane] = first + (1.0 - bins.low() * scale + shift);
+            this.offset.flat_mut()[lane] = first + (1.0 - bins.low() * scale + shift);
             if this.limit < u32::MAX {
                 let edge = nearest_to_zero(bins);
-                flat_mut(&mut this.zero_edge)[lane] = bins.edges()[edge];
-                flat_mut(&mut this.zero_cell)[lane] = first + 1.0 + edge as f64 + shift;
+                this.zero_edge.flat_mut()[lane] = bins.edges()[edge];
+                this.zero_cell.flat_mut()[lane] = first + 1.0 + edge as f64 + shift;
             }
         }
         this
@@ -154,14 +154,14 @@ impl<const W: usize> LaneHistograms<W> {
 
     /// Finds the cells of a block of values; they wait for [`counting`](Self::counting), in place of those found before.
     #[inline(always)]
-    pub(crate) fn find<I: Isa>(&mut self, bins: &LaneBins<W>, rows: &[Row<W>]) {
+    pub(crate) fn find(&mut self, simd: impl Simd, bins: &LaneBins<W>, rows: &[Row<W>]) {
         // One check for all the unchecked writes of `Counting`: cells are clamped to the histograms of the lanes.
         assert!(
             bins.stride == self.stride && self.counts.len() > W * LANES * self.stride,
             "histograms must fit"
         );
         for (row, cells) in rows.iter().zip(&mut self.cells) {
-            if I::cells(bins, row, cells) {
+            if simd.cells(bins, row, cells) {
                 settle(bins, row, cells);
             }
         }
@@ -207,12 +207,12 @@ impl<const W: usize> Beside for Counting<'_, W> {
 /// The quick arithmetic. NaN compares false and ends in the cell below the range.
 #[inline(always)]
 fn sum<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, w: usize, l: usize) -> f64 {
-    let sum = row[w].0[l] * bins.scale[w].0[l] + bins.offset[w].0[l];
-    let sum = if sum > bins.bottom[w].0[l] { sum } else { bins.bottom[w].0[l] };
-    if sum < bins.top[w].0[l] {
+    let sum = row.0[w][l] * bins.scale.0[w][l] + bins.offset.0[w][l];
+    let sum = if sum > bins.bottom.0[w][l] { sum } else { bins.bottom.0[w][l] };
+    if sum < bins.top.0[w][l] {
         sum
     } else {
-        bins.top[w].0[l]
+        bins.top.0[w][l]
     }
 }
 
@@ -242,8 +242,8 @@ fn settle_zeros<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Ce
         for l in 0..LANES {
             let sum = sum(bins, row, w, l);
             let bits = sum.to_bits();
-            let is_zero = (sum - bins.zero_cell[w].0[l]).abs() <= bins.reach;
-            let is_below = is_zero & (row[w].0[l] < bins.zero_edge[w].0[l]);
+            let is_zero = (sum - bins.zero_cell.0[w][l]).abs() <= bins.reach;
+            let is_below = is_zero & (row.0[w][l] < bins.zero_edge.0[w][l]);
             #[allow(clippy::cast_possible_truncation)] // the low word is the fraction
             let is_near = bits as u32 <= bins.limit;
             left |= is_near & !is_zero;
@@ -259,7 +259,7 @@ fn settle_zeros<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Ce
 #[inline(never)]
 fn settle<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) {
     for (lane, settled) in cells.0.as_flattened_mut().iter_mut().enumerate() {
-        let value = flat(row)[lane];
+        let value = row.flat()[lane];
         let bits = sum(bins, row, lane / LANES, lane % LANES).to_bits();
         let Some(bins_of_lane) = bins.lanes.get(lane) else {
             *settled = (bits >> 32) as u32;

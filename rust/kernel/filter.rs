@@ -1,8 +1,8 @@
 //! The filter itself: every section of a cascade over rows of lanes.
 
-use super::simd::Isa;
-use super::{flat_mut, Row, Vector, LANES};
-use crate::dsp::{Section, Sos};
+use super::simd::Simd;
+use super::transpose::{Row, LANES};
+use crate::dsp::{advance, Section, Sos};
 
 /// Sections that run over a row together, written out in `group`.
 const GROUP: usize = 4;
@@ -45,58 +45,58 @@ impl<const W: usize> Cascade<W> {
     /// A cascade at rest.
     pub(crate) fn new(sos: &Sos) -> Self {
         let sections = sos.sections().to_vec();
-        let memory = vec![[[Vector::ZERO; W]; 2]; sections.len()];
+        let memory = vec![[Row::ZERO; 2]; sections.len()];
         Self { sections, memory }
     }
 
     /// Sets what section `section` remembers of lane `lane`.
     pub(crate) fn set(&mut self, section: usize, lane: usize, z: [f64; 2]) {
         let [z0, z1] = &mut self.memory[section];
-        flat_mut(z0)[lane] = z[0];
-        flat_mut(z1)[lane] = z[1];
+        z0.flat_mut()[lane] = z[0];
+        z1.flat_mut()[lane] = z[1];
     }
 
     /// Back to rest.
     pub(crate) fn rest(&mut self) {
-        self.memory.fill([[Vector::ZERO; W]; 2]);
+        self.memory.fill([Row::ZERO; 2]);
     }
 
     /// True while no lane holds NaN or infinity. Once such a value enters a cascade it never leaves it: with
     /// finite coefficients `b2*x - a2*y` of a value that is not finite is not finite.
     pub(crate) fn is_finite(&self) -> bool {
-        self.memory.iter().flatten().flatten().all(|vector| vector.0.iter().all(|z| z.is_finite()))
+        self.memory.iter().flatten().all(|row| row.flat().iter().all(|z| z.is_finite()))
     }
 
     /// Filters rows in place, in time order.
     #[inline(always)]
-    pub(crate) fn filter<I: Isa>(&mut self, rows: &mut [Row<W>], beside: &mut impl Beside) {
+    pub(crate) fn filter<S: Simd>(&mut self, _simd: S, rows: &mut [Row<W>], beside: &mut impl Beside) {
         let mut groups = self.sections.chunks(GROUP).zip(self.memory.chunks_mut(GROUP));
         if let Some((sections, memory)) = groups.next() {
-            some::<I, W>(sections, memory, rows, beside);
+            some::<S, W>(sections, memory, rows, beside);
         }
         for (sections, memory) in groups {
-            some::<I, W>(sections, memory, rows, &mut ());
+            some::<S, W>(sections, memory, rows, &mut ());
         }
     }
 }
 
 #[inline(always)]
-fn some<I: Isa, const W: usize>(
+fn some<S: Simd, const W: usize>(
     sections: &[Section],
     memory: &mut [Memory<W>],
     rows: &mut [Row<W>],
     beside: &mut impl Beside,
 ) {
     match sections.len() {
-        1 => shaped::<I, W, 1>(sections, memory, rows, beside),
-        2 => shaped::<I, W, 2>(sections, memory, rows, beside),
-        3 => shaped::<I, W, 3>(sections, memory, rows, beside),
-        _ => shaped::<I, W, GROUP>(sections, memory, rows, beside),
+        1 => shaped::<S, W, 1>(sections, memory, rows, beside),
+        2 => shaped::<S, W, 2>(sections, memory, rows, beside),
+        3 => shaped::<S, W, 3>(sections, memory, rows, beside),
+        _ => shaped::<S, W, GROUP>(sections, memory, rows, beside),
     }
 }
 
 #[inline(always)]
-fn shaped<I: Isa, const W: usize, const N: usize>(
+fn shaped<S: Simd, const W: usize, const N: usize>(
     sections: &[Section],
     memory: &mut [Memory<W>],
     rows: &mut [Row<W>],
@@ -107,7 +107,7 @@ fn shaped<I: Isa, const W: usize, const N: usize>(
     else {
         return;
     };
-    if I::MANY_REGISTERS {
+    if S::MANY_REGISTERS {
         // A copy, which no write to a row or a count can change, stays in registers.
         let mut kept = *memory;
         rows_through::<W, N>(sections, &mut kept, rows, beside);
@@ -176,25 +176,9 @@ fn through<const W: usize, const MONIC: bool>(
     [z0, z1]: &mut Memory<W>,
     mut x: Row<W>,
 ) -> Row<W> {
+    let coefficients = section.splat();
     each_vector!(W, w, {
-        x[w] = step::<MONIC>(section, &mut z0[w], &mut z1[w], x[w]);
+        x.0[w] = advance::<LANES, MONIC>(&coefficients, &mut z0.0[w], &mut z1.0[w], &x.0[w]);
     });
     x
-}
-
-/// One sample through one section, transposed direct form II, in the order of operations that every path and
-/// [`SosState`](crate::SosState) share. A separate loop per result keeps each one a plain vector operation.
-#[inline(always)]
-fn step<const MONIC: bool>(s: &Section, z0: &mut Vector, z1: &mut Vector, x: Vector) -> Vector {
-    let mut y = Vector::ZERO;
-    for l in 0..LANES {
-        y.0[l] = if MONIC { x.0[l] + z0.0[l] } else { s.b0 * x.0[l] + z0.0[l] };
-    }
-    for l in 0..LANES {
-        z0.0[l] = s.b1 * x.0[l] - s.a1 * y.0[l] + z1.0[l];
-    }
-    for l in 0..LANES {
-        z1.0[l] = if MONIC { x.0[l] - s.a2 * y.0[l] } else { s.b2 * x.0[l] - s.a2 * y.0[l] };
-    }
-    y
 }

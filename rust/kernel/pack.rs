@@ -1,16 +1,14 @@
-//! A few numbers side by side, calculated with as one.
+//! A few numbers side by side, calculated with as one: a plain array, and the registers of the baseline.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
+
+use super::simd::{Portable, Register, Vectors};
 
 /// `L` independent numbers: plain arrays that a compiler turns into vectors. Every operation rounds each lane by itself,
 /// so that all instruction sets give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(32))]
 pub(crate) struct Pack<const L: usize>(pub(crate) [f64; L]);
-
-/// One answer per lane.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Mask<const L: usize>(pub(crate) [bool; L]);
 
 impl<const L: usize> Pack<L> {
     pub(crate) const ZERO: Self = Self([0.0; L]);
@@ -40,7 +38,7 @@ impl<const L: usize> Pack<L> {
     }
 
     #[inline(always)]
-    pub(super) fn with(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+    fn with(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
         let mut out = self;
         for l in 0..L {
             out.0[l] = f(self.0[l], other.0[l]);
@@ -64,11 +62,24 @@ impl<const L: usize> Pack<L> {
         self.with(other, f64::copysign)
     }
 
+    /// An answer for each lane, all bits set or none: is this above another?
     #[inline(always)]
-    pub(crate) fn above(self, other: Self) -> Mask<L> {
-        let mut out = Mask([false; L]);
+    pub(crate) fn above(self, other: Self) -> Self {
+        self.with(other, |a, b| f64::from_bits(if a > b { u64::MAX } else { 0 }))
+    }
+
+    /// Whether one of the answers is yes.
+    #[inline(always)]
+    pub(crate) fn any(self) -> bool {
+        self.0.iter().fold(0, |any, answer| any | answer.to_bits()) != 0
+    }
+
+    /// `yes` where the answer is yes, `no` where it is no.
+    #[inline(always)]
+    pub(crate) fn select(self, yes: Self, no: Self) -> Self {
+        let mut out = no;
         for l in 0..L {
-            out.0[l] = self.0[l] > other.0[l];
+            out.0[l] = if self.0[l].to_bits() != 0 { yes.0[l] } else { no.0[l] };
         }
         out
     }
@@ -87,52 +98,74 @@ impl<const L: usize> Pack<L> {
     }
 }
 
-impl<const L: usize> Mask<L> {
+impl Vectors<f64, 4> for Portable {
+    type Register = Pack<4>;
+
     #[inline(always)]
-    pub(crate) fn any(self) -> bool {
-        self.0.iter().fold(false, |any, lane| any | lane)
+    fn splat(self, x: f64) -> Pack<4> {
+        Pack::splat(x)
     }
 
-    /// `yes` where the answer is yes, `no` elsewhere.
     #[inline(always)]
-    pub(crate) fn select(self, yes: Pack<L>, no: Pack<L>) -> Pack<L> {
-        let mut out = no;
-        for l in 0..L {
-            out.0[l] = if self.0[l] { yes.0[l] } else { no.0[l] };
+    fn load(self, from: &[f64]) -> Pack<4> {
+        Pack::load(from)
+    }
+}
+
+impl Register<f64, 4> for Pack<4> {
+    #[inline(always)]
+    fn store(self, to: &mut [f64]) {
+        to[..4].copy_from_slice(&self.0);
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        self.sqrt()
+    }
+
+    #[inline(always)]
+    fn above(self, other: Self) -> Self {
+        self.above(other)
+    }
+
+    #[inline(always)]
+    fn select(self, yes: Self, no: Self) -> Self {
+        self.select(yes, no)
+    }
+
+    #[inline(always)]
+    fn reversed(self) -> Self {
+        let [a, b, c, d] = self.0;
+        Self([d, c, b, a])
+    }
+
+    #[inline(always)]
+    fn transposed(rows: [Self; 4]) -> [Self; 4] {
+        std::array::from_fn(|column| Self(rows.map(|row| row.0[column])))
+    }
+}
+
+macro_rules! operator {
+    ($operator:ident, $method:ident, $sign:tt) => {
+        impl<const L: usize> $operator for Pack<L> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                self.with(other, |a, b| a $sign b)
+            }
         }
-        out
-    }
+    };
 }
+operator!(Add, add, +);
+operator!(Sub, sub, -);
+operator!(Mul, mul, *);
+operator!(Div, div, /);
 
-impl<const L: usize> Add for Pack<L> {
+impl<const L: usize> Mul<f64> for Pack<L> {
     type Output = Self;
     #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        self.with(other, |a, b| a + b)
-    }
-}
-
-impl<const L: usize> Sub for Pack<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        self.with(other, |a, b| a - b)
-    }
-}
-
-impl<const L: usize> Mul for Pack<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        self.with(other, |a, b| a * b)
-    }
-}
-
-impl<const L: usize> Div for Pack<L> {
-    type Output = Self;
-    #[inline(always)]
-    fn div(self, other: Self) -> Self {
-        self.with(other, |a, b| a / b)
+    fn mul(self, other: f64) -> Self {
+        self.each(|a| a * other)
     }
 }
 

@@ -1,12 +1,13 @@
-//! Which vector instructions to use, decided once at run time.
+//! Vector instructions: which to use, decided once at run time, and what can be done with them.
 
+use std::ops::{Add, Div, Mul, Neg, Sub};
 use std::sync::OnceLock;
 
 use super::count::{Cells, LaneBins};
-use super::pack::Pack;
-use super::quad::Quad;
-use super::transpose::{self, Real};
-use super::{Row, BLOCK};
+use super::transpose::{Raw, Row, BLOCK};
+#[cfg(target_arch = "x86_64")]
+use super::x86::X86;
+use crate::dsp::Real;
 use crate::error::{Error, Result};
 
 /// A compiled variant of the kernels. All give the same bits; they differ in speed only.
@@ -73,32 +74,31 @@ impl SimdPath {
         match self {
             Self::Baseline => true,
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => std::is_x86_feature_detected!("avx2"),
+            Self::Avx2 => X86::<false>::detect().is_some(),
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => {
-                std::is_x86_feature_detected!("avx2")
-                    && std::is_x86_feature_detected!("avx512f")
-                    && std::is_x86_feature_detected!("avx512vl")
-                    && std::is_x86_feature_detected!("avx512bw")
-                    && std::is_x86_feature_detected!("avx512dq")
-            }
+            Self::Avx512 => X86::<true>::detect().is_some(),
             #[cfg(not(target_arch = "x86_64"))]
             _ => false,
         }
     }
 
     /// Runs `job` compiled for this path, or for the baseline where the machine lacks it.
-    #[allow(unsafe_code)]
     pub(crate) fn run<J: Job>(self, job: J) -> J::Output {
+        #[cfg(target_arch = "x86_64")]
         match self {
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: `is_available` has just found the features that the wrapper is compiled for.
-            Self::Avx2 if self.is_available() => unsafe { super::x86::avx2(job) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above.
-            Self::Avx512 if self.is_available() => unsafe { super::x86::avx512(job) },
-            _ => job.run::<Portable>(),
+            Self::Baseline => {}
+            Self::Avx2 => {
+                if let Some(simd) = X86::<false>::detect() {
+                    return simd.run(job);
+                }
+            }
+            Self::Avx512 => {
+                if let Some(simd) = X86::<true>::detect() {
+                    return simd.run(job);
+                }
+            }
         }
+        job.run(Portable)
     }
 }
 
@@ -107,56 +107,85 @@ impl SimdPath {
 pub(crate) trait Job {
     /// What the work gives.
     type Output;
-    /// Does the work with the primitives of one instruction set.
-    fn run<I: Isa>(self) -> Self::Output;
+    /// Does the work with one instruction set.
+    fn run<S: Simd>(self, simd: S) -> Self::Output;
 }
 
-/// The primitives that a compiler does not find in a plain loop, with plain loops as the default.
-pub(crate) trait Isa {
-    /// Four numbers as this instruction set holds them.
-    type Quad: Quad;
-
+/// The token of an instruction set: who holds one knows that the machine has the instructions. Its methods are what a compiler
+/// does not find in a plain loop, with plain loops as the default.
+///
+/// The crate `pulp` has such tokens too. Its vectors are as wide as the machine; here all work is four or eight lanes wide on
+/// every machine, so that sums have one order, and transposes and shuffles, which it lacks, are a good part of it.
+pub(crate) trait Simd: Vectors<f64, 4> {
     /// Whether the state of four sections and 24 lanes stays in registers.
     const MANY_REGISTERS: bool = false;
 
     /// Cells of one row; true when a value is too near to an edge for the quick arithmetic to decide.
     #[inline(always)]
-    fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
+    fn cells<const W: usize>(self, bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
         super::count::cells(bins, row, cells)
     }
 
     /// Eight samples of six axes: into lanes `lane..lane + 6` of `rows`, and axis by axis into `raw`.
     #[inline(always)]
     fn transpose6<const W: usize, T: Real>(
+        self,
         samples: &[f64; 6 * BLOCK],
         rows: &mut [Row<W>; BLOCK],
         lane: usize,
-        raw: Option<transpose::Raw<'_, T>>,
+        raw: Option<Raw<'_, T>>,
     ) {
-        transpose::transpose6(samples, rows, lane, raw);
-    }
-
-    /// Rows and columns of four by four exchanged.
-    #[inline(always)]
-    fn transpose4(rows: [&[f64; 4]; 4]) -> [[f64; 4]; 4] {
-        transpose::transpose4(rows)
+        super::transpose::transpose6(samples, rows, lane, raw);
     }
 
     /// Asks for the cache line at `values[index]`, to be read soon. Any index is fine.
     #[inline(always)]
-    fn will_read(_values: &[f64], _index: usize) {}
+    fn will_read(self, _values: &[f64], _index: usize) {}
 
     /// Makes writes past the caches visible to other threads.
     #[inline(always)]
-    fn finish_writes() {}
+    fn finish_writes(self) {}
+}
+
+/// An instruction set that calculates with `L` numbers at a time. Another kind of numbers is another implementation beside it.
+pub(crate) trait Vectors<T, const L: usize>: Copy {
+    type Register: Register<T, L>;
+    /// The same number in all lanes.
+    fn splat(self, x: T) -> Self::Register;
+    /// The first `L` of some numbers.
+    fn load(self, from: &[T]) -> Self::Register;
+}
+
+/// `L` numbers as the machine holds them, calculated with as one. Only a token makes one. A compiler makes vectors of plain
+/// arrays as long as little else goes on; of a whole Fourier transform it makes halves and single numbers. Every operation
+/// rounds each lane by itself, so that all instruction sets give the same bits.
+pub(crate) trait Register<T, const L: usize>:
+    Copy
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Mul<T, Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+{
+    /// Replaces the first `L` of some numbers.
+    fn store(self, to: &mut [T]);
+    fn sqrt(self) -> Self;
+    /// An answer for each lane, all bits set or none: is this above another?
+    fn above(self, other: Self) -> Self;
+    /// `yes` where the answer is yes, `no` where it is no.
+    fn select(self, yes: Self, no: Self) -> Self;
+    /// The last lane first.
+    fn reversed(self) -> Self;
+    /// Rows and columns exchanged.
+    fn transposed(rows: [Self; L]) -> [Self; L];
 }
 
 /// Plain loops, compiled for whatever the wrapper allows.
+#[derive(Clone, Copy)]
 pub(crate) struct Portable;
 
-impl Isa for Portable {
-    type Quad = Pack<4>;
-}
+impl Simd for Portable {}
 
 #[cfg(test)]
 mod tests {

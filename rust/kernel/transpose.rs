@@ -1,37 +1,36 @@
-//! From samples (all axes of one instant together) to lanes, and to raw features (all instants of one axis
+//! Rows of lanes: from samples (all axes of one instant together) to them, and to raw features (all instants of one axis
 //! together).
 
-use super::{flat, flat_mut, Row, BLOCK};
+use crate::dsp::Real;
 
-/// What features are written as.
-///
-/// # Safety
-/// `NARROW` tells f32 from f64; there are no others.
-#[allow(unsafe_code)]
-pub(crate) unsafe trait Real: Copy + Send {
-    const NARROW: bool;
-    /// The number nearest to another, or infinity.
-    fn of(value: f64) -> Self;
-}
+/// Channels per vector.
+pub(crate) const LANES: usize = 8;
 
-#[allow(unsafe_code)]
-// SAFETY: as it is told.
-unsafe impl Real for f64 {
-    const NARROW: bool = false;
+/// Vectors per row. Three vectors are 24 lanes, four 6-axis recordings: enough independent work to hide the
+/// latency of the filter's recurrence.
+pub(crate) const MAX_WIDTH: usize = 3;
+
+/// Rows per block: eight float64 are one cache line of an output that is written axis by axis.
+pub(crate) const BLOCK: usize = 8;
+
+/// One instant of `W * LANES` channels, in `W` vectors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub(crate) struct Row<const W: usize>(pub(crate) [[f64; LANES]; W]);
+
+impl<const W: usize> Row<W> {
+    pub(crate) const ZERO: Self = Self([[0.0; LANES]; W]);
+
+    /// The lanes side by side.
     #[inline(always)]
-    fn of(value: f64) -> Self {
-        value
+    pub(crate) fn flat(&self) -> &[f64] {
+        self.0.as_flattened()
     }
-}
 
-#[allow(unsafe_code)]
-// SAFETY: as it is told.
-unsafe impl Real for f32 {
-    const NARROW: bool = true;
+    /// The lanes side by side, to be written.
     #[inline(always)]
-    #[allow(clippy::cast_possible_truncation)] // what was asked for
-    fn of(value: f64) -> Self {
-        value as f32
+    pub(crate) fn flat_mut(&mut self) -> &mut [f64] {
+        self.0.as_flattened_mut()
     }
 }
 
@@ -56,7 +55,7 @@ pub(super) fn transpose6<const W: usize, T: Real>(
     raw: Option<Raw<'_, T>>,
 ) {
     for (row, sample) in rows.iter_mut().zip(samples.chunks_exact(6)) {
-        flat_mut(row)[lane..lane + 6].copy_from_slice(sample);
+        row.flat_mut()[lane..lane + 6].copy_from_slice(sample);
     }
     if let Some(Raw { values, n_samples, start, .. }) = raw {
         for axis in 0..6 {
@@ -66,12 +65,6 @@ pub(super) fn transpose6<const W: usize, T: Real>(
             }
         }
     }
-}
-
-/// Plain-loop twin of the vector code in `x86.rs`.
-#[inline(always)]
-pub(super) fn transpose4(rows: [&[f64; 4]; 4]) -> [[f64; 4]; 4] {
-    std::array::from_fn(|column| std::array::from_fn(|row| rows[row][column]))
 }
 
 /// Samples of any number of axes into consecutive lanes, starting with axis `axis`.
@@ -85,7 +78,7 @@ pub(crate) fn pack<const W: usize>(
 ) {
     for (row, sample) in rows.iter_mut().zip(samples.chunks_exact(n_axes)) {
         let n = lanes.len();
-        flat_mut(row)[lanes.clone()].copy_from_slice(&sample[axis..axis + n]);
+        row.flat_mut()[lanes.clone()].copy_from_slice(&sample[axis..axis + n]);
     }
 }
 
@@ -93,6 +86,6 @@ pub(crate) fn pack<const W: usize>(
 #[inline(always)]
 pub(crate) fn unpack<const W: usize, T: Real>(rows: &[Row<W>], lane: usize, target: &mut [T]) {
     for (value, row) in target.iter_mut().zip(rows) {
-        *value = T::of(flat(row)[lane]);
+        *value = T::of(row.flat()[lane]);
     }
 }

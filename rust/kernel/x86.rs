@@ -1,54 +1,182 @@
-//! The wrappers for AVX2 and AVX-512, and the primitives that plain loops do not reach.
+//! The tokens of AVX2 and AVX-512, their registers, and the primitives that plain loops do not reach.
 #![allow(unsafe_code)]
 
+use std::arch::is_x86_feature_detected;
 use std::arch::x86_64::{
     __m256d, __m256i, _mm256_add_epi32, _mm256_add_pd, _mm256_and_pd, _mm256_and_si256, _mm256_andnot_pd,
-    _mm256_castpd128_pd256, _mm256_castpd_ps, _mm256_castpd_si256, _mm256_castsi256_pd, _mm256_cmp_pd,
-    _mm256_cmpeq_epi32, _mm256_cvtpd_ps, _mm256_insertf128_pd, _mm256_loadu_pd, _mm256_max_pd,
-    _mm256_min_epu32, _mm256_min_pd, _mm256_movemask_epi8, _mm256_mul_pd, _mm256_or_pd,
-    _mm256_permute2f128_pd, _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd, _mm256_setzero_pd,
-    _mm256_shuffle_ps, _mm256_storeu_pd, _mm256_storeu_ps, _mm256_stream_pd, _mm256_sub_pd,
-    _mm256_unpackhi_pd, _mm256_unpacklo_pd, _mm_loadu_pd, _mm_prefetch, _mm_sfence, _mm_storeu_pd,
-    _mm_storeu_ps, _mm_unpackhi_pd, _mm_unpacklo_pd, _CMP_LE_OQ, _CMP_LT_OQ, _MM_HINT_T0,
+    _mm256_blendv_pd, _mm256_castpd128_pd256, _mm256_castpd_ps, _mm256_castpd_si256, _mm256_castsi256_pd,
+    _mm256_cmp_pd, _mm256_cmpeq_epi32, _mm256_cvtpd_ps, _mm256_div_pd, _mm256_insertf128_pd, _mm256_loadu_pd,
+    _mm256_max_pd, _mm256_min_epu32, _mm256_min_pd, _mm256_movemask_epi8, _mm256_mul_pd, _mm256_or_pd,
+    _mm256_permute2f128_pd, _mm256_permute4x64_pd, _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd,
+    _mm256_setzero_pd, _mm256_shuffle_ps, _mm256_sqrt_pd, _mm256_storeu_pd, _mm256_storeu_ps,
+    _mm256_stream_pd, _mm256_sub_pd, _mm256_unpackhi_pd, _mm256_unpacklo_pd, _mm256_xor_pd, _mm_loadu_pd,
+    _mm_prefetch, _mm_sfence, _mm_storeu_pd, _mm_storeu_ps, _mm_unpackhi_pd, _mm_unpacklo_pd, _CMP_GT_OQ,
+    _CMP_LE_OQ, _CMP_LT_OQ, _MM_HINT_T0,
 };
+use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use super::count::{Cells, LaneBins};
-use super::simd::{Isa, Job};
-use super::transpose::{Raw, Real};
-use super::x86_quad::Register;
-use super::{Row, BLOCK, LANES};
+use super::simd::{Job, Register, Simd, Vectors};
+use super::transpose::{Raw, Row, BLOCK, LANES};
+use crate::dsp::{Real, Slice};
 
-/// Compiles a job for AVX2.
+/// The token of AVX2 or, with `MANY_REGISTERS`, of AVX-512: F, and VL, BW and DQ, which give the primitives below, of 256 bits,
+/// twice the registers. That nothing but [`detect`](Self::detect) makes one is the safety argument of every block here.
+#[derive(Clone, Copy)]
+pub(crate) struct X86<const MANY_REGISTERS: bool>(());
+
+impl<const MANY_REGISTERS: bool> X86<MANY_REGISTERS> {
+    /// The token, where the machine has the instructions.
+    pub(super) fn detect() -> Option<Self> {
+        let found = is_x86_feature_detected!("avx2")
+            && (!MANY_REGISTERS
+                || is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("avx512dq"));
+        found.then_some(Self(()))
+    }
+
+    /// Runs a job that is compiled for these instructions.
+    pub(super) fn run<J: Job>(self, job: J) -> J::Output {
+        // SAFETY: the token says that the machine has the features.
+        unsafe {
+            if MANY_REGISTERS {
+                avx512(self, job)
+            } else {
+                avx2(self, job)
+            }
+        }
+    }
+}
+
 #[target_feature(enable = "avx2")]
-pub(super) fn avx2<J: Job>(job: J) -> J::Output {
-    job.run::<X86<false>>()
+fn avx2<J: Job>(simd: impl Simd, job: J) -> J::Output {
+    job.run(simd)
 }
 
-/// Compiles a job for AVX-512: F, and VL, BW and DQ, which give the primitives below, of 256 bits, twice the registers.
 #[target_feature(enable = "avx2,avx512f,avx512vl,avx512bw,avx512dq")]
-pub(super) fn avx512<J: Job>(job: J) -> J::Output {
-    job.run::<X86<true>>()
+fn avx512<J: Job>(simd: impl Simd, job: J) -> J::Output {
+    job.run(simd)
 }
 
-/// AVX2 primitives. Only ever used inside the wrappers above, which [`SimdPath`](super::Path) calls after it has
-/// asked the processor: that is the safety argument of every block here.
-pub(super) struct X86<const MANY_REGISTERS: bool>;
+/// Four numbers in an AVX register, made with a token.
+#[derive(Clone, Copy)]
+pub(crate) struct F64x4(__m256d);
 
-impl<const MANY_REGISTERS: bool> Isa for X86<MANY_REGISTERS> {
-    type Quad = Register;
+impl<const MANY_REGISTERS: bool> Vectors<f64, 4> for X86<MANY_REGISTERS> {
+    type Register = F64x4;
+
+    #[inline(always)]
+    fn splat(self, x: f64) -> F64x4 {
+        // SAFETY: the token.
+        F64x4(unsafe { _mm256_set1_pd(x) })
+    }
+
+    #[inline(always)]
+    fn load(self, from: &[f64]) -> F64x4 {
+        // SAFETY: the token; the slice holds four numbers.
+        F64x4(unsafe { _mm256_loadu_pd(from[..4].as_ptr()) })
+    }
+}
+
+impl Register<f64, 4> for F64x4 {
+    #[inline(always)]
+    fn store(self, to: &mut [f64]) {
+        // SAFETY: the token that made it; the slice holds four numbers.
+        unsafe { _mm256_storeu_pd(to[..4].as_mut_ptr(), self.0) };
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        // SAFETY: the token that made it.
+        Self(unsafe { _mm256_sqrt_pd(self.0) })
+    }
+
+    #[inline(always)]
+    fn above(self, other: Self) -> Self {
+        // SAFETY: the token that made it.
+        Self(unsafe { _mm256_cmp_pd::<_CMP_GT_OQ>(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn select(self, yes: Self, no: Self) -> Self {
+        // SAFETY: the token that made it.
+        Self(unsafe { _mm256_blendv_pd(no.0, yes.0, self.0) })
+    }
+
+    #[inline(always)]
+    fn reversed(self) -> Self {
+        // SAFETY: the token that made it.
+        Self(unsafe { _mm256_permute4x64_pd::<0b00_01_10_11>(self.0) })
+    }
+
+    #[inline(always)]
+    fn transposed([Self(a), Self(b), Self(c), Self(d)]: [Self; 4]) -> [Self; 4] {
+        // SAFETY: the token that made them. Halves first: of rows that come from memory, a compiler joins them as it loads.
+        unsafe {
+            let (even, odd) = (_mm256_permute2f128_pd::<0x20>(a, c), _mm256_permute2f128_pd::<0x20>(b, d));
+            let (even_after, odd_after) =
+                (_mm256_permute2f128_pd::<0x31>(a, c), _mm256_permute2f128_pd::<0x31>(b, d));
+            [
+                Self(_mm256_unpacklo_pd(even, odd)),
+                Self(_mm256_unpackhi_pd(even, odd)),
+                Self(_mm256_unpacklo_pd(even_after, odd_after)),
+                Self(_mm256_unpackhi_pd(even_after, odd_after)),
+            ]
+        }
+    }
+}
+
+macro_rules! operator {
+    ($operator:ident, $method:ident, $instruction:ident) => {
+        impl $operator for F64x4 {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                // SAFETY: the token that made it.
+                Self(unsafe { $instruction(self.0, other.0) })
+            }
+        }
+    };
+}
+operator!(Add, add, _mm256_add_pd);
+operator!(Sub, sub, _mm256_sub_pd);
+operator!(Mul, mul, _mm256_mul_pd);
+operator!(Div, div, _mm256_div_pd);
+
+impl Mul<f64> for F64x4 {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: f64) -> Self {
+        // SAFETY: the token that made it.
+        Self(unsafe { _mm256_mul_pd(self.0, _mm256_set1_pd(other)) })
+    }
+}
+
+impl Neg for F64x4 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        // SAFETY: the token that made it.
+        Self(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
+    }
+}
+
+impl<const MANY_REGISTERS: bool> Simd for X86<MANY_REGISTERS> {
     const MANY_REGISTERS: bool = MANY_REGISTERS;
 
     #[inline(always)]
     #[allow(clippy::needless_range_loop)] // halves of several rows at a time
-    fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
-        // SAFETY: AVX2 is there (see `X86`); pointers to read are the start of four elements of an array of eight, those to write
+    fn cells<const W: usize>(self, bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
+        // SAFETY: the token; pointers to read are the start of four elements of an array of eight, those to write
         // of an array of eight half as large.
         unsafe {
             let mut nearest = _mm256_set1_epi32(-1);
             let mut sums = [[_mm256_setzero_pd(); 2]; W];
             each_vector!(W, w, {
                 for half in 0..2 {
-                    let load = |row: &Row<W>| _mm256_loadu_pd(row[w].0.as_ptr().add(half * LANES / 2));
+                    let load = |row: &Row<W>| _mm256_loadu_pd(row.0[w].as_ptr().add(half * LANES / 2));
                     let sum = _mm256_add_pd(_mm256_mul_pd(load(row), load(&bins.scale)), load(&bins.offset));
                     // The second operand is the answer for NaN, as in the plain loop.
                     let sum = _mm256_min_pd(_mm256_max_pd(sum, load(&bins.bottom)), load(&bins.top));
@@ -65,7 +193,7 @@ impl<const MANY_REGISTERS: bool> Isa for X86<MANY_REGISTERS> {
             let mut nearest = _mm256_set1_epi32(-1);
             each_vector!(W, w, {
                 for half in 0..2 {
-                    let load = |row: &Row<W>| _mm256_loadu_pd(row[w].0.as_ptr().add(half * LANES / 2));
+                    let load = |row: &Row<W>| _mm256_loadu_pd(row.0[w].as_ptr().add(half * LANES / 2));
                     let sum = sums[w][half];
                     let distance =
                         _mm256_andnot_pd(_mm256_set1_pd(-0.0), _mm256_sub_pd(sum, load(&bins.zero_cell)));
@@ -85,74 +213,63 @@ impl<const MANY_REGISTERS: bool> Isa for X86<MANY_REGISTERS> {
 
     #[inline(always)]
     fn transpose6<const W: usize, T: Real>(
+        self,
         samples: &[f64; 6 * BLOCK],
         rows: &mut [Row<W>; BLOCK],
         lane: usize,
         raw: Option<Raw<'_, T>>,
     ) {
         assert!(lane + 6 <= W * LANES, "six lanes must fit");
-        let target = raw.map(|raw| {
-            let values = &mut raw.values[raw.start..];
-            assert!(values.len() >= 5 * raw.n_samples + BLOCK, "six axes must fit");
-            (values.as_mut_ptr(), raw.n_samples, raw.stream)
-        });
-        // SAFETY: AVX2 is there (see `X86`). Reads: sample s < 8 has six values at 6 * s. Writes: the asserts above leave
-        // room for six lanes in each row and for eight values of each of six axes, f32 where they are narrow and f64 where not;
-        // `stream` checks the alignment.
-        unsafe {
-            let early = four_samples(samples.as_ptr(), &mut rows[..4], lane);
-            let late = four_samples(samples.as_ptr().add(24), &mut rows[4..], lane);
-            let Some((values, n_samples, stream)) = target else { return };
-            let stream = stream && !T::NARROW && values.addr() % 32 == 0 && n_samples % 4 == 0;
-            for (axis, (early, late)) in early.into_iter().zip(late).enumerate() {
-                let values = values.add(axis * n_samples);
-                if T::NARROW {
-                    let values = values.cast::<f32>();
-                    _mm_storeu_ps(values, _mm256_cvtpd_ps(early));
-                    _mm_storeu_ps(values.add(4), _mm256_cvtpd_ps(late));
-                    continue;
+        // SAFETY: the token. Reads: sample s < 8 has six values at 6 * s. Writes: six lanes fit in each row.
+        let (early, late) = unsafe {
+            (
+                four_samples(samples.as_ptr(), &mut rows[..4], lane),
+                four_samples(samples.as_ptr().add(24), &mut rows[4..], lane),
+            )
+        };
+        let Some(Raw { values, n_samples, start, stream }) = raw else { return };
+        let values = &mut values[start..];
+        assert!(values.len() >= 5 * n_samples + BLOCK, "six axes must fit");
+        let axes = early.into_iter().zip(late).enumerate();
+        // SAFETY: the token; the assert above leaves room for eight values of each of six axes; streamed are aligned ones.
+        match T::slice(values) {
+            Slice::F64(values) => {
+                let values = values.as_mut_ptr();
+                let stream = stream && values.addr() % 32 == 0 && n_samples % 4 == 0;
+                for (axis, (early, late)) in axes {
+                    unsafe {
+                        let values = values.add(axis * n_samples);
+                        if stream {
+                            _mm256_stream_pd(values, early);
+                            _mm256_stream_pd(values.add(4), late);
+                        } else {
+                            _mm256_storeu_pd(values, early);
+                            _mm256_storeu_pd(values.add(4), late);
+                        }
+                    }
                 }
-                let values = values.cast::<f64>();
-                if stream {
-                    _mm256_stream_pd(values, early);
-                    _mm256_stream_pd(values.add(4), late);
-                } else {
-                    _mm256_storeu_pd(values, early);
-                    _mm256_storeu_pd(values.add(4), late);
+            }
+            Slice::F32(values) => {
+                let values = values.as_mut_ptr();
+                for (axis, (early, late)) in axes {
+                    unsafe {
+                        let values = values.add(axis * n_samples);
+                        _mm_storeu_ps(values, _mm256_cvtpd_ps(early));
+                        _mm_storeu_ps(values.add(4), _mm256_cvtpd_ps(late));
+                    }
                 }
             }
         }
     }
 
     #[inline(always)]
-    fn transpose4(rows: [&[f64; 4]; 4]) -> [[f64; 4]; 4] {
-        let mut columns = [[0.0; 4]; 4];
-        let halves = rows.map(|row| row.as_chunks::<2>().0);
-        // SAFETY: AVX2 is there (see `X86`); every pointer is the start of an array, of two or of four.
-        unsafe {
-            // Halves are joined as they are loaded, so that only half of the exchanges are left to do.
-            let join = |a: &[f64; 2], b: &[f64; 2]| {
-                let (a, b) = (_mm_loadu_pd(a.as_ptr()), _mm_loadu_pd(b.as_ptr()));
-                _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(a), b)
-            };
-            for half in 0..2 {
-                let even = join(&halves[0][half], &halves[2][half]);
-                let odd = join(&halves[1][half], &halves[3][half]);
-                _mm256_storeu_pd(columns[2 * half].as_mut_ptr(), _mm256_unpacklo_pd(even, odd));
-                _mm256_storeu_pd(columns[2 * half + 1].as_mut_ptr(), _mm256_unpackhi_pd(even, odd));
-            }
-        }
-        columns
-    }
-
-    #[inline(always)]
-    fn will_read(values: &[f64], index: usize) {
+    fn will_read(self, values: &[f64], index: usize) {
         // SAFETY: a prefetch reads nothing and never faults, whatever the address.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().wrapping_add(index).cast()) };
     }
 
     #[inline(always)]
-    fn finish_writes() {
+    fn finish_writes(self) {
         // SAFETY: every x86-64 processor has this instruction, and it takes no operands.
         unsafe { _mm_sfence() };
     }
@@ -202,7 +319,7 @@ unsafe fn four_samples<const W: usize>(
         let (h2, t2) = (_mm256_loadu_pd(samples.add(12)), _mm_loadu_pd(samples.add(16)));
         let (h3, t3) = (_mm256_loadu_pd(samples.add(18)), _mm_loadu_pd(samples.add(22)));
         for (row, (head, tail)) in rows.iter_mut().zip([(h0, t0), (h1, t1), (h2, t2), (h3, t3)]) {
-            let row = row.as_mut_ptr().cast::<f64>().add(lane);
+            let row = row.flat_mut().as_mut_ptr().add(lane);
             _mm256_storeu_pd(row, head);
             _mm_storeu_pd(row.add(4), tail);
         }

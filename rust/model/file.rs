@@ -207,9 +207,15 @@ fn not_header(problem: String) -> ModelError {
 /// model has, before anything else is made of them.
 fn metadata(header: &str) -> Result<Entries, ModelError> {
     let mut header = json::object("header", header)?;
-    let texts = header.take("__metadata__", "an object of texts", |value| match value {
-        Value::Object(texts) => Some(texts),
-        _ => None,
+    let text = |(key, value): (&String, &Value)| match value {
+        Value::String(text) => Ok((key.clone(), text.clone())),
+        other => {
+            let (key, kind) = (shown(key.as_bytes()), json::kind(other));
+            Err(not_header(format!("metadata {key} must be a text, got {kind}")))
+        }
+    };
+    let entries = header.take("__metadata__", "an object of texts", |texts| {
+        Some(texts.as_object()?.iter().map(text).collect())
     })?;
     if let Some(name) = header.entries.keys().find(|name| !TENSORS.contains(&name.as_str())) {
         let what = format!("tensor {}", shown(name.as_bytes()));
@@ -222,14 +228,7 @@ fn metadata(header: &str) -> Result<Entries, ModelError> {
             return Err(not_header(format!("tensor '{name}' has an unknown key {key}")));
         }
     }
-    let entries = texts.into_iter().map(|(key, value)| match value {
-        Value::String(text) => Ok((key, text)),
-        other => {
-            let (key, kind) = (shown(key.as_bytes()), json::kind(&other));
-            Err(not_header(format!("metadata {key} must be a text, got {kind}")))
-        }
-    });
-    entries.collect()
+    entries
 }
 
 /// The version of a model file, if it is one that is read here.

@@ -111,7 +111,7 @@ pub(super) fn object(what: &'static str, text: &str) -> Result<Object, ModelErro
 /// A list of names from text.
 pub(super) fn names(what: &'static str, text: &str) -> Result<Vec<String>, ModelError> {
     let wrong = || ModelError::Json { what, problem: "must be a JSON list of texts".to_owned() };
-    list(parsed(what, text)?, string).ok_or_else(wrong)
+    list(&parsed(what, text)?, string).ok_or_else(wrong)
 }
 
 /// What a library says about a file, short and printable.
@@ -161,17 +161,16 @@ impl Object {
         &mut self,
         name: &str,
         wanted: &str,
-        convert: impl FnOnce(Value) -> Option<T>,
+        convert: impl FnOnce(&Value) -> Option<T>,
     ) -> Result<T, ModelError> {
         let Some(value) = self.entries.remove(name) else {
             return Err(self.error(format!("'{name}' is missing")));
         };
-        let kind = kind(&value);
-        convert(value).ok_or_else(|| self.error(format!("'{name}' must be {wanted}, got {kind}")))
+        convert(&value).ok_or_else(|| self.error(format!("'{name}' must be {wanted}, got {}", kind(&value))))
     }
 
     fn number(&mut self, name: &str) -> Result<f64, ModelError> {
-        self.take(name, "a number", number)
+        self.take(name, "a number", Value::as_f64)
     }
 
     fn count(&mut self, name: &str) -> Result<usize, ModelError> {
@@ -179,7 +178,7 @@ impl Object {
     }
 
     fn flag(&mut self, name: &str) -> Result<bool, ModelError> {
-        self.take(name, "true or false", |value| value.as_bool())
+        self.take(name, "true or false", Value::as_bool)
     }
 
     fn text(&mut self, name: &str) -> Result<String, ModelError> {
@@ -188,14 +187,14 @@ impl Object {
 
     fn choice<T: Copy>(&mut self, name: &str, named: &[(&str, T)]) -> Result<T, ModelError> {
         self.take(name, &listed(named), |value| {
-            named.iter().find(|(name, _)| value == *name).map(|(_, meaning)| *meaning)
+            named.iter().find(|(name, _)| value == name).map(|(_, meaning)| *meaning)
         })
     }
 
     /// Rows of numbers, one after the other.
     fn matrix(&mut self, name: &str, n_rows: usize, n_columns: usize) -> Result<Vec<f64>, ModelError> {
         self.take(name, &format!("{n_rows} rows of {n_columns} numbers"), |value| {
-            let rows = list(value, |row| list(row, number).filter(|row| row.len() == n_columns))?;
+            let rows = list(value, |row| list(row, Value::as_f64).filter(|row| row.len() == n_columns))?;
             (rows.len() == n_rows).then(|| rows.concat())
         })
     }
@@ -219,28 +218,19 @@ impl Object {
     }
 }
 
-fn number(value: Value) -> Option<f64> {
-    value.as_f64()
-}
-
-fn string(value: Value) -> Option<String> {
-    if let Value::String(text) = value {
-        Some(text)
-    } else {
-        None
-    }
+fn string(value: &Value) -> Option<String> {
+    value.as_str().map(str::to_owned)
 }
 
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // whole and small enough to be exact
-fn count(value: Value) -> Option<usize> {
+fn count(value: &Value) -> Option<usize> {
     let count = value.as_f64()?;
     (count.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&count)).then_some(count as usize)
 }
 
 /// A list whose items are all what `convert` wants.
-fn list<T>(value: Value, convert: impl FnMut(Value) -> Option<T>) -> Option<Vec<T>> {
-    let Value::Array(items) = value else { return None };
-    items.into_iter().map(convert).collect()
+fn list<T>(value: &Value, convert: impl FnMut(&Value) -> Option<T>) -> Option<Vec<T>> {
+    value.as_array()?.iter().map(convert).collect()
 }
 
 /// The specification as one line, names in order.
@@ -262,7 +252,7 @@ pub(super) fn write_spec(spec: &FeatureSpec) -> String {
 
 /// The specification that is described. Whether it makes sense is not asked here.
 pub(super) fn read_spec(mut object: Object) -> Result<FeatureSpec, ModelError> {
-    let pair = |pair| <[f64; 2]>::try_from(list(pair, number)?).ok().map(<(f64, f64)>::from);
+    let pair = |pair: &Value| <[f64; 2]>::try_from(list(pair, Value::as_f64)?).ok().map(<(f64, f64)>::from);
     let spec = FeatureSpec {
         bin_ranges: object.take("bin_range", "a list of pairs of numbers", |value| list(value, pair))?,
         cutoff_hz: object.number("cutoff_hz")?,
@@ -304,7 +294,7 @@ pub(super) fn read_multiband(mut object: Object) -> Result<MultiBandSpec, ModelE
 }
 
 /// Which blocks a list names, if it does so once each and in order.
-fn blocks(value: Value) -> Option<[bool; 5]> {
+fn blocks(value: &Value) -> Option<[bool; 5]> {
     let names = list(value, string)?;
     let has = Block::NAMED.map(|(block, _)| names.iter().any(|name| name == block));
     let in_order = Block::NAMED.iter().zip(has).filter(|(_, has)| *has).map(|((name, _), _)| *name);
@@ -330,7 +320,7 @@ fn read_conformal(mut rule: Object, classes: &[String]) -> Result<ConformalRule,
     begin(&mut rule, CONFORMAL, classes)?;
     let nonconformity = rule.choice("kind", &Nonconformity::NAMED)?;
     let levels = rule.take("levels", "rising numbers between 0 and 1", |value| {
-        let levels = list(value, number)?;
+        let levels = list(value, Value::as_f64)?;
         let within = levels.iter().all(|level| 0.0 < *level && *level < 1.0);
         (within && !levels.is_empty() && levels.is_sorted_by(|a, b| a < b)).then_some(levels)
     })?;
@@ -348,7 +338,7 @@ fn read_conformal(mut rule: Object, classes: &[String]) -> Result<ConformalRule,
         list(value, count).filter(|counts| counts.len() == limits.len())
     })?;
     let temperature =
-        rule.take("temperature", "a positive number", |value| number(value).filter(|number| *number > 0.0))?;
+        rule.take("temperature", "a positive number", |value| value.as_f64().filter(|number| *number > 0.0))?;
     rule.text("held_out")?;
     rule.end()?;
     if let [alone] = limits[..] {
@@ -384,7 +374,7 @@ fn read_unknown(mut rule: Object, classes: &[String], codes: &Codes) -> Result<U
     }
     let threshold = rule.take("threshold", "a number or null", limit)?;
     rule.take("share_known", "a number between 0 and 1", |value| {
-        number(value).filter(|share| 0.0 < *share && *share < 1.0)
+        value.as_f64().filter(|share| 0.0 < *share && *share < 1.0)
     })?;
     rule.count("n_calibration")?;
     rule.text("held_out")?;
@@ -418,7 +408,7 @@ fn read_unknown(mut rule: Object, classes: &[String], codes: &Codes) -> Result<U
 
 /// Takes what both kinds of rules begin with.
 fn begin(rule: &mut Object, format: &str, classes: &[String]) -> Result<(), ModelError> {
-    rule.take("format", &format!("'{format}'"), |value| (value == format).then_some(()))?;
+    rule.take("format", &format!("'{format}'"), |value| (*value == format).then_some(()))?;
     rule.take("classes", "the labels of the model in their order", |value| {
         list(value, string).filter(|labels| labels == classes)
     })
@@ -426,10 +416,10 @@ fn begin(rule: &mut Object, format: &str, classes: &[String]) -> Result<(), Mode
 }
 
 /// A number; null is without end.
-fn limit(value: Value) -> Option<f64> {
+fn limit(value: &Value) -> Option<f64> {
     if value.is_null() {
         Some(f64::INFINITY)
     } else {
-        number(value)
+        value.as_f64()
     }
 }

@@ -89,7 +89,7 @@ impl Metadata {
     /// Takes them out of the metadata.
     pub(super) fn take(entries: &mut Entries) -> Result<Self, ModelError> {
         let lead_s = take(entries, "lead_s")?;
-        let seconds = || lead_s.parse().ok().filter(is_lead);
+        let seconds = || lead_s.parse().ok().filter(|lead_s| is_lead(*lead_s));
         Ok(Self {
             axes: json::names("axes", &take(entries, "axes")?)?,
             units: json::names("units", &take(entries, "units")?)?,
@@ -137,7 +137,7 @@ impl Metadata {
             let wanted = "64 hexadecimal digits in lower case, or empty";
             return Err(ModelError::must_be("training_sha256", wanted, shown(hash)));
         }
-        match self.lead_s.filter(|lead_s| !is_lead(lead_s)) {
+        match self.lead_s.filter(|lead_s| !is_lead(*lead_s)) {
             None => Ok(()),
             Some(lead_s) => Err(ModelError::must_be("lead_s", LEAD, lead_s)),
         }
@@ -146,8 +146,8 @@ impl Metadata {
 
 const LEAD: &str = "seconds, at least 0, or empty";
 
-fn is_lead(lead_s: &f64) -> bool {
-    lead_s.is_finite() && *lead_s >= 0.0
+fn is_lead(lead_s: f64) -> bool {
+    lead_s.is_finite() && lead_s >= 0.0
 }
 
 /// Takes an entry that must be there.

@@ -8,7 +8,7 @@ use super::metadata::check_names;
 use super::scores::Weights;
 use super::{json, Decoding, Loss, Metadata, Model, ModelError};
 use crate::error::{brief, Error};
-use crate::extract::{finite, not_finite};
+use crate::features::{finite, not_finite};
 use crate::memory::{collected, filled};
 use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use crate::{BatchShape, Extractor, FeatureSpec};

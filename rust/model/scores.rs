@@ -3,9 +3,9 @@
 use super::parts::Tensor;
 use super::{Model, ModelError};
 use crate::error::Error;
-use crate::extract::in_tasks;
-use crate::kernel::{Isa, Job, SimdPath, LANES};
+use crate::kernel::{Job, Simd, SimdPath, LANES};
 use crate::memory::filled;
+use crate::pool::in_tasks;
 use crate::BatchShape;
 
 /// Recordings that share each row of weights on its way through the caches.
@@ -94,7 +94,7 @@ impl Job for AddRows<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<I: Isa>(self) {
+    fn run<S: Simd>(self, _simd: S) {
         let Self { sums, rows, values, scale } = self;
         for (weights, value) in rows.chunks_exact(sums.len()).zip(values) {
             if *value != 0.0 {
@@ -119,7 +119,7 @@ impl Job for AddTeam<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<I: Isa>(self) {
+    fn run<S: Simd>(self, _simd: S) {
         let Self { sums, lanes, rows, values } = self;
         let n_rows = rows.len() / lanes;
         for (row, weights) in rows.chunks_exact(lanes).enumerate() {

@@ -1,9 +1,19 @@
-//! Energy of a band over time.
+//! Size over time: the energy of each band in a few stretches, and coarse means of the recording itself.
 
-use super::band_signals::BandSignals;
-use super::energies::{stretch, Energies, STRETCHES};
-use super::logarithm::{self, Log};
-use crate::kernel::{Isa, Job, SimdPath};
+use std::ops::Range;
+
+use super::logarithm::{each, Log};
+use super::{BandSignals, Split, Statistic};
+use crate::kernel::{Pack, Register, Simd, Vectors};
+
+/// Stretches of time, as equal as whole samples allow.
+pub(super) const STRETCHES: usize = 4;
+
+/// Partial sums per energy.
+const SQUARES: usize = 8;
+
+/// Signals at a time: one alone would wait for its own additions.
+const SIGNALS: usize = 3;
 
 /// Added to scaled energies before the logarithm.
 const FLOOR: f64 = 1e-6;
@@ -11,67 +21,179 @@ const FLOOR: f64 = 1e-6;
 /// Logarithms taken at a time.
 const LANES: usize = 8;
 
-/// The statistic.
-#[derive(Clone, Copy, Debug)]
+/// Stretches of time of which [`Level`] takes the means, of equal length or one less.
+const LEVEL_STRETCHES: usize = 16;
+
+/// Logarithms of the energies of bands over time.
+#[derive(Clone, Debug)]
 pub(super) struct Envelope {
-    n_signals: usize,
+    /// Bands times axes.
+    pub(super) n_signals: usize,
 }
 
-impl Envelope {
-    pub(super) fn new(n_bands: usize, n_axes: usize) -> Self {
-        Self { n_signals: n_bands * n_axes }
-    }
+impl Statistic for Envelope {
+    type Work = ();
 
-    pub(super) fn n_features(self) -> usize {
+    fn n_features(&self) -> usize {
         self.n_signals * STRETCHES
     }
 
+    fn work(&self) {}
+
     /// Band by band, axis by axis, the logarithms of the mean squares of stretches; one without samples has no energy.
-    /// Allocates nothing.
-    #[allow(clippy::unused_self)] // as the other statistics
-    pub(super) fn compute(
-        self,
-        path: SimdPath,
-        signals: BandSignals<'_>,
-        energies: &[Energies],
-        out: &mut [f64],
-    ) {
-        path.run(Compute { signals, energies, out });
-    }
-}
-
-struct Compute<'a> {
-    signals: BandSignals<'a>,
-    energies: &'a [Energies],
-    out: &'a mut [f64],
-}
-
-impl Job for Compute<'_> {
-    type Output = ();
-
     #[inline(always)]
-    fn run<I: Isa>(self) {
-        let Self { signals, energies, out } = self;
-        for (index, (out, energies)) in out.chunks_exact_mut(STRETCHES).zip(energies).enumerate() {
-            let n = signals.numbered(index).len();
+    fn compute(&self, _simd: impl Simd, split: Split<'_>, (): &mut (), out: &mut [f64]) {
+        for (index, (out, energies)) in out.chunks_exact_mut(STRETCHES).zip(split.energies).enumerate() {
+            let n = split.signals.numbered(index).len();
             for (i, (out, energy)) in out.iter_mut().zip(energies).enumerate() {
                 *out = energy / stretch(i, n).len().max(1) as f64 + FLOOR;
             }
         }
-        logarithm::each::<Log, LANES>(out);
+        each::<Log, LANES>(out);
     }
+}
+
+/// The level of a recording: arcsinh of the mean of each stretch, in units of the scale.
+#[derive(Clone, Debug)]
+pub(super) struct Level {
+    scales: Vec<f64>,
+    /// Features of each axis.
+    pub(super) stretches: usize,
+}
+
+impl Level {
+    pub(super) fn new(scales: Vec<f64>, n_samples: usize) -> Self {
+        Self { scales, stretches: LEVEL_STRETCHES.min(n_samples) }
+    }
+}
+
+impl Statistic for Level {
+    type Work = ();
+
+    fn n_features(&self) -> usize {
+        self.scales.len() * self.stretches
+    }
+
+    fn work(&self) {}
+
+    /// Axis by axis. A stretch without samples, in a recording that has only begun, is at zero.
+    #[inline(always)]
+    fn compute(&self, _simd: impl Simd, split: Split<'_>, (): &mut (), out: &mut [f64]) {
+        let n_axes = self.scales.len();
+        let n_seen = split.rows.len() / n_axes;
+        out.fill(0.0);
+        for stretch in 0..self.stretches {
+            let [from, to] = [stretch, stretch + 1].map(|i| i * n_seen / self.stretches);
+            let samples = &split.rows[from * n_axes..to * n_axes];
+            for row in samples.chunks_exact(n_axes) {
+                for (axis, x) in row.iter().enumerate() {
+                    out[axis * self.stretches + stretch] += x;
+                }
+            }
+        }
+        for (axis, out) in out.chunks_exact_mut(self.stretches).enumerate() {
+            for (stretch, cell) in out.iter_mut().enumerate() {
+                let [from, to] = [stretch, stretch + 1].map(|i| i * n_seen / self.stretches);
+                *cell = libm::asinh(*cell / (to - from).max(1) as f64 / self.scales[axis]);
+            }
+        }
+    }
+}
+
+/// Sums of the squares of one signal.
+pub(super) type Energies = [f64; STRETCHES];
+
+/// Samples of stretch `i` of `n` samples; there may be none.
+#[inline(always)]
+pub(super) fn stretch(i: usize, n: usize) -> Range<usize> {
+    i * n / STRETCHES..(i + 1) * n / STRETCHES
+}
+
+/// The mean square of a signal of `n` samples.
+#[inline(always)]
+pub(super) fn mean_square(energies: &Energies, n: usize) -> f64 {
+    energies.iter().sum::<f64>() / n as f64
+}
+
+/// Energies of all signals, band by band, axis by axis.
+#[inline(always)]
+pub(super) fn measure(simd: impl Vectors<f64, 4>, signals: BandSignals<'_>, out: &mut [Energies]) {
+    let n_axes = signals.n_axes;
+    for (band, out) in out.chunks_exact_mut(n_axes).enumerate() {
+        for (group, out) in out.chunks_mut(SIGNALS).enumerate() {
+            // Where there are fewer axes, the last is measured more than once.
+            let mut axes = [&[][..]; SIGNALS];
+            for (i, axis) in axes.iter_mut().enumerate() {
+                *axis = signals.axis(band, (group * SIGNALS + i).min(n_axes - 1));
+            }
+            for i in 0..STRETCHES {
+                let range = stretch(i, signals.len(band));
+                let [a, b, c] = axes;
+                let sums = sums_of_squares(simd, [&a[range.clone()], &b[range.clone()], &c[range]]);
+                for (energies, sum) in out.iter_mut().zip(sums) {
+                    energies[i] = sum;
+                }
+            }
+        }
+    }
+}
+
+/// Each of eight partial sums.
+#[inline(always)]
+fn sums_of_squares(simd: impl Vectors<f64, 4>, [a, b, c]: [&[f64]; SIGNALS]) -> [f64; SIGNALS] {
+    let zero = simd.splat(0.0);
+    let mut sums = [[zero; 2]; SIGNALS];
+    let [(a, rest_a), (b, rest_b), (c, rest_c)] = [a.as_chunks(), b.as_chunks(), c.as_chunks::<SQUARES>()];
+    for ((a, b), c) in a.iter().zip(b).zip(c) {
+        for (sums, eight) in sums.iter_mut().zip([a, b, c]) {
+            let (x, y) = (simd.load(eight), simd.load(&eight[SQUARES / 2..]));
+            sums[0] = sums[0] + x * x;
+            sums[1] = sums[1] + y * y;
+        }
+    }
+    let mut out = [0.0; SIGNALS];
+    for ((out, sums), rest) in out.iter_mut().zip(sums).zip([rest_a, rest_b, rest_c]) {
+        let mut lanes = Pack::<SQUARES>::ZERO;
+        sums[0].store(&mut lanes.0);
+        sums[1].store(&mut lanes.0[SQUARES / 2..]);
+        for (sum, z) in lanes.0.iter_mut().zip(rest) {
+            *sum += z * z;
+        }
+        *out = lanes.sum();
+    }
+    out
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::signals::{same_on_every_path, Signals};
+    use super::super::tests::{same_on_every_path, Signals};
     use super::*;
+    use crate::kernel::Portable;
+    use crate::kernel::SimdPath;
+
+    #[test]
+    fn stretches_are_as_equal_as_samples_allow() {
+        // 1, 1, 1 and 2 samples; 0, 0, 0 and 1.
+        let signals = Signals::from(vec![vec![vec![1.0, 2.0, 3.0, 4.0, 1.0]], vec![vec![3.0]]]);
+        let mut energies = [[f64::NAN; STRETCHES]; 2];
+        measure(Portable, signals.view(), &mut energies);
+        assert_eq!(energies, [[1.0, 4.0, 9.0, 17.0], [0.0, 0.0, 0.0, 9.0]]);
+        assert_eq!(mean_square(&energies[0], 5), 6.2);
+    }
+
+    #[test]
+    fn every_sample_counts_once() {
+        let signals = Signals::new(&[1000, 61, 9], 2);
+        let mut energies = [[f64::NAN; STRETCHES]; 6];
+        measure(Portable, signals.view(), &mut energies);
+        for (index, energies) in energies.iter().enumerate() {
+            let all: f64 = signals.view().numbered(index).iter().map(|z| z * z).sum();
+            assert!((energies.iter().sum::<f64>() - all).abs() < 1e-13 * all);
+        }
+    }
 
     fn compute(path: SimdPath, signals: &Signals) -> Vec<f64> {
-        let design = Envelope::new(signals.lengths().len(), signals.n_axes());
-        let mut out = vec![0.0; design.n_features()];
-        design.compute(path, signals.view(), &signals.energies(), &mut out);
-        out
+        signals.compute(&Envelope { n_signals: signals.lengths().len() * signals.n_axes }, path)
     }
 
     #[test]

@@ -1,31 +1,25 @@
 //! From recordings to features.
 
-use super::bands::{bands, FrequencyBand};
-use super::bank::Bank;
-use super::coupling::Coupling;
-use super::energies::{mean_square, STRETCHES};
-use super::envelope::Envelope;
-use super::jobs::{Advance, Finish};
-use super::level::Level;
-use super::limits::limits;
-use super::octave::ROWS;
-use super::quantiles::Quantiles;
-use super::scales::Scales;
-use super::spare::Spare;
-use super::spec::{Block, MultiBandSpec};
+use super::bank::{means_within, Bank, ROWS};
+use super::coupling::{Coupling, LAG};
+use super::envelope::{mean_square, measure, Envelope, Level, STRETCHES};
+use super::quantiles::{Quantiles, PROBABILITIES};
+use super::spec::{bands, limits, Block, FrequencyBand, MultiBandSpec, Scales};
 use super::spectrum::Spectrum;
-use super::workspace::Workspace;
+use super::workspace::{Workspace, WorkspacePool};
+use super::{Compute, Split, Statistic};
 use crate::error::{Error, Result};
-use crate::extract::{finite, not_finite};
-use crate::features::{BatchShape, MAX_SAMPLES};
-use crate::kernel::SimdPath;
-use crate::memory::room;
+use crate::features::{finite, not_finite};
+use crate::features::{BatchShape, MAX_SAMPLES, NAME_BYTES};
+use crate::kernel::{Job, Simd, SimdPath};
+use crate::memory::{reserved, room};
+use crate::wrench::axis_name;
 
 /// The largest number of features of a recording that is worth computing.
 const MAX_FEATURES: usize = 100_000_000;
 
 /// The largest number of values of a recording, 23 minutes of six axes at 500 Hz.
-const MAX_VALUES: usize = 1 << 22;
+pub(super) const MAX_VALUES: usize = 1 << 22;
 
 /// Bytes that a design takes for each value of a recording at most, and a workspace. Both are made in many pieces.
 pub(super) const DESIGN_BYTES: usize = 200;
@@ -35,21 +29,21 @@ pub(super) const WORK_BYTES: usize = 650;
 /// Immutable, shared between threads; it keeps the memory that batches of short recordings worked in.
 #[derive(Clone, Debug)]
 pub struct MultiBand {
-    pub(super) spec: MultiBandSpec,
-    pub(super) n_samples: usize,
-    pub(super) n_axes: usize,
-    pub(super) n_features: usize,
-    pub(super) scales: Scales,
-    pub(super) bands: Vec<FrequencyBand>,
+    spec: MultiBandSpec,
+    n_samples: usize,
+    n_axes: usize,
+    n_features: usize,
+    scales: Scales,
+    bands: Vec<FrequencyBand>,
     /// The largest magnitude of each axis that can be worked with.
-    pub(super) limits: Vec<f64>,
-    pub(super) bank: Bank,
-    pub(super) coupling: Option<Coupling>,
-    pub(super) quantiles: Option<Quantiles>,
-    pub(super) envelope: Option<Envelope>,
-    pub(super) spectrum: Option<Spectrum>,
-    pub(super) level: Option<Level>,
-    pub(super) spare: Spare,
+    limits: Vec<f64>,
+    bank: Bank,
+    coupling: Option<Coupling>,
+    quantiles: Option<Quantiles>,
+    envelope: Option<Envelope>,
+    spectrum: Option<Spectrum>,
+    level: Option<Level>,
+    pub(super) pool: WorkspacePool,
 }
 
 impl MultiBand {
@@ -82,14 +76,14 @@ impl MultiBand {
             bank: Bank::new(n_samples, n_axes, &scales.bands)?,
             coupling: has(Block::Coupling).then(|| Coupling::new(&lengths, n_axes)),
             quantiles: has(Block::Quantiles).then(|| Quantiles::new(lengths.clone(), n_axes)),
-            envelope: has(Block::Envelope).then(|| Envelope::new(n_bands, n_axes)),
+            envelope: has(Block::Envelope).then(|| Envelope { n_signals: n_bands * n_axes }),
             spectrum: has(Block::Spectrum).then(|| Spectrum::new(n_samples, n_axes)),
-            level: has(Block::Level).then(|| Level::new(n_axes, n_samples)),
+            level: has(Block::Level).then(|| Level::new(scales.level.clone(), n_samples)),
             bands,
             limits: limits(scales, n_axes),
             scales: scales.clone(),
             n_features: 0,
-            spare: Spare::default(),
+            pool: WorkspacePool::default(),
             spec,
             n_samples,
             n_axes,
@@ -124,10 +118,127 @@ impl MultiBand {
             bank: self.bank.work(),
             means: vec![0.0; self.n_axes],
             energies: vec![[0.0; STRETCHES]; self.n_bands() * self.n_axes],
-            coupling: self.coupling.as_ref().map(Coupling::work),
-            tally: self.quantiles.as_ref().map(Quantiles::work),
-            spectrum: self.spectrum.as_ref().map(Spectrum::work),
+            coupling: self.coupling.as_ref().map(Statistic::work),
+            quantiles: self.quantiles.as_ref().map(Statistic::work),
+            spectrum: self.spectrum.as_ref().map(Statistic::work),
         })
+    }
+
+    /// What is computed.
+    #[must_use]
+    pub fn spec(&self) -> &MultiBandSpec {
+        &self.spec
+    }
+
+    /// The largest magnitude of each axis that can be worked with.
+    pub(crate) fn limits(&self) -> &[f64] {
+        &self.limits
+    }
+
+    /// Samples of a whole recording.
+    #[must_use]
+    pub fn n_samples(&self) -> usize {
+        self.n_samples
+    }
+
+    /// Axes of a recording.
+    #[must_use]
+    pub fn n_axes(&self) -> usize {
+        self.n_axes
+    }
+
+    /// Bands, band 0 included.
+    #[must_use]
+    pub fn n_bands(&self) -> usize {
+        self.bands.len()
+    }
+
+    /// The bands: band 0, which is the recording without its mean, then octave after octave downward.
+    #[must_use]
+    pub fn bands(&self) -> &[FrequencyBand] {
+        &self.bands
+    }
+
+    /// Middle of each bin of the spectrum, in hertz; none without that block.
+    #[must_use]
+    pub fn frequencies_hz(&self) -> Vec<f64> {
+        let step = self.spec.rate_hz / self.n_samples as f64;
+        let edges = self.spectrum.as_ref().map_or(&[][..], |spectrum| &spectrum.edges);
+        // From the first to the last frequency of a bin, both included.
+        edges.windows(2).map(|bin| 0.5 * (bin[0] + bin[1] - 1) as f64 * step).collect()
+    }
+
+    /// The scales.
+    #[must_use]
+    pub fn scales(&self) -> &Scales {
+        &self.scales
+    }
+
+    /// Features of a recording.
+    #[must_use]
+    pub fn n_features(&self) -> usize {
+        self.n_features
+    }
+
+    /// The blocks that there are, in order, and how many features each has.
+    #[must_use]
+    pub fn block_sizes(&self) -> Vec<(Block, usize)> {
+        let sizes = [
+            (Block::Coupling, self.coupling.as_ref().map(Statistic::n_features)),
+            (Block::Quantiles, self.quantiles.as_ref().map(Statistic::n_features)),
+            (Block::Envelope, self.envelope.as_ref().map(Statistic::n_features)),
+            (Block::Spectrum, self.spectrum.as_ref().map(Statistic::n_features)),
+            (Block::Level, self.level.as_ref().map(Statistic::n_features)),
+        ];
+        sizes.into_iter().filter_map(|(block, size)| size.map(|size| (block, size))).collect()
+    }
+
+    /// Names of the features, in order: `b0_coupling_fx_fx ... b0_q02_fx ... b0_envelope_fx_0 ... spectrum_fx_00`.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn names(&self) -> Result<Vec<String>> {
+        let n_bands = self.n_bands();
+        let axes: Vec<_> = (0..self.n_axes()).map(|axis| axis_name(axis, self.n_axes())).collect();
+        room(self.n_features().saturating_mul(NAME_BYTES))?;
+        let mut names = reserved(self.n_features())?;
+        if let Some(coupling) = &self.coupling {
+            let whole: Vec<_> = [String::new(), format!("_lag{LAG}")]
+                .iter()
+                .flat_map(|lag| axes.iter().map(move |axis| format!("{axis}{lag}")))
+                .collect();
+            for band in 0..coupling.n_bands {
+                for (i, one) in whole.iter().enumerate() {
+                    names.extend(whole[i..].iter().map(|other| format!("b{band}_coupling_{one}_{other}")));
+                }
+            }
+        }
+        let each = |names: &mut Vec<String>, name: &dyn Fn(usize, &str, &mut Vec<String>)| {
+            for band in 0..n_bands {
+                for axis in &axes {
+                    name(band, axis, names);
+                }
+            }
+        };
+        if self.quantiles.is_some() {
+            each(&mut names, &|band, axis, names| {
+                names.extend(PROBABILITIES.map(|p| format!("b{band}_q{:02.0}_{axis}", 100.0 * p)));
+                names.push(format!("b{band}_logrms_{axis}"));
+            });
+        }
+        if self.envelope.is_some() {
+            each(&mut names, &|band, axis, names| {
+                names.extend((0..STRETCHES).map(|stretch| format!("b{band}_envelope_{axis}_{stretch}")));
+            });
+        }
+        let bins = self.spectrum.as_ref().map_or(0, |spectrum| spectrum.edges.len() - 1);
+        let stretches = self.level.as_ref().map_or(0, |level| level.stretches);
+        for (what, n) in [("spectrum", bins), ("level", stretches)] {
+            for axis in &axes {
+                names.extend((0..n).map(|i| format!("{what}_{axis}_{i:02}")));
+            }
+        }
+        Ok(names)
     }
 
     /// Features of one recording into `out`, without allocation.
@@ -147,7 +258,8 @@ impl MultiBand {
         self.extract_on(SimdPath::detect()?, rows, work, out)
     }
 
-    /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
+    /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks, as are the other `_on`.
+    #[doc(hidden)]
     pub fn extract_on(
         &self,
         path: SimdPath,
@@ -176,8 +288,7 @@ impl MultiBand {
         self.advance_on(SimdPath::detect()?, rows, work, n_new)
     }
 
-    /// [`advance`](Self::advance) on a path of choice, for tests and benchmarks.
-    pub(crate) fn advance_on(
+    pub(super) fn advance_on(
         &self,
         path: SimdPath,
         rows: &[f64],
@@ -198,8 +309,7 @@ impl MultiBand {
         self.finish_on(SimdPath::detect()?, rows, work, out)
     }
 
-    /// [`finish_into`](Self::finish_into) on a path of choice, for tests and benchmarks.
-    pub(crate) fn finish_on(
+    pub(super) fn finish_on(
         &self,
         path: SimdPath,
         rows: &[f64],
@@ -242,24 +352,14 @@ impl MultiBand {
     }
 
     /// All blocks of the recording that was split last.
-    fn blocks(&self, path: SimdPath, rows: &[f64], work: &mut Workspace, out: &mut [f64]) {
-        let (signals, energies) = (work.bank.signals(self.n_axes), &work.energies);
-        let mut rest = out;
-        if let Some((block, work)) = self.coupling.as_ref().zip(work.coupling.as_mut()) {
-            block.compute(path, signals, work, first(&mut rest, block.n_features()));
-        }
-        if let Some((block, work)) = self.quantiles.as_ref().zip(work.tally.as_mut()) {
-            block.compute(path, signals, energies, work, first(&mut rest, block.n_features()));
-        }
-        if let Some(block) = &self.envelope {
-            block.compute(path, signals, energies, first(&mut rest, block.n_features()));
-        }
-        if let Some((block, work)) = self.spectrum.as_ref().zip(work.spectrum.as_mut()) {
-            block.compute(path, signals, work, first(&mut rest, block.n_features()));
-        }
-        if let Some(block) = &self.level {
-            block.compute(rows, &self.scales.level, first(&mut rest, block.n_features()));
-        }
+    fn blocks(&self, path: SimdPath, rows: &[f64], work: &mut Workspace, mut out: &mut [f64]) {
+        let Workspace { bank, energies, coupling, quantiles, spectrum, .. } = work;
+        let split = Split { rows, signals: bank.signals(self.n_axes), energies };
+        block(path, self.coupling.as_ref(), coupling.as_mut(), split, &mut out);
+        block(path, self.quantiles.as_ref(), quantiles.as_mut(), split, &mut out);
+        block(path, self.envelope.as_ref(), Some(&mut ()), split, &mut out);
+        block(path, self.spectrum.as_ref(), spectrum.as_mut(), split, &mut out);
+        block(path, self.level.as_ref(), Some(&mut ()), split, &mut out);
     }
 
     /// Splits the rest of a recording into bands, once it is known to be one.
@@ -278,7 +378,8 @@ impl MultiBand {
             return Err(Error::Length { what: "rows", expected: whole, got: rows.len() });
         }
         // A workspace made for something else is replaced: a mistake that costs time only.
-        if !work.suits(self) {
+        let needed = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
+        if !work.suits((self.n_samples, self.n_axes), needed) {
             *work = self.workspace()?;
         }
         // One that knows more rows than there are knows another recording.
@@ -298,32 +399,70 @@ impl MultiBand {
     }
 }
 
-/// Takes the first numbers off a slice.
+/// A block, where there is one, into the first numbers of `rest`, which are taken off.
 #[allow(clippy::mut_mut)] // the slice itself moves on
-fn first<'a>(rest: &mut &'a mut [f64], n: usize) -> &'a mut [f64] {
-    let (first, after) = std::mem::take(rest).split_at_mut(n);
-    *rest = after;
-    first
+fn block<S: Statistic>(
+    path: SimdPath,
+    statistic: Option<&S>,
+    work: Option<&mut S::Work>,
+    split: Split<'_>,
+    rest: &mut &mut [f64],
+) {
+    let Some((statistic, work)) = statistic.zip(work) else { return };
+    if let Some(out) = rest.split_off_mut(..statistic.n_features()) {
+        path.run(Compute { statistic, split, work, out });
+    }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+/// Splits the next blocks of rows of the beginning of a recording into octaves, and adds up what the statistics make of them.
+struct Advance<'a> {
+    design: &'a MultiBand,
+    rows: &'a [f64],
+    work: &'a mut Workspace,
+    /// Blocks of rows, at most.
+    n_blocks: usize,
+}
 
-    #[test]
-    fn recordings_too_large_for_any_memory_are_refused() {
-        let unit = Scales::unit(1, 1).unwrap();
-        for (n_samples, n_axes) in [
-            (usize::MAX, 1),
-            (MAX_SAMPLES, 1),
-            (MAX_VALUES + 1, 1),
-            (MAX_VALUES, 2),
-            (1, MAX_VALUES + 1),
-            (1, usize::MAX / 8 + 1),
-            (MAX_SAMPLES, usize::MAX),
-        ] {
-            let error = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &unit).unwrap_err();
-            assert!(matches!(error, Error::Samples { .. } | Error::TooLarge { .. }), "{error}");
+impl Job for Advance<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let Advance { design, rows, work, n_blocks } = self;
+        for _ in 0..n_blocks {
+            if !design.bank.advance(simd, rows, &mut work.bank) {
+                return;
+            }
+            let signals = work.bank.signals(design.n_axes);
+            if let Some(coupling) = &mut work.coupling {
+                coupling.advance(simd, signals);
+            }
+            if let Some(histograms) = &mut work.quantiles {
+                histograms.advance(signals);
+            }
         }
+    }
+}
+
+/// Splits what is left of a recording into the bands of a workspace and measures their energies; false, and nothing split,
+/// where a value is not to be worked with.
+struct Finish<'a> {
+    design: &'a MultiBand,
+    rows: &'a [f64],
+    work: &'a mut Workspace,
+}
+
+impl Job for Finish<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> bool {
+        let Finish { design, rows, work } = self;
+        let within = means_within(rows, &design.limits, &mut work.means);
+        if within {
+            design.bank.finish(simd, rows, &work.means, &mut work.bank);
+            measure(simd, work.bank.signals(design.n_axes), &mut work.energies);
+        }
+        within
     }
 }

@@ -16,46 +16,100 @@
 //! # Ok::<(), granular_id::Error>(())
 //! ```
 
-mod about;
-mod band_signals;
-mod bands;
 mod bank;
-mod batch;
-mod butterfly;
 mod coupling;
-mod energies;
 mod envelope;
 mod extractor;
 mod fft;
-mod grid;
-mod jobs;
-mod level;
-mod limits;
-mod log_bins;
 mod logarithm;
-mod moments;
-mod names;
-mod octave;
-mod passes;
-mod pyramid;
-mod quad;
 mod quantiles;
-mod reflections;
-mod rotations;
-mod scales;
-#[cfg(test)]
-mod signals;
-mod spare;
 mod spec;
 mod spectrum;
-mod symmetric;
-mod tally;
 #[cfg(test)]
 mod tests;
 mod workspace;
 
-pub use bands::{n_bands, FrequencyBand};
+use crate::kernel::{Job, Simd};
+
 pub use extractor::MultiBand;
-pub use scales::Scales;
-pub use spec::{Block, MultiBandSpec};
+pub use spec::{n_bands, Block, FrequencyBand, MultiBandSpec, Scales};
 pub use workspace::Workspace;
+
+/// The signals of all bands of one recording, divided by their scales: band 0 is the recording without its mean, then
+/// octave after octave downward, each at a rate of its own. While a recording arrives they end where its bands do.
+#[derive(Clone, Copy, Debug)]
+struct BandSignals<'a> {
+    values: &'a [f64],
+    regions: &'a [Region],
+    n_axes: usize,
+}
+
+/// Where the signals of one band lie, axis after axis.
+#[derive(Clone, Copy, Debug)]
+struct Region {
+    /// Index of the first sample of the first axis.
+    start: usize,
+    /// From the first sample of one axis to that of the next.
+    stride: usize,
+    /// Samples of each axis.
+    len: usize,
+}
+
+impl<'a> BandSignals<'a> {
+    /// Samples of a band.
+    #[inline(always)]
+    fn len(&self, band: usize) -> usize {
+        self.regions[band].len
+    }
+
+    /// Signals in the order of bands, then of axes.
+    #[inline(always)]
+    fn numbered(&self, index: usize) -> &'a [f64] {
+        self.axis(index / self.n_axes, index % self.n_axes)
+    }
+
+    /// One axis of a band, in time order.
+    #[inline(always)]
+    fn axis(&self, band: usize, axis: usize) -> &'a [f64] {
+        let Region { start, stride, len } = self.regions[band];
+        &self.values[start + axis * stride..][..len]
+    }
+}
+
+/// A recording that has been split into bands.
+#[derive(Clone, Copy, Debug)]
+struct Split<'a> {
+    rows: &'a [f64],
+    signals: BandSignals<'a>,
+    energies: &'a [envelope::Energies],
+}
+
+/// What a block is computed by.
+trait Statistic {
+    /// What one thread needs to compute it.
+    type Work;
+
+    fn n_features(&self) -> usize;
+
+    fn work(&self) -> Self::Work;
+
+    /// Allocates nothing.
+    fn compute(&self, simd: impl Simd, split: Split<'_>, work: &mut Self::Work, out: &mut [f64]);
+}
+
+/// A statistic, compiled for every path.
+struct Compute<'a, S: Statistic> {
+    statistic: &'a S,
+    split: Split<'a>,
+    work: &'a mut S::Work,
+    out: &'a mut [f64],
+}
+
+impl<S: Statistic> Job for Compute<'_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Simd>(self, simd: I) {
+        self.statistic.compute(simd, self.split, self.work, self.out);
+    }
+}

@@ -1,4 +1,17 @@
-//! What to compute.
+//! What to compute: blocks, the bands that there are, and the sizes by which signals are divided.
+
+use crate::error::{Error, Result};
+use crate::memory::filled;
+
+/// Where the highest octave ends, as a share of the Nyquist frequency.
+pub(super) const TOP: f64 = 0.98;
+
+/// Cycles that the lower edge of an octave completes within a recording.
+const MIN_CYCLES: f64 = 1.5;
+
+/// Larger magnitudes, in units of the smallest scale, are refused. Filters overshoot and sums of squares grow with the
+/// length of a recording, which leaves room to 1e154, where squares overflow.
+const LARGEST: f64 = 1e145;
 
 /// One kind of numbers about a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -91,5 +104,138 @@ impl MultiBandSpec {
     /// Blocks asked for that recordings of so many samples have.
     pub(super) fn has(&self, block: Block, n_samples: usize, n_axes: usize) -> bool {
         self.wants(block) && n_samples >= block.least_samples(n_axes)
+    }
+}
+
+/// One band of a recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrequencyBand {
+    /// Lower edge in hertz, 3 dB down; zero for band 0, which is the recording without its mean.
+    pub low_hz: f64,
+    /// Upper edge in hertz.
+    pub high_hz: f64,
+    /// Rate at which the band is sampled, in hertz.
+    pub rate_hz: f64,
+    /// Samples of the band in a whole recording.
+    pub n_samples: usize,
+}
+
+/// Octaves downward from `TOP` of which the lower edge completes `MIN_CYCLES`.
+pub(super) fn n_octaves(n_samples: usize) -> usize {
+    let mut edge = TOP / 2.0;
+    let mut octaves = 0;
+    while edge * n_samples as f64 / 2.0 >= MIN_CYCLES {
+        octaves += 1;
+        edge /= 2.0;
+    }
+    octaves
+}
+
+/// Bands of a recording of so many samples: band 0 and the octaves that fit.
+///
+/// ```
+/// use granular_id::multiband::n_bands;
+///
+/// assert_eq!((n_bands(1600), n_bands(1)), (10, 1));
+/// ```
+#[must_use]
+pub fn n_bands(n_samples: usize) -> usize {
+    1 + n_octaves(n_samples)
+}
+
+/// How often the rate is halved before octave `octave`, counted from 0 at the top.
+pub(super) fn halvings(octave: usize) -> u32 {
+    u32::try_from(octave.saturating_sub(1)).unwrap_or(u32::MAX)
+}
+
+/// Samples that are left of `n_samples` after halvings that each keep the first of two.
+pub(super) fn halved(n_samples: usize, halvings: u32) -> usize {
+    (0..halvings).fold(n_samples, |n, _| n.div_ceil(2))
+}
+
+/// The bands of a recording.
+pub(super) fn bands(n_samples: usize, rate_hz: f64) -> Vec<FrequencyBand> {
+    let nyquist = rate_hz / 2.0;
+    let whole = FrequencyBand { low_hz: 0.0, high_hz: nyquist, rate_hz, n_samples };
+    let mut bands = vec![whole];
+    let mut high_hz = TOP * nyquist;
+    for octave in 0..n_octaves(n_samples) {
+        let halvings = halvings(octave);
+        bands.push(FrequencyBand {
+            low_hz: high_hz / 2.0,
+            high_hz,
+            rate_hz: rate_hz / libm::exp2(halvings.into()),
+            n_samples: halved(n_samples, halvings),
+        });
+        high_hz /= 2.0;
+    }
+    bands
+}
+
+/// Typical size of each band and of the level, learned from training recordings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scales {
+    /// Typical root mean square of each band and axis, band-major: `bands[band * n_axes + axis]`.
+    pub bands: Vec<f64>,
+    /// Typical magnitude of the mean over a stretch of time, axis by axis.
+    pub level: Vec<f64>,
+}
+
+impl Scales {
+    /// One everywhere.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn unit(n_bands: usize, n_axes: usize) -> Result<Self> {
+        Ok(Self { bands: filled(1.0, n_bands.saturating_mul(n_axes))?, level: filled(1.0, n_axes)? })
+    }
+
+    /// Refuses a wrong number of scales, and scales that are not positive.
+    pub(super) fn check(&self, n_samples: usize, n_axes: usize) -> Result<()> {
+        let bands = n_bands(n_samples).saturating_mul(n_axes);
+        for (what, expected, scales) in
+            [("scales", bands, &self.bands), ("level_scales", n_axes, &self.level)]
+        {
+            if scales.len() != expected {
+                return Err(Error::Length { what, expected, got: scales.len() });
+            }
+            // Half of the exponents of float64: a quotient by such a scale, and its square, stay within its range.
+            if let Some(index) = scales.iter().position(|scale| !(*scale >= 1e-150 && *scale <= 1e150)) {
+                return Err(Error::Scale {
+                    what,
+                    band: index / n_axes,
+                    axis: index % n_axes,
+                    value: scales[index],
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The largest magnitude of each axis, given its scales; at most `LARGEST` itself.
+pub(super) fn limits(scales: &Scales, n_axes: usize) -> Vec<f64> {
+    (0..n_axes)
+        .map(|axis| {
+            let own = scales.bands.iter().skip(axis).step_by(n_axes).chain(scales.level.get(axis));
+            LARGEST * own.fold(1.0, |least: f64, scale| least.min(*scale))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn octaves_of_short_and_long_recordings() {
+        let expected = [(1, 0), (6, 0), (7, 1), (12, 1), (13, 2), (85, 4), (1600, 9), (100_000, 14)];
+        for (n_samples, octaves) in expected {
+            assert_eq!(n_octaves(n_samples), octaves, "{n_samples}");
+        }
+        let bands = bands(1600, 500.0);
+        assert_eq!(bands.len(), 10);
+        assert_eq!((bands[1].low_hz, bands[1].high_hz, bands[2].rate_hz), (122.5, 245.0, 500.0));
+        assert_eq!((bands[9].n_samples, bands[9].rate_hz), (13, 500.0 / 128.0));
     }
 }

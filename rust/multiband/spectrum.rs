@@ -3,11 +3,10 @@
 use std::f64::consts::PI;
 use std::ops::Range;
 
-use super::band_signals::BandSignals;
-use super::fft::Fft;
-use super::grid::{GridWork, Parts, LANES};
-use super::logarithm::{self, Log};
-use crate::kernel::{Isa, Job, Quad, SimdPath};
+use super::fft::{ComplexValues, Fft, FftWork, LANES};
+use super::logarithm::{each, Log};
+use super::{Split, Statistic};
+use crate::kernel::{Register, Simd, Vectors};
 
 /// Pooled bins at most.
 const BINS: usize = 40;
@@ -29,19 +28,93 @@ const AXES: usize = 8;
 pub(super) struct Spectrum {
     n_axes: usize,
     n_samples: usize,
-    edges: Vec<usize>,
+    /// First frequency of each bin, then one past the last, in steps of the transform.
+    pub(super) edges: Vec<usize>,
     fft: Fft,
 }
 
 /// What one thread needs to compute it.
 #[derive(Clone, Debug)]
 pub(super) struct SpectrumWork {
-    transform: GridWork,
+    transform: FftWork,
     /// Powers of a few axes, axis by axis.
     powers: [Vec<f64>; AXES],
     /// The window of the length that came last, and the sum of its squares.
     window: Vec<f64>,
     weight: f64,
+}
+
+impl Spectrum {
+    pub(super) fn new(n_samples: usize, n_axes: usize) -> Self {
+        Self { n_axes, n_samples, edges: edges(n_samples), fft: Fft::new(n_samples) }
+    }
+}
+
+impl Statistic for Spectrum {
+    type Work = SpectrumWork;
+
+    fn n_features(&self) -> usize {
+        self.n_axes * (self.edges.len() - 1)
+    }
+
+    /// Room, and the window of whole recordings.
+    fn work(&self) -> SpectrumWork {
+        // Whole vectors of the frequencies up to half of the rate.
+        let powers = vec![0.0; (self.n_samples / 2 + 1).next_multiple_of(LANES)];
+        let mut work = SpectrumWork {
+            transform: self.fft.work(),
+            powers: std::array::from_fn(|_| powers.clone()),
+            window: Vec::with_capacity(self.n_samples),
+            weight: 0.0,
+        };
+        work.open(self.n_samples);
+        work
+    }
+
+    /// Axis by axis the logarithms of the pooled powers of band 0, which is the mean-free signal; a beginning of a recording
+    /// is followed by zeros.
+    #[inline(always)]
+    fn compute(&self, simd: impl Simd, split: Split<'_>, work: &mut SpectrumWork, out: &mut [f64]) {
+        if work.window.len() != split.signals.len(0) {
+            work.open(split.signals.len(0));
+        }
+        let (n, per_axis) = (self.n_samples, self.edges.len() - 1);
+        let SpectrumWork { transform, powers, window, weight } = work;
+        for first in (0..self.n_axes).step_by(AXES) {
+            let axes = first..self.n_axes.min(first + AXES);
+            // Two axes are one complex signal.
+            for (pair, [even, odd]) in axes.clone().step_by(2).zip(powers.as_chunks_mut().0) {
+                let ComplexValues { re, im } = &mut transform.signal;
+                open(split.signals.axis(0, pair), window, &mut re[..n]);
+                if pair + 1 < axes.end {
+                    open(split.signals.axis(0, pair + 1), window, &mut im[..n]);
+                } else {
+                    im.fill(0.0);
+                }
+                self.fft.process(simd, transform);
+                measure(simd, &transform.signal, n, even, odd);
+            }
+            for (bin, range) in self.edges.windows(2).enumerate() {
+                let share = 4.0 * *weight * (range[1] - range[0]) as f64;
+                let sums = pooled(powers, range[0]..range[1]);
+                for (axis, power) in axes.clone().zip(sums) {
+                    out[axis * per_axis + bin] = power / share + FLOOR;
+                }
+            }
+        }
+        each::<Log, LANES>(out);
+    }
+}
+
+impl SpectrumWork {
+    /// Makes `window` the Hann window of `n` samples. Its ends lie half a sample outside, so that no sample is lost.
+    #[cold]
+    #[inline(never)]
+    fn open(&mut self, n: usize) {
+        self.window.clear();
+        self.window.extend((0..n).map(|t| 0.5 - 0.5 * libm::cos(2.0 * PI * (t as f64 + 0.5) / n as f64)));
+        self.weight = self.window.iter().fold(0.0, |sum, w| sum + w * w);
+    }
 }
 
 /// First FFT bin of each pooled bin, then the end: geometric, but at least [`MIN_WIDTH`] apart; a shorter rest joins the
@@ -63,105 +136,6 @@ fn edges(n_samples: usize) -> Vec<usize> {
     edges
 }
 
-impl Spectrum {
-    pub(super) fn new(n_samples: usize, n_axes: usize) -> Self {
-        Self { n_axes, n_samples, edges: edges(n_samples), fft: Fft::new(n_samples) }
-    }
-
-    /// First frequency of each bin, then one past the last, in steps of the transform.
-    pub(super) fn edges(&self) -> &[usize] {
-        &self.edges
-    }
-
-    /// Pooled bins.
-    pub(super) fn per_axis(&self) -> usize {
-        self.edges.len() - 1
-    }
-
-    pub(super) fn n_features(&self) -> usize {
-        self.n_axes * self.per_axis()
-    }
-
-    /// Room, and the window of whole recordings.
-    pub(super) fn work(&self) -> SpectrumWork {
-        // Whole vectors of the frequencies up to half of the rate.
-        let powers = vec![0.0; (self.n_samples / 2 + 1).next_multiple_of(LANES)];
-        let mut work = SpectrumWork {
-            transform: self.fft.work(),
-            powers: std::array::from_fn(|_| powers.clone()),
-            window: Vec::with_capacity(self.n_samples),
-            weight: 0.0,
-        };
-        work.open(self.n_samples);
-        work
-    }
-
-    /// Axis by axis the logarithms of the pooled powers of band 0, which is the mean-free signal; a beginning of a recording
-    /// is followed by zeros. Allocates nothing.
-    pub(super) fn compute(
-        &self,
-        path: SimdPath,
-        signals: BandSignals<'_>,
-        work: &mut SpectrumWork,
-        out: &mut [f64],
-    ) {
-        if work.window.len() != signals.len(0) {
-            work.open(signals.len(0));
-        }
-        path.run(Compute { design: self, signals, work, out });
-    }
-}
-
-impl SpectrumWork {
-    /// Makes `window` the Hann window of `n` samples. Its ends lie half a sample outside, so that no sample is lost.
-    fn open(&mut self, n: usize) {
-        self.window.clear();
-        self.window.extend((0..n).map(|t| 0.5 - 0.5 * libm::cos(2.0 * PI * (t as f64 + 0.5) / n as f64)));
-        self.weight = self.window.iter().fold(0.0, |sum, w| sum + w * w);
-    }
-}
-
-struct Compute<'a> {
-    design: &'a Spectrum,
-    signals: BandSignals<'a>,
-    work: &'a mut SpectrumWork,
-    out: &'a mut [f64],
-}
-
-impl Job for Compute<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<I: Isa>(self) {
-        let Self { design, signals, work, out } = self;
-        let (n, per_axis) = (design.n_samples, design.per_axis());
-        let SpectrumWork { transform, powers, window, weight } = work;
-        for first in (0..design.n_axes).step_by(AXES) {
-            let axes = first..design.n_axes.min(first + AXES);
-            // Two axes are one complex signal.
-            for (pair, [even, odd]) in axes.clone().step_by(2).zip(powers.as_chunks_mut().0) {
-                let Parts { re, im } = &mut transform.signal;
-                open(signals.axis(0, pair), window, &mut re[..n]);
-                if pair + 1 < axes.end {
-                    open(signals.axis(0, pair + 1), window, &mut im[..n]);
-                } else {
-                    im.fill(0.0);
-                }
-                design.fft.process::<I::Quad>(transform);
-                measure::<I::Quad>(&transform.signal, n, even, odd);
-            }
-            for (bin, range) in design.edges.windows(2).enumerate() {
-                let share = 4.0 * *weight * (range[1] - range[0]) as f64;
-                let sums = pooled(powers, range[0]..range[1]);
-                for (axis, power) in axes.clone().zip(sums) {
-                    out[axis * per_axis + bin] = power / share + FLOOR;
-                }
-            }
-        }
-        logarithm::each::<Log, LANES>(out);
-    }
-}
-
 /// A signal behind its window, and silence after it.
 #[inline(always)]
 fn open(signal: &[f64], window: &[f64], out: &mut [f64]) {
@@ -175,11 +149,17 @@ fn open(signal: &[f64], window: &[f64], out: &mut [f64]) {
 /// Four times the powers of the signal that is the real part, and of the one that is the imaginary part; that of frequency
 /// zero is not there. Both are scaled: each takes on rounding errors of the other.
 #[inline(always)]
-fn measure<V: Quad>(transform: &Parts, n: usize, real: &mut [f64], imaginary: &mut [f64]) {
+fn measure(
+    simd: impl Vectors<f64, 4>,
+    transform: &ComplexValues,
+    n: usize,
+    real: &mut [f64],
+    imaginary: &mut [f64],
+) {
     let outs = real.as_chunks_mut::<LANES>().0.iter_mut().zip(imaginary.as_chunks_mut::<LANES>().0);
     for (i, (real, imaginary)) in outs.enumerate() {
         let k = i * LANES;
-        let (a, b) = (transform.load::<V>(k), transform.load::<V>(n - k - (LANES - 1)));
+        let (a, b) = (transform.load(simd, k), transform.load(simd, n - k - (LANES - 1)));
         let (re, im) = (b.re.reversed(), b.im.reversed());
         let (p, q) = (a.re + re, a.im - im);
         (p * p + q * q).store(real);
@@ -203,14 +183,12 @@ fn pooled(powers: &[Vec<f64>; AXES], frequencies: Range<usize>) -> [f64; AXES] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::signals::{same_on_every_path, Signals};
+    use super::super::tests::{same_on_every_path, Signals};
     use super::*;
+    use crate::kernel::SimdPath;
 
     fn compute(path: SimdPath, signals: &Signals) -> Vec<f64> {
-        let design = Spectrum::new(signals.lengths()[0], signals.n_axes());
-        let mut out = vec![0.0; design.n_features()];
-        design.compute(path, signals.view(), &mut design.work(), &mut out);
-        out
+        signals.compute(&Spectrum::new(signals.lengths()[0], signals.n_axes), path)
     }
 
     #[test]
@@ -247,13 +225,11 @@ mod tests {
 
     #[test]
     fn a_beginning_is_followed_by_zeros() {
-        let design = Spectrum::new(200, 1);
-        let signals = Signals::new(&[77], 1);
-        let (mut short, mut long) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
+        let (design, path) = (Spectrum::new(200, 1), SimdPath::detect().unwrap());
         let mut work = design.work();
-        design.compute(SimdPath::detect().unwrap(), signals.view(), &mut work, &mut short);
-        design.compute(SimdPath::detect().unwrap(), Signals::new(&[200], 1).view(), &mut work, &mut long);
+        let short = Signals::new(&[77], 1).compute_in(&design, path, &mut work);
+        let long = Signals::new(&[200], 1).compute_in(&design, path, &mut work);
         assert!(short.iter().all(|x| x.is_finite()));
-        assert_eq!(long, compute(SimdPath::detect().unwrap(), &Signals::new(&[200], 1)));
+        assert_eq!(long, compute(path, &Signals::new(&[200], 1)));
     }
 }

@@ -3,9 +3,13 @@
 use allocation_counter::measure;
 use proptest::prelude::*;
 
-use super::extractor::{DESIGN_BYTES, WORK_BYTES};
-use super::{n_bands, MultiBand, MultiBandSpec, Scales};
-use crate::{BatchShape, Error, SimdPath};
+use super::envelope::{self, STRETCHES};
+use super::extractor::{DESIGN_BYTES, MAX_VALUES, WORK_BYTES};
+use super::workspace::MAX_POOLED;
+use super::*;
+use crate::features::MAX_SAMPLES;
+use crate::kernel::{Portable, SimdPath};
+use crate::{BatchShape, Error};
 
 const ALL: MultiBandSpec = MultiBandSpec {
     rate_hz: 500.0,
@@ -18,6 +22,81 @@ const ALL: MultiBandSpec = MultiBandSpec {
 
 fn design(n_samples: usize, n_axes: usize) -> MultiBand {
     MultiBand::new(ALL, n_samples, n_axes, &Scales::unit(n_bands(n_samples), n_axes).unwrap()).unwrap()
+}
+
+/// Asserts that features of restless signals, of many lengths and more axes than fit into a vector, are finite and have the
+/// same bits on every path.
+pub(super) fn same_on_every_path(compute: impl Fn(SimdPath, &Signals) -> Vec<f64>) {
+    let signals = Signals::new(&[1000, 1000, 500, 61, 9, 1], 7);
+    let all: Vec<_> = SimdPath::available().into_iter().map(|path| compute(path, &signals)).collect();
+    assert!(all[0].iter().all(|x| x.is_finite()));
+    assert!(all.windows(2).all(|pair| pair[0] == pair[1]));
+}
+
+/// Signals with a place for each.
+pub(super) struct Signals {
+    values: Vec<f64>,
+    regions: Vec<Region>,
+    pub(super) n_axes: usize,
+}
+
+impl Signals {
+    /// Restless signals of some lengths.
+    pub(super) fn new(lengths: &[usize], n_axes: usize) -> Self {
+        let value = |band: usize, axis: usize, t: usize| {
+            let phase = (band * 7 + axis * 3 + 1) as f64;
+            (0.37 * phase * t as f64).sin() + (1.3 * (t * t) as f64 + phase).cos() * 0.4
+        };
+        let axis = |band, axis, n| (0..n).map(|t| value(band, axis, t)).collect();
+        let band = |(band, n): (usize, &usize)| (0..n_axes).map(|a| axis(band, a, *n)).collect();
+        Self::from(lengths.iter().enumerate().map(band).collect::<Vec<Vec<Vec<f64>>>>())
+    }
+
+    pub(super) fn view(&self) -> BandSignals<'_> {
+        BandSignals { values: &self.values, regions: &self.regions, n_axes: self.n_axes }
+    }
+
+    /// What a statistic makes of them.
+    pub(super) fn compute<S: Statistic>(&self, statistic: &S, path: SimdPath) -> Vec<f64> {
+        self.compute_in(statistic, path, &mut statistic.work())
+    }
+
+    pub(super) fn compute_in<S: Statistic>(
+        &self,
+        statistic: &S,
+        path: SimdPath,
+        work: &mut S::Work,
+    ) -> Vec<f64> {
+        let mut energies = vec![[0.0; STRETCHES]; self.regions.len() * self.n_axes];
+        envelope::measure(Portable, self.view(), &mut energies);
+        let split = Split { rows: &[], signals: self.view(), energies: &energies };
+        let mut out = vec![0.0; statistic.n_features()];
+        path.run(Compute { statistic, split, work, out: &mut out });
+        out
+    }
+
+    pub(super) fn lengths(&self) -> Vec<usize> {
+        self.regions.iter().map(|region| region.len).collect()
+    }
+
+    /// All axes of a band.
+    pub(super) fn band(&self, band: usize) -> Vec<Vec<f64>> {
+        (0..self.n_axes).map(|axis| self.view().axis(band, axis).to_vec()).collect()
+    }
+}
+
+impl From<Vec<Vec<Vec<f64>>>> for Signals {
+    /// By band, axis and sample.
+    fn from(bands: Vec<Vec<Vec<f64>>>) -> Self {
+        let mut start = 0;
+        let region = |band: &Vec<Vec<f64>>| {
+            let region = Region { start, stride: band[0].len(), len: band[0].len() };
+            start += band.len() * region.stride;
+            region
+        };
+        let (regions, n_axes) = (bands.iter().map(region).collect(), bands[0].len());
+        Self { values: bands.concat().concat(), regions, n_axes }
+    }
 }
 
 /// Numbers that look random, around an offset.
@@ -282,4 +361,100 @@ fn memory_is_asked_for_beforehand() {
             "{n_samples} x {n_axes}: {counted:?}"
         );
     }
+}
+
+#[test]
+fn recordings_too_large_for_any_memory_are_refused() {
+    let unit = Scales::unit(1, 1).unwrap();
+    for (n_samples, n_axes) in [
+        (usize::MAX, 1),
+        (MAX_SAMPLES, 1),
+        (MAX_VALUES + 1, 1),
+        (MAX_VALUES, 2),
+        (1, MAX_VALUES + 1),
+        (1, usize::MAX / 8 + 1),
+        (MAX_SAMPLES, usize::MAX),
+    ] {
+        let error = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &unit).unwrap_err();
+        assert!(matches!(error, Error::Samples { .. } | Error::TooLarge { .. }), "{error}");
+    }
+}
+
+/// Every selection of blocks, in memory made for every other one and for another shape.
+#[test]
+fn memory_of_another_design_changes_nothing() {
+    let (n_samples, n_axes) = (60, 2);
+    let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
+    let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
+    let designs: Vec<_> = (1..1 << Block::NAMED.len())
+        .map(|blocks| {
+            let spec = MultiBandSpec::of(500.0, |block| blocks >> block as u8 & 1 == 1);
+            MultiBand::new(spec, n_samples, n_axes, &scales).unwrap()
+        })
+        .collect();
+    let short =
+        MultiBand::new(MultiBandSpec::default(), 7, n_axes, &Scales::unit(n_bands(7), n_axes).unwrap());
+    let extract = |design: &MultiBand, mut work: Workspace| {
+        let mut out = vec![f64::NAN; design.n_features()];
+        design.extract_into(&rows, &mut work, &mut out).unwrap();
+        out
+    };
+    let short = short.unwrap();
+    for design in &designs {
+        let own = extract(design, design.workspace().unwrap());
+        assert!(own.iter().all(|feature| feature.is_finite()));
+        for other in designs.iter().chain([&short]) {
+            assert_eq!(extract(design, other.workspace().unwrap()), own);
+        }
+    }
+}
+
+#[test]
+fn work_is_done_while_rows_arrive_and_never_much_at_a_time() {
+    let (n_samples, n_axes) = (1000, 2);
+    let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
+    let design = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &scales).unwrap();
+    let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
+    let mut work = design.workspace().unwrap();
+    for n_seen in 1..=n_samples {
+        design.advance(&rows[..n_seen * n_axes], &mut work, 1).unwrap();
+        assert_eq!(work.bank.n_done(), n_seen / 64 * 64);
+    }
+    work.restart();
+    for n_done in [128, 256, 384] {
+        design.advance(&rows, &mut work, 1).unwrap();
+        assert_eq!(work.bank.n_done(), n_done);
+    }
+}
+
+fn default_of(n_samples: usize) -> MultiBand {
+    let scales = Scales::unit(n_bands(n_samples), 1).unwrap();
+    MultiBand::new(MultiBandSpec::default(), n_samples, 1, &scales).unwrap()
+}
+
+fn extract(design: &MultiBand, last: f64) -> Option<Vec<f64>> {
+    let n_samples = design.n_samples();
+    let mut wrench: Vec<f64> = (0..n_samples).map(|t| (0.3 * (t * t) as f64).sin()).collect();
+    wrench[n_samples - 1] = last;
+    let mut out = vec![0.0; design.n_features()];
+    let shape = BatchShape { n_recordings: 1, n_samples, n_axes: 1 };
+    design.extract_batch(&wrench, shape, 1, &mut out).ok().map(|()| out)
+}
+
+#[test]
+fn the_next_batch_works_where_the_last_one_did() {
+    let design = default_of(60);
+    assert!(design.pool.take().is_none());
+    let first = extract(&design, 0.5);
+    assert_eq!(extract(&design, f64::NAN), None);
+    assert_eq!(extract(&design, 0.5), first);
+    assert!(design.clone().pool.take().is_none());
+    assert!(design.pool.take().is_some_and(|work| work.shape == (60, 1)));
+}
+
+#[test]
+fn memory_of_long_recordings_is_given_back() {
+    let design = default_of(MAX_POOLED + 1);
+    assert!(extract(&design, 0.5).is_some());
+    assert!(design.pool.take().is_none());
 }

@@ -1,11 +1,22 @@
-//! Memory that extraction works in.
+//! Memory that extraction works in, and batches of recordings that share it.
+
+use std::sync::Mutex;
 
 use super::bank::BankWork;
 use super::coupling::CouplingWork;
-use super::energies::Energies;
-use super::extractor::MultiBand;
+use super::envelope::Energies;
+use super::quantiles::BandHistograms;
 use super::spectrum::SpectrumWork;
-use super::tally::Tally;
+use super::MultiBand;
+use crate::error::{Error, Result};
+use crate::features::BatchShape;
+use crate::kernel::SimdPath;
+use crate::pool;
+use crate::pool::in_tasks;
+
+/// The largest number of values of a recording whose workspace is kept: twelve times the paper's, or 40 MB of memory.
+/// Longer ones take so much time that fresh memory costs nothing beside it.
+pub(super) const MAX_POOLED: usize = 1 << 16;
 
 /// Memory for one recording at a time, of the shape that it was made for by
 /// [`MultiBand::workspace`](super::MultiBand::workspace). Nothing that it holds ever shows in the features of a recording.
@@ -17,7 +28,7 @@ pub struct Workspace {
     pub(super) means: Vec<f64>,
     pub(super) energies: Vec<Energies>,
     pub(super) coupling: Option<CouplingWork>,
-    pub(super) tally: Option<Tally>,
+    pub(super) quantiles: Option<BandHistograms>,
     pub(super) spectrum: Option<SpectrumWork>,
 }
 
@@ -32,68 +43,136 @@ impl Workspace {
         if let Some(coupling) = &mut self.coupling {
             coupling.restart();
         }
-        if let Some(tally) = &mut self.tally {
-            tally.restart();
+        if let Some(quantiles) = &mut self.quantiles {
+            quantiles.restart();
         }
     }
 
-    /// Whether there is room for all that a design computes.
-    pub(super) fn suits(&self, design: &MultiBand) -> bool {
-        let there = [self.coupling.is_some(), self.tally.is_some(), self.spectrum.is_some()];
-        let needed = [design.coupling.is_some(), design.quantiles.is_some(), design.spectrum.is_some()];
-        self.shape == (design.n_samples(), design.n_axes()) && there.iter().zip(needed).all(|(t, n)| *t || !n)
+    /// Whether there is room for recordings of a shape and for those of couplings, quantiles and spectrum that are needed.
+    pub(super) fn suits(&self, shape: (usize, usize), needed: [bool; 3]) -> bool {
+        let there = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
+        self.shape == shape && there.iter().zip(needed).all(|(there, needed)| *there || !needed)
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::super::{n_bands, Block, MultiBandSpec, Scales};
-    use super::*;
+/// Workspaces of a design that nobody works in, kept for the recordings to come: to a short recording fresh memory costs as
+/// much as its features.
+#[derive(Debug, Default)]
+pub(super) struct WorkspacePool(Mutex<Vec<Workspace>>);
 
-    /// Every selection of blocks, in memory made for every other one and for another shape.
-    #[test]
-    fn memory_of_another_design_changes_nothing() {
-        let (n_samples, n_axes) = (60, 2);
-        let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
-        let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
-        let designs: Vec<_> = (1..1 << Block::NAMED.len())
-            .map(|blocks| {
-                let spec = MultiBandSpec::of(500.0, |block| blocks >> block as u8 & 1 == 1);
-                MultiBand::new(spec, n_samples, n_axes, &scales).unwrap()
-            })
-            .collect();
-        let short =
-            MultiBand::new(MultiBandSpec::default(), 7, n_axes, &Scales::unit(n_bands(7), n_axes).unwrap());
-        let extract = |design: &MultiBand, mut work: Workspace| {
-            let mut out = vec![f64::NAN; design.n_features()];
-            design.extract_into(&rows, &mut work, &mut out).unwrap();
-            out
-        };
-        let short = short.unwrap();
-        for design in &designs {
-            let own = extract(design, design.workspace().unwrap());
-            assert!(own.iter().all(|feature| feature.is_finite()));
-            for other in designs.iter().chain([&short]) {
-                assert_eq!(extract(design, other.workspace().unwrap()), own);
+impl Clone for WorkspacePool {
+    /// A clone makes its own.
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+// Neither side ever waits: a fork may have copied the lock while another thread of the parent held it.
+impl WorkspacePool {
+    /// One of them, if there is any.
+    pub(super) fn take(&self) -> Option<Workspace> {
+        self.0.try_lock().ok().and_then(|mut pool| pool.pop())
+    }
+
+    /// Keeps one, at most one for each core and none of long recordings.
+    pub(super) fn keep(&self, work: Workspace) {
+        if work.shape.0.saturating_mul(work.shape.1) > MAX_POOLED {
+            return;
+        }
+        if let Ok(mut pool) = self.0.try_lock() {
+            if pool.len() < pool::cores() {
+                pool.push(work);
             }
         }
     }
+}
 
-    #[test]
-    fn work_is_done_while_rows_arrive_and_never_much_at_a_time() {
-        let (n_samples, n_axes) = (1000, 2);
-        let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
-        let design = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &scales).unwrap();
-        let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
-        let mut work = design.workspace().unwrap();
-        for n_seen in 1..=n_samples {
-            design.advance(&rows[..n_seen * n_axes], &mut work, 1).unwrap();
-            assert_eq!(work.bank.n_done(), n_seen / 64 * 64);
+impl MultiBand {
+    /// Features of a batch, one row per recording. 1 and n threads give the same bits; threads beyond the number of cores
+    /// are not used.
+    ///
+    /// # Arguments
+    /// - `wrench`: `wrench[(recording * shape.n_samples + sample) * n_axes + axis]`.
+    /// - `shape`: the axes that this was made for, and at most as many samples; see [`extract_into`](Self::extract_into).
+    /// - `threads`: at least 1.
+    /// - `out`: [`n_features`](Self::n_features) numbers for each recording.
+    ///
+    /// # Errors
+    /// As [`extract_into`](Self::extract_into), naming the first recording that is refused; [`Error::Empty`];
+    /// [`Error::Threads`]. On an error `out` holds unspecified numbers.
+    pub fn extract_batch(
+        &self,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
+        self.extract_batch_on(SimdPath::detect()?, wrench, shape, threads, out)
+    }
+
+    #[doc(hidden)]
+    pub fn extract_batch_on(
+        &self,
+        path: SimdPath,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
+        self.each(wrench, shape, threads, self.n_features(), out, |rows, work, out| {
+            self.extract_on(path, rows, work, out)
+        })
+    }
+
+    /// Root mean squares of a batch, `n_bands * n_axes` numbers per recording, as [`rms_into`](Self::rms_into).
+    pub fn rms_batch(
+        &self,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
+        let row_len = self.n_bands() * self.n_axes();
+        self.each(wrench, shape, threads, row_len, out, |rows, work, out| self.rms_into(rows, work, out))
+    }
+
+    /// Refuses a batch that is empty, of another number of values, or of recordings that are not of this shape.
+    #[doc(hidden)]
+    pub fn check_batch(&self, len: usize, shape: BatchShape) -> Result<()> {
+        let BatchShape { n_recordings, n_samples, n_axes } = shape;
+        if n_recordings == 0 || n_samples == 0 || n_axes == 0 {
+            return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
         }
-        work.restart();
-        for n_done in [128, 256, 384] {
-            design.advance(&rows, &mut work, 1).unwrap();
-            assert_eq!(work.bank.n_done(), n_done);
+        if n_samples > self.n_samples() || n_axes != self.n_axes() {
+            let wanted = (self.n_samples(), self.n_axes());
+            return Err(Error::RecordingShape { wanted, got: (n_samples, n_axes) });
         }
+        let expected = n_recordings.saturating_mul(shape.recording_len());
+        if len != expected {
+            return Err(Error::Length { what: "wrench", expected, got: len });
+        }
+        Ok(())
+    }
+
+    /// Works through the recordings of a batch, in memory that is made once per thread and kept for the next batch.
+    fn each(
+        &self,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        row_len: usize,
+        out: &mut [f64],
+        one: impl Fn(&[f64], &mut Workspace, &mut [f64]) -> Result<()> + Sync,
+    ) -> Result<()> {
+        self.check_batch(wrench.len(), shape)?;
+        in_tasks(wrench, shape, row_len, threads, out, |wrench, shape, out| {
+            let mut work = self.pool.take().map_or_else(|| self.workspace(), Ok)?;
+            let recordings = wrench.chunks_exact(shape.recording_len()).zip(out.chunks_exact_mut(row_len));
+            for (recording, (rows, out)) in recordings.enumerate() {
+                one(rows, &mut work, out).map_err(|error| error.later(recording))?;
+            }
+            self.pool.keep(work);
+            Ok(())
+        })
     }
 }

@@ -204,7 +204,7 @@ impl StreamingExtractor {
                 self.filter.settle(self.extractor.start(), rows);
             }
             filtered.copy_from_slice(rows);
-            self.filter.filter(self.extractor.sos(), filtered)?;
+            self.filter.filter(filtered)?;
             // A value that is not finite would never leave the filter again.
             if !self.filter.values().iter().all(|value| value.is_finite()) {
                 return Err(Error::FilterOverflow { largest: largest(rows) });

@@ -389,7 +389,7 @@ fn rows_without_time_follow_one_period_apart_without_drift() {
     for (rate_hz, tick_hz) in [(500.0, 1e9), (300.0, 1000.0), (7000.0, 1e9), (0.3, 7.0)] {
         let spec = BufferSpec { rate_hz, tick_hz, seconds: 20.0 / rate_hz, ..BufferSpec::default() };
         let (mut writer, reader) = wrench_buffer(spec).unwrap();
-        let times = push_by_clock(&mut DeviceClock::new(&spec), &mut writer, [None; 3000]);
+        let times = push_by_clock(&mut DeviceClock::new(&spec), &mut writer, std::iter::repeat_n(None, 3000));
         for (n, ticks) in times.iter().enumerate() {
             assert!(
                 (*ticks as f64 - n as f64 * tick_hz / rate_hz).abs() <= 0.5,

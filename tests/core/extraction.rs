@@ -22,7 +22,7 @@ fn twin(extractor: &Extractor, wrench: &[f64], shape: BatchShape) -> Vec<f64> {
                 Initial::Zero => SosState::zero(extractor.sos(), 1).unwrap(),
                 Initial::Steady => SosState::steady(extractor.sos(), &signal[..1]).unwrap(),
             };
-            state.filter(extractor.sos(), &mut signal).unwrap();
+            state.filter(&mut signal).unwrap();
             features.extend(counts(extractor.bins(a).unwrap(), &signal, spec.outside));
         }
     }

@@ -75,7 +75,7 @@ fn outputs_equal_the_golden_ones_bit_for_bit() {
         let sos = Sos::new(&case.rows).unwrap();
         let mut state = SosState::from_values(&sos, 1, zi.clone()).unwrap();
         let mut chunk = x.clone();
-        state.filter(&sos, &mut chunk).unwrap();
+        state.filter(&mut chunk).unwrap();
         assert_eq!(bits(&chunk), bits(y), "{}", case.name);
         assert_eq!(bits(state.values()), bits(zf), "{}", case.name);
         let along = AlongAxis { outer: 1, len: x.len(), inner: 1 };
@@ -111,7 +111,7 @@ proptest! {
     ) {
         let mut whole = x.clone();
         let mut at_once = SosState::zero(&sos, channels).unwrap();
-        at_once.filter(&sos, &mut whole).unwrap();
+        at_once.filter(&mut whole).unwrap();
 
         let len = x.len() / channels;
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -120,7 +120,7 @@ proptest! {
         cuts.push(len);
         let (mut pieces, mut state, mut start) = (x, SosState::zero(&sos, channels).unwrap(), 0);
         for cut in cuts {
-            state.filter(&sos, &mut pieces[start * channels..cut * channels]).unwrap();
+            state.filter(&mut pieces[start * channels..cut * channels]).unwrap();
             start = cut;
         }
         prop_assert_eq!(bits(&pieces), bits(&whole));
@@ -133,10 +133,10 @@ proptest! {
             .prop_flat_map(|(sos, channels, len)| (Just(sos), Just(channels), any_signal(channels * len))),
     ) {
         let mut together = x.clone();
-        SosState::zero(&sos, channels).unwrap().filter(&sos, &mut together).unwrap();
+        SosState::zero(&sos, channels).unwrap().filter(&mut together).unwrap();
         for channel in 0..channels {
             let mut alone: Vec<f64> = x.iter().skip(channel).step_by(channels).copied().collect();
-            SosState::zero(&sos, 1).unwrap().filter(&sos, &mut alone).unwrap();
+            SosState::zero(&sos, 1).unwrap().filter(&mut alone).unwrap();
             let picked: Vec<f64> = together.iter().skip(channel).step_by(channels).copied().collect();
             prop_assert_eq!(bits(&alone), bits(&picked));
         }
@@ -160,7 +160,7 @@ proptest! {
                 let values = (0..n).flat_map(|s| [initial[at(s, 0)], initial[at(s, 1)]]).collect();
                 let mut state = SosState::from_values(&sos, 1, values).unwrap();
                 let mut line: Vec<f64> = (0..len).map(|t| x[(o * len + t) * inner + i]).collect();
-                state.filter(&sos, &mut line).unwrap();
+                state.filter(&mut line).unwrap();
                 let picked: Vec<f64> = (0..len).map(|t| y[(o * len + t) * inner + i]).collect();
                 prop_assert_eq!(bits(&line), bits(&picked));
                 let picked: Vec<f64> = (0..n).flat_map(|s| [z[at(s, 0)], z[at(s, 1)]]).collect();
@@ -175,6 +175,49 @@ proptest! {
     }
 }
 
+fn one_by_one<const C: usize>(sos: &Sos, x: &[f64]) {
+    let (mut whole, mut at_once) = (x.to_vec(), SosState::zero(sos, C).unwrap());
+    at_once.filter(&mut whole).unwrap();
+    let mut state = SosState::zero(sos, C).unwrap();
+    let (rows, _) = x.as_chunks::<C>();
+    let single: Vec<f64> = rows.iter().flat_map(|row| state.advance(*row).unwrap()).collect();
+    assert_eq!(bits(&single), bits(&whole));
+    assert_eq!(bits(state.values()), bits(at_once.values()));
+}
+
+fn in_float32<const C: usize>(sos: &Sos, x: &[f64]) {
+    #[allow(clippy::cast_possible_truncation)]
+    let narrowed = |values: &[f64]| values.iter().map(|value| *value as f32).collect::<Vec<f32>>();
+    let narrow = narrowed(x);
+    let mut wide: Vec<f64> = narrow.iter().map(|value| f64::from(*value)).collect();
+    let mut state = SosState::zero(sos, C).unwrap();
+    state.filter(&mut wide).unwrap();
+    let (mut whole, mut at_once) = (narrow.clone(), SosState::zero(sos, C).unwrap());
+    at_once.filter(&mut whole).unwrap();
+    assert_eq!((&whole, &at_once), (&narrowed(&wide), &state));
+    state.reset();
+    let (rows, _) = narrow.as_chunks::<C>();
+    assert_eq!(rows.iter().flat_map(|row| state.advance(*row).unwrap()).collect::<Vec<f32>>(), whole);
+}
+
+#[test]
+fn sample_by_sample_and_in_float32_it_is_the_same_filter() {
+    let x: Vec<f64> = (0..4200).map(|i| (f64::from(i) * 0.37).sin()).collect();
+    for order in [1, 5, 8, 20] {
+        let sos = butterworth(order, Band::Highpass(23.0), 500.0).unwrap();
+        for test in [
+            one_by_one::<1>,
+            one_by_one::<6>,
+            one_by_one::<12>,
+            in_float32::<1>,
+            in_float32::<6>,
+            in_float32::<20>,
+        ] {
+            test(&sos, &x);
+        }
+    }
+}
+
 #[test]
 fn long_signals_pass_through_more_sections_than_one_loop_holds() {
     // 20 sections run in groups over stretches of 1024 samples; one sample at a time there are no stretches.
@@ -183,10 +226,10 @@ fn long_signals_pass_through_more_sections_than_one_loop_holds() {
     let sos = Sos::new(&rows).unwrap();
     let x: Vec<f64> = (0..5000).map(|i| (f64::from(i) * 0.37).sin()).collect();
     let mut whole = x.clone();
-    SosState::zero(&sos, 1).unwrap().filter(&sos, &mut whole).unwrap();
+    SosState::zero(&sos, 1).unwrap().filter(&mut whole).unwrap();
     let (mut one_by_one, mut state) = (x, SosState::zero(&sos, 1).unwrap());
     for sample in one_by_one.chunks_mut(1) {
-        state.filter(&sos, sample).unwrap();
+        state.filter(sample).unwrap();
     }
     assert_eq!(bits(&whole), bits(&one_by_one));
 }

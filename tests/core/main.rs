@@ -5,6 +5,7 @@ mod buffer_model;
 mod buffer_stress;
 mod extraction;
 mod filter;
+mod golden;
 mod model;
 mod model_multiband;
 mod number_table;

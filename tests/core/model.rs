@@ -220,12 +220,13 @@ fn every_beginning_and_every_changed_byte_is_a_model_or_an_error() {
 
 #[test]
 fn errors_tell_what_and_where() {
-    let error = |change: fn(&mut Small)| {
+    type Change = fn(&mut Small);
+    let error = |change: Change| {
         let mut small = Small::new();
         change(&mut small);
         small.model().unwrap_err()
     };
-    let cases: [(fn(&mut Small), &str); 9] = [
+    let cases: [(Change, &str); 9] = [
         (|small| small.codes[5] = 2.0, "coding_matrix[1, 2] must be -1, 0 or 1, got 2"),
         (|small| small.codes[3] = 0.0, "coding_matrix column 0 must hold both 1 and -1"),
         (|small| small.coef[7] = f64::INFINITY, "coef[1, 2] must be finite, got inf"),

@@ -89,7 +89,7 @@ fn filtered(extractor: &Extractor, n_axes: usize, rows: &[f64]) -> Vec<f64> {
         Initial::Steady => SosState::steady(extractor.sos(), &rows[..n_axes]).unwrap(),
     };
     let mut filtered = rows.to_vec();
-    state.filter(extractor.sos(), &mut filtered).unwrap();
+    state.filter(&mut filtered).unwrap();
     filtered
 }
 
