@@ -1,7 +1,7 @@
 """Instructions of the hot paths, counted by callgrind and held against the stored ones: figures without noise.
 
-``python benches/counts.py`` measures and compares, ``--write`` stores what it finds in ``counts.json``. Counts are those
-of one compiler and of the machine's vector units up to AVX2, which is all that valgrind knows.
+``python benches/counts.py`` measures and compares, ``--write`` stores what it finds in ``counts.json``. Counts are
+those of one compiler and of the machine's vector units up to AVX2, which is all valgrind knows.
 """
 
 from __future__ import annotations
@@ -19,9 +19,16 @@ ROOT = Path(__file__).resolve().parents[1]
 STORED = Path(__file__).with_suffix(".json")
 TOLERANCE = 0.02
 CALLGRIND = (
-    "valgrind --quiet --tool=callgrind --demangle=no --collect-atstart=no --combine-dumps=yes "
-    "--toggle-collect=*counts*measured* --dump-after=*counts*measured*"
-).split()
+    "valgrind",
+    "--quiet",
+    "--tool=callgrind",
+    "--demangle=no",
+    "--collect-atstart=no",
+    "--combine-dumps=yes",
+    # Of two options with the same pattern callgrind forgets one.
+    "--toggle-collect=*counts*measured*",
+    "--dump-after=*6counts8measured*",
+)
 
 
 def output(*command: str, **more: str) -> str:
@@ -35,7 +42,7 @@ def program(profile: str) -> str:
     """Build the paths and return the program."""
     command = ("cargo", "build", "--quiet", "--bench", "counts", "--profile", profile)
     messages = map(json.loads, output(*command, "--message-format=json").splitlines())
-    return next(m["executable"] for m in messages if m.get("target", {}).get("name") == "counts" and m["executable"])
+    return next(m["executable"] for m in messages if m.get("executable"))
 
 
 def counts(run: str, simd: str) -> dict[str, int]:
@@ -49,7 +56,9 @@ def counts(run: str, simd: str) -> dict[str, int]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--profile", default="bench", help="dev: the build of the tests, which is there already")
+    parser.add_argument(
+        "--profile", default="bench", help="dev: the build of the tests, which is there already"
+    )
     parser.add_argument("--write", action="store_true", help="store the counts")
     given = parser.parse_args()
     run = program(given.profile)
@@ -60,9 +69,12 @@ def main() -> int:
         stored[given.profile] = {"compiler": compiler, "instructions": found}
         STORED.write_text(json.dumps(stored, indent=2, sort_keys=True) + "\n")
         return 0
-    known = stored[given.profile]
+    known = stored.get(given.profile, {"compiler": "no compiler", "instructions": {}})
     if known["compiler"] != compiler:
-        print(f"not compared: counted with {known['compiler']}, this is {compiler}; counts.py --write stores anew")
+        print("".join(f"{instructions:>10,} {name}\n" for name, instructions in found.items()))
+        print(
+            f"not compared: stored are counts with {known['compiler']}, this is {compiler}; --write stores these"
+        )
         return 0
     wrong = 0
     for name, instructions in found.items():

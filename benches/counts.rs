@@ -55,7 +55,9 @@ fn filters() {
 fn features() {
     let rows = noise(2, ONE.recording_len());
     let mut silent = rows.clone();
-    silent.chunks_exact_mut(6).for_each(|sample| sample[3..].fill(0.0));
+    for sample in silent.chunks_exact_mut(6) {
+        sample[3..].fill(0.0);
+    }
     let raw = FeatureSpec { hfmh: false, ..FeatureSpec::default() };
     for (name, spec, rows) in [
         ("extract 1600 x 6", FeatureSpec::default(), &rows),

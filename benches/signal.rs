@@ -69,10 +69,24 @@ fn stream(criterion: &mut Criterion) {
             );
         });
     }
+    let mut state = SosState::zero(&high_pass(8), 6).expect("memory");
+    #[allow(clippy::cast_possible_truncation)] // rounded
+    let narrow: Vec<f32> = recordings(1, 6).into_iter().map(|value| value as f32).collect();
+    group.throughput(Throughput::Elements(narrow.len() as u64));
+    group.bench_function("order 8, 6 axes, float32", |bencher| {
+        bencher.iter_batched_ref(|| narrow.clone(), |chunk| state.filter(chunk), BatchSize::PerIteration);
+    });
     group.finish();
 }
 
-/// The same filter by another crate, sample by sample, and by this one.
+/// The filter sample by sample.
+fn advance<const C: usize>(state: &mut SosState, chunk: &mut [f64]) {
+    for sample in chunk.as_chunks_mut::<C>().0 {
+        *sample = state.advance(*sample).expect("one value per axis");
+    }
+}
+
+/// The same filter by another crate, sample by sample, and by this one, whole and sample by sample.
 fn peers(criterion: &mut Criterion) {
     let sos = high_pass(8);
     let mut group = criterion.benchmark_group("peers, order 8");
@@ -87,6 +101,18 @@ fn peers(criterion: &mut Criterion) {
                 BatchSize::PerIteration,
             );
         });
+        let mut state = SosState::zero(&sos, n_axes).expect("memory");
+        let by_sample = if n_axes == 1 { advance::<1> } else { advance::<6> };
+        group.bench_function(
+            BenchmarkId::new("granular-id, sample by sample", format!("{n_axes} axes")),
+            |bencher| {
+                bencher.iter_batched_ref(
+                    || recording.clone(),
+                    |chunk| by_sample(&mut state, chunk),
+                    BatchSize::PerIteration,
+                );
+            },
+        );
         let section = |s: &granular_id::dsp::Section| {
             DirectForm2Transposed::new(Coefficients { b0: s.b0, b1: s.b1, b2: s.b2, a1: s.a1, a2: s.a2 })
         };
@@ -96,10 +122,13 @@ fn peers(criterion: &mut Criterion) {
             bencher.iter_batched_ref(
                 || recording.clone(),
                 |chunk| {
-                    for row in chunk.chunks_exact_mut(n_axes) {
-                        for (value, cascade) in row.iter_mut().zip(&mut cascades) {
+                    for (axis, kept) in cascades.iter_mut().enumerate() {
+                        // A copy stays in registers.
+                        let mut cascade = *kept;
+                        for value in chunk.iter_mut().skip(axis).step_by(n_axes) {
                             *value = cascade.iter_mut().fold(*value, |x, section| section.run(x));
                         }
+                        *kept = cascade;
                     }
                 },
                 BatchSize::PerIteration,

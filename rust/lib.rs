@@ -15,7 +15,7 @@
 //! let sos = butterworth(8, Band::Highpass(23.0), 500.0)?;
 //! let mut state = SosState::zero(&sos, 6)?;
 //! let mut rows = [0.25; 10 * 6]; // ten rows of six axes
-//! state.filter(&mut rows)?;
+//! state.filter(&mut rows)?; // or state.advance(row), one at a time
 //! # Ok::<(), granular_id::Error>(())
 //! ```
 //!
@@ -70,7 +70,7 @@
 //!
 //! - Same bits: a stream equals the recording, and the number of threads and the vector unit (SSE2, AVX2, AVX-512, NEON)
 //!   change nothing. No fused multiply-add and no fast transcendental function is used for that.
-//! - Numbers are float64; features can be returned as float32.
+//! - Numbers are float64 inside; filters take float32 as well, and features can be returned as float32.
 //! - Filters are second-order sections. Designs are Butterworth of order 1 to 32; any stable sections can be brought along.
 //! - Nothing trains a model, and nothing resamples, crops or pads a recording.
 //! - Every input ends in a value or an [`Error`] that names the argument; a size beyond the memory is an error, too.

@@ -8,7 +8,9 @@ mod sos;
 mod sosfilt;
 
 pub use butterworth::{butterworth, Band, MAX_ORDER};
-pub(crate) use cascade::{advance, private::Slice};
+pub(crate) use cascade::advance;
+#[cfg(target_arch = "x86_64")]
+pub(crate) use cascade::private::Slice;
 pub use cascade::{Real, SosState};
 pub use histogram::{Outside, UniformBins, MAX_BINS};
 pub use sos::{Section, Sos};

@@ -3,7 +3,8 @@
 //! A *lane* is one channel of one recording. Lanes never mix, and every lane goes through the same operations
 //! in the same order as [`SosState`](crate::SosState), so the width of the machine's vectors cannot change
 //! a bit. The bodies are loops over `[f64; 8]`; thin wrappers compile them for the baseline (SSE2 or NEON), for
-//! AVX2 and for AVX-512, and [`SimdPath`] picks one at run time.
+//! AVX2 and for AVX-512, and [`SimdPath`] picks one at run time. What only one instruction set can do is a method of its
+//! token, which nobody has who has not found these instructions.
 
 /// Runs a block for each vector `w` of a row. Written out, because a compiler keeps so short a loop rolled, and then
 /// passes the vectors through memory instead of registers; and a closure would lose the features of the wrapper.

@@ -8,8 +8,8 @@ use super::extractor::{DESIGN_BYTES, MAX_VALUES, WORK_BYTES};
 use super::workspace::MAX_POOLED;
 use super::*;
 use crate::features::MAX_SAMPLES;
-use crate::kernel::{Portable, SimdPath};
-use crate::{BatchShape, Error};
+use crate::kernel::Portable;
+use crate::{BatchShape, Error, SimdPath};
 
 const ALL: MultiBandSpec = MultiBandSpec {
     rate_hz: 500.0,

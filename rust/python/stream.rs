@@ -75,7 +75,6 @@ const PAUSE: Duration = Duration::from_micros(100);
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "StreamingExtractor", module = "granular_id._core")]
 pub(super) struct PyStreamingExtractor {
-    #[pyo3(get)]
     spec: Py<PyFeatureSpec>,
     #[pyo3(get)]
     n_samples: usize,
@@ -136,6 +135,11 @@ impl PyStreamingExtractor {
     fn reset(&self, py: Python<'_>) -> PyResult<()> {
         self.stream.locked(py)?.reset();
         Ok(())
+    }
+
+    #[getter]
+    fn spec(&self, py: Python<'_>) -> Py<PyFeatureSpec> {
+        self.spec.clone_ref(py)
     }
 
     #[getter]

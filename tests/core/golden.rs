@@ -1,5 +1,5 @@
-//! Digests of designs, features, streams, scores and live rows over fixed inputs: the same on every processor and vector
-//! unit, in every release.
+//! Digests of designs, features, streams, scores and live rows over fixed inputs: the same on every processor and every
+//! vector unit, in every release.
 //!
 //! `GRANULAR_ID_GOLDEN=write cargo test --test core golden` writes `tests/data/golden_bits.txt` anew: a change that the
 //! changelog must name.
@@ -10,7 +10,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use granular_id::buffer::{wrench_buffer, BufferSpec, Fill, Row, WindowSpec};
-use granular_id::dsp::{default_padlen, Outside};
+use granular_id::dsp::{default_padlen, Outside, Section};
 use granular_id::features::Initial;
 use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
 use granular_id::number_table::{parse, write, Column};
@@ -89,7 +89,7 @@ fn designs(digests: &mut Digests) {
             let (mut rows, mut steady) = (Vec::new(), Vec::new());
             for order in 1..=size(16) {
                 let sos = butterworth(order, band, rate_hz).unwrap();
-                rows.extend(sos.sections().iter().flat_map(granular_id::dsp::Section::row));
+                rows.extend(sos.sections().iter().flat_map(Section::row));
                 steady.extend(sos.steady_state().unwrap().into_iter().flatten());
             }
             digests.add(format!("design {name} {rate_hz} Hz"), &rows);
@@ -270,7 +270,7 @@ fn packets(digests: &mut Digests) {
     let scale = Scale::new(1e6, 999_983.0).unwrap();
     let mut decoder = Decoder::new(Variant::Axia, scale, [2000.0; 6]);
     let mut words = Vec::new();
-    for n in (0_u32..).take(size(500)) {
+    for n in (0..500_u32).take(size(500)) {
         #[allow(clippy::cast_possible_truncation)] // +-1e9
         let counts = std::array::from_fn(|_| (2e9 * noise()) as i32);
         let number = if n % 50 == 20 { n + 3 } else { n + 1 };
@@ -294,7 +294,7 @@ fn tables(digests: &mut Digests) {
         .collect();
     let text = write(&[Column::Numbers(&values)]).unwrap();
     digests.words("table, text", text.bytes().map(u64::from));
-    let text: String = (0_i64..).take(size(600)).fold(String::new(), |mut text, n| {
+    let text: String = (0..600_i32).take(size(600)).fold(String::new(), |mut text, n| {
         writeln!(text, "{}.{}e{}", n % 7, (noise().abs() * 1e15).round(), n % 40 - 20).unwrap();
         text
     });

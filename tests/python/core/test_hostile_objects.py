@@ -112,7 +112,9 @@ def test_an_answer_of_another_type_is_a_type_error(argument):
 
 
 @pytest.mark.parametrize(
-    "answer", [None, [1.0], "1", np.array([object()]), np.array(["1"]), np.array(1j)], ids=repr
+    "answer",
+    [None, [1.0], "1", np.array([object()]), np.array(["1"]), np.array(1j)],
+    ids=["None", "a list", "a text", "objects", "texts", "a complex number"],
 )
 @pytest.mark.parametrize("argument", ARRAYS)
 def test_an_answer_that_is_no_array_of_numbers_is_refused_by_name(argument, answer):
