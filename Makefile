@@ -27,7 +27,7 @@ unexport MAKEFLAGS
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
 	@echo "make test       lint, Rust tests, Python tests; with --jobs=3 beside each other"
-	@echo "make check-all  all that takes long: threads, campaign, fuzz, loom, stress, sanitize, soak, archive-kills, oldest (hours)"
+	@echo "make check-all  all that takes long: threads, campaign, fuzz, loom, stress, sanitize, memcheck, counts, soak, archive-kills, oldest (hours)"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
@@ -140,7 +140,7 @@ python-test: $(TOOLS)
 	$(call step,Python tests 2 of 2: eight threads,GRANULAR_ID_CASES=13 $(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(firstword $(THREADED)))
 
 # What takes too long for every change. `make test` runs a short form of each.
-check-all: threads campaign fuzz loom stress sanitize soak archive-kills oldest
+check-all: threads campaign fuzz loom stress sanitize memcheck counts soak archive-kills oldest
 
 threads: $(TOOLS)
 	$(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(THREADED)
@@ -264,7 +264,7 @@ FUZZ := RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir tests/fuzz
 
 deny: | toolchain
 	@cargo deny --version >/dev/null 2>&1 || { echo "make deny needs cargo-deny: cargo install cargo-deny" >&2; exit 1; }
-	cargo deny check
+	cargo deny --workspace check
 
 fuzz: $(TOOLS)
 	@cargo fuzz --version >/dev/null 2>&1 || { echo "make fuzz needs cargo-fuzz: cargo install cargo-fuzz" >&2; exit 1; }

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import platform
 import re
 import subprocess
 import sys
@@ -62,9 +63,11 @@ def main() -> int:
     parser.add_argument("--write", action="store_true", help="store the counts")
     given = parser.parse_args()
     run = program(given.profile)
-    found = counts(run, "baseline") | counts(run, "avx2")
+    found = counts(run, "baseline")
+    if "avx2" in Path("/proc/cpuinfo").read_text():
+        found |= counts(run, "avx2")
     stored = json.loads(STORED.read_text()) if STORED.exists() else {}
-    compiler = output("rustc", "--version").strip()
+    compiler = f"{output('rustc', '--version').strip()} for {platform.machine()}"
     if given.write:
         stored[given.profile] = {"compiler": compiler, "instructions": found}
         STORED.write_text(json.dumps(stored, indent=2, sort_keys=True) + "\n")

@@ -58,7 +58,7 @@ fn features() {
     for sample in silent.chunks_exact_mut(6) {
         sample[3..].fill(0.0);
     }
-    let raw = FeatureSpec { hfmh: false, ..FeatureSpec::default() };
+    let raw = FeatureSpec::default().with_hfmh(false);
     for (name, spec, rows) in [
         ("extract 1600 x 6", FeatureSpec::default(), &rows),
         ("extract 1600 x 6, three silent axes", FeatureSpec::default(), &silent),

@@ -17,7 +17,8 @@ fn push(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("buffer push");
     group.throughput(Throughput::Elements(1));
     for (name, reorder_depth, swapped) in [("in order", 0, 0), ("every tenth pair swapped", 4, 10)] {
-        let Ok((mut writer, _)) = wrench_buffer(BufferSpec { reorder_depth, ..BufferSpec::default() }) else {
+        let Ok((mut writer, _)) = wrench_buffer(BufferSpec::default().with_reorder_depth(reorder_depth))
+        else {
             continue;
         };
         let mut n = 0_u64;

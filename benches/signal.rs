@@ -160,8 +160,8 @@ fn features(
 /// What the kernel does to a team of four recordings: each stage alone, then together.
 fn stages(criterion: &mut Criterion) {
     let whole = Extractor::new(FeatureSpec::default()).expect("a specification");
-    let hfmh = Extractor::new(FeatureSpec { raw: false, ..FeatureSpec::default() }).expect("one");
-    let raw = Extractor::new(FeatureSpec { hfmh: false, ..FeatureSpec::default() }).expect("one");
+    let hfmh = Extractor::new(FeatureSpec::default().with_raw(false)).expect("one");
+    let raw = Extractor::new(FeatureSpec::default().with_hfmh(false)).expect("one");
     for (place, n_recordings) in PLACES {
         let wrench = recordings(n_recordings, 6);
         for path in SimdPath::available() {
@@ -200,7 +200,7 @@ fn kernel(criterion: &mut Criterion) {
         (8, 6, 3),
         (8, 6, 6),
     ] {
-        let spec = FeatureSpec { order, raw: false, ..FeatureSpec::default() };
+        let spec = FeatureSpec::default().with_order(order).with_raw(false);
         let extractor = Extractor::new(spec).expect("a specification");
         let mut wrench = recordings(24, n_axes);
         for sample in wrench.chunks_exact_mut(n_axes) {

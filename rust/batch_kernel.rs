@@ -3,8 +3,8 @@
 use crate::dsp::{Outside, Real};
 use crate::features::{BatchShape, Extractor};
 use crate::kernel::{
-    pack, unpack, Beside, Cascade, Counting, Job, LaneBins, LaneHistograms, Raw, Row, Simd, BLOCK, LANES,
-    MAX_WIDTH,
+    fits, pack, unpack, Beside, Cascade, Counting, HalfLines, Job, LaneBins, LaneHistograms, Raw, Row, Simd,
+    BLOCK, LANES, MAX_WIDTH,
 };
 
 /// Recordings that share the lanes.
@@ -12,7 +12,16 @@ pub(crate) fn team_size(n_axes: usize) -> usize {
     (MAX_WIDTH * LANES / n_axes).max(1)
 }
 
-/// Some recordings of a batch and their rows of features. Gives true when all values were finite.
+/// What was found about the values of some recordings.
+#[derive(Clone, Copy)]
+pub(crate) struct Found {
+    /// All are finite.
+    pub(crate) finite: bool,
+    /// All features are within reach of the type they were written as.
+    pub(crate) fit: bool,
+}
+
+/// Some recordings of a batch and their rows of features.
 pub(crate) struct Teams<'a, T> {
     pub(crate) extractor: &'a Extractor,
     pub(crate) shape: BatchShape,
@@ -24,13 +33,13 @@ pub(crate) struct Teams<'a, T> {
 }
 
 impl<T: Real> Job for Teams<'_, T> {
-    type Output = bool;
+    type Output = Found;
 
     #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> bool {
+    fn run<S: Simd>(self, simd: S) -> Found {
         let Teams { extractor, shape, n_features, wrench, out, stream } = self;
         let team = team_size(shape.n_axes);
-        let mut finite = true;
+        let mut found = Found { finite: true, fit: true };
         // More axes than lanes: some axes of a recording at a time.
         for first_axis in (0..shape.n_axes).step_by(MAX_WIDTH * LANES) {
             let axes = first_axis..shape.n_axes.min(first_axis + MAX_WIDTH * LANES);
@@ -40,17 +49,19 @@ impl<T: Real> Job for Teams<'_, T> {
             for (wrench, out) in [(wrench, out), (wrench_rest, out_rest)] {
                 let recordings = (wrench.len() / shape.recording_len()).min(team);
                 let layout = Layout { axes: axes.clone(), recordings, stream };
-                finite &= match (recordings * axes.len()).div_ceil(LANES) {
-                    0 => true,
-                    1 => BatchKernel::<1>::new(extractor, shape, layout).run(simd, wrench, out, n_features),
-                    2 => BatchKernel::<2>::new(extractor, shape, layout).run(simd, wrench, out, n_features),
+                match (recordings * axes.len()).div_ceil(LANES) {
+                    0 => {}
+                    1 => BatchKernel::<1>::new(extractor, shape, layout)
+                        .run(simd, wrench, out, n_features, &mut found),
+                    2 => BatchKernel::<2>::new(extractor, shape, layout)
+                        .run(simd, wrench, out, n_features, &mut found),
                     _ => BatchKernel::<MAX_WIDTH>::new(extractor, shape, layout)
-                        .run(simd, wrench, out, n_features),
-                };
+                        .run(simd, wrench, out, n_features, &mut found),
+                }
             }
         }
         simd.finish_writes();
-        finite
+        found
     }
 }
 
@@ -69,6 +80,8 @@ struct BatchKernel<'a, const W: usize> {
     cascade: Cascade<W>,
     bins: LaneBins<'a, W>,
     histograms: LaneHistograms<W>,
+    /// Raw features of each recording that wait to be written.
+    half_lines: [HalfLines; MAX_WIDTH * LANES / 6],
     /// The histogram of one lane, to be written.
     block: Vec<f64>,
 }
@@ -84,6 +97,7 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
         Self {
             cascade: Cascade::new(extractor.sos()),
             histograms: LaneHistograms::new(extractor.spec().n_bins),
+            half_lines: [HalfLines::EMPTY; MAX_WIDTH * LANES / 6],
             block: vec![0.0; extractor.spec().n_bins],
             bins: LaneBins::new(bins),
             extractor,
@@ -94,29 +108,36 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
 
     /// Runs team after team.
     #[inline(always)]
-    fn run<T: Real>(mut self, simd: impl Simd, wrench: &[f64], out: &mut [T], n_features: usize) -> bool {
+    fn run<T: Real>(
+        mut self,
+        simd: impl Simd,
+        wrench: &[f64],
+        out: &mut [T],
+        n_features: usize,
+        found: &mut Found,
+    ) {
         let recordings = wrench.chunks_exact(self.layout.recordings * self.shape.recording_len());
         let rows = out.chunks_exact_mut(self.layout.recordings * n_features);
-        let mut finite = true;
         for (wrench, out) in recordings.zip(rows) {
-            finite &= self.team(simd, wrench, out, n_features);
+            let of_team = self.team(simd, wrench, out, n_features);
+            found.finite &= of_team.finite;
+            found.fit &= of_team.fit;
         }
-        finite
     }
 
     /// One team: every sample is read once, every feature written once.
     #[inline(always)]
-    fn team<T: Real>(&mut self, simd: impl Simd, wrench: &[f64], out: &mut [T], n_features: usize) -> bool {
+    fn team<T: Real>(&mut self, simd: impl Simd, wrench: &[f64], out: &mut [T], n_features: usize) -> Found {
         let hfmh = self.extractor.spec().hfmh;
         let filtered = hfmh && !self.extractor.sos().sections().is_empty();
         let n_samples = self.shape.n_samples;
         let mut rows = [Row::ZERO; BLOCK];
-        let mut finite = true;
+        let (mut finite, mut fit) = (true, true);
         self.begin(wrench);
         let mut start = 0;
         let mut end = n_samples.min(rows_to_cache_line(out));
         while start < end {
-            self.load(simd, wrench, out, n_features, start..end, &mut rows);
+            fit &= self.load(simd, wrench, out, n_features, start..end, &mut rows);
             let rows = &mut rows[..end - start];
             if filtered {
                 let next = (self.shape.n_axes == 6).then_some(end + BLOCK);
@@ -136,9 +157,9 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
         if hfmh {
             finite &= self.cascade.is_finite();
             self.histograms.counting(0);
-            self.finish(out, n_features);
+            fit &= self.finish(out, n_features);
         }
-        finite
+        Found { finite, fit }
     }
 
     /// Sets the filter as it was before the first sample, and empties the histograms.
@@ -156,17 +177,18 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
         }
     }
 
-    /// Brings samples into the lanes and, on the way, into the raw features.
+    /// Brings samples into the lanes and, on the way, into the raw features. True when their type reaches far enough.
     #[inline(always)]
     fn load<T: Real>(
-        &self,
+        &mut self,
         simd: impl Simd,
         wrench: &[f64],
         out: &mut [T],
         n_features: usize,
         samples: std::ops::Range<usize>,
         rows: &mut [Row<W>; BLOCK],
-    ) {
+    ) -> bool {
+        let mut fit = true;
         let BatchShape { n_samples, n_axes, .. } = self.shape;
         let (start, n) = (samples.start, samples.len());
         let recordings = wrench.chunks_exact(self.shape.recording_len());
@@ -174,8 +196,8 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
             let samples = &recording[start * n_axes..][..n * n_axes];
             let raw = self.extractor.spec().raw.then_some(&mut *out);
             if let (6, Ok(samples)) = (n_axes, samples.try_into()) {
-                let stream = self.layout.stream;
-                simd.transpose6(
+                let stream = if self.layout.stream { self.half_lines.get_mut(r) } else { None };
+                fit &= simd.transpose6(
                     samples,
                     rows,
                     6 * r,
@@ -188,14 +210,16 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
             pack(samples, n_axes, self.layout.axes.start, &mut rows[..n], lanes.clone());
             if let Some(values) = raw {
                 for (axis, lane) in self.layout.axes.clone().zip(lanes) {
-                    unpack(&rows[..n], lane, &mut values[axis * n_samples + start..][..n]);
+                    fit &= unpack(&rows[..n], lane, &mut values[axis * n_samples + start..][..n]);
                 }
             }
         }
+        fit
     }
 
-    /// Writes the histogram block.
-    fn finish<T: Real>(&mut self, out: &mut [T], n_features: usize) {
+    /// Writes the histogram block. True when its type reaches far enough.
+    fn finish<T: Real>(&mut self, out: &mut [T], n_features: usize) -> bool {
+        let mut fit = true;
         let spec = self.extractor.spec();
         let raw_len = if spec.raw { self.shape.recording_len() } else { 0 };
         let block = &mut self.block;
@@ -212,12 +236,14 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
                 if let Some(bins) = self.extractor.bins(axis).filter(|_| spec.density) {
                     bins.normalise(block);
                 }
-                let target = &mut out[raw_len + axis * spec.n_bins..];
+                let target = &mut out[raw_len + axis * spec.n_bins..][..spec.n_bins];
                 for (value, wide) in target.iter_mut().zip(&*block) {
                     *value = T::of(*wide);
                 }
+                fit &= !spec.density || fits(target);
             }
         }
+        fit
     }
 }
 

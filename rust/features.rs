@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use crate::kernel::SimdPath;
 use crate::memory::{filled, reserved, room};
 use crate::pool::in_tasks;
+use crate::specs::{choices, setters};
 use crate::wrench::axis_name;
 
 /// The largest number of samples of a recording: counts are 32 bits wide.
@@ -25,6 +26,7 @@ pub(crate) const NAME_BYTES: usize = 200;
 
 /// State of the high-pass before the first sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Initial {
     /// At rest, as in the paper: an offset of the sensor starts a transient that leaks into the histogram.
     #[default]
@@ -33,22 +35,21 @@ pub enum Initial {
     Steady,
 }
 
-impl Initial {
-    /// Each with its name.
-    pub const NAMED: [(&str, Self); 2] = [("zero", Self::Zero), ("steady", Self::Steady)];
-
-    /// Its name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        crate::names::of(self, &Self::NAMED)
-    }
-}
+choices! { Initial: "zero" Zero, "steady" Steady, }
 
 /// What to compute from a recording. The default is the paper's feature vector.
 ///
 /// Source: Hynninen, Nguyen Le, Kyrki, "Interactive Identification of Granular Materials using Force
 /// Measurements" (arXiv 2403.17606).
+///
+/// ```
+/// use granular_id::FeatureSpec;
+///
+/// let spec = FeatureSpec::default().with_cutoff_hz(30.0).with_raw(false);
+/// assert_eq!((spec.cutoff_hz, spec.order), (30.0, 8));
+/// ```
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct FeatureSpec {
     /// Sampling rate of the recordings, in hertz.
     pub rate_hz: f64,
@@ -87,6 +88,20 @@ impl Default for FeatureSpec {
             hfmh: true,
         }
     }
+}
+
+setters! {
+    FeatureSpec:
+    with_rate_hz rate_hz f64,
+    with_cutoff_hz cutoff_hz f64,
+    with_order order usize,
+    with_n_bins n_bins usize,
+    with_bin_ranges bin_ranges Vec<(f64, f64)>,
+    with_outside outside Outside,
+    with_density density bool,
+    with_initial initial Initial,
+    with_raw raw bool,
+    with_hfmh hfmh bool,
 }
 
 /// Size of a batch of recordings: `values[(recording * n_samples + sample) * n_axes + axis]`.
@@ -284,7 +299,7 @@ impl Extractor {
         let stream = size_of_val(out) > STREAM_BYTES;
         let n_features = self.check(wrench, shape)?;
         in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
-            self.run_on(path, wrench, shape, out, stream)
+            self.run_on(path, wrench, shape, out, stream).map(drop)
         })
     }
 
@@ -298,10 +313,9 @@ impl Extractor {
     ) -> Result<()> {
         let n_features = self.check(wrench, shape)?;
         let path = SimdPath::detect()?;
+        let stream = size_of_val(out) > STREAM_BYTES;
         in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
-            self.run_on(path, wrench, shape, out, false)?;
-            // without a branch, which the compiler turns into a few vector instructions
-            if out.iter().fold(true, |all, value| all & value.is_finite()) {
+            if self.run_on(path, wrench, shape, out, stream)? {
                 return Ok(());
             }
             let rows = out.chunks_exact(n_features).zip(wrench.chunks_exact(shape.recording_len()));
@@ -316,7 +330,7 @@ impl Extractor {
         })
     }
 
-    /// One task. Past the caches, where asked.
+    /// One task, past the caches where asked. Gives whether all features are within reach of their type.
     fn run_on<T: Real>(
         &self,
         path: SimdPath,
@@ -324,10 +338,10 @@ impl Extractor {
         shape: BatchShape,
         out: &mut [T],
         stream: bool,
-    ) -> Result<()> {
+    ) -> Result<bool> {
         let n_features = self.n_features(shape.n_samples, shape.n_axes)?;
-        let finite = path.run(Teams { extractor: self, shape, n_features, wrench, out, stream });
-        finite.then_some(()).ok_or_else(|| not_finite(wrench, shape))
+        let found = path.run(Teams { extractor: self, shape, n_features, wrench, out, stream });
+        found.finite.then_some(found.fit).ok_or_else(|| not_finite(wrench, shape))
     }
 }
 

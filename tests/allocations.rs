@@ -29,7 +29,8 @@ fn the_counter_counts() {
 #[test]
 fn buffer() {
     for reorder_depth in [0, 8] {
-        let spec = BufferSpec { seconds: 0.5, tick_hz: 5000.0, reorder_depth, ..BufferSpec::default() };
+        let spec =
+            BufferSpec::default().with_seconds(0.5).with_tick_hz(5000.0).with_reorder_depth(reorder_depth);
         let (mut writer, mut reader) = wrench_buffer(spec).unwrap();
         let mut rows = [BufferedRow::EMPTY; 64];
         let what = format!("reorder_depth = {reorder_depth}");
@@ -51,7 +52,7 @@ fn buffer() {
                     wrench: [value; 6],
                     flags: 0,
                 };
-                writer.push_packet(&row, n);
+                writer.push(&row);
                 if n % 50 == 0 {
                     let taken = reader.read(&mut rows);
                     seen += taken.n_rows;
@@ -64,7 +65,7 @@ fn buffer() {
         let stats = reader.stats();
         assert!(seen > 10_000, "{seen}");
         assert!(stats.gaps > 100 && stats.epochs >= 2 && stats.non_finite > 100, "{stats:?}");
-        assert!(stats.late > 100 && stats.stale > 100, "{stats:?}");
+        assert!(stats.late > 100 && stats.duplicates > 100, "{stats:?}");
         assert_eq!(stats.reordered > 100, reorder_depth > 0, "{stats:?}");
     }
 }
@@ -76,8 +77,8 @@ fn noisy_rows(n_rows: usize) -> Vec<f64> {
 
 #[test]
 fn streaming_extraction() {
-    let (spec, rows) = (FeatureSpec { density: true, ..FeatureSpec::default() }, noisy_rows(4000));
-    let windows = Windows { hop: Some(250), ..Windows::default() };
+    let (spec, rows) = (FeatureSpec::default().with_density(true), noisy_rows(4000));
+    let windows = Windows::default().with_hop(Some(250));
     let mut stream = StreamingExtractor::new(&Extractor::new(spec).unwrap(), windows).unwrap();
     let mut features = vec![0.0; stream.n_features()];
     let mut finished = 0;
@@ -141,12 +142,7 @@ fn streaming_identification_with_rules() {
 #[test]
 fn streaming_identification_by_bands() {
     let rows = noisy_rows(4100);
-    let model = Arc::new(models::random_banded(
-        11,
-        1600,
-        6,
-        MultiBandSpec { level: true, ..MultiBandSpec::default() },
-    ));
+    let model = Arc::new(models::random_banded(11, 1600, 6, MultiBandSpec::default().with_level(true)));
     let mut stream = StreamingIdentifier::new(model, Some(400)).unwrap();
     let mut finished = 0;
     allocates_nothing("push, standing, advance, refusals", || {

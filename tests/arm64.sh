@@ -13,8 +13,10 @@ if [ ! -e "$box/ready" ]; then
   mkdir -p "$box"/{etc/apt.conf.d,etc/preferences.d,lists/partial,cache/archives/partial} "$root"/{dev,proc,tmp,repo,cargo} \
     "$root"/usr/{bin,sbin,lib,lib64}
   for folder in bin sbin lib lib64; do ln -s "usr/$folder" "$root/$folder"; done
+  # From where this machine has its own packages.
+  site=$(apt-get indextargets --format '$(SITE)' | head -n 1)
   for suite in trixie trixie-backports; do
-    echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian $suite main"
+    echo "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $site $suite main"
   done > "$box/etc/sources.list"
   touch "$box/status"
   cat > "$box/apt.conf" <<CONF

@@ -249,7 +249,7 @@ fn turns_left(a: Point, b: Point, c: Point) -> bool {
 /// ```
 /// use granular_id::buffer::{wrench_buffer, BufferSpec, DeviceClock};
 ///
-/// let spec = BufferSpec { rate_hz: 300.0, tick_hz: 1000.0, ..BufferSpec::default() };
+/// let spec = BufferSpec::default().with_rate_hz(300.0).with_tick_hz(1000.0);
 /// let (writer, _) = wrench_buffer(spec)?;
 /// let mut clock = DeviceClock::new(&spec);
 /// assert_eq!([None; 4].map(|own| clock.ticks(own, &writer)), [0, 3, 7, 10]);

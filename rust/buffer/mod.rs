@@ -7,7 +7,7 @@
 //! ```
 //! use granular_id::buffer::{wrench_buffer, BufferSpec, BufferedRow, Pushed, Row, WindowSpec};
 //!
-//! let (mut writer, mut reader) = wrench_buffer(BufferSpec { tick_hz: 500.0, ..BufferSpec::default() })?;
+//! let (mut writer, mut reader) = wrench_buffer(BufferSpec::default().with_tick_hz(500.0))?;
 //! for ticks in [0, 1, 2, 4] {
 //!     let row = Row { ticks, host_ns: 2_000_000 * ticks, wrench: [0.0, 0.0, -5.0, 0.0, 0.0, 0.0], flags: 0 };
 //!     assert_eq!(writer.push(&row), Pushed::Written);
@@ -35,6 +35,7 @@ pub use reader::{Fill, Reader, Taken, Window, WindowError, WindowSpec};
 pub use writer::{Pushed, Writer};
 
 use crate::error::{Error, Result};
+use crate::specs::setters;
 use clock::{ClockLine, CLOCK_WORDS};
 use ring::Ring;
 
@@ -58,10 +59,11 @@ pub const MAX_REORDER_DEPTH: usize = 1024;
 /// ```
 /// use granular_id::buffer::BufferSpec;
 ///
-/// let spec = BufferSpec { rate_hz: 7000.0, tick_hz: 7000.0, ..BufferSpec::default() };
+/// let spec = BufferSpec::default().with_rate_hz(7000.0).with_tick_hz(7000.0);
 /// assert_eq!(spec.seconds, 10.0);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct BufferSpec {
     /// Nominal rate of the rows.
     pub rate_hz: f64,
@@ -77,6 +79,14 @@ impl Default for BufferSpec {
     fn default() -> Self {
         Self { rate_hz: 500.0, seconds: 10.0, tick_hz: 1e9, reorder_depth: 0 }
     }
+}
+
+setters! {
+    BufferSpec:
+    with_rate_hz rate_hz f64,
+    with_seconds seconds f64,
+    with_tick_hz tick_hz f64,
+    with_reorder_depth reorder_depth usize,
 }
 
 impl BufferSpec {
@@ -142,44 +152,23 @@ pub struct BufferedRow {
 /// Words of a row in a slot.
 const WORDS: usize = 10;
 
-/// Packet numbers are compared by as many bits as a slot has room for beside the flags.
-const PACKET_BITS: u32 = 56;
-
-/// A packet's number in the bits that are kept, or none: all ones.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Packet(u64);
-
-impl Packet {
-    const UNKNOWN: Self = Self((1 << PACKET_BITS) - 1);
-
-    fn new(number: u64) -> Self {
-        Self(number & Self::UNKNOWN.0)
-    }
-
-    /// True for two known numbers that differ: not one packet twice.
-    fn differs(self, other: Self) -> bool {
-        self != other && self != Self::UNKNOWN && other != Self::UNKNOWN
-    }
-}
-
 impl BufferedRow {
     /// A row of any content, to be overwritten: room for [`Reader::read`](Reader::read).
     pub const EMPTY: Self =
         Self { row: Row { ticks: 0, host_ns: 0, wrench: [0.0; 6], flags: 0 }, missing_before: 0, epoch: 0 };
 
-    fn to_words(self, packet: Packet) -> [u64; WORDS] {
+    fn to_words(self) -> [u64; WORDS] {
         let [fx, fy, fz, tx, ty, tz] = self.row.wrench.map(f64::to_bits);
         let place = u64::from(self.epoch) << 32 | u64::from(self.missing_before);
-        let marks = u64::from(self.row.flags) << PACKET_BITS | packet.0;
-        [self.row.ticks, self.row.host_ns, fx, fy, fz, tx, ty, tz, place, marks]
+        [self.row.ticks, self.row.host_ns, fx, fy, fz, tx, ty, tz, place, self.row.flags.into()]
     }
 
-    fn from_words(words: &[u64; WORDS]) -> (Self, Packet) {
-        let [ticks, host_ns, wrench @ .., place, marks] = *words;
+    fn from_words(words: &[u64; WORDS]) -> Self {
+        let [ticks, host_ns, wrench @ .., place, flags] = *words;
         let [missing_before, epoch] = halves(place);
-        let [.., flags] = marks.to_le_bytes();
+        let [flags, ..] = flags.to_le_bytes();
         let row = Row { ticks, host_ns, wrench: wrench.map(f64::from_bits), flags };
-        (Self { row, missing_before, epoch }, Packet::new(marks))
+        Self { row, missing_before, epoch }
     }
 }
 
@@ -224,8 +213,8 @@ macro_rules! counters {
 pub(crate) use counters;
 
 counters! {
-    /// Counts since the buffer was made. Each row pushed is in exactly one of `written`, `held`, `duplicates`,
-    /// `stale`, `late` and `non_finite`.
+    /// Counts since the buffer was made. Each row pushed is in exactly one of `written`, `held`, `duplicates`, `late` and
+    /// `non_finite`.
     #[non_exhaustive]
     Stats, Counters:
     /// Rows that readers got, or could have got.
@@ -234,9 +223,6 @@ counters! {
     held,
     /// Rows dropped because their device time was there already.
     duplicates,
-    /// Rows dropped because a packet with another number had brought the same device time: the device measured nothing
-    /// new.
-    stale,
     /// Rows dropped because later ones were written already.
     late,
     /// Rows that came after later ones and were put in order.
@@ -296,12 +282,12 @@ impl Buffer {
 
     #[inline]
     fn row(&self, n: u64) -> Option<BufferedRow> {
-        self.rows.read(n).map(|words| BufferedRow::from_words(&words).0)
+        self.rows.read(n).map(|words| BufferedRow::from_words(&words))
     }
 
     /// The newest row and its number.
     fn newest(&self) -> Option<(u64, BufferedRow)> {
-        self.rows.newest().map(|(n, words)| (n, BufferedRow::from_words(&words).0))
+        self.rows.newest().map(|(n, words)| (n, BufferedRow::from_words(&words)))
     }
 
     /// The relation of device and host time in an epoch, while it is one of the last few that were published.
@@ -330,21 +316,11 @@ mod tests {
 
         #[test]
         fn words_give_the_row_back(
-            (ticks, host_ns, flags, missing_before, epoch, packet) in any::<(u64, u64, u8, u32, u32, u64)>(),
+            (ticks, host_ns, flags, missing_before, epoch) in any::<(u64, u64, u8, u32, u32)>(),
             wrench in proptest::array::uniform6(proptest::num::f64::NORMAL),
         ) {
             let row = BufferedRow { row: Row { ticks, host_ns, wrench, flags }, missing_before, epoch };
-            let packet = Packet::new(packet);
-            prop_assert_eq!(BufferedRow::from_words(&row.to_words(packet)), (row, packet));
+            prop_assert_eq!(BufferedRow::from_words(&row.to_words()), row);
         }
-    }
-
-    #[test]
-    fn only_known_packets_differ() {
-        let [one, two] = [1, 2].map(Packet::new);
-        assert!(one.differs(two));
-        assert!(!one.differs(one));
-        assert!(!one.differs(Packet::UNKNOWN));
-        assert!(!Packet::UNKNOWN.differs(one));
     }
 }

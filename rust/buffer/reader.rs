@@ -6,6 +6,7 @@ use super::clock::ClockLine;
 use super::{Buffer, BufferSpec, BufferedRow, Row, Stats};
 use crate::error::Error;
 use crate::memory::reserved;
+use crate::specs::{choices, setters};
 use crate::wrench::{GAP_FILLED, SATURATED};
 
 /// What one read brought.
@@ -157,6 +158,7 @@ impl Reader {
 
 /// What stands for an instant without a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Fill {
     /// Nothing: the window has as many rows as were measured, and its mask says where they belong.
     #[default]
@@ -167,8 +169,11 @@ pub enum Fill {
     Linear,
 }
 
+choices! { Fill: "none" None, "nan" Nan, "linear" Linear, }
+
 /// Which window is wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct WindowSpec {
     /// Instants, up to the newest row, with or without a row.
     pub n: usize,
@@ -186,6 +191,14 @@ impl WindowSpec {
     pub fn whole(n: usize) -> Self {
         Self { n, fill: Fill::None, max_gap: 0, allow_saturated: false }
     }
+}
+
+setters! {
+    WindowSpec:
+    with_n n usize,
+    with_fill fill Fill,
+    with_max_gap max_gap u32,
+    with_allow_saturated allow_saturated bool,
 }
 
 /// Rows of a window, oldest first: a copy that later rows do not change.

@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn holds_as_many_items_as_slots() {
-        let ring = Ring::<2>::with_spare(3, 1).unwrap();
+        let ring = Ring::<2>::with_spare(3, 2).unwrap();
         assert_eq!(ring.read(0), None);
         for n in 0..9 {
             assert_eq!(ring.head(), n);
@@ -151,12 +151,6 @@ mod tests {
         ring.publish(&[7]);
         ring.slot(1).state.store(3, Relaxed);
         assert_eq!((ring.read(0), ring.read(1)), (None, None));
-    }
-
-    #[test]
-    fn more_memory_than_there_is_is_refused() {
-        assert!(Ring::<8>::new(usize::MAX).is_err());
-        assert!(Ring::<8>::new(1 << 62).is_err());
     }
 }
 

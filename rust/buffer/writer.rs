@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::clock::{ClockLine, LowerEnvelope};
-use super::{Buffer, BufferedRow, Packet, Row};
+use super::{Buffer, BufferedRow, Row};
 use crate::wrench::{BAD_STATUS, SATURATED};
 
 /// A row so much older than the newest is no late packet: the device has started again.
@@ -14,6 +14,7 @@ const LATE_IN_A_ROW: u32 = 8;
 
 /// What became of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Pushed {
     /// Readers can get it.
     Written,
@@ -21,8 +22,6 @@ pub enum Pushed {
     Held,
     /// Dropped: its device time was there already.
     Duplicate,
-    /// Dropped: its device time was there already, from a packet with another number.
-    Stale,
     /// Dropped: later rows are written already.
     Late,
     /// Dropped: a value is NaN or infinite.
@@ -49,7 +48,7 @@ enum Restarts {
 pub struct Writer {
     buffer: Arc<Buffer>,
     /// Rows that wait for a late one before them, in order of device time; never more than it has room for.
-    held: Vec<(Row, Packet)>,
+    held: Vec<Row>,
     /// The epoch of rows to come.
     epoch: u32,
     /// What the epoch has so far; nothing before its first row.
@@ -84,19 +83,13 @@ impl Writer {
 
     /// Takes the next row as it came. Of two rows with the same device time the second is a duplicate.
     pub fn push(&mut self, row: &Row) -> Pushed {
-        self.take(row, Packet::UNKNOWN, Restarts::Guessed)
+        self.take(row, Restarts::Guessed)
     }
 
     /// The same from a sender that knows when its device starts again, and calls [`new_epoch`](Self::new_epoch) then: a
     /// row before the newest is late, however old it is and however many come in a row.
     pub fn push_in_epoch(&mut self, row: &Row) -> Pushed {
-        self.take(row, Packet::UNKNOWN, Restarts::Told)
-    }
-
-    /// The same, with the number of the packet (its low 56 bits count): the same device time under another number is
-    /// stale, not a duplicate.
-    pub fn push_packet(&mut self, row: &Row, packet: u64) -> Pushed {
-        self.take(row, Packet::new(packet), Restarts::Guessed)
+        self.take(row, Restarts::Told)
     }
 
     /// Begins a new epoch, unless the present one has no rows: device time may start anywhere. Rows that wait are
@@ -122,7 +115,7 @@ impl Writer {
     #[must_use]
     pub fn newest_ticks(&self) -> Option<u64> {
         let written = self.written.as_ref()?.newest;
-        Some(self.held.last().map_or(written, |(row, _)| row.ticks))
+        Some(self.held.last().map_or(written, |row| row.ticks))
     }
 
     /// Number of the epoch that the next row belongs to, unless its device time begins another.
@@ -131,47 +124,47 @@ impl Writer {
         self.epoch
     }
 
-    fn take(&mut self, row: &Row, packet: Packet, restarts: Restarts) -> Pushed {
+    fn take(&mut self, row: &Row, restarts: Restarts) -> Pushed {
         if !row.wrench.iter().all(|value| value.is_finite()) {
             self.buffer.counters.non_finite.add(1);
             return Pushed::NonFinite;
         }
         match &self.written {
-            Some(written) if row.ticks <= written.newest => self.take_late(row, packet, restarts),
+            Some(written) if row.ticks <= written.newest => self.take_late(row, restarts),
             Some(written) => {
                 self.late_in_a_row = 0;
                 let waits = self.buffer.spec.reorder_depth > 0
                     && self.buffer.spec.missing_between(written.newest, row.ticks) > 0;
                 if waits {
-                    self.hold(row, packet)
+                    self.hold(row)
                 } else {
-                    self.take_next(row, packet)
+                    self.take_next(row)
                 }
             }
             None => {
-                self.write(row, packet);
+                self.write(row);
                 Pushed::Written
             }
         }
     }
 
     /// A row that nothing is missing before.
-    fn take_next(&mut self, row: &Row, packet: Packet) -> Pushed {
+    fn take_next(&mut self, row: &Row) -> Pushed {
         if !self.held.is_empty() {
             self.buffer.counters.reordered.add(1);
         }
-        self.write(row, packet);
+        self.write(row);
         self.release();
         Pushed::Written
     }
 
     /// A row with a gap before it that a late row may fill yet.
-    fn hold(&mut self, row: &Row, packet: Packet) -> Pushed {
-        match self.held.binary_search_by_key(&row.ticks, |(row, _)| row.ticks) {
-            Ok(same) => return self.repeated(packet, self.held[same].1),
+    fn hold(&mut self, row: &Row) -> Pushed {
+        match self.held.binary_search_by_key(&row.ticks, |row| row.ticks) {
+            Ok(_) => return self.duplicate(),
             Err(place) => {
                 self.buffer.counters.reordered.add(u64::from(place < self.held.len()));
-                self.held.insert(place, (*row, packet));
+                self.held.insert(place, *row);
             }
         }
         self.release();
@@ -183,7 +176,7 @@ impl Writer {
 
     /// Writes waiting rows as long as there are too many or nothing is missing before them.
     fn release(&mut self) {
-        while let (Some((first, _)), Some(written)) = (self.held.first(), &self.written) {
+        while let (Some(first), Some(written)) = (self.held.first(), &self.written) {
             let next = self.buffer.spec.missing_between(written.newest, first.ticks) == 0;
             if !next && self.held.len() <= self.buffer.spec.reorder_depth {
                 break;
@@ -194,68 +187,63 @@ impl Writer {
     }
 
     /// A row at or before the newest one written.
-    fn take_late(&mut self, row: &Row, packet: Packet, restarts: Restarts) -> Pushed {
+    fn take_late(&mut self, row: &Row, restarts: Restarts) -> Pushed {
         let Some(written) = &self.written else { return Pushed::Late };
         let guessed = restarts == Restarts::Guessed;
         // Asked first: a device that starts again may repeat the very times it had before.
         if guessed && (written.newest - row.ticks) as f64 > self.restart_ticks {
-            return self.restart(row, packet);
+            return self.restart(row);
         }
-        if let Some(same) = self.packet_at(row.ticks, written.begin) {
-            return self.repeated(packet, same);
+        if self.is_written(row.ticks, written.begin) {
+            return self.duplicate();
         }
         self.late_in_a_row = self.late_in_a_row.saturating_add(1);
         if guessed && self.late_in_a_row >= LATE_IN_A_ROW {
-            return self.restart(row, packet);
+            return self.restart(row);
         }
         self.buffer.counters.late.add(1);
         Pushed::Late
     }
 
     /// The first row of a device that has started again.
-    fn restart(&mut self, row: &Row, packet: Packet) -> Pushed {
+    fn restart(&mut self, row: &Row) -> Pushed {
         self.new_epoch();
-        self.write(row, packet);
+        self.write(row);
         Pushed::Written
     }
 
-    fn repeated(&self, packet: Packet, same: Packet) -> Pushed {
-        if packet.differs(same) {
-            self.buffer.counters.stale.add(1);
-            Pushed::Stale
-        } else {
-            self.buffer.counters.duplicates.add(1);
-            Pushed::Duplicate
-        }
+    fn duplicate(&self) -> Pushed {
+        self.buffer.counters.duplicates.add(1);
+        Pushed::Duplicate
     }
 
-    /// The packet that brought a device time, when its row is still in the ring. `begin` is the first row of the epoch.
-    fn packet_at(&self, ticks: u64, begin: u64) -> Option<Packet> {
+    /// Whether a row with this device time is still in the ring. `begin` is the first row of the epoch.
+    fn is_written(&self, ticks: u64, begin: u64) -> bool {
         let head = self.buffer.rows.head();
         let (mut low, mut high) = (begin.max(self.buffer.rows.oldest(head)), head);
         while low < high {
             let middle = low + (high - low) / 2;
-            let (found, packet) = BufferedRow::from_words(&self.buffer.rows.read(middle)?);
+            let Some(found) = self.buffer.row(middle) else { return false };
             match found.row.ticks.cmp(&ticks) {
                 std::cmp::Ordering::Less => low = middle + 1,
                 std::cmp::Ordering::Greater => high = middle,
-                std::cmp::Ordering::Equal => return Some(packet),
+                std::cmp::Ordering::Equal => return true,
             }
         }
-        None
+        false
     }
 
     /// Writes the first of the rows that wait.
     fn write_first(&mut self) {
-        let (row, packet) = self.held.remove(0);
-        self.write(&row, packet);
+        let row = self.held.remove(0);
+        self.write(&row);
     }
 
-    fn write(&mut self, row: &Row, packet: Packet) {
+    fn write(&mut self, row: &Row) {
         let missing_before = self.advance(row);
         self.count(row, missing_before);
         let row = BufferedRow { row: *row, missing_before, epoch: self.epoch };
-        self.buffer.rows.publish(&row.to_words(packet));
+        self.buffer.rows.publish(&row.to_words());
     }
 
     /// Moves device time on to a row, the clock's line with it; the instants that are missing before it.

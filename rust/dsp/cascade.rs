@@ -177,6 +177,9 @@ impl SosState {
         if rows * self.channels != chunk.len() {
             return Err(Error::Length { what: "chunk", expected: rows * self.channels, got: chunk.len() });
         }
+        if chunk.is_empty() {
+            return Ok(());
+        }
         match T::slice(chunk) {
             private::Slice::F64(chunk) => self.filter_wide(chunk),
             private::Slice::F32(chunk) => self.filter_narrow(chunk),
@@ -191,6 +194,9 @@ impl SosState {
     pub fn advance<T: Real, const C: usize>(&mut self, sample: [T; C]) -> Result<[T; C]> {
         if C != self.channels {
             return Err(Error::Length { what: "sample", expected: self.channels, got: C });
+        }
+        if C == 0 {
+            return Ok(sample);
         }
         let mut x = sample.map(T::value);
         let (z, _) = self.values.as_chunks_mut::<C>().0.as_chunks_mut::<2>();
@@ -485,6 +491,7 @@ mod tests {
         let sos = sos(2);
         let mut state = SosState::zero(&sos, 0).unwrap();
         assert_eq!(state.filter::<f64>(&mut []), Ok(()));
+        assert_eq!(state.advance::<f64, 0>([]), Ok([]));
         let error = Error::Length { what: "chunk", expected: 0, got: 1 };
         assert_eq!(state.filter(&mut [1.0]), Err(error));
     }

@@ -1,6 +1,7 @@
 //! Uniform bins with the counting rule of `numpy.histogram`.
 
 use crate::error::{Error, Result};
+use crate::specs::choices;
 
 /// The largest number of bins: the cells of 24 such histograms still fit in twenty bits (see `kernel::count`).
 pub const MAX_BINS: usize = 32_768;
@@ -112,6 +113,7 @@ impl UniformBins {
 
 /// What happens to values outside the range.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Outside {
     /// They are not counted: the paper, and `numpy.histogram`.
     #[default]
@@ -120,13 +122,4 @@ pub enum Outside {
     Clip,
 }
 
-impl Outside {
-    /// Each with its name.
-    pub const NAMED: [(&str, Self); 2] = [("drop", Self::Drop), ("clip", Self::Clip)];
-
-    /// Its name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        crate::names::of(self, &Self::NAMED)
-    }
-}
+choices! { Outside: "drop" Drop, "clip" Clip, }

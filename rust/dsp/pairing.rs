@@ -250,31 +250,8 @@ mod tests {
     }
 
     #[test]
-    fn division_undoes_multiplication() {
-        let (a, b) = (Complex::new(3.0, -4.0), Complex::new(-0.5, 2.0));
-        let back = a * b / b;
-        assert!((back - a).abs() < 1e-15 * a.abs());
-        assert_eq!(Complex::ONE / Complex::new(0.0, 2.0), Complex::new(0.0, -0.5));
-    }
-
-    #[test]
     fn division_survives_huge_parts() {
         let huge = Complex::new(1e300, 1e300);
         assert!(((huge / huge) - Complex::ONE).abs() < 1e-15);
-    }
-
-    #[test]
-    fn square_root_squares_back_in_every_quadrant() {
-        for (re, im) in [(3.0, 4.0), (-3.0, 4.0), (-3.0, -4.0), (3.0, -4.0), (-2.0, 0.0), (0.0, 0.0)] {
-            let root = Complex::new(re, im).sqrt();
-            assert!((root * root - Complex::new(re, im)).abs() < 1e-14);
-            assert!(root.re >= 0.0);
-        }
-    }
-
-    #[test]
-    fn conjugate_input_gives_conjugate_root() {
-        let z = Complex::new(-0.3, 0.7);
-        assert_eq!(z.conj().sqrt(), z.sqrt().conj());
     }
 }

@@ -1,4 +1,4 @@
-//! Counting values of 24 lanes into 24 histograms at once.
+//! Counting values of 24 lanes into 24 histograms at once: the counts of [`UniformBins`], which defines them, but faster.
 //!
 //! A value's cell is found by arithmetic, not by a search: `cell = value * scale + offset`, where cell 0 of a lane collects
 //! what lies below the range, 1..=n the bins, n + 1 what lies above. The offset holds 2^20 and the first cell of the lane as

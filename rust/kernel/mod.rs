@@ -37,4 +37,4 @@ pub(crate) use filter::{Beside, Cascade};
 pub(crate) use pack::Pack;
 pub use simd::SimdPath;
 pub(crate) use simd::{Job, Portable, Register, Simd, Vectors};
-pub(crate) use transpose::{pack, unpack, Raw, Row, BLOCK, LANES, MAX_WIDTH};
+pub(crate) use transpose::{fits, pack, unpack, HalfLines, Raw, Row, BLOCK, LANES, MAX_WIDTH};

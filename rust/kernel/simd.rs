@@ -126,7 +126,8 @@ pub(crate) trait Simd: Vectors<f64, 4> {
         super::count::cells(bins, row, cells)
     }
 
-    /// Eight samples of six axes: into lanes `lane..lane + 6` of `rows`, and axis by axis into `raw`.
+    /// Eight samples of six axes: into lanes `lane..lane + 6` of `rows`, and axis by axis into `raw`. True when the type there
+    /// reaches far enough.
     #[inline(always)]
     fn transpose6<const W: usize, T: Real>(
         self,
@@ -134,8 +135,8 @@ pub(crate) trait Simd: Vectors<f64, 4> {
         rows: &mut [Row<W>; BLOCK],
         lane: usize,
         raw: Option<Raw<'_, T>>,
-    ) {
-        super::transpose::transpose6(samples, rows, lane, raw);
+    ) -> bool {
+        super::transpose::transpose6(samples, rows, lane, raw)
     }
 
     /// Asks for the cache line at `values[index]`, to be read soon. Any index is fine.

@@ -1,7 +1,7 @@
 //! Rows of lanes: from samples (all axes of one instant together) to them, and to raw features (all instants of one axis
 //! together).
 
-use crate::dsp::Real;
+use crate::dsp::{Real, Slice};
 
 /// Channels per vector.
 pub(crate) const LANES: usize = 8;
@@ -42,8 +42,28 @@ pub(crate) struct Raw<'a, T> {
     pub(crate) n_samples: usize,
     /// The first sample of this block.
     pub(crate) start: usize,
-    /// Write past the caches where the machine can.
-    pub(crate) stream: bool,
+    /// For writes past the caches, where asked and where the machine can.
+    pub(crate) stream: Option<&'a mut HalfLines>,
+}
+
+/// Half a cache line of float32 for each of six axes. The other half is in the next block; both are written past the caches
+/// together, because a line that is written there in two parts is slow.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(32))]
+pub(crate) struct HalfLines(pub(super) [[f32; BLOCK]; 6]);
+
+impl HalfLines {
+    pub(crate) const EMPTY: Self = Self([[0.0; BLOCK]; 6]);
+}
+
+/// Whether numbers just written are what they were before they were narrowed, as far as float32 reaches. Those not narrowed are.
+#[inline(always)]
+pub(crate) fn fits<T: Real>(values: &mut [T]) -> bool {
+    match T::slice(values) {
+        Slice::F64(_) => true,
+        // without a branch, which the compiler turns into a few vector instructions
+        Slice::F32(values) => values.iter().fold(true, |all, value| all & value.is_finite()),
+    }
 }
 
 /// Plain-loop twin of the vector code in `x86.rs`.
@@ -53,7 +73,8 @@ pub(super) fn transpose6<const W: usize, T: Real>(
     rows: &mut [Row<W>; BLOCK],
     lane: usize,
     raw: Option<Raw<'_, T>>,
-) {
+) -> bool {
+    let mut fit = true;
     for (row, sample) in rows.iter_mut().zip(samples.chunks_exact(6)) {
         row.flat_mut()[lane..lane + 6].copy_from_slice(sample);
     }
@@ -63,8 +84,10 @@ pub(super) fn transpose6<const W: usize, T: Real>(
             for (value, sample) in target.iter_mut().zip(samples.chunks_exact(6)) {
                 *value = T::of(sample[axis]);
             }
+            fit &= fits(target);
         }
     }
+    fit
 }
 
 /// Samples of any number of axes into consecutive lanes, starting with axis `axis`.
@@ -82,10 +105,11 @@ pub(crate) fn pack<const W: usize>(
     }
 }
 
-/// One lane of some rows, in time order.
+/// One lane of some rows, in time order. True when the target's type reaches far enough.
 #[inline(always)]
-pub(crate) fn unpack<const W: usize, T: Real>(rows: &[Row<W>], lane: usize, target: &mut [T]) {
+pub(crate) fn unpack<const W: usize, T: Real>(rows: &[Row<W>], lane: usize, target: &mut [T]) -> bool {
     for (value, row) in target.iter_mut().zip(rows) {
         *value = T::of(row.flat()[lane]);
     }
+    fits(target)
 }

@@ -4,14 +4,16 @@
 use std::arch::is_x86_feature_detected;
 use std::arch::x86_64::{
     __m256d, __m256i, _mm256_add_epi32, _mm256_add_pd, _mm256_and_pd, _mm256_and_si256, _mm256_andnot_pd,
-    _mm256_blendv_pd, _mm256_castpd128_pd256, _mm256_castpd_ps, _mm256_castpd_si256, _mm256_castsi256_pd,
-    _mm256_cmp_pd, _mm256_cmpeq_epi32, _mm256_cvtpd_ps, _mm256_div_pd, _mm256_insertf128_pd, _mm256_loadu_pd,
-    _mm256_max_pd, _mm256_min_epu32, _mm256_min_pd, _mm256_movemask_epi8, _mm256_mul_pd, _mm256_or_pd,
-    _mm256_permute2f128_pd, _mm256_permute4x64_pd, _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd,
-    _mm256_setzero_pd, _mm256_shuffle_ps, _mm256_sqrt_pd, _mm256_storeu_pd, _mm256_storeu_ps,
-    _mm256_stream_pd, _mm256_sub_pd, _mm256_unpackhi_pd, _mm256_unpacklo_pd, _mm256_xor_pd, _mm_loadu_pd,
-    _mm_prefetch, _mm_sfence, _mm_storeu_pd, _mm_storeu_ps, _mm_unpackhi_pd, _mm_unpacklo_pd, _CMP_GT_OQ,
-    _CMP_LE_OQ, _CMP_LT_OQ, _MM_HINT_T0,
+    _mm256_andnot_ps, _mm256_blendv_pd, _mm256_castpd128_pd256, _mm256_castpd_ps, _mm256_castpd_si256,
+    _mm256_castps128_ps256, _mm256_castsi256_pd, _mm256_cmp_pd, _mm256_cmp_ps, _mm256_cmpeq_epi32,
+    _mm256_cvtpd_ps, _mm256_div_pd, _mm256_insertf128_pd, _mm256_insertf128_ps, _mm256_loadu_pd,
+    _mm256_loadu_ps, _mm256_max_pd, _mm256_max_ps, _mm256_min_epu32, _mm256_min_pd, _mm256_movemask_epi8,
+    _mm256_movemask_ps, _mm256_mul_pd, _mm256_or_pd, _mm256_permute2f128_pd, _mm256_permute4x64_pd,
+    _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd, _mm256_set1_ps, _mm256_setzero_pd,
+    _mm256_setzero_ps, _mm256_shuffle_ps, _mm256_sqrt_pd, _mm256_storeu_pd, _mm256_storeu_ps,
+    _mm256_stream_pd, _mm256_stream_ps, _mm256_sub_pd, _mm256_unpackhi_pd, _mm256_unpacklo_pd, _mm256_xor_pd,
+    _mm_loadu_pd, _mm_prefetch, _mm_sfence, _mm_storeu_pd, _mm_unpackhi_pd, _mm_unpacklo_pd, _CMP_EQ_OQ,
+    _CMP_GT_OQ, _CMP_LE_OQ, _CMP_LT_OQ, _MM_HINT_T0,
 };
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -218,7 +220,7 @@ impl<const MANY_REGISTERS: bool> Simd for X86<MANY_REGISTERS> {
         rows: &mut [Row<W>; BLOCK],
         lane: usize,
         raw: Option<Raw<'_, T>>,
-    ) {
+    ) -> bool {
         assert!(lane + 6 <= W * LANES, "six lanes must fit");
         // SAFETY: the token. Reads: sample s < 8 has six values at 6 * s. Writes: six lanes fit in each row.
         let (early, late) = unsafe {
@@ -227,15 +229,15 @@ impl<const MANY_REGISTERS: bool> Simd for X86<MANY_REGISTERS> {
                 four_samples(samples.as_ptr().add(24), &mut rows[4..], lane),
             )
         };
-        let Some(Raw { values, n_samples, start, stream }) = raw else { return };
-        let values = &mut values[start..];
-        assert!(values.len() >= 5 * n_samples + BLOCK, "six axes must fit");
+        let Some(Raw { values, n_samples, start, stream }) = raw else { return true };
+        assert!(values[start..].len() >= 5 * n_samples + BLOCK, "six axes must fit");
         let axes = early.into_iter().zip(late).enumerate();
-        // SAFETY: the token; the assert above leaves room for eight values of each of six axes; streamed are aligned ones.
+        // SAFETY: the token; the assert above leaves room for eight values of each of six axes, and a line ends where eight
+        // values of each came before; streamed are aligned ones.
         match T::slice(values) {
             Slice::F64(values) => {
-                let values = values.as_mut_ptr();
-                let stream = stream && values.addr() % 32 == 0 && n_samples % 4 == 0;
+                let values = values[start..].as_mut_ptr();
+                let stream = stream.is_some() && values.addr() % 32 == 0 && n_samples % 4 == 0;
                 for (axis, (early, late)) in axes {
                     unsafe {
                         let values = values.add(axis * n_samples);
@@ -248,15 +250,36 @@ impl<const MANY_REGISTERS: bool> Simd for X86<MANY_REGISTERS> {
                         }
                     }
                 }
+                true
             }
             Slice::F32(values) => {
-                let values = values.as_mut_ptr();
-                for (axis, (early, late)) in axes {
-                    unsafe {
+                // Of all values: the half line before `start` is written too.
+                let (values, half) = (values.as_mut_ptr().wrapping_add(start), 4 * BLOCK);
+                // Where whole lines are blocks alike on all axes: a first half waits for the block after it, if there is one.
+                let mut stream = stream.filter(|_| n_samples % (2 * BLOCK) == 0);
+                let (mut waits, mut ends) = (false, false);
+                if stream.is_some() {
+                    waits = values.addr() % (2 * half) == 0 && start + 2 * BLOCK <= n_samples;
+                    ends = values.addr() % (2 * half) == half && start >= BLOCK;
+                }
+                unsafe {
+                    let mut largest = _mm256_setzero_ps();
+                    for (axis, (early, late)) in axes {
                         let values = values.add(axis * n_samples);
-                        _mm_storeu_ps(values, _mm256_cvtpd_ps(early));
-                        _mm_storeu_ps(values.add(4), _mm256_cvtpd_ps(late));
+                        let (early, late) = (_mm256_cvtpd_ps(early), _mm256_cvtpd_ps(late));
+                        let block = _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(early), late);
+                        largest = _mm256_max_ps(_mm256_andnot_ps(_mm256_set1_ps(-0.0), block), largest);
+                        match &mut stream {
+                            Some(first) if waits => _mm256_storeu_ps(first.0[axis].as_mut_ptr(), block),
+                            Some(first) if ends => {
+                                _mm256_stream_ps(values.sub(BLOCK), _mm256_loadu_ps(first.0[axis].as_ptr()));
+                                _mm256_stream_ps(values, block);
+                            }
+                            _ => _mm256_storeu_ps(values, block),
+                        }
                     }
+                    let infinite = _mm256_cmp_ps::<_CMP_EQ_OQ>(largest, _mm256_set1_ps(f32::INFINITY));
+                    _mm256_movemask_ps(infinite) == 0
                 }
             }
         }

@@ -8,8 +8,8 @@ use std::f64::consts::LN_2;
 use super::parts::Tensor;
 use super::{Model, ModelError};
 use crate::error::{brief, Error};
-use crate::memory::{reserved, room};
-use crate::names;
+use crate::memory::{filled, reserved, room};
+use crate::specs::choices;
 
 /// `exp` is continued along its tangent from here on, so that sums of losses stay finite.
 const EXP_TANGENT_FROM: f64 = 650.0;
@@ -19,6 +19,7 @@ const EXP_TANGENT_TO: f64 = 1e20;
 
 /// A binary loss of the agreement `z` of a code with a score: 1/2 where the score says nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Loss {
     /// `max(0, 1 - z) / 2`: that of support vector machines, and the paper's.
     #[default]
@@ -37,24 +38,18 @@ pub enum Loss {
     Binodeviance,
 }
 
+choices! {
+    Loss:
+    "hinge" Hinge,
+    "hamming" Hamming,
+    "root" Root,
+    "linear" Linear,
+    "exponential" Exponential,
+    "logit" Logit,
+    "binodeviance" Binodeviance,
+}
+
 impl Loss {
-    /// Each with its name.
-    pub const NAMED: [(&str, Self); 7] = [
-        ("hinge", Self::Hinge),
-        ("hamming", Self::Hamming),
-        ("root", Self::Root),
-        ("linear", Self::Linear),
-        ("exponential", Self::Exponential),
-        ("logit", Self::Logit),
-        ("binodeviance", Self::Binodeviance),
-    ];
-
-    /// Its name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        names::of(self, &Self::NAMED)
-    }
-
     /// The loss of a class whose code agrees with the score by `z` (code times score).
     #[must_use]
     pub fn of_agreement(self, z: f64) -> f64 {
@@ -80,6 +75,7 @@ fn softplus(x: f64) -> f64 {
 
 /// By what the summed loss of a class is divided.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Decoding {
     /// The number of learners that saw the class: the paper's.
     #[default]
@@ -88,17 +84,7 @@ pub enum Decoding {
     LossBased,
 }
 
-impl Decoding {
-    /// Each with its name.
-    pub const NAMED: [(&str, Self); 2] =
-        [("loss_weighted", Self::LossWeighted), ("loss_based", Self::LossBased)];
-
-    /// Its name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        names::of(self, &Self::NAMED)
-    }
-}
+choices! { Decoding: "loss_weighted" LossWeighted, "loss_based" LossBased, }
 
 /// Pairs of classes `i < j` in the order of one learner for each: (0, 1), (0, 2), ..., (1, 2), ...
 pub(super) fn pairs(n_classes: usize) -> impl Iterator<Item = (usize, usize)> {
@@ -182,6 +168,7 @@ impl Codes {
 
 /// What a model says of one recording.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Answer {
     /// Index of the class with the smallest loss; the first of equal ones.
     pub best: usize,
@@ -268,6 +255,24 @@ impl Model {
             *sum /= divisor;
         }
         Ok(())
+    }
+
+    /// Mean losses of the classes from scores, row by row of one per learner, as [`decode`](Self::decode) has them.
+    ///
+    /// # Errors
+    /// [`Error::Length`] for scores of no whole number of rows, [`Error::Score`] for one that is not finite.
+    pub fn losses(&self, scores: &[f64]) -> Result<Vec<f64>, Error> {
+        let (n_learners, n_classes) = (self.n_learners(), self.classes.len());
+        let n_rows = scores.len() / n_learners;
+        if n_rows * n_learners != scores.len() {
+            return Err(Error::Length { what: "scores", expected: n_rows * n_learners, got: scores.len() });
+        }
+        let mut losses = filled(0.0, n_rows.saturating_mul(n_classes))?;
+        let rows = scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes));
+        for (row, (scores, losses)) in rows.enumerate() {
+            self.decode(scores, losses).map_err(|error| error.later(row))?;
+        }
+        Ok(losses)
     }
 
     /// Codes plus one of all classes at a learner.

@@ -20,7 +20,7 @@ use super::{
 };
 use crate::error::shown;
 use crate::memory::reserved;
-use crate::names::listed;
+use crate::specs::listed;
 
 /// Bytes of a file that are read unless the caller allows more.
 pub const MAX_FILE_BYTES: usize = 16 << 20;

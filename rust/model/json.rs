@@ -15,7 +15,7 @@ use crate::dsp::Outside;
 use crate::error::shown;
 use crate::features::Initial;
 use crate::multiband::{Block, MultiBandSpec};
-use crate::names::listed;
+use crate::specs::listed;
 use crate::FeatureSpec;
 
 /// Characters of what a library says, which may quote the file.

@@ -11,8 +11,9 @@ use crate::wrench::{axis_name, AXES, UNITS};
 /// Longest label, name of an axis, unit, or short text.
 pub const MAX_NAME_BYTES: usize = 256;
 
-/// Texts of the metadata that are not part of the computation.
+/// Texts of the metadata that are not part of the computation. Made by [`Metadata::of_axes`]; then each can be set.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Metadata {
     /// Name of each axis.
     pub axes: Vec<String>,
@@ -113,7 +114,7 @@ impl Metadata {
             if names.len() != n_axes {
                 return Err(ModelError::must_be(
                     what,
-                    format_args!("from {n_axes} to {n_axes}"),
+                    format_args!("a list of {n_axes}, one for each axis"),
                     names.len(),
                 ));
             }

@@ -51,29 +51,16 @@ use scores::Weights;
 /// threads.
 ///
 /// ```
-/// use granular_id::model::{Decoding, Loss, Metadata, ModelParts, Tensor};
+/// use granular_id::model::{ModelParts, Tensor};
 /// use granular_id::{FeatureSpec, Model};
 ///
 /// // Two materials, told apart by the second of three samples of one axis.
-/// let spec = FeatureSpec { hfmh: false, ..FeatureSpec::default() };
-/// let model = Model::new(ModelParts {
-///     features: spec.into(),
-///     n_samples: 3,
-///     n_axes: 1,
-///     coef: Tensor::new(vec![1, 3], &[0.0, 2.0, 0.0]),
-///     intercept: Tensor::new(vec![1], &[-1.0]),
-///     coding_matrix: Tensor::new(vec![2, 1], &[1.0, -1.0]),
-///     classes: vec!["rice".to_owned(), "salt".to_owned()],
-///     loss: Loss::Hinge,
-///     decoding: Decoding::LossWeighted,
-///     raw_mean: None,
-///     raw_low: None,
-///     raw_high: None,
-///     early: None,
-///     sigmoid: None,
-///     posterior_weights: None,
-///     metadata: Metadata::of_axes(1),
-/// })?;
+/// let spec = FeatureSpec::default().with_hfmh(false);
+/// let coef = Tensor::new(vec![1, 3], &[0.0, 2.0, 0.0]);
+/// let intercept = Tensor::new(vec![1], &[-1.0]);
+/// let coding_matrix = Tensor::new(vec![2, 1], &[1.0, -1.0]);
+/// let classes = vec!["rice".to_owned(), "salt".to_owned()];
+/// let model = Model::new(ModelParts::new(spec, 3, 1, coef, intercept, coding_matrix, classes))?;
 /// let answer = model.identify(&[0.1, 0.9, 0.2])?;
 /// assert_eq!(model.classes()[answer.best], "rice");
 /// assert_eq!(Model::from_bytes(&model.to_bytes()?, 1 << 20)?, model);

@@ -125,8 +125,9 @@ impl<'a> Tensor<'a> {
     }
 }
 
-/// The parts of a [`Model`]: L learners, D features, K classes.
+/// The parts of a [`Model`]: L learners, D features, K classes. Made by [`ModelParts::new`]; then each can be set.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct ModelParts<'a> {
     /// What is extracted from a recording.
     pub features: Features<'a>,
@@ -165,6 +166,7 @@ pub struct ModelParts<'a> {
 
 /// What is extracted from a recording, not checked yet.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Features<'a> {
     /// Samples and histograms: scores add up sample by sample.
     Additive(FeatureSpec),
@@ -238,7 +240,38 @@ impl Model {
     }
 }
 
-impl ModelParts<'_> {
+impl<'a> ModelParts<'a> {
+    /// What every model has; the paper's loss and decoding, and nothing that a model may lack.
+    #[must_use]
+    pub fn new(
+        features: impl Into<Features<'a>>,
+        n_samples: usize,
+        n_axes: usize,
+        coef: Tensor<'a>,
+        intercept: Tensor<'a>,
+        coding_matrix: Tensor<'a>,
+        classes: Vec<String>,
+    ) -> Self {
+        Self {
+            features: features.into(),
+            n_samples,
+            n_axes,
+            coef,
+            intercept,
+            coding_matrix,
+            classes,
+            loss: Loss::default(),
+            decoding: Decoding::default(),
+            raw_mean: None,
+            raw_low: None,
+            raw_high: None,
+            early: None,
+            sigmoid: None,
+            posterior_weights: None,
+            metadata: Metadata::of_axes(n_axes),
+        }
+    }
+
     /// The tensors that a model may lack.
     fn check_optional(&self, n_raw: usize) -> Result<(), ModelError> {
         let n_learners = self.intercept.len();

@@ -143,9 +143,10 @@ impl Verdicts {
 }
 
 impl Model {
-    /// What the rules say of recordings, from rows of losses and of scores.
+    /// What the rules say of recordings, from rows of scores.
     #[doc(hidden)]
-    pub fn verdicts(&self, losses: &[f64], scores: &[f64]) -> Result<Verdicts> {
+    pub fn verdicts(&self, scores: &[f64]) -> Result<Verdicts> {
+        let losses = self.losses(scores)?;
         let mut verdict = self.rules().verdict();
         let rows = losses.chunks_exact(self.classes().len()).zip(scores.chunks_exact(self.n_learners()));
         let mut all = Verdicts { candidates: Vec::new(), rows: reserved(rows.len())? };

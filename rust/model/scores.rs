@@ -8,8 +8,8 @@ use crate::memory::filled;
 use crate::pool::in_tasks;
 use crate::BatchShape;
 
-/// Recordings that share each row of weights on its way through the caches.
-const TEAM: usize = 4;
+/// Recordings of a block: they share each row of weights on its way through the caches.
+const BLOCK: usize = 4;
 
 /// Weights turned round: for each feature those of all learners, side by side and filled up with zeros to whole vectors.
 /// Raw features stand sample by sample, as they come from a sensor, then all others.
@@ -106,7 +106,7 @@ impl Job for AddRows<'_> {
 
 /// Adds rows of weights to the sums of several recordings at once, so that each row is brought from memory once. For each
 /// recording the same bits as [`AddRows`].
-struct AddTeam<'a> {
+struct AddRowsToBlock<'a> {
     /// As many numbers per recording as a row has.
     sums: &'a mut [f64],
     lanes: usize,
@@ -115,7 +115,7 @@ struct AddTeam<'a> {
     values: &'a [f64],
 }
 
-impl Job for AddTeam<'_> {
+impl Job for AddRowsToBlock<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -156,13 +156,13 @@ impl Model {
         in_tasks(wrench, shape, self.n_learners(), threads, out, |wrench, shape, out| {
             let features = self.extraction.extract(wrench, shape)?;
             let n_features = features.len() / shape.n_recordings;
-            let mut sums = filled(0.0, 2 * TEAM * self.lanes())?;
-            let teams =
-                wrench.chunks(TEAM * shape.recording_len()).zip(out.chunks_mut(TEAM * self.n_learners()));
-            for (team, (wrench, out)) in teams.enumerate() {
-                let first = team * TEAM;
+            let mut sums = filled(0.0, 2 * BLOCK * self.lanes())?;
+            let blocks =
+                wrench.chunks(BLOCK * shape.recording_len()).zip(out.chunks_mut(BLOCK * self.n_learners()));
+            for (block, (wrench, out)) in blocks.enumerate() {
+                let first = block * BLOCK;
                 let features = features.get(first * n_features..).unwrap_or_default();
-                self.team(path, wrench, features, &mut sums, out);
+                self.block_scores(path, wrench, features, &mut sums, out);
             }
             self.check_scores(out)
         })
@@ -176,14 +176,21 @@ impl Model {
         Ok(out)
     }
 
-    /// Scores of a few recordings, each row of weights read once.
-    fn team(&self, path: SimdPath, wrench: &[f64], features: &[f64], sums: &mut [f64], out: &mut [f64]) {
+    /// Scores of a block of recordings, each row of weights read once.
+    fn block_scores(
+        &self,
+        path: SimdPath,
+        wrench: &[f64],
+        features: &[f64],
+        sums: &mut [f64],
+        out: &mut [f64],
+    ) {
         let lanes = self.lanes();
         let (raw_rows, other_rows) = self.weights.blocks();
-        let (raw, hist) = sums.split_at_mut(TEAM * lanes);
+        let (raw, hist) = sums.split_at_mut(BLOCK * lanes);
         for (sums, rows, values) in [(&mut *raw, raw_rows, wrench), (&mut *hist, other_rows, features)] {
             sums.fill(0.0);
-            path.run(AddTeam { sums, lanes, rows, values });
+            path.run(AddRowsToBlock { sums, lanes, rows, values });
         }
         let sums = raw.chunks_exact(lanes).zip(hist.chunks_exact(lanes));
         for (out, (raw, hist)) in out.chunks_exact_mut(self.n_learners()).zip(sums) {

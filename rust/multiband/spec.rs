@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::memory::filled;
+use crate::specs::{choices, setters};
 
 /// Where the highest octave ends, as a share of the Nyquist frequency.
 pub(super) const TOP: f64 = 0.98;
@@ -13,8 +14,9 @@ const MIN_CYCLES: f64 = 1.5;
 /// length of a recording, which leaves room to 1e154, where squares overflow.
 const LARGEST: f64 = 1e145;
 
-/// One kind of numbers about a recording.
+/// One kind of numbers about a recording; in the order of the features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Block {
     /// How axes move together in a band, now and two samples earlier.
     Coupling,
@@ -28,22 +30,16 @@ pub enum Block {
     Level,
 }
 
+choices! {
+    Block:
+    "coupling" Coupling,
+    "quantiles" Quantiles,
+    "envelope" Envelope,
+    "spectrum" Spectrum,
+    "level" Level,
+}
+
 impl Block {
-    /// Each with its name, in the order of the features.
-    pub const NAMED: [(&str, Self); 5] = [
-        ("coupling", Self::Coupling),
-        ("quantiles", Self::Quantiles),
-        ("envelope", Self::Envelope),
-        ("spectrum", Self::Spectrum),
-        ("level", Self::Level),
-    ];
-
-    /// Its name.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        crate::names::of(self, &Self::NAMED)
-    }
-
     /// Samples of the shortest recording of `n_axes` axes that has the block. Of a longer one, couplings are those of the
     /// bands with so many samples.
     #[must_use]
@@ -61,6 +57,7 @@ impl Block {
 /// materials.
 #[allow(clippy::struct_excessive_bools)] // each is a choice of its own
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct MultiBandSpec {
     /// Sampling rate in hertz. It names the bands; no feature depends on it.
     pub rate_hz: f64,
@@ -80,6 +77,16 @@ impl Default for MultiBandSpec {
     fn default() -> Self {
         Self { rate_hz: 500.0, coupling: true, quantiles: true, envelope: true, spectrum: true, level: false }
     }
+}
+
+setters! {
+    MultiBandSpec:
+    with_rate_hz rate_hz f64,
+    with_coupling coupling bool,
+    with_quantiles quantiles bool,
+    with_envelope envelope bool,
+    with_spectrum spectrum bool,
+    with_level level bool,
 }
 
 impl MultiBandSpec {

@@ -17,9 +17,6 @@ use granular_id::buffer::{
 
 pub(super) use reader::{PyBlock, PyWindow, PyWrenchReader, WindowError};
 
-/// Words for what stands for an instant without a row.
-const FILLS: [(&str, Fill); 3] = [("none", Fill::None), ("nan", Fill::Nan), ("linear", Fill::Linear)];
-
 /// The newest seconds of a 6-axis wrench: one writer, any number of readers, the oldest rows overwritten.
 ///
 /// Parameters
@@ -97,14 +94,17 @@ impl PyWrenchBuffer {
         tick_hz: Option<&Bound<'_, PyAny>>,
         reorder_depth: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let of = BufferSpec::default();
-        let depth = |value| whole(value, "reorder_depth", MAX_REORDER_DEPTH);
-        let spec = BufferSpec {
-            seconds: seconds.map_or(Ok(of.seconds), |value| number(value, "seconds"))?,
-            rate_hz: rate_hz.map_or(Ok(of.rate_hz), |value| number(value, "rate_hz"))?,
-            tick_hz: tick_hz.map_or(Ok(of.tick_hz), |value| number(value, "tick_hz"))?,
-            reorder_depth: reorder_depth.map_or(Ok(of.reorder_depth), depth)?,
-        };
+        let mut spec = BufferSpec::default();
+        for (field, value, name) in [
+            (&mut spec.seconds, seconds, "seconds"),
+            (&mut spec.rate_hz, rate_hz, "rate_hz"),
+            (&mut spec.tick_hz, tick_hz, "tick_hz"),
+        ] {
+            *field = value.map_or(Ok(*field), |value| number(value, name))?;
+        }
+        if let Some(value) = reorder_depth {
+            spec.reorder_depth = whole(value, "reorder_depth", MAX_REORDER_DEPTH)?;
+        }
         let (writer, reader) = wrench_buffer(spec).or_raise()?;
         let input = Input { writer: Some(writer), clock: DeviceClock::new(&spec) };
         Ok(Self { reader, input: Mutex::new(input) })
@@ -257,12 +257,10 @@ impl PyWrenchBuffer {
         max_gap: Option<&Bound<'_, PyAny>>,
         allow_saturated: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<PyWindow> {
-        let spec = buffer::WindowSpec {
-            n: count(n, "n", self.reader.capacity())?,
-            fill: fill.map_or(Ok(Fill::None), |value| word(value, "fill", &FILLS))?,
-            max_gap: max_gap.map_or(Ok(0), |value| whole(value, "max_gap", u32::MAX))?,
-            allow_saturated: allow_saturated.map_or(Ok(false), |value| flag(value, "allow_saturated"))?,
-        };
+        let spec = buffer::WindowSpec::whole(count(n, "n", self.reader.capacity())?)
+            .with_fill(fill.map_or(Ok(Fill::default()), |value| word(value, "fill", &Fill::NAMED))?)
+            .with_max_gap(max_gap.map_or(Ok(0), |value| whole(value, "max_gap", u32::MAX))?)
+            .with_allow_saturated(allow_saturated.map_or(Ok(false), |value| flag(value, "allow_saturated"))?);
         let window = py.detach(|| self.reader.window(&spec)).or_raise()?;
         PyWindow::new(py, window, self.tick_hz())
     }
@@ -300,8 +298,8 @@ impl PyWrenchBuffer {
 
     /// What happened to the rows so far: counts by name.
     ///
-    /// ``written``; ``held`` (waiting now); dropped ones: ``duplicates`` (device time was there already), ``stale`` (the
-    /// same in another packet), ``late``, ``non_finite``; ``reordered`` (came late, put in order); ``gaps`` and ``missing``
+    /// ``written``; ``held`` (waiting now); dropped ones: ``duplicates`` (device time was there already), ``late``,
+    /// ``non_finite``; ``reordered`` (came late, put in order); ``gaps`` and ``missing``
     /// (instants in them); ``epochs`` (new beginnings after the first); ``saturated`` and ``bad_status`` (written with that
     /// flag).
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
@@ -339,7 +337,7 @@ impl PyWrenchBuffer {
     }
 
     fn __repr__(&self) -> String {
-        let BufferSpec { rate_hz, seconds, tick_hz, reorder_depth } = self.reader.spec();
+        let BufferSpec { rate_hz, seconds, tick_hz, reorder_depth, .. } = self.reader.spec();
         format!("WrenchBuffer({seconds:?}, rate_hz={rate_hz:?}, tick_hz={tick_hz:?}, reorder_depth={reorder_depth})")
     }
 }

@@ -19,7 +19,7 @@ use crate::arrays::{
 use crate::features::PyFeatureSpec;
 use crate::multiband::PyMultiBandExtractor;
 use crate::number_table::bytes;
-use granular_id::bindings::{collected, filled, room};
+use granular_id::bindings::{collected, room};
 use granular_id::model::{
     Decoding, Extraction, Features, Loss, Metadata, ModelError, ModelFileError as FileError, ModelParts,
     Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
@@ -158,24 +158,19 @@ impl PyModel {
                 .transpose()
         };
         let needed = |name| Ok::<_, PyErr>(tensor(name)?.unwrap_or_else(|| Tensor::new(Vec::new(), &[])));
-        let parts = ModelParts {
-            features,
-            n_samples,
-            n_axes,
-            coef: needed("coef")?,
-            intercept: needed("intercept")?,
-            coding_matrix: needed("coding_matrix")?,
-            classes,
-            loss,
-            decoding,
-            raw_mean: tensor("raw_mean")?,
-            raw_low: tensor("raw_low")?,
-            raw_high: tensor("raw_high")?,
-            early: tensor("early")?,
-            sigmoid: tensor("sigmoid")?,
-            posterior_weights: tensor("posterior_weights")?,
-            metadata,
-        };
+        let (weights, intercept, codes) = (needed("coef")?, needed("intercept")?, needed("coding_matrix")?);
+        let mut parts = ModelParts::new(features, n_samples, n_axes, weights, intercept, codes, classes);
+        (parts.loss, parts.decoding, parts.metadata) = (loss, decoding, metadata);
+        for (part, name) in [
+            (&mut parts.raw_mean, "raw_mean"),
+            (&mut parts.raw_low, "raw_low"),
+            (&mut parts.raw_high, "raw_high"),
+            (&mut parts.early, "early"),
+            (&mut parts.sigmoid, "sigmoid"),
+            (&mut parts.posterior_weights, "posterior_weights"),
+        ] {
+            *part = tensor(name)?;
+        }
         let model = hold.work(coef.py(), || Model::new(parts)).map_err(bad_part)?;
         Ok(Self { model: Arc::new(if lacks_digest { model.without_digest() } else { model }) })
     }
@@ -226,7 +221,7 @@ impl PyModel {
     /// Mean losses (n, K) of the classes from scores (n, L) or (L,): the smallest wins, the first of equal ones.
     fn losses<'py>(&self, scores: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let n_classes = self.n_classes();
-        let losses = self.of_scores(scores, losses)?.or_raise()?;
+        let losses = self.of_scores(scores, Model::losses)?.or_raise()?;
         let shape = [losses.len() / n_classes, n_classes];
         PyArray1::from_vec(scores.py(), losses).reshape(shape)
     }
@@ -235,8 +230,7 @@ impl PyModel {
     /// candidates, the likeliest first, and whether it is like no class; an empty tuple and None without rules.
     fn verdicts<'py>(&self, scores: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyList>> {
         let py = scores.py();
-        let judged = |model: &Model, scores: &[f64]| model.verdicts(&losses(model, scores)?, scores);
-        let verdicts = self.of_scores(scores, judged)?.or_raise()?;
+        let verdicts = self.of_scores(scores, Model::verdicts)?.or_raise()?;
         // The list, a pair for each row, and its candidates: objects of Python with a header of some 50 bytes.
         let per_row = size_of::<usize>() + 2 * (56 + 2 * size_of::<usize>());
         room(verdicts.n_rows().saturating_mul(per_row) + size_of::<usize>() * verdicts.n_candidates())
@@ -401,17 +395,6 @@ impl PyModel {
         let n_values = scores.len().saturating_mul(self.n_classes());
         work_on(&scores, "scores", n_values, |scores| work(model, scores))
     }
-}
-
-/// Mean losses of the classes, row by row.
-fn losses(model: &Model, scores: &[f64]) -> granular_id::Result<Vec<f64>> {
-    let (n_learners, n_classes) = (model.n_learners(), model.classes().len());
-    let mut losses = filled(0.0, (scores.len() / n_learners).saturating_mul(n_classes))?;
-    let rows = scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes));
-    for (row, (scores, losses)) in rows.enumerate() {
-        model.decode(scores, losses).map_err(|error| error.later(row))?;
-    }
-    Ok(losses)
 }
 
 fn most_bytes(max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<usize> {

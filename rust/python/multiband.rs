@@ -44,7 +44,7 @@ impl PyMultiBandExtractor {
         let (n_samples, n_axes) = samples_and_axes(n_samples, n_axes)?;
         let default = MultiBandSpec::default();
         let rate_hz = rate_hz.map_or(Ok(default.rate_hz), |value| number(value, "rate_hz"))?;
-        let default = MultiBandSpec { rate_hz, ..default };
+        let default = default.with_rate_hz(rate_hz);
         let spec = blocks.map_or(Ok(default), |value| blocks_of(value, rate_hz))?;
         MultiBand::check_size(n_samples, n_axes).or_raise()?;
         let n_bands = n_bands(n_samples);

@@ -12,10 +12,6 @@ use super::buffer::PyWrenchBuffer;
 use crate::arguments::{word, OrRaise, Raise};
 use granular_id::rdt::{RdtError, Receiver, Scale, Settings, State, Variant};
 
-/// Words for the kinds of box.
-const VARIANTS: [(&str, Variant); 3] =
-    [("netft", Variant::NetFt), ("axia", Variant::Axia), ("onrobot", Variant::OnRobot)];
-
 impl Raise for RdtError {
     fn raise(self) -> PyErr {
         let message = self.to_string();
@@ -54,7 +50,7 @@ impl PyRdtReceiver {
     ))]
     #[allow(clippy::too_many_arguments)] // called from one place, by keyword
     fn new(
-        host: String,
+        host: &str,
         port: u16,
         variant: &Bound<'_, PyAny>,
         counts_per_newton: f64,
@@ -64,9 +60,15 @@ impl PyRdtReceiver {
         buffered: bool,
         resume: bool,
     ) -> PyResult<Self> {
-        let variant = word(variant, "variant", &VARIANTS)?;
+        let variant = word(variant, "variant", &Variant::NAMED)?;
         let scale = Scale::new(counts_per_newton, counts_per_newton_metre).or_raise()?;
-        let settings = Settings { host, port, variant, scale, limits, rate_hz, buffered, resume };
+        let settings = Settings::new(host, scale)
+            .with_port(port)
+            .with_variant(variant)
+            .with_limits(limits)
+            .with_rate_hz(rate_hz)
+            .with_buffered(buffered)
+            .with_resume(resume);
         settings.check().or_raise()?;
         Ok(Self { settings, place: Mutex::new(Place::Idle { counters: Vec::new() }) })
     }
@@ -133,17 +135,8 @@ impl PyRdtReceiver {
     /// How it is, in a word, and seconds since the newest datagram.
     fn state(&self) -> (&'static str, f64) {
         match &*self.place() {
-            Place::Running { receiver, .. } => {
-                let state = match receiver.state() {
-                    State::Streaming => "streaming",
-                    State::Silent => "silent",
-                    State::Broken => "broken",
-                    State::Stopped => "stopped",
-                    State::Forked => "forked",
-                };
-                (state, receiver.silent_ns() as f64 * 1e-9)
-            }
-            Place::Idle { .. } | Place::Busy => ("stopped", 0.0),
+            Place::Running { receiver, .. } => (receiver.state().name(), receiver.silent_ns() as f64 * 1e-9),
+            Place::Idle { .. } | Place::Busy => (State::Stopped.name(), 0.0),
         }
     }
 }

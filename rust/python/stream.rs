@@ -100,7 +100,7 @@ impl PyStreamingExtractor {
         let n_samples = n_samples.map_or(Ok(default.n_samples), |value| size(value, "n_samples"))?;
         let n_axes = n_axes.map_or(Ok(default.n_axes), |value| size(value, "n_axes"))?;
         let hop = hop.map(|value| count(value, "hop", usize::MAX)).transpose()?;
-        let windows = Windows { n_samples, n_axes, hop };
+        let windows = Windows::new(n_samples, n_axes).with_hop(hop);
         let stream = Turns::new(StreamingExtractor::new(&spec.get().extractor, windows).or_raise()?);
         Ok(Self { spec: spec.clone().unbind(), n_samples, n_axes, hop, stream })
     }

@@ -1,4 +1,5 @@
-//! From datagrams to rows in newton and newton metre: everything between the socket and the buffer, without either.
+//! From datagrams to rows in newton and newton metre, in order or not: everything between the socket and the buffer, without
+//! either. The socket takes no datagram of another box; the buffer judges rows once more, by device time.
 //!
 //! A record carries two numbers: its place in the stream (`rdt`) and the sensor's own count of samples (`ft`), both
 //! of 32 bits and both wrapping. The first record, and one that fits neither the next places nor the last ones, is

@@ -21,6 +21,7 @@ pub use receiver::{Receiver, State};
 
 use crate::buffer::counters;
 use crate::error::brief;
+use crate::specs::setters;
 
 /// The port that boxes listen on unless told otherwise.
 pub const PORT: u16 = 49152;
@@ -33,7 +34,16 @@ const ALARM_PERIODS: f64 = 3.0;
 const LONGEST_ALARM: Duration = Duration::from_secs(60);
 
 /// A box, and how to talk to it.
+///
+/// ```
+/// use granular_id::rdt::{Scale, Settings, Variant};
+///
+/// let settings = Settings::new("192.168.1.1", Scale::new(1e6, 1e6)?).with_variant(Variant::Axia).with_rate_hz(1000.0);
+/// assert_eq!((settings.port, settings.rate_hz), (49152, 1000.0));
+/// # Ok::<(), granular_id::rdt::RdtError>(())
+/// ```
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Settings {
     /// Name or address of the box.
     pub host: String,
@@ -52,6 +62,16 @@ pub struct Settings {
     /// Whether to ask for the stream again after a second of silence. Off by default: two clients that both do so
     /// would take it from each other for ever.
     pub resume: bool,
+}
+
+setters! {
+    Settings:
+    with_port port u16,
+    with_variant variant Variant,
+    with_limits limits [f64; 6],
+    with_rate_hz rate_hz f64,
+    with_buffered buffered bool,
+    with_resume resume bool,
 }
 
 impl Settings {

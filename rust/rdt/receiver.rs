@@ -11,6 +11,7 @@ use socket2::{Domain, Protocol, Socket, Type};
 
 use super::{Cells, Counts, Decoded, Decoder, RdtError, Request, Settings, MAX_RECORDS, RECORD_BYTES};
 use crate::buffer::{host_ns, Counter, Writer};
+use crate::specs::choices;
 
 /// Asked of the system for datagrams that wait: half a minute at 500 Hz, five seconds at 7000 Hz.
 const RECEIVE_BUFFER: usize = 4 << 20;
@@ -41,6 +42,7 @@ const LAST_DATAGRAMS: usize = 1 << 17;
 
 /// How a receiver is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum State {
     /// Records come.
     Streaming,
@@ -52,6 +54,15 @@ pub enum State {
     Stopped,
     /// This process was forked from the one whose thread receives: there is none here.
     Forked,
+}
+
+choices! {
+    State:
+    "streaming" Streaming,
+    "silent" Silent,
+    "broken" Broken,
+    "stopped" Stopped,
+    "forked" Forked,
 }
 
 /// The states a thread can be in, in their order.

@@ -47,6 +47,7 @@ enum Stream {
 
 /// Where a window stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Standing<'a> {
     /// Rows of the window so far.
     pub n_seen: usize,
@@ -73,7 +74,7 @@ pub struct Standing<'a> {
 impl StreamingIdentifier {
     /// A stream before its first row: windows of the model's size, one or every `hop` samples.
     pub fn new(model: Arc<Model>, hop: Option<usize>) -> Result<Self> {
-        let windows = Windows { n_samples: model.n_samples(), n_axes: model.n_axes(), hop };
+        let windows = Windows::new(model.n_samples(), model.n_axes()).with_hop(hop);
         let stream = match model.extraction() {
             Extraction::Additive { extractor, .. } => {
                 Stream::Additive(Box::new(AdditiveStream::new(&model, extractor, windows)?))

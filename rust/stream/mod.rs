@@ -18,12 +18,21 @@ pub use extractor::StreamingExtractor;
 pub use identifier::{Standing, StreamingIdentifier};
 
 use crate::error::{Error, Result};
+use crate::specs::setters;
 
 /// The largest number of values of a window, 134 MB of samples: with six axes at 500 Hz more than an hour and a half.
 pub const MAX_WINDOW: usize = 1 << 24;
 
 /// Which stretches of a stream are windows.
+///
+/// ```
+/// use granular_id::stream::Windows;
+///
+/// assert_eq!(Windows::default(), Windows::new(1600, 6));
+/// assert_eq!(Windows::new(400, 6).with_hop(Some(100)).hop, Some(100));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Windows {
     /// Samples per window.
     pub n_samples: usize,
@@ -36,11 +45,24 @@ pub struct Windows {
 impl Default for Windows {
     /// One recording of the paper: 1600 samples of six axes.
     fn default() -> Self {
-        Self { n_samples: 1600, n_axes: 6, hop: None }
+        Self::new(1600, 6)
     }
 }
 
+setters! {
+    Windows:
+    with_n_samples n_samples usize,
+    with_n_axes n_axes usize,
+    with_hop hop Option<usize>,
+}
+
 impl Windows {
+    /// One window of so many samples of so many axes, from the first row on.
+    #[must_use]
+    pub fn new(n_samples: usize, n_axes: usize) -> Self {
+        Self { n_samples, n_axes, hop: None }
+    }
+
     /// Refuses windows that are empty, too large to keep, or never move on.
     fn check(self, n_bins: usize) -> Result<()> {
         let Self { n_samples, n_axes, hop } = self;

@@ -11,7 +11,10 @@ use granular_id::Error;
 /// A buffer of `capacity` rows in which a tick is a period.
 fn buffer(capacity: usize, reorder_depth: usize) -> (Writer, Reader) {
     let seconds = capacity as f64 / 500.0;
-    wrench_buffer(BufferSpec { seconds, tick_hz: 500.0, reorder_depth, ..BufferSpec::default() }).unwrap()
+    wrench_buffer(
+        BufferSpec::default().with_seconds(seconds).with_tick_hz(500.0).with_reorder_depth(reorder_depth),
+    )
+    .unwrap()
 }
 
 fn row(ticks: u64) -> Row {
@@ -59,7 +62,7 @@ fn sizes_and_rates_out_of_range_are_refused() {
 #[test]
 fn capacity_is_seconds_times_rate_rounded_up() {
     for (seconds, capacity) in [(1e-9, 1), (0.002, 1), (0.0021, 2), (10.0, 5000)] {
-        let (_, reader) = wrench_buffer(BufferSpec { seconds, ..BufferSpec::default() }).unwrap();
+        let (_, reader) = wrench_buffer(BufferSpec::default().with_seconds(seconds)).unwrap();
         assert_eq!(reader.capacity(), capacity);
     }
 }
@@ -167,15 +170,15 @@ fn windows_refuse_with_the_reason() {
     push(&mut writer, [0, 1, 4, 5]);
     assert_eq!(refused(WindowSpec::whole(21)), WindowError::TooLong { n: 21, capacity: 20 });
     assert_eq!(refused(WindowSpec::whole(3)), WindowError::Gap { missing: 2, max_gap: 0, ago: 1 });
-    let filled = WindowSpec { fill: Fill::Linear, max_gap: 2, ..WindowSpec::whole(5) };
+    let filled = WindowSpec::whole(5).with_fill(Fill::Linear).with_max_gap(2);
     let window = reader.window(&filled).unwrap();
     assert_eq!(window.mask, [true, false, false, true, true]);
     assert_eq!(window.wrench.iter().map(|row| row[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0, 5.0]);
-    assert_eq!(refused(WindowSpec { n: 7, ..filled }), WindowError::TooFew { n: 7, have: 6 });
+    assert_eq!(refused(filled.with_n(7)), WindowError::TooFew { n: 7, have: 6 });
     writer.push(&Row { flags: SATURATED, ..row(6) });
     push(&mut writer, [7]);
     assert_eq!(refused(WindowSpec::whole(2)), WindowError::Saturated { ago: 1 });
-    assert!(reader.window(&WindowSpec { allow_saturated: true, ..WindowSpec::whole(2) }).is_ok());
+    assert!(reader.window(&WindowSpec::whole(2).with_allow_saturated(true)).is_ok());
     writer.new_epoch();
     push(&mut writer, [0]);
     assert_eq!(refused(WindowSpec::whole(2)), WindowError::EpochBorder { n: 2, have: 1 });
@@ -187,7 +190,7 @@ fn a_gap_longer_than_can_be_counted_stays_a_gap() {
     let (mut writer, reader) = buffer(20, 0);
     push(&mut writer, [0, u64::MAX]);
     assert_eq!(reader.latest().unwrap().missing_before, u32::MAX);
-    let all = WindowSpec { max_gap: u32::MAX, fill: Fill::Linear, ..WindowSpec::whole(20) };
+    let all = WindowSpec::whole(20).with_max_gap(u32::MAX).with_fill(Fill::Linear);
     assert_eq!(reader.window(&all).unwrap().mask.iter().filter(|measured| **measured).count(), 1);
 }
 
@@ -387,7 +390,8 @@ fn push_by_clock(
 #[test]
 fn rows_without_time_follow_one_period_apart_without_drift() {
     for (rate_hz, tick_hz) in [(500.0, 1e9), (300.0, 1000.0), (7000.0, 1e9), (0.3, 7.0)] {
-        let spec = BufferSpec { rate_hz, tick_hz, seconds: 20.0 / rate_hz, ..BufferSpec::default() };
+        let spec =
+            BufferSpec::default().with_rate_hz(rate_hz).with_tick_hz(tick_hz).with_seconds(20.0 / rate_hz);
         let (mut writer, reader) = wrench_buffer(spec).unwrap();
         let times = push_by_clock(&mut DeviceClock::new(&spec), &mut writer, std::iter::repeat_n(None, 3000));
         for (n, ticks) in times.iter().enumerate() {
@@ -403,7 +407,7 @@ fn rows_without_time_follow_one_period_apart_without_drift() {
 #[test]
 fn time_without_any_goes_on_from_the_last_row_and_begins_at_zero_in_every_epoch() {
     let (mut writer, _) = buffer(20, 3);
-    let mut clock = DeviceClock::new(&BufferSpec { tick_hz: 500.0, ..BufferSpec::default() });
+    let mut clock = DeviceClock::new(&BufferSpec::default().with_tick_hz(500.0));
     let times = push_by_clock(&mut clock, &mut writer, [None, Some(7), None, Some(3), None]);
     assert_eq!(times, [0, 7, 8, 3, 9], "a row out of order leaves the clock where it is");
     let lost = clock.ticks(None, &writer);

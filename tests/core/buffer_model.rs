@@ -16,13 +16,12 @@ fn cases() -> u32 {
 
 #[derive(Clone, Debug)]
 enum Step {
-    /// A row this many ticks after the newest so far, with a value that tells it, flags, host time and perhaps a packet.
+    /// A row this many ticks after the newest so far, with a value that tells it, flags and host time.
     Push {
         ahead: i64,
         value: f64,
         flags: u8,
         host_ns: u64,
-        packet: Option<u64>,
     },
     Read {
         reader: usize,
@@ -50,15 +49,17 @@ fn ahead() -> impl Strategy<Value = i64> {
 fn step() -> impl Strategy<Value = Step> {
     let value = prop_oneof![40 => -1e3..1e3, 1 => prop_oneof![Just(f64::NAN), Just(f64::INFINITY)]];
     let flags = prop_oneof![12 => Just(0_u8), 1 => 0..16_u8];
-    let packet = prop::option::of(0..4_u64);
-    let push =
-        (ahead(), value, flags, 0..1_u64 << 40, packet).prop_map(|(ahead, value, flags, host_ns, packet)| {
-            Step::Push { ahead, value, flags, host_ns, packet }
-        });
+    let push = (ahead(), value, flags, 0..1_u64 << 40)
+        .prop_map(|(ahead, value, flags, host_ns)| Step::Push { ahead, value, flags, host_ns });
     let fill = prop_oneof![Just(Fill::None), Just(Fill::Nan), Just(Fill::Linear)];
     let window =
         (0..14_usize, fill, 0..6_u32, any::<bool>()).prop_map(|(n, fill, max_gap, allow_saturated)| {
-            Step::Window(WindowSpec { n, fill, max_gap, allow_saturated })
+            Step::Window(
+                WindowSpec::whole(n)
+                    .with_fill(fill)
+                    .with_max_gap(max_gap)
+                    .with_allow_saturated(allow_saturated),
+            )
         });
     prop_oneof![
         30 => push,
@@ -82,12 +83,11 @@ struct Pair {
 
 impl Pair {
     fn new(capacity: usize, reorder_depth: usize) -> Self {
-        let spec = BufferSpec {
-            rate_hz: 500.0,
-            seconds: capacity as f64 / 500.0,
-            tick_hz: 500.0 * PERIOD as f64,
-            reorder_depth,
-        };
+        let spec = BufferSpec::default()
+            .with_rate_hz(500.0)
+            .with_seconds(capacity as f64 / 500.0)
+            .with_tick_hz(500.0 * PERIOD as f64)
+            .with_reorder_depth(reorder_depth);
         let (writer, reader) = wrench_buffer(spec).unwrap();
         assert_eq!(reader.capacity(), capacity);
         let naive = Naive::new(capacity, reorder_depth);
@@ -96,15 +96,12 @@ impl Pair {
 
     fn run(&mut self, step: &Step) -> Result<(), TestCaseError> {
         match *step {
-            Step::Push { ahead, value, flags, host_ns, packet } => {
+            Step::Push { ahead, value, flags, host_ns } => {
                 let ticks = self.newest.saturating_add_signed(ahead);
                 let wrench = std::array::from_fn(|axis| value * (axis as f64 + 1.0));
                 let row = Row { ticks, host_ns, wrench, flags };
-                let pushed = match packet {
-                    Some(packet) => self.writer.push_packet(&row, packet),
-                    None => self.writer.push(&row),
-                };
-                prop_assert_eq!(pushed, self.naive.push(row, packet));
+                let pushed = self.writer.push(&row);
+                prop_assert_eq!(pushed, self.naive.push(row));
                 if matches!(pushed, Pushed::Written | Pushed::Held) {
                     self.newest = self.writer.newest_ticks().unwrap();
                 }
@@ -170,18 +167,14 @@ proptest! {
 /// Ticks per period: half a period is a whole number of them.
 const PERIOD: u64 = 10;
 
-/// A row waiting or written, with the number of its packet.
-type Numbered = (Row, Option<u64>);
-
 /// What the buffer promises, done the slow way: it keeps rows in a queue, sorts those that wait and searches the rest.
 struct Naive {
     capacity: usize,
     depth: usize,
     /// The newest rows up to the capacity.
     rows: VecDeque<BufferedRow>,
-    packets: VecDeque<Option<u64>>,
     n_overwritten: u64,
-    held: Vec<Numbered>,
+    held: Vec<Row>,
     epoch: u32,
     late_in_a_row: u32,
     stats: Stats,
@@ -198,7 +191,6 @@ impl Naive {
             capacity,
             depth,
             rows: VecDeque::new(),
-            packets: VecDeque::new(),
             n_overwritten: 0,
             held: Vec::new(),
             epoch: 0,
@@ -212,46 +204,38 @@ impl Naive {
         self.rows.back().filter(|row| row.epoch == self.epoch).map(|row| row.row.ticks)
     }
 
-    fn push(&mut self, row: Row, packet: Option<u64>) -> Pushed {
+    fn push(&mut self, row: Row) -> Pushed {
         if row.wrench.iter().any(|value| !value.is_finite()) {
             self.stats.non_finite += 1;
             return Pushed::NonFinite;
         }
         let Some(newest) = self.newest() else {
-            self.write((row, packet));
+            self.write(row);
             return Pushed::Written;
         };
         if row.ticks > newest {
             self.late_in_a_row = 0;
         }
         if newest > row.ticks + 500 * PERIOD {
-            return self.restart((row, packet));
+            return self.restart(row);
         }
-        let written = self.rows.iter().zip(&self.packets);
-        let here = written.filter(|(row, _)| row.epoch == self.epoch).map(|(row, packet)| (row.row, *packet));
-        if let Some((_, first)) =
-            here.chain(self.held.iter().copied()).find(|(had, _)| had.ticks == row.ticks)
-        {
-            return if first.is_some() && packet.is_some() && first != packet {
-                self.stats.stale += 1;
-                Pushed::Stale
-            } else {
-                self.stats.duplicates += 1;
-                Pushed::Duplicate
-            };
+        let here = self.rows.iter().filter(|row| row.epoch == self.epoch).map(|row| &row.row);
+        if here.chain(&self.held).any(|had| had.ticks == row.ticks) {
+            self.stats.duplicates += 1;
+            return Pushed::Duplicate;
         }
         if row.ticks < newest {
             self.late_in_a_row += 1;
             if self.late_in_a_row == 8 {
-                return self.restart((row, packet));
+                return self.restart(row);
             }
             self.stats.late += 1;
             return Pushed::Late;
         }
-        self.stats.reordered += u64::from(self.held.iter().any(|(had, _)| had.ticks > row.ticks));
-        self.held.push((row, packet));
-        self.held.sort_by_key(|(row, _)| row.ticks);
-        while let (Some((first, _)), Some(newest)) = (self.held.first(), self.newest()) {
+        self.stats.reordered += u64::from(self.held.iter().any(|had| had.ticks > row.ticks));
+        self.held.push(row);
+        self.held.sort_by_key(|row| row.ticks);
+        while let (Some(first), Some(newest)) = (self.held.first(), self.newest()) {
             if missing_between(newest, first.ticks) > 0 && self.held.len() <= self.depth {
                 break;
             }
@@ -266,13 +250,13 @@ impl Naive {
         }
     }
 
-    fn restart(&mut self, row: Numbered) -> Pushed {
+    fn restart(&mut self, row: Row) -> Pushed {
         self.new_epoch();
         self.write(row);
         Pushed::Written
     }
 
-    fn write(&mut self, (row, packet): Numbered) {
+    fn write(&mut self, row: Row) {
         let missing_before = self.newest().map_or(0, |newest| missing_between(newest, row.ticks));
         self.stats.written += 1;
         self.stats.gaps += u64::from(missing_before > 0);
@@ -280,10 +264,8 @@ impl Naive {
         self.stats.saturated += u64::from(row.flags & SATURATED != 0);
         self.stats.bad_status += u64::from(row.flags & BAD_STATUS != 0);
         self.rows.push_back(BufferedRow { row, missing_before, epoch: self.epoch });
-        self.packets.push_back(packet);
         if self.rows.len() > self.capacity {
             self.rows.pop_front();
-            self.packets.pop_front();
             self.n_overwritten += 1;
         }
     }

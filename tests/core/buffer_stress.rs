@@ -58,7 +58,7 @@ impl Account {
 #[test]
 fn two_readers_lose_nothing_uncounted() {
     let n_items = items();
-    let spec = BufferSpec { seconds: CAPACITY as f64 / 500.0, tick_hz: 500.0, ..BufferSpec::default() };
+    let spec = BufferSpec::default().with_seconds(CAPACITY as f64 / 500.0).with_tick_hz(500.0);
     let (mut writer, reader) = wrench_buffer(spec).unwrap();
     let over = AtomicBool::new(false);
     let run = |naps: bool| {
@@ -72,9 +72,7 @@ fn two_readers_lose_nothing_uncounted() {
                 // Looked at before the read: rows written until then are read below.
                 let last = over.load(Acquire);
                 let n_rows = account.read(&mut reader, &mut rows);
-                if let Ok(window) =
-                    reader.window(&WindowSpec { allow_saturated: true, ..WindowSpec::whole(8) })
-                {
+                if let Ok(window) = reader.window(&WindowSpec::whole(8).with_allow_saturated(true)) {
                     let whole = window.ticks.windows(2).all(|pair| pair[1] == pair[0] + 1);
                     let same = window.ticks.iter().map(|ticks| row(*ticks).wrench).eq(window.wrench);
                     account.torn += u64::from(!whole || !same);

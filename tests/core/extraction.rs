@@ -20,7 +20,7 @@ fn twin(extractor: &Extractor, wrench: &[f64], shape: BatchShape) -> Vec<f64> {
             let mut signal = axis(a);
             let mut state = match spec.initial {
                 Initial::Zero => SosState::zero(extractor.sos(), 1).unwrap(),
-                Initial::Steady => SosState::steady(extractor.sos(), &signal[..1]).unwrap(),
+                _ => SosState::steady(extractor.sos(), &signal[..1]).unwrap(),
             };
             state.filter(&mut signal).unwrap();
             features.extend(counts(extractor.bins(a).unwrap(), &signal, spec.outside));
@@ -87,7 +87,7 @@ proptest! {
     ) {
         let at = at.index(wrench.len());
         wrench[at] = bad;
-        let extractor = Extractor::new(FeatureSpec { raw, hfmh, ..FeatureSpec::default() }).unwrap();
+        let extractor = Extractor::new(FeatureSpec::default().with_raw(raw).with_hfmh(hfmh)).unwrap();
         for path in SimdPath::available() {
             let mut out = vec![0.0; shape.n_recordings * extractor.n_features(shape.n_samples, shape.n_axes).unwrap()];
             let error = extractor.extract_on(path, &wrench, shape, 2, &mut out).unwrap_err();
@@ -132,6 +132,29 @@ fn float32_refuses_what_it_cannot_hold_and_names_the_first_recording() {
     assert!(matches!(error, Error::NonFinite { recording: 80, sample: 1, axis: 2, .. }), "{error}");
 }
 
+/// Results above 8 MB are written past the caches, where they are whole lines; `offset` moves them off those.
+#[test]
+fn large_float32_results_are_float64_rounded_once() {
+    let extractor = Extractor::new(FeatureSpec::default()).unwrap();
+    for (n_samples, offset, threads) in [(1600, 0, 1), (1600, 8, 2), (1600, 3, 1), (1608, 0, 2), (1003, 0, 1)]
+    {
+        let shape = BatchShape { n_recordings: 2_600_000 / (n_samples * 6), n_samples, n_axes: 6 };
+        let wrench: Vec<f64> =
+            (0..shape.n_recordings * n_samples * 6).map(|n| (0.37 * n as f64).sin()).collect();
+        let wide = extractor.extract(&wrench, shape, 1).unwrap();
+        let mut narrow = vec![7.0_f32; wide.len() + 16];
+        extractor.extract_into_f32(&wrench, shape, threads, &mut narrow[offset..][..wide.len()]).unwrap();
+        #[allow(clippy::cast_possible_truncation)]
+        let same = wide
+            .iter()
+            .zip(&narrow[offset..])
+            .all(|(wide, narrow)| narrow.to_bits() == (*wide as f32).to_bits());
+        assert!(same, "{shape:?} from value {offset} on");
+        let around = narrow[..offset].iter().chain(&narrow[offset + wide.len()..]);
+        assert!(around.copied().all(|value| value.to_bits() == 7.0_f32.to_bits()));
+    }
+}
+
 #[test]
 fn silent_axes_and_useless_ranges_are_counted_exactly() {
     let shape = BatchShape { n_recordings: 5, n_samples: 200, n_axes: 6 };
@@ -139,7 +162,7 @@ fn silent_axes_and_useless_ranges_are_counted_exactly() {
     let wrench: Vec<f64> = (0..6000).map(|i| if i % 6 == 2 || i > 4000 { 0.0 } else { noise(i) }).collect();
     for bin_ranges in [vec![(-1.5, 1.5)], vec![(1e15, 1e15 + 1024.0)], vec![(-1e-308, 2e-313)]] {
         for n_bins in [2, 100, 101] {
-            let spec = FeatureSpec { n_bins, bin_ranges: bin_ranges.clone(), ..FeatureSpec::default() };
+            let spec = FeatureSpec::default().with_n_bins(n_bins).with_bin_ranges(bin_ranges.clone());
             let extractor = Extractor::new(spec).unwrap();
             let wanted = twin(&extractor, &wrench, shape);
             for path in SimdPath::available() {
@@ -160,7 +183,11 @@ fn histograms_without_the_filter_are_those_of_the_samples_at_every_edge() {
             edges.chain([0.0, -0.0, 5e-324, -5e-324, 1e-12, -1e-12, 9.0, f64::MAX, f64::MIN]).collect();
         for outside in [Outside::Drop, Outside::Clip] {
             let bin_ranges = vec![(low, high)];
-            let spec = FeatureSpec { n_bins, bin_ranges, outside, raw: false, ..FeatureSpec::default() };
+            let spec = FeatureSpec::default()
+                .with_n_bins(n_bins)
+                .with_bin_ranges(bin_ranges)
+                .with_outside(outside)
+                .with_raw(false);
             let extractor = Extractor::new(spec).unwrap().unfiltered();
             for n_axes in [5, 6, 12, 24] {
                 let wanted = counts(&bins, &values, outside).repeat(n_axes);
@@ -179,7 +206,7 @@ fn histograms_without_the_filter_are_those_of_the_samples_at_every_edge() {
 #[test]
 fn ranges_may_differ_by_axis() {
     let bin_ranges = (1..=6).map(|axis| (-0.3 * f64::from(axis), 0.2 * f64::from(axis))).collect();
-    let spec = FeatureSpec { bin_ranges, ..FeatureSpec::default() };
+    let spec = FeatureSpec::default().with_bin_ranges(bin_ranges);
     let extractor = Extractor::new(spec).unwrap();
     let shape = BatchShape { n_recordings: 5, n_samples: 64, n_axes: 6 };
     let wrench: Vec<f64> = (0..5 * 64 * 6).map(|i| f64::from(i % 97) / 40.0 - 1.0).collect();
@@ -234,17 +261,17 @@ fn wrong_sizes_are_refused() {
 fn a_specification_is_checked_once() {
     let check = |spec| Extractor::new(spec).map(drop).unwrap_err();
     let default = FeatureSpec::default;
-    let error = check(FeatureSpec { raw: false, hfmh: false, ..default() });
+    let error = check(default().with_raw(false).with_hfmh(false));
     assert_eq!(error, Error::NoFeatures);
-    let error = check(FeatureSpec { cutoff_hz: 250.0, ..default() });
+    let error = check(default().with_cutoff_hz(250.0));
     assert_eq!(error, Error::Cutoff { cutoff_hz: 250.0, rate_hz: 500.0 });
-    let error = check(FeatureSpec { order: 0, ..default() });
+    let error = check(default().with_order(0));
     assert_eq!(error, Error::Order { order: 0 });
-    let error = check(FeatureSpec { n_bins: 0, ..default() });
+    let error = check(default().with_n_bins(0));
     assert_eq!(error, Error::Bins { n_bins: 0, max: granular_id::dsp::MAX_BINS });
-    let error = check(FeatureSpec { bin_ranges: vec![(1.0, -1.0)], ..default() });
+    let error = check(default().with_bin_ranges(vec![(1.0, -1.0)]));
     assert_eq!(error, Error::BinRange { low: 1.0, high: -1.0 });
-    let error = check(FeatureSpec { bin_ranges: vec![], ..default() });
+    let error = check(default().with_bin_ranges(vec![]));
     assert_eq!(error, Error::RangeCount { ranges: 0, axes: 1 });
 }
 
@@ -252,7 +279,7 @@ fn a_specification_is_checked_once() {
 fn there_is_a_name_for_every_feature() {
     for (raw, hfmh) in [(true, true), (true, false), (false, true)] {
         for (n_samples, n_axes, n_bins) in [(1600, 6, 100), (12_345, 1, 1), (3, 13, 1001)] {
-            let spec = FeatureSpec { raw, hfmh, n_bins, ..FeatureSpec::default() };
+            let spec = FeatureSpec::default().with_raw(raw).with_hfmh(hfmh).with_n_bins(n_bins);
             let extractor = Extractor::new(spec).unwrap();
             let mut names = extractor.feature_names(n_samples, n_axes).unwrap();
             assert_eq!(names.len(), extractor.n_features(n_samples, n_axes).unwrap());

@@ -118,15 +118,15 @@ fn filters(digests: &mut Digests) {
 fn specs() -> [(&'static str, usize, FeatureSpec); 7] {
     let paper = FeatureSpec::default;
     let bin_ranges = (1..=6).map(|axis| (-0.3 * f64::from(axis), 0.2 * f64::from(axis))).collect();
-    let clipped = FeatureSpec { outside: Outside::Clip, density: true, n_bins: 33, ..paper() };
+    let clipped = paper().with_outside(Outside::Clip).with_density(true).with_n_bins(33);
     [
         ("paper", 6, paper()),
-        ("raw", 6, FeatureSpec { hfmh: false, ..paper() }),
-        ("three axes", 3, FeatureSpec { raw: false, ..paper() }),
-        ("twelve axes", 12, FeatureSpec { raw: false, ..paper() }),
-        ("steady start", 6, FeatureSpec { initial: Initial::Steady, raw: false, ..paper() }),
-        ("ranges by axis", 6, FeatureSpec { bin_ranges, order: 5, raw: false, ..paper() }),
-        ("clipped densities", 6, FeatureSpec { raw: false, ..clipped }),
+        ("raw", 6, paper().with_hfmh(false)),
+        ("three axes", 3, paper().with_raw(false)),
+        ("twelve axes", 12, paper().with_raw(false)),
+        ("steady start", 6, paper().with_initial(Initial::Steady).with_raw(false)),
+        ("ranges by axis", 6, paper().with_bin_ranges(bin_ranges).with_order(5).with_raw(false)),
+        ("clipped densities", 6, clipped.with_raw(false)),
     ]
 }
 
@@ -183,7 +183,7 @@ fn streams(digests: &mut Digests) {
     let rows = wrench(2 * N_SAMPLES, 6);
     for (name, n_axes, spec) in specs().into_iter().filter(|(_, n_axes, _)| *n_axes == 6) {
         let extractor = Extractor::new(spec).unwrap();
-        let windows = Windows { n_samples: N_SAMPLES, n_axes, hop: Some(N_SAMPLES / 3) };
+        let windows = Windows::new(N_SAMPLES, n_axes).with_hop(Some(N_SAMPLES / 3));
         let mut stream = StreamingExtractor::new(&extractor, windows).unwrap();
         let (mut taken, mut all) = (0, Vec::new());
         let mut out = vec![f64::NAN; stream.n_features()];
@@ -232,7 +232,7 @@ fn answers(digests: &mut Digests, name: &str, model: &Arc<Model>, rows: &[f64]) 
 }
 
 fn buffer(digests: &mut Digests) {
-    let spec = BufferSpec { reorder_depth: 4, seconds: 2.0, ..BufferSpec::default() };
+    let spec = BufferSpec::default().with_reorder_depth(4).with_seconds(2.0);
     let (mut writer, mut reader) = wrench_buffer(spec).unwrap();
     let (mut noise, mut words) = (uniform(11), Vec::new());
     for n in 0..size(2000) as u64 {
@@ -260,7 +260,7 @@ fn buffer(digests: &mut Digests) {
     }
     writer.flush();
     digests.words("ring, rows and clock", words);
-    let spec = WindowSpec { fill: Fill::Linear, max_gap: 3, ..WindowSpec::whole(size(900) - 4) };
+    let spec = WindowSpec::whole(size(900) - 4).with_fill(Fill::Linear).with_max_gap(3);
     let window = reader.window(&spec).unwrap();
     digests.add("ring, window with filled gaps", window.wrench.as_flattened());
 }

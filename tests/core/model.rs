@@ -10,9 +10,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use granular_id::model::{
-    Decoding, Loss, Metadata, ModelError, ModelFileError, ModelParts, Tensor, MAX_FILE_BYTES,
-};
+use granular_id::model::{Loss, ModelError, ModelFileError, ModelParts, Tensor, MAX_FILE_BYTES};
 use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, FeatureSpec, Model};
 use proptest::prelude::*;
@@ -77,9 +75,7 @@ fn files_of_earlier_versions_are_read_and_say_so() {
 
 #[test]
 fn a_flipped_bit_is_noticed() {
-    no_flipped_bit_is_read(
-        &random_model(3, 4, 1, FeatureSpec { n_bins: 2, ..FeatureSpec::default() }).to_bytes().unwrap(),
-    );
+    no_flipped_bit_is_read(&random_model(3, 4, 1, FeatureSpec::default().with_n_bins(2)).to_bytes().unwrap());
 }
 
 /// Parts of a small model, to be changed by tests.
@@ -97,7 +93,7 @@ struct Small {
 impl Small {
     fn new() -> Self {
         Self {
-            spec: FeatureSpec { n_bins: 2, order: 1, ..FeatureSpec::default() },
+            spec: FeatureSpec::default().with_n_bins(2).with_order(1),
             coef: (0..15).map(f64::from).map(|value| value / 8.0 - 1.0).collect(),
             intercept: vec![0.5, -0.5, 0.0],
             codes: vec![1.0, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0, -1.0],
@@ -110,24 +106,17 @@ impl Small {
 
     fn parts(&self) -> ModelParts<'_> {
         let (n_learners, n_classes) = (self.intercept.len(), self.classes.len());
-        ModelParts {
-            features: self.spec.clone().into(),
-            n_samples: self.n_samples,
-            n_axes: self.n_axes,
-            coef: Tensor::new(vec![n_learners, self.coef.len() / n_learners.max(1)], &self.coef),
-            intercept: Tensor::new(vec![n_learners], &self.intercept),
-            coding_matrix: Tensor::new(vec![n_classes, n_learners], &self.codes),
-            classes: self.classes.iter().map(|label| (*label).to_owned()).collect(),
-            loss: self.loss,
-            decoding: Decoding::LossWeighted,
-            raw_mean: None,
-            raw_low: None,
-            raw_high: None,
-            early: None,
-            sigmoid: None,
-            posterior_weights: None,
-            metadata: Metadata::of_axes(self.n_axes),
-        }
+        let mut parts = ModelParts::new(
+            self.spec.clone(),
+            self.n_samples,
+            self.n_axes,
+            Tensor::new(vec![n_learners, self.coef.len() / n_learners.max(1)], &self.coef),
+            Tensor::new(vec![n_learners], &self.intercept),
+            Tensor::new(vec![n_classes, n_learners], &self.codes),
+            self.classes.iter().map(|label| (*label).to_owned()).collect(),
+        );
+        parts.loss = self.loss;
+        parts
     }
 
     fn model(&self) -> Result<Model, ModelError> {
@@ -166,7 +155,7 @@ proptest! {
         n in 1..10_usize,
         seed in prop::collection::vec(-4.0..4.0_f64, 97),
     ) {
-        let spec = FeatureSpec { n_bins, raw, hfmh, order: 3, ..FeatureSpec::default() };
+        let spec = FeatureSpec::default().with_n_bins(n_bins).with_raw(raw).with_hfmh(hfmh).with_order(3);
         let n_features = if raw { n_samples * n_axes } else { 0 } + if hfmh { n_axes * n_bins } else { 0 };
         let some = |n: usize, step: usize| (0..n).map(|i| seed[i * step % 97]).collect::<Vec<_>>();
         let small = Small {
@@ -290,6 +279,9 @@ fn wrong_lengths_and_numbers_are_errors() {
     );
     let wrong = model.decode(&[0.0, f64::INFINITY, 0.0], &mut losses);
     assert_eq!(wrong, Err(Error::Score { recording: 0, learner: 1, value: f64::INFINITY }));
+    assert_eq!(model.losses(&[0.0; 4]), Err(Error::Length { what: "scores", expected: 3, got: 4 }));
+    let wrong = model.losses(&[0.0, 0.0, 0.0, 0.0, f64::INFINITY, 0.0]);
+    assert_eq!(wrong, Err(Error::Score { recording: 1, learner: 1, value: f64::INFINITY }));
     let mut out = [0.0; 2];
     assert_eq!(
         model.scores_into(&[0.0; 3], 1, 1, &mut out),

@@ -205,7 +205,7 @@ fn rows_too_large_are_not_taken() {
 
 #[test]
 fn every_beginning_and_every_changed_byte_is_a_model_or_an_error() {
-    let spec = MultiBandSpec { coupling: false, spectrum: false, level: true, ..MultiBandSpec::default() };
+    let spec = MultiBandSpec::default().with_coupling(false).with_spectrum(false).with_level(true);
     let good = random_banded(3, 5, 1, spec).to_bytes().unwrap();
     no_flipped_bit_is_read(&good);
     damage_is_an_error_or_a_model(&without_digest(&good), &[0.25, -1.0, 2.0, 0.0, 1.0], |error| {
@@ -215,7 +215,7 @@ fn every_beginning_and_every_changed_byte_is_a_model_or_an_error() {
 
 /// Why a small file with another header is refused.
 fn refused(change: impl FnOnce(String) -> String) -> String {
-    let model = random_banded(2, 8, 1, MultiBandSpec { level: true, ..MultiBandSpec::default() });
+    let model = random_banded(2, 8, 1, MultiBandSpec::default().with_level(true));
     let good = without_digest(&model.to_bytes().unwrap());
     let end = 8 + usize::try_from(u64::from_le_bytes(*good.first_chunk().unwrap())).unwrap();
     let header = change(std::str::from_utf8(&good[8..end]).unwrap().to_owned());
@@ -266,7 +266,7 @@ fn features_that_do_not_fit_are_errors() {
         crate::twins::models::parts_of(features, &coef, 8, 1).unwrap_err()
     };
     let spec = MultiBandSpec::default();
-    let level = MultiBandSpec { level: true, ..spec };
+    let level = spec.with_level(true);
     let said = |spec, n_bands: usize, levels| refused(spec, &ones[..n_bands], levels).to_string();
     let error = said(spec, n_bands + 1, None);
     assert!(error.starts_with("band_scales must have shape"), "{error}");
@@ -290,8 +290,8 @@ fn features_that_do_not_fit_are_errors() {
     ] {
         assert_eq!(said(spec, n_bands, levels), message);
     }
-    let none = MultiBandSpec { coupling: false, quantiles: false, envelope: false, spectrum: false, ..spec };
+    let none = spec.with_coupling(false).with_quantiles(false).with_envelope(false).with_spectrum(false);
     assert!(matches!(refused(none, &ones[..n_bands], None), ModelError::Spec(Error::NoBlocks { .. })));
-    let slow = MultiBandSpec { rate_hz: -1.0, ..spec };
+    let slow = spec.with_rate_hz(-1.0);
     assert_eq!(refused(slow, &ones[..n_bands], None), ModelError::Spec(Error::Rate { rate_hz: -1.0 }));
 }

@@ -22,7 +22,7 @@ prop_compose! {
             Some(ranges) => ranges.into_iter().map(|(low, width)| (low, low + width)).collect(),
             None => spec.bin_ranges.clone(),
         };
-        Extractor::new(FeatureSpec { density, bin_ranges, ..spec }).unwrap()
+        Extractor::new(spec.with_density(density).with_bin_ranges(bin_ranges)).unwrap()
     }
 }
 
@@ -67,7 +67,7 @@ fn counted(extractor: &Extractor, n_axes: usize, filtered: &[f64]) -> Vec<f64> {
         let bins = extractor.bins(axis).unwrap();
         let clip = |value: &f64| match spec.outside {
             Outside::Clip => value.clamp(bins.low(), bins.high()),
-            Outside::Drop => *value,
+            _ => *value,
         };
         let values: Vec<f64> = filtered.iter().skip(axis).step_by(n_axes).map(clip).collect();
         let mut counts = bins.count(&values);
@@ -86,7 +86,7 @@ fn counted(extractor: &Extractor, n_axes: usize, filtered: &[f64]) -> Vec<f64> {
 fn filtered(extractor: &Extractor, n_axes: usize, rows: &[f64]) -> Vec<f64> {
     let mut state = match extractor.spec().initial {
         Initial::Zero => SosState::zero(extractor.sos(), n_axes).unwrap(),
-        Initial::Steady => SosState::steady(extractor.sos(), &rows[..n_axes]).unwrap(),
+        _ => SosState::steady(extractor.sos(), &rows[..n_axes]).unwrap(),
     };
     let mut filtered = rows.to_vec();
     state.filter(&mut filtered).unwrap();
@@ -99,7 +99,7 @@ proptest! {
         let n_samples = rows.len() / n_axes;
         let shape = BatchShape { n_recordings: 1, n_samples, n_axes };
         let wanted = extractor.extract(&rows, shape, 1).unwrap();
-        let mut stream = StreamingExtractor::new(&extractor, Windows { n_samples, n_axes, hop: None }).unwrap();
+        let mut stream = StreamingExtractor::new(&extractor, Windows::new(n_samples, n_axes)).unwrap();
         for _ in 0..2 {
             prop_assert_eq!(fill(&mut stream, &rows, &blocks), n_samples);
             prop_assert_eq!(stream.push(&rows), Ok(0), "a complete window takes nothing");
@@ -115,7 +115,7 @@ proptest! {
         let n_samples = n_seen + more;
         let shape = BatchShape { n_recordings: 1, n_samples: n_seen, n_axes };
         let seen = extractor.extract(&rows, shape, 1).unwrap();
-        let mut stream = StreamingExtractor::new(&extractor, Windows { n_samples, n_axes, hop: None }).unwrap();
+        let mut stream = StreamingExtractor::new(&extractor, Windows::new(n_samples, n_axes)).unwrap();
         fill(&mut stream, &rows, &blocks);
         prop_assert!(!stream.is_complete());
         let raw_len = |n: usize| if extractor.spec().raw { n * n_axes } else { 0 };
@@ -135,7 +135,7 @@ proptest! {
         n_samples in 1..=40_usize,
         hop in 1..=60_usize,
     ) {
-        let windows = Windows { n_samples, n_axes, hop: Some(hop) };
+        let windows = Windows::new(n_samples, n_axes).with_hop(Some(hop));
         let mut stream = StreamingExtractor::new(&extractor, windows).unwrap();
         let filtered = filtered(&extractor, n_axes, &rows);
         let n_rows = rows.len() / n_axes;
@@ -170,7 +170,7 @@ proptest! {
         before in any::<prop::sample::Index>(),
     ) {
         let n_samples = rows.len() / n_axes;
-        let mut stream = StreamingExtractor::new(&extractor, Windows { n_samples, n_axes, hop: None }).unwrap();
+        let mut stream = StreamingExtractor::new(&extractor, Windows::new(n_samples, n_axes)).unwrap();
         let before = before.index(n_samples);
         stream.push(&rows[..before * n_axes]).unwrap();
         let kept = features(&stream);
@@ -224,7 +224,7 @@ fn a_million_samples_differ_in_no_bit() {
     }
 
     let filtered = filtered(&extractor, 6, &wrench);
-    let windows = Windows { hop: Some(1000), ..Windows::default() };
+    let windows = Windows::default().with_hop(Some(1000));
     let mut stream = StreamingExtractor::new(&extractor, windows).unwrap();
     let mut taken = 0;
     for first in (0..=1_000_000 - 1600).step_by(1000) {
@@ -245,8 +245,7 @@ fn size_of_block(uniform: f64) -> usize {
 #[test]
 fn rows_too_large_to_filter_take_back_the_rows_before_them() {
     let extractor = Extractor::new(FeatureSpec::default()).unwrap();
-    let mut stream =
-        StreamingExtractor::new(&extractor, Windows { n_samples: 300, n_axes: 2, hop: None }).unwrap();
+    let mut stream = StreamingExtractor::new(&extractor, Windows::new(300, 2)).unwrap();
     let mut noise = uniform(3);
     let rows: Vec<f64> = (0..600).map(|_| noise()).collect();
     stream.push(&rows[..200]).unwrap();
@@ -266,24 +265,24 @@ fn impossible_windows_are_refused() {
         |extractor: &Extractor, windows| StreamingExtractor::new(extractor, windows).map(drop).unwrap_err();
     let paper = Extractor::new(FeatureSpec::default()).unwrap();
     let windows = Windows::default();
-    assert_eq!(new(&paper, Windows { hop: Some(0), ..windows }), Error::Hop);
+    assert_eq!(new(&paper, windows.with_hop(Some(0))), Error::Hop);
     let empty = Error::Empty { what: "a window", shape: vec![0, 6] };
-    assert_eq!(new(&paper, Windows { n_samples: 0, ..windows }), empty);
+    assert_eq!(new(&paper, windows.with_n_samples(0)), empty);
     let empty = Error::Empty { what: "a window", shape: vec![1600, 0] };
-    assert_eq!(new(&paper, Windows { n_axes: 0, ..windows }), empty);
+    assert_eq!(new(&paper, windows.with_n_axes(0)), empty);
     let large = Error::Window { n_samples: 1 << 23, n_axes: 6, max: MAX_WINDOW };
-    assert_eq!(new(&paper, Windows { n_samples: 1 << 23, ..windows }), large);
+    assert_eq!(new(&paper, windows.with_n_samples(1 << 23)), large);
     let large = Error::Window { n_samples: 1, n_axes: 1 << 20, max: MAX_WINDOW };
-    assert_eq!(new(&paper, Windows { n_samples: 1, n_axes: 1 << 20, hop: None }), large);
+    assert_eq!(new(&paper, Windows::new(1, 1 << 20)), large);
     let bin_ranges = vec![(-1.0, 1.0); 3];
-    let three = Extractor::new(FeatureSpec { bin_ranges, ..FeatureSpec::default() }).unwrap();
+    let three = Extractor::new(FeatureSpec::default().with_bin_ranges(bin_ranges)).unwrap();
     assert_eq!(new(&three, windows), Error::RangeCount { ranges: 3, axes: 6 });
 }
 
 #[test]
 fn wrong_lengths_and_early_steps_are_refused() {
     let extractor = Extractor::new(FeatureSpec::default()).unwrap();
-    let windows = Windows { n_samples: 4, n_axes: 6, hop: Some(2) };
+    let windows = Windows::new(4, 6).with_hop(Some(2));
     let mut stream = StreamingExtractor::new(&extractor, windows).unwrap();
     assert_eq!(stream.push(&[0.0; 13]), Err(Error::Length { what: "wrench", expected: 12, got: 13 }));
     assert_eq!(stream.push(&[]), Ok(0));
@@ -371,7 +370,7 @@ fn a_refused_row_changes_nothing() {
 
 #[test]
 fn the_rule_for_early_answers_is_that_of_the_latest_moment_reached() {
-    let model = random_model(2, 4, 1, FeatureSpec { hfmh: false, ..FeatureSpec::default() });
+    let model = random_model(2, 4, 1, FeatureSpec::default().with_hfmh(false));
     assert_eq!(
         (model.margin_needed(0), model.margin_needed(1), model.margin_needed(4)),
         (None, Some(0.5), Some(0.5))

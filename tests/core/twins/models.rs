@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-use granular_id::model::{
-    Decoding, Features, Loss, Metadata, ModelError, ModelParts, Tensor, MAX_FILE_BYTES,
-};
+use granular_id::model::{Features, ModelError, ModelParts, Tensor, MAX_FILE_BYTES};
 use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, FeatureSpec, Model};
@@ -100,24 +98,10 @@ pub fn parts_of(
     n_samples: usize,
     n_axes: usize,
 ) -> Result<Model, ModelError> {
-    Model::new(ModelParts {
-        features,
-        n_samples,
-        n_axes,
-        coef: Tensor::new(vec![1, coef.len()], coef),
-        intercept: Tensor::new(vec![1], &[0.0]),
-        coding_matrix: Tensor::new(vec![2, 1], &[1.0, -1.0]),
-        classes: vec!["a".to_owned(), "b".to_owned()],
-        loss: Loss::Hinge,
-        decoding: Decoding::LossWeighted,
-        raw_mean: None,
-        raw_low: None,
-        raw_high: None,
-        early: None,
-        sigmoid: None,
-        posterior_weights: None,
-        metadata: Metadata::of_axes(n_axes),
-    })
+    let (coef, intercept) = (Tensor::new(vec![1, coef.len()], coef), Tensor::new(vec![1], &[0.0]));
+    let codes = Tensor::new(vec![2, 1], &[1.0, -1.0]);
+    let classes = vec!["a".to_owned(), "b".to_owned()];
+    Model::new(ModelParts::new(features, n_samples, n_axes, coef, intercept, codes, classes))
 }
 
 fn random_of(
@@ -140,23 +124,17 @@ fn random_of(
     let low: Vec<f64> = mean.iter().map(|mean| mean - 0.1).collect();
     let high: Vec<f64> = mean.iter().map(|mean| mean + 0.1).collect();
     let of_raw = |values| (n_raw > 0).then(|| Tensor::new(vec![n_raw], values));
-    Model::new(ModelParts {
+    let mut parts = ModelParts::new(
+        features,
         n_samples,
         n_axes,
-        coef: Tensor::new(vec![n_learners, n_features], &coef),
-        intercept: Tensor::new(vec![n_learners], &intercept),
-        coding_matrix: Tensor::new(vec![n_classes, n_learners], &codes),
-        classes: (0..n_classes).map(|class| format!("material {class}")).collect(),
-        loss: Loss::Hinge,
-        decoding: Decoding::LossWeighted,
-        raw_mean: of_raw(&mean),
-        raw_low: of_raw(&low),
-        raw_high: of_raw(&high),
-        early: Some(Tensor::new(vec![1, 2], &[1.0, 0.5])),
-        sigmoid: None,
-        posterior_weights: None,
-        metadata: Metadata::of_axes(n_axes),
-        features,
-    })
-    .unwrap()
+        Tensor::new(vec![n_learners, n_features], &coef),
+        Tensor::new(vec![n_learners], &intercept),
+        Tensor::new(vec![n_classes, n_learners], &codes),
+        (0..n_classes).map(|class| format!("material {class}")).collect(),
+    );
+    (parts.raw_mean, parts.raw_low, parts.raw_high) = (of_raw(&mean), of_raw(&low), of_raw(&high));
+    parts.early = Some(Tensor::new(vec![1, 2], &[1.0, 0.5]));
+    "0.1.0".clone_into(&mut parts.metadata.library_version); // not of this release: files have golden digests
+    Model::new(parts).unwrap()
 }
