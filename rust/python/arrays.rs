@@ -82,7 +82,7 @@ pub(super) struct Hold<'py> {
 }
 
 impl<'py> Hold<'py> {
-    /// For work without the GIL; with it, where the owner of some memory cannot be told.
+    /// For work without the GIL; with it, where the owner of some memory is not known.
     pub(super) fn new(arrays: &[&Bound<'py, PyAny>]) -> PyResult<Self> {
         let mut held = reserved(arrays.len()).or_raise()?;
         for array in arrays {
@@ -314,7 +314,7 @@ fn real<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny
     Ok(array)
 }
 
-/// `numpy.asarray`, with the name of the argument in its complaints.
+/// `numpy.asarray`, with the name of the argument in its messages.
 fn as_array<'py>(
     numpy: &Bound<'py, PyModule>,
     value: &Bound<'py, PyAny>,

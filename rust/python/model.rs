@@ -189,7 +189,7 @@ impl PyModel {
     #[pyo3(signature = (path, *, max_file_bytes=None), text_signature = "(path, *, max_file_bytes=16777216)")]
     fn read(py: Python<'_>, path: PathBuf, max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let most = most_bytes(max_file_bytes)?;
-        let model = py.detach(|| Model::read_within(path, most)).map_err(|fault| bad_file(py, fault))?;
+        let model = py.detach(|| Model::read_within(path, most)).map_err(|error| bad_file(py, error))?;
         Ok(Self { model: Arc::new(model) })
     }
 
@@ -236,11 +236,11 @@ impl PyModel {
         room(verdicts.n_rows().saturating_mul(per_row) + size_of::<usize>() * verdicts.n_candidates())
             .or_raise()?;
         let labels: Vec<_> = self.model.classes().iter().map(|label| PyString::new(py, label)).collect();
-        let told = PyList::empty(py);
+        let named = PyList::empty(py);
         for (candidates, unknown) in verdicts.rows() {
-            told.append((PyTuple::new(py, candidates.iter().map(|class| &labels[*class]))?, unknown))?;
+            named.append((PyTuple::new(py, candidates.iter().map(|class| &labels[*class]))?, unknown))?;
         }
-        Ok(told)
+        Ok(named)
     }
 
     /// Whether it was read from a file without a digest: had its numbers been damaged, nobody would know.

@@ -88,9 +88,9 @@ impl PyRdtReceiver {
         let (place, result) = match buffer.py().detach(|| Receiver::start(settings, writer)) {
             Ok(receiver) => (Place::Running { receiver, buffer: buffer.clone().unbind() }, Ok(())),
             Err(failed) => {
-                let (fault, writer) = *failed;
+                let (error, writer) = *failed;
                 buffer.get().give_back(writer);
-                (Place::Idle { counters: Vec::new() }, Err(fault.raise()))
+                (Place::Idle { counters: Vec::new() }, Err(error.raise()))
             }
         };
         *self.place() = place;

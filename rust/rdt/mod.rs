@@ -272,13 +272,13 @@ mod tests {
     #[test]
     fn numbers_that_no_box_has_are_refused() {
         for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let fault = settings(rate_hz).check().unwrap_err().to_string();
-            assert_eq!(fault, format!("rate_hz must be positive and finite, got {rate_hz}"));
+            let error = settings(rate_hz).check().unwrap_err().to_string();
+            assert_eq!(error, format!("rate_hz must be positive and finite, got {rate_hz}"));
         }
         for limit in [0.0, -1.0, f64::NAN] {
             let limits = [1.0, 1.0, 1.0, limit, 1.0, f64::INFINITY];
-            let fault = Settings { limits, ..settings(500.0) }.check().unwrap_err().to_string();
-            assert_eq!(fault, format!("limits must be positive, got {limit}"));
+            let error = Settings { limits, ..settings(500.0) }.check().unwrap_err().to_string();
+            assert_eq!(error, format!("limits must be positive, got {limit}"));
         }
         assert_eq!(Settings { limits: [f64::INFINITY; 6], ..settings(500.0) }.check(), Ok(()));
     }

@@ -273,8 +273,8 @@ mod tests {
             assert!(matches!(Scale::new(value, 1e6), Err(RdtError::Scale { what: "counts_per_newton", .. })));
         }
         for value in [0.0, -1e6, f64::NAN, f64::INFINITY, 0.999, 1.001e12] {
-            let fault = Scale::new(1e6, value);
-            assert!(matches!(fault, Err(RdtError::Scale { what: "counts_per_newton_metre", .. })));
+            let error = Scale::new(1e6, value);
+            assert!(matches!(error, Err(RdtError::Scale { what: "counts_per_newton_metre", .. })));
         }
         assert!(Scale::new(1.0, 1.0).is_ok() && Scale::new(1e9, 1e12).is_ok());
     }

@@ -437,7 +437,7 @@ fn first_rows(
 fn write(decoder: &mut Decoder, datagram: &[u8], now_ns: u64, writer: &mut Writer) {
     decoder.datagram(datagram, now_ns, &mut |decoded| match decoded {
         Decoded::Row(row) => {
-            // What the buffer does with it, it counts itself. Restarts are told: a swapped datagram of forty records is
+            // What the buffer does with it, it counts itself. Restarts are reported: a swapped datagram of forty records is
             // late, and no restart.
             writer.push_in_epoch(&row);
         }

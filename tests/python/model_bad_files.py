@@ -309,9 +309,15 @@ BAD: dict[str, tuple[bytes, str]] = {
     "spec of 30000 ranges": (with_spec(bin_range=[[-1, 1]] * 30_000), "bin_range must hold one range"),
     "spec of no ranges": (with_spec(bin_range=[]), "bin_range must hold one range, or one per axis"),
     "spec of ranges of three": (with_spec(bin_range=[[0, 1, 2]]), "'bin_range' must be a list of pairs"),
-    "axes of another number": (with_metadata(axes='["fx"]'), "axes must be from 2 to 2, got 1"),
+    "axes of another number": (
+        with_metadata(axes='["fx"]'),
+        "axes must be a list of 2, one for each axis, got 1",
+    ),
     "axes alike": (with_metadata(axes='["fx", "fx"]'), "axes[0] and axes[1] are both 'fx'"),
-    "units of another number": (with_metadata(units="[]"), "units must be from 2 to 2, got 0"),
+    "units of another number": (
+        with_metadata(units="[]"),
+        "units must be a list of 2, one for each axis, got 0",
+    ),
     "units with escapes": (with_metadata(units=r'["N", "\u0007"]'), r"printable text, got '\u{7}'"),
     "coding with a line end": (with_metadata(coding="one\nvsone"), "coding must be at most 256 bytes"),
     "long version": (with_metadata(library_version="1" * 300), "library_version must be at most 256 bytes"),
