@@ -1,20 +1,21 @@
-//! Multi-band features of one recording of 1600 samples on six axes: the whole, the filter bank, and each block.
+//! Multi-band features of one recording of 1600 samples on six axes: the whole, the filter bank, and each block,
+//! of both definitions.
 
 #![allow(missing_docs)] // the macros of criterion make functions without
 
 use std::hint::black_box;
 
 use criterion::{criterion_group, criterion_main, Criterion};
-use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
+use granular_id::multiband::{n_bands, Block, Definition, MultiBand, MultiBandSpec, Scales};
 use granular_id::{BatchShape, SimdPath};
 
 const N_SAMPLES: usize = 1600;
 const N_AXES: usize = 6;
 const N_RECORDINGS: usize = 64;
 
-/// Only some blocks.
-fn only(blocks: &[Block]) -> MultiBandSpec {
-    MultiBandSpec::of(500.0, |block| blocks.contains(&block))
+/// Only one block.
+fn only(definition: Definition, block: Block) -> MultiBandSpec {
+    MultiBandSpec::of(500.0, |wanted| wanted == block).with_definition(definition)
 }
 
 fn design(spec: MultiBandSpec) -> MultiBand {
@@ -42,12 +43,17 @@ fn one_recording(c: &mut Criterion) {
             b.iter(|| design.extract_on(path, black_box(&rows), &mut work, &mut out).expect("finite"));
         });
     };
-    for path in SimdPath::available() {
-        measure(format!("whole/{}", path.name()), MultiBandSpec::default(), path);
-    }
-    // The level costs next to nothing: its time is that of the filter bank, which every block needs.
-    for (name, block) in Block::NAMED {
-        measure(format!("bank and {name}"), only(&[block]), SimdPath::detect().expect("a vector unit"));
+    for definition in Definition::ALL {
+        let number = definition.number();
+        for path in SimdPath::available() {
+            let spec = MultiBandSpec::default().with_definition(definition);
+            measure(format!("definition {number}, whole/{}", path.name()), spec, path);
+        }
+        // The level costs next to nothing: its time is that of the filter bank, which every block needs.
+        for (name, block) in Block::NAMED {
+            let path = SimdPath::detect().expect("a vector unit");
+            measure(format!("definition {number}, bank and {name}"), only(definition, block), path);
+        }
     }
     group.finish();
 }

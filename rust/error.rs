@@ -197,8 +197,8 @@ pub enum Error {
         /// The value found.
         value: f64,
     },
-    /// A recording so much larger than the learned scales that squares leave float64.
-    #[error("wrench is too large for multi-band features: recording {recording} reaches {largest:e}, more than 1e145 times the scale of one of its bands")]
+    /// A recording so much larger than the learned scales that powers would leave float32.
+    #[error("wrench is too large for multi-band features: recording {recording} reaches {largest:e}, more than 1e12 times the scale of one of its bands")]
     TooLoud {
         /// The recording.
         recording: usize,
@@ -318,7 +318,7 @@ pub enum Error {
         value: f64,
     },
     /// A row of a stream that is too large for multi-band features.
-    #[error("wrench is too large for multi-band features: {value:e} in row {row}, axis {axis}, is more than 1e145 times the scale of one of its bands; no row was taken")]
+    #[error("wrench is too large for multi-band features: {value:e} in row {row}, axis {axis}, is more than 1e12 times the scale of one of its bands; no row was taken")]
     LoudRow {
         /// Row of the first such value, counted from the first one pushed.
         row: usize,

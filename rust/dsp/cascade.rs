@@ -34,30 +34,72 @@ pub trait Real: Copy + Send + Sync + private::Values {
 }
 
 pub(crate) mod private {
+    use std::ops::{Add, Div, Mul, Neg, Sub};
+
     /// Numbers of one of the two kinds.
     pub enum Slice<'a> {
         F64(&'a mut [f64]),
         F32(&'a mut [f32]),
     }
 
-    /// Tells the kinds apart, and admits no others.
-    pub trait Values: Sized {
+    /// Tells the kinds apart, calculates with either, and admits no others.
+    pub trait Values:
+        Copy
+        + PartialOrd
+        + Add<Output = Self>
+        + Sub<Output = Self>
+        + Mul<Output = Self>
+        + Div<Output = Self>
+        + Neg<Output = Self>
+    {
+        const ZERO: Self;
+        const ONE: Self;
+        /// All bits set.
+        const YES: Self;
         fn slice(values: &mut [Self]) -> Slice<'_>;
+        fn sqrt(self) -> Self;
+        fn abs(self) -> Self;
+        fn copysign(self, sign: Self) -> Self;
+        /// The bits of this number, in the low bits.
+        fn bits(self) -> u64;
     }
 
-    impl Values for f64 {
-        #[inline(always)]
-        fn slice(values: &mut [Self]) -> Slice<'_> {
-            Slice::F64(values)
-        }
-    }
+    macro_rules! values {
+        ($number:ident, $bits:ident, $slice:ident) => {
+            impl Values for $number {
+                const ZERO: Self = 0.0;
+                const ONE: Self = 1.0;
+                const YES: Self = Self::from_bits($bits::MAX);
 
-    impl Values for f32 {
-        #[inline(always)]
-        fn slice(values: &mut [Self]) -> Slice<'_> {
-            Slice::F32(values)
-        }
+                #[inline(always)]
+                fn slice(values: &mut [Self]) -> Slice<'_> {
+                    Slice::$slice(values)
+                }
+
+                #[inline(always)]
+                fn sqrt(self) -> Self {
+                    self.sqrt()
+                }
+
+                #[inline(always)]
+                fn abs(self) -> Self {
+                    self.abs()
+                }
+
+                #[inline(always)]
+                fn copysign(self, sign: Self) -> Self {
+                    self.copysign(sign)
+                }
+
+                #[inline(always)]
+                fn bits(self) -> u64 {
+                    self.to_bits().into()
+                }
+            }
+        };
     }
+    values!(f64, u64, F64);
+    values!(f32, u32, F32);
 }
 
 impl Real for f64 {

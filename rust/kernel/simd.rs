@@ -116,7 +116,7 @@ pub(crate) trait Job {
 ///
 /// The crate `pulp` has such tokens too. Its vectors are as wide as the machine; here all work is four or eight lanes wide on
 /// every machine, so that sums have one order, and transposes and shuffles, which it lacks, are a good part of it.
-pub(crate) trait Simd: Vectors<f64, 4> {
+pub(crate) trait Simd: Vectors<f64, 4> + Vectors<f32, 8> {
     /// Whether the state of four sections and 24 lanes stays in registers.
     const MANY_REGISTERS: bool = false;
 
@@ -148,7 +148,7 @@ pub(crate) trait Simd: Vectors<f64, 4> {
     fn finish_writes(self) {}
 }
 
-/// An instruction set that calculates with `L` numbers at a time. Another kind of numbers is another implementation beside it.
+/// An instruction set that calculates with `L` numbers at a time: four float64, or eight float32.
 pub(crate) trait Vectors<T, const L: usize>: Copy {
     type Register: Register<T, L>;
     /// The same number in all lanes.
@@ -190,7 +190,148 @@ impl Simd for Portable {}
 
 #[cfg(test)]
 mod tests {
+    use std::panic::{catch_unwind, AssertUnwindSafe};
+
+    use proptest::prelude::*;
+
     use super::*;
+
+    /// Calculates with vectors of both kinds as with plain numbers.
+    struct Compare {
+        wide: [f64; 16],
+        narrow: [f32; 16],
+    }
+
+    impl Compare {
+        fn on_every_path(wide: [f64; 16], narrow: [f32; 16]) {
+            for path in SimdPath::available() {
+                path.run(Self { wide, narrow });
+            }
+        }
+    }
+
+    impl Job for Compare {
+        type Output = ();
+        #[inline(always)]
+        fn run<S: Simd>(self, simd: S) {
+            compare::<f64, 4>(simd, self.wide);
+            compare::<f32, 8>(simd, self.narrow);
+        }
+    }
+
+    /// All pairs of some numbers.
+    #[inline(always)]
+    fn compare<T: Real, const L: usize>(simd: impl Vectors<T, L>, numbers: [T; 16]) {
+        for shift in 0..16 {
+            let mut others = numbers;
+            others.rotate_left(shift);
+            for (a, b) in numbers.chunks_exact(L).zip(others.chunks_exact(L)) {
+                let (x, y) = (simd.load(a), simd.load(b));
+                calculated(x + y, |l| a[l] + b[l]);
+                calculated(x - y, |l| a[l] - b[l]);
+                calculated(x * y, |l| a[l] * b[l]);
+                calculated(x * b[0], |l| a[l] * b[0]);
+                calculated(x / y, |l| a[l] / b[l]);
+                calculated(x.sqrt(), |l| a[l].sqrt());
+                moved(-x, |l| -a[l]);
+                moved(simd.splat(a[1]), |_| a[1]);
+                moved(x.above(y), |l| if a[l] > b[l] { T::YES } else { T::ZERO });
+                moved(x.above(y).select(x, y), |l| if a[l] > b[l] { a[l] } else { b[l] });
+                moved(x.reversed(), |l| a[L - 1 - l]);
+            }
+        }
+        let entry = |row: usize, column: usize| T::of((row * L + column) as f64);
+        let rows = std::array::from_fn(|row| {
+            let values: [T; L] = std::array::from_fn(|column| entry(row, column));
+            simd.load(&values)
+        });
+        for (column, row) in Register::transposed(rows).into_iter().enumerate() {
+            moved(row, |l| entry(l, column));
+        }
+    }
+
+    /// The same bits.
+    fn moved<T: Real, const L: usize>(got: impl Register<T, L>, expected: impl Fn(usize) -> T) {
+        let mut values = [T::ONE; 16];
+        got.store(&mut values);
+        for (l, value) in values.into_iter().enumerate() {
+            let expected = if l < L { expected(l) } else { T::ONE };
+            assert_eq!(value.bits(), expected.bits(), "lane {l} of {L}: {}", value.value());
+        }
+    }
+
+    /// The same bits, but of NaN, which no language promises.
+    fn calculated<T: Real, const L: usize>(got: impl Register<T, L>, expected: impl Fn(usize) -> T) {
+        let mut values = [T::ZERO; L];
+        got.store(&mut values);
+        moved(got, |l| {
+            let expected = expected(l);
+            let both = expected.value().is_nan() && values[l].value().is_nan();
+            if both {
+                values[l]
+            } else {
+                expected
+            }
+        });
+    }
+
+    #[test]
+    fn edges_of_numbers_have_the_bits_of_plain_arithmetic() {
+        macro_rules! edges {
+            ($number:ident, $signalling:literal) => {
+                [
+                    $number::INFINITY,
+                    $number::NEG_INFINITY,
+                    $number::NAN,
+                    -$number::from_bits($signalling),
+                    0.0,
+                    -0.0,
+                    $number::from_bits(1),
+                    -$number::from_bits(3),
+                    $number::MIN_POSITIVE,
+                    -$number::MIN_POSITIVE / 2.0,
+                    $number::MAX,
+                    $number::MIN,
+                    1.0 + $number::EPSILON,
+                    -1.0,
+                    0.1,
+                    -3.0,
+                ]
+            };
+        }
+        Compare::on_every_path(edges!(f64, 0x7ff4_0000_0000_0001), edges!(f32, 0x7fa0_0001));
+    }
+
+    proptest! {
+        #[test]
+        fn any_numbers_have_the_bits_of_plain_arithmetic(wide in any::<[u64; 16]>(), narrow in any::<[u32; 16]>()) {
+            Compare::on_every_path(wide.map(f64::from_bits), narrow.map(f32::from_bits));
+        }
+    }
+
+    #[test]
+    fn short_slices_are_refused() {
+        struct Short;
+        impl Job for Short {
+            type Output = [bool; 4];
+            #[inline(always)]
+            fn run<S: Simd>(self, simd: S) -> [bool; 4] {
+                fn refused<T: Real, const L: usize>(simd: impl Vectors<T, L>) -> [bool; 2] {
+                    let load = move || simd.load(&[T::ZERO; 16][..L - 1]).store(&mut [T::ZERO; L]);
+                    let store = move || simd.splat(T::ZERO).store(&mut [T::ZERO; 16][..L - 1]);
+                    [
+                        catch_unwind(AssertUnwindSafe(load)).is_err(),
+                        catch_unwind(AssertUnwindSafe(store)).is_err(),
+                    ]
+                }
+                let ([a, b], [c, d]) = (refused::<f64, 4>(simd), refused::<f32, 8>(simd));
+                [a, b, c, d]
+            }
+        }
+        for path in SimdPath::available() {
+            assert_eq!(path.run(Short), [true; 4], "{}", path.name());
+        }
+    }
 
     #[test]
     fn a_name_that_means_nothing_here_is_refused() {

@@ -3,17 +3,19 @@
 
 use std::arch::is_x86_feature_detected;
 use std::arch::x86_64::{
-    __m256d, __m256i, _mm256_add_epi32, _mm256_add_pd, _mm256_and_pd, _mm256_and_si256, _mm256_andnot_pd,
-    _mm256_andnot_ps, _mm256_blendv_pd, _mm256_castpd128_pd256, _mm256_castpd_ps, _mm256_castpd_si256,
-    _mm256_castps128_ps256, _mm256_castsi256_pd, _mm256_cmp_pd, _mm256_cmp_ps, _mm256_cmpeq_epi32,
-    _mm256_cvtpd_ps, _mm256_div_pd, _mm256_insertf128_pd, _mm256_insertf128_ps, _mm256_loadu_pd,
-    _mm256_loadu_ps, _mm256_max_pd, _mm256_max_ps, _mm256_min_epu32, _mm256_min_pd, _mm256_movemask_epi8,
-    _mm256_movemask_ps, _mm256_mul_pd, _mm256_or_pd, _mm256_permute2f128_pd, _mm256_permute4x64_pd,
-    _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd, _mm256_set1_ps, _mm256_setzero_pd,
-    _mm256_setzero_ps, _mm256_shuffle_ps, _mm256_sqrt_pd, _mm256_storeu_pd, _mm256_storeu_ps,
-    _mm256_stream_pd, _mm256_stream_ps, _mm256_sub_pd, _mm256_unpackhi_pd, _mm256_unpacklo_pd, _mm256_xor_pd,
-    _mm_loadu_pd, _mm_prefetch, _mm_sfence, _mm_storeu_pd, _mm_unpackhi_pd, _mm_unpacklo_pd, _CMP_EQ_OQ,
-    _CMP_GT_OQ, _CMP_LE_OQ, _CMP_LT_OQ, _MM_HINT_T0,
+    __m256, __m256d, __m256i, _mm256_add_epi32, _mm256_add_pd, _mm256_add_ps, _mm256_and_pd,
+    _mm256_and_si256, _mm256_andnot_pd, _mm256_andnot_ps, _mm256_blendv_pd, _mm256_blendv_ps,
+    _mm256_castpd128_pd256, _mm256_castpd_ps, _mm256_castpd_si256, _mm256_castps128_ps256,
+    _mm256_castsi256_pd, _mm256_cmp_pd, _mm256_cmp_ps, _mm256_cmpeq_epi32, _mm256_cvtpd_ps, _mm256_div_pd,
+    _mm256_div_ps, _mm256_insertf128_pd, _mm256_insertf128_ps, _mm256_loadu_pd, _mm256_loadu_ps,
+    _mm256_max_pd, _mm256_max_ps, _mm256_min_epu32, _mm256_min_pd, _mm256_movemask_epi8, _mm256_movemask_ps,
+    _mm256_mul_pd, _mm256_mul_ps, _mm256_or_pd, _mm256_permute2f128_pd, _mm256_permute2f128_ps,
+    _mm256_permute4x64_pd, _mm256_permutevar8x32_ps, _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd,
+    _mm256_set1_ps, _mm256_setr_epi32, _mm256_setzero_pd, _mm256_setzero_ps, _mm256_shuffle_ps,
+    _mm256_sqrt_pd, _mm256_sqrt_ps, _mm256_storeu_pd, _mm256_storeu_ps, _mm256_stream_pd, _mm256_stream_ps,
+    _mm256_sub_pd, _mm256_sub_ps, _mm256_unpackhi_pd, _mm256_unpackhi_ps, _mm256_unpacklo_pd,
+    _mm256_unpacklo_ps, _mm256_xor_pd, _mm256_xor_ps, _mm_loadu_pd, _mm_prefetch, _mm_sfence, _mm_storeu_pd,
+    _mm_unpackhi_pd, _mm_unpacklo_pd, _CMP_EQ_OQ, _CMP_GT_OQ, _CMP_LE_OQ, _CMP_LT_OQ, _MM_HINT_T0,
 };
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -62,77 +64,9 @@ fn avx512<J: Job>(simd: impl Simd, job: J) -> J::Output {
     job.run(simd)
 }
 
-/// Four numbers in an AVX register, made with a token.
-#[derive(Clone, Copy)]
-pub(crate) struct F64x4(__m256d);
-
-impl<const MANY_REGISTERS: bool> Vectors<f64, 4> for X86<MANY_REGISTERS> {
-    type Register = F64x4;
-
-    #[inline(always)]
-    fn splat(self, x: f64) -> F64x4 {
-        // SAFETY: the token.
-        F64x4(unsafe { _mm256_set1_pd(x) })
-    }
-
-    #[inline(always)]
-    fn load(self, from: &[f64]) -> F64x4 {
-        // SAFETY: the token; the slice holds four numbers.
-        F64x4(unsafe { _mm256_loadu_pd(from[..4].as_ptr()) })
-    }
-}
-
-impl Register<f64, 4> for F64x4 {
-    #[inline(always)]
-    fn store(self, to: &mut [f64]) {
-        // SAFETY: the token that made it; the slice holds four numbers.
-        unsafe { _mm256_storeu_pd(to[..4].as_mut_ptr(), self.0) };
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        // SAFETY: the token that made it.
-        Self(unsafe { _mm256_sqrt_pd(self.0) })
-    }
-
-    #[inline(always)]
-    fn above(self, other: Self) -> Self {
-        // SAFETY: the token that made it.
-        Self(unsafe { _mm256_cmp_pd::<_CMP_GT_OQ>(self.0, other.0) })
-    }
-
-    #[inline(always)]
-    fn select(self, yes: Self, no: Self) -> Self {
-        // SAFETY: the token that made it.
-        Self(unsafe { _mm256_blendv_pd(no.0, yes.0, self.0) })
-    }
-
-    #[inline(always)]
-    fn reversed(self) -> Self {
-        // SAFETY: the token that made it.
-        Self(unsafe { _mm256_permute4x64_pd::<0b00_01_10_11>(self.0) })
-    }
-
-    #[inline(always)]
-    fn transposed([Self(a), Self(b), Self(c), Self(d)]: [Self; 4]) -> [Self; 4] {
-        // SAFETY: the token that made them. Halves first: of rows that come from memory, a compiler joins them as it loads.
-        unsafe {
-            let (even, odd) = (_mm256_permute2f128_pd::<0x20>(a, c), _mm256_permute2f128_pd::<0x20>(b, d));
-            let (even_after, odd_after) =
-                (_mm256_permute2f128_pd::<0x31>(a, c), _mm256_permute2f128_pd::<0x31>(b, d));
-            [
-                Self(_mm256_unpacklo_pd(even, odd)),
-                Self(_mm256_unpackhi_pd(even, odd)),
-                Self(_mm256_unpacklo_pd(even_after, odd_after)),
-                Self(_mm256_unpackhi_pd(even_after, odd_after)),
-            ]
-        }
-    }
-}
-
 macro_rules! operator {
-    ($operator:ident, $method:ident, $instruction:ident) => {
-        impl $operator for F64x4 {
+    ($operator:ident, $method:ident, $register:ident, $instruction:ident) => {
+        impl $operator for $register {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
@@ -142,26 +76,178 @@ macro_rules! operator {
         }
     };
 }
-operator!(Add, add, _mm256_add_pd);
-operator!(Sub, sub, _mm256_sub_pd);
-operator!(Mul, mul, _mm256_mul_pd);
-operator!(Div, div, _mm256_div_pd);
 
-impl Mul<f64> for F64x4 {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: f64) -> Self {
-        // SAFETY: the token that made it.
-        Self(unsafe { _mm256_mul_pd(self.0, _mm256_set1_pd(other)) })
+/// A register and what it can do: the instructions of one kind of numbers. Those that move lanes are functions below.
+macro_rules! register {
+    (
+        $(#[$doc:meta])*
+        $register:ident($vector:ty): $lanes:literal of $number:ty,
+        $splat:ident, $load:ident, $store:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $xor:ident,
+        $sqrt:ident, $compare:ident, $blend:ident, $reversed:ident, $transposed:ident
+    ) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy)]
+        pub(crate) struct $register($vector);
+
+        impl<const MANY_REGISTERS: bool> Vectors<$number, $lanes> for X86<MANY_REGISTERS> {
+            type Register = $register;
+
+            #[inline(always)]
+            fn splat(self, x: $number) -> $register {
+                // SAFETY: the token.
+                $register(unsafe { $splat(x) })
+            }
+
+            #[inline(always)]
+            fn load(self, from: &[$number]) -> $register {
+                // SAFETY: the token; the slice holds as many numbers.
+                $register(unsafe { $load(from[..$lanes].as_ptr()) })
+            }
+        }
+
+        impl Register<$number, $lanes> for $register {
+            #[inline(always)]
+            fn store(self, to: &mut [$number]) {
+                // SAFETY: the token that made it; the slice holds as many numbers.
+                unsafe { $store(to[..$lanes].as_mut_ptr(), self.0) };
+            }
+
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                // SAFETY: the token that made it.
+                Self(unsafe { $sqrt(self.0) })
+            }
+
+            #[inline(always)]
+            fn above(self, other: Self) -> Self {
+                // SAFETY: the token that made it.
+                Self(unsafe { $compare::<_CMP_GT_OQ>(self.0, other.0) })
+            }
+
+            #[inline(always)]
+            fn select(self, yes: Self, no: Self) -> Self {
+                // SAFETY: the token that made it.
+                Self(unsafe { $blend(no.0, yes.0, self.0) })
+            }
+
+            #[inline(always)]
+            fn reversed(self) -> Self {
+                $reversed(self)
+            }
+
+            #[inline(always)]
+            fn transposed(rows: [Self; $lanes]) -> [Self; $lanes] {
+                $transposed(rows)
+            }
+        }
+
+        operator!(Add, add, $register, $add);
+        operator!(Sub, sub, $register, $sub);
+        operator!(Mul, mul, $register, $mul);
+        operator!(Div, div, $register, $div);
+
+        impl Mul<$number> for $register {
+            type Output = Self;
+            #[inline(always)]
+            fn mul(self, other: $number) -> Self {
+                // SAFETY: the token that made it.
+                Self(unsafe { $mul(self.0, $splat(other)) })
+            }
+        }
+
+        impl Neg for $register {
+            type Output = Self;
+            #[inline(always)]
+            fn neg(self) -> Self {
+                // SAFETY: the token that made it.
+                Self(unsafe { $xor(self.0, $splat(-0.0)) })
+            }
+        }
+    };
+}
+
+register! {
+    /// Four float64 in an AVX register, made with a token.
+    F64x4(__m256d): 4 of f64,
+    _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd,
+    _mm256_xor_pd, _mm256_sqrt_pd, _mm256_cmp_pd, _mm256_blendv_pd, reversed_f64, transposed_f64
+}
+
+register! {
+    /// Eight float32 in an AVX register, made with a token.
+    F32x8(__m256): 8 of f32,
+    _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_add_ps, _mm256_sub_ps, _mm256_mul_ps, _mm256_div_ps,
+    _mm256_xor_ps, _mm256_sqrt_ps, _mm256_cmp_ps, _mm256_blendv_ps, reversed_f32, transposed_f32
+}
+
+#[inline(always)]
+fn reversed_f64(F64x4(x): F64x4) -> F64x4 {
+    // SAFETY: the token that made it.
+    F64x4(unsafe { _mm256_permute4x64_pd::<0b00_01_10_11>(x) })
+}
+
+#[inline(always)]
+fn reversed_f32(F32x8(x): F32x8) -> F32x8 {
+    // SAFETY: the token that made it.
+    F32x8(unsafe { _mm256_permutevar8x32_ps(x, _mm256_setr_epi32(7, 6, 5, 4, 3, 2, 1, 0)) })
+}
+
+/// Halves first: of rows that come from memory, a compiler joins them as it loads.
+#[inline(always)]
+fn transposed_f64([F64x4(a), F64x4(b), F64x4(c), F64x4(d)]: [F64x4; 4]) -> [F64x4; 4] {
+    // SAFETY: the token that made them.
+    unsafe {
+        let (even, odd) = (_mm256_permute2f128_pd::<0x20>(a, c), _mm256_permute2f128_pd::<0x20>(b, d));
+        let (even_after, odd_after) =
+            (_mm256_permute2f128_pd::<0x31>(a, c), _mm256_permute2f128_pd::<0x31>(b, d));
+        [
+            F64x4(_mm256_unpacklo_pd(even, odd)),
+            F64x4(_mm256_unpackhi_pd(even, odd)),
+            F64x4(_mm256_unpacklo_pd(even_after, odd_after)),
+            F64x4(_mm256_unpackhi_pd(even_after, odd_after)),
+        ]
     }
 }
 
-impl Neg for F64x4 {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        // SAFETY: the token that made it.
-        Self(unsafe { _mm256_xor_pd(self.0, _mm256_set1_pd(-0.0)) })
+/// Halves first, as above.
+#[inline(always)]
+fn transposed_f32(
+    [F32x8(a), F32x8(b), F32x8(c), F32x8(d), F32x8(e), F32x8(f), F32x8(g), F32x8(h)]: [F32x8; 8],
+) -> [F32x8; 8] {
+    // SAFETY: the token that made them.
+    unsafe {
+        let [i, j, k, l] = four_by_four([
+            _mm256_permute2f128_ps::<0x20>(a, e),
+            _mm256_permute2f128_ps::<0x20>(b, f),
+            _mm256_permute2f128_ps::<0x20>(c, g),
+            _mm256_permute2f128_ps::<0x20>(d, h),
+        ]);
+        let [m, n, o, p] = four_by_four([
+            _mm256_permute2f128_ps::<0x31>(a, e),
+            _mm256_permute2f128_ps::<0x31>(b, f),
+            _mm256_permute2f128_ps::<0x31>(c, g),
+            _mm256_permute2f128_ps::<0x31>(d, h),
+        ]);
+        [i, j, k, l, m, n, o, p]
+    }
+}
+
+/// Rows and columns exchanged in each half.
+///
+/// # Safety
+/// AVX2.
+#[inline(always)]
+unsafe fn four_by_four([a, b, c, d]: [__m256; 4]) -> [F32x8; 4] {
+    // SAFETY: what the caller promises.
+    unsafe {
+        let (even, odd) = (_mm256_unpacklo_ps(a, c), _mm256_unpacklo_ps(b, d));
+        let (even_after, odd_after) = (_mm256_unpackhi_ps(a, c), _mm256_unpackhi_ps(b, d));
+        [
+            F32x8(_mm256_unpacklo_ps(even, odd)),
+            F32x8(_mm256_unpackhi_ps(even, odd)),
+            F32x8(_mm256_unpacklo_ps(even_after, odd_after)),
+            F32x8(_mm256_unpackhi_ps(even_after, odd_after)),
+        ]
     }
 }
 

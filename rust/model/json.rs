@@ -14,7 +14,7 @@ use super::{ModelError, NearestMean, Rules};
 use crate::dsp::Outside;
 use crate::error::shown;
 use crate::features::Initial;
-use crate::multiband::{Block, MultiBandSpec};
+use crate::multiband::{Block, Definition, MultiBandSpec};
 use crate::specs::listed;
 use crate::FeatureSpec;
 
@@ -23,9 +23,6 @@ const MAX_QUOTED: usize = 160;
 
 /// Names of an object: many more than any of ours has, few enough to be refused at once.
 const MAX_NAMES: usize = 4096;
-
-/// Which definition of bands and blocks is meant: a model of another one would see other numbers.
-const MULTIBAND: usize = 1;
 
 /// Where the rules stand in what is known of a training.
 const RULES: &str = "confidence";
@@ -278,19 +275,20 @@ pub(super) fn is_multiband(object: &Object) -> bool {
 pub(super) fn write_multiband(spec: &MultiBandSpec) -> String {
     let named = Block::NAMED.into_iter().filter(|(_, block)| spec.wants(*block));
     let blocks: Vec<_> = named.map(|(name, _)| name).collect();
-    json!({ "blocks": blocks, "multiband": MULTIBAND, "rate_hz": spec.rate_hz }).to_string()
+    json!({ "blocks": blocks, "multiband": spec.definition.number(), "rate_hz": spec.rate_hz }).to_string()
 }
 
 /// The multi-band features that are described.
 pub(super) fn read_multiband(mut object: Object) -> Result<MultiBandSpec, ModelError> {
     let wanted = format!("a list of blocks in the order {}", Block::NAMED.map(|(name, _)| name).join(", "));
     let [coupling, quantiles, envelope, spectrum, level] = object.take("blocks", &wanted, blocks)?;
-    object.take("multiband", "1, the definition that is known here", |value| {
-        count(value).filter(|definition| *definition == MULTIBAND)
+    // A model of another definition would see other numbers.
+    let definition = object.take("multiband", "1 or 2, the definitions that are known here", |value| {
+        count(value).and_then(Definition::of_number)
     })?;
     let rate_hz = object.number("rate_hz")?;
     object.end()?;
-    Ok(MultiBandSpec { rate_hz, coupling, quantiles, envelope, spectrum, level })
+    Ok(MultiBandSpec { definition, rate_hz, coupling, quantiles, envelope, spectrum, level })
 }
 
 /// Which blocks a list names, if it does so once each and in order.

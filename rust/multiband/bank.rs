@@ -1,28 +1,29 @@
 //! From a recording to the signals of its bands, as it arrives or all at once.
 //!
-//! Axes go through a pyramid of filters, four side by side: stages at rates that are halved from one to the next, each with an
-//! octave, the first with two.
+//! Axes go through a pyramid of filters in float32, eight side by side: stages at rates that are halved from one to the next. One of them has
+//! two octaves, each of the others one: the first stage has them, or the second where the rate is halved early.
 //!
 //! Rows go through in blocks. A block of a stage is half a block of the next one, which runs as soon as it has a whole one.
 //! What a recording leaves over at its end goes through all stages in a copy of what they remember, so that more of it may
 //! still come. Signals are counted from the first sample: a start as if it had lasted for ever is then a start from rest,
-//! and a constant leaves nothing behind, not even rounding.
+//! and a constant leaves nothing behind, not even rounding. They are also divided by the least scale of their axis, in float64, so that
+//! the range of float32 is that of a signal and not of its unit; what is left of 24 bits is more than sensors have.
 
-use super::spec::{halved, halvings, n_octaves, TOP};
+use super::spec::{halved, halvings, least_scales, n_octaves, Definition, TOP};
 use super::{BandSignals, Region};
-use crate::dsp::{butterworth, Band};
+use crate::dsp::{butterworth, Band, Real};
 use crate::error::{Error, Result};
-use crate::kernel::{Pack, Register, Simd};
+use crate::kernel::{Pack, Register, Simd, Vectors};
 
 /// Order of the low-pass in front of every halving of the rate. What lies at 0.755 to 0.878 of Nyquist folds onto the octave
 /// that is taken next; there the low-pass is down by 55 dB or more.
 const HALVING_ORDER: usize = 7;
 
-/// Axes of a group, which go through the bank side by side. Eight would leave a quarter of the work of six axes without use.
-const GROUP: usize = 4;
+/// Axes of a group, which go through the bank side by side.
+const GROUP: usize = 8;
 
 /// The axes of a group at one instant.
-type Axes4 = Pack<GROUP>;
+type Axes8 = Pack<f32, GROUP>;
 
 /// Rows that go through a stage together: an even number, whole groups.
 pub(super) const ROWS: usize = 64;
@@ -30,18 +31,14 @@ pub(super) const ROWS: usize = 64;
 /// Rows before the first that a stage looks back to.
 const BACK: usize = 4;
 
-/// Signals begin at whole cache lines: this many float64.
-const LINE: usize = 8;
+/// Signals begin at whole cache lines: this many float32.
+const LINE: usize = 16;
 
-/// Calls a function for each group of axes, with its first axis and, as a constant, how many it has.
-macro_rules! each_group {
-    ($n_axes:expr, |$axis:ident, $n:ident| $call:expr) => {
-        for $axis in (0..$n_axes).step_by(GROUP) {
-            each_group!(@ $n_axes - $axis, $n, $call, 1 2 3)
-        }
-    };
-    (@ $left:expr, $n:ident, $call:expr, $($few:literal)*) => {
-        match $left {
+/// Calls a function that has the number of axes of a group as a constant.
+macro_rules! with_axes {
+    ($n_axes:expr, |$n:ident| $call:expr) => { with_axes!(@ $n_axes, $n, $call, 1 2 3 4 5 6 7) };
+    (@ $n_axes:expr, $n:ident, $call:expr, $($few:literal)*) => {
+        match $n_axes {
             $($few => { const $n: usize = $few; $call })*
             _ => { const $n: usize = GROUP; $call }
         }
@@ -52,26 +49,27 @@ macro_rules! each_group {
 /// the same zeros, twice at frequency 0 and twice at Nyquist: `(1 - z^-2)^2` is taken once.
 #[derive(Clone, Copy, Debug)]
 struct Filters {
-    /// The highest octave.
+    /// The upper octave of two.
     top: Poles,
-    /// The octave below.
+    /// The octave below, or the only one, but for the first.
     octave: Poles,
     /// Before the rate is halved: `(A(a0) A(a2) + z^-1 A(a1)) / 2` with all-passes `A(a) = (a + z^-2) / (1 + a z^-2)`.
-    halving: [f64; 3],
+    halving: [f32; 3],
 }
 
 /// Two pairs of poles and the gain of a band-pass whose zeros are known.
 #[derive(Clone, Copy, Debug)]
 struct Poles {
     /// `a1` and `a2` of each pair: `1 + a1 z^-1 + a2 z^-2`.
-    pairs: [[f64; 2]; 2],
+    pairs: [[f32; 2]; 2],
     /// Factor of the numerator.
     gain: f64,
 }
 
 impl Filters {
     fn new() -> Result<Self> {
-        Ok(Self { top: Poles::new(TOP)?, octave: Poles::new(TOP / 2.0)?, halving: all_passes()? })
+        let halving = all_passes()?.map(f32::of);
+        Ok(Self { top: Poles::new(TOP)?, octave: Poles::new(TOP / 2.0)?, halving })
     }
 }
 
@@ -81,10 +79,17 @@ impl Poles {
         let sos = butterworth(2, Band::Bandpass(high / 2.0, high), 2.0)?;
         let mut poles = Self { pairs: [[0.0; 2]; 2], gain: 1.0 };
         for (pair, section) in poles.pairs.iter_mut().zip(sos.sections()) {
-            *pair = [section.a1, section.a2];
+            *pair = [section.a1, section.a2].map(f32::of);
             poles.gain *= section.b0;
         }
         Ok(poles)
+    }
+
+    /// The pairs, each number in all lanes.
+    #[inline(always)]
+    fn splat<S: Vectors<f32, GROUP>>(&self, simd: S) -> [[S::Register; 2]; 2] {
+        let [[a, b], [c, d]] = self.pairs;
+        [[simd.splat(a), simd.splat(b)], [simd.splat(c), simd.splat(d)]]
     }
 }
 
@@ -100,53 +105,67 @@ fn all_passes() -> Result<[f64; 3]> {
 }
 
 /// The last two outputs of a recurrence.
-#[derive(Clone, Copy, Debug)]
-struct Last {
-    latest: Axes4,
-    before: Axes4,
+#[derive(Clone, Copy)]
+struct Last<V> {
+    latest: V,
+    before: V,
 }
 
-impl Last {
-    const REST: Self = Self { latest: Pack::ZERO, before: Pack::ZERO };
-
+impl<V: Register<f32, GROUP>> Last<V> {
     /// Takes in `x` and gives what a pair of poles makes of it. What is known early comes first: only one product and one
     /// difference wait for the row before.
     #[inline(always)]
-    fn resonate(&mut self, [a1, a2]: [f64; 2], x: Axes4) -> Axes4 {
-        let y = x - Pack::splat(a2) * self.before - Pack::splat(a1) * self.latest;
+    fn resonate(&mut self, [a1, a2]: [V; 2], x: V) -> V {
+        let y = x - a2 * self.before - a1 * self.latest;
         *self = Self { latest: y, before: self.latest };
         y
     }
 }
 
-/// What a stage remembers from one block to the next, apart from its input.
-#[derive(Clone, Copy, Debug)]
-struct Memory {
-    /// By how much the input rose over two rows.
-    rise: Last,
-    top: [Last; 2],
-    octave: [Last; 2],
+/// What a stage remembers from one block to the next, apart from its input; in memory.
+type Remembered = [Axes8; 11];
+
+/// The same in registers, where a compiler does not think of taking it apart.
+struct Memory<V> {
+    top: [Last<V>; 2],
+    octave: [Last<V>; 2],
     /// What the all-passes gave last.
-    halving: [Axes4; 3],
+    halving: [V; 3],
 }
 
-impl Memory {
-    const REST: Self =
-        Self { rise: Last::REST, top: [Last::REST; 2], octave: [Last::REST; 2], halving: [Pack::ZERO; 3] };
-
-    /// What the zeros that both octaves share make of a row and the one two rows earlier.
+impl<V: Register<f32, GROUP>> Memory<V> {
     #[inline(always)]
-    fn numerator(&mut self, x: Axes4, earlier: Axes4) -> Axes4 {
-        let rise = x - earlier;
-        let out = rise - self.rise.before;
-        self.rise = Last { latest: rise, before: self.rise.latest };
-        out
+    fn load(simd: impl Vectors<f32, GROUP, Register = V>, from: &Remembered) -> Self {
+        let mut v = [simd.splat(0.0); 11];
+        for (v, from) in v.iter_mut().zip(from) {
+            *v = simd.load(&from.0);
+        }
+        let [a, b, c, d, e, f, g, h, i, j, k] = v;
+        Self {
+            top: [Last { latest: a, before: b }, Last { latest: c, before: d }],
+            octave: [Last { latest: e, before: f }, Last { latest: g, before: h }],
+            halving: [i, j, k],
+        }
+    }
+
+    #[inline(always)]
+    fn store(&self) -> Remembered {
+        let Self { top: [p, q], octave: [r, s], halving: [i, j, k] } = self;
+        let mut to = [Pack::ZERO; 11];
+        let lasts = [p, q, r, s];
+        for (last, to) in lasts.into_iter().zip(to.as_chunks_mut::<2>().0) {
+            last.latest.store(&mut to[0].0);
+            last.before.store(&mut to[1].0);
+        }
+        for (v, to) in [i, j, k].into_iter().zip(&mut to[2 * lasts.len()..]) {
+            v.store(&mut to.0);
+        }
+        to
     }
 
     /// A row of half the rate, of the last four; twice as large as the input.
     #[inline(always)]
-    fn halve(&mut self, factors: [f64; 3], [x3, x2, x1, x0]: [Axes4; 4]) -> Axes4 {
-        let [a0, a1, a2] = [Pack::splat(factors[0]), Pack::splat(factors[1]), Pack::splat(factors[2])];
+    fn halve(&mut self, [a0, a1, a2]: [V; 3], [x3, x2, x1, x0]: [V; 4]) -> V {
         let [before0, before1, before2] = self.halving;
         let y0 = a0 * x0 + x2 - a0 * before0;
         let y1 = a1 * x1 + x3 - a1 * before1;
@@ -159,48 +178,59 @@ impl Memory {
 /// What comes out of one block of a stage, without the gain of its filters.
 #[derive(Clone, Debug)]
 struct Rows {
-    top: [Axes4; ROWS],
-    octave: [Axes4; ROWS],
+    top: [Axes8; ROWS],
+    octave: [Axes8; ROWS],
 }
 
 impl Rows {
     const ZERO: Self = Self { top: [Pack::ZERO; ROWS], octave: [Pack::ZERO; ROWS] };
 }
 
-/// At most [`ROWS`] rows, `input` with the [`BACK`] before them, through the filters of a stage: `FIRST` with two octaves.
+/// At most [`ROWS`] rows, `input` with the [`BACK`] before them, through the filters of a stage, one or both octaves.
 /// `halved` are the rows of the next stage.
 #[inline(always)]
-fn run<const FIRST: bool>(
+fn run<const UPPER: bool, const LOWER: bool>(
+    simd: impl Vectors<f32, GROUP>,
     filters: &Filters,
-    mut m: Memory,
-    input: &[Axes4],
+    remembered: &Remembered,
+    input: &[Axes8],
     rows: &mut Rows,
-    halved: &mut [Axes4],
-) -> Memory {
-    let Filters { top: top_poles, octave: poles, halving } = filters;
+    halved: &mut [Axes8],
+) -> Remembered {
+    let mut m = Memory::load(simd, remembered);
+    let (top_poles, poles) = (filters.top.splat(simd), filters.octave.splat(simd));
+    let [a0, a1, a2] = filters.halving;
+    let halving = [simd.splat(a0), simd.splat(a1), simd.splat(a2)];
     let pairs = input.windows(BACK + 2).step_by(2).zip(halved);
     let outputs = rows.top.as_chunks_mut::<2>().0.iter_mut().zip(rows.octave.as_chunks_mut::<2>().0);
-    for ((x, halved), (top, octave)) in pairs.zip(outputs) {
-        for i in 0..2 {
-            let w = m.numerator(x[BACK + i], x[BACK + i - 2]);
-            if FIRST {
-                let y = m.top[0].resonate(top_poles.pairs[0], w);
-                top[i] = m.top[1].resonate(top_poles.pairs[1], y);
-            }
-            let y = m.octave[0].resonate(poles.pairs[0], w);
-            octave[i] = m.octave[1].resonate(poles.pairs[1], y);
+    for ((rows, halved), (top, octave)) in pairs.zip(outputs) {
+        let mut x = [halving[0]; BACK + 2];
+        for (x, row) in x.iter_mut().zip(rows) {
+            *x = simd.load(&row.0);
         }
-        *halved = m.halve(*halving, [x[BACK - 3], x[BACK - 2], x[BACK - 1], x[BACK]]);
+        for i in 0..2 {
+            // What the zeros that both octaves share make of the row.
+            let w = (x[BACK + i] - x[BACK + i - 2]) - (x[BACK + i - 2] - x[BACK + i - 4]);
+            if UPPER {
+                let y = m.top[0].resonate(top_poles[0], w);
+                m.top[1].resonate(top_poles[1], y).store(&mut top[i].0);
+            }
+            if LOWER {
+                let y = m.octave[0].resonate(poles[0], w);
+                m.octave[1].resonate(poles[1], y).store(&mut octave[i].0);
+            }
+        }
+        m.halve(halving, [x[BACK - 3], x[BACK - 2], x[BACK - 1], x[BACK]]).store(&mut halved.0);
     }
-    m
+    m.store()
 }
 
 /// Filters between two halvings of the rate.
 #[derive(Clone, Debug)]
 struct Stage {
-    memory: Memory,
+    memory: Remembered,
     /// Rows that wait, behind the last [`BACK`] that have gone through.
-    input: [Axes4; BACK + ROWS],
+    input: [Axes8; BACK + ROWS],
     n_waiting: usize,
     /// Rows that have gone through.
     n_done: usize,
@@ -208,7 +238,7 @@ struct Stage {
 
 impl Stage {
     const REST: Self =
-        Self { memory: Memory::REST, input: [Pack::ZERO; BACK + ROWS], n_waiting: 0, n_done: 0 };
+        Self { memory: [Pack::ZERO; 11], input: [Pack::ZERO; BACK + ROWS], n_waiting: 0, n_done: 0 };
 }
 
 /// The stages of a group of axes.
@@ -216,19 +246,18 @@ impl Stage {
 struct Pyramid {
     stages: Vec<Stage>,
     /// Where the rows below the last octave go, and no further.
-    below: [Axes4; ROWS / 2],
+    below: [Axes8; ROWS / 2],
 }
 
 impl Pyramid {
-    /// For one octave or more.
-    fn new(octaves: usize) -> Self {
-        let n_stages = octaves.saturating_sub(1).max(1);
+    /// As many stages as there are rates.
+    fn new(n_stages: usize) -> Self {
         Self { stages: vec![Stage::REST; n_stages], below: [Pack::ZERO; ROWS / 2] }
     }
 
     fn restart(&mut self) {
         for stage in &mut self.stages {
-            stage.memory = Memory::REST;
+            stage.memory = Stage::REST.memory;
             stage.input[..BACK].fill(Pack::ZERO);
             (stage.n_waiting, stage.n_done) = (0, 0);
         }
@@ -240,13 +269,13 @@ impl Pyramid {
     }
 
     /// Where the next rows go: a block, or what is left of a recording.
-    fn input(&mut self) -> &mut [Axes4] {
+    fn input(&mut self) -> &mut [Axes8] {
         &mut self.stages[0].input[BACK..]
     }
 
     /// A block that stands in [`input`](Self::input) through all stages that now have one.
     #[inline(always)]
-    fn advance<const N: usize>(&mut self, rows: &mut Rows, out: &mut Output<'_, impl Simd, N>) {
+    fn advance(&mut self, rows: &mut Rows, out: &mut Output<'_, impl Simd>) {
         self.stages[0].n_waiting = ROWS;
         for index in 0..self.stages.len() {
             if self.stages[index].n_waiting < ROWS {
@@ -266,7 +295,7 @@ impl Pyramid {
 
     /// What waits, and `n` rows that stand in [`input`](Self::input), through all stages. Nothing of it is remembered.
     #[inline(always)]
-    fn finish<const N: usize>(&mut self, mut n: usize, rows: &mut Rows, out: &mut Output<'_, impl Simd, N>) {
+    fn finish(&mut self, mut n: usize, rows: &mut Rows, out: &mut Output<'_, impl Simd>) {
         for index in 0..self.stages.len() {
             n += self.stages[index].n_waiting;
             self.through(index, n, rows, out);
@@ -276,13 +305,13 @@ impl Pyramid {
 
     /// The first `n` rows that wait at a stage through its filters, and what these remember of them then.
     #[inline(always)]
-    fn through<const N: usize>(
+    fn through(
         &mut self,
         index: usize,
         n: usize,
         rows: &mut Rows,
-        out: &mut Output<'_, impl Simd, N>,
-    ) -> Memory {
+        out: &mut Output<'_, impl Simd>,
+    ) -> Remembered {
         let (stages, after) = self.stages.split_at_mut(index + 1);
         let halved = match after {
             [next, ..] => &mut next.input[BACK + next.n_waiting..],
@@ -291,14 +320,22 @@ impl Pyramid {
         let Stage { memory, input, n_done, .. } = &stages[index];
         // An odd row goes through with whatever lies behind it: nobody looks at what comes of that.
         let (filters, input) = (&out.bank.filters, &input[..BACK + n.next_multiple_of(2)]);
-        let memory = if index == 0 {
-            let memory = run::<true>(filters, *memory, input, rows, halved);
-            out.write(1, *n_done, n, &rows.top);
-            memory
-        } else {
-            run::<false>(filters, *memory, input, rows, halved)
+        let (top, octave) = match (index, out.bank.early) {
+            (0, false) | (1, true) => (true, true),
+            (0, true) => (true, false),
+            _ => (false, true),
         };
-        out.write(2 + index, *n_done, n, &rows.octave);
+        let memory = match (top, octave) {
+            (true, true) => run::<true, true>(out.simd, filters, memory, input, rows, halved),
+            (true, false) => run::<true, false>(out.simd, filters, memory, input, rows, halved),
+            _ => run::<false, true>(out.simd, filters, memory, input, rows, halved),
+        };
+        if top {
+            out.write(1 + index, *n_done, n, &rows.top);
+        }
+        if octave {
+            out.write(2 + index, *n_done, n, &rows.octave);
+        }
         memory
     }
 }
@@ -307,22 +344,42 @@ impl Pyramid {
 #[derive(Clone, Debug)]
 pub(super) struct Bank {
     filters: Filters,
-    /// What each signal is multiplied by, in the order of bands, then of axes.
-    gains: Vec<f64>,
+    /// What each axis is multiplied by before it becomes float32.
+    inverse: Vec<f64>,
+    /// What each signal is multiplied by, in the order of bands, then of groups of axes.
+    gains: Vec<Axes8>,
     n_axes: usize,
     n_samples: usize,
     octaves: usize,
+    /// Whether the rate is halved in front of octave 2 already.
+    early: bool,
 }
 
 /// Memory for one recording and its bands.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(super) struct BankWork {
-    values: Vec<f64>,
+    values: Vec<f32>,
     regions: Vec<Region>,
     /// One for each group of axes; none where there are no octaves.
     pyramids: Vec<Pyramid>,
     // Boxed: its lanes want more alignment than every owner gives, Python's objects for one.
     rows: Box<Rows>,
+}
+
+impl Clone for BankWork {
+    /// The copy has whole cache lines of its own.
+    fn clone(&self) -> Self {
+        let len = self.values.len() - LINE;
+        let mut values = vec![0.0; self.values.len()];
+        let (from, to) = (aligned(&self.values), aligned(&values));
+        values[to..][..len].copy_from_slice(&self.values[from..][..len]);
+        Self {
+            values,
+            regions: self.regions.clone(),
+            pyramids: self.pyramids.clone(),
+            rows: self.rows.clone(),
+        }
+    }
 }
 
 impl BankWork {
@@ -343,35 +400,56 @@ impl BankWork {
 }
 
 /// Values before the first whole cache line.
-fn aligned(values: &[f64]) -> usize {
+fn aligned(values: &[f32]) -> usize {
     // Speed only: a pointer that cannot be aligned stays as it is.
-    values.as_ptr().align_offset(LINE * size_of::<f64>()).min(LINE)
-}
-
-/// How often the rate is halved before each of the bands.
-fn rates(octaves: usize) -> impl Iterator<Item = u32> {
-    std::iter::once(0).chain((0..octaves).map(halvings))
+    values.as_ptr().align_offset(LINE * size_of::<f32>()).min(LINE)
 }
 
 impl Bank {
     /// For bands that are divided by `scales`, band-major.
-    pub(super) fn new(n_samples: usize, n_axes: usize, scales: &[f64]) -> Result<Self> {
+    pub(super) fn new(
+        definition: Definition,
+        n_samples: usize,
+        n_axes: usize,
+        scales: &[f64],
+    ) -> Result<Self> {
         // All bands together hold less than five times the samples of the recording, and some room to align them.
         let room = n_samples
             .checked_add(2 * LINE)
-            .and_then(|n| n.checked_mul(n_axes)?.checked_mul(8 * size_of::<f64>()));
+            .and_then(|n| n.checked_mul(n_axes)?.checked_mul(8 * size_of::<f32>()));
         if room.is_none_or(|room| isize::try_from(room).is_err()) {
             return Err(Error::TooLarge { n_samples, n_axes });
         }
         let filters = Filters::new()?;
-        let gain = |band: usize| match band {
-            0 => 1.0,
-            1 => filters.top.gain,
+        let early = definition.halves_early(n_samples);
+        let gain = |band: usize| {
+            let poles = match band {
+                0 => return 1.0,
+                1 => filters.top,
+                2 if early => filters.top,
+                _ => filters.octave,
+            };
             // Every halving has doubled the signal.
-            _ => filters.octave.gain * libm::exp2(-f64::from(halvings(band - 1))),
+            poles.gain * libm::exp2(-f64::from(halvings(band - 1, early)))
         };
-        let gains = scales.iter().enumerate().map(|(i, scale)| gain(i / n_axes) / scale).collect();
-        Ok(Self { filters, gains, n_axes, n_samples, octaves: n_octaves(n_samples) })
+        let inverse: Vec<_> = least_scales(scales, n_axes).map(f64::recip).collect();
+        let mut gains = Vec::new();
+        for (band, scales) in scales.chunks_exact(n_axes).enumerate() {
+            for (scales, inverse) in scales.chunks(GROUP).zip(inverse.chunks(GROUP)) {
+                let mut of_group = Pack::ZERO;
+                for (own, (scale, inverse)) in of_group.0.iter_mut().zip(scales.iter().zip(inverse)) {
+                    *own = f32::of(gain(band) / (scale * inverse));
+                }
+                gains.push(of_group);
+            }
+        }
+        Ok(Self { filters, inverse, gains, n_axes, n_samples, octaves: n_octaves(n_samples), early })
+    }
+
+    /// How often the rate is halved before each of the bands.
+    fn rates(&self) -> impl Iterator<Item = u32> {
+        let Self { octaves, early, .. } = *self;
+        std::iter::once(0).chain((0..octaves).map(move |octave| halvings(octave, early)))
     }
 
     pub(super) fn work(&self) -> BankWork {
@@ -382,13 +460,15 @@ impl Bank {
             start += self.n_axes * stride;
             region
         };
-        let regions: Vec<_> = rates(self.octaves).map(region).collect();
+        let regions: Vec<_> = self.rates().map(region).collect();
         BankWork {
             values: vec![0.0; start + LINE],
             regions,
-            pyramids: match self.octaves {
-                0 => Vec::new(),
-                octaves => vec![Pyramid::new(octaves); self.n_axes.div_ceil(GROUP)],
+            pyramids: if self.octaves == 0 {
+                Vec::new()
+            } else {
+                let n_stages = 1 + self.rates().fold(0, |most, halvings| most.max(halvings as usize));
+                vec![Pyramid::new(n_stages); self.n_axes.div_ceil(GROUP)]
             },
             rows: Box::new(Rows::ZERO),
         }
@@ -402,8 +482,14 @@ impl Bank {
         if self.octaves == 0 || recording.len() / self.n_axes < n_after {
             return false;
         }
-        each_group!(self.n_axes, |axis, N| self.advance_group::<N>(simd, recording, axis, work));
-        for (region, halvings) in work.regions.iter_mut().zip(rates(self.octaves)).skip(1) {
+        for axis in (0..self.n_axes).step_by(GROUP) {
+            let (mut out, pyramid, rows) = self.group(simd, axis, work);
+            let Some(pyramid) = pyramid else { continue };
+            let block = &recording[pyramid.n_done() * self.n_axes..][..ROWS * self.n_axes];
+            self.begin(recording, block, axis, pyramid.input());
+            pyramid.advance(rows, &mut out);
+        }
+        for (region, halvings) in work.regions.iter_mut().zip(self.rates()).skip(1) {
             region.len = (n_after >> halvings) / ROWS * ROWS;
         }
         true
@@ -413,35 +499,18 @@ impl Bank {
     /// those of its axes, counted from the first sample.
     #[inline(always)]
     pub(super) fn finish(&self, simd: impl Simd, recording: &[f64], means: &[f64], work: &mut BankWork) {
-        each_group!(self.n_axes, |axis, N| self.finish_group::<N>(simd, recording, axis, means, work));
+        for axis in (0..self.n_axes).step_by(GROUP) {
+            self.finish_group(simd, recording, axis, means, work);
+        }
         let n_seen = recording.len() / self.n_axes;
-        for (region, halvings) in work.regions.iter_mut().zip(rates(self.octaves)) {
+        for (region, halvings) in work.regions.iter_mut().zip(self.rates()) {
             region.len = halved(n_seen, halvings);
         }
     }
 
-    /// `N` axes from `axis` on, one block.
+    /// A group of axes from `axis` on, to the end.
     #[inline(always)]
-    fn advance_group<const N: usize>(
-        &self,
-        simd: impl Simd,
-        recording: &[f64],
-        axis: usize,
-        work: &mut BankWork,
-    ) {
-        let (mut out, pyramid, rows) = self.group::<_, N>(simd, axis, work);
-        let Some(pyramid) = pyramid else { return };
-        let at_start = first::<N>(&recording[axis..]);
-        let block = recording[pyramid.n_done() * self.n_axes..].chunks_exact(self.n_axes);
-        for (row, input) in block.zip(pyramid.input()) {
-            *input = first::<N>(&row[axis..]) - at_start;
-        }
-        pyramid.advance(rows, &mut out);
-    }
-
-    /// `N` axes from `axis` on, to the end.
-    #[inline(always)]
-    fn finish_group<const N: usize>(
+    fn finish_group(
         &self,
         simd: impl Simd,
         recording: &[f64],
@@ -449,20 +518,25 @@ impl Bank {
         means: &[f64],
         work: &mut BankWork,
     ) {
-        let (mut out, mut pyramid, rows) = self.group::<_, N>(simd, axis, work);
+        let (mut out, mut pyramid, rows) = self.group(simd, axis, work);
         let n_done = pyramid.as_ref().map_or(0, |pyramid| pyramid.n_done());
-        let (at_start, mean) = (first::<N>(&recording[axis..]), first::<N>(&means[axis..]));
+        let mut mean = Pack::ZERO;
+        for (mean, (x, inverse)) in mean.0.iter_mut().zip(means[axis..].iter().zip(&self.inverse[axis..])) {
+            *mean = f32::of(x * inverse);
+        }
         for (block, samples) in recording.chunks(ROWS * self.n_axes).enumerate() {
             let (start, n) = (block * ROWS, samples.len() / self.n_axes);
-            for (row, centred) in samples.chunks_exact(self.n_axes).zip(&mut rows.top) {
-                *centred = first::<N>(&row[axis..]) - at_start - mean;
+            let goes_on = start >= n_done;
+            let begun = match &mut pyramid {
+                Some(pyramid) if goes_on => pyramid.input(),
+                _ => &mut rows.octave,
+            };
+            self.begin(recording, samples, axis, begun);
+            for (centred, x) in rows.top.iter_mut().zip(begun) {
+                *centred = *x - mean;
             }
             out.write(0, start, n, &rows.top);
-            let Some(pyramid) = pyramid.as_deref_mut().filter(|_| start >= n_done) else { continue };
-            for (row, input) in samples.chunks_exact(self.n_axes).zip(pyramid.input()) {
-                *input = first::<N>(&row[axis..]) - at_start;
-            }
-            if n == ROWS {
+            if let Some(pyramid) = pyramid.as_deref_mut().filter(|_| goes_on && n == ROWS) {
                 pyramid.advance(rows, &mut out);
             }
         }
@@ -471,14 +545,28 @@ impl Bank {
         }
     }
 
-    /// What `N` axes from `axis` on work in.
+    /// Samples of a group of axes as the pyramid takes them.
     #[inline(always)]
-    fn group<'a, S, const N: usize>(
+    fn begin(&self, recording: &[f64], samples: &[f64], axis: usize, rows: &mut [Axes8]) {
+        with_axes!(self.n_axes - axis, |N| {
+            let (at_start, inverse) = (first::<N>(&recording[axis..]), first::<N>(&self.inverse[axis..]));
+            for (row, out) in samples.chunks_exact(self.n_axes).zip(rows) {
+                let x = (first::<N>(&row[axis..]) - at_start) * inverse;
+                for l in 0..GROUP {
+                    out.0[l] = f32::of(x.0[l]);
+                }
+            }
+        });
+    }
+
+    /// What a group of axes from `axis` on works in.
+    #[inline(always)]
+    fn group<'a, S>(
         &'a self,
         simd: S,
         axis: usize,
         work: &'a mut BankWork,
-    ) -> (Output<'a, S, N>, Option<&'a mut Pyramid>, &'a mut Rows) {
+    ) -> (Output<'a, S>, Option<&'a mut Pyramid>, &'a mut Rows) {
         let BankWork { values, regions, pyramids, rows } = work;
         let from = aligned(values);
         let out = Output { simd, values: &mut values[from..], regions, axis, bank: self };
@@ -486,33 +574,35 @@ impl Bank {
     }
 }
 
-/// Where all bands of `N` axes from `axis` on go.
-struct Output<'a, S, const N: usize> {
+/// Where all bands of a group of axes from `axis` on go.
+struct Output<'a, S> {
     simd: S,
-    values: &'a mut [f64],
+    values: &'a mut [f32],
     regions: &'a [Region],
     axis: usize,
     bank: &'a Bank,
 }
 
-impl<S: Simd, const N: usize> Output<'_, S, N> {
+impl<S: Simd> Output<'_, S> {
     /// Takes the first `n` rows of a band, which are those from `start` on. A band that the recording is too short for is
     /// left out.
     #[inline(always)]
-    fn write(&mut self, band: usize, start: usize, n: usize, rows: &[Axes4; ROWS]) {
+    fn write(&mut self, band: usize, start: usize, n: usize, rows: &[Axes8; ROWS]) {
         let Some(Region { start: region, stride, .. }) = self.regions.get(band) else { return };
-        let simd = self.simd;
-        let gains = first::<N>(&self.bank.gains[band * self.bank.n_axes + self.axis..]);
-        let fours = rows[..n.next_multiple_of(GROUP)].as_chunks::<GROUP>().0;
-        let mut axes = self.values[region + self.axis * stride + start..].chunks_mut(*stride);
-        let mut axes: [&mut [[f64; GROUP]]; N] = std::array::from_fn(|_| {
-            axes.next().map_or(&mut [][..], |axis| &mut axis.as_chunks_mut().0[..fours.len()])
-        });
-        for (t, [a, b, c, d]) in fours.iter().enumerate() {
-            let rows = [simd.load(&a.0), simd.load(&b.0), simd.load(&c.0), simd.load(&d.0)];
-            let lanes = Register::transposed(rows);
-            for (axis, (lane, gain)) in axes.iter_mut().zip(lanes.into_iter().zip(gains.0)) {
-                (lane * gain).store(&mut axis[t]);
+        let Self { simd, bank, axis, .. } = *self;
+        let gains = simd.load(&bank.gains[band * bank.n_axes.div_ceil(GROUP) + axis / GROUP].0);
+        let n_axes = bank.n_axes - axis;
+        let out = &mut self.values[region + axis * stride + start..];
+        for (t, eight) in rows[..n.next_multiple_of(GROUP)].as_chunks::<GROUP>().0.iter().enumerate() {
+            let mut lanes = [gains; GROUP];
+            for l in 0..GROUP {
+                lanes[l] = simd.load(&eight[l].0) * gains;
+            }
+            let lanes = Register::transposed(lanes);
+            for l in 0..GROUP {
+                if l < n_axes {
+                    lanes[l].store(&mut out[l * stride + t * GROUP..]);
+                }
             }
         }
     }
@@ -520,7 +610,7 @@ impl<S: Simd, const N: usize> Output<'_, S, N> {
 
 /// The first `N` of some values; the rest is zero.
 #[inline(always)]
-fn first<const N: usize>(values: &[f64]) -> Axes4 {
+fn first<const N: usize>(values: &[f64]) -> Pack<f64, GROUP> {
     let mut out = Pack::ZERO;
     out.0[..N].copy_from_slice(&values[..N]);
     out
@@ -531,7 +621,9 @@ fn first<const N: usize>(values: &[f64]) -> Axes4 {
 #[inline(always)]
 pub(super) fn means_within(recording: &[f64], limits: &[f64], means: &mut [f64]) -> bool {
     let mut within = true;
-    each_group!(limits.len(), |axis, N| within &= group_within::<N>(recording, axis, limits, means));
+    for axis in (0..limits.len()).step_by(GROUP) {
+        with_axes!(limits.len() - axis, |N| within &= group_within::<N>(recording, axis, limits, means));
+    }
     within
 }
 
@@ -540,25 +632,25 @@ pub(super) fn means_within(recording: &[f64], limits: &[f64], means: &mut [f64])
 fn group_within<const N: usize>(recording: &[f64], axis: usize, limits: &[f64], means: &mut [f64]) -> bool {
     let n_axes = limits.len();
     let at_start = first::<N>(&recording[axis..]);
-    // Four sums side by side: one would wait for itself at every row.
-    let mut sums = [Axes4::ZERO; 4];
-    let mut largest = [Axes4::ZERO; 4];
-    let fours = recording.chunks_exact(4 * n_axes);
-    let rest = fours.remainder();
-    for four in fours {
-        for i in 0..4 {
-            let x = first::<N>(&four[i * n_axes + axis..]);
+    // Two sums side by side: one would wait for itself at every row.
+    let mut sums = [Pack::ZERO; 2];
+    let mut largest = [Pack::<f64, GROUP>::ZERO; 2];
+    let pairs = recording.chunks_exact(2 * n_axes);
+    let rest = pairs.remainder();
+    for pair in pairs {
+        for i in 0..2 {
+            let x = first::<N>(&pair[i * n_axes + axis..]);
             sums[i] = sums[i] + (x - at_start);
             largest[i] = x.abs().above(largest[i]).select(x.abs(), largest[i]);
         }
     }
-    for (i, row) in rest.chunks_exact(n_axes).enumerate() {
+    for row in rest.chunks_exact(n_axes) {
         let x = first::<N>(&row[axis..]);
-        sums[i] = sums[i] + (x - at_start);
-        largest[i] = x.abs().above(largest[i]).select(x.abs(), largest[i]);
+        sums[0] = sums[0] + (x - at_start);
+        largest[0] = x.abs().above(largest[0]).select(x.abs(), largest[0]);
     }
     let n = (recording.len() / n_axes) as f64;
-    let sum = (sums[0] + sums[1]) + (sums[2] + sums[3]);
+    let sum = sums[0] + sums[1];
     let mut within = true;
     for lane in 0..N {
         // NaN is never the larger one of two, but it stays in a sum.

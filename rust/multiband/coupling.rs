@@ -1,11 +1,14 @@
-//! How axes move together in a band: the logarithm of the matrix of their second moments, now and two samples earlier.
+//! How axes move together in a band: the logarithm of the matrix of their second moments, now and two samples earlier, or
+//! what takes its place in definition 2.
 //!
 //! Logarithms of covariances make differences of ratios, and their Euclidean distances sensible: Arsigny et al.,
 //! "Log-Euclidean metrics for fast and simple calculus on diffusion tensors" (2006); Barachant et al., "Multiclass
 //! brain-computer interface classification by Riemannian geometry" (2012).
 
-use super::logarithm::{Logarithms, MATRICES};
-use super::{BandSignals, Split, Statistic};
+use super::logarithm::{Logarithms, Numbers, MATRICES};
+use super::resolvents::Resolvents;
+use super::{BandSignals, Definition, Region, Split, Statistic};
+use crate::dsp::Real;
 use crate::kernel::{Pack, Register, Simd, Vectors};
 
 /// Added to the second moments of scaled signals: what is a thousandth of the usual energy counts as noise.
@@ -15,71 +18,128 @@ const RIDGE: f64 = 1e-3;
 const MIN_SAMPLES: usize = 4;
 
 /// Samples of the earlier of two instants before the later.
-pub(super) const LAG: usize = 2;
+const LAG: usize = 2;
+
+/// The band of octave 2, whose rate may be halved early. The same time is then half as many samples, of which fewer do.
+const OCTAVE_2: usize = 2;
 
 /// Axes of a tile: nine sums at a time stay in registers and hide the latency of addition.
 const TILE: usize = 3;
 
 /// Partial sums per product.
-const LANES: usize = 4;
+const LANES: usize = 8;
 
 /// Samples that are multiplied at a time: a dozen axes of them stay in the first-level cache.
 const CHUNK: usize = 256;
 
+/// Samples of a tail: a vector, and what it looks back to.
+const TAIL: usize = LANES + LAG;
+
 /// Samples of a band that are worth adding up before the others are there.
 const LEAST: usize = 64;
 
-/// Samples of the shortest band that has the statistic.
-pub(super) const fn least_samples(n_axes: usize) -> usize {
-    n_axes.saturating_mul(2 * MIN_SAMPLES).saturating_add(LAG)
+/// Samples of the shortest band that has the statistic; of one whose rate is halved early half as many for a row of the matrix.
+pub(super) const fn least_samples(n_axes: usize, early: bool) -> usize {
+    let share = if early { 2 } else { 1 };
+    n_axes.saturating_mul(2 * MIN_SAMPLES / share).saturating_add(LAG)
 }
 
 /// The statistic for some number of axes.
 #[derive(Clone, Debug)]
 pub(super) struct Coupling {
+    definition: Definition,
     n_axes: usize,
-    /// The first bands, those that are long enough.
-    pub(super) n_bands: usize,
-    /// Octaves that are added up while they grow.
-    growing: usize,
+    /// The bands that are long enough.
+    pub(super) bands: Vec<usize>,
+    /// Those of them that are added up while they grow.
+    growing: Vec<usize>,
+    /// Whether the rate is halved in front of octave 2 already.
+    early: bool,
 }
 
 /// What one thread needs to compute it.
 #[derive(Clone, Debug)]
 pub(super) struct CouplingWork {
-    /// Those of the octaves that are long enough to be added up while they grow.
-    growing: Vec<Moments>,
+    /// Bands that are long enough to be added up while they grow.
+    growing: Vec<(usize, Moments)>,
     /// Those of the band whose turn it is, of all its samples.
     whole: Moments,
-    logarithms: Logarithms,
+    function: MatrixFunction,
+}
+
+/// What is made of the second moments of some bands.
+#[derive(Clone, Debug)]
+enum MatrixFunction {
+    Logarithms(Logarithms),
+    Resolvents(Resolvents),
+}
+
+impl MatrixFunction {
+    fn matrices(&mut self) -> &mut [Numbers] {
+        match self {
+            Self::Logarithms(of) => &mut of.matrices,
+            Self::Resolvents(of) => &mut of.matrices,
+        }
+    }
 }
 
 impl CouplingWork {
     /// Ready for the first sample of a recording.
     pub(super) fn restart(&mut self) {
-        self.growing.iter_mut().for_each(Moments::restart);
+        for (_, moments) in &mut self.growing {
+            moments.restart(moments.lag);
+        }
     }
 
     /// Adds up what there is of the octaves.
     #[inline(always)]
-    pub(super) fn advance(&mut self, simd: impl Vectors<f64, 4>, signals: BandSignals<'_>) {
-        for (octave, moments) in self.growing.iter_mut().enumerate() {
-            moments.advance(simd, signals, 1 + octave);
+    pub(super) fn advance(&mut self, simd: impl Vectors<f32, LANES>, signals: BandSignals<'_>) {
+        for (band, moments) in &mut self.growing {
+            moments.advance(simd, signals, *band);
         }
     }
 }
 
 impl Coupling {
-    /// For bands of some numbers of samples, the longest first.
-    pub(super) fn new(lengths: &[usize], n_axes: usize) -> Self {
-        let n_bands = lengths.partition_point(|n| *n >= least_samples(n_axes));
-        let growing = lengths[..n_bands].iter().skip(1).filter(|n| **n >= 2 * LEAST).count();
-        Self { n_axes, n_bands, growing }
+    /// For bands of some numbers of samples, the first of which are those of a recording.
+    pub(super) fn new(definition: Definition, lengths: &[usize], n_axes: usize) -> Self {
+        let early = definition.halves_early(lengths[0]);
+        let least = |band: usize| least_samples(n_axes, early && band == OCTAVE_2);
+        let bands: Vec<_> = (0..lengths.len()).filter(|band| lengths[*band] >= least(*band)).collect();
+        // Band 0 is there once its mean is.
+        let grows = |band: &usize| *band > 0 && lengths[*band] >= 2 * LEAST;
+        let growing = bands.iter().copied().filter(grows).collect();
+        Self { definition, n_axes, bands, growing, early }
     }
 
-    /// Numbers per band: the upper triangle of a matrix of twice the axes.
+    /// Samples of the earlier of two instants of a band before the later.
+    pub(super) fn lag(&self, band: usize) -> usize {
+        if self.early && band == OCTAVE_2 {
+            LAG / 2
+        } else {
+            LAG
+        }
+    }
+
+    /// Row and column of each number of a band in the matrix of stacked axes. Definition 1 has the upper triangle, row by row.
+    /// Definition 2 has the upper triangle of the first block, then the block of now and earlier.
+    pub(super) fn cells(&self) -> impl Iterator<Item = (usize, usize)> {
+        let (n, definition) = (self.n_axes, self.definition);
+        let rows = match definition {
+            Definition::One => 2 * n,
+            Definition::Two => n,
+        };
+        let upper = (0..rows).flat_map(move |i| (i..rows).map(move |j| (i, j)));
+        upper.chain((0..2 * n - rows).flat_map(move |i| (n..2 * n).map(move |j| (i, j))))
+    }
+
+    /// Numbers per band.
     fn per_band(&self) -> usize {
-        self.n_axes * (2 * self.n_axes + 1)
+        let n = self.n_axes;
+        match self.definition {
+            Definition::One => n * (2 * n + 1),
+            Definition::Two => n * (n + 1) / 2 + n * n,
+        }
     }
 }
 
@@ -87,39 +147,62 @@ impl Statistic for Coupling {
     type Work = CouplingWork;
 
     fn n_features(&self) -> usize {
-        self.n_bands * self.per_band()
+        self.bands.len() * self.per_band()
     }
 
     fn work(&self) -> CouplingWork {
-        let whole = Moments::new(self.n_axes);
-        let growing = vec![whole.clone(); self.growing];
-        CouplingWork { growing, whole, logarithms: Logarithms::new(2 * self.n_axes) }
+        let rows = 2 * self.n_axes;
+        CouplingWork {
+            growing: self
+                .growing
+                .iter()
+                .map(|band| (*band, Moments::new(self.n_axes, self.lag(*band))))
+                .collect(),
+            whole: Moments::new(self.n_axes, LAG),
+            function: match self.definition {
+                Definition::One => MatrixFunction::Logarithms(Logarithms::new(rows)),
+                Definition::Two => MatrixFunction::Resolvents(Resolvents::new(rows)),
+            },
+        }
     }
 
-    /// Band by band the upper triangle, row by row, off the diagonal times the square root of two, so that the norm of the
-    /// features is that of the matrix.
+    /// Band by band the [cells](Self::cells). Those of definition 1 off the diagonal times the square root of two, so that the
+    /// norm of the features is that of the matrix; those of definition 2 at one instant as the mean of both instants.
     #[inline(always)]
     fn compute(&self, simd: impl Simd, split: Split<'_>, work: &mut CouplingWork, out: &mut [f64]) {
-        let rows = 2 * self.n_axes;
-        let CouplingWork { growing, whole, logarithms } = work;
-        for (group, out) in out.chunks_mut(MATRICES * self.per_band()).enumerate() {
-            for lane in 0..out.len() / self.per_band() {
-                let band = group * MATRICES + lane;
-                match growing.get(band.wrapping_sub(1)) {
-                    Some(so_far) => whole.copy(so_far),
-                    None => whole.restart(),
+        let (n, rows) = (self.n_axes, 2 * self.n_axes);
+        let CouplingWork { growing, whole, function } = work;
+        let ridge = match self.definition {
+            Definition::One => RIDGE,
+            Definition::Two => 0.0,
+        };
+        let groups = self.bands.chunks(MATRICES).zip(out.chunks_mut(MATRICES * self.per_band()));
+        for (bands, out) in groups {
+            for (lane, &band) in bands.iter().enumerate() {
+                match growing.iter().find(|(growing, _)| *growing == band) {
+                    Some((_, so_far)) => whole.copy(so_far),
+                    None => whole.restart(self.lag(band)),
                 }
+                let matrices = function.matrices();
                 whole.finish(simd, split.signals, band, |i, j, moment| {
-                    let ridge = if i == j { RIDGE } else { 0.0 };
-                    logarithms.matrices[i * rows + j].0[lane] = moment + ridge;
+                    let ridge = if i == j { ridge } else { 0.0 };
+                    matrices[i * rows + j].0[lane] = moment + ridge;
                 });
             }
-            logarithms.take(simd, RIDGE);
+            match function {
+                MatrixFunction::Logarithms(of) => of.take(simd, RIDGE),
+                MatrixFunction::Resolvents(of) => of.take(simd),
+            }
+            let matrices = function.matrices();
             for (lane, out) in out.chunks_exact_mut(self.per_band()).enumerate() {
-                let upper = (0..rows).flat_map(|i| (i..rows).map(move |j| (i, j)));
-                for (feature, (i, j)) in out.iter_mut().zip(upper) {
-                    let factor = if i == j { 1.0 } else { std::f64::consts::SQRT_2 };
-                    *feature = factor * logarithms.matrices[j * rows + i].0[lane];
+                for (feature, (i, j)) in out.iter_mut().zip(self.cells()) {
+                    let cell = matrices[j * rows + i].0[lane];
+                    *feature = match self.definition {
+                        Definition::One if i == j => cell,
+                        Definition::One => std::f64::consts::SQRT_2 * cell,
+                        Definition::Two if j < n => 0.5 * (cell + matrices[(n + j) * rows + n + i].0[lane]),
+                        Definition::Two => cell,
+                    };
                 }
             }
         }
@@ -127,93 +210,106 @@ impl Statistic for Coupling {
 }
 
 /// Sums of products of three axes with three.
-type Tile = [[Pack<LANES>; TILE]; TILE];
+type Tile = [[Pack<f32, LANES>; TILE]; TILE];
 
 /// Sums of products over the samples of a band so far.
 #[derive(Clone, Debug)]
 struct Moments {
     n_axes: usize,
-    /// Instants from [`LAG`] on that are in the sums; those of a finished band are not to be added to.
+    /// Samples of the earlier of two instants before the later.
+    lag: usize,
+    /// Instants from the lag on that are in the sums; those of a finished band are not to be added to.
     n_added: usize,
-    /// Products of axes at the same instant, of all instants but the first two and the last.
+    /// Products of axes at the same instant, of all instants but those within the lag of the first and the last.
     shared: Vec<Tile>,
     /// Products of later axes with earlier ones.
     lagged: Vec<Tile>,
+    /// The last samples of each axis, followed by zeros.
+    tails: Vec<f32>,
 }
 
 impl Moments {
-    fn new(n_axes: usize) -> Self {
+    fn new(n_axes: usize, lag: usize) -> Self {
         let tiles = vec![[[Pack::ZERO; TILE]; TILE]; n_axes.div_ceil(TILE).pow(2)];
-        Self { n_axes, n_added: 0, shared: tiles.clone(), lagged: tiles }
+        Self {
+            n_axes,
+            lag,
+            n_added: 0,
+            shared: tiles.clone(),
+            lagged: tiles,
+            tails: vec![0.0; n_axes * TAIL],
+        }
     }
 
     /// Ready for the first sample of a band.
-    fn restart(&mut self) {
-        self.n_added = 0;
+    fn restart(&mut self, lag: usize) {
+        (self.lag, self.n_added) = (lag, 0);
         self.shared.fill([[Pack::ZERO; TILE]; TILE]);
         self.lagged.fill([[Pack::ZERO; TILE]; TILE]);
     }
 
     /// The sums of another band of as many axes. Allocates nothing.
     fn copy(&mut self, other: &Self) {
-        self.n_added = other.n_added;
+        (self.lag, self.n_added) = (other.lag, other.n_added);
         self.shared.copy_from_slice(&other.shared);
         self.lagged.copy_from_slice(&other.lagged);
     }
 
     /// Adds what no sample to come can change, once there is enough of it, and not much more at a time.
     #[inline(always)]
-    fn advance(&mut self, simd: impl Vectors<f64, 4>, signals: BandSignals<'_>, band: usize) {
-        let end = shared_end(signals.len(band));
+    fn advance(&mut self, simd: impl Vectors<f32, LANES>, signals: BandSignals<'_>, band: usize) {
+        let end = shared_end(signals.len(band), self.lag);
         if end >= self.n_added + LEAST {
             let end = end.min(self.n_added + 2 * LEAST);
             self.add(simd, signals, band, end, end);
         }
     }
 
-    /// Second moments of stacked samples of a band, all of which are there: the axes of one instant, then those [`LAG`]
-    /// samples earlier. `write(i, j, moment)` is called once for each `i >= j`. All moments of [`LAG`] samples or fewer are
-    /// zero.
+    /// Second moments of stacked samples of a band, all of which are there: the axes of one instant, then those a lag
+    /// earlier. `write(i, j, moment)` is called once for each `i >= j`. All moments of no more samples than the lag are zero.
     ///
-    /// Nothing is subtracted, so that a moment is as exact as a sum of its products can be.
+    /// Nothing is subtracted, so that a moment is as exact as a sum of its products can be. What is left over by whole vectors
+    /// is another vector, filled up with zeros.
     #[inline(always)]
     fn finish(
         &mut self,
-        simd: impl Vectors<f64, 4>,
+        simd: impl Vectors<f32, LANES>,
         signals: BandSignals<'_>,
         band: usize,
         mut write: impl FnMut(usize, usize, f64),
     ) {
-        let (n, n_axes) = (signals.len(band), self.n_axes);
-        if n <= LAG {
+        let (n, n_axes, lag) = (signals.len(band), self.n_axes, self.lag);
+        if n <= lag {
             (0..2 * n_axes).for_each(|i| (0..=i).for_each(|j| write(i, j, 0.0)));
             return;
         }
-        let lagged_end = (n - LAG) / LANES * LANES;
-        let shared_end = shared_end(n);
+        let [lagged_end, shared_end] = [(n - lag) / LANES * LANES, shared_end(n, lag)];
         self.add(simd, signals, band, lagged_end, shared_end);
-        // What is left, and what is of the later or of the earlier instants alone.
-        let later = LAG + shared_end..n;
-        let between = LAG + shared_end..n.saturating_sub(LAG).max(LAG + shared_end);
-        let earlier = 0..LAG.min(n - LAG);
-        let left = LAG + lagged_end..n;
-        let count = (n - LAG) as f64;
+        if lagged_end < n - lag {
+            self.add_tail(simd, signals, band, lagged_end..n, [LANES, 0]);
+        }
+        if lag + shared_end < n.saturating_sub(lag) {
+            self.add_tail(simd, signals, band, shared_end..n - lag, [0, LANES]);
+        }
+        // What is of the later or of the earlier instants alone.
+        let (later, earlier) = (lag.max(n - lag)..n, 0..lag.min(n - lag));
+        let share = ((n - lag) as f64).recip();
         for i in 0..n_axes {
             let x = signals.axis(band, i);
             for j in 0..n_axes {
-                let y = signals.axis(band, j);
-                let add = |sum: f64, range: &std::ops::Range<usize>, lag: usize| {
-                    let pairs = x[range.clone()].iter().zip(&y[range.start - lag..]);
-                    pairs.fold(sum, |sum, (x, y)| sum + x * y)
-                };
                 let (tile, r, c) = self.tile(i, j);
-                let sum = add(self.lagged[tile][r][c].sum(), &left, LAG);
                 // The earlier comes second in the stack.
-                write(n_axes + j, i, sum / count);
+                write(n_axes + j, i, self.lagged[tile][r][c].sum().value() * share);
                 if j <= i {
+                    let y = signals.axis(band, j);
                     let sum = self.shared[tile][r][c].sum();
-                    write(i, j, add(sum, &later, 0) / count);
-                    write(n_axes + i, n_axes + j, add(add(sum, &between, 0), &earlier, 0) / count);
+                    for (first, range) in [(0, &later), (n_axes, &earlier)] {
+                        let mut sum = sum;
+                        for (x, y) in x[range.clone()].iter().zip(&y[range.clone()]) {
+                            sum += x * y;
+                        }
+                        write(first + i, first + j, sum.value() * share);
+                    }
                 }
             }
         }
@@ -225,56 +321,97 @@ impl Moments {
         (i / TILE * self.n_axes.div_ceil(TILE) + j / TILE, i % TILE, j % TILE)
     }
 
-    /// Adds up products in whole vectors, chunk by chunk, of instants counted from [`LAG`]: lagged ones until `lagged_end`,
+    /// Adds up products in whole vectors, chunk by chunk, of instants counted from the lag: lagged ones until `lagged_end`,
     /// shared ones until `shared_end`.
     #[inline(always)]
     fn add(
         &mut self,
-        simd: impl Vectors<f64, 4>,
+        simd: impl Vectors<f32, LANES>,
         signals: BandSignals<'_>,
         band: usize,
         lagged_end: usize,
         shared_end: usize,
     ) {
-        let Self { n_axes, n_added: start, shared, lagged } = self;
-        let side = n_axes.div_ceil(TILE);
-        while *start < lagged_end {
-            let len = CHUNK.min(lagged_end - *start);
-            let shared_len = len.min(shared_end.saturating_sub(*start));
-            // A tile at the edge takes the last axis more than once.
-            let axis = |i: usize, r: usize| {
-                &signals.axis(band, (TILE * i + r).min(*n_axes - 1))[*start..*start + len + LAG]
-            };
-            for i in 0..side {
-                let rows = [&axis(i, 0)[LAG..], &axis(i, 1)[LAG..], &axis(i, 2)[LAG..]];
-                for j in 0..side {
-                    let columns = [axis(j, 0), axis(j, 1), axis(j, 2)];
-                    add::<false>(simd, &mut lagged[i * side + j], rows, columns, len);
-                    let columns = [&columns[0][LAG..], &columns[1][LAG..], &columns[2][LAG..]];
-                    if j < i {
-                        add::<false>(simd, &mut shared[i * side + j], rows, columns, shared_len);
-                    } else if j == i {
-                        add::<true>(simd, &mut shared[i * side + j], rows, columns, shared_len);
-                    }
-                }
+        while self.n_added < lagged_end {
+            let len = CHUNK.min(lagged_end - self.n_added);
+            let shared_len = len.min(shared_end.saturating_sub(self.n_added));
+            let Self { lag, n_added, shared, lagged, .. } = self;
+            add_chunk(simd, signals, band, *n_added, *lag, [lagged, shared], [len, shared_len]);
+            *n_added += len;
+        }
+    }
+
+    /// Adds the products of some last samples, all but a lag of which are fewer than a vector; either lagged or shared ones.
+    #[inline(always)]
+    fn add_tail(
+        &mut self,
+        simd: impl Vectors<f32, LANES>,
+        signals: BandSignals<'_>,
+        band: usize,
+        samples: std::ops::Range<usize>,
+        lens: [usize; 2],
+    ) {
+        let Self { n_axes, lag, shared, lagged, tails, .. } = self;
+        tails.fill(0.0);
+        for (axis, tail) in tails.as_chunks_mut::<TAIL>().0.iter_mut().enumerate() {
+            for (to, x) in tail.iter_mut().zip(&signals.axis(band, axis)[samples.clone()]) {
+                *to = *x;
             }
-            *start += len;
+        }
+        let region = Region { start: 0, stride: TAIL, len: TAIL };
+        let tails = BandSignals { values: tails, regions: &[region], n_axes: *n_axes };
+        add_chunk(simd, tails, 0, 0, *lag, [lagged, shared], lens);
+    }
+}
+
+/// Adds products of instants of a band from `start` on, counted from the lag, to lagged and to shared sums; so many of each.
+#[inline(always)]
+fn add_chunk(
+    simd: impl Vectors<f32, LANES>,
+    signals: BandSignals<'_>,
+    band: usize,
+    start: usize,
+    lag: usize,
+    [lagged, shared]: [&mut [Tile]; 2],
+    [lagged_len, shared_len]: [usize; 2],
+) {
+    let side = signals.n_axes.div_ceil(TILE);
+    let len = lagged_len.max(shared_len);
+    for i in 0..side {
+        let rows = tile_axes(signals, band, i).map(|axis| &axis[start + lag..][..len]);
+        for j in 0..side {
+            let columns = tile_axes(signals, band, j);
+            let earlier = columns.map(|axis| &axis[start..][..len]);
+            add::<false>(simd, &mut lagged[i * side + j], rows, earlier, lagged_len);
+            let columns = columns.map(|axis| &axis[start + lag..][..len]);
+            if j < i {
+                add::<false>(simd, &mut shared[i * side + j], rows, columns, shared_len);
+            } else if j == i {
+                add::<true>(simd, &mut shared[i * side + j], rows, columns, shared_len);
+            }
         }
     }
 }
 
-/// Where whole vectors of shared products of `n` samples end, counted from [`LAG`].
-fn shared_end(n: usize) -> usize {
-    n.saturating_sub(2 * LAG) / LANES * LANES
+/// The axes of a row of tiles. A tile at the edge takes the last axis more than once.
+#[inline(always)]
+fn tile_axes(signals: BandSignals<'_>, band: usize, i: usize) -> [&[f32]; TILE] {
+    let axis = |r: usize| signals.axis(band, (TILE * i + r).min(signals.n_axes - 1));
+    [axis(0), axis(1), axis(2)]
+}
+
+/// Where whole vectors of shared products of `n` samples end, counted from the lag.
+fn shared_end(n: usize, lag: usize) -> usize {
+    n.saturating_sub(2 * lag) / LANES * LANES
 }
 
 /// Adds products of each row with each column, or only those on and below the diagonal.
 #[inline(always)]
 fn add<const TRIANGLE: bool>(
-    simd: impl Vectors<f64, 4>,
+    simd: impl Vectors<f32, LANES>,
     sums: &mut Tile,
-    rows: [&[f64]; TILE],
-    columns: [&[f64]; TILE],
+    rows: [&[f32]; TILE],
+    columns: [&[f32]; TILE],
     len: usize,
 ) {
     let n = len / LANES;
@@ -314,105 +451,129 @@ mod tests {
     use proptest::prelude::*;
 
     use super::super::tests::{same_on_every_path, Signals};
-    use super::super::Region;
     use super::*;
     use crate::kernel::Portable;
     use crate::kernel::SimdPath;
 
-    fn compute(path: SimdPath, signals: &Signals) -> Vec<f64> {
-        signals.compute(&Coupling::new(&signals.lengths(), signals.n_axes), path)
+    fn compute(definition: Definition, path: SimdPath, signals: &Signals) -> Vec<f64> {
+        signals.compute(&Coupling::new(definition, &signals.lengths(), signals.n_axes), path)
     }
 
     #[test]
     fn every_path_gives_the_same_bits() {
-        same_on_every_path(compute);
+        for definition in Definition::ALL {
+            same_on_every_path(|path, signals| compute(definition, path, signals));
+        }
     }
 
     #[test]
     fn only_bands_that_are_long_enough() {
-        assert_eq!(Coupling::new(&[1600, 1600, 1600, 800, 400, 200, 100, 50, 25, 13], 6).n_bands, 8);
-        assert_eq!(Coupling::new(&[10, 9], 1).n_bands, 1);
-        assert_eq!(Coupling::new(&[49], 6).n_features(), 0);
+        let bands = |definition, lengths: &[usize], n_axes| Coupling::new(definition, lengths, n_axes).bands;
+        let one = |lengths: &[usize], n_axes| bands(Definition::One, lengths, n_axes).len();
+        assert_eq!(one(&[1600, 1600, 1600, 800, 400, 200, 100, 50, 25, 13], 6), 8);
+        assert_eq!((one(&[10, 9], 1), one(&[49], 6)), (1, 0));
+        let two = |lengths: &[usize], n_axes| bands(Definition::Two, lengths, n_axes);
+        assert_eq!(two(&[1600, 1600, 800, 800, 400, 200, 100, 50, 25, 13], 6), [0, 1, 2, 3, 4, 5, 6, 7]);
+        assert_eq!(two(&[107, 107, 54, 54, 27, 14], 13), [0, 1, 2]);
+        assert_eq!(two(&[106, 106, 53, 53, 27, 14], 13), [0, 1]);
+        assert!(two(&[105, 105, 53, 53, 27, 14], 13).is_empty());
+        // Too short to halve the rate early.
+        assert_eq!(two(&[50, 50, 50, 25], 6), [0, 1, 2]);
+    }
+
+    /// Of one axis whose moments are all zero.
+    fn floor(definition: Definition) -> Vec<f64> {
+        match definition {
+            Definition::One => vec![libm::log(RIDGE), 0.0, libm::log(RIDGE)],
+            Definition::Two => vec![-2.0, 0.0],
+        }
     }
 
     #[test]
-    fn silence_is_the_ridge() {
+    fn silence_is_the_floor() {
         let signals = Signals::from(vec![vec![vec![0.0; 30]; 1]]);
-        let log = libm::log(RIDGE);
-        assert_eq!(compute(SimdPath::Baseline, &signals), [log, 0.0, log]);
+        for definition in Definition::ALL {
+            assert_eq!(compute(definition, SimdPath::Baseline, &signals), floor(definition));
+        }
     }
 
     #[test]
-    fn a_beginning_too_short_for_moments_is_the_ridge() {
-        let design = Coupling::new(&[100], 1);
+    fn a_beginning_too_short_for_moments_is_the_floor() {
         let signals = Signals::from(vec![vec![vec![5.0; 2]; 1]]);
-        assert_eq!(signals.compute(&design, SimdPath::Baseline), [libm::log(RIDGE), 0.0, libm::log(RIDGE)]);
+        for definition in Definition::ALL {
+            let design = Coupling::new(definition, &[100], 1);
+            assert_eq!(signals.compute(&design, SimdPath::Baseline), floor(definition));
+        }
     }
 
     #[test]
     fn what_overflows_is_not_hidden() {
-        let signals = Signals::from(vec![vec![vec![1e200; 30]; 1]]);
-        assert!(compute(SimdPath::Baseline, &signals).iter().all(|x| x.is_nan()));
+        let signals = Signals::from(vec![vec![vec![1e30; 30]; 1]]);
+        for definition in Definition::ALL {
+            assert!(compute(definition, SimdPath::Baseline, &signals).iter().all(|x| x.is_nan()));
+        }
     }
 
     #[test]
     fn more_bands_than_fit_at_a_time() {
         let signals = Signals::new(&[60; 19], 2);
-        let all = compute(SimdPath::detect().unwrap(), &signals);
-        for (band, features) in all.chunks_exact(10).enumerate() {
-            let alone = Signals::from(vec![signals.band(band)]);
-            assert_eq!(features, compute(SimdPath::detect().unwrap(), &alone));
+        for (definition, per_band) in [(Definition::One, 10), (Definition::Two, 7)] {
+            let all = compute(definition, SimdPath::detect().unwrap(), &signals);
+            for (band, features) in all.chunks_exact(per_band).enumerate() {
+                let alone = Signals::from(vec![signals.band(band)]);
+                assert_eq!(features, compute(definition, SimdPath::detect().unwrap(), &alone));
+            }
         }
     }
 
     /// By definition.
-    fn slowly(axes: &[Vec<f64>], i: usize, j: usize) -> f64 {
+    fn slowly(axes: &[Vec<f32>], lag: usize, i: usize, j: usize) -> f64 {
         let n = axes[0].len();
         let stacked = |row: usize, t: usize| {
             let axis = row % axes.len();
-            axes[axis][if row < axes.len() { t } else { t - LAG }]
+            axes[axis][if row < axes.len() { t } else { t - lag }].value()
         };
-        (LAG..n).map(|t| stacked(i, t) * stacked(j, t)).sum::<f64>() / n.saturating_sub(LAG).max(1) as f64
+        (lag..n).map(|t| stacked(i, t) * stacked(j, t)).sum::<f64>() / n.saturating_sub(lag).max(1) as f64
     }
 
     proptest! {
         #[test]
-        fn every_moment_by_definition(n in 1_usize..700, n_axes in 1_usize..8, seed in any::<u32>()) {
-            let value = |k: usize| ((k as f64 + f64::from(seed)) * 0.731).sin() * if k.is_multiple_of(97) { 1e6 } else { 1.0 };
-            let axes: Vec<Vec<f64>> = (0..n_axes).map(|a| (0..n).map(|t| value(a * n + t)).collect()).collect();
+        fn every_moment_by_definition(n in 1_usize..700, n_axes in 1_usize..8, lag in 1..=LAG, seed in any::<u32>()) {
+            let value = |k: usize| f32::of(((k as f64 + f64::from(seed)) * 0.731).sin() * if k.is_multiple_of(97) { 1e3 } else { 1.0 });
+            let axes: Vec<Vec<f32>> = (0..n_axes).map(|a| (0..n).map(|t| value(a * n + t)).collect()).collect();
             let values = axes.concat();
             let regions = [Region { start: 0, stride: n, len: n }];
             let mut seen = 0;
-            let mut moments = Moments::new(n_axes);
+            let mut moments = Moments::new(n_axes, lag);
             let mut far = 0;
             moments.finish(Portable, BandSignals { values: &values, regions: &regions, n_axes }, 0, |i, j, got| {
                 seen += 1;
-                let size = (slowly(&axes, i, i) * slowly(&axes, j, j)).sqrt();
-                far += usize::from(i < j || (got - slowly(&axes, i, j)).abs() > 1e-12 * size);
+                let size = (slowly(&axes, lag, i, i) * slowly(&axes, lag, j, j)).sqrt();
+                far += usize::from(i < j || (got - slowly(&axes, lag, i, j)).abs() > 1e-6 * size);
             });
             prop_assert_eq!((seen, far), (n_axes * (2 * n_axes + 1), 0));
         }
 
         #[test]
-        fn sums_that_grew_with_their_band_have_the_same_bits(cuts in prop::collection::vec(1_usize..300, 0..8), n_axes in 1_usize..7) {
+        fn sums_that_grew_with_their_band_have_the_same_bits(cuts in prop::collection::vec(1_usize..300, 0..8), n_axes in 1_usize..7, lag in 1..=LAG) {
             let n = 700;
-            let values: Vec<f64> = (0..n * n_axes).map(|k| (k as f64 * 0.731).sin()).collect();
+            let values: Vec<f32> = (0..n * n_axes).map(|k| f32::of((k as f64 * 0.731).sin())).collect();
             let seen = |len| [Region { start: 0, stride: n, len }];
             let finished = |moments: &Moments| {
-                let (mut whole, mut out, regions) = (Moments::new(n_axes), Vec::new(), seen(n));
+                let (mut whole, mut out, regions) = (Moments::new(n_axes, LAG), Vec::new(), seen(n));
                 whole.copy(moments);
                 let signals = BandSignals { values: &values, regions: &regions, n_axes };
                 whole.finish(Portable, signals, 0, |_, _, moment| out.push(moment.to_bits()));
                 out
             };
-            let expected = finished(&Moments::new(n_axes));
-            let mut moments = Moments::new(n_axes);
+            let expected = finished(&Moments::new(n_axes, lag));
+            let mut moments = Moments::new(n_axes, lag);
             let mut len = 0;
             for cut in cuts {
                 len = (len + cut).min(n);
                 let (before, regions) = (moments.n_added, seen(len));
                 moments.advance(Portable, BandSignals { values: &values, regions: &regions, n_axes }, 0);
-                let end = shared_end(len);
+                let end = shared_end(len, lag);
                 let added = if end < before + LEAST { 0 } else { (end - before).min(2 * LEAST) };
                 prop_assert_eq!(moments.n_added, before + added);
             }

@@ -1,10 +1,10 @@
 //! From recordings to features.
 
 use super::bank::{means_within, Bank, ROWS};
-use super::coupling::{Coupling, LAG};
+use super::coupling::Coupling;
 use super::envelope::{mean_square, measure, Envelope, Level, STRETCHES};
 use super::quantiles::{Quantiles, PROBABILITIES};
-use super::spec::{bands, limits, Block, FrequencyBand, MultiBandSpec, Scales};
+use super::spec::{bands, least_scales, Block, FrequencyBand, MultiBandSpec, Scales, LARGEST};
 use super::spectrum::Spectrum;
 use super::workspace::{Workspace, WorkspacePool};
 use super::{Compute, Split, Statistic};
@@ -24,6 +24,9 @@ pub(super) const MAX_VALUES: usize = 1 << 22;
 /// Bytes that a design takes for each value of a recording at most, and a workspace. Both are made in many pieces.
 pub(super) const DESIGN_BYTES: usize = 200;
 pub(super) const WORK_BYTES: usize = 650;
+
+/// Bytes that a workspace takes for each axis, however few its samples are.
+pub(super) const AXIS_BYTES: usize = 3000;
 
 /// Extracts multi-band features of recordings of one shape; a checked [`MultiBandSpec`] with its filters and scales.
 /// Immutable, shared between threads; it keeps the memory that batches of short recordings worked in.
@@ -64,7 +67,7 @@ impl MultiBand {
             return Err(Error::NoBlocks { n_samples, n_axes });
         }
         scales.check(n_samples, n_axes)?;
-        let bands = bands(n_samples, spec.rate_hz);
+        let bands = bands(spec.definition, n_samples, spec.rate_hz);
         let n_bands = bands.len();
         let lengths: Vec<_> = bands.iter().map(|band| band.n_samples).collect();
         // The couplings of many axes are the most by far.
@@ -73,14 +76,14 @@ impl MultiBand {
             return Err(Error::TooLarge { n_samples, n_axes });
         }
         let mut this = Self {
-            bank: Bank::new(n_samples, n_axes, &scales.bands)?,
-            coupling: has(Block::Coupling).then(|| Coupling::new(&lengths, n_axes)),
+            bank: Bank::new(spec.definition, n_samples, n_axes, &scales.bands)?,
+            coupling: has(Block::Coupling).then(|| Coupling::new(spec.definition, &lengths, n_axes)),
             quantiles: has(Block::Quantiles).then(|| Quantiles::new(lengths.clone(), n_axes)),
             envelope: has(Block::Envelope).then(|| Envelope { n_signals: n_bands * n_axes }),
             spectrum: has(Block::Spectrum).then(|| Spectrum::new(n_samples, n_axes)),
             level: has(Block::Level).then(|| Level::new(scales.level.clone(), n_samples)),
             bands,
-            limits: limits(scales, n_axes),
+            limits: least_scales(&scales.bands, n_axes).map(|scale| LARGEST * scale).collect(),
             scales: scales.clone(),
             n_features: 0,
             pool: WorkspacePool::default(),
@@ -112,8 +115,9 @@ impl MultiBand {
     /// # Errors
     /// [`Error::Memory`].
     pub fn workspace(&self) -> Result<Workspace> {
-        room(self.n_samples * self.n_axes * WORK_BYTES)?;
+        room(self.n_samples * self.n_axes * WORK_BYTES + self.n_axes * AXIS_BYTES)?;
         Ok(Workspace {
+            definition: self.spec.definition,
             shape: (self.n_samples, self.n_axes),
             bank: self.bank.work(),
             means: vec![0.0; self.n_axes],
@@ -203,14 +207,13 @@ impl MultiBand {
         room(self.n_features().saturating_mul(NAME_BYTES))?;
         let mut names = reserved(self.n_features())?;
         if let Some(coupling) = &self.coupling {
-            let whole: Vec<_> = [String::new(), format!("_lag{LAG}")]
-                .iter()
-                .flat_map(|lag| axes.iter().map(move |axis| format!("{axis}{lag}")))
-                .collect();
-            for band in 0..coupling.n_bands {
-                for (i, one) in whole.iter().enumerate() {
-                    names.extend(whole[i..].iter().map(|other| format!("b{band}_coupling_{one}_{other}")));
-                }
+            for &band in &coupling.bands {
+                let row = |row: usize| match row / axes.len() {
+                    0 => axes[row].clone(),
+                    _ => format!("{}_lag{}", axes[row % axes.len()], coupling.lag(band)),
+                };
+                let cells = coupling.cells();
+                names.extend(cells.map(|(i, j)| format!("b{band}_coupling_{}_{}", row(i), row(j))));
             }
         }
         let each = |names: &mut Vec<String>, name: &dyn Fn(usize, &str, &mut Vec<String>)| {
@@ -379,7 +382,7 @@ impl MultiBand {
         }
         // A workspace made for something else is replaced: a mistake that costs time only.
         let needed = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
-        if !work.suits((self.n_samples, self.n_axes), needed) {
+        if !work.suits(self.spec.definition, (self.n_samples, self.n_axes), needed) {
             *work = self.workspace()?;
         }
         // One that knows more rows than there are knows another recording.

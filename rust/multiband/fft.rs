@@ -3,21 +3,38 @@
 //! Crates for this take their sines from the C library or use fused multiply-add where a machine has it, so that their last
 //! bits differ between machines. Here every step is a plain operation on packs of numbers, and sines are those of `libm`.
 //!
-//! A signal is taken in columns and rows, four columns side by side, then four rows: whatever the signal, all lanes of a
-//! vector have work, and what is worked on stays in the first-level cache. Columns and rows go through Stockham's algorithm,
-//! pass after pass from one buffer to the other, which needs no reordering (Van Loan, "Computational frameworks for the fast
-//! Fourier transform", 1992). Lengths with other factors than 2, 3 and 5 go through a convolution of a length without
-//! (Bluestein, "A linear filtering approach to the computation of discrete Fourier transform", 1970).
+//! Eight neighbours of a signal fill a vector: its lanes are transforms of every eighth value, which go through Stockham's
+//! algorithm, pass after pass from one buffer to the other, which needs no reordering (Van Loan, "Computational frameworks for
+//! the fast Fourier transform", 1992). A last pass turns them round and joins them. Lengths with other factors than 2, 3 and 5
+//! go through a convolution of a length without (Bluestein, "A linear filtering approach to the computation of discrete
+//! Fourier transform", 1970).
 
 use std::f64::consts::PI;
 
+use crate::dsp::Real;
 use crate::kernel::{Portable, Register, Vectors};
 
-/// Columns, or rows, at a time.
-pub(super) const LANES: usize = 4;
+/// Values at a time.
+pub(super) const LANES: usize = 8;
 
-/// The longest transform that is not split: a few rows would leave lanes without work as well.
-const LONGEST: usize = 128;
+/// As many values as there are transforms side by side.
+type Row = [f32; LANES];
+
+/// Rows of real parts, of imaginary parts, and of a window.
+type Source<'a> = [&'a [Row]; 3];
+
+/// Calls a method for a radix.
+macro_rules! by_radix {
+    ($on:expr, $method:ident, $($argument:expr),*) => {
+        match $on.radix {
+            8 => $on.$method::<Eight, 8>($($argument),*),
+            5 => $on.$method::<Five, 5>($($argument),*),
+            4 => $on.$method::<Four, 4>($($argument),*),
+            3 => $on.$method::<Three, 3>($($argument),*),
+            _ => $on.$method::<Two, 2>($($argument),*),
+        }
+    };
+}
 
 /// A transform of some length, `exp(-2 pi i j k / n)`.
 #[derive(Clone, Debug)]
@@ -34,45 +51,65 @@ struct Detour {
     chirp: ComplexValues,
     /// The transform of the conjugate chirp on both sides of zero, divided by the length.
     response: ComplexValues,
+    /// No window.
+    ones: Vec<Row>,
 }
 
 impl Fft {
     pub(super) fn new(n: usize) -> Self {
-        if radices(n).is_some() {
-            return Self { n, grid: Grid::new(n), detour: None };
+        if let Some(radices) = radices(n) {
+            return Self { n, grid: Grid::new(n, &radices), detour: None };
         }
-        let grid = Grid::new((2 * n - 1).next_power_of_two());
+        let wide = (2 * n - 1).next_power_of_two().max(2 * LANES);
+        let grid = Grid::new(wide, &radices(wide).unwrap_or_default());
         let detour = Some(Detour::new(n, &grid));
         Self { n, grid, detour }
     }
 
-    /// Memory for a signal, and for all that [`process`](Self::process) does with it.
+    /// Memory for a transform, and for all that [`process`](Self::process) does with it.
     pub(super) fn work(&self) -> FftWork {
-        self.grid.work()
+        self.grid.work(self.n, self.detour.is_some())
     }
 
-    /// Transforms the first `n` values of the signal in `work`. What lies behind them is lost.
+    /// Transforms a complex signal, its real and its imaginary part, behind a window, with zeros after it. What lies behind the
+    /// first `n` values of the result is anything.
     #[inline(always)]
-    pub(super) fn process<S: Vectors<f64, 4>>(&self, simd: S, work: &mut FftWork) {
-        let Some(Detour { chirp, response }) = &self.detour else {
-            self.grid.process(simd, work);
+    pub(super) fn process<S: Vectors<f32, LANES>>(&self, simd: S, signal: [&[f32]; 3], work: &mut FftWork) {
+        let FftWork { transform, detour, buffers, copies } = work;
+        let (mut source, radix) = ([&[][..]; 3], self.grid.radix);
+        for ((rows, signal), copy) in source.iter_mut().zip(signal).zip(copies) {
+            let (whole, rest) = signal.as_chunks();
+            *rows = whole;
+            if signal.len() != self.n || !rest.is_empty() || radix != LANES {
+                copy.fill([0.0; LANES]);
+                for (row, values) in copy.iter_mut().zip(signal.chunks(radix)) {
+                    row[..values.len()].copy_from_slice(values);
+                }
+                *rows = copy;
+            }
+        }
+        let Some(Detour { chirp, response, ones }) = &self.detour else {
+            self.grid.process(simd, source, buffers, transform);
             return;
         };
+        let [re, im, window] = source.map(<[Row]>::as_flattened);
         for first in (0..self.n).step_by(LANES) {
-            let x = work.signal.load(simd, first).each_times(chirp.load(simd, first));
-            work.signal.store(first, x);
+            let window = simd.load(&window[first..]);
+            let (re, im) = (simd.load(&re[first..]) * window, simd.load(&im[first..]) * window);
+            detour.store(first, ComplexPack { re, im }.each_times(chirp.load(simd, first)));
         }
-        work.signal.end(self.n);
-        self.grid.process(simd, work);
+        detour.re[self.n..].fill(0.0);
+        detour.im[self.n..].fill(0.0);
+        self.grid.process(simd, detour.behind(ones), buffers, transform);
         // The way back is the way there between conjugations.
         for first in (0..self.grid.n).step_by(LANES) {
-            let x = work.signal.load(simd, first).each_times(response.load(simd, first));
-            work.signal.store(first, x.conjugate());
+            let x = transform.load(simd, first).each_times(response.load(simd, first));
+            detour.store(first, x.conjugate());
         }
-        self.grid.process(simd, work);
+        self.grid.process(simd, detour.behind(ones), buffers, transform);
         for first in (0..self.n).step_by(LANES) {
-            let x = work.signal.load(simd, first).conjugate();
-            work.signal.store(first, x.each_times(chirp.load(simd, first)));
+            let x = transform.load(simd, first).conjugate();
+            transform.store(first, x.each_times(chirp.load(simd, first)));
         }
     }
 }
@@ -80,8 +117,8 @@ impl Fft {
 impl Detour {
     fn new(n: usize, grid: &Grid) -> Self {
         let mut chirp = ComplexValues::new(n);
-        let mut work = grid.work();
-        let x = &mut work.signal;
+        let mut work = grid.work(n, true);
+        let x = &mut work.detour;
         for j in 0..n {
             // j^2 modulo 2 n keeps the angle small, and exact.
             let [re, im] = root((j as u128 * j as u128 % (2 * n as u128)) as usize, 2 * n);
@@ -90,19 +127,20 @@ impl Detour {
                 (x.re[at], x.im[at]) = (re, -im);
             }
         }
-        grid.process(Portable, &mut work);
-        let mut response = work.signal;
-        let share = 1.0 / grid.n as f64;
+        let ones = vec![[1.0; LANES]; grid.n / LANES];
+        grid.process(Portable, work.detour.behind(&ones), &mut work.buffers, &mut work.transform);
+        let mut response = work.transform;
+        let share = f32::of(1.0 / grid.n as f64);
         response.re.iter_mut().chain(&mut response.im).for_each(|x| *x *= share);
-        Self { chirp, response }
+        Self { chirp, response, ones }
     }
 }
 
 /// Values of a signal one after the other, real parts apart from imaginary ones, with room behind them for a vector.
 #[derive(Clone, Debug)]
 pub(super) struct ComplexValues {
-    pub(super) re: Vec<f64>,
-    pub(super) im: Vec<f64>,
+    pub(super) re: Vec<f32>,
+    pub(super) im: Vec<f32>,
 }
 
 impl ComplexValues {
@@ -111,114 +149,149 @@ impl ComplexValues {
         Self { re: vec![0.0; n + LANES], im: vec![0.0; n + LANES] }
     }
 
+    /// Replaces values from `index` on.
+    #[inline(always)]
+    fn store<V: Register<f32, LANES>>(&mut self, index: usize, values: ComplexPack<V>) {
+        values.re.store(&mut self.re[index..]);
+        values.im.store(&mut self.im[index..]);
+    }
+
     /// Values from `index` on.
     #[inline(always)]
-    pub(super) fn load<S: Vectors<f64, 4>>(&self, simd: S, index: usize) -> ComplexPack<S::Register> {
+    fn load<S: Vectors<f32, LANES>>(&self, simd: S, index: usize) -> ComplexPack<S::Register> {
         ComplexPack { re: simd.load(&self.re[index..]), im: simd.load(&self.im[index..]) }
     }
 
-    /// Nothing from `index` on.
-    fn end(&mut self, index: usize) {
-        self.re[index..].fill(0.0);
-        self.im[index..].fill(0.0);
-    }
-
-    /// Replaces values from `index` on.
+    /// Of whole rows.
     #[inline(always)]
-    fn store<V: Register<f64, 4>>(&mut self, index: usize, values: ComplexPack<V>) {
-        values.re.store(&mut self.re[index..]);
-        values.im.store(&mut self.im[index..]);
+    fn behind<'a>(&'a self, window: &'a [Row]) -> Source<'a> {
+        [self.re.as_chunks().0, self.im.as_chunks().0, window]
     }
 }
 
 /// Memory for a transform.
 #[derive(Clone, Debug)]
 pub(super) struct FftWork {
-    /// The signal, afterwards its transform.
-    pub(super) signal: ComplexValues,
-    /// Transformed columns, one after the other.
-    columns: ComplexValues,
-    /// Two buffers for columns, or rows, at work.
+    /// The result.
+    pub(super) transform: ComplexValues,
+    /// What is transformed on a detour.
+    detour: ComplexValues,
+    /// Two buffers for transforms side by side.
     buffers: [Vec<Cell>; 2],
+    /// Rows of what does not lie in whole ones.
+    copies: [Vec<Row>; 3],
 }
 
-/// A transform of a length with small factors alone.
+/// A transform of a length with small factors alone: `radix` transforms side by side, and a pass that joins them.
 #[derive(Clone, Debug)]
 struct Grid {
     n: usize,
-    n_rows: usize,
-    n_columns: usize,
-    columns: Passes,
-    rows: Passes,
-    /// Between the two: factors of all values of the first columns, then of the next ones.
+    radix: usize,
+    passes: Vec<Pass>,
+    /// Of the pass that joins: `radix - 1` for eight frequencies, then for the next ones.
     factors: Vec<Cell>,
 }
 
 impl Grid {
-    fn new(n: usize) -> Self {
-        let n_factors = |n: usize| radices(n).map_or(usize::MAX / 2, |radices| radices.len());
-        // As square as it gets without splitting a factor.
-        let square =
-            |rows: &usize| n.is_multiple_of(*rows) && n_factors(*rows) + n_factors(n / rows) == n_factors(n);
-        let n_rows = if n <= LONGEST { 1 } else { (1..=n.isqrt()).rev().find(square).unwrap_or(1) };
-        let n_columns = n / n_rows;
-        let factors = |j: usize| {
-            (0..n_rows.next_multiple_of(LANES)).map(move |k| {
+    /// For a length that has [`radices`].
+    fn new(n: usize, radices: &[usize]) -> Self {
+        let (radix, others) = radices.split_last().map_or((1, radices), |(radix, others)| (*radix, others));
+        let factors = |first: usize| {
+            (1..radix).map(move |j| {
                 let mut factors = Cell::ZERO;
                 for l in 0..LANES {
-                    [factors.re[l], factors.im[l]] = root((j + l) * k % n, n);
+                    [factors.re[l], factors.im[l]] = root(j * (first + l) % n, n);
                 }
                 factors
             })
         };
-        let factors = (0..n_columns).step_by(LANES).flat_map(factors).collect();
-        Self { n, n_rows, n_columns, columns: Passes::new(n_rows), rows: Passes::new(n_columns), factors }
+        let factors = (0..n / radix).step_by(LANES).flat_map(factors).collect();
+        Self { n, radix, passes: passes(n / radix, others), factors }
     }
 
-    fn work(&self) -> FftWork {
-        let buffer = vec![Cell::ZERO; self.n_rows.max(self.n_columns).next_multiple_of(LANES)];
+    fn work(&self, n: usize, with_detour: bool) -> FftWork {
+        let buffer = vec![Cell::ZERO; (self.n / self.radix).next_multiple_of(LANES)];
         FftWork {
-            signal: ComplexValues::new(self.n),
-            columns: ComplexValues::new(self.n_columns.next_multiple_of(LANES) * self.n_rows),
+            transform: ComplexValues::new(self.radix * buffer.len()),
+            detour: ComplexValues::new(if with_detour { self.n } else { 0 }),
             buffers: [buffer.clone(), buffer],
+            copies: std::array::from_fn(|_| vec![[0.0; LANES]; n.div_ceil(self.radix)]),
         }
     }
 
-    /// Transforms the signal, `exp(-2 pi i j k / n)`.
-    ///
-    /// The last of four may not exist. Then the vector holds what lies behind, and what it leaves behind its place is
-    /// overwritten: vectors are written from the last to the first.
+    /// Transforms a source, `exp(-2 pi i j k / n)`.
     #[inline(always)]
-    fn process<S: Vectors<f64, 4>>(&self, simd: S, work: &mut FftWork) {
-        let (n_rows, n_columns) = (self.n_rows, self.n_columns);
-        let FftWork { signal, columns, buffers: [a, b] } = work;
-        let padded = n_rows.next_multiple_of(LANES);
-        for (first, factors) in (0..n_columns).step_by(LANES).zip(self.factors.chunks_exact(padded)) {
-            for (k, cell) in a[..n_rows].iter_mut().enumerate() {
-                cell.store(signal.load(simd, k * n_columns + first));
+    fn process<S: Vectors<f32, LANES>>(
+        &self,
+        simd: S,
+        source: Source<'_>,
+        [from, to]: &mut [Vec<Cell>; 2],
+        out: &mut ComplexValues,
+    ) {
+        let (mut from, mut to) = (&mut from[..], &mut to[..]);
+        for (i, pass) in self.passes.iter().enumerate() {
+            if i == 0 {
+                by_radix!(pass, begin, simd, source, to);
+            } else {
+                by_radix!(pass, run, simd, from, to);
             }
-            let four = self.columns.process(simd, a, b)[..padded].as_chunks::<LANES>().0;
-            for (k, (cells, factors)) in four.iter().zip(factors.as_chunks::<LANES>().0).enumerate().rev() {
-                let (mut re, mut im) = ([simd.splat(0.0); LANES], [simd.splat(0.0); LANES]);
-                for l in 0..LANES {
-                    let turned = cells[l].load(simd).each_times(factors[l].load(simd));
-                    (re[l], im[l]) = (turned.re, turned.im);
-                }
-                let (re, im) = (Register::transposed(re), Register::transposed(im));
-                for l in 0..LANES {
-                    columns.store((first + l) * n_rows + k * LANES, ComplexPack { re: re[l], im: im[l] });
-                }
+            (from, to) = (to, from);
+        }
+        by_radix!(self, join, simd, from, out);
+    }
+
+    /// Joins transforms that lie side by side.
+    #[inline(always)]
+    fn join<B: Butterfly<R>, const R: usize>(
+        &self,
+        simd: impl Vectors<f32, LANES>,
+        cells: &[Cell],
+        out: &mut ComplexValues,
+    ) {
+        let cells = cells.as_chunks::<LANES>().0;
+        let out_re = split_mut::<_, R>(out.re.as_chunks_mut::<LANES>().0, cells.len());
+        let out_im = split_mut::<_, R>(out.im.as_chunks_mut::<LANES>().0, cells.len());
+        for (i, (cells, factors)) in cells.iter().zip(self.factors.chunks_exact(R - 1)).enumerate() {
+            let (mut re, mut im) = ([simd.splat(0.0); LANES], [simd.splat(0.0); LANES]);
+            for l in 0..LANES {
+                (re[l], im[l]) = (simd.load(&cells[l].re), simd.load(&cells[l].im));
+            }
+            let (re, im) = (Register::transposed(re), Register::transposed(im));
+            let mut values = [ComplexPack { re: re[0], im: im[0] }; R];
+            for j in 1..R {
+                values[j] = ComplexPack { re: re[j], im: im[j] }.each_times(factors[j - 1].load(simd));
+            }
+            let values = B::of(values);
+            for k in 0..R {
+                values[k].re.store(&mut out_re[k][i]);
+                values[k].im.store(&mut out_im[k][i]);
             }
         }
-        for first in (0..n_rows).step_by(LANES).rev() {
-            for (j, cell) in a[..n_columns].iter_mut().enumerate() {
-                cell.store(columns.load(simd, j * n_rows + first));
-            }
-            for (k, cell) in self.rows.process(simd, a, b)[..n_columns].iter().enumerate() {
-                signal.store(k * n_rows + first, cell.load(simd));
+        // Whole vectors may be more than there is.
+        let (there, whole) = (self.n / R, cells.len() * LANES);
+        if there != whole {
+            for k in 1..R {
+                out.re.copy_within(k * whole..k * whole + there, k * there);
+                out.im.copy_within(k * whole..k * whole + there, k * there);
             }
         }
     }
+}
+
+/// `R` pieces of some values, with lengths that a compiler knows to be the same; `apart` from one to the next.
+#[inline(always)]
+fn split<T, const R: usize>(values: &[T], len: usize, apart: usize) -> [&[T]; R] {
+    let mut pieces = [&values[..len]; R];
+    for k in 1..R {
+        pieces[k] = &values[k * apart..][..len];
+    }
+    pieces
+}
+
+#[inline(always)]
+fn split_mut<T, const R: usize>(values: &mut [T], len: usize) -> [&mut [T]; R] {
+    let mut pieces = values.chunks_exact_mut(len);
+    std::array::from_fn(|_| pieces.next().expect("as many pieces"))
 }
 
 /// One pass: `blocks` transforms of `radix` values for each of `stride` places.
@@ -228,117 +301,103 @@ struct Pass {
     blocks: usize,
     stride: usize,
     /// `radix - 1` factors per block.
-    factors: Vec<[f64; 2]>,
+    factors: Vec<[f32; 2]>,
 }
 
-/// All passes of a transform of some length.
-#[derive(Clone, Debug)]
-struct Passes(Vec<Pass>);
-
 /// `exp(-2 pi i numerator / denominator)` for a fraction below one.
-fn root(numerator: usize, denominator: usize) -> [f64; 2] {
+fn root(numerator: usize, denominator: usize) -> [f32; 2] {
     // Within half a turn: the smaller the angle, the smaller its error.
     let (numerator, sign) =
         if 2 * numerator > denominator { (denominator - numerator, 1.0) } else { (numerator, -1.0) };
     let angle = 2.0 * PI * (numerator as f64 / denominator as f64);
-    [libm::cos(angle), sign * libm::sin(angle)]
+    [libm::cos(angle), sign * libm::sin(angle)].map(f32::of)
 }
 
-/// The factors of a length, the one that is most work without a factor of its own last; none for other lengths.
+/// The factors of a length, the largest last; none for other lengths, and where there are less than two.
 fn radices(n: usize) -> Option<Vec<usize>> {
     let (mut rest, mut radices) = (n, Vec::new());
-    for radix in [8, 4, 2, 3, 5] {
+    for radix in [8, 5, 4, 3, 2] {
         while rest > 1 && rest.is_multiple_of(radix) {
             radices.push(radix);
             rest /= radix;
         }
     }
-    (rest == 1).then_some(radices)
+    radices.reverse();
+    (rest == 1 && radices.len() > 1).then_some(radices)
 }
 
-impl Passes {
-    /// For a length that has [`radices`].
-    fn new(n: usize) -> Self {
-        let (mut rest, mut stride) = (n, 1);
-        let pass = |radix: usize| {
-            let blocks = rest / radix;
-            let factors = (0..blocks).flat_map(|p| (1..radix).map(move |k| (p, k)));
-            let pass =
-                Pass { radix, blocks, stride, factors: factors.map(|(p, k)| root(p * k, rest)).collect() };
-            (rest, stride) = (blocks, stride * radix);
-            pass
-        };
-        Self(radices(n).unwrap_or_default().into_iter().map(pass).collect())
-    }
-
-    /// Transforms the values of `x`, which are lost; returns the buffer that holds the result.
-    #[inline(always)]
-    fn process<'a>(
-        &self,
-        simd: impl Vectors<f64, 4>,
-        x: &'a mut [Cell],
-        y: &'a mut [Cell],
-    ) -> &'a mut [Cell] {
-        let (mut from, mut to) = (x, y);
-        for pass in &self.0 {
-            match pass.radix {
-                8 => pass.run::<Eight, 8>(simd, from, to),
-                4 => pass.run::<Four, 4>(simd, from, to),
-                2 => pass.run::<Two, 2>(simd, from, to),
-                3 => pass.run::<Three, 3>(simd, from, to),
-                _ => pass.run::<Five, 5>(simd, from, to),
-            }
-            (from, to) = (to, from);
-        }
-        from
-    }
+/// All passes of a transform of some length.
+fn passes(n: usize, radices: &[usize]) -> Vec<Pass> {
+    let (mut rest, mut stride) = (n, 1);
+    let pass = |radix: &usize| {
+        let (radix, blocks) = (*radix, rest / radix);
+        let factors = (0..blocks).flat_map(|p| (1..radix).map(move |k| (p, k)));
+        let pass = Pass { radix, blocks, stride, factors: factors.map(|(p, k)| root(p * k, rest)).collect() };
+        (rest, stride) = (blocks, stride * radix);
+        pass
+    };
+    radices.iter().map(pass).collect()
 }
 
 impl Pass {
+    /// The first pass.
+    #[inline(always)]
+    fn begin<B: Butterfly<R>, const R: usize>(
+        &self,
+        simd: impl Vectors<f32, LANES>,
+        [re, im, window]: Source<'_>,
+        to: &mut [Cell],
+    ) {
+        let [re, im, window] = [re, im, window].map(|rows| split::<_, R>(rows, self.blocks, self.blocks));
+        let targets = to.as_chunks_mut::<R>().0.iter_mut().zip(self.factors.chunks_exact(R - 1));
+        for (block, (target, factors)) in (0..self.blocks).zip(targets) {
+            let mut values = [ComplexPack { re: simd.splat(0.0), im: simd.splat(0.0) }; R];
+            for k in 0..R {
+                let window = simd.load(&window[k][block]);
+                let (re, im) = (simd.load(&re[k][block]), simd.load(&im[k][block]));
+                values[k] = ComplexPack { re: re * window, im: im * window };
+            }
+            let values = B::of(values);
+            target[0].store(values[0]);
+            for k in 1..R {
+                target[k].store(values[k].turned(factors[k - 1][0], factors[k - 1][1]));
+            }
+        }
+    }
+
+    /// Another pass.
     #[inline(always)]
     fn run<B: Butterfly<R>, const R: usize>(
         &self,
-        simd: impl Vectors<f64, 4>,
+        simd: impl Vectors<f32, LANES>,
         from: &[Cell],
         to: &mut [Cell],
     ) {
-        let stride = self.stride;
-        let step = self.blocks * stride;
-        // The last pass has nothing left to turn.
-        if self.blocks == 1 {
-            for place in 0..stride {
-                let values = B::of(every::<_, R>(simd, &from[place..], stride));
-                for k in 0..R {
-                    to[k * stride + place].store(values[k]);
-                }
-            }
-            return;
-        }
+        let (blocks, stride) = (self.blocks, self.stride);
         let targets = to.chunks_exact_mut(R * stride).zip(self.factors.chunks_exact(R - 1));
-        for (block, (target, factors)) in targets.enumerate() {
+        for (block, (target, factors)) in (0..blocks).zip(targets) {
+            let rows = split::<_, R>(&from[block * stride..], stride, blocks * stride);
+            let target = split_mut::<_, R>(target, stride);
             for place in 0..stride {
-                let values = B::of(every::<_, R>(simd, &from[block * stride + place..], step));
-                target[place].store(values[0]);
+                let mut values = [rows[0][place].load(simd); R];
                 for k in 1..R {
-                    target[k * stride + place].store(values[k].turned(factors[k - 1]));
+                    values[k] = rows[k][place].load(simd);
+                }
+                let values = B::of(values);
+                target[0][place].store(values[0]);
+                // The last pass has nothing left to turn.
+                if blocks == 1 {
+                    for k in 1..R {
+                        target[k][place].store(values[k]);
+                    }
+                } else {
+                    for k in 1..R {
+                        target[k][place].store(values[k].turned(factors[k - 1][0], factors[k - 1][1]));
+                    }
                 }
             }
         }
     }
-}
-
-/// Values that lie `step` apart. A loop, because closures lose the vector features of the wrapper.
-#[inline(always)]
-fn every<S: Vectors<f64, 4>, const R: usize>(
-    simd: S,
-    cells: &[Cell],
-    step: usize,
-) -> [ComplexPack<S::Register>; R] {
-    let mut values = [cells[0].load(simd); R];
-    for k in 1..R {
-        values[k] = cells[k * step].load(simd);
-    }
-    values
 }
 
 /// Complex numbers side by side.
@@ -348,30 +407,30 @@ pub(super) struct ComplexPack<V> {
     pub(super) im: V,
 }
 
-/// Four complex numbers in memory.
+/// Eight complex numbers in memory.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 struct Cell {
-    re: [f64; 4],
-    im: [f64; 4],
+    re: [f32; LANES],
+    im: [f32; LANES],
 }
 
 impl Cell {
-    const ZERO: Self = Self { re: [0.0; 4], im: [0.0; 4] };
+    const ZERO: Self = Self { re: [0.0; LANES], im: [0.0; LANES] };
 
     #[inline(always)]
-    fn load<S: Vectors<f64, 4>>(&self, simd: S) -> ComplexPack<S::Register> {
+    fn load<S: Vectors<f32, LANES>>(&self, simd: S) -> ComplexPack<S::Register> {
         ComplexPack { re: simd.load(&self.re), im: simd.load(&self.im) }
     }
 
     #[inline(always)]
-    fn store<V: Register<f64, 4>>(&mut self, value: ComplexPack<V>) {
+    fn store<V: Register<f32, LANES>>(&mut self, value: ComplexPack<V>) {
         value.re.store(&mut self.re);
         value.im.store(&mut self.im);
     }
 }
 
-impl<V: Register<f64, 4>> ComplexPack<V> {
+impl<V: Register<f32, LANES>> ComplexPack<V> {
     #[inline(always)]
     fn plus(self, other: Self) -> Self {
         Self { re: self.re + other.re, im: self.im + other.im }
@@ -383,14 +442,14 @@ impl<V: Register<f64, 4>> ComplexPack<V> {
     }
 
     #[inline(always)]
-    fn times(self, factor: f64) -> Self {
+    fn times(self, factor: f32) -> Self {
         Self { re: self.re * factor, im: self.im * factor }
     }
 
     /// Times `exp(-pi i / 4)`.
     #[inline(always)]
     fn turned_an_eighth(self) -> Self {
-        Self { re: self.re + self.im, im: self.im - self.re }.times(std::f64::consts::FRAC_1_SQRT_2)
+        Self { re: self.re + self.im, im: self.im - self.re }.times(std::f32::consts::FRAC_1_SQRT_2)
     }
 
     #[inline(always)]
@@ -406,7 +465,7 @@ impl<V: Register<f64, 4>> ComplexPack<V> {
 
     /// Times one complex number, the same in all lanes.
     #[inline(always)]
-    fn turned(self, [re, im]: [f64; 2]) -> Self {
+    fn turned(self, re: f32, im: f32) -> Self {
         Self { re: self.re * re - self.im * im, im: self.re * im + self.im * re }
     }
 
@@ -418,7 +477,7 @@ impl<V: Register<f64, 4>> ComplexPack<V> {
 
 /// A transform of so few values that it is written out.
 trait Butterfly<const R: usize> {
-    fn of<V: Register<f64, 4>>(values: [ComplexPack<V>; R]) -> [ComplexPack<V>; R];
+    fn of<V: Register<f32, LANES>>(values: [ComplexPack<V>; R]) -> [ComplexPack<V>; R];
 }
 
 struct Two;
@@ -429,15 +488,15 @@ struct Eight;
 
 impl Butterfly<2> for Two {
     #[inline(always)]
-    fn of<V: Register<f64, 4>>([a, b]: [ComplexPack<V>; 2]) -> [ComplexPack<V>; 2] {
+    fn of<V: Register<f32, LANES>>([a, b]: [ComplexPack<V>; 2]) -> [ComplexPack<V>; 2] {
         [a.plus(b), a.minus(b)]
     }
 }
 
 impl Butterfly<3> for Three {
     #[inline(always)]
-    fn of<V: Register<f64, 4>>([a, b, c]: [ComplexPack<V>; 3]) -> [ComplexPack<V>; 3] {
-        const SIN: f64 = 0.866_025_403_784_438_6;
+    fn of<V: Register<f32, LANES>>([a, b, c]: [ComplexPack<V>; 3]) -> [ComplexPack<V>; 3] {
+        const SIN: f32 = 0.866_025_4;
         let (sum, difference) = (b.plus(c), b.minus(c).times_minus_i().times(SIN));
         let middle = a.minus(sum.times(0.5));
         [a.plus(sum), middle.plus(difference), middle.minus(difference)]
@@ -446,7 +505,7 @@ impl Butterfly<3> for Three {
 
 impl Butterfly<4> for Four {
     #[inline(always)]
-    fn of<V: Register<f64, 4>>([a, b, c, d]: [ComplexPack<V>; 4]) -> [ComplexPack<V>; 4] {
+    fn of<V: Register<f32, LANES>>([a, b, c, d]: [ComplexPack<V>; 4]) -> [ComplexPack<V>; 4] {
         let (even, odd) = (a.plus(c), a.minus(c));
         let (sum, difference) = (b.plus(d), b.minus(d).times_minus_i());
         [even.plus(sum), odd.plus(difference), even.minus(sum), odd.minus(difference)]
@@ -455,17 +514,19 @@ impl Butterfly<4> for Four {
 
 impl Butterfly<5> for Five {
     #[inline(always)]
-    fn of<V: Register<f64, 4>>([a, b, c, d, e]: [ComplexPack<V>; 5]) -> [ComplexPack<V>; 5] {
-        const COS: [f64; 2] = [0.309_016_994_374_947_45, -0.809_016_994_374_947_5];
-        const SIN: [f64; 2] = [0.951_056_516_295_153_5, 0.587_785_252_292_473_1];
+    fn of<V: Register<f32, LANES>>([a, b, c, d, e]: [ComplexPack<V>; 5]) -> [ComplexPack<V>; 5] {
+        // Of the cosines of one and two fifths of a turn half the sum is minus a quarter; this is half the difference.
+        const COS: f32 = 0.559_017;
+        const SIN: [f32; 2] = [0.951_056_54, 0.587_785_24];
         let (outer, inner) = (b.plus(e), c.plus(d));
         let (outer_turn, inner_turn) = (b.minus(e).times_minus_i(), c.minus(d).times_minus_i());
-        let first = a.plus(outer.times(COS[0])).plus(inner.times(COS[1]));
-        let second = a.plus(outer.times(COS[1])).plus(inner.times(COS[0]));
+        let (sum, difference) = (outer.plus(inner), outer.minus(inner).times(COS));
+        let middle = a.minus(sum.times(0.25));
+        let (first, second) = (middle.plus(difference), middle.minus(difference));
         let first_turn = outer_turn.times(SIN[0]).plus(inner_turn.times(SIN[1]));
         let second_turn = outer_turn.times(SIN[1]).minus(inner_turn.times(SIN[0]));
         [
-            a.plus(outer).plus(inner),
+            a.plus(sum),
             first.plus(first_turn),
             second.plus(second_turn),
             second.minus(second_turn),
@@ -476,7 +537,7 @@ impl Butterfly<5> for Five {
 
 impl Butterfly<8> for Eight {
     #[inline(always)]
-    fn of<V: Register<f64, 4>>([a, b, c, d, e, f, g, h]: [ComplexPack<V>; 8]) -> [ComplexPack<V>; 8] {
+    fn of<V: Register<f32, LANES>>([a, b, c, d, e, f, g, h]: [ComplexPack<V>; 8]) -> [ComplexPack<V>; 8] {
         let even = Four::of([a, c, e, g]);
         let [p, q, r, s] = Four::of([b, d, f, h]);
         let odd = [p, q.turned_an_eighth(), r.times_minus_i(), s.turned_an_eighth().times_minus_i()];
@@ -495,33 +556,37 @@ mod tests {
 
     use super::*;
 
-    /// By definition.
-    fn slowly(x: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    /// By definition, in float64.
+    fn slowly(x: &[[f32; 2]]) -> Vec<[f64; 2]> {
         let n = x.len();
         let sum = |k: usize| {
             x.iter().enumerate().fold([0.0; 2], |[re, im], (j, [a, b])| {
-                let [c, s] = root(j * k % n, n);
-                [re + a * c - b * s, im + a * s + b * c]
+                let (sin, cos) = (-2.0 * PI * (j * k % n) as f64 / n as f64).sin_cos();
+                let (a, b) = (f64::from(*a), f64::from(*b));
+                [re + a * cos - b * sin, im + a * sin + b * cos]
             })
         };
         (0..n).map(sum).collect()
     }
 
-    fn transformed(x: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    fn transformed(x: &[[f32; 2]]) -> Vec<[f32; 2]> {
         let fft = Fft::new(x.len());
+        let part = |part: usize| x.iter().map(|x| x[part]).collect::<Vec<_>>();
+        let (re, im, ones) = (part(0), part(1), vec![1.0; x.len()]);
         let mut work = fft.work();
-        for (j, [re, im]) in x.iter().enumerate() {
-            (work.signal.re[j], work.signal.im[j]) = (*re, *im);
-        }
-        fft.process(Portable, &mut work);
-        work.signal.re.into_iter().zip(work.signal.im).map(|(re, im)| [re, im]).take(x.len()).collect()
+        fft.process(Portable, [&re, &im, &ones], &mut work);
+        let ComplexValues { re, im } = work.transform;
+        re.into_iter().zip(im).map(|(re, im)| [re, im]).take(x.len()).collect()
     }
 
-    fn check(x: &[[f64; 2]]) {
-        let size = x.iter().flatten().fold(1.0, |most, x| x.abs().max(most)) * x.len() as f64;
+    fn check(x: &[[f32; 2]]) {
+        let size = f64::from(x.iter().flatten().fold(1.0_f32, |most, x| x.abs().max(most))) * x.len() as f64;
         for (got, expected) in transformed(x).into_iter().zip(slowly(x)) {
             for part in 0..2 {
-                assert!((got[part] - expected[part]).abs() <= 1e-15 * size, "{got:?} and {expected:?}");
+                assert!(
+                    (f64::from(got[part]) - expected[part]).abs() <= 5e-7 * size,
+                    "{got:?} and {expected:?}"
+                );
             }
         }
     }
@@ -536,13 +601,13 @@ mod tests {
         let x: Vec<_> = (0..60).map(|j| [root(7 * j % 60, 60)[0], 0.0]).collect();
         for (k, [re, im]) in transformed(&x).into_iter().enumerate() {
             let expected = if k == 7 || k == 53 { 30.0 } else { 0.0 };
-            assert!((re - expected).abs() < 1e-13 && im.abs() < 1e-13, "{k}");
+            assert!((re - expected).abs() < 1e-5 && im.abs() < 1e-5, "{k}");
         }
     }
 
     proptest! {
         #[test]
-        fn any_length_agrees_with_the_definition(x in prop::collection::vec(prop::array::uniform2(-1e3..1e3), 1..400)) {
+        fn any_length_agrees_with_the_definition(x in prop::collection::vec(prop::array::uniform2(-1e3_f32..1e3), 1..400)) {
             check(&x);
         }
     }

@@ -34,12 +34,12 @@ const MAX_ITERATIONS: usize = 60;
 
 /// Lanes of a register, and registers for all matrices.
 const LANES: usize = 4;
-const REGISTERS: usize = MATRICES / LANES;
+pub(super) const REGISTERS: usize = MATRICES / LANES;
 
 /// Logarithms with the bits of `libm::log` (fdlibm's `e_log.c`, Sun Microsystems 1993): the same steps for all lanes, and
 /// `libm::log` itself where one of them is not a positive normal number.
 #[inline(always)]
-pub(super) fn log<const L: usize>(x: Pack<L>) -> Pack<L> {
+pub(super) fn log<const L: usize>(x: Pack<f64, L>) -> Pack<f64, L> {
     // As integers: numbers below the smallest normal one, or above the largest finite one, leave a sign somewhere.
     let [least, most] = [f64::MIN_POSITIVE, f64::MAX].map(|end| end.to_bits().cast_signed());
     let mut outside = 0;
@@ -70,7 +70,7 @@ pub(super) fn log<const L: usize>(x: Pack<L>) -> Pack<L> {
 /// Any numbers. Never inlined: else a compiler calculates both ways for all numbers and then takes one.
 #[cold]
 #[inline(never)]
-fn one_by_one<const L: usize>(x: Pack<L>) -> Pack<L> {
+fn one_by_one<const L: usize>(x: Pack<f64, L>) -> Pack<f64, L> {
     let mut out = x;
     for l in 0..L {
         out.0[l] = libm::log(x.0[l]);
@@ -80,7 +80,7 @@ fn one_by_one<const L: usize>(x: Pack<L>) -> Pack<L> {
 
 /// Inverse hyperbolic sines of numbers whose squares are finite.
 #[inline(always)]
-pub(super) fn asinh<const L: usize>(x: Pack<L>) -> Pack<L> {
+pub(super) fn asinh<const L: usize>(x: Pack<f64, L>) -> Pack<f64, L> {
     let size = x.abs();
     let square = size * size;
     // The sum of the logarithm's argument and what rounding has taken from it (Kahan's `log1p`).
@@ -93,7 +93,7 @@ pub(super) fn asinh<const L: usize>(x: Pack<L>) -> Pack<L> {
 /// Something done to numbers side by side. A trait, because a function that is passed on as a value loses the vector
 /// features of its caller.
 pub(super) trait Function {
-    fn of<const L: usize>(x: Pack<L>) -> Pack<L>;
+    fn of<const L: usize>(x: Pack<f64, L>) -> Pack<f64, L>;
 }
 
 /// [`log`].
@@ -101,7 +101,7 @@ pub(super) struct Log;
 
 impl Function for Log {
     #[inline(always)]
-    fn of<const L: usize>(x: Pack<L>) -> Pack<L> {
+    fn of<const L: usize>(x: Pack<f64, L>) -> Pack<f64, L> {
         log(x)
     }
 }
@@ -111,7 +111,7 @@ pub(super) struct Asinh;
 
 impl Function for Asinh {
     #[inline(always)]
-    fn of<const L: usize>(x: Pack<L>) -> Pack<L> {
+    fn of<const L: usize>(x: Pack<f64, L>) -> Pack<f64, L> {
         asinh(x)
     }
 }
@@ -125,7 +125,7 @@ pub(super) fn each<F: Function, const L: usize>(values: &mut [f64]) {
     }
     let rest = whole.into_remainder();
     if !rest.is_empty() {
-        let mut last = Pack::<L>::ONE;
+        let mut last = Pack::<f64, L>::ONE;
         last.0[..rest.len()].copy_from_slice(rest);
         let last = F::of(last);
         rest.copy_from_slice(&last.0[..rest.len()]);
@@ -133,7 +133,7 @@ pub(super) fn each<F: Function, const L: usize>(values: &mut [f64]) {
 }
 
 /// One number of each matrix.
-pub(super) type Numbers = Pack<MATRICES>;
+pub(super) type Numbers = Pack<f64, MATRICES>;
 
 /// Room for the logarithms of some matrices of `n` rows.
 #[derive(Clone, Debug)]
@@ -376,12 +376,12 @@ fn turn<S: Vectors<f64, 4>>(
 
 /// Those numbers that make up register `k`.
 #[inline(always)]
-fn load<S: Vectors<f64, 4>>(simd: S, numbers: &Numbers, k: usize) -> S::Register {
+pub(super) fn load<S: Vectors<f64, 4>>(simd: S, numbers: &Numbers, k: usize) -> S::Register {
     simd.load(&numbers.0[k * LANES..])
 }
 
 #[inline(always)]
-fn store(register: impl Register<f64, 4>, numbers: &mut Numbers, k: usize) {
+pub(super) fn store(register: impl Register<f64, 4>, numbers: &mut Numbers, k: usize) {
     register.store(&mut numbers.0[k * LANES..]);
 }
 

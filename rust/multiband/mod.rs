@@ -2,7 +2,7 @@
 //!
 //! A pyramid of band-passes splits a recording into octaves; of each band, blocks of numbers say how its axes are
 //! coupled, how their values are distributed, and how their energy goes through the recording; two more hold the whole
-//! spectrum and the level. The definition, in plain numpy, is `tests/python/multiband_twin.py`.
+//! spectrum and the level. Both [`Definition`]s, in plain numpy, are `tests/python/multiband_twin.py`.
 //!
 //! ```
 //! use granular_id::multiband::{MultiBand, MultiBandSpec, Scales};
@@ -23,6 +23,7 @@ mod extractor;
 mod fft;
 mod logarithm;
 mod quantiles;
+mod resolvents;
 mod spec;
 mod spectrum;
 #[cfg(test)]
@@ -32,14 +33,14 @@ mod workspace;
 use crate::kernel::{Job, Simd};
 
 pub use extractor::MultiBand;
-pub use spec::{n_bands, Block, FrequencyBand, MultiBandSpec, Scales};
+pub use spec::{n_bands, Block, Definition, FrequencyBand, MultiBandSpec, Scales};
 pub use workspace::Workspace;
 
 /// The signals of all bands of one recording, divided by their scales: band 0 is the recording without its mean, then
 /// octave after octave downward, each at a rate of its own. While a recording arrives they end where its bands do.
 #[derive(Clone, Copy, Debug)]
 struct BandSignals<'a> {
-    values: &'a [f64],
+    values: &'a [f32],
     regions: &'a [Region],
     n_axes: usize,
 }
@@ -64,13 +65,13 @@ impl<'a> BandSignals<'a> {
 
     /// Signals in the order of bands, then of axes.
     #[inline(always)]
-    fn numbered(&self, index: usize) -> &'a [f64] {
+    fn numbered(&self, index: usize) -> &'a [f32] {
         self.axis(index / self.n_axes, index % self.n_axes)
     }
 
     /// One axis of a band, in time order.
     #[inline(always)]
-    fn axis(&self, band: usize, axis: usize) -> &'a [f64] {
+    fn axis(&self, band: usize, axis: usize) -> &'a [f32] {
         let Region { start, stride, len } = self.regions[band];
         &self.values[start + axis * stride..][..len]
     }

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use granular_id::model::{Features, ModelError, Tensor, MAX_FILE_BYTES};
-use granular_id::multiband::{Block, MultiBandSpec};
+use granular_id::multiband::{Block, Definition, MultiBandSpec};
 use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, Model};
 use proptest::prelude::*;
@@ -17,9 +17,15 @@ use crate::twins::models::{
 };
 use crate::twins::signals::{bits, noise};
 
-/// Any selection of blocks but none.
+/// Any selection of blocks but none, of either definition.
 fn spec() -> impl Strategy<Value = MultiBandSpec> {
-    (1..32_u8).prop_map(|bits| MultiBandSpec::of(500.0, |block| bits >> block as u8 & 1 == 1))
+    (1..32_u8, definition()).prop_map(|(bits, definition)| {
+        MultiBandSpec::of(500.0, |block| bits >> block as u8 & 1 == 1).with_definition(definition)
+    })
+}
+
+fn definition() -> impl Strategy<Value = Definition> {
+    prop::sample::select(&Definition::ALL[..])
 }
 
 /// Scores of the beginning of a recording in the order of addition that is promised, one number at a time.
@@ -88,11 +94,13 @@ proptest! {
 
     #[test]
     fn every_window_of_a_stream_is_a_recording(
-        (n_samples, hop) in (8..80_usize, 1..120_usize),
+        (n_samples, hop) in (8..150_usize, 1..120_usize),
         block in 1..40_usize,
         seed in 0..1000_u64,
+        definition in definition(),
     ) {
-        let model = Arc::new(random_banded(3, n_samples, 2, MultiBandSpec::default()));
+        let spec = MultiBandSpec::default().with_definition(definition);
+        let model = Arc::new(random_banded(3, n_samples, 2, spec));
         let rows = noise(seed, 2 * 400);
         let mut stream = StreamingIdentifier::new(model.clone(), Some(hop)).unwrap();
         let (mut taken, mut windows) = (0, 0);
@@ -121,8 +129,11 @@ fn recordings_of_the_papers_size_differ_in_no_bit() {
 /// Windows long enough for sums and counts to grow, with and without questions in between, and a reset.
 #[test]
 fn long_windows_that_share_rows_are_recordings() {
-    for (n_samples, hop, block, asks) in [(700, 90, 64, true), (420, 300, 7, true), (900, 250, 130, false)] {
-        let model = Arc::new(random_banded(3, n_samples, 2, MultiBandSpec::default()));
+    let windows = [(700, 90, 64, true), (420, 300, 7, true), (900, 250, 130, false)];
+    let each = Definition::ALL.into_iter().flat_map(|definition| windows.map(|window| (definition, window)));
+    for (definition, (n_samples, hop, block, asks)) in each {
+        let spec = MultiBandSpec::default().with_definition(definition);
+        let model = Arc::new(random_banded(3, n_samples, 2, spec));
         let rows = noise(9, 2 * 3000);
         let mut stream = StreamingIdentifier::new(model.clone(), Some(hop)).unwrap();
         let (mut taken, mut windows) = (0, 0);

@@ -1,6 +1,6 @@
 """The multi-band features in plain numpy and scipy: slow, short, and independent of the Rust core.
 
-The definition that the core is tested against; see `granular_id.spaces.MultiBand` for what it is good for.
+Both definitions that the core is tested against, 1 and 2; see `granular_id.spaces.MultiBand` for what it is good for.
 """
 
 from __future__ import annotations
@@ -24,6 +24,10 @@ SPECTRUM_BINS = 40
 SPECTRUM_SAMPLES = 18  # from here on there are more bins than octaves
 MIN_WIDTH = 3  # frequencies per bin; the logarithm of fewer is mostly chance
 LEVEL_STRETCHES = 16
+SHIFTS = (0.03, 3.0)  # definition 2: of resolvents, whose sum levels off beyond them
+ROUNDING = 1e-5  # definition 2: of the trace, more than moments summed in float32 are off by
+EARLY_SAMPLES = 100  # from here on definition 2 halves the rate in front of octave 2 already
+DEFINITIONS = (1, 2)
 BLOCKS = ("coupling", "quantiles", "envelope", "spectrum", "level")
 
 
@@ -35,11 +39,33 @@ def n_octaves(n_samples):
     return k
 
 
-def band_lengths(n_samples):
+def early(n_samples, definition):
+    """Whether the rate is halved in front of octave 2 already, which then serves octaves 2 and 3."""
+    return definition == 2 and n_samples >= EARLY_SAMPLES
+
+
+def halves(k, n_samples, definition):
+    """Whether the rate is halved in front of octave k, counted from 0."""
+    return k == 1 or k >= 3 if early(n_samples, definition) else k >= 2
+
+
+def lag(band, n_samples, definition):
+    """Samples between the two instants of a coupling; band 0 is the whole signal."""
+    return LAG // 2 if band == 2 and early(n_samples, definition) else LAG
+
+
+def least_samples(band, n_axes, n_samples, definition):
+    """Samples of the shortest band that has couplings; half the rate holds as much of the signal in half as many."""
+    rows = MIN_ROWS // 2 if band == 2 and early(n_samples, definition) else MIN_ROWS
+    return rows * 2 * n_axes + LAG
+
+
+def band_lengths(n_samples, definition=1):
     """Samples of each band."""
-    lengths = [n_samples]
+    lengths, n = [n_samples], n_samples
     for k in range(n_octaves(n_samples)):
-        lengths.append(n_samples if k < 2 else -(-lengths[-1] // 2))
+        n = -(-n // 2) if halves(k, n_samples, definition) else n
+        lengths.append(n)
     return lengths
 
 
@@ -49,18 +75,16 @@ def filtered(sos, x):
     return sosfilt(sos, x, axis=0, zi=zi)[0]
 
 
-def band_signals(x, n_samples=None):
+def band_signals(x, n_samples=None, definition=1):
     """Band 0, the mean-free signal, then the octaves, each at its own rate: a list of (n_b, C)."""
-    octaves = n_octaves(len(x) if n_samples is None else n_samples)
+    n_samples = len(x) if n_samples is None else n_samples
     signals = [x - x.mean(axis=0)]
-    level = x
-    for k in range(octaves):
-        if k < 2:
-            low, high = TOP / 2 ** (k + 1), TOP / 2**k
-        else:  # half the rate for every octave further down; the low-pass leaves nothing to alias into the band
-            level = filtered(butter(7, 0.5, output="sos"), level)[::2]
-            low, high = TOP / 4, TOP / 2
-        signals.append(filtered(butter(2, [low, high], "bandpass", output="sos"), level))
+    level, high = x, TOP  # a share of Nyquist at the rate of the level
+    for k in range(n_octaves(n_samples)):
+        if halves(k, n_samples, definition):  # the low-pass leaves nothing to alias into the band
+            level, high = filtered(butter(7, 0.5, output="sos"), level)[::2], 2 * high
+        signals.append(filtered(butter(2, [high / 2, high], "bandpass", output="sos"), level))
+        high /= 2
     return signals
 
 
@@ -69,14 +93,31 @@ def rms(signals):
     return np.array([np.sqrt(np.mean(y**2, axis=0)) for y in signals])
 
 
+def moments_of(z, lag):
+    """Second moments of scaled samples, each stacked on that `lag` earlier."""
+    stacked = np.hstack([z[lag:], z[:-lag]])
+    return stacked.T @ stacked / len(stacked)
+
+
 def coupling(y, scale):
-    z = y / scale
-    stacked = np.hstack([z[LAG:], z[:-LAG]])
-    moments = stacked.T @ stacked / len(stacked) + RIDGE * np.eye(stacked.shape[1])
+    moments = moments_of(y / scale, LAG) + RIDGE * np.eye(2 * len(scale))
     values, vectors = np.linalg.eigh(moments)
     log = (vectors * np.log(np.maximum(values, RIDGE))) @ vectors.T
     i, j = np.triu_indices(len(log))
     return np.where(i == j, 1.0, np.sqrt(2.0)) * log[i, j]
+
+
+def resolvents(y, scale, lag):
+    """Definition 2: sum over c of I - 2 c (M + (c + ROUNDING trace M) I)^-1.
+
+    Upper triangle of the mean of the blocks now-now and earlier-earlier, then the block now-earlier row by row.
+    """
+    n_axes = len(scale)
+    moments, unit = moments_of(y / scale, lag), np.eye(2 * n_axes)
+    ridge = ROUNDING * np.trace(moments)
+    level = sum(unit - 2 * c * np.linalg.inv(moments + (c + ridge) * unit) for c in SHIFTS)
+    same = (level[:n_axes, :n_axes] + level[n_axes:, n_axes:]) / 2
+    return np.concatenate([same[np.triu_indices(n_axes)], level[:n_axes, n_axes:].ravel()])
 
 
 def binned(z):
@@ -163,17 +204,18 @@ def level(x, level_scale):
     return np.arcsinh(np.array(means) / level_scale).T.ravel()
 
 
-def features(x, scales, level_scale, blocks=BLOCKS, n_samples=None):
+def features(x, scales, level_scale, blocks=BLOCKS, n_samples=None, definition=1):
     """All blocks of one recording (n, C); `n_samples` is that of a whole recording where `x` is its beginning."""
     n_samples = len(x) if n_samples is None else n_samples
-    signals = band_signals(x, n_samples)
+    signals = band_signals(x, n_samples, definition)
     out = []
     for block in blocks:
         if block == "coupling":
-            whole = band_lengths(n_samples)
-            needed = MIN_ROWS * 2 * x.shape[1] + LAG
-            chosen = zip(signals, scales, whole, strict=True)
-            out += [coupling(y, s) for y, s, n in chosen if n >= needed]
+            whole = band_lengths(n_samples, definition)
+            for b, (y, s) in enumerate(zip(signals, scales, strict=True)):
+                if whole[b] >= least_samples(b, x.shape[1], n_samples, definition):
+                    apart = lag(b, n_samples, definition)
+                    out.append(coupling(y, s) if definition == 1 else resolvents(y, s, apart))
         elif block == "quantiles":
             out += [quantiles(y, s) for y, s in zip(signals, scales, strict=True)]
         elif block == "envelope" and n_samples >= STRETCHES:
@@ -185,15 +227,15 @@ def features(x, scales, level_scale, blocks=BLOCKS, n_samples=None):
     return np.concatenate(out)
 
 
-def learned_scales(recordings):
+def learned_scales(recordings, definition=1):
     """Typical RMS of each band and axis, and typical size of the level of each axis, of recordings (n, T, C).
 
     A median, so that a few violent recordings do not make all others small; nothing below a billionth of the signal,
-    which is rounding; 1 for an axis that is zero.
+    or a millionth of the signal without its mean, which is rounding; 1 for an axis that is zero.
     """
     raw = np.median(np.sqrt(np.mean(recordings**2, axis=1)), axis=0)
-    typical = np.median([rms(band_signals(x)) for x in recordings], axis=0)
-    scales = np.maximum(typical, 1e-9 * raw)
+    typical = np.median([rms(band_signals(x, definition=definition)) for x in recordings], axis=0)
+    scales = np.maximum(np.maximum(typical, 1e-6 * typical[0]), 1e-9 * raw)
     stretches = min(LEVEL_STRETCHES, recordings.shape[1])
     at = stretch_edges(recordings.shape[1], stretches)
     means = np.stack([recordings[:, a:b].mean(axis=1) for a, b in itertools.pairwise(at)], axis=1)

@@ -386,13 +386,18 @@ def _described(extractor: Any) -> dict[str, Any]:
     if isinstance(extractor, (FeatureSpec, MultiBandExtractor)):
         arguments = extractor.__getnewargs_ex__()
         plain = {key: _plain(value) for key, value in arguments[1].items()}
-        return {"class": type(extractor).__name__, "arguments": list(arguments[0]), **plain}
-    if hasattr(extractor, "steps"):
+        described = {"class": type(extractor).__name__, "arguments": list(arguments[0]), **plain}
+    elif hasattr(extractor, "steps"):
         steps = [{"name": name, **_described(step)} for name, step in extractor.steps]
         return {"class": type(extractor).__name__, "steps": steps}
-    from granular_id._estimators import describe_estimator
+    else:
+        from granular_id._estimators import describe_estimator
 
-    return describe_estimator(extractor)
+        described = describe_estimator(extractor)
+    # Archives written before there was another definition do not name it.
+    if described["class"] in ("MultiBand", "MultiBandExtractor") and described.get("definition") == 1:
+        del described["definition"]
+    return described
 
 
 def _plain(value: Any) -> Any:

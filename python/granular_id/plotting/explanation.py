@@ -282,7 +282,6 @@ def _draw_couplings(
             matrices[int(lag > 0), place, axes.index(first), axes.index(second)] = scale * total
     limit = float(np.nanmax(np.abs(matrices))) or 1.0
     panels = figure.subplots(2, len(bands), squeeze=False)
-    earlier = max(key[2] for key in explanation.by_pair())
     for (row, place), panel in np.ndenumerate(panels):
         values, band = matrices[row, place], explanation.columns.bands[bands[place]]
         image = panel.imshow(values, cmap=_COLOURS, vmin=-limit, vmax=limit, interpolation="none")
@@ -297,6 +296,7 @@ def _draw_couplings(
             panel.set_title(str(band).removeprefix("the "), fontsize=9, color=INK)
             panel.set_xlabel("at the same instant", fontsize=8, color=INK)
         else:
+            earlier = max(key[2] for key in explanation.by_pair(bands[place]))
             panel.set_xlabel(f"columns {1e3 * earlier / band.rate_hz:.3g} ms earlier", fontsize=8, color=INK)
     colour_bar(figure, image, panels, unit, aspect=30, shrink=0.9)
     heading(figure, "Couplings, in the bands of the strongest", 9)

@@ -36,6 +36,9 @@ USUAL_BLOCKS = ("coupling", "quantiles", "envelope", "spectrum")
 ALL_BLOCKS = (*USUAL_BLOCKS, "level")
 """Every block, in the order of the features."""
 
+DEFINITION = MultiBandExtractor(1, 1).definition
+"""Of the features of new spaces: the core's."""
+
 BAND_LOSS = "root"
 """Binary loss that models of these features decode with unless told otherwise, those of the preset included."""
 
@@ -43,8 +46,10 @@ BAND_SHRINKAGE = 0.03
 """Of `WithinClassWhitening` in models of these features, unless told otherwise: under other loads, speeds, sensors and
 people it gains what it gains without a change, and 0.1 and 0.01 are alike."""
 
-# A scale below this share of the whole signal is rounding, not signal.
+# Scales below these shares are rounding, not signal: of the whole signal with its offset, which is float64, and of the
+# signal without it, which is split into bands in float32.
 _ROUNDING = 1e-9
+_BAND_ROUNDING = 1e-6
 
 # The inverse square of a smaller scale leaves float64: an axis as quiet as that counts as silent.
 _LEAST_SCALE = 1e-150
@@ -70,16 +75,16 @@ def _hertz(value: float) -> str:
 
 
 class MultiBand(RecordingTransformer):
-    """Statistics of each octave of the signal: about 1,500 numbers of a recording of 1600 samples on six axes.
+    """Statistics of each octave of the signal: about 1,300 numbers of a recording of 1600 samples on six axes.
 
     A pyramid of Butterworth band-passes of second order splits the signal into octaves, from 98 % of the Nyquist
-    frequency down to where an octave would see fewer than 1.5 cycles of a recording; each octave further down is
-    sampled at half the rate. Every band and axis is divided by its typical size, learned from the rows given to `fit`.
-    Then up to five blocks of numbers, block after block:
+    frequency down to where an octave would see fewer than 1.5 cycles of a recording; the rate is halved on the way.
+    Every band and axis is divided by its typical size, learned from the rows given to `fit`. Then up to five blocks of
+    numbers, block after block:
 
-    - ``coupling``, of each band: the logarithm of the matrix of second moments of all axes, now and two samples
-      earlier: energies, and how axes move together and ahead of each other. Only of bands with four samples per row of
-      the matrix (and two for the lag), which are 50 for six axes: fewer leave little but chance.
+    - ``coupling``, of each band: resolvents of the matrix of second moments of all axes, now and two samples earlier,
+      much like its logarithm: energies, and how axes move together and ahead of each other. Only of bands with four
+      samples per row of the matrix (and two for the lag), which are 50 for six axes: fewer leave little but chance.
     - ``quantiles``, of each band and axis: arcsinh of seven quantiles (2 % to 98 %), and the logarithm of the RMS.
     - ``envelope``, of each band and axis: logarithm of the energy in four stretches of time.
     - ``spectrum``, of each axis: logarithm of the power spectrum in at most 40 bins, narrow at low frequencies.
@@ -93,6 +98,10 @@ class MultiBand(RecordingTransformer):
     blocks : sequence of str, default ("coupling", "quantiles", "envelope", "spectrum")
         Any of the five. Without the level, which knows the session (weight of the tool, zero of the sensor) as well
         as it knows the material. Their order does not matter.
+    definition : int, default that of `MultiBandExtractor`
+        Which numbers the features are. 2 is described above. 1 has logarithms for couplings, 78 of six axes in place of
+        57, and octave 2 always at the full rate; it takes a quarter longer. A model knows the numbers of one
+        definition; the first stays for models that have it. Presets and commands make models of the default.
     threads : int or None, default None
         Threads of a batch; None takes all cores.
 
@@ -102,7 +111,7 @@ class MultiBand(RecordingTransformer):
         Edges in Hz, rate and samples of each band; band 0 is the recording without its mean.
     scales_ : ndarray, shape (n_bands, C)
         Median over the recordings of the RMS of each band and axis, in its unit; at least a billionth of the whole
-        signal; 1 for an axis without any.
+        signal and a millionth of the signal without its mean; 1 for an axis without any.
     level_scales_ : ndarray, shape (C,)
         Median magnitude of the means over stretches of time, in the unit of the axis, with the same floor.
     frequencies_hz_ : ndarray, shape (m,)
@@ -120,7 +129,7 @@ class MultiBand(RecordingTransformer):
     ------
     TypeError, ValueError
         From `fit`: a parameter of another kind or out of range; no block that such short recordings have; recordings
-        with NaN or infinity, or beyond 1e145.
+        with NaN or infinity, or beyond 1e12 times the least scale of their axis.
 
     See Also
     --------
@@ -138,10 +147,10 @@ class MultiBand(RecordingTransformer):
     >>> X = np.random.default_rng(0).normal(size=(3, 1600, 6))
     >>> space = MultiBand().fit(X)
     >>> space.transform(X).shape, space.block_sizes_
-    ((3, 1506), {'coupling': 624, 'quantiles': 480, 'envelope': 240, 'spectrum': 162})
+    ((3, 1338), {'coupling': 456, 'quantiles': 480, 'envelope': 240, 'spectrum': 162})
     >>> [(band.low_hz, band.high_hz) for band in space.bands_[:3]]
     [(0.0, 250.0), (122.5, 245.0), (61.25, 122.5)]
-    >>> space.get_feature_names_out()[[0, 624, 631, 1104, 1344]].tolist()  # of a Dataset fx in place of axis0
+    >>> space.get_feature_names_out()[[0, 456, 463, 936, 1176]].tolist()  # of a Dataset fx in place of axis0
     ['b0_coupling_axis0_axis0', 'b0_q02_axis0', 'b0_logrms_axis0', 'b0_envelope_axis0_0', 'spectrum_axis0_00']
     """
 
@@ -162,10 +171,12 @@ class MultiBand(RecordingTransformer):
         *,
         rate_hz: float | None = None,
         blocks: Sequence[str] = USUAL_BLOCKS,
+        definition: int = DEFINITION,
         threads: int | None = None,
     ) -> None:
         self.rate_hz = rate_hz
         self.blocks = blocks
+        self.definition = definition
         self.threads = threads
 
     @property
@@ -187,21 +198,23 @@ class MultiBand(RecordingTransformer):
 
     def _learn(self, recordings: FloatArray) -> None:
         n_samples, n_axes = recordings.shape[1:]
-        rate_hz = self.rate_hz_ or PAPER_RATE_HZ
-        plain = MultiBandExtractor(n_samples, n_axes, rate_hz=rate_hz, blocks=self.blocks)
-        # Medians, so that a few violent recordings do not make all others small.
-        typical = np.median(plain.band_rms(recordings, self.threads), axis=0)
+        settings: dict[str, Any] = {
+            "rate_hz": self.rate_hz_ or PAPER_RATE_HZ,
+            "blocks": self.blocks,
+            "definition": self.definition,
+        }
+        plain = MultiBandExtractor(n_samples, n_axes, **settings)
+        # Bands are in float32: sizes are measured in units of the whole signal, whatever its own unit.
         energies = np.einsum("ntc,ntc->nc", recordings, recordings) / n_samples
+        # Medians, so that a few violent recordings do not make all others small.
         whole = np.median(np.sqrt(energies), axis=0)
-        self.scales_ = _usable(typical, whole)
+        whole_scales = np.tile(_usable(whole, whole), (plain.n_bands, 1))
+        whole_scaled = MultiBandExtractor(n_samples, n_axes, scales=whole_scales, **settings)
+        typical = np.median(whole_scaled.band_rms(recordings, self.threads), axis=0)
+        self.scales_ = _usable(np.maximum(typical, _BAND_ROUNDING * typical[0]), whole)
         self.level_scales_ = _usable(np.median(np.abs(_levels(recordings)), axis=(0, 1)), whole)
         self.extractor_ = MultiBandExtractor(
-            n_samples,
-            n_axes,
-            rate_hz=rate_hz,
-            blocks=self.blocks,
-            scales=self.scales_,
-            level_scales=self.level_scales_,
+            n_samples, n_axes, scales=self.scales_, level_scales=self.level_scales_, **settings
         )
         self.bands_ = tuple(FrequencyBand(*band) for band in plain.bands)
         self.frequencies_hz_ = plain.frequencies_hz
@@ -232,11 +245,11 @@ def _usable(sizes: FloatArray, whole: FloatArray) -> FloatArray:
 
 def _dropped(extractor: MultiBandExtractor) -> str:
     """Say what recordings of so few samples do not have."""
-    sizes, n_axes = extractor.block_sizes, extractor.n_axes
+    sizes = extractor.block_sizes
     parts = [f"the {name}" for name in extractor.blocks if name not in sizes]
     if "coupling" in sizes:
-        coupled = sizes["coupling"] // (n_axes * (2 * n_axes + 1))
-        without = extractor.n_bands - coupled
+        coupled = {name.partition("_")[0] for name in extractor.names[: sizes["coupling"]]}
+        without = extractor.n_bands - len(coupled)
         if without:
             parts.append(f"couplings of axes in the lowest {f'{without} bands' if without > 1 else 'band'}")
     if extractor.n_bands == 1:

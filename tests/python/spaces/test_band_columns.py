@@ -27,19 +27,24 @@ from granular_id.spaces.multiband import BandColumn, band_columns
 from multiband_cases import ALL, two_materials
 
 
+@pytest.mark.parametrize("definition", twin.DEFINITIONS)
 @pytest.mark.parametrize("n_axes", [1, 3, 6, 13])
-def test_columns_in_the_order_of_the_definition(n_axes):
+def test_columns_in_the_order_of_the_definition(n_axes, definition):
     X, _, _ = two_materials(n_each=1, n_samples=128, n_axes=n_axes)
-    space = MultiBand(blocks=ALL).fit(X)
+    space = MultiBand(blocks=ALL, definition=definition).fit(X)
     columns = band_columns(space)
     bands = range(len(space.bands_))
-    places = [*((axis, 0) for axis in range(n_axes)), *((axis, 2) for axis in range(n_axes))]
-    wanted = [
-        BandColumn("coupling", band, i, j, later - earlier, "")
-        for band in bands
-        if twin.band_lengths(128)[band] >= twin.MIN_ROWS * 2 * n_axes + twin.LAG
-        for (i, earlier), (j, later) in itertools.combinations_with_replacement(places, 2)
-    ]
+    now = [(axis, 0) for axis in range(n_axes)]
+    wanted = []
+    for band, length in zip(bands, twin.band_lengths(128, definition), strict=True):
+        earlier = [(axis, twin.lag(band, 128, definition)) for axis in range(n_axes)]
+        if definition == 1:
+            pairs = itertools.combinations_with_replacement(now + earlier, 2)
+        else:
+            same = itertools.combinations_with_replacement(now, 2)
+            pairs = itertools.chain(same, itertools.product(now, earlier))
+        if length >= twin.least_samples(band, n_axes, 128, definition):
+            wanted += [BandColumn("coupling", band, i, j, b - a, "") for (i, a), (j, b) in pairs]
     assert list(columns.columns[: len(wanted)]) == wanted
     rest = [column.block for column in columns.columns[len(wanted) :]]
     sizes = [8 * n_axes * len(bands), 4 * n_axes * len(bands)]
