@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 TITLES = {
     "sliding_wrench": "fingertip sliding over 20 materials,\nhalves of the sessions held out",
-    "robot_failures": "robot failures, mean of 5 small sets,\n5 random folds, 10 draws",
+    "robot_failures": "robot failures, mean of 5 small sets,\n5 random folds, 4 draws",
 }
 NAMES = {
     "best": "best",
@@ -23,6 +23,8 @@ NAMES = {
     "multirocket": "MultiRocket + ridge",
     "minirocket": "MiniRocket + ridge",
     "hydra": "Hydra + ridge",
+    "multirocket+hydra": "MultiRocket, Hydra + ridge",
+    "quant": "QUANT + forest",
     "catch22+rf": "Catch22 + forest",
     "dft+svm": "spectrum + SVM",
     "raw+svm": "raw + SVM",

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin
-from sklearn.ensemble import RandomForestClassifier
+from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from sklearn.linear_model import RidgeClassifierCV
 from sklearn.neighbors import KNeighborsClassifier
-from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.pipeline import Pipeline, make_pipeline, make_union
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from sklearn.svm import SVC
 
@@ -20,9 +20,9 @@ from accuracy_stages import Setting, Stages
 RIDGE_ALPHAS = np.logspace(-3, 3, 10)
 """Of all ridge classifiers, as aeon's own."""
 TREES = 200
-"""Of the forest behind Catch22, as aeon's own."""
-HYDRA_BATCH = 64
-"""Recordings that Hydra takes at a time: all at once fill the memory."""
+"""Of the forests behind Catch22 and QUANT, as aeon's own."""
+BATCH = 64
+"""Recordings that Hydra and QUANT take at a time: all at once fill the memory, or are refused."""
 SHORTEST = 9
 """Samples that a convolution kernel of the peers spans; one more where differences are taken."""
 
@@ -77,24 +77,39 @@ class SparseScaler(TransformerMixin, BaseEstimator):
 
 
 def _aeon(module: str, name: str, **settings: Any) -> Any:
-    return getattr(import_module(f"aeon.transformations.collection.{module}"), name)(n_jobs=1, **settings)
+    return getattr(import_module(f"aeon.transformations.collection.{module}"), name)(**settings)
 
 
 def rocket(name: str) -> Callable[[Setting], Stages]:
     def make(setting: Setting) -> Stages:
-        features = AxesFirst(_aeon("convolution_based", name, random_state=setting.seed))
+        features = AxesFirst(_aeon("convolution_based", name, n_jobs=1, random_state=setting.seed))
         return Pipeline([("features", features), ("scale", StandardScaler(with_mean=False))]), _ridge()
 
     return make
 
 
 def hydra(setting: Setting) -> Stages:
-    features = _aeon("convolution_based", "HydraTransformer", random_state=setting.seed, output_type="numpy")
-    return make_pipeline(AxesFirst(features, batch=HYDRA_BATCH), SparseScaler()), _ridge()
+    features = _aeon(
+        "convolution_based", "HydraTransformer", n_jobs=1, random_state=setting.seed, output_type="numpy"
+    )
+    return make_pipeline(AxesFirst(features, batch=BATCH), SparseScaler()), _ridge()
+
+
+def multirocket_hydra(setting: Setting) -> Stages:
+    return make_union(hydra(setting)[0], rocket("MultiRocket")(setting)[0]), _ridge()
+
+
+def quant(setting: Setting) -> Stages:
+    """Transformer and trees of QUANT (Dempster et al. 2024), as aeon's classifier joins them."""
+    import_module("torch").set_num_threads(1)
+    trees = ExtraTreesClassifier(
+        TREES, max_features=0.1, criterion="entropy", random_state=setting.seed, n_jobs=1
+    )
+    return AxesFirst(_aeon("interval_based", "QUANTTransformer"), batch=BATCH), trees
 
 
 def catch22(setting: Setting) -> Stages:
-    features = _aeon("feature_based", "Catch22", catch24=True, outlier_norm=True, replace_nans=True)
+    features = _aeon("feature_based", "Catch22", n_jobs=1, catch24=True, outlier_norm=True, replace_nans=True)
     return AxesFirst(features, dtype=np.float64), RandomForestClassifier(
         TREES, random_state=setting.seed, n_jobs=1
     )

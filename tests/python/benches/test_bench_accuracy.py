@@ -200,7 +200,17 @@ def method_named(bench, name):
 
 @pytest.mark.parametrize(
     "name",
-    ["raw", "raw+hfmh", "1nn", "raw+svm", "dft+svm", "best", "multiband+whitening", "without-coupling"],
+    [
+        "raw",
+        "raw+hfmh",
+        "1nn",
+        "raw+svm",
+        "dft+svm",
+        "best",
+        "best-1",
+        "multiband+whitening",
+        "without-coupling",
+    ],
 )
 def test_methods_without_further_packages_run(bench, name):
     made = run(bench, method_named(bench, name), recordings(6, n_samples=64))
@@ -209,6 +219,19 @@ def test_methods_without_further_packages_run(bench, name):
     assert all(len(values) == 2 and min(values) > 0 for values in made.seconds.values())
     if name in ("raw", "raw+svm", "1nn"):
         assert made.mean == 1.0
+
+
+def test_rows_have_the_definition_that_their_names_say(bench):
+    setting = bench["methods"].Setting(50.0, 120)
+    for name, definition in (
+        ("best", 2),
+        ("best-1", 1),
+        ("multiband", 2),
+        ("multiband-1", 1),
+        ("only-coupling", 2),
+    ):
+        features, _ = method_named(bench, name).stages(setting)
+        assert features.space.definition == definition
 
 
 def test_what_is_missing_is_said(bench):
@@ -292,7 +315,9 @@ def aeon():
 
 @pytest.mark.usefixtures("aeon")
 @pytest.mark.filterwarnings("default")
-@pytest.mark.parametrize("name", ["minirocket", "multirocket", "hydra", "catch22+rf"])
+@pytest.mark.parametrize(
+    "name", ["minirocket", "multirocket", "hydra", "multirocket+hydra", "quant", "catch22+rf"]
+)
 def test_peers_run_and_short_recordings_are_told(bench, name):
     method = method_named(bench, name)
     if "torch" in method.needs:
@@ -302,7 +327,7 @@ def test_peers_run_and_short_recordings_are_told(bench, name):
     assert made.mean > 0.8
     assert run(bench, method, recordings(6)).accuracies == made.accuracies
     short = run(bench, method, recordings(6, n_samples=8))
-    assert short.status == ("ok" if name == "catch22+rf" else "not available")
+    assert short.status == ("ok" if name in ("quant", "catch22+rf") else "not available")
 
 
 @pytest.mark.usefixtures("aeon")
