@@ -135,8 +135,8 @@ def _units(model: Identifier) -> str:
 
 def _content(spec: FeatureSpec | _core.MultiBandExtractor, units: str) -> str:
     if not isinstance(spec, FeatureSpec):
-        first = ", definition 1" if spec.definition == 1 else ""
-        return ": " + ", ".join(f"{size} {name}" for name, size in spec.block_sizes.items()) + first
+        blocks = ", ".join(f"{size} {name}" for name, size in spec.block_sizes.items())
+        return f": {blocks}, by definition {spec.definition}"
     if not spec.hfmh:
         return ""
     ranges = spec.bin_range

@@ -104,7 +104,7 @@ def test_a_model_of_the_first_definition_gives_the_scores_that_it_gave_in_float6
     identifier = Identifier.load(stored.with_suffix(".safetensors"))
     pushes = np.load(stored.with_suffix(".npz"))
     assert identifier.spec.definition == 1
-    assert "definition 1" in " ".join(describe_model(identifier))
+    assert "by definition 1" in " ".join(describe_model(identifier))
     np.testing.assert_allclose(identifier.scores(pushes["X"]), pushes["scores"], rtol=0, atol=1e-4)
 
 
