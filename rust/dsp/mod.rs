@@ -9,7 +9,6 @@ mod sosfilt;
 
 pub use butterworth::{butterworth, Band, MAX_ORDER};
 pub(crate) use cascade::advance;
-#[cfg(target_arch = "x86_64")]
 pub(crate) use cascade::private::Slice;
 pub use cascade::{Real, SosState};
 pub use histogram::{Outside, UniformBins, MAX_BINS};
