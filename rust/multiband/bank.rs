@@ -1,35 +1,21 @@
 //! From a recording to the signals of its bands, as it arrives or all at once.
 //!
-//! Axes go through a pyramid of filters in float32, eight side by side: stages at rates that are halved from one to the next. One of them has
-//! two octaves, each of the others one: the first stage has them, or the second where the rate is halved early.
+//! Axes go through a pyramid of filters in float32, eight side by side: stages at rates that are halved from one to the next.
+//! One of them has two octaves, each of the others one: the first stage has them, or the second where the rate is halved early.
 //!
 //! Rows go through in blocks. A block of a stage is half a block of the next one, which runs as soon as it has a whole one.
 //! What a recording leaves over at its end goes through all stages in a copy of what they remember, so that more of it may
 //! still come. Signals are counted from the first sample: a start as if it had lasted for ever is then a start from rest,
-//! and a constant leaves nothing behind, not even rounding. They are also divided by the least scale of their axis, in float64, so that
-//! the range of float32 is that of a signal and not of its unit; what is left of 24 bits is more than sensors have.
+//! and a constant leaves nothing behind, not even rounding. They are also divided by the least scale of their axis, in
+//! float64, so that the range of float32 is that of a signal and not of its unit; what is left of 24 bits is more than
+//! sensors have.
 
-use super::spec::{halved, halvings, least_scales, n_octaves, Definition, TOP};
+use super::filters::{run, Axes8, Filters, Remembered, Rows, BACK, GROUP, REST, ROWS};
+use super::spec::{halved, halvings, least_scales, n_octaves, Definition};
 use super::{BandSignals, Region};
-use crate::dsp::{butterworth, Band, Real};
+use crate::dsp::Real;
 use crate::error::{Error, Result};
-use crate::kernel::{Pack, Register, Simd, Vectors};
-
-/// Order of the low-pass in front of every halving of the rate. What lies at 0.755 to 0.878 of Nyquist folds onto the octave
-/// that is taken next; there the low-pass is down by 55 dB or more.
-const HALVING_ORDER: usize = 7;
-
-/// Axes of a group, which go through the bank side by side.
-const GROUP: usize = 8;
-
-/// The axes of a group at one instant.
-type Axes8 = Pack<f32, GROUP>;
-
-/// Rows that go through a stage together: an even number, whole groups.
-pub(super) const ROWS: usize = 64;
-
-/// Rows before the first that a stage looks back to.
-const BACK: usize = 4;
+use crate::kernel::{Pack, Register, Simd};
 
 /// Signals begin at whole cache lines: this many float32.
 const LINE: usize = 16;
@@ -45,186 +31,6 @@ macro_rules! with_axes {
     };
 }
 
-/// The three filters of the pyramid; the same at every stage, for frequencies are relative to its rate. Both octaves have
-/// the same zeros, twice at frequency 0 and twice at Nyquist: `(1 - z^-2)^2` is taken once.
-#[derive(Clone, Copy, Debug)]
-struct Filters {
-    /// The upper octave of two.
-    top: Poles,
-    /// The octave below, or the only one, but for the first.
-    octave: Poles,
-    /// Before the rate is halved: `(A(a0) A(a2) + z^-1 A(a1)) / 2` with all-passes `A(a) = (a + z^-2) / (1 + a z^-2)`.
-    halving: [f32; 3],
-}
-
-/// Two pairs of poles and the gain of a band-pass whose zeros are known.
-#[derive(Clone, Copy, Debug)]
-struct Poles {
-    /// `a1` and `a2` of each pair: `1 + a1 z^-1 + a2 z^-2`.
-    pairs: [[f32; 2]; 2],
-    /// Factor of the numerator.
-    gain: f64,
-}
-
-impl Filters {
-    fn new() -> Result<Self> {
-        let halving = all_passes()?.map(f32::of);
-        Ok(Self { top: Poles::new(TOP)?, octave: Poles::new(TOP / 2.0)?, halving })
-    }
-}
-
-impl Poles {
-    /// Those of the octave that ends at `high`, a share of the Nyquist frequency.
-    fn new(high: f64) -> Result<Self> {
-        let sos = butterworth(2, Band::Bandpass(high / 2.0, high), 2.0)?;
-        let mut poles = Self { pairs: [[0.0; 2]; 2], gain: 1.0 };
-        for (pair, section) in poles.pairs.iter_mut().zip(sos.sections()) {
-            *pair = [section.a1, section.a2].map(f32::of);
-            poles.gain *= section.b0;
-        }
-        Ok(poles)
-    }
-
-    /// The pairs, each number in all lanes.
-    #[inline(always)]
-    fn splat<S: Vectors<f32, GROUP>>(&self, simd: S) -> [[S::Register; 2]; 2] {
-        let [[a, b], [c, d]] = self.pairs;
-        [[simd.splat(a), simd.splat(b)], [simd.splat(c), simd.splat(d)]]
-    }
-}
-
-/// A Butterworth low-pass of odd order that ends at half the Nyquist frequency has its poles on the imaginary axis, so that
-/// it is the sum of two chains of all-passes in `z^-2`, one of them a sample later (Gazsi, "Explicit formulas for lattice
-/// wave digital filters", 1985). The poles take turns.
-fn all_passes() -> Result<[f64; 3]> {
-    let sos = butterworth(HALVING_ORDER, Band::Lowpass(0.5), 2.0)?;
-    let mut squares: Vec<_> = sos.sections().iter().map(|section| section.a2).collect();
-    squares.sort_by(f64::total_cmp);
-    // The first is the pole at zero.
-    Ok([squares[1], squares[2], squares[3]])
-}
-
-/// The last two outputs of a recurrence.
-#[derive(Clone, Copy)]
-struct Last<V> {
-    latest: V,
-    before: V,
-}
-
-impl<V: Register<f32, GROUP>> Last<V> {
-    /// Takes in `x` and gives what a pair of poles makes of it. What is known early comes first: only one product and one
-    /// difference wait for the row before.
-    #[inline(always)]
-    fn resonate(&mut self, [a1, a2]: [V; 2], x: V) -> V {
-        let y = x - a2 * self.before - a1 * self.latest;
-        *self = Self { latest: y, before: self.latest };
-        y
-    }
-}
-
-/// What a stage remembers from one block to the next, apart from its input; in memory.
-type Remembered = [Axes8; 11];
-
-/// The same in registers, where a compiler does not think of taking it apart.
-struct Memory<V> {
-    top: [Last<V>; 2],
-    octave: [Last<V>; 2],
-    /// What the all-passes gave last.
-    halving: [V; 3],
-}
-
-impl<V: Register<f32, GROUP>> Memory<V> {
-    #[inline(always)]
-    fn load(simd: impl Vectors<f32, GROUP, Register = V>, from: &Remembered) -> Self {
-        let mut v = [simd.splat(0.0); 11];
-        for (v, from) in v.iter_mut().zip(from) {
-            *v = simd.load(&from.0);
-        }
-        let [a, b, c, d, e, f, g, h, i, j, k] = v;
-        Self {
-            top: [Last { latest: a, before: b }, Last { latest: c, before: d }],
-            octave: [Last { latest: e, before: f }, Last { latest: g, before: h }],
-            halving: [i, j, k],
-        }
-    }
-
-    #[inline(always)]
-    fn store(&self) -> Remembered {
-        let Self { top: [p, q], octave: [r, s], halving: [i, j, k] } = self;
-        let mut to = [Pack::ZERO; 11];
-        let lasts = [p, q, r, s];
-        for (last, to) in lasts.into_iter().zip(to.as_chunks_mut::<2>().0) {
-            last.latest.store(&mut to[0].0);
-            last.before.store(&mut to[1].0);
-        }
-        for (v, to) in [i, j, k].into_iter().zip(&mut to[2 * lasts.len()..]) {
-            v.store(&mut to.0);
-        }
-        to
-    }
-
-    /// A row of half the rate, of the last four; twice as large as the input.
-    #[inline(always)]
-    fn halve(&mut self, [a0, a1, a2]: [V; 3], [x3, x2, x1, x0]: [V; 4]) -> V {
-        let [before0, before1, before2] = self.halving;
-        let y0 = a0 * x0 + x2 - a0 * before0;
-        let y1 = a1 * x1 + x3 - a1 * before1;
-        let y2 = a2 * y0 + before0 - a2 * before2;
-        self.halving = [y0, y1, y2];
-        y2 + y1
-    }
-}
-
-/// What comes out of one block of a stage, without the gain of its filters.
-#[derive(Clone, Debug)]
-struct Rows {
-    top: [Axes8; ROWS],
-    octave: [Axes8; ROWS],
-}
-
-impl Rows {
-    const ZERO: Self = Self { top: [Pack::ZERO; ROWS], octave: [Pack::ZERO; ROWS] };
-}
-
-/// At most [`ROWS`] rows, `input` with the [`BACK`] before them, through the filters of a stage, one or both octaves.
-/// `halved` are the rows of the next stage.
-#[inline(always)]
-fn run<const UPPER: bool, const LOWER: bool>(
-    simd: impl Vectors<f32, GROUP>,
-    filters: &Filters,
-    remembered: &Remembered,
-    input: &[Axes8],
-    rows: &mut Rows,
-    halved: &mut [Axes8],
-) -> Remembered {
-    let mut m = Memory::load(simd, remembered);
-    let (top_poles, poles) = (filters.top.splat(simd), filters.octave.splat(simd));
-    let [a0, a1, a2] = filters.halving;
-    let halving = [simd.splat(a0), simd.splat(a1), simd.splat(a2)];
-    let pairs = input.windows(BACK + 2).step_by(2).zip(halved);
-    let outputs = rows.top.as_chunks_mut::<2>().0.iter_mut().zip(rows.octave.as_chunks_mut::<2>().0);
-    for ((rows, halved), (top, octave)) in pairs.zip(outputs) {
-        let mut x = [halving[0]; BACK + 2];
-        for (x, row) in x.iter_mut().zip(rows) {
-            *x = simd.load(&row.0);
-        }
-        for i in 0..2 {
-            // What the zeros that both octaves share make of the row.
-            let w = (x[BACK + i] - x[BACK + i - 2]) - (x[BACK + i - 2] - x[BACK + i - 4]);
-            if UPPER {
-                let y = m.top[0].resonate(top_poles[0], w);
-                m.top[1].resonate(top_poles[1], y).store(&mut top[i].0);
-            }
-            if LOWER {
-                let y = m.octave[0].resonate(poles[0], w);
-                m.octave[1].resonate(poles[1], y).store(&mut octave[i].0);
-            }
-        }
-        m.halve(halving, [x[BACK - 3], x[BACK - 2], x[BACK - 1], x[BACK]]).store(&mut halved.0);
-    }
-    m.store()
-}
-
 /// Filters between two halvings of the rate.
 #[derive(Clone, Debug)]
 struct Stage {
@@ -237,8 +43,7 @@ struct Stage {
 }
 
 impl Stage {
-    const REST: Self =
-        Self { memory: [Pack::ZERO; 11], input: [Pack::ZERO; BACK + ROWS], n_waiting: 0, n_done: 0 };
+    const REST: Self = Self { memory: REST, input: [Pack::ZERO; BACK + ROWS], n_waiting: 0, n_done: 0 };
 }
 
 /// The stages of a group of axes.
@@ -257,7 +62,7 @@ impl Pyramid {
 
     fn restart(&mut self) {
         for stage in &mut self.stages {
-            stage.memory = Stage::REST.memory;
+            stage.memory = REST;
             stage.input[..BACK].fill(Pack::ZERO);
             (stage.n_waiting, stage.n_done) = (0, 0);
         }
@@ -658,53 +463,4 @@ fn group_within<const N: usize>(recording: &[f64], axis: usize, limits: &[f64], 
         means[axis + lane] = sum.0[lane] / n;
     }
     within
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numerators_are_those_of_the_designs() {
-        let filters = Filters::new().unwrap();
-        for (high, poles) in [(TOP, filters.top), (TOP / 2.0, filters.octave)] {
-            let sos = butterworth(2, Band::Bandpass(high / 2.0, high), 2.0).unwrap();
-            assert_eq!(sos.sections().len(), 2);
-            let [p, q] = [sos.sections()[0], sos.sections()[1]].map(|s| [s.b0, s.b1, s.b2]);
-            for (power, zero) in [1.0, 0.0, -2.0, 0.0, 1.0].iter().enumerate() {
-                let product: f64 =
-                    (0..3).filter(|i| (*i..i + 3).contains(&power)).map(|i| p[i] * q[power - i]).sum();
-                assert!((product - poles.gain * zero).abs() < 1e-12 * poles.gain, "{high} {power}");
-            }
-        }
-    }
-
-    #[test]
-    fn all_passes_are_the_low_pass() {
-        let sos = butterworth(HALVING_ORDER, Band::Lowpass(0.5), 2.0).unwrap();
-        let mut impulse = [0.0; 40];
-        impulse[0] = 1.0;
-        let mut expected = impulse;
-        for s in sos.sections() {
-            let (mut z0, mut z1) = (0.0, 0.0);
-            for x in &mut expected {
-                let y = s.b0 * *x + z0;
-                (z0, z1) = (s.b1 * *x - s.a1 * y + z1, s.b2 * *x - s.a2 * y);
-                *x = y;
-            }
-        }
-        let all_pass = |a: f64, x: [f64; 40]| {
-            let mut y = [0.0; 40];
-            for t in 0..40 {
-                let before = |values: &[f64; 40]| if t < 2 { 0.0 } else { values[t - 2] };
-                y[t] = a * x[t] + before(&x) - a * before(&y);
-            }
-            y
-        };
-        let [a0, a1, a2] = all_passes().unwrap();
-        let (first, second) = (all_pass(a2, all_pass(a0, impulse)), all_pass(a1, impulse));
-        for t in 1..40 {
-            assert!((expected[t] - 0.5 * (first[t] + second[t - 1])).abs() < 1e-15, "{t}");
-        }
-    }
 }

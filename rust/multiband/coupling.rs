@@ -7,7 +7,7 @@
 
 use super::logarithm::{Logarithms, Numbers, MATRICES};
 use super::resolvents::Resolvents;
-use super::{BandSignals, Definition, Region, Split, Statistic};
+use super::{BandSignals, Definition, Region, Split, Statistic, LANES};
 use crate::dsp::Real;
 use crate::kernel::{Pack, Register, Simd, Vectors};
 
@@ -17,17 +17,11 @@ const RIDGE: f64 = 1e-3;
 /// Stacked samples per row of a matrix at least; fewer leave little but chance in its logarithm.
 const MIN_SAMPLES: usize = 4;
 
-/// Samples of the earlier of two instants before the later.
-const LAG: usize = 2;
-
-/// The band of octave 2, whose rate may be halved early. The same time is then half as many samples, of which fewer do.
-const OCTAVE_2: usize = 2;
+/// Samples of the earlier of two instants before the later, where a band has not half its usual rate.
+pub(super) const LAG: usize = 2;
 
 /// Axes of a tile: nine sums at a time stay in registers and hide the latency of addition.
 const TILE: usize = 3;
-
-/// Partial sums per product.
-const LANES: usize = 8;
 
 /// Samples that are multiplied at a time: a dozen axes of them stay in the first-level cache.
 const CHUNK: usize = 256;
@@ -38,10 +32,9 @@ const TAIL: usize = LANES + LAG;
 /// Samples of a band that are worth adding up before the others are there.
 const LEAST: usize = 64;
 
-/// Samples of the shortest band that has the statistic; of one whose rate is halved early half as many for a row of the matrix.
-pub(super) const fn least_samples(n_axes: usize, early: bool) -> usize {
-    let share = if early { 2 } else { 1 };
-    n_axes.saturating_mul(2 * MIN_SAMPLES / share).saturating_add(LAG)
+/// Samples of the shortest band that has the statistic: where half the lag is the same time, half as many for a row of the matrix.
+pub(super) const fn least_samples(n_axes: usize, lag: usize) -> usize {
+    n_axes.saturating_mul(2 * MIN_SAMPLES * lag / LAG).saturating_add(LAG)
 }
 
 /// The statistic for some number of axes.
@@ -49,12 +42,10 @@ pub(super) const fn least_samples(n_axes: usize, early: bool) -> usize {
 pub(super) struct Coupling {
     definition: Definition,
     n_axes: usize,
-    /// The bands that are long enough.
-    pub(super) bands: Vec<usize>,
+    /// The bands that are long enough, and how many samples the earlier of two instants is before the later.
+    pub(super) bands: Vec<(usize, usize)>,
     /// Those of them that are added up while they grow.
-    growing: Vec<usize>,
-    /// Whether the rate is halved in front of octave 2 already.
-    early: bool,
+    growing: Vec<(usize, usize)>,
 }
 
 /// What one thread needs to compute it.
@@ -103,22 +94,15 @@ impl CouplingWork {
 impl Coupling {
     /// For bands of some numbers of samples, the first of which are those of a recording.
     pub(super) fn new(definition: Definition, lengths: &[usize], n_axes: usize) -> Self {
+        // Octave 2 may have half its usual rate.
         let early = definition.halves_early(lengths[0]);
-        let least = |band: usize| least_samples(n_axes, early && band == OCTAVE_2);
-        let bands: Vec<_> = (0..lengths.len()).filter(|band| lengths[*band] >= least(*band)).collect();
+        let lags = (0..lengths.len()).map(|band| (band, if early && band == 2 { LAG / 2 } else { LAG }));
+        let bands: Vec<_> =
+            lags.filter(|(band, lag)| lengths[*band] >= least_samples(n_axes, *lag)).collect();
         // Band 0 is there once its mean is.
-        let grows = |band: &usize| *band > 0 && lengths[*band] >= 2 * LEAST;
+        let grows = |(band, _): &(usize, usize)| *band > 0 && lengths[*band] >= 2 * LEAST;
         let growing = bands.iter().copied().filter(grows).collect();
-        Self { definition, n_axes, bands, growing, early }
-    }
-
-    /// Samples of the earlier of two instants of a band before the later.
-    pub(super) fn lag(&self, band: usize) -> usize {
-        if self.early && band == OCTAVE_2 {
-            LAG / 2
-        } else {
-            LAG
-        }
+        Self { definition, n_axes, bands, growing }
     }
 
     /// Row and column of each number of a band in the matrix of stacked axes. Definition 1 has the upper triangle, row by row.
@@ -156,7 +140,7 @@ impl Statistic for Coupling {
             growing: self
                 .growing
                 .iter()
-                .map(|band| (*band, Moments::new(self.n_axes, self.lag(*band))))
+                .map(|(band, lag)| (*band, Moments::new(self.n_axes, *lag)))
                 .collect(),
             whole: Moments::new(self.n_axes, LAG),
             function: match self.definition {
@@ -178,10 +162,10 @@ impl Statistic for Coupling {
         };
         let groups = self.bands.chunks(MATRICES).zip(out.chunks_mut(MATRICES * self.per_band()));
         for (bands, out) in groups {
-            for (lane, &band) in bands.iter().enumerate() {
+            for (lane, &(band, lag)) in bands.iter().enumerate() {
                 match growing.iter().find(|(growing, _)| *growing == band) {
                     Some((_, so_far)) => whole.copy(so_far),
-                    None => whole.restart(self.lag(band)),
+                    None => whole.restart(lag),
                 }
                 let matrices = function.matrices();
                 whole.finish(simd, split.signals, band, |i, j, moment| {
@@ -468,7 +452,10 @@ mod tests {
 
     #[test]
     fn only_bands_that_are_long_enough() {
-        let bands = |definition, lengths: &[usize], n_axes| Coupling::new(definition, lengths, n_axes).bands;
+        let bands = |definition, lengths: &[usize], n_axes| {
+            let bands = Coupling::new(definition, lengths, n_axes).bands;
+            bands.into_iter().map(|(band, _)| band).collect::<Vec<_>>()
+        };
         let one = |lengths: &[usize], n_axes| bands(Definition::One, lengths, n_axes).len();
         assert_eq!(one(&[1600, 1600, 1600, 800, 400, 200, 100, 50, 25, 13], 6), 8);
         assert_eq!((one(&[10, 9], 1), one(&[49], 6)), (1, 0));

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::logarithm::{each, Log};
-use super::{BandSignals, Split, Statistic};
+use super::{BandSignals, Split, Statistic, LANES};
 use crate::dsp::Real;
 use crate::kernel::{Register, Simd, Vectors};
 
@@ -15,9 +15,6 @@ const AXES: usize = LANES / STRETCHES;
 
 /// Added to scaled energies before the logarithm.
 const FLOOR: f64 = 1e-6;
-
-/// Numbers calculated with at a time.
-const LANES: usize = 8;
 
 /// Stretches of time of which [`Level`] takes the means, of equal length or one less.
 const LEVEL_STRETCHES: usize = 16;

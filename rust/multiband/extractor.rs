@@ -1,8 +1,9 @@
 //! From recordings to features.
 
-use super::bank::{means_within, Bank, ROWS};
+use super::bank::{means_within, Bank};
 use super::coupling::Coupling;
 use super::envelope::{mean_square, measure, Envelope, Level, STRETCHES};
+use super::filters::ROWS;
 use super::quantiles::{Quantiles, PROBABILITIES};
 use super::spec::{bands, least_scales, Block, FrequencyBand, MultiBandSpec, Scales, LARGEST};
 use super::spectrum::Spectrum;
@@ -207,10 +208,10 @@ impl MultiBand {
         room(self.n_features().saturating_mul(NAME_BYTES))?;
         let mut names = reserved(self.n_features())?;
         if let Some(coupling) = &self.coupling {
-            for &band in &coupling.bands {
+            for &(band, lag) in &coupling.bands {
                 let row = |row: usize| match row / axes.len() {
                     0 => axes[row].clone(),
-                    _ => format!("{}_lag{}", axes[row % axes.len()], coupling.lag(band)),
+                    _ => format!("{}_lag{lag}", axes[row % axes.len()]),
                 };
                 let cells = coupling.cells();
                 names.extend(cells.map(|(i, j)| format!("b{band}_coupling_{}_{}", row(i), row(j))));

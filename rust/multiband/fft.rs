@@ -11,11 +11,9 @@
 
 use std::f64::consts::PI;
 
+use super::LANES;
 use crate::dsp::Real;
 use crate::kernel::{Portable, Register, Vectors};
-
-/// Values at a time.
-pub(super) const LANES: usize = 8;
 
 /// As many values as there are transforms side by side.
 type Row = [f32; LANES];
@@ -290,8 +288,12 @@ fn split<T, const R: usize>(values: &[T], len: usize, apart: usize) -> [&[T]; R]
 
 #[inline(always)]
 fn split_mut<T, const R: usize>(values: &mut [T], len: usize) -> [&mut [T]; R] {
-    let mut pieces = values.chunks_exact_mut(len);
-    std::array::from_fn(|_| pieces.next().expect("as many pieces"))
+    let mut rest = values;
+    std::array::from_fn(|_| {
+        let (piece, after) = std::mem::take(&mut rest).split_at_mut(len);
+        rest = after;
+        piece
+    })
 }
 
 /// One pass: `blocks` transforms of `radix` values for each of `stride` places.

@@ -21,6 +21,7 @@ mod coupling;
 mod envelope;
 mod extractor;
 mod fft;
+mod filters;
 mod logarithm;
 mod quantiles;
 mod resolvents;
@@ -35,6 +36,9 @@ use crate::kernel::{Job, Simd};
 pub use extractor::MultiBand;
 pub use spec::{n_bands, Block, Definition, FrequencyBand, MultiBandSpec, Scales};
 pub use workspace::Workspace;
+
+/// Numbers of float32 that are calculated with as one.
+const LANES: usize = 8;
 
 /// The signals of all bands of one recording, divided by their scales: band 0 is the recording without its mean, then
 /// octave after octave downward, each at a rate of its own. While a recording arrives they end where its bands do.

@@ -82,7 +82,7 @@ impl Block {
     #[must_use]
     pub const fn least_samples(self, n_axes: usize) -> usize {
         match self {
-            Self::Coupling => super::coupling::least_samples(n_axes, false),
+            Self::Coupling => super::coupling::least_samples(n_axes, super::coupling::LAG),
             Self::Envelope => 4,
             Self::Spectrum => super::spectrum::LEAST_SAMPLES,
             Self::Quantiles | Self::Level => 1,

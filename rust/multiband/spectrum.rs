@@ -3,9 +3,9 @@
 use std::f64::consts::PI;
 use std::ops::Range;
 
-use super::fft::{ComplexValues, Fft, FftWork, LANES};
+use super::fft::{ComplexValues, Fft, FftWork};
 use super::logarithm::{each, Log};
-use super::{Split, Statistic};
+use super::{Split, Statistic, LANES};
 use crate::dsp::Real;
 use crate::kernel::{Register, Simd, Vectors};
 

@@ -39,8 +39,8 @@ pub struct StreamingExtractor {
     /// `None` without histograms; nothing is filtered then.
     histograms: Option<WindowHistograms>,
     filter: SosState,
-    /// The filter as it was before a push, should that fail.
-    filter_before: SosState,
+    /// What the filter remembered before a push, should that fail.
+    filter_before: Vec<f64>,
     chunk: Vec<f64>,
     /// Slot of the first sample of the window.
     first: usize,
@@ -63,7 +63,7 @@ impl StreamingExtractor {
                 .hfmh
                 .then(|| WindowHistograms::new(n_samples, n_axes, spec.n_bins))
                 .transpose()?,
-            filter_before: SosState::zero(extractor.sos(), n_axes)?,
+            filter_before: filled(0.0, filter.values().len())?,
             filter,
             chunk: filled(0.0, CHUNK.min(n_samples) * n_axes)?,
             first: 0,
@@ -119,7 +119,7 @@ impl StreamingExtractor {
     pub fn push(&mut self, rows: &[f64]) -> Result<usize> {
         let rows = self.position.taken(rows)?;
         let before = self.position;
-        self.filter_before.values_mut().copy_from_slice(self.filter.values());
+        self.filter_before.copy_from_slice(self.filter.values());
         for chunk in rows.chunks(self.chunk.len()) {
             if let Err(error) = self.take(chunk) {
                 self.undo(before);
@@ -234,7 +234,7 @@ impl StreamingExtractor {
                 histograms.remove((self.first + t) % self.position.windows.n_samples);
             }
         }
-        self.filter.values_mut().copy_from_slice(self.filter_before.values());
+        self.filter.values_mut().copy_from_slice(&self.filter_before);
         self.position = before;
     }
 }
