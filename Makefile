@@ -5,6 +5,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PACKAGE := $(VENV)/.package
 TOOLS   := $(VENV)/.tools
+DOCTOOLS := $(VENV)/.docs
 MATURIN := $(shell sed -n 's/^requires = \["\(maturin[^"]*\)"\]/\1/p' pyproject.toml)
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs' -o -name Cargo.toml)
 
@@ -22,12 +23,13 @@ THREADED := tests/python/core/test_features.py tests/python/core/test_features_a
 # cargo shares out the cores itself, also where make runs targets beside each other.
 unexport MAKEFLAGS
 
-.PHONY: help demo test lint rust-lint python-lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel clean toolchain
+.PHONY: help demo docs test lint rust-lint python-lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
 	@echo "make test       lint, Rust tests, Python tests; with --jobs=3 beside each other"
 	@echo "make check-all  all that takes long: threads, campaign, fuzz, loom, stress, sanitize, memcheck, counts, soak, archive-kills, oldest (hours)"
+	@echo "make docs       the documentation site, in docs/_build/html"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
@@ -101,6 +103,19 @@ $(OLDEST)/.package: requirements-oldest.txt $(WHEEL)
 
 demo: $(PACKAGE)
 	$(BIN)/granular-id demo --output demo --force
+
+$(DOCTOOLS): requirements-docs.txt $(PACKAGE)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-docs.txt
+	@touch $@
+
+# The reference of the crate is part of the site; a warning is an error, and so is a link that leads nowhere.
+docs: $(DOCTOOLS)
+	@$(BIN)/python -m typer granular_id.cli.app utils docs --name granular-id --title "Command line" --output docs/reference/cli.md
+	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs docs/_build/html
+	@cargo doc --quiet --no-deps
+	@rm -rf docs/_build/html/rust && cp -r target/doc docs/_build/html/rust
+	@$(BIN)/python docs/links.py docs/_build/html
+	@echo "the site is there: open docs/_build/html/index.html"
 
 test: rust-lint python-lint rust-test python-test
 	@echo "make test: everything passed"
