@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -84,16 +83,6 @@ def test_what_was_done_and_dropped_and_what_comes_next_is_printed(model, fresh, 
     ):
         assert line in out, out
     assert "SYNTHETIC" not in out
-
-
-def test_the_page_prints_what_it_says_and_its_commands_run(tmp_path, monkeypatch, capsys):
-    page = (Path(__file__).parents[3] / "docs" / "adaptation.md").read_text(encoding="utf-8")
-    blocks = dict(re.findall(r"```(\w*)\n(.*?)```", page, re.DOTALL))
-    monkeypatch.chdir(tmp_path)
-    exec(blocks["python"], {})
-    assert capsys.readouterr().out == blocks["text"]
-    for line in blocks[""].splitlines():
-        ended_well(*line.split()[1:])
 
 
 @pytest.mark.filterwarnings("default")

@@ -2,11 +2,8 @@
 
 import csv
 import re
-import runpy
-import shlex
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -372,23 +369,3 @@ def test_data_check_says_where_recordings_differ(pushes, tmp_path):
     assert told in out
     assert told in written(tmp_path / "c.json")["setup"][0]
     assert run("data", "check", tmp_path / "half.npz", "--strict").exit_code == 3
-
-
-# The page.
-
-PAGE = Path(__file__).parents[3] / "docs" / "setups.md"
-
-
-def test_the_page_runs_as_it_is_printed(tmp_path, monkeypatch):
-    blocks = re.findall(r"```(\w*)\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    program = tmp_path / "page.py"
-    program.write_text("\n".join(text for kind, text in blocks if kind == "python"), encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    runpy.run_path(str(program))
-    commands = [line for kind, text in blocks if not kind for line in text.splitlines()]
-    assert all(line.startswith("granular-id ") for line in commands)
-    printed = "".join(ended_well(*shlex.split(line)[1:]) for line in commands)
-    lines = {" ".join(line.split()) for line in printed.splitlines()}
-    shown = [line for kind, text in blocks if kind == "text" for line in text.splitlines()]
-    assert len(shown) > 10
-    assert [line for line in shown if " ".join(line.split()) not in lines] == []

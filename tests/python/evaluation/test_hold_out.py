@@ -1,9 +1,7 @@
 """evaluate(hold_out=...): each value of a condition is held out whole, beside as many at random, in one table."""
 
 import json
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -319,13 +317,3 @@ def test_the_page_shows_the_table(result, monkeypatch):
     page = html(result)
     assert "<h2>Another tool</h2>" in page
     assert page.count("one tool after the other held out") >= 2
-
-
-def test_the_page_of_the_documentation_prints_what_it_says(capsys):
-    text = (Path(__file__).parents[3] / "docs" / "evaluation.md").read_text(encoding="utf-8")
-    example, printed = re.search(
-        r"```python\n((?:(?!```).)*hold_out=.*?)```\s*```text\n(.*?)```", text, re.DOTALL
-    ).groups()
-    exec(compile(example, "docs/evaluation.md", "exec"), {})
-    said = capsys.readouterr().out
-    assert said == printed

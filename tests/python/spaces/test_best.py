@@ -104,7 +104,7 @@ def test_the_model_is_the_mean_of_what_is_within_one_standard_error_of_the_best(
 
 
 def test_beside_a_best_without_a_mistake_stands_what_is_within_one_recording():
-    """The standard error of a share of 1 is 0; the table and docs/multiband.md say "or one recording"."""
+    """The standard error of a share of 1 is 0; the table says "or one recording"."""
     shares = np.array([[1.0, 0.99, 0.98], [1.0, 0.99, 0.98]])
     assert choose(shares, 100) == (0, 1)
     assert choose(shares, 1000) == (0,)
