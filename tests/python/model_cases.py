@@ -132,7 +132,7 @@ def framed(header, data=b"", length=None):
 
 
 def digest(header, data):
-    """SHA-256 of what a header says and of the tensors behind it, as ``docs/live/model-file.md`` defines it."""
+    """SHA-256 of what a header says and of the tensors behind it, as ``docs/reference/model_file.md`` defines it."""
 
     def text(value):
         return struct.pack("<Q", len(value)) + value
