@@ -7,7 +7,7 @@ samples at both. The second puts synthetic pushes of the paper's materials behin
 the true start.
 
 ``python benches/onset.py [recordings per noise] [seed]`` prints rates with 95 % intervals (Wilson) and delays in ms;
-``python benches/onset.py FOLDER`` the false onsets in real rests, such as those of docs/sand.md.
+``python benches/onset.py FOLDER`` the false onsets in real rests, such as those of docs/guide/sand.md.
 
 With 2,000 recordings and seed 0: of 88,000 recordings without motion 0.0009 [0.0007, 0.0011] get an onset at a
 nominal rate of 0.05, and 2 at 0.001; the worst noise at 0.05 is filtered and the same on all axes at 100 Hz, 0.009.

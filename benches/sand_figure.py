@@ -1,8 +1,8 @@
-"""Draw docs/sand.png: the examples of docs/sand.md are run, and what they find is drawn.
+"""Draw docs/images/sand.png: the examples of docs/guide/sand.md are run, and what they find is drawn.
 
-Wants the folder that holds ``sand_press`` (docs/sand.md says where the recordings come from). Example:
+Wants the folder that holds ``sand_press`` (docs/guide/sand.md says where the recordings come from). Example:
 
-  python benches/sand_figure.py ../shared/data -o docs/sand.png
+  python benches/sand_figure.py ../shared/data -o docs/images/sand.png
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from granular_id.synthetic import rest_noise
 
-PAGE = Path(__file__).parents[1] / "docs" / "sand.md"
+PAGE = Path(__file__).parents[1] / "docs" / "guide" / "sand.md"
 COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#D55E00")
 INK, GREY = "#333333", "#999999"
 
@@ -39,9 +39,9 @@ def run_page(folder: Path) -> dict[str, Any]:
 def draw(found: dict[str, Any], output: Path) -> None:
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     at_rest, in_time, in_depth = figure.subplots(1, 3)
-    real, drawn = found["rests"][2].wrench[:200, 0], rest_noise(200, 100, seed=1)[:, 0]
+    real, drawn = found["rests"][0].wrench[:200, 0], rest_noise(200, 100, seed=1)[:, 0]
     seconds = np.arange(200) / 100
-    at_rest.plot(seconds, real - real.mean(), color=INK, lw=1.2, label="rest_02")
+    at_rest.plot(seconds, real - real.mean(), color=INK, lw=1.2, label="rest_00")
     at_rest.plot(seconds, drawn - drawn.mean() - 0.6, color=GREY, lw=1.2, label="simulated, 0.6 N lower")
     at_rest.set(xlabel="time (s)", ylabel="fx less its mean (N)", ylim=(-1.0, 0.45))
     at_rest.set_title("at rest: 12 readings a second, repeated", fontsize=9, loc="left", color=INK)
@@ -52,8 +52,8 @@ def draw(found: dict[str, Any], output: Path) -> None:
         in_time.plot(run.times()[onset], load[onset], "o", mfc="none", color=colour, ms=7)
     in_time.set(xlabel="time (s)", ylabel="vertical load (N)")
     in_time.set_title("tared; circles: onsets", fontsize=9, loc="left", color=INK)
-    for (depth, force, factor), power, run, colour in zip(
-        found["curves"], found["powers"], found["tared"], COLOURS, strict=True
+    for (depth, force, power, factor), run, colour in zip(
+        found["curves"], found["tared"], COLOURS, strict=True
     ):
         in_depth.loglog(depth, force, ".", ms=3, color=colour, alpha=0.6)
         line = np.array([3.0, 35.0])
