@@ -2,9 +2,10 @@
 The features of a push
 ======================
 
-The paper describes a push by its samples and, for each axis, by a histogram of what lies above 23 Hz: the
-high-frequency magnitude histogram (HFMH). Below 23 Hz lies the drag of the whole bed, above it the events of single
-grains. Here are the steps for one axis, two materials side by side, and the call that does it all.
+The paper describes a push by its samples and, for each axis, by a histogram of what lies above 23
+Hz: the high-frequency magnitude histogram (HFMH). Below 23 Hz lies the drag of the whole bed, above
+it the events of single grains. Here are the steps for one axis, two materials side by side, and the
+call that does it all.
 
 The recordings are SYNTHETIC.
 """
@@ -22,8 +23,8 @@ print(push)
 # One axis of one push
 # --------------------
 #
-# The filter is an 8th-order Butterworth high-pass, causal and at rest before the first sample. What remains is counted
-# into 100 equal bins from -1.5 N to 1.5 N; values outside are not counted.
+# The filter is an 8th-order Butterworth high-pass, causal and at rest before the first sample. What
+# remains is counted into 100 equal bins from -1.5 N to 1.5 N; values outside are not counted.
 
 sos = gid.signal.butter(8, 23, "highpass", fs=push.rate_hz)
 force = push.wrench[:, 0]
@@ -43,8 +44,8 @@ right.set(title="histogram (HFMH)", xlabel="N", ylabel="samples", yscale="log")
 # Two materials
 # -------------
 #
-# Pasta lets go in jerks, sugar flows: the tails of the one histogram are much longer than those of the other, in every
-# push. Each line on the right is one push.
+# Pasta lets go in jerks, sugar flows: the tails of the one histogram are much longer than those of
+# the other, in every push. Each line on the right is one push.
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.2), layout="constrained")
 for material, colour in (("fine sugar", "tab:blue"), ("macaroni", "tab:orange")):
@@ -54,14 +55,16 @@ for material, colour in (("fine sugar", "tab:blue"), ("macaroni", "tab:orange"))
     right.plot(edges[:-1], histograms.T, color=colour, linewidth=0.6, drawstyle="steps-post")
 left.set(title="one push of each", xlabel="time, s", ylabel="$F_x$, N")
 left.legend(frameon=False)
-right.set(title="histograms of 10 pushes of each", xlabel="$F_x$ above 23 Hz, N", ylabel="samples", yscale="log")
+right.set(
+    title="histograms of 10 pushes of each", xlabel="$F_x$ above 23 Hz, N", ylabel="samples", yscale="log"
+)
 
 # %%
 # All axes in one call
 # --------------------
 #
-# ``extract_features`` takes one recording or a batch. The vector of a push holds the 1,600 samples of each of the six axes,
-# then the 100 counts of each.
+# ``extract_features`` takes one recording or a batch. The vector of a push holds the 1,600 samples
+# of each of the six axes, then the 100 counts of each.
 
 features = gid.extract_features(data.X)
 names = gid.feature_names()

@@ -2,12 +2,13 @@
 An accuracy that can be believed
 ================================
 
-Recordings of one session share tool, filling, zero and temperature. Random partitions put such neighbours on both sides,
-and flatter a model that has learned the session. ``evaluate`` holds out whole sessions, and shows beside them what
-partitions of the same size, drawn at random, would have promised.
+Recordings of one session share tool, filling, zero and temperature. Random partitions put such
+neighbours on both sides, and flatter a model that has learned the session. ``evaluate`` holds out
+whole sessions, and shows beside them what partitions of the same size, drawn at random, would have
+promised.
 
-The recordings are SYNTHETIC. What varies between their sessions is drawn: the mounting of the sensor, its gain and zero,
-the filling of the container.
+The recordings are SYNTHETIC. What varies between their sessions is drawn: the mounting of the
+sensor, its gain and zero, the filling of the container.
 """
 
 import matplotlib.pyplot as plt
@@ -24,9 +25,10 @@ print(data.summary())
 # One call
 # --------
 #
-# Two feature spaces: the paper's samples and histograms, and multi-band features. The number to count on is the first,
-# *held-out sessions*. Below the table stand the controls: what can be answered from the rest before the motion, from the
-# time of the recording or with shuffled labels, which should be little.
+# Two feature spaces: the paper's samples and histograms, and multi-band features. The number to
+# count on is the first, *held-out sessions*. Below the table stand the controls: what can be
+# answered from the rest before the motion, from the time of the recording or with shuffled labels,
+# which should be little.
 
 result = gid.evaluate(data, ["raw+hfmh", "multiband"], progress=False)
 print(result)
@@ -35,7 +37,8 @@ print(result)
 # The gap
 # -------
 #
-# Every dot is one partition. The shaded stretch is what a new session costs, and what random partitions hide.
+# Every dot is one partition. The shaded stretch is what a new session costs, and what random
+# partitions hide.
 
 plot_gap(result, "raw+hfmh")
 
@@ -43,7 +46,8 @@ plot_gap(result, "raw+hfmh")
 # Which materials pay for it
 # --------------------------
 #
-# The share of each material that is named rightly, with sessions held out and with partitions at random.
+# The share of each material that is named rightly, with sessions held out and with partitions at
+# random.
 
 spaces = [space.name for space in result.spaces]
 figure, panels = plt.subplots(1, len(spaces), figsize=(9, 3), sharey=True, layout="constrained")
@@ -58,7 +62,8 @@ for panel, space in zip(panels, spaces, strict=True):
 panels[0].legend(frameon=False, loc="lower left")
 
 # %%
-# The numbers are there for programs as well. ``result.report("report.html")`` writes all of it as one page.
+# The numbers are there for programs as well. ``result.report("report.html")`` writes all of it as
+# one page.
 
 for space in spaces:
     accuracy, gap = result.mean_accuracy(space), result.gap(space)

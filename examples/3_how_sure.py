@@ -2,9 +2,10 @@
 How sure is an answer?
 ======================
 
-A model that is trained on recordings of several sessions holds some of them out, and learns from those when it may be
-sure. A decision then names *candidates*, a set of materials that holds the right one as often as asked for, and says when
-a push is like *none* of the materials that the model knows.
+A model that is trained on recordings of several sessions holds some of them out, and learns from
+those when it may be sure. A decision then names *candidates*, a set of materials that holds the
+right one as often as asked for, and says when a push is like *none* of the materials that the model
+knows.
 
 The recordings are SYNTHETIC, and short (1.2 s), so that some answers are doubtful.
 """
@@ -34,10 +35,11 @@ for number in (0, 37, 80, 96):
     print(f"{later[number].label}: {decisions[number]}")
 
 # %%
-# A row is what was pushed through, a number the share of its pushes for which a material was among the candidates. The last
-# column counts pushes that were refused. Nine sets in ten hold the right material, in the mean: of clay granules fewer do,
-# of sugar all. Flour is like none of the six and always refused. Macaroni feel like dry peas and are mostly named so; no
-# limit on the scores can tell them apart.
+# A row is what was pushed through, a number the share of its pushes for which a material was among
+# the candidates. The last column counts pushes that were refused. Nine sets in ten hold the right
+# material, in the mean: of clay granules fewer do, of sugar all. Flour is like none of the six and
+# always refused. Macaroni feel like dry peas and are mostly named so; no limit on the scores can
+# tell them apart.
 
 columns = [*known, "like none"]
 rows = known + unknown
@@ -59,9 +61,10 @@ for row, column in np.argwhere(shares > 0):
 # Are these promises kept?
 # ------------------------
 #
-# ``assess`` asks three questions of a model, with recordings that did not train it. Do probabilities mean what they say? Do
-# sets of materials hold the right one as often as asked for? Are materials refused that were left out of the training? It
-# trains some hundred models. Here probabilities and sets do well; of the materials left out few are refused.
+# ``assess`` asks three questions of a model, with recordings that did not train it. Do
+# probabilities mean what they say? Do sets of materials hold the right one as often as asked for?
+# Are materials refused that were left out of the training? It trains some hundred models. Here
+# probabilities and sets do well; of the materials left out few are refused.
 
 pipeline = make_pipeline(gid.MultiBand(), gid.ECOCClassifier())
 found = assess(data, pipeline, levels=[0.5, 0.8, 0.9], n_seeds=3, name="multiband")

@@ -2,9 +2,9 @@
 Another mounting, another tool
 ==============================
 
-A model is for one set-up. On Tuesday the sensor is mounted turned by 90 degrees and carries a gripper: that is geometry and
-weight, and can be computed away. On Wednesday the tool in the material is a thinner one: the forces themselves are others,
-and a few recordings adapt the model.
+A model is for one set-up. On Tuesday the sensor is mounted turned by 90 degrees and carries a
+gripper: that is geometry and weight, and can be computed away. On Wednesday the tool in the
+material is a thinner one: the forces themselves are others, and a few recordings adapt the model.
 
 The recordings are SYNTHETIC.
 """
@@ -32,8 +32,8 @@ def accuracy(model, data):
 # Tuesday: the sensor is turned and carries a gripper
 # ---------------------------------------------------
 #
-# The first two statements simulate the day; with a robot, record it. Metadata of a recording name the frame of its wrench: where
-# it is not that of the training, the model refuses to answer.
+# The first four statements simulate the day. Metadata of a recording name the frame of its wrench:
+# where it is not that of the training, the model refuses to answer.
 
 gripper = Payload(0.306, (0.002, -0.003, 0.05), bias=(5, 12, 3, 0.78, -0.16, 0.11), frame="wrist")
 as_monday = gid.synthesize(materials, n_per_class=24, seed=2)
@@ -45,8 +45,8 @@ except ValueError as error:
     print(error)
 
 # %%
-# What the gripper weighs is identified from rests in six orientations. It comes off first, in the frame of the sensor; then the
-# wrench is turned. Forces are those of Monday again.
+# What the gripper weighs is identified from rests in six orientations. It comes off first, in the
+# frame of the sensor; then the wrench is turned. Forces are those of Monday again.
 
 rests = simulate_rests(gripper, [[0, 0, 1], [1, 0, 0], [0, 1, 0], [0, 0, -1], [-1, 0, 0], [0, -1, 0]])
 payload = Payload.identify(rests)
@@ -66,9 +66,10 @@ panels[0].legend(frameon=False, ncols=3)
 # Wednesday: a thinner tool, not as deep
 # --------------------------------------
 #
-# Five recordings of each material are made with it. ``adapt`` does without their labels, ``all_materials`` also declares that
-# they hold all materials about equally, ``recalibrate`` takes the labels. None trains from scratch. Where all forces change
-# sides the loss is made good to the last answer; another tool is not the same, and differences of some points mean nothing here.
+# Five recordings of each material are made with it. ``adapt`` does without their labels,
+# ``all_materials`` also declares that they hold all materials about equally, ``recalibrate`` takes
+# the labels. Tuesday's loss is made good. On Wednesday, differences of a few points mean nothing:
+# these are single draws of few sessions.
 
 thin = Rig(tool_diameter_m=0.012, depth_m=0.05)
 few = gid.synthesize(materials, n_per_class=5, seed=3, rig=thin)

@@ -1,15 +1,19 @@
-"""The examples in the docstrings, and the first lines that a new wheel runs, say what they say they do."""
+"""The examples in the docstrings, those of the gallery, and the first lines that a new wheel runs, do what they say."""
 
 import doctest
 import importlib
+import os
 import pkgutil
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 import granular_id
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 MODULES = [
     module.name
     for module in pkgutil.walk_packages(granular_id.__path__, "granular_id.")
@@ -30,5 +34,17 @@ def test_there_are_examples():
 
 
 def test_the_first_lines_name_a_push(capsys):
-    runpy.run_path(str(Path(__file__).parents[2] / "examples" / "first_lines.py"))
+    runpy.run_path(str(EXAMPLES / "first_lines.py"))
     assert capsys.readouterr().out.splitlines()[-1] == "a push through rice is named rice"
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("[0-9]_*.py")), ids=lambda path: path.stem)
+def test_an_example_of_the_gallery_runs_without_a_warning(path, tmp_path):
+    pytest.importorskip("matplotlib", reason="figures need matplotlib")
+    subprocess.run(
+        [sys.executable, "-W", "error", path],
+        cwd=tmp_path,
+        env={**os.environ, "MPLBACKEND": "agg"},
+        check=True,
+        timeout=300,
+    )
