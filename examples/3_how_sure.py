@@ -31,15 +31,15 @@ model = gid.Identifier.fit(data, "multiband", coverage=0.9, share_known=0.95, ea
 unknown = ["wheat flour", "breadcrumbs", "macaroni"]
 later = gid.synthesize(known + unknown, n_per_class=16, duration_s=1.2, seed=7)
 decisions = [model.identify(push) for push in later]
-for number in (0, 37, 80, 96):
-    print(f"{later[number].label}: {decisions[number]}")
+for push, decision in list(zip(later, decisions, strict=True))[::32]:
+    print(f"{push.label}: {decision}")
 
 # %%
 # A row is what was pushed through, a number the share of its pushes for which a material was among
 # the candidates. The last column counts pushes that were refused. Nine sets in ten hold the right
 # material, in the mean: of clay granules fewer do, of sugar all. Flour is like none of the six and
-# always refused. Macaroni feel like dry peas and are mostly named so; no limit on the scores can
-# tell them apart.
+# always refused. The forces of macaroni resemble those of dry peas, and most of these pushes are
+# named so: no limit on the scores can tell them apart.
 
 columns = [*known, "like none"]
 rows = known + unknown
