@@ -31,7 +31,7 @@ force = push.wrench[:, 0]
 high = gid.signal.sosfilt(sos, force)
 counts, edges = gid.signal.histogram(high, bins=100, range=(-1.5, 1.5))
 
-times_s = np.arange(push.n_samples) / push.rate_hz
+times_s = push.times()
 figure, (left, middle, right) = plt.subplots(1, 3, figsize=(10, 3), layout="constrained")
 left.plot(times_s, force, linewidth=0.8)
 left.set(title="signal", xlabel="time, s", ylabel="$F_x$, N")
@@ -55,9 +55,7 @@ for material, colour in (("fine sugar", "tab:blue"), ("macaroni", "tab:orange"))
     right.plot(edges[:-1], histograms.T, color=colour, linewidth=0.6, drawstyle="steps-post")
 left.set(title="one push of each", xlabel="time, s", ylabel="$F_x$, N")
 left.legend(frameon=False)
-right.set(
-    title="histograms of 10 pushes of each", xlabel="$F_x$ above 23 Hz, N", ylabel="samples", yscale="log"
-)
+right.set(title="10 pushes of each", xlabel="$F_x$ above 23 Hz, N", ylabel="samples", yscale="log")
 
 # %%
 # All axes in one call
