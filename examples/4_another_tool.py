@@ -12,7 +12,6 @@ The recordings are SYNTHETIC.
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
-import numpy as np
 
 import granular_id as gid
 from granular_id.recording import Payload
@@ -87,5 +86,5 @@ figure, panel = plt.subplots(figsize=(8, 3.2), layout="constrained")
 bars = panel.barh(list(shares), list(shares.values()), color=["C0", "C1", "C1", *["C2"] * 4])
 panel.bar_label(bars, [f"{share:.0%}" for share in shares.values()], padding=3)
 panel.axvline(1 / len(materials), color="grey", linestyle="--")
-panel.set(xlabel="accuracy (dashed: chance)", xlim=(0, 1.1), xticks=np.linspace(0, 1, 5))
+panel.set(xlabel="accuracy (dashed: chance)", xlim=(0, 1.1))
 panel.invert_yaxis()
