@@ -30,7 +30,7 @@ help:
 	@echo "make test       lint, Rust tests, Python tests; with --jobs=3 beside each other"
 	@echo "make check-all  all that takes long: threads, campaign, fuzz, loom, stress, sanitize, memcheck, counts, soak, archive-kills, oldest (hours)"
 	@echo "make docs       the documentation site, in docs/_build/html"
-	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest"
+	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest, zizmor"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
 	@echo "make bench-accuracy   our methods beside aeon's and others on FOLDERS=\"one two\", sessions held out (minutes; 3 GB to install)"
@@ -39,6 +39,7 @@ help:
 	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind;"
 	@echo "                100,000 damaged CSV files; all 1,413 hostile files (minutes)"
 	@echo "make deny       licences, sources and known faults of the crates that are used, with cargo-deny"
+	@echo "make audit      known faults of the Python packages in .venv, with pip-audit"
 	@echo "make fuzz       CSV parser, model files and sensor packets, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
 	@echo "make loom       the ring of the wrench buffer in all orders that the memory model allows (seconds, once it is compiled)"
 	@echo "make stress     1e9 items through the wrench buffer, with a reader that sleeps (RING_ITEMS=...; minutes)"
@@ -117,7 +118,7 @@ docs: $(DOCTOOLS)
 	@$(BIN)/python docs/links.py docs/_build/html
 	@echo "the site is there: open docs/_build/html/index.html"
 
-test: rust-lint python-lint rust-test python-test
+test: rust-lint python-lint hosted-lint rust-test python-test
 	@echo "make test: everything passed"
 
 # A command, and how far it is: $(call step,3 of 9,command)
@@ -126,7 +127,7 @@ define step
 	@$(2)
 endef
 
-lint: rust-lint python-lint
+lint: rust-lint python-lint hosted-lint
 
 FEATURES := $(shell sed -n '/^\[features\]/,/^$$/s/^\([a-z-]*\) = .*/\1/p' Cargo.toml)
 
@@ -143,6 +144,12 @@ python-lint: $(TOOLS)
 	$(call step,Python lint 3 of 5,$(BIN)/mypy --no-error-summary)
 	$(call step,Python lint 4 of 5,$(BIN)/lint-imports --no-logo)
 	$(call step,Python lint 5 of 5,$(BIN)/python -m mypy.stubtest --concise granular_id._core)
+
+.PHONY: hosted-lint audit
+
+# Online, which GH_TOKEN makes it, zizmor also looks for known faults of the actions.
+hosted-lint: $(TOOLS)
+	$(call step,Hosted checks,$(BIN)/zizmor --quiet .github)
 
 rust-test: | toolchain
 	$(call step,Rust tests,cargo test --quiet)
@@ -280,6 +287,10 @@ FUZZ := RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir tests/fuzz
 deny: | toolchain
 	@cargo deny --version >/dev/null 2>&1 || { echo "make deny needs cargo-deny: cargo install cargo-deny" >&2; exit 1; }
 	cargo deny --workspace check
+
+audit: $(TOOLS)
+	@command -v pip-audit >/dev/null || { echo "make audit needs pip-audit: pipx install pip-audit" >&2; exit 1; }
+	pip-audit --path "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("platlib"))')"
 
 fuzz: $(TOOLS)
 	@cargo fuzz --version >/dev/null 2>&1 || { echo "make fuzz needs cargo-fuzz: cargo install cargo-fuzz" >&2; exit 1; }
