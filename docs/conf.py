@@ -1,5 +1,10 @@
 """The documentation site: `make docs` builds it into docs/_build/html."""
 
+import importlib
+
+from numpydoc.xref import DEFAULT_LINKS
+from sphinx.util.nodes import make_refnode
+
 import granular_id
 
 project = "granular_id"
@@ -16,7 +21,7 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
 ]
-exclude_patterns = ["_build", "sg_execution_times.rst"]
+exclude_patterns = ["_build"]
 templates_path = ["_templates"]
 nitpicky = True
 
@@ -27,7 +32,24 @@ autodoc_typehints = "none"  # numpydoc's sections say them in words
 autosummary_generate = True
 autosummary_imported_members = False
 numpydoc_show_class_members = False
-numpydoc_xref_param_type = False
+default_role = "py:obj"
+python_maximum_signature_line_length = 88
+
+# Types are linked where they are ours; the names of others stay words, as no inventory of theirs is at hand offline.
+PACKAGES = (
+    *("archive", "confidence", "evaluation", "explanation", "identifier"),
+    *("live", "recording", "spaces", "synthetic"),
+)
+NAMES = {
+    name: f"granular_id.{package}.{name}"
+    for package in PACKAGES
+    for name in importlib.import_module(f"granular_id.{package}").__all__
+} | {name: f"granular_id.{name}" for name in granular_id.__all__}
+numpydoc_xref_param_type = True
+numpydoc_xref_ignore = "all"
+numpydoc_xref_aliases = {name: name for name in DEFAULT_LINKS} | {
+    name: path for name, path in NAMES.items() if name[0].isupper()
+}
 
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
@@ -39,6 +61,7 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "show_memory": False,
     "show_signature": False,
+    "write_computation_times": False,
 }
 
 html_theme = "pydata_sphinx_theme"
@@ -56,3 +79,29 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": [],
 }
+
+
+def short_name(app, env, node, contnode):
+    """Link `Dataset.check` as it stands in a docstring; what is no public name (a parameter, say) stays literal."""
+    if node.get("refdomain") != "py":
+        return None
+    objects = env.domains.python_domain.objects
+    target = node["reftarget"]
+    head, dot, tail = target.partition(".")
+    entry = objects.get(NAMES.get(head, head) + dot + tail)
+    if entry is not None and entry.objtype != "module":
+        return make_refnode(app.builder, node["refdoc"], entry.docname, entry.node_id, contnode)
+    return contnode if node["reftype"] == "obj" and not target.startswith("granular_id") else None
+
+
+def of_others(_app, what, _name, member, _skip, _options):
+    """Leave out what scikit-learn, enum or abc bring along: their own pages say what it does."""
+    member = getattr(member, "fget", None) or getattr(member, "func", None) or member
+    of = member if hasattr(member, "__module__") else getattr(member, "__objclass__", None)
+    home = getattr(of, "__module__", None) or "granular_id"
+    return True if what == "class" and not home.startswith("granular_id") else None
+
+
+def setup(app):
+    app.connect("missing-reference", short_name)
+    app.connect("autodoc-skip-member", of_others)
