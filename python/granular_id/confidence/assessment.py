@@ -127,7 +127,7 @@ def assess(
     share_known, unknown_kind
         Of the refusal, see `unknown_rule`.
     compare : bool, default False
-        Also measure the other kinds of strangeness.
+        Also measure the other kinds of novelty score.
     n_seeds : int, default 20
         Random partitions of `coverage_study`.
     n_folds : int, optional

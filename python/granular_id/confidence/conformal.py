@@ -60,7 +60,7 @@ _LEAST = 1e-300
 class ConformalRule:
     """Thresholds that turn the class values of one row into a set of classes.
 
-    A class is in the set of a level when its score (see `KINDS`) is at most the threshold of that level. Where
+    A class is in the set of a level when its score (see `kind`) is at most the threshold of that level. Where
     calibration rows and the new row are exchangeable, the set holds the true class with at least the probability
     that was asked for, whatever the model. No randomness is involved.
 
@@ -69,7 +69,8 @@ class ConformalRule:
     classes : tuple of str
         In the order of the class values.
     kind : str
-        A key of `KINDS`.
+        How badly a class fits: ``"margin"`` (the best other value minus its own), ``"probability"`` (minus its own
+        probability) or ``"cumulative"`` (the probability of all classes down to it, the likeliest first).
     levels : tuple of float
         Wanted coverages in (0, 1), ascending.
     thresholds : tuple of tuple of float
@@ -297,11 +298,11 @@ def conformal_rule(
     ----------
     scored : HeldOutScores
         Calibration rows. Where each was scored by the one model that decides in the end (split), the coverage is
-        guaranteed; where by models of a cross-fit, it comes close: see ``docs/confidence.md`` for how close.
-    levels : sequence of float, default `LEVELS`
+        guaranteed; where by models of a cross-fit, it comes close: see :doc:`/guide/confidence` for how close.
+    levels : sequence of float, default (0.8, 0.9, 0.95)
         Wanted coverages in (0, 1).
     kind : str, default "margin"
-        A key of `KINDS`. The margin gives the smallest sets with a linear model, and needs no probabilities.
+        As `ConformalRule.kind`. The margin gives the smallest sets with a linear model, and needs no probabilities.
     per_class : bool, default False
         A threshold for each class (Mondrian): each material alone is covered as often as wanted. Each class then
         needs as many rows as otherwise all have together.

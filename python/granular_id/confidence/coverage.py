@@ -54,7 +54,7 @@ class CoverageResult(StudyResult):
     rows : tuple of Covered
         Random partitions, then the strictest that the data allow.
     kind : str
-        Key of `granular_id.confidence.conformal.KINDS`.
+        As `ConformalRule.kind`.
     per_class : bool
     n_classes : int
     synthetic : bool

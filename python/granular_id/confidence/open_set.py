@@ -31,11 +31,11 @@ FloatArray = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OpenSetRow:
-    """One kind of strangeness with one material left out, mean over the partitions; rows are tested ones."""
+    """One kind of novelty score with one material left out, mean over the partitions; rows are tested ones."""
 
     material: str  # unknown to the models
     kind: str
-    auroc: float  # probability that a row of the unknown material is stranger than a known one
+    auroc: float  # probability that a row of the unknown material is more novel than a known one
     fpr95: float  # share of the unknown accepted at the limit, not known in practice, that accepts 95 % of the known
     accepted: float  # share of the known that the stored limit accepts
     named: float  # share of the known that are accepted and named rightly
@@ -56,7 +56,7 @@ class OpenSetResult(StudyResult):
     Attributes
     ----------
     rows : tuple of OpenSetRow
-        Kinds of strangeness and materials.
+        Kinds of novelty score and materials.
     kind : str
         The kind of first interest.
     share_known : float
@@ -110,7 +110,7 @@ class OpenSetResult(StudyResult):
         return Table(f"Each material left out{self._mark}", _HEADER, tuple(rows), notes)
 
     def comparison(self) -> Table:
-        """One row per kind of strangeness, means over the materials, the best AUROC first."""
+        """One row per kind of novelty score, means over the materials, the best AUROC first."""
         kinds = sorted(self.kinds, key=lambda kind: -self.mean("auroc", kind))
         rows = tuple(_cells(kind, [self.mean(figure, kind) for figure in _FIGURES]) for kind in kinds)
         return Table(f"Ways to see the unknown{self._mark}", ("kind", *_HEADER[1:]), rows)
@@ -119,7 +119,7 @@ class OpenSetResult(StudyResult):
         return str(self.table()) if len(self.kinds) == 1 else f"{self.table()}\n\n{self.comparison()}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything but the single rows' strangeness in types that JSON knows."""
+        """Return everything but the single rows' novelty scores in types that JSON knows."""
         return {
             "synthetic": self.synthetic,
             "kind": self.kind,
@@ -165,7 +165,7 @@ def leave_one_material_out(
     share_known : float, default 0.95
         Share of known rows that is to be accepted.
     kinds : sequence of str, optional
-        Keys of `STRANGENESS` to compare, the first is the one of interest. Default: that of
+        Kinds of novelty score (`UnknownRule.kind`) to compare, the first is the one of interest. Default: that of
         `unknown_rule`, and all others that the model allows.
 
     Returns
@@ -277,7 +277,7 @@ def _row(material: str, kind: str, judged: Sequence[_Judged]) -> OpenSetRow:
 
 
 def area_under_roc(known: FloatArray, unknown: FloatArray) -> float:
-    """Probability that an unknown row is stranger than a known one, ties counted half."""
+    """Probability that an unknown row is more novel than a known one, ties counted half."""
     # By ranks: roc_auc_score integrates a curve, and rounds otherwise.
     ranks = rankdata(np.concatenate([known, unknown]))[len(known) :]
     n = len(unknown)

@@ -59,7 +59,7 @@ STRANGENESS: Mapping[str, str] = MappingProxyType(
         "margin": "the second largest class value minus the largest",
     }
 )
-"""How strange a row is, by name; larger is stranger."""
+"""Novelty scores by name; larger is more novel."""
 
 _OF_LEARNERS = ("hinge_distance", "learner_distance", "learners")
 _OF_DISTANCE = ("hinge_distance", "value_distance", "learner_distance")
@@ -71,16 +71,19 @@ _LEAST_VARIANCE = 1e-12
 
 @dataclass(frozen=True)
 class UnknownRule:
-    """A limit of strangeness: a row beyond it is none of the known materials.
+    """A limit of novelty: a row beyond it is none of the known materials.
 
     Attributes
     ----------
     classes : tuple of str
         In the order of the class values.
     kind : str
-        A key of `STRANGENESS`.
+        The novelty score: ``"hinge_distance"`` (Mahalanobis distance of the class values under the hinge to those of
+        the nearest class), ``"value_distance"`` (the same under the loss that decides), ``"learner_distance"`` (the
+        same of the learners' scores), ``"learners"`` (how clearly the least clear learner of the winning class speaks
+        for it, negated), ``"value"`` (minus the largest class value) or ``"margin"`` (the second largest minus it).
     threshold : float
-        Rows stranger than this are refused; infinite where there were too few calibration rows: nothing is refused.
+        Rows with a larger novelty score are rejected; infinite, so that none is, with too few calibration rows.
     share_known : float
         Share of rows of known materials that was to be accepted, in (0, 1).
     n_calibration : int
@@ -157,7 +160,7 @@ class UnknownRule:
         )
 
     def strangeness(self, values: npt.ArrayLike, binary: npt.ArrayLike | None = None) -> FloatArray:
-        """How strange rows are; larger is stranger.
+        """Novelty scores of rows; larger is more novel.
 
         Parameters
         ----------
@@ -253,12 +256,12 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
     scored : HeldOutScores
         Cross-fitted scores of known materials. Rows of unknown ones are not needed.
     share_known : float, default 0.95
-        In (0, 1). The threshold is the ceil((n + 1) share)-th smallest strangeness, so that a new row of a known
+        In (0, 1). The threshold is the ceil((n + 1) share)-th smallest novelty score, so that a new row of a known
         material, recorded as the others were, is accepted at least so often.
     kind : str, optional
-        A key of `STRANGENESS`. Default: ``"hinge_distance"`` where a model has a learner for each pair of classes,
+        As `UnknownRule.kind`. Default: ``"hinge_distance"`` where a model has a learner for each pair of classes,
         else ``"value_distance"``; these did best where one material after the other was left out, see
-        ``docs/confidence.md``. The covariance within classes is shrunken after Ledoit & Wolf (2004), "A
+        :doc:`/guide/confidence`. The covariance within classes is shrunken after Ledoit & Wolf (2004), "A
         well-conditioned estimator for large-dimensional covariance matrices".
 
     Returns

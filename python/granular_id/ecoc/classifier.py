@@ -91,15 +91,15 @@ class ECOCClassifier(LabelledClassifier, BaseEstimator):  # type: ignore[misc]
         (code +1). Its score is `decision_function` where it has one, else the probability of 1. Default: the
         linear support vector machine described above, the paper's, much faster here than as an `estimator`.
     coding : str or array-like, shape (K, L), default "onevsone"
-        Which learner sees which classes on which side, a key of `granular_id.ecoc.CODINGS`:
+        Which learner sees which classes on which side:
         "onevsone" with K (K - 1) / 2 learners (the paper), "onevsall" K, "ordinal" K - 1, "binarycomplete"
         2^(K-1) - 1, "ternarycomplete" (3^K - 2^(K+1) + 1) / 2, "denserandom" about 10 log2 K, "sparserandom"
         about 15 log2 K; or codes -1, 0, +1 of one's own, a row for each of the sorted classes.
     decoding : {"loss_weighted", "loss_based"}, default "loss_weighted"
-        By what the summed loss of a class is divided; see `granular_id.ecoc.decode`. For one-vs-one both
-        name the same classes and differ by the factor (K - 1) / L. The paper uses "loss_weighted".
+        By what the summed loss of a class is divided: by how many learners saw it, or by L.
+        For one-vs-one both name the same classes and differ by the factor (K - 1) / L. The paper uses "loss_weighted".
     loss : str, default "auto"
-        Binary loss, a key of `granular_id.ecoc.LOSSES`. "hinge" belongs to support vector machines and is
+        Binary loss. "hinge" belongs to support vector machines and is
         what the paper uses; "hamming" counts votes, "root", which takes the root of a score first, is half way between
         the two; "linear", "exponential", "logit", "binodeviance". "quadratic" is for learners whose score is a
         probability, and the only one for them. "auto": the hinge or, for probabilities, "quadratic".
@@ -116,8 +116,8 @@ class ECOCClassifier(LabelledClassifier, BaseEstimator):  # type: ignore[misc]
         slower by about the number of learners. `coef_` and `intercept_` are in the units of `X` all the same.
     posterior : {"kullback_leibler", "wu_lin_weng"}, optional
         Also fit class probabilities, for `predict_proba`: Platt's sigmoid for each learner, on scores of rows
-        that it has not seen (5 folds of each class; five more trainings), then coupled; see
-        `granular_id.ecoc.posterior`. "kullback_leibler" serves any coding, "wu_lin_weng" one-vs-one. A class needs
+        that it has not seen (5 folds of each class; five more trainings), then coupled.
+        "kullback_leibler" serves any coding, "wu_lin_weng" one-vs-one. A class needs
         two different rows; a warning names those with one, which learners know when they score it. Labels come
         from the losses all the same: where classes are close, the likeliest can be another.
     n_jobs : int, optional
@@ -353,7 +353,7 @@ class ECOCClassifier(LabelledClassifier, BaseEstimator):  # type: ignore[misc]
         Parameters
         ----------
         gram : array-like, shape (n, n)
-            Scalar products of the training rows (`granular_id.gram.linear_gram`), for instance a slice of
+            Scalar products of the training rows, for instance a slice of
             the matrix of all rows of an evaluation. Any origin serves: results are the same.
         y, sample_weight
             As in `fit`.

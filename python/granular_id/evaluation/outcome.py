@@ -231,8 +231,7 @@ class Outcome:
     def interval(self, space: str, protocol: str | None = None) -> tuple[float, float]:
         """95 % interval of `mean_accuracy`, corrected for the recordings that partitions share.
 
-        NaN with fewer than three partitions and where all agree: see
-        `granular_id.statistics.corrected_interval`.
+        NaN with fewer than three partitions and where all agree. The correction is that of Nadeau & Bengio (2003).
         """
         partitions, _ = self._runs(space, protocol)
         return mean_interval(self.accuracies(space, protocol), *_sizes(partitions))

@@ -188,7 +188,7 @@ class EvaluationResult(Outcome):
                 writer.writerow((*vars(one).values(), int(one.label == one.predicted)))
 
     def report(self, path: str | os.PathLike[str]) -> None:
-        """Write one HTML file with everything, for a browser; see `granular_id.report`.
+        """Write one HTML file with everything, for a browser; see `granular_id.report.report`.
 
         Raises
         ------

@@ -30,7 +30,7 @@ _MOST_COUPLINGS = 3
 
 @dataclass(frozen=True, eq=False)
 class BandExplanation(Explanation):
-    """What decides between two materials in the multi-band space, from `granular_id.explanation.explain`.
+    """What decides between two materials in the multi-band space, from `granular_id.explain`.
 
     As `Explanation`; what is added up is exact, and each ``by_*`` but `by_pair` sums to `difference`, up to rounding.
     `blocks` and `regions` hold spectrum and level only, which are read along frequency and time.

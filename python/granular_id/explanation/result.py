@@ -55,7 +55,7 @@ class ExplainedBlock:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """What decides between two materials, from `granular_id.explanation.explain`.
+    """What decides between two materials, from `granular_id.explain`.
 
     Attributes
     ----------

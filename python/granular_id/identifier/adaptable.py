@@ -84,7 +84,7 @@ class Adaptable:
 
         Notes
         -----
-        The method is that of `granular_id.spaces.BestClassifier.adapt`. With samples and counts as features three
+        The method is that of `BestClassifier.adapt`. With samples and counts as features three
         more recordings of each material are added that ask for no offset, since they name too few materials rightly.
 
         Examples
@@ -154,7 +154,7 @@ class Adaptable:
 
         Notes
         -----
-        The method is that of `granular_id.spaces.BestClassifier.recalibrate`, with samples and counts as features
+        The method is that of `BestClassifier.recalibrate`, with samples and counts as features
         without its regression.
 
         Examples

@@ -129,7 +129,7 @@ class Identifier(Adaptable):
             Of ``"raw+hfmh"``, as in `granular_id.RawHFMH`; they end in the weights of the learners.
         shrinkage : float, optional
             Of ``"multiband"``: its features are whitened within classes, see
-            `granular_id.spaces.WithinClassWhitening`; None is 0.03, 1 hardly whitens. ``"best"`` chooses it.
+            `WithinClassWhitening`; None is 0.03, 1 hardly whitens. ``"best"`` chooses it.
         C, coding, loss, decoding, posterior
             As in `granular_id.ECOCClassifier`, but that the loss ``"auto"`` is ``"root"`` with multi-band features;
             `posterior` gives `predict_proba`. ``"best"`` chooses the first four. In one-vs-one coding of
@@ -285,7 +285,7 @@ class Identifier(Adaptable):
         FileNotFoundError, OSError
             There is no such file, or it cannot be read.
         ValueError
-            (`granular_id._core.ModelFileError`) The file is no model, is damaged or too large: the first fault.
+            The file is no model, is damaged or too large: the first fault.
 
         Warns
         -----
@@ -334,7 +334,7 @@ class Identifier(Adaptable):
 
     @property
     def space(self) -> str:
-        """Feature space that the model was trained in: one of `granular_id.identifier.SPACES`.
+        """Feature space that the model was trained in: ``"raw"``, ``"hfmh"``, ``"raw+hfmh"`` or ``"multiband"``.
 
         Of a classifier that was taken over with multi-band features: "multiband", with the blocks added or left out.
         """

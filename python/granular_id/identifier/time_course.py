@@ -36,8 +36,8 @@ class OverTime:
     answered : ndarray, shape (M,)
         Share of recordings that the early rule has answered by then.
     error : ndarray, shape (M,)
-        Share of those answers that are wrong; NaN before the first. A little lower than on fresh recordings, see
-        `granular_id.identifier.rules`.
+        Share of those answers that are wrong; NaN before the first. A little lower than on fresh recordings: the
+        rule was chosen on these.
     chance : float
         Accuracy of guessing with every class as likely.
     n_answers : int

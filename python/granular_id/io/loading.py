@@ -112,7 +112,7 @@ def load(
         library that reads a file becomes a RecordingFileError; the child may use 1 GiB and eight times the size of
         the largest file, and for each file 20 s of processor time and 1 s for every 4 MB. Memory is limited on Linux
         only. It starts within a second, once and again after each file that ended it; the recordings are the same.
-        See docs/security.md for what it does not prevent. By default files are read in this process, which is faster.
+        :doc:`/reference/security` says what it does not prevent. By default files are read in this process: faster.
     progress : bool or callable
         True draws a bar on a terminal; a callable is called as ``progress(files_done, files_in_all, file)``.
 

@@ -160,7 +160,7 @@ def drive(
     there at the end. Every row from the first command on is held against `max_force_n` and `max_torque_n_m` of the
     capture before anything else is done with it, also those after the last one that is taken: beyond, the robot is
     stopped and the capture has failed. So that no busy program comes between, this thread and those that read the
-    sensor get real-time priority meanwhile, where the system grants it (see ``docs/live/recording.md``).
+    sensor get real-time priority meanwhile, where the system grants it (see :doc:`/guide/live`).
 
     Whenever this ends, the robot stands, or CaptureError says that it could not be stopped. It is stopped on any
     failure, on Ctrl-C, where a motion lasts for twice its time, where you leave the loop early and close the generator

@@ -74,7 +74,7 @@ class MonitorServer(BackgroundView):
     port : int, default 0
         Port on 127.0.0.1, the only interface served. 0: a free one.
     max_hz : float, default 30
-        Updates per second, at most `granular_id.live.view.MAX_HZ`. Fewer for a slow tunnel: a frame takes about 50 kB.
+        Updates per second, at most 30. Fewer for a slow tunnel: a frame takes about 50 kB.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """Sensor boxes that speak RDT: ATI Net F/T and Ethernet Axia, OnRobot HEX; ``rdt://HOST``.
 
-Records are received by a thread of the core, which Python's work cannot delay; see ``docs/live/rdt.md``.
+Records are received by a thread of the core, which Python's work cannot delay; see docs/sensors/rdt.md.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ class Recorder:
     folder : path-like
         Made when missing.
     archive : bool, default False
-        `folder` is an archive (see `granular_id.archive`), new or not, and each push is appended to it when it is
+        `folder` is an archive (see :doc:`/guide/archives`), new or not, and each push is appended to it when it is
         over; several recorders may append to one. By default a file is written for each push, for which no library is
         needed.
     session : str, optional

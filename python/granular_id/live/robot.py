@@ -61,7 +61,9 @@ class Motion(Protocol):
 
 @runtime_checkable
 class Robot(Protocol):
-    """Anything that pushes a tool. ``docs/live/sources.md`` shows how to write one in a few lines.
+    """Anything that pushes a tool.
+
+    :doc:`/sensors/own_sensor` shows how to write one in a few lines.
 
     A robot may also have ``move_back() -> Motion | None``: begin to move to where the last push began and return at
     once, None to stay. It is called when a push was recorded whole and the robot stands. After one that failed (a

@@ -207,7 +207,10 @@ class WrenchSink(Protocol):
 
 @runtime_checkable
 class WrenchSource(Protocol):
-    """Anything that delivers wrenches. ``docs/live/sources.md`` shows how to write one in a few lines."""
+    """Anything that delivers wrenches.
+
+    :doc:`/sensors/own_sensor` shows how to write one in a few lines.
+    """
 
     @property
     def info(self) -> SourceInfo:

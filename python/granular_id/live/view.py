@@ -54,7 +54,7 @@ class BackgroundView(ABC):
     name : str
         Of the view, for messages.
     max_hz : float, default 30
-        The thread looks this often, at most `MAX_HZ`.
+        The thread looks this often, at most 30.
     waiting : int, default 1
         Snapshots that may wait. 1: only the newest is of interest.
     patience_s : float, default 2
@@ -179,7 +179,7 @@ class Views:
     views : iterable of View
         None at all is fine: then nothing is ever wanted.
     max_hz : float, default 30
-        Snapshots wanted per second, at most `MAX_HZ`.
+        Snapshots wanted per second, at most 30.
 
     Attributes
     ----------

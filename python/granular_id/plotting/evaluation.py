@@ -52,7 +52,7 @@ def plot_accuracy(
     -------
     matplotlib.figure.Figure
         A bar is a mean over partitions. Its line is the 95 % interval, corrected for the recordings that
-        partitions share (`granular_id.statistics.corrected_interval`); dots, one a partition, take
+        partitions share; dots, one a partition, take
         its place where there are fewer than three. The dashed line is chance.
 
     Raises
@@ -403,7 +403,7 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
     Parameters
     ----------
     course : granular_id.identifier.OverTime
-        From `granular_id.identifier.accuracy_over_time`.
+        From `accuracy_over_time`.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 

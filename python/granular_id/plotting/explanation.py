@@ -340,8 +340,8 @@ def plot_weights(portrait: ReportData, *, path: str | os.PathLike[str] | None = 
 
     Parameters
     ----------
-    portrait : granular_id.evaluation.report_data.ReportData
-        For instance ``result.portrait``.
+    portrait : ReportData
+        Summary of the data set that an evaluation keeps: ``result.portrait``.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 

@@ -170,7 +170,7 @@ def plot_mean_forces(
 
     Parameters
     ----------
-    dataset : Dataset or granular_id.evaluation.report_data.ReportData
+    dataset : Dataset or ReportData
         Recordings of equal length and rate, with labels; or ``result.portrait``, which keeps their curves.
     axes : sequence of str, optional
         Axes to draw, all of one unit. Default: fx and fz of a wrench; of other axes two of one unit, the one in which
@@ -324,8 +324,8 @@ def plot_hfmh(portrait: ReportData, *, path: str | os.PathLike[str] | None = Non
 
     Parameters
     ----------
-    portrait : granular_id.evaluation.report_data.ReportData
-        For instance ``result.portrait``.
+    portrait : ReportData
+        Summary of the data set that an evaluation keeps: ``result.portrait``.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 
@@ -388,8 +388,8 @@ def plot_residual(portrait: ReportData, *, path: str | os.PathLike[str] | None =
 
     Parameters
     ----------
-    portrait : granular_id.evaluation.report_data.ReportData
-        For instance ``result.portrait``.
+    portrait : ReportData
+        Summary of the data set that an evaluation keeps: ``result.portrait``.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 

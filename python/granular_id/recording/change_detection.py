@@ -1,6 +1,6 @@
 """The statistics behind `find_onset`: windows compared with how they differ at rest, and when a change began.
 
-The method, its sources and how it was measured are in docs/onset.md.
+The method, its sources and how it was measured are in docs/guide/recordings.md.
 """
 
 from __future__ import annotations

@@ -329,7 +329,7 @@ class Dataset:
     ) -> Dataset:
         """Set each recording's `trigger_index` to where its motion begins, found from the wrench alone.
 
-        See :func:`granular_id.recording.find_onset` for the method. ``.align(trigger="recorded",
+        See `find_onset` for the method. ``.align(trigger="recorded",
         lead_s=0.1, n_samples=...)`` then cuts all recordings to the same lead, as the paper's are.
 
         Parameters
@@ -378,7 +378,7 @@ class Dataset:
         translation : array_like, shape (3,)
             Position of the old origin in the new frame, m. Default: the same origin.
         frame : str
-            Name of the new frame, put into the metadata: models compare it (:class:`Setup`).
+            Name of the new frame, put into the metadata: models compare it (`Setup`).
         reverse : bool, default False
             Whether also to change the sign of all axes; then `sign` is wanted.
         sign : str, optional

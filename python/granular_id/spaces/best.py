@@ -51,7 +51,7 @@ class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, Bas
     """A linear one-vs-one classifier that chooses its own preparation of the features.
 
     Every candidate model standardises the columns, gives each block the same weight, may whiten within classes
-    (`granular_id.spaces.BlockScaler`, `granular_id.spaces.WithinClassWhitening`) and trains a linear support
+    (`BlockScaler`, `WithinClassWhitening`) and trains a linear support
     vector machine for each pair of classes. Which of them generalise is found by holding out what will be new
     later: whole groups or sessions, else halves in time, else random rows. Those that come within one standard error
     of the best, or one recording, are as good. The model is the mean of their scores; where the standard error is two
@@ -73,7 +73,7 @@ class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, Bas
         C times the mean squared distance of the training rows from their mean. At 1 some rows may violate the
         margin, at 10 hardly any does: more changes nothing.
     loss : str, default "root"
-        Binary loss that the scores are decoded with, see `granular_id.ecoc.ECOCClassifier`. How far a score reaches
+        Binary loss that the scores are decoded with, see `ECOCClassifier`. How far a score reaches
         beyond zero shifts with the session, its sign rarely does: the root names nearly the same classes as counting
         votes of the pairs ("hamming") would, but grades them, so that margins come without steps and ties.
     n_folds : int, default 5

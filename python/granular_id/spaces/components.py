@@ -43,11 +43,11 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
     Attributes
     ----------
     n_components_ : int
-        Components kept.
-    explained_variance_, explained_variance_ratio_, singular_values_ : ndarray, shape (n_components_,)
+        Components kept, N.
+    explained_variance_, explained_variance_ratio_, singular_values_ : ndarray, shape (N,)
         Of each component, largest first: variance of the scores over the training rows (divisor n - 1), its
         share of the variance of all columns, and the square root of the sum of squared scores.
-    components_ : ndarray, shape (n_components_, D)
+    components_ : ndarray, shape (N, D)
         Unit rows. Only after `fit`.
     mean_ : ndarray, shape (D,)
         Mean of the training rows. Only after `fit`.
@@ -122,7 +122,7 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
         return scores
 
     def transform(self, X: npt.ArrayLike) -> FloatArray:
-        """Scores (m, n_components_) of rows (m, D)."""
+        """Scores (m, N) of rows (m, D)."""
         check_is_fitted(self, "n_components_")
         if not hasattr(self, "components_"):
             raise ValueError("PrincipalComponents was fitted on scalar products: use transform_gram")
@@ -154,7 +154,7 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
         return self
 
     def transform_gram(self, cross: npt.ArrayLike) -> FloatArray:
-        """Scores (m, n_components_) from the scalar products (m, n) of rows with the training rows.
+        """Scores (m, N) from the scalar products (m, n) of rows with the training rows.
 
         Parameters
         ----------
