@@ -1,6 +1,9 @@
 """The documentation site: `make docs` builds it into docs/_build/html."""
 
 import importlib
+import sys
+from enum import Enum
+from pathlib import Path
 
 from numpydoc.xref import DEFAULT_LINKS
 from sphinx.util.nodes import make_refnode
@@ -12,7 +15,9 @@ author = "The granular_id developers"
 project_copyright = "the granular_id developers"
 release = version = granular_id.__version__
 
+sys.path.insert(0, str(Path(__file__).parent))
 extensions = [
+    "commands",
     "myst_parser",
     "numpydoc",
     "sphinx.ext.autodoc",
@@ -34,6 +39,8 @@ autosummary_imported_members = False
 numpydoc_show_class_members = False
 default_role = "py:obj"
 python_maximum_signature_line_length = 88
+toc_object_entries_show_parents = "hide"
+smartquotes_action = "qe"  # no dashes: options begin with two hyphens
 
 # Types are linked where they are ours; the names of others stay words, as no inventory of theirs is at hand offline.
 PACKAGES = (
@@ -94,14 +101,21 @@ def short_name(app, env, node, contnode):
     return contnode if node["reftype"] == "obj" and not target.startswith("granular_id") else None
 
 
-def of_others(_app, what, _name, member, _skip, _options):
+def of_others(_app, what, name, member, _skip, _options):
     """Leave out what scikit-learn, enum or abc bring along: their own pages say what it does."""
     member = getattr(member, "fget", None) or getattr(member, "func", None) or member
     of = member if hasattr(member, "__module__") else getattr(member, "__objclass__", None)
-    home = getattr(of, "__module__", None) or "granular_id"
+    home = getattr(of, "__module__", None) or ("builtins" if hasattr(int, name) else "granular_id")
     return True if what == "class" and not home.startswith("granular_id") else None
+
+
+def no_constructor(_app, what, _name, member, _options, signature, returns):
+    """A protocol is not made, and an enumeration has its members."""
+    made = what != "class" or not (issubclass(member, Enum) or getattr(member, "_is_protocol", False))
+    return (signature, returns) if made else ("", None)
 
 
 def setup(app):
     app.connect("missing-reference", short_name)
     app.connect("autodoc-skip-member", of_others)
+    app.connect("autodoc-process-signature", no_constructor)

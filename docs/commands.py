@@ -1,0 +1,91 @@
+"""The command line on reference/cli: help, examples and options of every command, as ``--help`` has them.
+
+typer's own page repeats the options of recordings and method for every command, and leaves out their headings.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import typer.main
+
+from granular_id.cli.app import app as cli
+
+PAGE = "reference/cli"
+SHARED = ("Recordings", "Method")
+"""Headings of ``--help`` whose options stand in one place when they are the same in four commands."""
+
+Command = tuple[str, Any, dict[str, list[str]]]
+
+
+def commands_of(group: Any, name: str) -> Iterator[Command]:
+    """Every command with its options by heading, as items of a list."""
+    for word, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands_of(command, f"{name} {word}")
+            continue
+        context = typer.Context(command)
+        panels: dict[str, list[str]] = {}
+        for parameter in command.params:
+            record = parameter.get_help_record(context)
+            if record is None:  # hidden
+                continue
+            usage, text = record
+            text = re.sub(r"(?<![\w`-])--?[a-zA-Z][\w-]*", r"`\g<0>`", text or "").replace("<", "&lt;")
+            is_argument = parameter.param_type_name == "argument"
+            panel = "Arguments" if is_argument else parameter.rich_help_panel or "Options"
+            panels.setdefault(panel, []).append(f"- `{usage}`: {text}")
+        yield f"{name} {word}", command, panels
+
+
+def help_of(command: Any) -> str:
+    """Examples as one block to copy from."""
+
+    def block(found: re.Match[str]) -> str:
+        return "```console\n" + "\n".join(re.findall(r"^`(.*)`$", found[0], flags=re.MULTILINE)) + "\n```\n\n"
+
+    return re.sub(r"(?:^`granular-id [^`\n]*`\n*)+", block, command.help + "\n", flags=re.MULTILINE)
+
+
+def order(panel: tuple[str, list[str]]) -> int:
+    return -1 if panel[0] == "Arguments" else panel[0] in SHARED
+
+
+def text() -> str:
+    commands = list(commands_of(typer.main.get_command(cli), "granular-id"))
+    times = Counter(
+        (panel, item) for *_, panels in commands for panel in SHARED for item in panels.get(panel, ())
+    )
+    shared = [key for key, count in times.items() if count > 3]
+    lines = [
+        f"- [`{name}`](#{name.replace(' ', '-')}): {command.help.splitlines()[0]}"
+        for name, command, _ in commands
+    ]
+    for name, command, panels in commands:
+        lines += ["", f"## `{name}`", "", help_of(command)]
+        for panel, items in sorted(panels.items(), key=order):
+            own = [item for item in items if (panel, item) not in shared]
+            rest = [re.search(r"--?[\w-]+", item)[0] for item in items if (panel, item) in shared]
+            lines += ["", f"**{panel}**", "", *own, ""]
+            if rest:
+                lines += [
+                    f"[Shared with others](#{panel.lower()}): " + " ".join(f"`{each}`" for each in rest),
+                    "",
+                ]
+    for title in SHARED:
+        lines += ["", f"## {title}", "", f"Options under *{title}* that several commands share.", ""]
+        lines += [item for panel, item in shared if panel == title]
+    return "\n".join(lines) + "\n"
+
+
+def setup(app: Any) -> dict[str, bool]:
+    def add(_app: Any, page: str, source: list[str]) -> None:
+        if page == PAGE:
+            source[0] += "\n" + text()
+
+    app.connect("source-read", add)
+    app.connect("env-get-outdated", lambda *_: [PAGE])
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
