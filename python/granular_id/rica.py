@@ -114,7 +114,7 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
     Two sources with long tails, mixed; their directions are found again.
 
     >>> import numpy as np
-    >>> from granular_id.rica import RICA
+    >>> from granular_id import RICA
     >>> sources = np.random.default_rng(0).laplace(size=(2000, 2))
     >>> mixing = np.array([[0.6, 0.8], [-0.8, 0.6]])
     >>> rica = RICA(2, random_state=0).fit(sources @ mixing)

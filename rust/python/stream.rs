@@ -65,9 +65,8 @@ const PAUSE: Duration = Duration::from_micros(100);
 /// --------
 /// >>> import numpy as np
 /// >>> import granular_id as gid
-/// >>> from granular_id._core import StreamingExtractor
 /// >>> recording = np.random.default_rng(0).normal(size=(1600, 6))
-/// >>> stream = StreamingExtractor(gid.FeatureSpec())
+/// >>> stream = gid.StreamingExtractor(gid.FeatureSpec())
 /// >>> for block in np.array_split(recording, 160):
 /// ...     taken = stream.push(block)
 /// >>> stream.is_complete, np.array_equal(stream.features(), gid.extract_features(recording))

@@ -139,7 +139,7 @@ def check(
     --------
     >>> import numpy as np, tempfile
     >>> from granular_id.archive import append, check
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> pushes = [Recording(np.full((3, 6), i), rate_hz=500, label="rice", name=f"push {i}") for i in range(5)]
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     _ = append(folder, Dataset(pushes))

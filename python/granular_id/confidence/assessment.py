@@ -155,7 +155,7 @@ def assess(
     --------
     >>> from sklearn.datasets import load_iris
     >>> from granular_id.confidence import assess
-    >>> from granular_id.ecoc import ECOCClassifier
+    >>> from granular_id import ECOCClassifier
     >>> X, y = load_iris(return_X_y=True)
     >>> found = assess(X, ECOCClassifier(), y, n_seeds=2)
     >>> found.conformal.names([-0.1, -0.5, -0.9])[0]

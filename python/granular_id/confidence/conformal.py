@@ -317,7 +317,7 @@ def conformal_rule(
     >>> from sklearn.datasets import load_iris
     >>> from granular_id.confidence import conformal_rule, held_out_scores
     >>> from granular_id.confidence.held_out import rows_of
-    >>> from granular_id.ecoc import ECOCClassifier
+    >>> from granular_id import ECOCClassifier
     >>> scored = held_out_scores(ECOCClassifier(), rows_of(*load_iris(return_X_y=True)))
     >>> rule = conformal_rule(scored, [0.9])
     >>> covered = rule.sets(scored.scores.values)[range(150), scored.truth]

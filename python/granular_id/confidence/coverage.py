@@ -148,7 +148,7 @@ def coverage_study(
     --------
     >>> from sklearn.datasets import load_iris
     >>> from granular_id.confidence import coverage_study
-    >>> from granular_id.ecoc import ECOCClassifier
+    >>> from granular_id import ECOCClassifier
     >>> X, y = load_iris(return_X_y=True)
     >>> study = coverage_study(X, ECOCClassifier(), y, levels=[0.9], n_seeds=10)
     >>> [(row.held_out, round(row.attainable, 3)) for row in study.rows]

@@ -269,9 +269,9 @@ def held_out_scores(
     Examples
     --------
     >>> from sklearn.datasets import load_iris
-    >>> from granular_id.confidence.held_out import held_out_scores
+    >>> from granular_id.confidence import held_out_scores
     >>> from granular_id.confidence.held_out import rows_of
-    >>> from granular_id.ecoc import ECOCClassifier
+    >>> from granular_id import ECOCClassifier
     >>> scored = held_out_scores(ECOCClassifier(), rows_of(*load_iris(return_X_y=True)))
     >>> scored.scores.values.shape, scored.scores.binary.shape, round(scored.accuracy, 2)
     ((150, 3), (150, 3), 0.97)

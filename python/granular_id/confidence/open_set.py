@@ -181,7 +181,7 @@ def leave_one_material_out(
     --------
     >>> from sklearn.datasets import load_iris
     >>> from granular_id.confidence import leave_one_material_out
-    >>> from granular_id.ecoc import ECOCClassifier
+    >>> from granular_id import ECOCClassifier
     >>> X, y = load_iris(return_X_y=True)
     >>> result = leave_one_material_out(X, ECOCClassifier(), y, kinds=["value_distance"])
     >>> [row.material for row in result.rows]

@@ -278,7 +278,7 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
     >>> from sklearn.datasets import load_iris
     >>> from granular_id.confidence import held_out_scores, unknown_rule
     >>> from granular_id.confidence.held_out import rows_of
-    >>> from granular_id.ecoc import ECOCClassifier
+    >>> from granular_id import ECOCClassifier
     >>> scored = held_out_scores(ECOCClassifier(), rows_of(*load_iris(return_X_y=True)))
     >>> rule = unknown_rule(scored)
     >>> float(rule.knows(scored.scores.values, scored.scores.binary).mean()) >= 0.95

@@ -166,7 +166,7 @@ class ECOCClassifier(LabelledClassifier, BaseEstimator):  # type: ignore[misc]
     Examples
     --------
     >>> from sklearn.datasets import load_iris
-    >>> from granular_id.ecoc import ECOCClassifier
+    >>> from granular_id import ECOCClassifier
     >>> X, y = load_iris(return_X_y=True)
     >>> clf = ECOCClassifier(standardize=True).fit(X, y)
     >>> clf.coding_matrix_

@@ -137,7 +137,7 @@ def select(
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> rng = np.random.default_rng(0)
     >>> level = {"oat": 1.0, "rice": 2.0}
     >>> data = Dataset(

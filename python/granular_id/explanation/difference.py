@@ -102,7 +102,7 @@ def explain(
     >>> import numpy as np
     >>> from sklearn.pipeline import make_pipeline
     >>> from granular_id import ECOCClassifier, RawSignal
-    >>> from granular_id.explanation import explain
+    >>> from granular_id import explain
     >>> X = np.random.default_rng(0).normal(scale=0.01, size=(20, 100, 6))
     >>> y = np.repeat(["oat", "rice"], 10)
     >>> X[y == "oat", 50:, 2] += 1.0

@@ -67,7 +67,7 @@ class Decision:
 
     Examples
     --------
-    >>> from granular_id.identifier import Decision
+    >>> from granular_id import Decision
     >>> decision = Decision("rice", (("rice", 0.1), ("salt", 0.3)), 0.2, final=False, n_seen=800, seconds=1.6)
     >>> print(decision)
     rice after 1.60 s, provisional: margin 0.200 ahead of salt

@@ -57,7 +57,7 @@ class Identifier(Adaptable):
     --------
     >>> import tempfile, pathlib
     >>> import granular_id as gid
-    >>> from granular_id.identifier import Identifier
+    >>> from granular_id import Identifier
     >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
     >>> identifier = Identifier.fit(data, "hfmh")
     >>> identifier
@@ -257,7 +257,7 @@ class Identifier(Adaptable):
         --------
         >>> import granular_id as gid
         >>> from sklearn.pipeline import make_pipeline
-        >>> from granular_id.identifier import Identifier
+        >>> from granular_id import Identifier
         >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.5)
         >>> pipeline = make_pipeline(gid.RawHFMH(), gid.ECOCClassifier()).fit(data.X, data.y)
         >>> identifier = Identifier.from_classifier(pipeline, samples=data.X)

@@ -47,7 +47,7 @@ class StreamingIdentifier:
     --------
     >>> import numpy as np
     >>> import granular_id as gid
-    >>> from granular_id.identifier import Identifier, StreamingIdentifier
+    >>> from granular_id import Identifier, StreamingIdentifier
     >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
     >>> stream = StreamingIdentifier(Identifier.fit(data, estimate=False))
     >>> for block in np.array_split(data.X[0], 25):

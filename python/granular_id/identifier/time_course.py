@@ -173,7 +173,7 @@ def accuracy_over_time(
     Examples
     --------
     >>> from granular_id import synthesize
-    >>> from granular_id.identifier import accuracy_over_time
+    >>> from granular_id import accuracy_over_time
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=10, duration_s=0.5)
     >>> course = accuracy_over_time(data, target_error=0.1)
     >>> course.seconds[-1], bool(course.accuracy[-1] > 0.8)

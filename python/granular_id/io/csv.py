@@ -232,7 +232,7 @@ def save_csv(
     --------
     >>> import numpy as np, tempfile
     >>> from granular_id.io import load, save_csv
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     load(save_csv(data, folder + "/oats")) == data

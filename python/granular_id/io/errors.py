@@ -38,7 +38,7 @@ class RecordingFileError(ValueError):
 
     Examples
     --------
-    >>> from granular_id.io import RecordingFileError
+    >>> from granular_id import RecordingFileError
     >>> print(RecordingFileError("a.csv", "'nan' is not a plain decimal number", line=7, column="fx"))
     a.csv, line 7, column fx: 'nan' is not a plain decimal number
     """

@@ -136,7 +136,7 @@ def load(
     Examples
     --------
     >>> import tempfile, pathlib
-    >>> from granular_id.io import load
+    >>> from granular_id import load
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = pathlib.Path(folder) / "rice_1.csv"
     ...     _ = file.write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n0.002,1,2,3,4,5,6\n")
@@ -206,7 +206,7 @@ def load_parts(
     --------
     >>> import numpy as np, tempfile
     >>> from granular_id.io import load_parts, save
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> data = Dataset([Recording(np.full((3, 6), i), rate_hz=500, name=f"push {i}") for i in range(5)])
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     [len(part) for part in load_parts(save(data, folder + "/pushes.npz"), n_recordings=2)]

@@ -53,8 +53,8 @@ def save(
     Examples
     --------
     >>> import numpy as np, tempfile
-    >>> from granular_id.io import load, save
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import load, save
+    >>> from granular_id import Dataset, Recording
     >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     load(save(data, folder + "/oats", "csv")) == data

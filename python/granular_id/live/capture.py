@@ -260,8 +260,8 @@ class Capture:
 
     Examples
     --------
-    >>> from granular_id.live.capture import Capture
-    >>> from granular_id.live.trigger import ManualTrigger
+    >>> from granular_id.live import Capture
+    >>> from granular_id.live import ManualTrigger
     >>> capture = Capture(500, trigger=ManualTrigger())
     >>> capture.n_pre, capture.state.value
     (125, 'idle')

@@ -71,7 +71,7 @@ class RdtSource:
     Examples
     --------
     >>> from granular_id.testing import FakeNetft
-    >>> from granular_id.live.rdt import RdtSource
+    >>> from granular_id.live import RdtSource
     >>> with FakeNetft() as box:
     ...     source = RdtSource("127.0.0.1", box.port, http_port=box.http_port)
     >>> source.info.rate_hz, source.info.tick_hz, source.info.serial

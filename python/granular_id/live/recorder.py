@@ -95,8 +95,8 @@ class Recorder:
     --------
     >>> import tempfile
     >>> import granular_id as gid
-    >>> from granular_id.live.recorder import Recorder
-    >>> from granular_id.live.stream import opened
+    >>> from granular_id.live import Recorder
+    >>> from granular_id.live import opened
     >>> with tempfile.TemporaryDirectory() as folder, opened("sim:rice?seed=1&speed=20") as stream:
     ...     recorder = Recorder(stream, stream.source.robot(), folder, session="Monday")
     ...     recorded = recorder.record("rice")

@@ -49,7 +49,7 @@ class ReplaySource(ThreadedSource):
     Examples
     --------
     >>> import granular_id as gid
-    >>> from granular_id.live.replay import ReplaySource
+    >>> from granular_id.live import ReplaySource
     >>> ReplaySource(gid.synthesize(["rice"], n_per_class=2)).info.synthetic
     True
     """

@@ -292,7 +292,7 @@ class CallbackRobot:
 
     Examples
     --------
-    >>> from granular_id.live.robot import CallbackRobot
+    >>> from granular_id.live import CallbackRobot
     >>> robot = CallbackRobot(move=lambda direction, speed_m_s, duration_s: None, stop=lambda: None)
     >>> robot.move_line((1, 0, 0), 0.03, 3.0).error is None
     True

@@ -67,8 +67,8 @@ def setup_of(
 
     Examples
     --------
-    >>> from granular_id.live.sim import SimSource
-    >>> from granular_id.live.setup import setup_of
+    >>> from granular_id.live import SimSource
+    >>> from granular_id.live import setup_of
     >>> setup_of(SimSource("rice", seed=1)).trigger().name
     'motion'
     >>> setup_of(SimSource("rice", seed=1), robot=None).trigger().name

@@ -256,7 +256,7 @@ class SimSource(ThreadedSource):
 
     Examples
     --------
-    >>> from granular_id.live.sim import SimSource
+    >>> from granular_id.live import SimSource
     >>> SimSource("rice", seed=1).info.name
     'simulated rice'
     """

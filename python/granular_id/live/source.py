@@ -98,7 +98,7 @@ class SourceInfo:
 
     Examples
     --------
-    >>> from granular_id.live.source import SourceInfo
+    >>> from granular_id.live import SourceInfo
     >>> SourceInfo("bench sensor", 500, device_clock=False).to_dict()["rate_hz"]
     500.0
     """
@@ -344,7 +344,7 @@ def open_source(url: str, **options: object) -> WrenchSource:
 
     Examples
     --------
-    >>> from granular_id.live.source import open_source
+    >>> from granular_id.live import open_source
     >>> open_source("sim:rice?seed=1").info.synthetic
     True
     >>> open_source("simm:rice")

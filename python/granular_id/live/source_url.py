@@ -42,7 +42,7 @@ class SourceUrl:
 
         Examples
         --------
-        >>> from granular_id.live.source_url import SourceUrl
+        >>> from granular_id.live import SourceUrl
         >>> SourceUrl.parse("rdt://10.0.0.7:49153?variant=axia", {}).port
         49153
         """

@@ -103,7 +103,7 @@ def opened(
 
     Examples
     --------
-    >>> from granular_id.live.stream import opened
+    >>> from granular_id.live import opened
     >>> with opened("sim:rice?seed=1") as stream:
     ...     stream.info.rate_hz, stream.health().running
     (500.0, True)

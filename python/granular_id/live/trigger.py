@@ -46,7 +46,7 @@ class ManualTrigger(Trigger):
 
     Examples
     --------
-    >>> from granular_id.live.trigger import ManualTrigger
+    >>> from granular_id.live import ManualTrigger
     >>> trigger = ManualTrigger()
     >>> trigger.fire()                     # from any thread
     """

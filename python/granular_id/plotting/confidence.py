@@ -58,8 +58,8 @@ def plot_confidence(confidence: Confidence, *, path: str | os.PathLike[str] | No
     --------
     >>> from sklearn.datasets import load_iris
     >>> from granular_id.confidence import assess
-    >>> from granular_id.ecoc import ECOCClassifier
-    >>> from granular_id.plotting.confidence import plot_confidence
+    >>> from granular_id import ECOCClassifier
+    >>> from granular_id.plotting import plot_confidence
     >>> X, y = load_iris(return_X_y=True)
     >>> figure = plot_confidence(assess(X, ECOCClassifier(), y, n_seeds=3))
     >>> [panel.get_title() for panel in figure.axes]

@@ -422,7 +422,7 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
     Examples
     --------
     >>> from granular_id import synthesize
-    >>> from granular_id.identifier import accuracy_over_time
+    >>> from granular_id import accuracy_over_time
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=10, duration_s=0.5)
     >>> plot_over_time(accuracy_over_time(data, target_error=0.1)).axes[0].get_xlabel()
     'signal seen, s'

@@ -83,7 +83,7 @@ def plot_explanation(
     --------
     >>> from sklearn.pipeline import make_pipeline
     >>> from granular_id import ECOCClassifier, RawHFMH, synthesize
-    >>> from granular_id.explanation import explain
+    >>> from granular_id import explain
     >>> from granular_id.plotting import plot_explanation
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=3)
     >>> model = make_pipeline(RawHFMH(), ECOCClassifier()).fit(data.X, data.y)

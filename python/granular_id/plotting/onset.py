@@ -102,7 +102,7 @@ def plot_onsets(
     Examples
     --------
     >>> from granular_id.plotting import plot_onsets
-    >>> from granular_id.synthetic import synthesize
+    >>> from granular_id import synthesize
     >>> figure = plot_onsets(synthesize(["rice", "fine sugar"], n_per_class=3), n=4)
     >>> len(figure.axes)
     8

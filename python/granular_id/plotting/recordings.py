@@ -78,7 +78,7 @@ def plot_recordings(
     Examples
     --------
     >>> from granular_id.plotting import plot_recordings
-    >>> from granular_id.synthetic import synthesize
+    >>> from granular_id import synthesize
     >>> figure = plot_recordings(synthesize(["rice", "fine sugar"], n_per_class=3))
     >>> [panel.get_title() for panel in figure.axes]
     ['rice (3 of 3)', 'fine sugar (3 of 3)']
@@ -195,7 +195,7 @@ def plot_mean_forces(
     Examples
     --------
     >>> from granular_id.plotting import plot_mean_forces
-    >>> from granular_id.synthetic import synthesize
+    >>> from granular_id import synthesize
     >>> figure = plot_mean_forces(synthesize(["rice", "fine sugar"], n_per_class=3))
     >>> [panel.get_title() for panel in figure.axes]
     ['rice', 'fine sugar']

@@ -45,7 +45,7 @@ class Dataset:
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> long = Recording(np.zeros((5, 6)), rate_hz=500, label="rice", name="a")
     >>> short = Recording(np.ones((4, 6)), rate_hz=500, label="peas", name="b")
     >>> data = Dataset([long, short]).align(n_samples=4)
@@ -311,7 +311,7 @@ class Dataset:
         Examples
         --------
         >>> import numpy as np
-        >>> from granular_id.recording import Dataset, Recording
+        >>> from granular_id import Dataset, Recording
         >>> drive = Recording(np.zeros((500, 2)), rate_hz=100, label="gravel", name="drive_1", axes=("wx", "ax"))
         >>> windows = Dataset([drive]).windows(1.7)
         >>> windows.X.shape, windows.names[1], windows.sessions.tolist()
@@ -397,7 +397,7 @@ class Dataset:
         Examples
         --------
         >>> from scipy.spatial.transform import Rotation
-        >>> from granular_id.synthetic import synthesize
+        >>> from granular_id import synthesize
         >>> data = synthesize(["rice"], n_per_class=1)
         >>> turned = data.transform(Rotation.from_euler("z", 90, degrees=True), frame="flange")
         >>> bool(abs(turned.X[..., 1] - data.X[..., 0]).max() < 1e-12), turned[0].meta["frame"]
@@ -428,7 +428,7 @@ class Dataset:
         Examples
         --------
         >>> from granular_id.recording import Payload
-        >>> from granular_id.synthetic import synthesize
+        >>> from granular_id import synthesize
         >>> data = synthesize(["rice"], n_per_class=2)                        # z points down
         >>> lighter = data.compensate(Payload(0.3, (0, 0, 0.05)), gravity=[0, 0, 1])
         >>> float((data.X - lighter.X)[0, 0, 2].round(3)), lighter[0].meta["payload"]
@@ -461,7 +461,7 @@ class Dataset:
 
         Examples
         --------
-        >>> from granular_id.synthetic import synthesize
+        >>> from granular_id import synthesize
         >>> tared = synthesize(["rice"], n_per_class=1).tare()
         >>> n = tared[0].trigger_index
         >>> bool(abs(tared[0].wrench[:n].mean(axis=0)).max() < 1e-12), tared[0].meta["tare"]

@@ -148,7 +148,7 @@ def find_onset(
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.recording import find_onset
+    >>> from granular_id import find_onset
     >>> force = np.random.default_rng(0).normal(0, 0.02, (1600, 6))       # N, at rest
     >>> find_onset(force, rate_hz=500).why
     'no change stands out from the noise of the first 0.1 s'

@@ -38,7 +38,7 @@ class SampleFlag(IntFlag):
 
     Examples
     --------
-    >>> from granular_id.recording import SampleFlag
+    >>> from granular_id import SampleFlag
     >>> SampleFlag.GAP_FILLED | SampleFlag.SATURATED == 3
     True
     """
@@ -102,7 +102,7 @@ class Recording:
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.recording import Recording
+    >>> from granular_id import Recording
     >>> Recording(np.zeros((1600, 6)), rate_hz=500, label="rice", name="rice_01")
     Recording('rice_01', label='rice', 1600 samples at 500 Hz)
     """

@@ -75,7 +75,7 @@ class StepReport(Report):
 
     Examples
     --------
-    >>> from granular_id.recording import StepReport
+    >>> from granular_id import StepReport
     >>> print(StepReport("align", {"n_samples": 2}, {"dropped": 1}, [{"name": "a", "dropped_end": 1}]))
     align: n_samples=2
       dropped: 1

@@ -150,7 +150,7 @@ class Setup:
 
         Examples
         --------
-        >>> from granular_id.synthetic import synthesize
+        >>> from granular_id import synthesize
         >>> from granular_id.recording import Setup
         >>> data = synthesize(["rice"], n_per_class=1)
         >>> tared = data.tare(lead_s=0.1)

@@ -390,7 +390,7 @@ class AdaptableClassifier:
         Examples
         --------
         >>> from sklearn.datasets import load_iris
-        >>> from granular_id.spaces import BestClassifier
+        >>> from granular_id import BestClassifier
         >>> X, y = load_iris(return_X_y=True)
         >>> clf = BestClassifier().fit(X[::2], y[::2])
         >>> moved = X[1::2] + [0.5, 0.0, 1.0, 0.5]

@@ -408,7 +408,7 @@ class FeatureBlock:
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import RawSignal
+    >>> from granular_id import RawSignal
     >>> (block,) = RawSignal(rate_hz=500).fit(np.zeros((1, 1600, 6))).feature_blocks()
     >>> block.name, block.kind, block.unit, block.coordinates[:3].tolist()
     ('raw', 'time', 's', [0.0, 0.002, 0.004])

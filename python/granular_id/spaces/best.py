@@ -119,7 +119,7 @@ class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, Bas
     Examples
     --------
     >>> from sklearn.datasets import load_iris
-    >>> from granular_id.spaces import BestClassifier
+    >>> from granular_id import BestClassifier
     >>> X, y = load_iris(return_X_y=True)
     >>> clf = BestClassifier(blocks={"sepal": 2, "petal": 2}, optional_blocks=["sepal"]).fit(X, y)
     >>> clf.coef_.shape

@@ -65,7 +65,7 @@ class PrincipalComponents(TransformerMixin, BaseEstimator):  # type: ignore[misc
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import PrincipalComponents
+    >>> from granular_id import PrincipalComponents
     >>> X = np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 0.0], [6.0, 8.0, 1.0]])
     >>> pca = PrincipalComponents().fit(X)
     >>> pca.n_components_

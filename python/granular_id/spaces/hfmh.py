@@ -131,7 +131,7 @@ class HFMH(_Histogram):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import HFMH
+    >>> from granular_id import HFMH
     >>> X = np.random.default_rng(0).normal(scale=0.1, size=(3, 400, 6))
     >>> HFMH(n_bins=10).fit_transform(X).shape
     (3, 60)
@@ -225,7 +225,7 @@ class RawHFMH(HFMH):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import RawHFMH
+    >>> from granular_id import RawHFMH
     >>> X = np.random.default_rng(0).normal(size=(2, 1600, 6))
     >>> RawHFMH().fit_transform(X).shape
     (2, 10200)
@@ -324,7 +324,7 @@ class RawHistogram(_Histogram):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import RawHistogram
+    >>> from granular_id import RawHistogram
     >>> histogram = RawHistogram(n_bins=2).fit(np.array([[0.0, 1.0, 1.5, 2.0]]))
     >>> histogram.bin_range_.tolist()
     [[0.0, 2.0]]

@@ -143,7 +143,7 @@ class MultiBand(RecordingTransformer):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import MultiBand
+    >>> from granular_id import MultiBand
     >>> X = np.random.default_rng(0).normal(size=(3, 1600, 6))
     >>> space = MultiBand().fit(X)
     >>> space.transform(X).shape, space.block_sizes_

@@ -100,7 +100,7 @@ def feature_spaces(
 
     Examples
     --------
-    >>> from granular_id.spaces import feature_spaces
+    >>> from granular_id import feature_spaces
     >>> spaces = feature_spaces()
     >>> {name: spaces[name].paper_accuracy for name in ("raw+hfmh", "hfmh", "raw")}
     {'raw+hfmh': 0.9705, 'hfmh': 0.8705, 'raw': 0.7614}

@@ -45,7 +45,7 @@ class RawSignal(CoreTransformer):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import RawSignal
+    >>> from granular_id import RawSignal
     >>> X = np.arange(12.0).reshape(1, 2, 6)
     >>> RawSignal().fit_transform(X)
     array([[ 0.,  6.,  1.,  7.,  2.,  8.,  3.,  9.,  4., 10.,  5., 11.]])
@@ -88,7 +88,7 @@ class RangeNormalizer(RecordingTransformer):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import RangeNormalizer
+    >>> from granular_id import RangeNormalizer
     >>> RangeNormalizer().fit_transform(np.array([[1.0, 5.0, 3.0], [7.0, 7.0, 7.0]]))
     array([[0. , 1. , 0.5],
            [0. , 0. , 0. ]])
@@ -153,7 +153,7 @@ class Tare(RecordingFilter):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import Tare
+    >>> from granular_id import Tare
     >>> Tare(tare_s=0.2, rate_hz=10).fit_transform(np.array([[1.0, 3.0, 2.0, 7.0]]))
     array([[-1.,  1.,  0.,  5.]])
     """
@@ -223,7 +223,7 @@ class TimePermutation(RecordingFilter):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import TimePermutation
+    >>> from granular_id import TimePermutation
     >>> X = np.arange(12.0).reshape(2, 3, 2)
     >>> shuffled = TimePermutation().fit_transform(X)
     >>> bool((np.sort(shuffled, axis=1) == X).all())  # the same instants

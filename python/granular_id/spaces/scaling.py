@@ -87,7 +87,7 @@ class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEst
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import BlockScaler
+    >>> from granular_id import BlockScaler
     >>> X = np.array([[1.0, 10.0, 0.0], [3.0, 10.0, 4.0], [5.0, 10.0, 2.0]])
     >>> scaler = BlockScaler({"left": 2, "right": 1}).fit(X)
     >>> rows = scaler.transform(X)
@@ -250,7 +250,7 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import WithinClassWhitening
+    >>> from granular_id import WithinClassWhitening
     >>> rng = np.random.default_rng(0)
     >>> y = np.repeat(["oat", "rice"], 200)
     >>> X = rng.normal(size=(400, 2)) * [10.0, 1.0] + np.where(y == "oat", 1.0, -1.0)[:, None]

@@ -56,7 +56,7 @@ class DFT(RecordingTransformer):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import DFT
+    >>> from granular_id import DFT
     >>> X = np.array([[1.0, 0.0, -1.0, 0.0]])
     >>> dft = DFT("magnitude").fit(X)
     >>> dft.transform(X).round(3), dft.get_feature_names_out().tolist()

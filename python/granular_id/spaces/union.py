@@ -56,7 +56,7 @@ class BlockUnion(RecordingTransformer, _BaseComposition):  # type: ignore[misc]
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.spaces import BlockUnion, HFMH, RangeNormalizer
+    >>> from granular_id import BlockUnion, HFMH, RangeNormalizer
     >>> X = np.random.default_rng(0).normal(size=(3, 400, 6))
     >>> union = BlockUnion([("norm", RangeNormalizer()), ("hfmh", HFMH())], block_weights="unit").fit(X)
     >>> union.transform(X).shape

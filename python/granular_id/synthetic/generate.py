@@ -195,7 +195,7 @@ def synthesize(
 
     Examples
     --------
-    >>> from granular_id.synthetic import synthesize
+    >>> from granular_id import synthesize
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, seed=1)
     >>> data.X.shape, sorted(set(data.y.tolist()))
     ((8, 1600, 6), ['fine sugar', 'rice'])

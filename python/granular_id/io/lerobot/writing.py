@@ -96,9 +96,9 @@ def save_lerobot(
     Examples
     --------
     >>> import json, numpy as np, pathlib, tempfile
-    >>> from granular_id.io import load
+    >>> from granular_id import load
     >>> from granular_id.io.lerobot.writing import save_lerobot
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> data = Dataset([Recording(np.ones((1601, 6)) / 3, rate_hz=500, label="oat flakes")])
     >>> with tempfile.TemporaryDirectory() as place:
     ...     folder = save_lerobot(data, place + "/oats")

@@ -76,7 +76,7 @@ class Archive:
     >>> import numpy as np, tempfile
     >>> from granular_id.io.parquet.archive import Archive
     >>> from granular_id.io.parquet.writing import save_parquet
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> data = Dataset([Recording(np.full((3, 6), i), rate_hz=500, label="rice") for i in range(5)])
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     archive = Archive(save_parquet(data, folder + "/rice", recordings_per_group=2))

@@ -102,9 +102,9 @@ def save_parquet(
     Examples
     --------
     >>> import numpy as np, tempfile
-    >>> from granular_id.io import load
+    >>> from granular_id import load
     >>> from granular_id.io.parquet.writing import save_parquet
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     load(save_parquet(data, folder + "/oats")) == data
@@ -183,7 +183,7 @@ def append(
     --------
     >>> import numpy as np, tempfile
     >>> from granular_id.archive import Archive, append
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> pushes = [Recording(np.full((3, 6), i), rate_hz=500, label="rice", name=f"push {i}") for i in range(5)]
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     append(folder, Dataset(pushes[:3]))

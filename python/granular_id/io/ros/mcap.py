@@ -177,9 +177,9 @@ def save_mcap(
     Examples
     --------
     >>> import numpy as np, tempfile
-    >>> from granular_id.io import load
+    >>> from granular_id import load
     >>> from granular_id.io.ros.mcap import save_mcap
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     load(save_mcap(data, folder + "/oats.mcap")) == data

@@ -43,7 +43,7 @@ class Finding:
 
     Examples
     --------
-    >>> from granular_id.recording import Finding
+    >>> from granular_id import Finding
     >>> print(Finding("warning", "gaps", "1 recording has a gap of 0.4 s", ("rice_07.csv",)))
     warning: 1 recording has a gap of 0.4 s [rice_07.csv]
     """
@@ -109,7 +109,7 @@ class CheckReport(Sequence[Finding], Report):
     Examples
     --------
     >>> import numpy as np
-    >>> from granular_id.recording import Dataset, Recording
+    >>> from granular_id import Dataset, Recording
     >>> noise = np.random.default_rng(0).normal(size=(12, 100, 6))
     >>> noise[3, :, 2] = 0
     >>> data = Dataset([Recording(noise[i], rate_hz=100, label="ab"[i % 2], session="1", name=f"push {i}")
