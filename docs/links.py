@@ -1,4 +1,4 @@
-"""Every link and picture of the built site leads to something that is there: python docs/links.py SITE."""
+"""Every link of the built site leads somewhere, and nothing is loaded from elsewhere: python docs/links.py SITE."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ class Page(HTMLParser):
     def __init__(self, path: Path) -> None:
         super().__init__()
         self.links: list[str] = []
+        self.loaded: list[str] = []
         self.anchors: set[str] = {""}
         self.feed(path.read_text(encoding="utf-8"))
 
@@ -23,6 +24,8 @@ class Page(HTMLParser):
                 self.anchors.add(value)
             elif name in ("href", "src") and value is not None and tag not in ("base",):
                 self.links.append(value)
+                if name == "src" or tag == "link":
+                    self.loaded.append(value)
 
 
 def main(site: Path) -> None:
@@ -34,6 +37,7 @@ def main(site: Path) -> None:
     }
     broken = []
     for path, page in pages.items():
+        broken += [f"{path.name}: loads {link}" for link in page.loaded if urlsplit(link).netloc]
         for link in page.links:
             to = urlsplit(link)
             if to.scheme or to.netloc:

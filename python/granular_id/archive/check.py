@@ -26,7 +26,16 @@ _SHOWN = 20
 
 @dataclass(frozen=True)
 class Problem:
-    """What is wrong: with a row group, with a whole file (`row_group` is None)."""
+    """What is wrong in an archive.
+
+    Attributes
+    ----------
+    file : str
+        The damaged file, in the folder of the archive.
+    row_group : int or None
+        Its row group; None: the whole file.
+    reason : str
+    """
 
     file: str
     row_group: int | None

@@ -55,7 +55,17 @@ class SpaceSummary:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What one partition said about one recording."""
+    """What one partition said about one recording.
+
+    Attributes
+    ----------
+    protocol, partition, space
+        Which partition of which protocol (from 0), and in which feature space.
+    row, recording, session
+        Place of the recording in the data set, its name and its session.
+    label, predicted : str
+        The material, and what was answered.
+    """
 
     protocol: str
     partition: int

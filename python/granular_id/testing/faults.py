@@ -131,7 +131,17 @@ bad_status, saturation, warning, jitter_s, drift, wrap, restart, stall, stall_s,
 
 @dataclass
 class Injected:
-    """What was sent and what went wrong, in the words of the client's counters."""
+    """What was sent and what went wrong, in the words of the client's counters.
+
+    Attributes
+    ----------
+    lost, duplicates, reordered, stale, malformed, implausible, out_of_range : int
+        Of the faults loss, duplicate, reorder, stale, garbage, forged and absurd of `Faults`.
+    bad_status, saturated, warnings : int
+        Records with such a status word.
+    restarts, stalls : int
+        How often the box started anew, and stalled.
+    """
 
     sent: int = 0
     """Records that were sent at least once."""

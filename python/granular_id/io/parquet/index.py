@@ -39,7 +39,19 @@ from granular_id.io.parquet.layout import (
 
 @dataclass(frozen=True)
 class RowGroup:
-    """A row group of a file of samples, and the rows of the index (`start` to `stop`) that describe it."""
+    """A row group of a file of samples.
+
+    Attributes
+    ----------
+    file : str
+        Its file, in the folder of the archive.
+    row_group : int
+        Its number in that file.
+    start, stop : int
+        The rows of the index that describe it.
+    n_samples : int
+        Samples of its recordings.
+    """
 
     file: str
     row_group: int

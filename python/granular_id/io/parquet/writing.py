@@ -133,7 +133,13 @@ def save_parquet(
 
 @dataclass(frozen=True)
 class Appended:
-    """What `append` did: recordings that it added, and those that were in the archive already."""
+    """What `append` did.
+
+    Attributes
+    ----------
+    n_added, n_present : int
+        Recordings that it added, and those that were in the archive already.
+    """
 
     n_added: int
     n_present: int
