@@ -111,7 +111,7 @@ $(DOCTOOLS): requirements-docs.txt $(PACKAGE)
 
 # The reference of the crate is part of the site; a warning is an error, and so is a link that leads nowhere.
 docs: $(DOCTOOLS)
-	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs docs/_build/html
+	@$(BIN)/python -m sphinx --jobs auto --fail-on-warning --keep-going --quiet docs docs/_build/html
 	@cargo doc --quiet --no-deps
 	@rm -rf docs/_build/html/rust && cp -r target/doc docs/_build/html/rust
 	@$(BIN)/python docs/links.py docs/_build/html
