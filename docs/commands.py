@@ -34,11 +34,20 @@ def commands_of(group: Any, name: str) -> Iterator[Command]:
             if record is None:  # hidden
                 continue
             usage, text = record
-            text = re.sub(r"(?<![\w`-])--?[a-zA-Z][\w-]*", r"`\g<0>`", text or "").replace("<", "&lt;")
+            text = quoted(text or "").replace("<", "&lt;")
             is_argument = parameter.param_type_name == "argument"
             panel = "Arguments" if is_argument else parameter.rich_help_panel or "Options"
             panels.setdefault(panel, []).append(f"- `{usage}`: {text}")
         yield f"{name} {word}", command, panels
+
+
+def quoted(text: str) -> str:
+    """Options as code, where they are not yet."""
+    return re.sub(
+        r"`[^`]*`|(?<![\w-])--?[a-zA-Z][\w-]*",
+        lambda found: found[0] if found[0][0] == "`" else f"`{found[0]}`",
+        text,
+    )
 
 
 def help_of(command: Any) -> str:
@@ -47,7 +56,7 @@ def help_of(command: Any) -> str:
     def block(found: re.Match[str]) -> str:
         return "```console\n" + "\n".join(re.findall(r"^`(.*)`$", found[0], flags=re.MULTILINE)) + "\n```\n\n"
 
-    return re.sub(r"(?:^`granular-id [^`\n]*`\n*)+", block, command.help + "\n", flags=re.MULTILINE)
+    return re.sub(r"(?:^`granular-id [^`\n]*`\n*)+", block, quoted(command.help) + "\n", flags=re.MULTILINE)
 
 
 def order(panel: tuple[str, list[str]]) -> int:
