@@ -62,6 +62,7 @@ sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
     "filename_pattern": r"/\d_",
+    "within_subsection_order": "FileNameSortKey",
     "ignore_pattern": r"(first_lines|rerun_log)\.py",
     "abort_on_example_error": True,
     "download_all_examples": False,

@@ -119,7 +119,7 @@ impl PyWrenchBuffer {
     /// t : float, optional
     ///     Device time in seconds, not negative. One period after the last row by default; 0 for the first of an epoch.
     /// flags : int, default 0
-    ///     Bits of ``granular_id.recording.SampleFlag``.
+    ///     Bits of `granular_id.SampleFlag`.
     /// host_ns : int, optional
     ///     Arrival by ``host_ns()``; now by default.
     ///
@@ -169,7 +169,7 @@ impl PyWrenchBuffer {
     /// t : array_like of shape (n,), optional
     ///     Device times in seconds, not negative. One period apart after the last row by default.
     /// flags : int or array_like of shape (n,), optional
-    ///     Bits of ``granular_id.recording.SampleFlag``, for all rows or for each.
+    ///     Bits of `granular_id.SampleFlag`, for all rows or for each.
     /// host_ns : int or array_like of shape (n,), optional
     ///     Arrival by ``host_ns()``, of all rows or of each; now by default.
     ///

@@ -17,7 +17,7 @@ use granular_id::BatchShape;
 ///
 /// `rate_hz` only names the bands. Blocks that such short recordings do not have are left out; the order of their names
 /// does not matter. `scales` (n_bands, n_axes) are the typical root mean square of each band and axis, `level_scales`
-/// (n_axes,) the typical magnitude of the level; ones without them. `granular_id.spaces.MultiBand` learns them. `definition`
+/// (n_axes,) the typical magnitude of the level; ones without them. `granular_id.MultiBand` learns them. `definition`
 /// says which numbers features are, 1 or 2.
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "MultiBandExtractor", module = "granular_id._core")]

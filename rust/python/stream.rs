@@ -168,7 +168,7 @@ impl PyStreamingExtractor {
     }
 }
 
-/// The answer of a model while samples arrive; `granular_id.identifier.StreamingIdentifier` makes decisions of it.
+/// The answer of a model while samples arrive; `granular_id.StreamingIdentifier` makes decisions of it.
 ///
 /// Scores of a complete window are those of `Model.scores`, bit for bit. Before, samples that have not arrived count as
 /// `Model.raw_mean`, 0 where the model has none, and counts are scaled by ``n_samples / n_seen``; multi-band features are

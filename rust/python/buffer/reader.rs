@@ -154,7 +154,7 @@ impl PyWrenchReader {
 /// host_ns : ndarray of shape (n,), uint64
 ///     Arrival by ``host_ns()``.
 /// flags : ndarray of shape (n,), uint8
-///     Bits of ``granular_id.recording.SampleFlag``.
+///     Bits of `granular_id.SampleFlag`.
 /// missing_before : ndarray of shape (n,), uint32
 ///     Instants without a row between each row and the one before it, in the block or before it.
 /// epoch : int
@@ -270,7 +270,7 @@ impl PyBlock {
 /// host_ns : ndarray of shape (m,), uint64
 ///     Arrival by ``host_ns()``; interpolated where a row is filled in.
 /// flags : ndarray of shape (m,), uint8
-///     Bits of ``granular_id.recording.SampleFlag``.
+///     Bits of `granular_id.SampleFlag`.
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, get_all, name = "Window", module = "granular_id.live")]
 pub(crate) struct PyWindow {
