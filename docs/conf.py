@@ -66,6 +66,7 @@ sphinx_gallery_conf = {
     "ignore_pattern": r"(first_lines|rerun_log)\.py",
     "abort_on_example_error": True,
     "download_all_examples": False,
+    "capture_repr": (),
     "remove_config_comments": True,
     "show_memory": False,
     "show_signature": False,

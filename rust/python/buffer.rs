@@ -49,7 +49,7 @@ pub(super) use reader::{PyBlock, PyWindow, PyWrenchReader, WindowError};
 /// Examples
 /// --------
 /// >>> import numpy as np
-/// >>> from granular_id.live import WrenchBuffer
+/// >>> from granular_id import WrenchBuffer
 /// >>> buffer = WrenchBuffer(seconds=2.0, rate_hz=500.0)
 /// >>> buffer.push_block(np.zeros((10, 6)), np.arange(10) / 500)
 /// 10

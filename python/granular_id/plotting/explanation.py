@@ -363,10 +363,10 @@ def plot_weights(portrait: ReportData, *, path: str | os.PathLike[str] | None = 
 
     Examples
     --------
-    >>> from granular_id import RawHFMH, synthesize
-    >>> from granular_id.evaluation.report_data import gather_report_data
-    >>> seen = gather_report_data(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
-    >>> len(plot_weights(seen).axes)
+    >>> from granular_id import evaluate, synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
+    >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
+    >>> len(plot_weights(result.portrait).axes)
     12
     """
     if not portrait.weights:

@@ -344,10 +344,10 @@ def plot_hfmh(portrait: ReportData, *, path: str | os.PathLike[str] | None = Non
 
     Examples
     --------
-    >>> from granular_id import RawHFMH, synthesize
-    >>> from granular_id.evaluation.report_data import gather_report_data
-    >>> seen = gather_report_data(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
-    >>> figure = plot_hfmh(seen)
+    >>> from granular_id import evaluate, synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
+    >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
+    >>> figure = plot_hfmh(result.portrait)
     >>> [panel.get_xlabel() for panel in figure.axes if panel.get_title()][3:]
     ['bin, N m', 'bin, N m', 'bin, N m']
     """
@@ -407,10 +407,10 @@ def plot_residual(portrait: ReportData, *, path: str | os.PathLike[str] | None =
 
     Examples
     --------
-    >>> from granular_id import RawHFMH, synthesize
-    >>> from granular_id.evaluation.report_data import gather_report_data
-    >>> seen = gather_report_data(synthesize(["rice", "fine sugar"], n_per_class=3), {"raw+hfmh": RawHFMH()})
-    >>> figure = plot_residual(seen)
+    >>> from granular_id import evaluate, synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
+    >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
+    >>> figure = plot_residual(result.portrait)
     >>> [panel.get_title() for panel in figure.axes if panel.get_title()][:2]
     ['$F_x$', '$F_y$']
     """

@@ -37,7 +37,7 @@ const BETWEEN_SIGNALS: Duration = Duration::from_millis(50);
 ///
 /// Examples
 /// --------
-/// >>> from granular_id.live import WrenchBuffer
+/// >>> from granular_id import WrenchBuffer
 /// >>> buffer = WrenchBuffer(seconds=0.01, rate_hz=500.0)
 /// >>> reader = buffer.reader()
 /// >>> for fz in range(7):
