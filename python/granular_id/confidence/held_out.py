@@ -243,6 +243,7 @@ def held_out_scores(
         Anything that scikit-learn can clone, with `decision_function`; not changed. Where it ends in
         `ECOCClassifier` the scores of its learners are kept too, where it has `predict_proba` the probabilities.
     rows : Rows
+        What ``granular_id.confidence.held_out.rows_of`` makes of a data set, or of arrays with labels.
     partitions : sequence of Partition, optional
         Each row tested at most once, every class in every training part. Default: `Rows.folds`, as strict
         as the rows allow.
