@@ -58,6 +58,9 @@ numpydoc_xref_aliases = {name: name for name in DEFAULT_LINKS} | {
     name: path for name, path in NAMES.items() if name[0].isupper()
 }
 
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
+
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
@@ -104,7 +107,9 @@ def short_name(app, env, node, contnode):
 
 
 def of_others(_app, what, name, member, _skip, _options):
-    """Leave out what scikit-learn, enum or abc bring along: their own pages say what it does."""
+    """Leave out what scikit-learn, enum, abc or tuples bring along: their own pages say what it does."""
+    if type(member).__module__ == "_collections":
+        return True
     member = getattr(member, "fget", None) or getattr(member, "func", None) or member
     of = member if hasattr(member, "__module__") else getattr(member, "__objclass__", None)
     home = getattr(of, "__module__", None) or ("builtins" if hasattr(int, name) else "granular_id")

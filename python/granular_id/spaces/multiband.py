@@ -58,7 +58,17 @@ _LEVEL_STRETCHES = 16
 
 
 class FrequencyBand(NamedTuple):
-    """Edges of a band, 3 dB down, and how it is sampled; band 0 is the recording without its mean."""
+    """A band of frequencies, and how it is sampled; band 0 is the recording without its mean.
+
+    Attributes
+    ----------
+    low_hz, high_hz : float
+        Edges of the band, 3 dB down.
+    rate_hz : float
+        Rate at which the band is sampled.
+    n_samples : int
+        Samples of the band in one recording.
+    """
 
     low_hz: float
     high_hz: float
