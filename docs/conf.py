@@ -70,6 +70,8 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "download_all_examples": False,
     "capture_repr": (),
+    "image_scrapers": ("figures.scrape",),
+    "first_notebook_cell": "%matplotlib inline",
     "remove_config_comments": True,
     "show_memory": False,
     "show_signature": False,
