@@ -23,7 +23,7 @@ THREADED := tests/python/core/test_features.py tests/python/core/test_features_a
 # cargo shares out the cores itself, also where make runs targets beside each other.
 unexport MAKEFLAGS
 
-.PHONY: help demo docs test lint rust-lint python-lint rust-test python-test check-all threads bench bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel clean toolchain
+.PHONY: help demo docs test lint rust-lint python-lint rust-test python-test check-all threads bench benchmarks bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel clean toolchain
 
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
@@ -32,6 +32,7 @@ help:
 	@echo "make docs       the documentation site, in docs/_build/html"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest, zizmor"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
+	@echo "make benchmarks docs/benchmarks.md and the tables of README.md, measured anew (10 to 15 minutes on a quiet machine)"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
 	@echo "make bench-accuracy   our methods beside aeon's and others on FOLDERS=\"one two\", sessions held out (minutes; 3 GB to install)"
 	@echo "make false-positives  1,000 simulated evaluations of two equally good methods: how often each test errs (minutes)"
@@ -92,7 +93,7 @@ define environment
 endef
 
 $(RELEASE)/.package: $(WHEEL)
-	$(call environment,$(RELEASE),$(shell grep '^pandas==' requirements-dev.txt),[all])
+	$(call environment,$(RELEASE),$(shell grep -h '^pandas==\|^numba==' requirements-dev.txt requirements-bench.txt),[all])
 
 # The peers want other versions than the tools do.
 $(BENCHES)/.package: requirements-bench.txt $(WHEEL)
@@ -171,12 +172,20 @@ bench: bench-rust bench-peers bench-ecoc
 bench-rust: | toolchain
 	cargo bench --package granular-id-benches
 
-bench-peers: $(BENCHES)/.package
-	$(BENCHES)/bin/python benches/peers.py
+# Other programs wait meanwhile, where the system grants it.
+REALTIME ?= $(shell chrt -f 1 true 2>/dev/null && echo chrt -f 1)
 
-# Folders of recordings for bench-accuracy, and further options of it.
+benchmarks: $(RELEASE)/.package
+	$(REALTIME) $(RELEASE)/bin/python benches/results.py
+	$(RELEASE)/bin/python benches/page.py
+
+bench-peers: $(RELEASE)/.package
+	$(RELEASE)/bin/python benches/peers.py
+
+# Folders of recordings for bench-accuracy, and further options of it. The page keeps a run by: benches/results.py
+# --accuracy target/accuracy.json, benches/page.py.
 FOLDERS ?= ../shared/data/sliding_wrench ../shared/data/robot_failures
-ACCURACY ?= --out target/accuracy.json
+ACCURACY ?= --seeds 4 --out target/accuracy.json
 
 bench-accuracy: $(BENCHES)/.package
 	$(BENCHES)/bin/python benches/accuracy.py $(FOLDERS) $(ACCURACY)

@@ -11,23 +11,20 @@ counted. Install the peers with: pip install -r requirements-bench.txt
 from __future__ import annotations
 
 import argparse
-import os
-import platform
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import granular_id as gid
 from accuracy_data import SPLITS, BenchSet, FolderError, Preparation, read_folder, split
 from accuracy_methods import METHODS, Method, chosen_methods
 from accuracy_run import THREADS, Row, run_method
 from accuracy_table import as_json, averaged, compare, table
 from granular_id._files import check_target, write_json
 from granular_id.partitions import Partition
+from results import about as machine
 
 PACKAGES = ("numpy", "scipy", "scikit-learn", "aeon", "numba", "torch")
 BAD_INPUT, INTERRUPTED = 2, 130
@@ -179,17 +176,9 @@ def about(
             k: [str(f) for f in v] if k == "folders" else v for k, v in vars(options).items() if k != "out"
         },
         "threads": THREADS,
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
-        "versions": {"granular-id": gid.__version__, **{name: _version(name) for name in PACKAGES}},
+        **machine(PACKAGES),
         "data_sets": {s.name: {"words": words, "partitions": len(p)} for s, p, words in planned},
     }
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
 
 
 def run(

@@ -29,6 +29,8 @@ class Compared:
         Of the means; 0 for the reference itself.
     p_value, adjusted : float
         Corrected resampled t-test, and after Holm over all methods compared; NaN where it cannot be made.
+    features_s : float
+        Processor seconds of the features of a tested recording, median over partitions.
     """
 
     method: str
@@ -37,6 +39,7 @@ class Compared:
     difference: float
     p_value: float
     adjusted: float
+    features_s: float
 
 
 def compare(rows: Sequence[Row], reference: str | None = None) -> list[Compared]:
@@ -56,7 +59,15 @@ def compare(rows: Sequence[Row], reference: str | None = None) -> list[Compared]
         p_values.append(math.nan if row is base else corrected_resampled_t(d, *sizes).p_value)
     adjusted = holm(p_values)
     return [
-        Compared(row.method, row.mean, _sd(row.accuracies), row.mean - base.mean, p, float(a))
+        Compared(
+            row.method,
+            row.mean,
+            _sd(row.accuracies),
+            row.mean - base.mean,
+            p,
+            float(a),
+            row.median_s("features"),
+        )
         for row, p, a in zip(rows, p_values, adjusted, strict=True)
     ]
 

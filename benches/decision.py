@@ -19,6 +19,7 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import scipy
@@ -28,6 +29,7 @@ from sklearn.multiclass import OneVsOneClassifier
 from sklearn.svm import SVC
 
 import granular_id as gid
+from granular_id._files import write_json
 from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.signal import butter
 from granular_id.synthetic import PAPER_MATERIALS
@@ -79,6 +81,7 @@ def main() -> None:
     )
     parser.add_argument("--materials", type=int, default=11, help="materials (default 11)")
     parser.add_argument("--rounds", type=int, default=60, help="recordings to identify (default 60)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures as JSON, too")
     options = parser.parse_args()
     materials = list(PAPER_MATERIALS)[: options.materials]
     train = gid.synthesize(materials, n_per_class=12, seed=0)
@@ -137,6 +140,10 @@ def main() -> None:
     if not labels[BANDS] == labels["ours, bands, cold"] == labels[WHOLE_BANDS]:
         sys.exit("the labels of the stream of multi-band features differ from those of whole recordings")
     report(seconds, labels, per_row, len(materials))
+    if options.out:
+        medians = {name: 1e6 * statistics.median(times) for name, times in seconds.items()}
+        rows = {name: 1e6 * statistics.median(times) for name, times in per_row.items()}
+        write_json(options.out, {"microseconds": medians, "microseconds per row pushed": rows})
 
 
 def report(

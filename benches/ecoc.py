@@ -1,7 +1,7 @@
 """ECOCClassifier beside scikit-learn's one-vs-one on 550 x 10200, 11 classes: seconds, memory, labels.
 
-Run: python benches/ecoc.py [repeats] [kinds]. Every figure comes from this one run; each memory figure from a process
-of its own.
+Run: python benches/ecoc.py [kinds] [--repeats 3]. Every figure comes from this one run; each memory figure from a
+process of its own.
 
 The data stand for the two ends of what recordings look like: `noise` (independent values, every row a
 support vector) and `walk` (slow drift shared by few directions, few support vectors), which is the
@@ -10,17 +10,20 @@ case where a plain solver leaves the least to save; `drift` overlaps and keeps e
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 import time
 import tracemalloc
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from sklearn.multiclass import OneVsOneClassifier
 from sklearn.svm import SVC
 
+from granular_id._files import write_json
 from granular_id.ecoc import ECOCClassifier
 from granular_id.ecoc.decoding import decode
 
@@ -50,7 +53,8 @@ def peers() -> dict[str, Callable[[], Any]]:
     }
 
 
-def compare(kind: str, repeats: int) -> None:
+def compare(kind: str, repeats: int) -> dict[str, float]:
+    """Print seconds and equal labels; return the seconds."""
     X, y = recordings(kind)
     seconds: dict[str, float] = {}
     fitted: dict[str, Any] = {}
@@ -75,6 +79,7 @@ def compare(kind: str, repeats: int) -> None:
     same = theirs.predict(X_new) == by_loss
     print(f"{kind:6} labels equal to one-vs-one: {same.sum()} of {len(same)} rows,")
     print(f"{kind:6}   {(same & agree).sum()} of the {agree.sum()} rows where votes and losses agree")
+    return seconds
 
 
 def memory(kind: str, name: str, tool: str) -> None:
@@ -105,14 +110,24 @@ def _resident(key: str) -> float:
 
 
 def main() -> None:
-    repeats = int(sys.argv[1]) if len(sys.argv) > 1 else 3
-    for kind in sys.argv[2:] or KINDS:
-        compare(kind, repeats)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help="of noise, walk, drift (default noise walk)")
+    parser.add_argument("--repeats", type=int, default=3, help="fits of each, the best counts (default 3)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures as JSON, too")
+    options = parser.parse_args()
+    figures: dict[str, Any] = {}
+    for kind in options.kinds or KINDS:
+        figures[kind] = {"seconds": compare(kind, options.repeats), "megabytes": {}}
         for tool in ("tracemalloc", "resident"):
             for name in ("SVC(linear)", "ECOCClassifier"):
                 call = [sys.executable, __file__, "memory", kind, name, tool]
                 added = subprocess.run(call, check=True, capture_output=True, text=True).stdout.strip()
                 print(f"{kind:6} {name:22} peak MB added ({tool}): {added}")
+                figures[kind]["megabytes"][f"{name}, {tool}"] = float(added)
+    if options.out:
+        write_json(options.out, figures)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """How fast each format is read, beside the plain call of the library that reads its bytes.
 
-    python benches/formats.py [n_recordings]
+    python benches/formats.py [--recordings 682]
 
 Synthetic pushes of 1600 x 6, quantised as a sensor does; both sides in the same process, taking turns, after one
 untimed call each. Metadata are two entries per recording: kilobytes of it, as simulated recordings have, are parsed by
@@ -10,8 +10,8 @@ checked recordings with labels, sessions, triggers and history. "folder" formats
 
 from __future__ import annotations
 
+import argparse
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -29,6 +29,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 import granular_id as gid
+from granular_id._files import write_json
 from granular_id.io import save
 
 REPEATS = 7
@@ -125,7 +126,14 @@ def size_mb(path: Path) -> float:
 
 
 def main() -> None:
-    n = int(sys.argv[1]) if len(sys.argv) > 1 else 682
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--recordings", type=int, default=682, help="default 682")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures as JSON, too")
+    options = parser.parse_args()
+    n = options.recordings
+    figures: dict[str, dict[str, float]] = {}
     made = gid.synthesize(n_per_class=-(-n // 11))[:n]
     data = gid.Dataset([replace(push, meta={"synthetic": True, "tool": "cylinder"}) for push in made])
     few = data[: max(1, n // 10)]
@@ -162,6 +170,7 @@ def main() -> None:
             calls: list[Call] = [lambda path=path, rate=rate: gid.load(path, **rate)]
             calls += [lambda peer=peer, path=path: peer(path) for peer in peers.values()]
             ours, *theirs = seconds(calls)
+            figures[name] = {"load": ours} | dict(zip(peers, theirs, strict=True))
             beside = ", ".join(
                 f"{peer} {other:.4f} ({ours / other:.2f}x)" for peer, other in zip(peers, theirs, strict=True)
             )
@@ -169,6 +178,8 @@ def main() -> None:
                 f"{name:22} {size_mb(path):7.1f} {saved:7.2f} {ours:8.4f} {len(chosen) / ours:8.0f}   {beside}",
                 flush=True,
             )
+    if options.out:
+        write_json(options.out, {"recordings": [n, len(few)], "seconds": figures})
 
 
 if __name__ == "__main__":

@@ -36,7 +36,9 @@ def commands_of(group: Any, name: str) -> Iterator[Command]:
             usage, text = record
             text = quoted(text or "").replace("<", "&lt;")
             is_argument = parameter.param_type_name == "argument"
-            panel = "Arguments" if is_argument else parameter.rich_help_panel or "Options"
+            panel = (
+                "Arguments" if is_argument else parameter.rich_help_panel or "Options"
+            )
             panels.setdefault(panel, []).append(f"- `{usage}`: {text}")
         yield f"{name} {word}", command, panels
 
@@ -54,9 +56,18 @@ def help_of(command: Any) -> str:
     """Examples as one block to copy from."""
 
     def block(found: re.Match[str]) -> str:
-        return "```console\n" + "\n".join(re.findall(r"^`(.*)`$", found[0], flags=re.MULTILINE)) + "\n```\n\n"
+        return (
+            "```console\n"
+            + "\n".join(re.findall(r"^`(.*)`$", found[0], flags=re.MULTILINE))
+            + "\n```\n\n"
+        )
 
-    return re.sub(r"(?:^`granular-id [^`\n]*`\n*)+", block, quoted(command.help) + "\n", flags=re.MULTILINE)
+    return re.sub(
+        r"(?:^`granular-id [^`\n]*`\n*)+",
+        block,
+        quoted(command.help) + "\n",
+        flags=re.MULTILINE,
+    )
 
 
 def order(panel: tuple[str, list[str]]) -> int:
@@ -66,7 +77,10 @@ def order(panel: tuple[str, list[str]]) -> int:
 def text() -> str:
     commands = list(commands_of(typer.main.get_command(cli), "granular-id"))
     times = Counter(
-        (panel, item) for *_, panels in commands for panel in SHARED for item in panels.get(panel, ())
+        (panel, item)
+        for *_, panels in commands
+        for panel in SHARED
+        for item in panels.get(panel, ())
     )
     shared = [key for key, count in times.items() if count > 3]
     lines = [
@@ -77,15 +91,26 @@ def text() -> str:
         lines += ["", f"## `{name}`", "", help_of(command)]
         for panel, items in sorted(panels.items(), key=order):
             own = [item for item in items if (panel, item) not in shared]
-            rest = [re.search(r"--?[\w-]+", item)[0] for item in items if (panel, item) in shared]
+            rest = [
+                re.search(r"--?[\w-]+", item)[0]
+                for item in items
+                if (panel, item) in shared
+            ]
             lines += ["", f"**{panel}**", "", *own, ""]
             if rest:
                 lines += [
-                    f"[Shared with others](#{panel.lower()}): " + " ".join(f"`{each}`" for each in rest),
+                    f"[Shared with others](#{panel.lower()}): "
+                    + " ".join(f"`{each}`" for each in rest),
                     "",
                 ]
     for title in SHARED:
-        lines += ["", f"## {title}", "", f"Options under *{title}* that several commands share.", ""]
+        lines += [
+            "",
+            f"## {title}",
+            "",
+            f"Options under *{title}* that several commands share.",
+            "",
+        ]
         lines += [item for panel, item in shared if panel == title]
     return "\n".join(lines) + "\n"
 

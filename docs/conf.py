@@ -104,8 +104,14 @@ def short_name(app, env, node, contnode):
     head, dot, tail = target.partition(".")
     entry = objects.get(NAMES.get(head, head) + dot + tail)
     if entry is not None and entry.objtype != "module":
-        return make_refnode(app.builder, node["refdoc"], entry.docname, entry.node_id, contnode)
-    return contnode if node["reftype"] == "obj" and not target.startswith("granular_id") else None
+        return make_refnode(
+            app.builder, node["refdoc"], entry.docname, entry.node_id, contnode
+        )
+    return (
+        contnode
+        if node["reftype"] == "obj" and not target.startswith("granular_id")
+        else None
+    )
 
 
 def of_others(_app, what, name, member, _skip, _options):
@@ -113,14 +119,22 @@ def of_others(_app, what, name, member, _skip, _options):
     if type(member).__module__ == "_collections":
         return True
     member = getattr(member, "fget", None) or getattr(member, "func", None) or member
-    of = member if hasattr(member, "__module__") else getattr(member, "__objclass__", None)
-    home = getattr(of, "__module__", None) or ("builtins" if hasattr(int, name) else "granular_id")
+    of = (
+        member
+        if hasattr(member, "__module__")
+        else getattr(member, "__objclass__", None)
+    )
+    home = getattr(of, "__module__", None) or (
+        "builtins" if hasattr(int, name) else "granular_id"
+    )
     return True if what == "class" and not home.startswith("granular_id") else None
 
 
 def no_constructor(_app, what, _name, member, _options, signature, returns):
     """A protocol is not made, and an enumeration has its members."""
-    made = what != "class" or not (issubclass(member, Enum) or getattr(member, "_is_protocol", False))
+    made = what != "class" or not (
+        issubclass(member, Enum) or getattr(member, "_is_protocol", False)
+    )
     return (signature, returns) if made else ("", None)
 
 

@@ -37,7 +37,11 @@ def main(site: Path) -> None:
     }
     broken = []
     for path, page in pages.items():
-        broken += [f"{path.name}: loads {link}" for link in page.loaded if urlsplit(link).netloc]
+        broken += [
+            f"{path.name}: loads {link}"
+            for link in page.loaded
+            if urlsplit(link).netloc
+        ]
         for link in page.links:
             to = urlsplit(link)
             if to.scheme or to.netloc:
@@ -45,8 +49,14 @@ def main(site: Path) -> None:
             target = (path.parent / unquote(to.path)).resolve() if to.path else path
             if not target.is_file():
                 broken.append(f"{path.relative_to(site.resolve())}: {link}")
-            elif target in pages and to.fragment and unquote(to.fragment) not in pages[target].anchors:
-                broken.append(f"{path.relative_to(site.resolve())}: {link}: no such place on that page")
+            elif (
+                target in pages
+                and to.fragment
+                and unquote(to.fragment) not in pages[target].anchors
+            ):
+                broken.append(
+                    f"{path.relative_to(site.resolve())}: {link}: no such place on that page"
+                )
     print(
         f"{len(pages)} pages, {sum(len(page.links) for page in pages.values())} links, {len(broken)} broken"
     )

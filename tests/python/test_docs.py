@@ -23,7 +23,11 @@ BUILT = {"_build", "gallery", "generated"}
 PAGES = sorted(page for page in DOCS.rglob("*.md") if not BUILT & set(page.relative_to(DOCS).parts))
 EVERY = [*PAGES, *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "SECURITY"))]
 RUN = [page for page in EVERY if any(block.kind in ("python", "sh") for block in blocks_of(page))]
-EMPTY = [ROOT / "README.md", DOCS / "tutorial.md", DOCS / "guide" / "index.md"]  # these make all that they need
+EMPTY = [
+    ROOT / "README.md",
+    DOCS / "tutorial.md",
+    DOCS / "guide" / "index.md",
+]  # these make all that they need
 
 
 def of(page):
@@ -111,7 +115,7 @@ def test_every_command_has_examples_in_its_help():
 def test_make_targets_of_the_readme_exist():
     makefile = text_of(ROOT / "Makefile")
     named = set(re.findall(r"\bmake ([a-z-]+)", text_of(ROOT / "README.md")))
-    assert {"demo", "test", "bench-peers"} <= named
+    assert {"demo", "docs", "test"} <= named
     assert all(re.search(rf"^{target}:", makefile, flags=re.MULTILINE) for target in named)
 
 

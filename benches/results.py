@@ -1,0 +1,128 @@
+"""Runs the benchmarks and stores their figures, with machine, commit and versions: `make benchmarks`.
+
+``python benches/results.py`` writes results.json; ``--accuracy FILE`` runs nothing: it keeps in accuracy.json what a
+finished run of accuracy.py wrote there. page.py makes the page of both.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import granular_id as gid
+from granular_id._files import write_json
+
+ROOT = Path(__file__).resolve().parents[1]
+WRITTEN = ("benches/results.json", "benches/accuracy.json", "docs/benchmarks.md", "README.md")
+"""By the benchmarks themselves: a checkout with nothing else changed is that of its commit."""
+
+PACKAGES = ("numpy", "scipy", "numba", "scikit-learn", "pandas", "h5py", "pyarrow", "rosbags", "mcap")
+UNITS = ("baseline", "avx2", "avx512")
+EXTRACTION = "import numpy, granular_id; granular_id.extract_features(numpy.zeros((9, 6)))"
+
+
+def about(packages: Sequence[str]) -> dict[str, Any]:
+    """Describe machine, commit and versions; None stands for what is not installed or not known."""
+    others = (f":!{name}" for name in WRITTEN)
+    changed = _output("git", "status", "--porcelain", "--untracked-files=no", "--", ".", *others)
+    return {
+        "date": datetime.datetime.now(datetime.timezone.utc).date().isoformat(),
+        "processor": _processor(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "cores": os.cpu_count(),
+        "load before": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
+        "real-time priority": hasattr(os, "SCHED_FIFO") and os.sched_getscheduler(0) == os.SCHED_FIFO,
+        "commit": _output("git", "rev-parse", "--short=10", "HEAD"),
+        "commit is clean": changed == "",
+        "compiler": (_output("rustc", "--version") or "").partition(" (")[0],
+        "versions": {
+            "granular-id": gid.__version__,
+            "Python": platform.python_version(),
+            **{name: _version(name) for name in packages},
+        },
+    }
+
+
+def _processor() -> str:
+    """The model; Linux says which generation it is of by numbers only."""
+    try:
+        known = dict(re.findall(r"^([\w ]+?)\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE))
+        return f"{known['model name']} (family {known['cpu family']}, model {known['model']})"
+    except (OSError, KeyError):
+        return platform.processor() or "unknown"
+
+
+def _output(*command: str) -> str | None:
+    try:
+        ran = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return ran.stdout.strip()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def measure() -> dict[str, Any]:
+    """Run the scripts one after the other, that of the features once for each vector unit."""
+    results: dict[str, Any] = {"made": about(PACKAGES), "features": {}}
+    for unit in UNITS:
+        told = os.environ | {"GRANULAR_ID_SIMD": unit}
+        if subprocess.run(
+            [sys.executable, "-c", EXTRACTION], env=told, capture_output=True, check=False
+        ).returncode:
+            print(f"This machine has no {unit}.")
+        else:
+            results["features"][unit] = figures("peers", told)
+    return results | {name: figures(name, os.environ) for name in ("decision", "ecoc", "formats")}
+
+
+def figures(script: str, environment: Mapping[str, str]) -> dict[str, Any]:
+    """Run a script and return what it hands over."""
+    print(f"\n{script}.py, GRANULAR_ID_SIMD={environment.get('GRANULAR_ID_SIMD', '')}", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder, "figures.json")
+        command = [sys.executable, str(ROOT / f"benches/{script}.py"), "--out", str(out)]
+        subprocess.run(command, env=environment, check=True)
+        return json.loads(out.read_text(encoding="utf-8"))
+
+
+def accuracy(run: dict[str, Any]) -> dict[str, Any]:
+    """Return what is kept of a run of accuracy.py: no single partition, and of folders their names."""
+    if not run["finished"]:
+        sys.exit("The run of accuracy.py was not finished.")
+    folders = [Path(folder).name for folder in run["settings"]["folders"]]
+    kept = {name: value for name, value in run.items() if name != "rows"}
+    return kept | {"settings": run["settings"] | {"folders": folders}}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--accuracy", type=Path, metavar="FILE", help="keep this run of accuracy.py")
+    options = parser.parse_args()
+    if options.accuracy:
+        run = json.loads(options.accuracy.read_text(encoding="utf-8"))
+        write_json(ROOT / "benches/accuracy.json", accuracy(run))
+    else:
+        write_json(ROOT / "benches/results.json", measure())
+
+
+if __name__ == "__main__":
+    main()
