@@ -82,6 +82,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "granular_id"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_sidebars = {page: [] for page in ("index", "install", "tutorial")}  # they have no pages below
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
