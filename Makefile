@@ -15,6 +15,7 @@ RELEASE := .venv-wheel
 CLEAN   := .venv-clean
 OLDEST  := .venv-oldest
 BENCHES := .venv-bench
+PUBLISH := target/publish
 
 # Tests of functions that promise to be thread-safe, run once more in eight threads at a time.
 THREADED := tests/python/core/test_features.py tests/python/core/test_features_arrays.py tests/python/core/test_signal_arrays.py \
@@ -23,7 +24,7 @@ THREADED := tests/python/core/test_features.py tests/python/core/test_features_a
 # cargo shares out the cores itself, also where make runs targets beside each other.
 unexport MAKEFLAGS
 
-.PHONY: help demo docs test lint rust-lint python-lint rust-test python-test check-all threads bench benchmarks bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel clean toolchain
+.PHONY: help demo docs test lint rust-lint python-lint rust-test python-test check-all threads bench benchmarks bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel wheels clean toolchain
 
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
@@ -56,6 +57,7 @@ help:
 	@echo "make bench-formats    read speed of every format beside the plain call of its library"
 	@echo "make bench-archive    archives of RECORDINGS=100000: written, extracted, identified, beside a user's Dask script (half an hour)"
 	@echo "make wheel      build a wheel into ./dist, and try it in an empty environment"
+	@echo "make wheels     all wheels for Linux and the source distribution into ./dist, audited and run (half an hour)"
 
 toolchain:
 	@command -v cargo >/dev/null || { echo "granular_id needs a Rust toolchain, 1.89 or later: install rustup, then run this again" >&2; exit 1; }
@@ -320,6 +322,11 @@ wheel: $(WHEEL)
 	@$(CLEAN)/bin/granular-id demo --output $(CLEAN)/demo > /dev/null
 	@rm -rf $(CLEAN)
 	@echo "both work; install it into yours: pip install \"$$(echo dist/*.whl)[app]\""
+
+wheels: | toolchain
+	@$(PYTHON) -m venv $(PUBLISH)
+	@$(PUBLISH)/bin/python -m pip install --quiet --disable-pip-version-check --requirement requirements-release.txt
+	@$(PUBLISH)/bin/python tests/wheels.py
 
 clean:
 	rm -rf $(VENV) $(RELEASE) $(CLEAN) $(OLDEST) $(BENCHES) target dist demo

@@ -1,0 +1,151 @@
+"""Wheels for Linux and the source distribution: built into dist/, audited, installed and run; prints a table.
+
+`make wheels` runs it. The wheels are built from the unpacked source distribution and linked by zig, and run under every
+python3.X on PATH. Other Pythons are commands, such as one of another processor; --built keeps what dist/ holds:
+
+    target/publish/bin/python tests/wheels.py --built --python "qemu-aarch64 -L ROOT ROOT/usr/bin/python3.13"
+"""
+
+import argparse
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+DIST, WORK, TOOLS = ROOT / "dist", ROOT / "target" / "publish-work", Path(sys.executable).parent
+LIMIT_BYTES = 3_000_000
+# abi3 is for every Python from 3.10 that has a GIL. Free-threaded ones have no stable ABI before 3.15.
+TARGETS = {
+    "x86_64-unknown-linux-gnu": ("manylinux2014", ["python3.10", "python3.14t"]),
+    "aarch64-unknown-linux-gnu": ("manylinux2014", ["python3.10", "python3.14t"]),
+    "x86_64-unknown-linux-musl": ("musllinux_1_2", ["python3.10"]),
+    "aarch64-unknown-linux-musl": ("musllinux_1_2", ["python3.10"]),
+}
+PROBE = """
+import json, platform, sys, sysconfig
+of = sysconfig.get_config_var
+print(json.dumps([platform.python_version(), platform.machine(), of("SOABI"), bool(of("Py_GIL_DISABLED"))]))
+"""
+# Uniform numbers are made of integers: unlike sines and logarithms they are the same on every machine.
+DIGEST = """
+import hashlib
+import numpy as np
+import granular_id as gid
+X = 4 * np.random.Generator(np.random.PCG64(1)).random((8, 1600, 6)) - 2
+features = [X, gid.extract_features(X), gid.MultiBand().fit_transform(X)]
+print(hashlib.sha256(b"".join(block.tobytes() for block in features)).hexdigest())
+"""
+
+
+def output(*command, **options) -> str:
+    """What a command prints; ends the script where it fails."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    done = subprocess.run(list(map(str, command)), check=False, **pipes, **options)
+    if done.returncode:
+        raise SystemExit(f"{shlex.join(map(str, command))}\n{done.stdout}")
+    return done.stdout
+
+
+def build() -> list[str]:
+    """Build into dist/; returns the Rust targets that are missing."""
+    shutil.rmtree(DIST, ignore_errors=True)
+    shutil.rmtree(WORK, ignore_errors=True)
+    output(TOOLS / "maturin", "sdist", "--out", DIST, cwd=ROOT)
+    (archive,) = DIST.glob("*.tar.gz")
+    with tarfile.open(archive) as unpacked:
+        unpacked.extractall(WORK / "source", filter="data")
+    (source,) = (WORK / "source").iterdir()
+    environment = {**os.environ, "CARGO_TARGET_DIR": str(ROOT / "target" / "wheels")}
+    environment["PATH"] = f"{TOOLS}{os.pathsep}{environment['PATH']}"
+    missing = []
+    for target, (tag, pythons) in TARGETS.items():
+        if not Path(output("rustc", "--print", "target-libdir", "--target", target).strip()).is_dir():
+            missing.append(target)
+            continue
+        print(f"building for {target} (minutes)", flush=True)
+        options = ["--release", "--zig", "--target", target, "--compatibility", tag, "--out", DIST]
+        options += [option for python in pythons for option in ("--interpreter", python)]
+        output(TOOLS / "maturin", "build", *options, cwd=source, env=environment)
+    return missing
+
+
+def audit(wheel: Path) -> str:
+    """Which audits a wheel passed; the first that it fails ends the script."""
+    if wheel.stat().st_size > LIMIT_BYTES:
+        raise SystemExit(f"{wheel.name} has {wheel.stat().st_size} bytes, more than {LIMIT_BYTES}")
+    platform = wheel.stem.rpartition("-")[2].rpartition(".")[2]
+    report = " ".join(output(TOOLS / "auditwheel", "show", wheel).split())
+    if f'following platform tag: "{platform}"' not in report:
+        raise SystemExit(f"{wheel.name} is not what its name says:\n{report}")
+    if "-abi3-" not in wheel.name:
+        return "auditwheel"
+    output(TOOLS / "abi3audit", "--strict", wheel)
+    return "auditwheel, abi3audit"
+
+
+def run(command: list[str]) -> tuple[str, str, str] | None:
+    """Install the wheel for a Python and use it; returns the wheel's name, Python's version and the digest."""
+    probe = subprocess.run([*command, "-c", PROBE], capture_output=True, check=False)
+    if probe.returncode:  # a name on PATH without a Python behind it
+        return None
+    version, machine, extension, free_threaded = json.loads(probe.stdout)
+    python = "cp" + "".join(version.split(".")[:2])
+    abi = f"{python}-{python}t" if free_threaded else "cp310-abi3"
+    family = "musllinux" if extension.endswith("musl") else "manylinux"
+    wheel = next(DIST.glob(f"*-{abi}-*{family}*_{machine}.whl"), None)
+    if wheel is None:
+        return None
+    print(f"running {wheel.name} under {version}", flush=True)
+    place = WORK / f"{abi}-{family}-{machine}-{version}"
+    shutil.rmtree(place, ignore_errors=True)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    if len(command) == 1:
+        output(*command, "-m", "venv", place)
+        command, cli = [str(place / "bin/python")], [str(place / "bin/granular-id")]
+        output(*command, "-m", "pip", "install", f"{wheel}[app]")
+    else:  # an emulator or a chroot may be unable to start pip
+        options = ["--python-version", version, "--abi", abi.split("-")[1], "--abi", python, "--abi", "none"]
+        for platform in ("manylinux2014", *(f"manylinux_2_{glibc}" for glibc in range(17, 40))):
+            options += ["--platform", f"{platform}_{machine}"]
+        # pip would ask for what its own Python requires.
+        options += ["--ignore-requires-python", "--only-binary", ":all:", "--target", place, f"{wheel}[app]"]
+        output(sys.executable, "-m", "pip", "install", *options)
+        environment["PYTHONPATH"] = str(place)
+        cli = [*command, "-m", "granular_id"]
+    here = {"cwd": place, "env": environment}
+    output(*command, ROOT / "examples/first_lines.py", **here)
+    output(*cli, "--version", **here)
+    output(*cli, "demo", "--output", place / "demo", **here)
+    return wheel.name, version, output(*command, "-W", "ignore", "-c", DIGEST, **here).strip()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--built", action="store_true", help="keep what dist/ holds")
+    parser.add_argument("--python", action="append", default=[], help="a command that starts one more Python")
+    chosen = parser.parse_args()
+    missing = [] if chosen.built else build()
+    output(TOOLS / "twine", "check", "--strict", *DIST.glob("granular_id-*"))
+    audits = {wheel: audit(wheel) for wheel in sorted(DIST.glob("*.whl"))}
+    names = [f"python3.{minor}{threads}" for minor in range(10, 30) for threads in ("", "t")]
+    commands = [*([path] for name in names if (path := shutil.which(name))), *map(shlex.split, chosen.python)]
+    runs = [done for command in commands if (done := run(command))]
+    print("\n| platform | Python | MB | audit | run |\n|---|---|---:|---|---|")
+    for wheel, passed in audits.items():
+        _, _, python, abi, platform = wheel.stem.split("-")
+        versions = ", ".join(version for name, version, _ in runs if name == wheel.name) or "not run"
+        row = f"{platform.rpartition('.')[2]} | {python}-{abi} | {wheel.stat().st_size / 1e6:.2f}"
+        print(f"| {row} | {passed} | {versions} |")
+    digests = {digest for *_, digest in runs}
+    print(f"\nsha256 of features: {', '.join(digests)}")
+    if missing or len(digests) > 1:
+        sys.exit(f"not built: rustup target add {' '.join(missing)}" if missing else "features differ")
+
+
+if __name__ == "__main__":
+    main()
