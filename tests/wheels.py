@@ -57,8 +57,9 @@ def build() -> list[str]:
     output(TOOLS / "maturin", "sdist", "--out", DIST, cwd=ROOT)
     shutil.unpack_archive(next(DIST.glob("*.tar.gz")), WORK / "source", filter="data")
     (source,) = (WORK / "source").iterdir()
-    environment = {**os.environ, "CARGO_TARGET_DIR": str(ROOT / "target" / "wheels")}
-    environment["PATH"] = f"{TOOLS}{os.pathsep}{environment['PATH']}"
+    # Compiled anew each time: files of the archive are all of one old date, by which cargo would take them for known.
+    environment = {**os.environ, "PATH": f"{TOOLS}{os.pathsep}{os.environ['PATH']}"}
+    environment.pop("CARGO_TARGET_DIR", None)
     missing = []
     for target, (tag, pythons) in TARGETS.items():
         if not Path(output("rustc", "--print", "target-libdir", "--target", target).strip()).is_dir():
