@@ -24,7 +24,7 @@ THREADED := tests/python/core/test_features.py tests/python/core/test_features_a
 # cargo shares out the cores itself, also where make runs targets beside each other.
 unexport MAKEFLAGS
 
-.PHONY: help demo docs test lint rust-lint python-lint rust-test python-test check-all threads bench benchmarks bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel wheels clean toolchain
+.PHONY: help demo docs test lint rust-lint python-lint rust-test python-test check-all threads bench benchmarks bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny notices counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel wheels clean toolchain
 
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
@@ -42,6 +42,7 @@ help:
 	@echo "                100,000 damaged CSV files; all 1,413 hostile files (minutes)"
 	@echo "make deny       licences, sources and known faults of the crates that are used, with cargo-deny"
 	@echo "make audit      known faults of the Python packages in .venv, with pip-audit"
+	@echo "make notices    LICENSE-THIRD-PARTY.yml, with cargo-bundle-licenses"
 	@echo "make fuzz       CSV parser, model files and sensor packets, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
 	@echo "make loom       the ring of the wrench buffer in all orders that the memory model allows (seconds, once it is compiled)"
 	@echo "make stress     1e9 items through the wrench buffer, with a reader that sleeps (RING_ITEMS=...; minutes)"
@@ -80,7 +81,7 @@ $(TOOLS): requirements-dev.txt $(PACKAGE)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-dev.txt
 	@touch $@
 
-$(WHEEL): $(SOURCES) README.md $(shell find python -type f -not -name '*.so' -not -path '*/__pycache__/*') | toolchain $(BIN)/python
+$(WHEEL): $(SOURCES) python/README.md LICENSE-THIRD-PARTY.yml $(shell find python -type f -not -name '*.so' -not -path '*/__pycache__/*') | toolchain $(BIN)/python
 	@echo "building the wheel (two minutes the first time)"
 	@rm -rf dist
 	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
@@ -301,6 +302,11 @@ deny: | toolchain
 audit: $(TOOLS)
 	@command -v pip-audit >/dev/null || { echo "make audit needs pip-audit: pipx install pip-audit" >&2; exit 1; }
 	pip-audit --path "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("platlib"))')"
+
+# Wheels hold the crates; their licences want to be there, too.
+notices: | toolchain
+	@cargo bundle-licenses --version >/dev/null 2>&1 || { echo "make notices needs cargo-bundle-licenses: cargo install cargo-bundle-licenses" >&2; exit 1; }
+	cd rust/python && cargo bundle-licenses --format yaml --prefer MIT --output $(CURDIR)/LICENSE-THIRD-PARTY.yml
 
 fuzz: $(TOOLS)
 	@cargo fuzz --version >/dev/null 2>&1 || { echo "make fuzz needs cargo-fuzz: cargo install cargo-fuzz" >&2; exit 1; }

@@ -6,6 +6,7 @@ from enum import Enum
 from pathlib import Path
 
 from numpydoc.xref import DEFAULT_LINKS
+from sphinx.addnodes import pending_xref
 from sphinx.util.nodes import make_refnode
 
 import granular_id
@@ -82,7 +83,9 @@ html_theme = "pydata_sphinx_theme"
 html_title = "granular_id"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-html_sidebars = {page: [] for page in ("index", "install", "tutorial")}  # they have no pages below
+html_sidebars = {
+    page: [] for page in ("index", "install", "tutorial")
+}  # they have no pages below
 html_show_sourcelink = False
 html_copy_source = False
 html_theme_options = {
@@ -115,6 +118,15 @@ def short_name(app, env, node, contnode):
     )
 
 
+def prefer_own(app, doctree):
+    """In the text of a class `load` is its method; Sphinx would take the function of that name first."""
+    objects = app.env.domains.python_domain.objects
+    for node in doctree.findall(pending_xref):
+        own = f"{node.get('py:module')}.{node.get('py:class')}.{node['reftarget']}"
+        if node.get("refdomain") == "py" and own in objects:
+            node["reftarget"] = own
+
+
 def of_others(_app, what, name, member, _skip, _options):
     """Leave out what scikit-learn, enum, abc or tuples bring along: their own pages say what it does."""
     if type(member).__module__ == "_collections":
@@ -140,6 +152,7 @@ def no_constructor(_app, what, _name, member, _options, signature, returns):
 
 
 def setup(app):
+    app.connect("doctree-read", prefer_own)
     app.connect("missing-reference", short_name)
     app.connect("autodoc-skip-member", of_others)
     app.connect("autodoc-process-signature", no_constructor)

@@ -55,7 +55,8 @@ panel.set_yticks(range(len(rows)), rows)
 panel.set(xlabel="candidates", ylabel="pushed through")
 panel.axhline(len(known) - 0.5, color="grey", linestyle="--")
 for row, column in np.argwhere(shares > 0):
-    panel.text(column, row, f"{shares[row, column]:.0%}", ha="center", va="center")
+    colour = "white" if shares[row, column] > 0.6 else "black"
+    panel.text(column, row, f"{shares[row, column]:.0%}", ha="center", va="center", color=colour)
 
 # %%
 # Are these promises kept?

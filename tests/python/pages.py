@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 BLOCK = re.compile(
-    r"^(?:<!-- not run: (?P<reason>[^>]+) -->\n+)?```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.M | re.S
+    r"^(?:<!-- not run: (?P<reason>[^>]+) -->\n+)?```(?P<kind>[^\n`]*)\n(?P<text>.*?)^```$", re.M | re.S
 )
 
 

@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 BUILT = {"_build", "gallery", "generated"}
 PAGES = sorted(page for page in DOCS.rglob("*.md") if not BUILT & set(page.relative_to(DOCS).parts))
-EVERY = [*PAGES, *(ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "SECURITY"))]
+EVERY = [*PAGES, *(ROOT / f"{name}.md" for name in ("README", "python/README", "CONTRIBUTING", "SECURITY"))]
 RUN = [page for page in EVERY if any(block.kind in ("python", "sh") for block in blocks_of(page))]
 EMPTY = [
     ROOT / "README.md",
@@ -60,8 +60,7 @@ def test_pages_run_as_they_are_printed(page, request, tmp_path, monkeypatch):
     run_page(page)
 
 
-def test_what_does_not_run_says_why():
-    """And is little of what stands there."""
+def test_little_of_what_stands_there_does_not_run():
     blocks = [block for page in RUN for block in blocks_of(page) if block.kind in ("python", "sh")]
     left_out = [block for block in blocks if block.reason]
     assert len(left_out) < len(blocks) / 4

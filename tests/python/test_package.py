@@ -1,6 +1,5 @@
-"""The package as a whole: what it exports, what has moved, and what importing it costs."""
+"""The package as a whole: what it exports, and what importing it costs."""
 
-import importlib
 import subprocess
 import sys
 from importlib.metadata import requires
@@ -19,17 +18,6 @@ def test_everything_exported_exists():
 def test_unknown_names_are_attribute_errors():
     with pytest.raises(AttributeError, match="'granular_id' has no attribute 'nonsense'"):
         _ = granular_id.nonsense
-
-
-@pytest.mark.parametrize(
-    ("module", "name"), [("best", "BestClassifier"), ("selection", "select"), ("selection", "Selection")]
-)
-def test_a_name_that_moved_warns_and_works(module, name):
-    old = importlib.import_module(f"granular_id.{module}")
-    with pytest.warns(DeprecationWarning, match=f"granular_id.{module} has moved: use granular_id"):
-        assert getattr(old, name) is getattr(granular_id, name)
-    with pytest.raises(AttributeError, match="no attribute 'other'"):
-        _ = old.other
 
 
 def test_extracting_does_not_load_scikit_learn():

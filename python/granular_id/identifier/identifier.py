@@ -159,7 +159,7 @@ class Identifier(Adaptable):
         max_file_bytes : int, default 16 MiB
             Largest model file.
         threads : int, optional
-            Threads of the extraction; no bit depends on it. Default: all cores.
+            Threads of the extraction; the result does not depend on it. Default: all cores.
         progress : bool or callable, optional
             As in `granular_id.evaluate`; None is silent.
 
@@ -399,7 +399,7 @@ class Identifier(Adaptable):
             Recordings of the length, rate, axes and units of the training. Of a Dataset these are checked. Tables with
             named columns, one or a list of them, come into the order of `axes`; other names are refused.
         threads : int, optional
-            Threads of a batch; no bit depends on it. Default: all cores.
+            Threads of a batch; the result does not depend on it. Default: all cores.
 
         Raises
         ------

@@ -113,6 +113,7 @@ def test_two_threads_make_the_same_files(archive, wanted, tmp_path):
         pytest.param({"deadly": "."}, 2, id="while it computes"),
     ],
 )
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there is no SIGKILL here")
 def test_a_driver_that_was_killed_is_taken_up(archive, wanted, tmp_path, monkeypatch, deaths, n_finished):
     monkeypatch.chdir(tmp_path)
     out = tmp_path / "out"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import pickle
-import resource
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -442,6 +441,7 @@ def test_what_cannot_be_computed_is_named(archive, out):
 
 
 def test_a_full_disk_stops_all_and_leaves_nothing_half_written(archive, out):
+    resource = pytest.importorskip("resource")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
     try:

@@ -121,10 +121,10 @@ def command(module, *arguments):
     )
 
 
-def test_the_command_under_its_old_name(tmp_path):
+def test_the_command(tmp_path):
     stamps = tmp_path / "stamps.npy"
     arguments = ("--records", 200, "--fault", "loss=0.1", "--stamps", stamps)
-    with command("granular_id.live.fake_netft", *arguments) as process:
+    with command("granular_id.testing.fake_netft", *arguments) as process:
         with opened(process.stdout.readline().strip()) as stream:
             output, _ = process.communicate(timeout=60)
         counters = stream.source.health().counters
