@@ -50,6 +50,13 @@ _FACTORS: dict[str, dict[float, str]] = {
     "Hz": {1.0: "hz hertz", 1e3: "khz"},
 }  # fmt: skip
 
+TAKEN = {
+    "N": "N, mN, kN, lbf or kgf (kilograms-force)",
+    "N m": "N m, mN m, kN m, N mm or lbf in",
+    "s": "s, ms, us or ns",
+}
+"""The units that messages name."""
+
 _KNOWN = {
     quantity: {name: value for value, names in table.items() for name in names.split()}
     for quantity, table in _FACTORS.items()
@@ -181,7 +188,7 @@ def refusal(name: str) -> str:
     """Return why a name that ``axis_of`` does not know is refused, and what is wanted."""
     meaning, shown = _meaning(name), repr(name.strip()[:40])
     if meaning.axis is not None and meaning.unit is not None:
-        wanted = "none" if meaning.wanted is None else f"{meaning.wanted}: convert the values first"
+        wanted = "none" if meaning.wanted is None else f"{TAKEN[meaning.wanted]}; convert other values first"
         return f"the unit of column {shown} is {meaning.unit[:40]!r}; wanted {wanted}"
     if name.strip() == "T":
         return f"column {shown} may be time, torque or temperature; wanted a name that says which"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.columns import factor
+from granular_id.io.columns import TAKEN, factor
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileSource
@@ -146,7 +146,7 @@ class _Stamped:
             return
         scales = [None if unit is None else factor(unit, "s") for unit in (stated, asked)]
         if stated is not None and scales[0] is None:
-            raise self.fault(f"stamps are in {stated!r:.40}; wanted s, ms, us or ns")
+            raise self.fault(f"stamps are in {stated!r:.40}; wanted {TAKEN['s']}")
         if None not in scales and scales[0] != scales[1]:
             raise self.fault(f"time_unit={asked!r}, but the file says that its stamps are in {stated}")
         scale = next((scale for scale in scales if scale is not None), 1.0)

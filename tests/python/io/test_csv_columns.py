@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, strategies as st
 
-from granular_id.io.columns import ColumnError, axis_of, columns_of, refusal
+from granular_id.io.columns import _FACTORS, ColumnError, axis_of, columns_of, factor, refusal
 from granular_id.recording import AXES
 
 KNOWN = {
@@ -35,6 +35,20 @@ def test_other_units_are_named():
     for name in [*OTHER_UNITS.split("|"), "t (\N{MICRO SIGN}s)", "stamp_ns", "flags [1]"]:
         assert axis_of(name) is None
         assert refusal(name).startswith(f"the unit of column {name!r} is ")
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity", "taken"),
+    [
+        ("fx [kg]", "N", "N, mN, kN, lbf or kgf (kilograms-force)"),
+        ("tx [kgf mm]", "N m", "N m, mN m, kN m, N mm or lbf in"),
+        ("time [min]", "s", "s, ms, us or ns"),
+    ],
+)
+def test_a_refused_unit_comes_with_every_unit_that_is_taken(name, quantity, taken):
+    assert refusal(name).endswith(f"; wanted {taken}; convert other values first")
+    units = taken.partition(" (")[0].replace(" or ", ", ").split(", ")
+    assert {factor(unit, quantity) for unit in units} == set(_FACTORS[quantity])
 
 
 UNCERTAIN = (

@@ -12,7 +12,7 @@ from typing import Any
 from granular_id._checks import FloatArray
 from granular_id.io.arrays.names import FORCES, TORQUES, is_general, is_other_thing, plain_name, role_of
 from granular_id.io.arrays.tree import Origin, is_leaf, n_values, texts
-from granular_id.io.columns import TIME, axes_among, factor, same_unit, split_unit
+from granular_id.io.columns import TAKEN, TIME, axes_among, factor, same_unit, split_unit
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import LoadOptions
 from granular_id.recording import AXES, unit_of
@@ -30,7 +30,7 @@ _LONGEST_LIST = 10_000
 
 _UNIT_KEY = re.compile(r"(.*?)[\s_.-]*units?", re.IGNORECASE)
 _BETWEEN = re.compile(r"\s*[,;|]\s*")
-_WANTED = "wanted N, mN, kN, lbf or kgf for forces, N m, mN m, kN m, N mm or lbf in for torques"
+_WANTED = f"wanted {TAKEN['N']} for forces, {TAKEN['N m']} for torques"
 
 _DIMENSIONS = {
     0: "n recording recordings trial trials push pushes demo demos episode episodes run runs batch",
