@@ -444,6 +444,12 @@ def test_what_pandas_keeps_of_attrs_is_about_the_table(tmp_path):
     np.testing.assert_allclose(push.wrench[:, :2], W[:, :2] * [1e-3, 1])
 
 
+def test_a_clock_that_names_its_unit_is_obeyed_however_fast(tmp_path):
+    assert load(made(tmp_path, csv(T, "time_ms"))).rate_hz == 500_000
+    with pytest.raises(RecordingFileError, match=r"2e-06 apart: that would be 5e\+05 Hz.*time_unit="):
+        load(made(tmp_path, csv(T / 1000)))
+
+
 def test_units_of_other_axes_are_kept(tmp_path):
     file = tree(X=X[..., :2], fs=500, axes=["force", "depth"], units=["mN", "mm"])
     (first, *_) = load(made(tmp_path, file))
