@@ -50,7 +50,11 @@ def test_a_sound_set_is_only_said_to_be_small():
     [
         (SMALL[:4], "one-label", "all recordings are 'rice': nothing to tell apart"),
         (SMALL[:7], "uneven", "between 3 and 4 recordings per label"),
-        ([recording(session=None), recording(label="peas", session=None)], "no-session", "no recording says"),
+        (
+            [recording(session=None), recording(label="peas", session=None)],
+            "no-session",
+            "(--session file or ",
+        ),
         ([SMALL[0], recording(label="peas", session="s9")], "session-is-label", "2 of 2 labels"),
         ([*SMALL, recording(30)], "lengths-differ", "lengths differ, 20 to 30 samples"),
     ],

@@ -60,7 +60,10 @@ def check_sessions(data: Measured) -> Iterator[Finding]:
     """Find recordings without a session, and labels that have one session only, each its own."""
     without = [i for i, r in enumerate(data.recordings) if r.session is None]
     if len(without) == len(data.recordings):
-        message = "no recording says which session it is from: keep together what was recorded together"
+        message = (
+            "no recording says which session it is from: keep together what was recorded together (--session file or "
+            'folder where each is one, in Python session="file")'
+        )
         yield data.finding("warning", "no-session", message)
     elif without:
         message = (
