@@ -95,10 +95,16 @@ def test_bags_that_were_not_closed(tmp_path):
     mcap.write_bytes(mcap.read_bytes()[:-60])
     bag = write_kind("bag2 sqlite None v9", tmp_path, samples(), even_stamps())
     (bag / "x.db3-wal").write_bytes(b"?")
+    bag1 = write_bag1(tmp_path / "y.bag", one_topic(ROS1, samples(), even_stamps()))
+    bag2 = write_bag2(tmp_path / "y", one_topic(ROS2, samples(), even_stamps()), MCAP)
+    for file in (bag1, bag2 / "y.mcap"):
+        file.write_bytes(file.read_bytes()[:-60])
     for path, way_out in (
         (mcap, r"mcap recover x\.mcap"),
         (bag, "ros2 bag reindex"),
         (bag / "x.db3", "reindex"),
+        (bag1, "try `rosbag reindex`"),
+        (bag2, "try `ros2 bag reindex`, or `mcap recover`"),
     ):
         with pytest.raises(RecordingFileError, match=f"was not closed.*{way_out}"):
             read(path)

@@ -57,7 +57,7 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
 
     Its clock is ``header.stamp``, or the log time where stamps were never set.
     """
-    with _opened(source, options) as bag:
+    with _naming_way_out(source.path), _opened(source, options) as bag:
         topic, inner, notes = chosen_topic(bag.topics, source.path, options.topic)
         found = list(topic.messages)
     if not found:
@@ -86,6 +86,21 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
     }
     axes = IMU_AXES if inner in topic.imus else ()
     return recording_of(wrenches, np.array(log_ns, np.int64), source, options, about, place_of, notes, axes)
+
+
+@contextmanager
+def _naming_way_out(path: Path) -> Iterator[None]:
+    """Add what rebuilds an index or an end to what rosbags says of a bag."""
+    try:
+        yield
+    except Exception as error:
+        if type(error).__name__ != "ReaderError":  # of rosbag1 and of rosbag2, which may not be installed
+            raise
+        is_ros1 = "rosbag1" in type(error).__module__
+        way_out = "`rosbag reindex`" if is_ros1 else "`ros2 bag reindex`, or `mcap recover` of an .mcap"
+        said = str(error).partition("\n")[0][:200].rstrip(".")
+        problem = f"cannot be read: {said}; if the recording was not closed, try {way_out}"
+        raise RecordingFileError(path, problem) from error
 
 
 @contextmanager
