@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.utils.validation import check_is_fitted
 
+from granular_id._checks import checked_index
 from granular_id._core import MultiBandExtractor
 from granular_id._text import counted, fixed, listed
 from granular_id.spaces.base import (
@@ -211,7 +212,7 @@ class MultiBand(RecordingTransformer):
         settings: dict[str, Any] = {
             "rate_hz": self.rate_hz_ or PAPER_RATE_HZ,
             "blocks": self.blocks,
-            "definition": self.definition,
+            "definition": checked_index(self.definition, "definition"),
         }
         plain = MultiBandExtractor(n_samples, n_axes, **settings)
         # Bands are in float32: sizes are measured in units of the whole signal, whatever its own unit.

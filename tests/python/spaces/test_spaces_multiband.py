@@ -36,9 +36,11 @@ def test_the_default_is_that_of_the_core():
         assert repr(MultiBand(definition=other)) == f"MultiBand(definition={other})"
 
 
-@pytest.mark.parametrize(("definition", "error"), [(0, ValueError), (3, ValueError), ("2", TypeError)])
+@pytest.mark.parametrize(
+    ("definition", "error"), [(0, ValueError), (3, ValueError), ("2", TypeError), (True, TypeError)]
+)
 def test_other_definitions_are_refused_by_fit(definition, error):
-    with pytest.raises(error, match="definition must be an integer"):
+    with pytest.raises(error, match="definition must be an int"):
         MultiBand(definition=definition).fit(recordings())
 
 
