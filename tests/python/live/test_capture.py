@@ -6,7 +6,6 @@ import pickle
 import re
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -423,13 +422,6 @@ def test_what_never_triggers_is_not_waited_for_for_ever_and_says_why(trigger, fa
     assert not len(run(taker, fault(Line.of(1000)), cuts))
     assert taker.reason is FailureReason.NO_TRIGGER
     assert re.search(text, taker.text)
-
-
-def test_every_reason_is_explained():
-    page = Path(__file__).parents[3] / "docs" / "live" / "recording.md"
-    lines = page.read_text("utf-8").splitlines()
-    explained = {line.split("`")[1] for line in lines if line.startswith("| `")}
-    assert {one.name for one in (*FailureReason, *CaptureState)} <= explained
 
 
 def test_an_empty_block_changes_nothing_and_the_first_failure_from_outside_stays():
