@@ -18,6 +18,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import granular_id as gid
@@ -79,19 +80,23 @@ def _version(package: str) -> str | None:
 
 
 def measure() -> dict[str, Any]:
-    """Run the scripts one after the other, that of the features once for each vector unit."""
+    """Run the scripts one after the other; that of the features for each vector unit, three times in turn."""
     results: dict[str, Any] = {"made": about(PACKAGES), "features": {}}
-    for unit in UNITS:
-        told = os.environ | {"GRANULAR_ID_SIMD": unit}
-        if subprocess.run(
-            [sys.executable, "-c", EXTRACTION], env=told, capture_output=True, check=False
-        ).returncode:
-            print(f"This machine has no {unit}.")
-        else:
-            results["features"][unit] = figures("peers", told)
+    runs: dict[str, list[dict[str, float]]] = {unit: [] for unit in UNITS if has(unit)}
+    for _ in range(3):
+        for unit, made in runs.items():
+            made.append(figures("peers", os.environ | {"GRANULAR_ID_SIMD": unit}))
+    for unit, made in runs.items():
+        results["features"][unit] = {name: median(run[name] for run in made) for name in made[0]}
     # Rivals are faster with BLAS on one thread, and at real-time priority its threads wait for each other.
     told = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     return results | {name: figures(name, told) for name in ("decision", "ecoc", "formats")}
+
+
+def has(unit: str) -> bool:
+    """Whether this machine has a vector unit."""
+    told = os.environ | {"GRANULAR_ID_SIMD": unit}
+    return not subprocess.run([sys.executable, "-c", EXTRACTION], env=told, capture_output=True).returncode
 
 
 def figures(script: str, environment: Mapping[str, str]) -> dict[str, Any]:
