@@ -96,7 +96,8 @@ def measure() -> dict[str, Any]:
 def has(unit: str) -> bool:
     """Whether this machine has a vector unit."""
     told = os.environ | {"GRANULAR_ID_SIMD": unit}
-    return not subprocess.run([sys.executable, "-c", EXTRACTION], env=told, capture_output=True).returncode
+    tried = subprocess.run([sys.executable, "-c", EXTRACTION], check=False, env=told, capture_output=True)
+    return tried.returncode == 0
 
 
 def figures(script: str, environment: Mapping[str, str]) -> dict[str, Any]:
