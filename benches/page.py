@@ -147,9 +147,13 @@ def speed(results: Json) -> str:
         digits(decided["scipy + numpy, scores by hand"]),
     )
     rows = (
-        ("features of the paper", us["granular_id, 1 thread"], f"scipy + numpy {vectorised}, {one}"),
+        (
+            "features of the paper, 682 at a time",
+            us["granular_id, 1 thread"],
+            f"scipy + numpy {vectorised}, {one}",
+        ),
         ("on two threads", us["granular_id, 2 threads"], two),
-        ("multi-band features", us["multi-band, 1 thread"], ""),
+        ("multi-band features, 682 at a time", us["multi-band, 1 thread"], ""),
         ("on two threads", us["multi-band, 2 threads"], ""),
         ("from the last sample to the label", decided["ours, cold"], f"scipy + numpy {scores}"),
         ("by multi-band features", decided["ours, bands, cold"], ""),
@@ -158,7 +162,7 @@ def speed(results: Json) -> str:
     return f"""One run, {made["processor"]}, {unit}; medians. A transposing copy of the same samples by numpy takes
 {digits(us["transposing copy (floor)"])} µs. [All benchmarks](docs/benchmarks.md), with versions.
 
-{table(("recording of 1600 x 6, µs", "granular_id", "others"), lines)}"""
+{table(("µs per recording of 1600 x 6", "granular_id", "others"), lines)}"""
 
 
 def page(results: Json, accuracy: Json, counts: Json) -> str:
@@ -167,6 +171,7 @@ def page(results: Json, accuracy: Json, counts: Json) -> str:
     return Template((BENCHES / "page.md").read_text(encoding="utf-8")).substitute(
         made="\n".join(f"- {line}" for line in origin(results["made"])),
         unit=unit,
+        runs=results["runs"],
         features=features(results),
         compiler=counts["compiler"].partition(" (")[0],
         instructions=instructions(results, counts),

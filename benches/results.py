@@ -15,6 +15,7 @@ import re
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -30,6 +31,8 @@ WRITTEN = ("benches/results.json", "benches/accuracy.json", "docs/benchmarks.md"
 
 PACKAGES = ("numpy", "scipy", "numba", "scikit-learn", "pandas", "h5py", "pyarrow", "rosbags", "mcap")
 UNITS = ("baseline", "avx2", "avx512")
+RUNS = 3
+QUIET = 0.5  # load per core at most
 EXTRACTION = "import numpy, granular_id; granular_id.extract_features(numpy.zeros((9, 6)))"
 
 
@@ -80,10 +83,11 @@ def _version(package: str) -> str | None:
 
 
 def measure() -> dict[str, Any]:
-    """Run the scripts one after the other; that of the features for each vector unit, three times in turn."""
-    results: dict[str, Any] = {"made": about(PACKAGES), "features": {}}
+    """Run the scripts one after the other; that of the features for each vector unit, several times in turn."""
+    wait_for_quiet()
+    results: dict[str, Any] = {"made": about(PACKAGES), "runs": RUNS, "features": {}}
     runs: dict[str, list[dict[str, float]]] = {unit: [] for unit in UNITS if has(unit)}
-    for _ in range(3):
+    for _ in range(RUNS):
         for unit, made in runs.items():
             made.append(figures("peers", os.environ | {"GRANULAR_ID_SIMD": unit}))
     for unit, made in runs.items():
@@ -91,6 +95,21 @@ def measure() -> dict[str, Any]:
     # Rivals are faster with BLAS on one thread, and at real-time priority its threads wait for each other.
     told = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     return results | {name: figures(name, told) for name in ("decision", "ecoc", "formats")}
+
+
+def wait_for_quiet(minutes: int = 10) -> None:
+    """Wait until the machine has little else to do, such as after a build."""
+    limit = QUIET * (os.cpu_count() or 1)
+    for left in range(6 * minutes, 0, -1):
+        if not hasattr(os, "getloadavg") or os.getloadavg()[0] <= limit:
+            return
+        print(
+            f"load {os.getloadavg()[0]:.1f}: waiting until it is {limit:.1f}, at most {left / 6:.0f} minutes"
+        )
+        time.sleep(10)
+    sys.exit(
+        f"The machine is busy: load {os.getloadavg()[0]:.1f}, {limit:.1f} at most for times that can be compared."
+    )
 
 
 def has(unit: str) -> bool:
