@@ -4,7 +4,7 @@ use crate::dsp::{Outside, Real};
 use crate::features::{BatchShape, Extractor};
 use crate::kernel::{
     fits, pack, unpack, Beside, Cascade, Counting, HalfLines, Job, LaneBins, LaneHistograms, Raw, Row, Simd,
-    BLOCK, LANES, MAX_WIDTH,
+    SimdPath, BLOCK, LANES, MAX_WIDTH,
 };
 
 /// Recordings that share the lanes.
@@ -32,11 +32,9 @@ pub(crate) struct Teams<'a, T> {
     pub(crate) stream: bool,
 }
 
-impl<T: Real> Job for Teams<'_, T> {
-    type Output = Found;
-
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S) -> Found {
+impl<T: Real> Teams<'_, T> {
+    /// Extracts them, team after team.
+    pub(crate) fn run(self, path: SimdPath) -> Found {
         let Teams { extractor, shape, n_features, wrench, out, stream } = self;
         let team = team_size(shape.n_axes);
         let mut found = Found { finite: true, fit: true };
@@ -49,19 +47,41 @@ impl<T: Real> Job for Teams<'_, T> {
             for (wrench, out) in [(wrench, out), (wrench_rest, out_rest)] {
                 let recordings = (wrench.len() / shape.recording_len()).min(team);
                 let layout = Layout { axes: axes.clone(), recordings, stream };
+                let alike = Alike { extractor, shape, n_features, layout, wrench, out, found: &mut found };
                 match (recordings * axes.len()).div_ceil(LANES) {
                     0 => {}
-                    1 => BatchKernel::<1>::new(extractor, shape, layout)
-                        .run(simd, wrench, out, n_features, &mut found),
-                    2 => BatchKernel::<2>::new(extractor, shape, layout)
-                        .run(simd, wrench, out, n_features, &mut found),
-                    _ => BatchKernel::<MAX_WIDTH>::new(extractor, shape, layout)
-                        .run(simd, wrench, out, n_features, &mut found),
+                    1 => path.run(Wide::<T, 1>(alike)),
+                    2 => path.run(Wide::<T, 2>(alike)),
+                    _ => path.run(Wide::<T, MAX_WIDTH>(alike)),
                 }
             }
         }
-        simd.finish_writes();
         found
+    }
+}
+
+/// Teams of one layout.
+struct Alike<'a, T> {
+    extractor: &'a Extractor,
+    shape: BatchShape,
+    n_features: usize,
+    layout: Layout,
+    wrench: &'a [f64],
+    out: &'a mut [T],
+    found: &'a mut Found,
+}
+
+/// Teams that fill so many rows of lanes. A job for each width: compilers take far longer for all in one function.
+struct Wide<'a, T, const W: usize>(Alike<'a, T>);
+
+impl<T: Real, const W: usize> Job for Wide<'_, T, W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let Alike { extractor, shape, n_features, layout, wrench, out, found } = self.0;
+        BatchKernel::<W>::new(extractor, shape, layout).run(simd, wrench, out, n_features, found);
+        simd.finish_writes();
     }
 }
 

@@ -340,7 +340,7 @@ impl Extractor {
         stream: bool,
     ) -> Result<bool> {
         let n_features = self.n_features(shape.n_samples, shape.n_axes)?;
-        let found = path.run(Teams { extractor: self, shape, n_features, wrench, out, stream });
+        let found = Teams { extractor: self, shape, n_features, wrench, out, stream }.run(path);
         found.finite.then_some(found.fit).ok_or_else(|| not_finite(wrench, shape))
     }
 }

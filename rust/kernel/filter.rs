@@ -23,17 +23,6 @@ impl Beside for () {
     fn work<const PART: usize, const PARTS: usize>(&mut self, _row: usize) {}
 }
 
-/// Multiplications by one that a group of sections can leave out without changing a bit.
-#[derive(Clone, Copy, Debug)]
-enum Shape {
-    /// Any numerators.
-    General,
-    /// `b0 == b2 == 1` in all but the first section: how `butter` puts the gain.
-    MonicTail,
-    /// `b0 == b2 == 1` in all sections.
-    Monic,
-}
-
 /// A cascade at work on `W * LANES` channels: coefficients and memory of one stretch of filtering.
 #[derive(Clone, Debug)]
 pub(crate) struct Cascade<const W: usize> {
@@ -72,31 +61,31 @@ impl<const W: usize> Cascade<W> {
     pub(crate) fn filter<S: Simd>(&mut self, _simd: S, rows: &mut [Row<W>], beside: &mut impl Beside) {
         let mut groups = self.sections.chunks(GROUP).zip(self.memory.chunks_mut(GROUP));
         if let Some((sections, memory)) = groups.next() {
-            some::<S, W>(sections, memory, rows, beside);
+            some::<S, W, true>(sections, memory, rows, beside);
         }
         for (sections, memory) in groups {
-            some::<S, W>(sections, memory, rows, &mut ());
+            some::<S, W, false>(sections, memory, rows, &mut ());
         }
     }
 }
 
 #[inline(always)]
-fn some<S: Simd, const W: usize>(
+fn some<S: Simd, const W: usize, const FIRST: bool>(
     sections: &[Section],
     memory: &mut [Memory<W>],
     rows: &mut [Row<W>],
     beside: &mut impl Beside,
 ) {
     match sections.len() {
-        1 => shaped::<S, W, 1>(sections, memory, rows, beside),
-        2 => shaped::<S, W, 2>(sections, memory, rows, beside),
-        3 => shaped::<S, W, 3>(sections, memory, rows, beside),
-        _ => shaped::<S, W, GROUP>(sections, memory, rows, beside),
+        1 => shaped::<S, W, 1, FIRST>(sections, memory, rows, beside),
+        2 => shaped::<S, W, 2, FIRST>(sections, memory, rows, beside),
+        3 => shaped::<S, W, 3, FIRST>(sections, memory, rows, beside),
+        _ => shaped::<S, W, GROUP, FIRST>(sections, memory, rows, beside),
     }
 }
 
 #[inline(always)]
-fn shaped<S: Simd, const W: usize, const N: usize>(
+fn shaped<S: Simd, const W: usize, const N: usize, const FIRST: bool>(
     sections: &[Section],
     memory: &mut [Memory<W>],
     rows: &mut [Row<W>],
@@ -110,35 +99,28 @@ fn shaped<S: Simd, const W: usize, const N: usize>(
     if S::MANY_REGISTERS {
         // A copy, which no write to a row or a count can change, stays in registers.
         let mut kept = *memory;
-        rows_through::<W, N>(sections, &mut kept, rows, beside);
+        rows_through::<W, N, FIRST>(sections, &mut kept, rows, beside);
         *memory = kept;
     } else {
-        rows_through::<W, N>(sections, memory, rows, beside);
+        rows_through::<W, N, FIRST>(sections, memory, rows, beside);
     }
 }
 
+/// Where `b0 == b2 == 1` in all sections but the first of a filter, as `butter` puts the gain, those multiplications are left
+/// out: no bit changes.
+#[allow(clippy::float_cmp)] // multiplying by exactly one is what can be left out
 #[inline(always)]
-fn rows_through<const W: usize, const N: usize>(
+fn rows_through<const W: usize, const N: usize, const FIRST: bool>(
     sections: &[Section; N],
     memory: &mut [Memory<W>; N],
     rows: &mut [Row<W>],
     beside: &mut impl Beside,
 ) {
-    match shape(sections) {
-        Shape::General => group::<W, N, false, false>(sections, memory, rows, beside),
-        Shape::MonicTail => group::<W, N, false, true>(sections, memory, rows, beside),
-        Shape::Monic => group::<W, N, true, true>(sections, memory, rows, beside),
-    }
-}
-
-#[allow(clippy::float_cmp)] // multiplying by exactly one is what can be left out
-#[inline(always)]
-fn shape<const N: usize>(sections: &[Section; N]) -> Shape {
-    let monic = |s: &Section| s.b0 == 1.0 && s.b2 == 1.0;
-    match (monic(&sections[0]), sections[1..].iter().all(monic)) {
-        (true, true) => Shape::Monic,
-        (false, true) => Shape::MonicTail,
-        _ => Shape::General,
+    let monic = sections[usize::from(FIRST)..].iter().all(|s| s.b0 == 1.0 && s.b2 == 1.0);
+    match (monic, FIRST) {
+        (false, _) => group::<W, N, false, false>(sections, memory, rows, beside),
+        (true, true) => group::<W, N, false, true>(sections, memory, rows, beside),
+        (true, false) => group::<W, N, true, true>(sections, memory, rows, beside),
     }
 }
 

@@ -86,28 +86,33 @@ impl Fft {
                 *rows = copy;
             }
         }
-        let Some(Detour { chirp, response, ones }) = &self.detour else {
+        if let Some(Detour { chirp, .. }) = &self.detour {
+            let [re, im, window] = source.map(<[Row]>::as_flattened);
+            for first in (0..self.n).step_by(LANES) {
+                let window = simd.load(&window[first..]);
+                let (re, im) = (simd.load(&re[first..]) * window, simd.load(&im[first..]) * window);
+                detour.store(first, ComplexPack { re, im }.each_times(chirp.load(simd, first)));
+            }
+            detour.re[self.n..].fill(0.0);
+            detour.im[self.n..].fill(0.0);
+        }
+        // One call for there and back: a compiler takes long for each copy of all radices.
+        for back in [false, true] {
+            let source = self.detour.as_ref().map_or(source, |way| detour.behind(&way.ones));
             self.grid.process(simd, source, buffers, transform);
-            return;
-        };
-        let [re, im, window] = source.map(<[Row]>::as_flattened);
-        for first in (0..self.n).step_by(LANES) {
-            let window = simd.load(&window[first..]);
-            let (re, im) = (simd.load(&re[first..]) * window, simd.load(&im[first..]) * window);
-            detour.store(first, ComplexPack { re, im }.each_times(chirp.load(simd, first)));
-        }
-        detour.re[self.n..].fill(0.0);
-        detour.im[self.n..].fill(0.0);
-        self.grid.process(simd, detour.behind(ones), buffers, transform);
-        // The way back is the way there between conjugations.
-        for first in (0..self.grid.n).step_by(LANES) {
-            let x = transform.load(simd, first).each_times(response.load(simd, first));
-            detour.store(first, x.conjugate());
-        }
-        self.grid.process(simd, detour.behind(ones), buffers, transform);
-        for first in (0..self.n).step_by(LANES) {
-            let x = transform.load(simd, first).conjugate();
-            transform.store(first, x.each_times(chirp.load(simd, first)));
+            let Some(Detour { chirp, response, .. }) = &self.detour else { return };
+            if back {
+                for first in (0..self.n).step_by(LANES) {
+                    let x = transform.load(simd, first).conjugate();
+                    transform.store(first, x.each_times(chirp.load(simd, first)));
+                }
+            } else {
+                // The way back is the way there between conjugations.
+                for first in (0..self.grid.n).step_by(LANES) {
+                    let x = transform.load(simd, first).each_times(response.load(simd, first));
+                    detour.store(first, x.conjugate());
+                }
+            }
         }
     }
 }
