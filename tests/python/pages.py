@@ -21,7 +21,7 @@ BLOCK = re.compile(
 
 @dataclass(frozen=True)
 class Block:
-    """What stands between two fences: ``python`` and ``sh`` run, ``text`` behind them is what they print."""
+    """What stands between two fences: ``python`` and ``sh`` run, ``text`` right behind them is what they print."""
 
     kind: str
     text: str
@@ -74,5 +74,10 @@ def run_page(page: Path) -> None:
     for block in blocks_of(page):
         if block.kind in ("python", "sh"):
             printed = None if block.reason else run_block(block, page, names)
-        elif block.kind == "text" and block.behind and printed is not None:
-            assert_printed(printed, block.text, f"{page}:{block.line}")
+            continue
+        if block.kind == "text":
+            place = f"{page}:{block.line}"
+            printed = printed if block.behind else None
+            assert printed is not None, f"{place} is no output of a block that ran"
+            assert_printed(printed, block.text, place)
+        printed = None

@@ -22,6 +22,10 @@ DOCS = ROOT / "docs"
 BUILT = {"_build", "gallery", "generated"}
 PAGES = sorted(page for page in DOCS.rglob("*.md") if not BUILT & set(page.relative_to(DOCS).parts))
 EVERY = [*PAGES, *(ROOT / f"{name}.md" for name in ("README", "python/README", "CONTRIBUTING", "SECURITY"))]
+LINKED = [
+    *EVERY,
+    *(ROOT / f"{name}.md" for name in ("CHANGELOG", "CODE_OF_CONDUCT", "contrib/README", "rust/README")),
+]
 RUN = [page for page in EVERY if any(block.kind in ("python", "sh") for block in blocks_of(page))]
 EMPTY = [
     ROOT / "README.md",
@@ -66,11 +70,23 @@ def test_little_of_what_stands_there_does_not_run():
     assert len(left_out) < len(blocks) / 4
 
 
-@pytest.mark.parametrize("page", EVERY, ids=of)
+def places_of(page):
+    """The anchors of its headings, as the hosting site and myst make them."""
+    headings = re.findall(r"^#+ (.+)$", re.sub(r"^```.*?^```$", "", text_of(page), flags=re.M | re.S), re.M)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", LINKED, ids=of)
 def test_links_lead_somewhere(page):
     """Those to the gallery, which the site makes, are checked by `make docs`."""
-    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text_of(page))
-    assert [link for link in links if "/gallery/" not in link and not (page.parent / link).exists()] == []
+    broken = []
+    for link, path, place in re.findall(r"\]\((([^)#:]*)#?([^)]*))\)", text_of(page)):
+        target = page.parent / path if path else page
+        if ":" in link or "/gallery/" in link:
+            continue
+        if not target.exists() or (place and place not in places_of(target)):
+            broken.append(link)
+    assert broken == []
 
 
 COMMAND = typer.main.get_command(app)
@@ -87,7 +103,7 @@ HELPS = {
 }
 
 
-@pytest.mark.parametrize("text", [*map(text_of, EVERY), *HELPS.values()], ids=[*map(of, EVERY), *HELPS])
+@pytest.mark.parametrize("text", [*map(text_of, LINKED), *HELPS.values()], ids=[*map(of, LINKED), *HELPS])
 def test_commands_exist_with_their_options(text):
     """Every line that begins with granular-id, in a block or between backquotes, names what there is."""
     joined = text.replace("\\\n", " ")
