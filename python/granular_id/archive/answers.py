@@ -216,14 +216,14 @@ class AnswerWork:
 
     def fields(self) -> list[Any]:
         """Fields of the answers; null where a recording has none."""
-        arrow = need("pyarrow", extra="dask", why="to work on archives")
+        arrow = need("pyarrow", extra="app", why="to work on archives")
         text, number, flag = arrow.string(), arrow.float64(), arrow.bool_()
         kinds = (text, number, number, arrow.list_(text), flag, arrow.list_(text), flag)
         return [arrow.field(name, kind) for name, kind in zip(COLUMNS, kinds, strict=True)]
 
     def columns(self, archive: Archive, group: RowGroup) -> list[Any]:
         """Answers about one row group."""
-        arrow = need("pyarrow", extra="dask", why="to work on archives")
+        arrow = need("pyarrow", extra="app", why="to work on archives")
         core = self.core
         rows = archive.index.slice(group.start, group.stop - group.start)
         n, starts = rows.num_rows, self._starts(rows)
@@ -393,7 +393,7 @@ class Answers(Partitions):
         where the model has no such rule), ``warnings`` (flagged samples) and ``trained_on`` (null where the model
         does not know its recordings one by one).
         """
-        arrow = need("pyarrow", extra="dask", why="to work on archives")
+        arrow = need("pyarrow", extra="app", why="to work on archives")
         return arrow.concat_tables(list(self))
 
     def summary(self) -> Table:
@@ -467,7 +467,7 @@ class _Counts:
 
     def add(self, table: Any) -> None:
         """Count those of one more table."""
-        compute = need("pyarrow.compute", extra="dask", why="to work on archives")
+        compute = need("pyarrow.compute", extra="app", why="to work on archives")
         self.n_without += table["answer"].null_count
         table = table.filter(compute.is_valid(table["answer"]))
         sizes = compute.list_value_length(table["candidates"])

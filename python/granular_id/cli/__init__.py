@@ -14,11 +14,7 @@ _PARTS = ("typer", "rich")
 
 
 def main() -> None:
-    """Run ``granular-id`` with the arguments of the process and exit with its code.
-
-    0: done. 1: an extra is missing. 2: bad input or usage. 130: interrupted by Ctrl-C. 143 and 129: a session ended by
-    SIGTERM and SIGHUP.
-    """
+    """Run ``granular-id`` with the arguments of the process and exit with its code: see docs/reference/versions.md."""
     try:
         try:
             from granular_id.cli.app import app
