@@ -289,7 +289,7 @@ def _run_engine(
 
 def _refuse_others(folder: Path, archive: Archive, spec: str, wanted: set[str]) -> list[Path]:
     """Refuse a folder with other work or other recordings in it; return partitions of an older state of the archive."""
-    library = need("pyarrow.parquet", extra="dask", why="to work on archives")
+    library = need("pyarrow.parquet", extra="app", why="to work on archives")
     other, help_ = f"{folder} holds other work already", "name another folder"
     if (folder / MANIFEST).exists() and not any(PARTITION.fullmatch(path.name) for path in folder.iterdir()):
         with suppress(FileNotFoundError):
@@ -317,7 +317,7 @@ def _refuse_others(folder: Path, archive: Archive, spec: str, wanted: set[str]) 
 
 def _all_in(rows: Any, archive: Archive) -> bool:
     """Tell whether an archive has all of these recordings: by digest, or by name where an old one has no digests."""
-    arrow = need("pyarrow.compute", extra="dask", why="to work on archives")
+    arrow = need("pyarrow.compute", extra="app", why="to work on archives")
     old = rows["digest"].is_null()
     for name, some in (("digest", rows.filter(arrow.invert(old))), ("name", rows.filter(old))):
         if some.num_rows:

@@ -254,7 +254,7 @@ class FeatureWork:
 
     def fields(self) -> list[Any]:
         """One column, a list of fixed size; names of the features in its metadata."""
-        arrow = need("pyarrow", extra="dask", why="to work on archives")
+        arrow = need("pyarrow", extra="app", why="to work on archives")
         names = json.dumps(self.names(), ensure_ascii=False)
         return [arrow.field(COLUMN, self._kind(arrow), nullable=False, metadata={"names": names})]
 
@@ -274,7 +274,7 @@ class FeatureWork:
 
     def columns(self, archive: Archive, group: RowGroup) -> list[Any]:
         """Features of one row group."""
-        arrow = need("pyarrow", extra="dask", why="to work on archives")
+        arrow = need("pyarrow", extra="app", why="to work on archives")
         samples = read_samples(archive, group)
         n = group.stop - group.start
         out = buffer("features", (n, self.n_features), self.dtype)
@@ -514,7 +514,7 @@ class Features(Partitions):
     @cached_property
     def recordings(self) -> Any:
         """What the archive says of each recording, a pyarrow.Table: name, label, session, start_time, digest."""
-        arrow = need("pyarrow", extra="dask", why="to work on archives")
+        arrow = need("pyarrow", extra="app", why="to work on archives")
         tables = []
         for file in self._files:
             with self._opened(file) as opened:

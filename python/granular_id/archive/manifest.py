@@ -135,7 +135,7 @@ class Partitions:
     @contextmanager
     def _opened(self, file: str) -> Iterator[Any]:
         """Open a partition as a pyarrow.parquet.ParquetFile that verifies checksums."""
-        library = need("pyarrow.parquet", extra="dask", why="to work on archives")
+        library = need("pyarrow.parquet", extra="app", why="to work on archives")
         path = self.folder / file
         with (
             naming(path, f"reading {self.holds} (remove it, and {self.again})"),

@@ -110,7 +110,7 @@ def process_partition(task: Task) -> Outcome:
 
 def finished(task: Task) -> Outcome | None:
     """Return the outcome of a task whose file is there and whole: as many rows as wanted, by the sums of its pages."""
-    library = need("pyarrow.parquet", extra="dask", why="to work on archives")
+    library = need("pyarrow.parquet", extra="app", why="to work on archives")
     target = Path(task.out, task.name)
     try:
         with library.ParquetFile(target, page_checksum_verification=True) as opened:
@@ -132,7 +132,7 @@ def _made(task: Task, target: Path) -> Outcome:
         schema = opened.schema(task.work)
     except Exception as error:
         return Outcome(task.name, task.n_recordings, problem=_in_words(error, task.archive))
-    library = need("pyarrow.parquet", extra="dask", why="to work on archives")
+    library = need("pyarrow.parquet", extra="app", why="to work on archives")
     seconds = {"reading": perf_counter() - begun, "computing": 0.0, "writing": 0.0}
     _scratch.reading = 0.0
     draft = target.with_name(f".{target.name}.{secrets.token_hex(8)}.tmp")
@@ -196,7 +196,7 @@ def _encoding(schema: Any) -> dict[str, Any]:
     Of 600 counts that makes 256 bytes of 4,800 at 165,000 recordings a second on a core; zstd takes twice the time
     for numbers that hardly repeat, and saves a twentieth of their size.
     """
-    arrow = need("pyarrow", extra="dask", why="to work on archives")
+    arrow = need("pyarrow", extra="app", why="to work on archives")
     lists = [field.name for field in schema if arrow.types.is_fixed_size_list(field.type)]
     return {
         "compression": "lz4",
@@ -220,7 +220,7 @@ class _Opened:
 
     def schema(self, work: Work) -> Any:
         """Return the schema of what is written: columns of the index, then those of the work."""
-        arrow = need("pyarrow", extra="dask", why="to work on archives")
+        arrow = need("pyarrow", extra="app", why="to work on archives")
         key = spec_json(work, self.archive)
         if key not in self._schemas:
             kinds = {"start_time": arrow.float64()}
@@ -231,7 +231,7 @@ class _Opened:
 
     def table(self, groups: Sequence[RowGroup], columns: Sequence[Sequence[Any]], schema: Any) -> Any:
         """Put rows of the index beside the columns of the work, which come row group by row group."""
-        arrow = need("pyarrow", extra="dask", why="to work on archives")
+        arrow = need("pyarrow", extra="app", why="to work on archives")
         # Neighbours for the driver may not be here: what was appended meanwhile may stand between them.
         index = self.archive.index
         rows = arrow.concat_tables([index.slice(group.start, group.stop - group.start) for group in groups])
