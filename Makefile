@@ -9,8 +9,10 @@ DOCTOOLS := $(VENV)/.docs
 MATURIN := $(shell sed -n 's/^requires = \["\(maturin[^"]*\)"\]/\1/p' pyproject.toml)
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust -name '*.rs' -o -name Cargo.toml)
 
-# What is measured is the wheel, built for speed: the checkout's own build is made to compile quickly.
-WHEEL   := dist/.built
+# What is measured is the wheel, built for speed: the checkout's own build is made to compile quickly. It stands alone in
+# its folder, and apart from the wheels of a release.
+BUILT   := target/wheel
+WHEEL   := $(BUILT)/.built
 RELEASE := .venv-wheel
 CLEAN   := .venv-clean
 OLDEST  := .venv-oldest
@@ -24,7 +26,10 @@ THREADED := tests/python/core/test_features.py tests/python/core/test_features_a
 # cargo shares out the cores itself, also where make runs targets beside each other.
 unexport MAKEFLAGS
 
-.PHONY: help demo docs test lint rust-lint python-lint rust-test python-test check-all threads bench benchmarks bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak archive-kills fuzz deny notices counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel wheels clean toolchain
+.PHONY: help demo docs test lint rust-lint python-lint rust-test python-test check-all threads bench benchmarks \
+	bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak \
+	archive-kills fuzz deny notices counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel \
+	wheels clean toolchain hosted-lint accuracy-data audit
 
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
@@ -35,7 +40,7 @@ help:
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make benchmarks docs/benchmarks.md and the tables of README.md, measured anew (10 to 15 minutes on a quiet machine)"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
-	@echo "make bench-accuracy   our methods beside aeon's and others on FOLDERS=\"one two\", sessions held out (minutes; 3 GB to install)"
+	@echo "make bench-accuracy   our methods beside aeon's and others on real recordings, sessions held out (minutes; 3 GB to install)"
 	@echo "make false-positives  1,000 simulated evaluations of two equally good methods: how often each test errs (minutes)"
 	@echo "make oldest     the Python tests once more with the oldest versions of what is needed"
 	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind;"
@@ -57,7 +62,7 @@ help:
 	@echo "make bench-decision   time from the last sample to the answer, beside scipy and scikit-learn"
 	@echo "make bench-formats    read speed of every format beside the plain call of its library"
 	@echo "make bench-archive    archives of RECORDINGS=100000: written, extracted, identified, beside a user's Dask script (half an hour)"
-	@echo "make wheel      build a wheel into ./dist, and try it in an empty environment"
+	@echo "make wheel      build a wheel into ./$(BUILT), and try it in an empty environment"
 	@echo "make wheels     all wheels for Linux and the source distribution into ./dist, audited and run (half an hour)"
 
 toolchain:
@@ -73,7 +78,7 @@ $(BIN)/python: | toolchain
 $(PACKAGE): $(SOURCES) | toolchain $(BIN)/python
 	@echo "[1 of 2] fetching maturin, which builds the package"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(MATURIN)'
-	@echo "[2 of 2] fetching numpy, scikit-learn, matplotlib, then compiling 59 crates: the last two take half of the time"
+	@echo "[2 of 2] fetching numpy, scikit-learn, matplotlib, then compiling: the last two take half of the time"
 	@VIRTUAL_ENV='$(CURDIR)/$(VENV)' PIP_QUIET=1 $(BIN)/maturin develop --extras app
 	@touch $@
 
@@ -83,15 +88,15 @@ $(TOOLS): requirements-dev.txt $(PACKAGE)
 
 $(WHEEL): $(SOURCES) python/README.md LICENSE-THIRD-PARTY.yml $(shell find python -type f -not -name '*.so' -not -path '*/__pycache__/*') | toolchain $(BIN)/python
 	@echo "building the wheel (two minutes the first time)"
-	@rm -rf dist
-	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+	@rm -rf $(BUILT)
+	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir $(BUILT) .
 	@touch $@
 
 # An environment with the wheel: $(call environment,folder,file of requirements,extras)
 define environment
 	@$(PYTHON) -m venv $(1)
-	@$(1)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps dist/*.whl
-	@$(1)/bin/python -m pip install --quiet --disable-pip-version-check $(2) "$$(echo dist/*.whl)$(3)"
+	@$(1)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps $(BUILT)/*.whl
+	@$(1)/bin/python -m pip install --quiet --disable-pip-version-check $(2) "$$(echo $(BUILT)/*.whl)$(3)"
 	@touch $@
 endef
 
@@ -113,11 +118,13 @@ $(DOCTOOLS): requirements-docs.txt $(PACKAGE)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-docs.txt
 	@touch $@
 
-# The reference of the crate is part of the site; a warning is an error, and so is a link that leads nowhere.
+# The reference of the crate is part of the site; a warning is an error, and so is a link that leads nowhere. rustdoc adds to
+# what is there: other crates that somebody documented would be published, too.
 docs: $(DOCTOOLS)
 	@$(BIN)/python -m sphinx --jobs auto --fail-on-warning --keep-going --quiet docs docs/_build/html
-	@cargo doc --quiet --no-deps
-	@rm -rf docs/_build/html/rust && cp -r target/doc docs/_build/html/rust
+	@rm -rf target/doc docs/_build/html/rust
+	@RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps
+	@cp -r target/doc docs/_build/html/rust
 	@$(BIN)/python docs/links.py docs/_build/html
 	@echo "the site is there: open docs/_build/html/index.html"
 
@@ -147,8 +154,6 @@ python-lint: $(TOOLS)
 	$(call step,Python lint 3 of 5,$(BIN)/mypy --no-error-summary)
 	$(call step,Python lint 4 of 5,$(BIN)/lint-imports --no-logo)
 	$(call step,Python lint 5 of 5,$(BIN)/python -m mypy.stubtest --concise granular_id._core)
-
-.PHONY: hosted-lint audit
 
 # With GH_TOKEN zizmor also asks whether the pinned commits are those of the versions beside them.
 hosted-lint: $(TOOLS)
@@ -187,10 +192,14 @@ bench-peers: $(RELEASE)/.package
 
 # Folders of recordings for bench-accuracy, and further options of it. The page keeps a run by: benches/results.py
 # --accuracy target/accuracy.json, benches/page.py.
-FOLDERS ?= ../shared/data/sliding_wrench ../shared/data/robot_failures
+FOLDERS ?= $(if $(GRANULAR_ID_DATA),$(addprefix $(GRANULAR_ID_DATA)/,sliding_wrench robot_failures))
 ACCURACY ?= --seeds 4 --out target/accuracy.json
 
-bench-accuracy: $(BENCHES)/.package
+# Before anything is installed.
+accuracy-data:
+	@test -n "$(FOLDERS)" && ls -d $(FOLDERS) > /dev/null || { echo "make bench-accuracy needs recordings: set GRANULAR_ID_DATA to a folder with the data sets named in docs/guide/features.md, or FOLDERS=\"one two\" to folders of your own" >&2; exit 1; }
+
+bench-accuracy: accuracy-data $(BENCHES)/.package
 	$(BENCHES)/bin/python benches/accuracy.py $(FOLDERS) $(ACCURACY)
 
 bench-ecoc: $(RELEASE)/.package
@@ -321,13 +330,13 @@ wheel: $(WHEEL)
 	@echo "installing it into an empty environment"
 	@rm -rf $(CLEAN)
 	@$(PYTHON) -m venv $(CLEAN)
-	@$(CLEAN)/bin/python -m pip install --quiet --disable-pip-version-check dist/*.whl
+	@$(CLEAN)/bin/python -m pip install --quiet --disable-pip-version-check $(BUILT)/*.whl
 	@$(CLEAN)/bin/python -I examples/first_lines.py
-	@$(CLEAN)/bin/python -m pip install --quiet --disable-pip-version-check "$$(echo dist/*.whl)[app]"
+	@$(CLEAN)/bin/python -m pip install --quiet --disable-pip-version-check "$$(echo $(BUILT)/*.whl)[app]"
 	@$(CLEAN)/bin/granular-id --version
 	@$(CLEAN)/bin/granular-id demo --output $(CLEAN)/demo > /dev/null
 	@rm -rf $(CLEAN)
-	@echo "both work; install it into yours: pip install \"$$(echo dist/*.whl)[app]\""
+	@echo "both work; install it into yours: pip install \"$$(echo $(BUILT)/*.whl)[app]\""
 
 wheels: | toolchain
 	@$(PYTHON) -m venv $(PUBLISH)
@@ -335,4 +344,4 @@ wheels: | toolchain
 	@$(PUBLISH)/bin/python tests/wheels.py
 
 clean:
-	rm -rf $(VENV) $(RELEASE) $(CLEAN) $(OLDEST) $(BENCHES) target dist demo
+	rm -rf $(VENV) $(RELEASE) $(CLEAN) $(OLDEST) $(BENCHES) target dist demo docs/_build docs/gallery docs/reference/api/generated
