@@ -1,26 +1,6 @@
-//! Names the granular material under a robot's tool from a 6-axis force-torque signal: rice, sugar, gravel.
+#![doc = include_str!("README.md")]
 //!
-//! A rod is pushed through the material, a force-torque sensor is read. The parts serve any signal of several axes:
-//! filters with the bits of scipy, features of whole recordings or of streams, the buffer between a sensor and those who
-//! read it, trained models. Source of the method: Hynninen, Nguyen Le, Kyrki, "Interactive Identification of Granular
-//! Materials using Force Measurements" (arXiv 2403.17606). Models are trained by the Python package `granular-id`.
-//!
-//! # Examples
-//!
-//! Design a filter, then filter rows as they arrive, in pieces of any size:
-//!
-//! ```
-//! use granular_id::{butterworth, Band, SosState};
-//!
-//! let rate_hz = 500.0;
-//! let sos = butterworth(8, Band::Highpass(23.0), rate_hz)?;
-//! let mut state = SosState::zero(&sos, 6)?; // or steady(&sos, &first_row): no transient at the start
-//! let mut rows = [0.25; 10 * 6]; // ten rows of six axes
-//! state.filter(&mut rows)?; // in place
-//! let filtered = state.advance([0.25, 0.0, -5.0, 0.0, 0.0, 0.0])?; // one row
-//! # assert_eq!(filtered.len(), 6);
-//! # Ok::<(), granular_id::Error>(())
-//! ```
+//! # Further examples
 //!
 //! The paper's features of a recording, 3.2 s at 500 Hz:
 //!
@@ -55,8 +35,7 @@
 //!
 //! # Modules and features
 //!
-//! All features are on; `default-features = false` leaves a filter, the paper's features and streams of them, and 7 other
-//! crates to compile instead of 39.
+//! All features are on; without them 7 other crates are compiled instead of 39.
 //!
 //! | module | holds | feature | brings |
 //! |---|---|---|---|
