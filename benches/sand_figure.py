@@ -2,7 +2,7 @@
 
 Wants the folder that holds ``sand_press`` (docs/guide/sand.md says where the recordings come from). Example:
 
-  python benches/sand_figure.py ../shared/data -o docs/images/sand.png
+  python benches/sand_figure.py FOLDER -o docs/images/sand.png
 """
 
 from __future__ import annotations
