@@ -4,6 +4,9 @@
 python3.X on PATH. Other Pythons are commands, such as one of another processor; --built keeps what dist/ holds:
 
     target/publish/bin/python tests/wheels.py --built --python "qemu-aarch64 -L ROOT ROOT/usr/bin/python3.13"
+
+Debian's compiler does, too: rustc, cargo, libstd-rust-dev of both processors; for musl the *.rlib that cargo makes of
+rust-src for an empty crate (RUSTC_BOOTSTRAP=1, -Zbuild-std=std,panic_unwind), copied to `rustc --print target-libdir`.
 """
 
 import argparse
