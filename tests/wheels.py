@@ -5,8 +5,8 @@ python3.X on PATH. Other Pythons are commands, such as one of another processor;
 
     target/publish/bin/python tests/wheels.py --built --python "qemu-aarch64 -L ROOT ROOT/usr/bin/python3.13"
 
-Debian's compiler does, too: rustc, cargo, libstd-rust-dev of both processors; for musl the *.rlib that cargo makes of
-rust-src for an empty crate (RUSTC_BOOTSTRAP=1, -Zbuild-std=std,panic_unwind), copied to `rustc --print target-libdir`.
+Debian's compiler does, too: rustc, cargo, libstd-rust-dev of both processors. For musl cargo makes *.rlib of rust-src,
+to be copied to `rustc --print target-libdir` (RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Cembed-bitcode=yes, -Zbuild-std=std).
 """
 
 import argparse
