@@ -18,7 +18,9 @@ def data_dir() -> Path:
     beside = Path(__file__).resolve().parents[3] / "shared" / "data"
     folder = Path(stated) if stated else beside
     if not folder.is_dir():
-        pytest.skip("no real recordings: set GRANULAR_ID_DATA to a folder of those named in docs/guide/features.md")
+        pytest.skip(
+            "no real recordings: set GRANULAR_ID_DATA to a folder of those named in docs/guide/features.md"
+        )
     return folder
 
 
