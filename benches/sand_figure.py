@@ -16,11 +16,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from granular_id.synthetic import rest_noise
-
 PAGE = Path(__file__).parents[1] / "docs" / "guide" / "sand.md"
 COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#D55E00")
-INK, GREY = "#333333", "#999999"
+INK = "#333333"
 
 
 def run_page(folder: Path) -> dict[str, Any]:
@@ -39,11 +37,9 @@ def run_page(folder: Path) -> dict[str, Any]:
 def draw(found: dict[str, Any], output: Path) -> None:
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     at_rest, in_time, in_depth = figure.subplots(1, 3)
-    real, drawn = found["rests"][0].wrench[:200, 0], rest_noise(200, 100, seed=1)[:, 0]
-    seconds = np.arange(200) / 100
-    at_rest.plot(seconds, real - real.mean(), color=INK, lw=1.2, label="rest_00")
-    at_rest.plot(seconds, drawn - drawn.mean() - 0.6, color=GREY, lw=1.2, label="simulated, 0.6 N lower")
-    at_rest.set(xlabel="time (s)", ylabel="fx less its mean (N)", ylim=(-1.0, 0.45))
+    real = found["rests"][0].wrench[:200, 0]
+    at_rest.plot(np.arange(200) / 100, real - real.mean(), color=INK, lw=1.2, label="rest_00")
+    at_rest.set(xlabel="time (s)", ylabel="fx less its mean (N)")
     at_rest.set_title("at rest: 12 readings a second, repeated", fontsize=9, loc="left", color=INK)
     for run, load, colour in zip(found["tared"], found["loads"], COLOURS, strict=True):
         name = run.name.removesuffix(".bag")

@@ -1,4 +1,4 @@
-"""Every link of the built site leads somewhere, and nothing is loaded from elsewhere: python docs/links.py SITE."""
+"""Every link within the built site leads somewhere, and no page loads from elsewhere: python docs/links.py SITE."""
 
 from __future__ import annotations
 

@@ -2,10 +2,8 @@
 An accuracy that can be believed
 ================================
 
-Recordings of one session share tool, filling, zero and temperature. Random partitions put such
-neighbours on both sides, and flatter a model that has learned the session. ``evaluate`` holds out
-whole sessions, and shows beside them what partitions of the same size, drawn at random, would have
-promised.
+``evaluate`` holds out whole sessions, and shows beside them what partitions of the same size, drawn
+at random, would have promised: :doc:`/guide/evaluation` says why they flatter.
 
 The recordings are SYNTHETIC. What varies between their sessions is drawn: the mounting of the
 sensor, its gain and zero, the filling of the container.
@@ -26,9 +24,9 @@ print(data.summary())
 # --------
 #
 # Two feature spaces: the paper's samples and histograms, and multi-band features. The number to
-# count on is the first, *held-out sessions*. Below the table stand the controls: what can be
-# answered from the rest before the motion, from the time of the recording or with shuffled labels,
-# which should be little.
+# count on is the first, *held-out sessions*. Below the table stand the controls: the rest before the
+# motion, the time of the recording and shuffled labels should be near chance. The means of the axes
+# and samples in random order are simple baselines.
 
 result = gid.evaluate(data, ["raw+hfmh", "multiband"], progress=False)
 print(result)

@@ -86,7 +86,7 @@ def main() -> None:
         live = LiveIdentifier(stream, Identifier.load(options.model), views=views)
         for push in live.pushes(options.n):
             print(push)
-        print(live.tally())
+        print(live.summary())
 
 
 if __name__ == "__main__":

@@ -10,6 +10,8 @@ from hypothesis import settings
 settings.register_profile("granular_id", deadline=None)
 settings.load_profile("granular_id")
 
+REAL = ("sliding_wrench", "robot_failures", "sand_press")
+
 
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
@@ -17,9 +19,11 @@ def data_dir() -> Path:
     stated = os.environ.get("GRANULAR_ID_DATA")
     beside = Path(__file__).resolve().parents[3] / "shared" / "data"
     folder = Path(stated) if stated else beside
-    if not folder.is_dir():
+    missing = [name for name in REAL if not (folder / name).is_dir()]
+    if missing:
         pytest.skip(
-            "no real recordings: set GRANULAR_ID_DATA to a folder of those named in docs/guide/features.md"
+            f"real recordings ({', '.join(missing)}) are not in {folder}: docs/guide/features.md and sand.md say "
+            "where they come from, GRANULAR_ID_DATA where they are"
         )
     return folder
 

@@ -14,6 +14,8 @@ from cli_cases import ended_well
 if TYPE_CHECKING:
     from pathlib import Path
 
+NOT_RUN = ("", "bibtex", "matlab", "rust")
+"""Kinds of blocks that no test runs here: files, entries, other languages."""
 BLOCK = re.compile(
     r"^(?:<!-- not run: (?P<reason>[^>]+) -->\n+)?```(?P<kind>[^\n`]*)\n(?P<text>.*?)^```$", re.M | re.S
 )
@@ -80,4 +82,7 @@ def run_page(page: Path) -> None:
             printed = printed if block.behind else None
             assert printed is not None, f"{place} is no output of a block that ran"
             assert_printed(printed, block.text, place)
+        else:
+            known = block.kind in NOT_RUN or block.kind.startswith("{")
+            assert known, f"{page}:{block.line} is of no known kind: {block.kind}"
         printed = None

@@ -26,6 +26,7 @@ LINKED = [
     *EVERY,
     *(ROOT / f"{name}.md" for name in ("CHANGELOG", "CODE_OF_CONDUCT", "contrib/README", "rust/README")),
 ]
+SAND = DOCS / "guide" / "sand.md"
 RUN = [page for page in EVERY if any(block.kind in ("python", "sh") for block in blocks_of(page))]
 EMPTY = [
     ROOT / "README.md",
@@ -52,13 +53,15 @@ def recordings(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("page", RUN, ids=of)
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=[pytest.mark.data] * (page == SAND), id=of(page)) for page in RUN]
+)
 def test_pages_run_as_they_are_printed(page, request, tmp_path, monkeypatch):
     for library in ("h5py", "pyarrow", "rosbags", "mcap", "matplotlib", "distributed"):
         pytest.importorskip(library)
     if page not in EMPTY:
         shutil.copytree(request.getfixturevalue("recordings"), tmp_path / "recordings")
-    if "sand_press" in text_of(page):
+    if page == SAND:
         (tmp_path / "sand_press").symlink_to(request.getfixturevalue("data_dir") / "sand_press")
     monkeypatch.chdir(tmp_path)
     run_page(page)

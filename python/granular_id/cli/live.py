@@ -318,14 +318,14 @@ def live(
                 raise ValueError(identifying.why_none)
         except CaptureError as error:
             raise ValueError(str(error)) from error
-        except (KeyboardInterrupt, SystemExit):  # how a session without --n ends: with its tally
+        except (KeyboardInterrupt, SystemExit):  # how a session without --n ends: with its summary
             leave_lost_terminal()
             raise
         finally:
             views.close()
             for complaint in views.complaints:
                 show(f"a view ended: {complaint}", "yellow")
-            show(f"{in_options(identifying.tally())}{'; the source came to its end' * over}")
+            show(f"{in_options(identifying.summary())}{'; the source came to its end' * over}")
 
 
 def _refuse_with_hop(moving: Moving, *, early: bool, pre_s: float | None) -> None:

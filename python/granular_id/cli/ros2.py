@@ -113,8 +113,8 @@ def ros2(
                     break
         except CaptureError as error:
             raise ValueError(str(error)) from error
-        except (KeyboardInterrupt, SystemExit):  # how it ends: with its tally
+        except (KeyboardInterrupt, SystemExit):  # how it ends: with its summary
             leave_lost_terminal()
             raise
         finally:
-            show(in_options(node.live.tally()))
+            show(in_options(node.live.summary()))

@@ -170,7 +170,7 @@ def assess(
     folds, held_out = rows.folds(n_folds, seed=seed)
     with showing(progress) as callback:
         tick = Ticker(len(folds), callback).tick
-        scored = held_out_scores(model, rows, folds, n_jobs=n_jobs, held_out=held_out, done=tick)
+        scored = held_out_scores(rows, model, partitions=folds, n_jobs=n_jobs, held_out=held_out, done=tick)
     sets: dict[str, Any] = {"levels": levels, "kind": kind, "per_class": per_class}
     conformal = conformal_rule(scored, **sets)
     unknown = unknown_rule(scored, share_known=share_known, kind=unknown_kind)

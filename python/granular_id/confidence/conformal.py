@@ -298,7 +298,7 @@ def conformal_rule(
     ----------
     scored : HeldOutScores
         Calibration rows. Where each was scored by the one model that decides in the end (split), the coverage is
-        guaranteed; where by models of a cross-fit, it comes close: see :doc:`/guide/confidence` for how close.
+        guaranteed; where by models of a cross-fit, it comes close, see :doc:`/guide/confidence`.
     levels : sequence of float, default (0.8, 0.9, 0.95)
         Wanted coverages in (0, 1).
     kind : str, default "margin"
@@ -316,9 +316,9 @@ def conformal_rule(
     --------
     >>> from sklearn.datasets import load_iris
     >>> from granular_id.confidence import conformal_rule, held_out_scores
-    >>> from granular_id.confidence.held_out import rows_of
     >>> from granular_id import ECOCClassifier
-    >>> scored = held_out_scores(ECOCClassifier(), rows_of(*load_iris(return_X_y=True)))
+    >>> X, y = load_iris(return_X_y=True)
+    >>> scored = held_out_scores(X, ECOCClassifier(), y)
     >>> rule = conformal_rule(scored, [0.9])
     >>> covered = rule.sets(scored.scores.values)[range(150), scored.truth]
     >>> float(covered.mean()) >= 0.9

@@ -225,10 +225,13 @@ class HeldOutScores:
 
 
 def held_out_scores(
+    data: Dataset | Rows | npt.ArrayLike,
     model: Any,
-    rows: Rows,
-    partitions: Sequence[Partition] | None = None,
+    y: npt.ArrayLike | None = None,
     *,
+    sessions: Sequence[str | None] | npt.NDArray[Any] | None = None,
+    in_time_order: bool = False,
+    partitions: Sequence[Partition] | None = None,
     n_folds: int | None = None,
     seed: int = 0,
     n_jobs: int | None = None,
@@ -239,16 +242,20 @@ def held_out_scores(
 
     Parameters
     ----------
+    data : Dataset or array-like, shape (n, ...)
+        Recordings, or rows that `model` takes.
     model : estimator
         Anything that scikit-learn can clone, with `decision_function`; not changed. Where it ends in
         `ECOCClassifier` the scores of its learners are kept too, where it has `predict_proba` the probabilities.
-    rows : Rows
-        What ``granular_id.confidence.held_out.rows_of`` makes of a data set, or of arrays with labels.
+    y, sessions, in_time_order
+        Of arrays only: the label and the session of each row, and whether rows stand in the order of recording.
     partitions : sequence of Partition, optional
-        Each row tested at most once, every class in every training part. Default: `Rows.folds`, as strict
-        as the rows allow.
-    n_folds, seed : int
-        Of the default, see `Rows.folds`.
+        Each row tested at most once, every class in every training part. Default: folds of whole sessions where
+        every class has several; else blocks in time; else stratified random folds.
+    n_folds : int, optional
+        Of the default. Default: 5, or 10 random ones.
+    seed : int, default 0
+        Of random folds.
     n_jobs : int, optional
         Threads over folds, as in joblib; the numbers do not depend on it.
     held_out : str
@@ -265,18 +272,19 @@ def held_out_scores(
     TypeError
         A model without `decision_function`.
     ValueError
-        Partitions that test a row twice, or train without a class.
+        Labels or sessions that do not fit the rows; partitions that test a row twice, or train without a class.
 
     Examples
     --------
     >>> from sklearn.datasets import load_iris
     >>> from granular_id.confidence import held_out_scores
-    >>> from granular_id.confidence.held_out import rows_of
     >>> from granular_id import ECOCClassifier
-    >>> scored = held_out_scores(ECOCClassifier(), rows_of(*load_iris(return_X_y=True)))
+    >>> X, y = load_iris(return_X_y=True)
+    >>> scored = held_out_scores(X, ECOCClassifier(), y)
     >>> scored.scores.values.shape, scored.scores.binary.shape, round(scored.accuracy, 2)
     ((150, 3), (150, 3), 0.97)
     """
+    rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
     if partitions is None:
         partitions, held_out = rows.folds(n_folds, seed=seed)
     tested = np.concatenate([partition.test for partition in partitions])
@@ -293,9 +301,9 @@ def held_out_scores(
     scores = _joined(in_threads(scored, partitions, n_jobs))
     folds = np.repeat(np.arange(len(partitions)), [partition.test.size for partition in partitions])
     groups = np.arange(len(tested), dtype=np.intp)
-    sessions = rows.groups.sessions[tested]
-    if None not in sessions.tolist():
-        groups = np.unique(sessions, return_inverse=True)[1].astype(np.intp)
+    of_tested = rows.groups.sessions[tested]
+    if None not in of_tested.tolist():
+        groups = np.unique(of_tested, return_inverse=True)[1].astype(np.intp)
     return HeldOutScores(rows.classes, rows.codes[tested], scores, tested, folds, groups, held_out)
 
 
@@ -365,7 +373,7 @@ def cross_fit(
 ) -> tuple[HeldOutScores, Scores]:
     """Score training rows by models of their folds, to set a rule on, and other rows by a model of all, to judge it."""
     folds, held_out = train.folds(n_folds, seed=seed, strict=strict)
-    crossed = held_out_scores(model, train, folds, held_out=held_out)
+    crossed = held_out_scores(train, model, partitions=folds, held_out=held_out)
     return crossed, scores_of(train.trained(model), X, train.classes)
 
 

@@ -22,7 +22,7 @@ from granular_id.confidence.held_out import (
     rows_of,
     without_fixed_steps,
 )
-from granular_id.confidence.unknown import STRANGENESS, UnknownRule, available_kinds, unknown_rule
+from granular_id.confidence.unknown import NOVELTY, UnknownRule, available_kinds, unknown_rule
 from granular_id.partitions import Partition
 from granular_id.recording import Dataset
 
@@ -64,7 +64,7 @@ class OpenSetResult(StudyResult):
     held_out : str
         What separated training rows from tested ones.
     synthetic : bool
-    strangeness : tuple of two ndarrays
+    novelty : tuple of two ndarrays
         Of tested known and of unknown rows, by the first kind, for figures: 0 is the median known row of a
         partition, 1 its limit; rows of models without one are left out.
     n_unlimited : int
@@ -76,7 +76,7 @@ class OpenSetResult(StudyResult):
     share_known: float
     held_out: str
     synthetic: bool = False
-    strangeness: tuple[FloatArray, FloatArray] = field(
+    novelty: tuple[FloatArray, FloatArray] = field(
         default=(np.empty(0), np.empty(0)), repr=False, compare=False
     )
     n_unlimited: int = 0
@@ -192,8 +192,8 @@ def leave_one_material_out(
         raise ValueError(f"leaving a material out needs at least 3, to keep 2; got {len(rows.classes)}")
     kinds = tuple(kinds or ())
     for kind in kinds:
-        if kind not in STRANGENESS:
-            raise ValueError(f"kinds must be among {', '.join(map(repr, STRANGENESS))}, got {kind!r}")
+        if kind not in NOVELTY:
+            raise ValueError(f"kinds must be among {', '.join(map(repr, NOVELTY))}, got {kind!r}")
     rows.refuse_few(n_folds)
     partitions, held_out = rows.partitions(n_folds, seed=seed)
     model, rows = without_fixed_steps(model, rows)
@@ -245,14 +245,14 @@ class _Judged(NamedTuple):
     """What one model says, by one kind, of tested known rows and of those of the material that it does not know."""
 
     shares: tuple[float, ...]  # figures of `OpenSetRow`, from its AUROC on
-    known: FloatArray  # strangeness: 0 is the median known row, 1 the limit; NaN without one
+    known: FloatArray  # novelty: 0 is the median known row, 1 the limit; NaN without one
     unknown: FloatArray
 
 
 def _judged(
     rule: UnknownRule, scores: Scores, is_known: npt.NDArray[np.bool_], right: npt.NDArray[np.bool_]
 ) -> _Judged:
-    strange = rule.strangeness(scores.values, scores.binary)
+    strange = rule.novelty(scores.values, scores.binary)
     accepted = strange <= rule.threshold
     known, unknown = strange[is_known], strange[~is_known]
     shares = (

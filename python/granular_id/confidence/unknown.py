@@ -1,4 +1,4 @@
-"""Refusing what is none of the known materials, by how strange the scores of a row are.
+"""Refusing what is none of the known materials, by the novelty of the scores of a row.
 
 Sources: Hendrycks & Gimpel, "A baseline for detecting misclassified and out-of-distribution examples" (ICLR 2017) for
 the largest value; Lee, Lee, Lee, Shin, "A simple unified framework for detecting out-of-distribution samples"
@@ -49,7 +49,7 @@ _FORM = {
     "coding": _MATRIX,
 }
 
-STRANGENESS: Mapping[str, str] = MappingProxyType(
+NOVELTY: Mapping[str, str] = MappingProxyType(
     {
         "hinge_distance": "Mahalanobis distance of the class values under the hinge to those of the nearest class",
         "value_distance": "the same under the loss that decides",
@@ -122,7 +122,7 @@ class UnknownRule:
     def __post_init__(self) -> None:
         n_classes = len(self.classes)
         check_classes(self.classes)
-        named(STRANGENESS, "kind", self.kind)
+        named(NOVELTY, "kind", self.kind)
         if math.isnan(self.threshold) or self.threshold == -math.inf:
             raise ValueError(f"threshold must be a number or infinite, got {self.threshold}")
         if not 0 < self.share_known < 1:
@@ -159,7 +159,7 @@ class UnknownRule:
             "nothing is refused",
         )
 
-    def strangeness(self, values: npt.ArrayLike, binary: npt.ArrayLike | None = None) -> FloatArray:
+    def novelty(self, values: npt.ArrayLike, binary: npt.ArrayLike | None = None) -> FloatArray:
         """Novelty scores of rows; larger is more novel.
 
         Parameters
@@ -204,8 +204,8 @@ class UnknownRule:
         return distances.reshape(given.shape[:-1])
 
     def knows(self, values: npt.ArrayLike, binary: npt.ArrayLike | None = None) -> Any:
-        """Whether rows are of a known material: a bool, or an array (n,) of them; see `strangeness`."""
-        known = self.strangeness(values, binary) <= self.threshold
+        """Whether rows are of a known material: a bool, or an array (n,) of them; see `novelty`."""
+        known = self.novelty(values, binary) <= self.threshold
         return bool(known) if known.ndim == 0 else known
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -238,14 +238,14 @@ def _matrix(name: str, rows: tuple[tuple[float, ...], ...], height: int | None =
 
 
 def available_kinds(scored: HeldOutScores) -> tuple[str, ...]:
-    """Kinds of `STRANGENESS` that the scores suffice for."""
+    """Kinds of `NOVELTY` that the scores suffice for."""
     from granular_id.ecoc import onevsone
 
     coding = scored.scores.coding
     if coding is None:
-        return tuple(kind for kind in STRANGENESS if kind not in _OF_LEARNERS)
+        return tuple(kind for kind in NOVELTY if kind not in _OF_LEARNERS)
     of_pairs = np.array_equal(coding, onevsone(len(coding)))
-    return tuple(kind for kind in STRANGENESS if of_pairs or kind != "hinge_distance")
+    return tuple(kind for kind in NOVELTY if of_pairs or kind != "hinge_distance")
 
 
 def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str | None = None) -> UnknownRule:
@@ -277,9 +277,9 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
     --------
     >>> from sklearn.datasets import load_iris
     >>> from granular_id.confidence import held_out_scores, unknown_rule
-    >>> from granular_id.confidence.held_out import rows_of
     >>> from granular_id import ECOCClassifier
-    >>> scored = held_out_scores(ECOCClassifier(), rows_of(*load_iris(return_X_y=True)))
+    >>> X, y = load_iris(return_X_y=True)
+    >>> scored = held_out_scores(X, ECOCClassifier(), y)
     >>> rule = unknown_rule(scored)
     >>> float(rule.knows(scored.scores.values, scored.scores.binary).mean()) >= 0.95
     True
@@ -288,7 +288,7 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
 
     available = available_kinds(scored)
     kind = available[0] if kind is None else kind
-    named(STRANGENESS, "kind", kind)
+    named(NOVELTY, "kind", kind)
     if kind not in available:
         of_pairs = " with a learner for each pair of classes" if kind == "hinge_distance" else ""
         raise ValueError(
@@ -315,21 +315,19 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
         held_out=scored.held_out,
         **parts,
     )
-    strange = rule.strangeness(values, binary) if own is None else _held_out_distances(rule, own, scored)
+    strange = rule.novelty(values, binary) if own is None else _held_out_distances(rule, own, scored)
     return replace(rule, threshold=conformal_quantile(strange, rule.share_known))
 
 
 def _held_out_distances(rule: UnknownRule, own: FloatArray, scored: HeldOutScores) -> FloatArray:
-    """Strangeness of each row by means and covariance of the other folds: those of its own would flatter it."""
+    """Novelty of each row by means and covariance of the other folds: those of its own would flatter it."""
     strange, binary = np.empty(len(own)), scored.scores.binary
     for fold in np.unique(scored.folds):
         held, others = scored.folds == fold, scored.folds != fold
         if np.unique(scored.truth[others]).size < len(scored.classes):
             others = np.ones_like(held)  # a single fold, or one that holds all of a class
         partial = replace(rule, **_distances(own[others], scored.truth[others]))
-        strange[held] = partial.strangeness(
-            scored.scores.values[held], None if binary is None else binary[held]
-        )
+        strange[held] = partial.novelty(scored.scores.values[held], None if binary is None else binary[held])
     return strange
 
 

@@ -95,7 +95,7 @@ class Outcome:
     synthetic: bool = False
     command: str = ""
     controls: tuple[Control, ...] = ()
-    portrait: ReportData | None = None
+    report_data: ReportData | None = None
     chosen: Mapping[tuple[str, str], tuple[Chosen, ...]] = field(default_factory=dict)
     wall_s: float = math.nan
     findings: tuple[Finding, ...] = ()

@@ -139,7 +139,7 @@ def most_different(mean: Floats, sd: Floats) -> list[int]:
     return ranked
 
 
-def portrait_of_result(
+def report_data_of(
     data: Dataset,
     spaces: Sequence[FeatureSpace],
     accuracies: Mapping[str, float],

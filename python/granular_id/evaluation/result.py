@@ -64,7 +64,7 @@ class EvaluationResult(Outcome):
         What to type to repeat it.
     controls : tuple of Control
         What could have been answered without the method; empty when they were not asked for.
-    portrait : ReportData or None
+    report_data : ReportData or None
         How the recordings look, for a report.
     chosen : mapping of (str, str) to tuple of Chosen
         (protocol, space) to what the classifier of the space chose in each partition, of spaces that choose.
@@ -139,7 +139,7 @@ class EvaluationResult(Outcome):
                 {"name": name, "session": session, "label": self.labels[code]}
                 for name, session, code in zip(self.names, self.sessions, self.truth.tolist(), strict=True)
             ],
-            "portrait": json_value(self.portrait),
+            "portrait": json_value(self.report_data),
         }
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
@@ -343,7 +343,7 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
         "notes": tuple(saved["notes"]),
         "findings": tuple(map(_finding, saved.get("findings", ()))),
         "controls": tuple(map(Control.from_dict, saved["controls"])),
-        "portrait": None
+        "report_data": None
         if saved["portrait"] is None
         else from_json(ReportData, saved["portrait"], what="portrait"),
         "chosen": chosen,

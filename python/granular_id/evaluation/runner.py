@@ -30,7 +30,7 @@ from granular_id.evaluation.controls import (
 from granular_id.evaluation.features import STAGES, GramBank, check_disk
 from granular_id.evaluation.findings import accepted_names, refuse_copies, spoiling
 from granular_id.evaluation.outcome import SpaceSummary, strictest_of
-from granular_id.evaluation.report_data import portrait_of_result
+from granular_id.evaluation.report_data import report_data_of
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.scoring import Task, answers_of
 from granular_id.evaluation.telling import Run, Teller
@@ -245,8 +245,8 @@ def evaluate(
     plain = [space for space in planned if (judged, space.name) not in chosen]
     shown = plain if plain and len(data) > MANY_RECORDINGS else planned
     accuracies = {space.name: result.mean_accuracy(space.name) for space in shown}
-    portrait = portrait_of_result(data, shown, accuracies, model, seed, has_weights)
-    return replace(result, portrait=portrait, wall_s=time.perf_counter() - start)
+    report_data = report_data_of(data, shown, accuracies, model, seed, has_weights)
+    return replace(result, report_data=report_data, wall_s=time.perf_counter() - start)
 
 
 def _partitions(

@@ -30,7 +30,7 @@ class StreamingIdentifier:
     hop : int, optional
         None: one window, from the first row on; push the rows of a capture that begin where the recordings of the
         training began. Else a window every `hop` samples: `next` goes on to the next one. Its first samples then follow
-        others instead of rest, as they did not in training; see :doc:`/guide/live`.
+        others instead of rest, as they did not in training.
 
     Raises
     ------

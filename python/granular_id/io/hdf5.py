@@ -279,7 +279,7 @@ def save_hdf5(
 ) -> Path:
     """Write a data set as one HDF5 file that ``load`` gives back bit for bit; `progress` is called after each array.
 
-    ``docs/formats/hdf5.md`` describes each. Nothing is compressed: gzip makes reading 14 times slower here; where size
+    ``docs/formats/npz.md`` describes each. Nothing is compressed: gzip makes reading 14 times slower here; where size
     matters, a Parquet archive is smaller still.
     """
     target = Path(path)

@@ -76,8 +76,8 @@ def load(
         What to do where time runs backwards or a stamp is repeated: raise with the place, or sort the samples
         and average those that share a stamp, count them in ``history[-1]`` and flag them ``TIME_REPAIRED``.
     max_file_bytes : int, optional
-        Largest file that is read; by default 24 MiB for text, of which a line counts as at least 40 bytes (an hour
-        of six axes at 50 Hz, nine minutes at 500 Hz), and 2 GiB for binary files, which may not expand more than
+        Largest file that is read; by default 24 MiB for text, of which a line counts as at least 40 bytes (nine
+        minutes of six axes at 500 Hz), and 2 GiB for binary files, which may not expand more than
         64-fold beyond 64 MiB: a file that is no recording is refused within seconds and 256 MB.
     topic : str, optional
         Which topic of a bag holds the wrench, where there are several; ``"/topic.field"`` is the wrench in a field of

@@ -425,7 +425,7 @@ class LiveIdentifier:
             self.n_right += bool(push.is_right)
             self.n_unknown += bool(push.decision.unknown)
 
-    def tally(self) -> str:
+    def summary(self) -> str:
         """Sum up all pushes so far in one line: how many answers, how many right where the truth is known."""
         n, failed = self.n_answered, self.n_pushes - self.n_answered
         synthetic = "SYNTHETIC: " if self.stream.info.synthetic else ""

@@ -1,7 +1,7 @@
 """A node of ROS 2: a wrench topic comes in, answers go out, a service arms.
 
 Not run with ROS. Written against rclpy and tf2_ros of Humble and Jazzy (https://docs.ros.org/en/jazzy/p/rclpy/), tested
-against a stand-in. docs/sensors/ros2.md says what goes over which topic, and why.
+against a stand-in. docs/sensors/ros2.md says what goes over which topic.
 """
 
 from __future__ import annotations

@@ -147,7 +147,7 @@ def _draw_coverage(panel: Any, confidence: Confidence) -> None:
 def _draw_unknown(panel: Any, confidence: Confidence) -> None:
     found = confidence.open_set
     assert found is not None  # the caller has looked
-    known, unknown = found.strangeness
+    known, unknown = found.novelty
     panel.set_title("unknown materials")
     if not (len(known) and len(unknown)):
         panel.set_axis_off()

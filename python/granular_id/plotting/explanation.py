@@ -335,13 +335,13 @@ _MOST_ROWS = 6
 _ACROSS = {"time": "time", "magnitude": "bin", "frequency": "frequency", "band": "bands"}
 
 
-def plot_weights(portrait: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
+def plot_weights(report_data: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
     """Plot which instants, axes, bins and bands weigh in the decisions of a linear model fitted on all recordings.
 
     Parameters
     ----------
-    portrait : ReportData
-        Summary of the data set that an evaluation keeps: ``result.portrait``.
+    report_data : ReportData
+        Summary of the data set that an evaluation keeps: ``result.report_data``.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 
@@ -359,19 +359,19 @@ def plot_weights(portrait: ReportData, *, path: str | os.PathLike[str] | None = 
     ImportError
         Without matplotlib, saying what to install.
     ValueError
-        For a portrait without weights: no feature space kept a link to time, axis and bin.
+        Without weights: no feature space kept a link to time, axis and bin.
 
     Examples
     --------
     >>> from granular_id import evaluate, synthesize
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
     >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
-    >>> len(plot_weights(result.portrait).axes)
+    >>> len(plot_weights(result.report_data).axes)
     12
     """
-    if not portrait.weights:
-        raise ValueError("portrait has no weights: no feature space kept a link to time, axis and bin")
-    blocks = blocks_with_weight(portrait)
+    if not report_data.weights:
+        raise ValueError("report_data has no weights: no feature space kept a link to time, axis and bin")
+    blocks = blocks_with_weight(report_data)
     across = min(2, len(blocks))
     down = math.ceil(len(blocks) / across)
     rows = max(len(rows_of_weights(block)) for block in blocks)
@@ -381,15 +381,15 @@ def plot_weights(portrait: ReportData, *, path: str | os.PathLike[str] | None = 
         column = cell.subplots(rows, 1, squeeze=False)[:, 0]
         draw_weights(column, block)
         heading(column[0], block.name, 10)
-    mark = synthetic_mark(portrait.n_synthetic)
-    heading(figure, f"Where the linear model of {portrait.looked_at} looks{mark}")
+    mark = synthetic_mark(report_data.n_synthetic)
+    heading(figure, f"Where the linear model of {report_data.looked_at} looks{mark}")
     save(figure, path)
     return figure
 
 
-def blocks_with_weight(portrait: ReportData) -> tuple[WeightBlock, ...]:
+def blocks_with_weight(report_data: ReportData) -> tuple[WeightBlock, ...]:
     """Blocks that the model uses; all of them where it uses none."""
-    return tuple(block for block in portrait.weights if block.influence.any()) or portrait.weights
+    return tuple(block for block in report_data.weights if block.influence.any()) or report_data.weights
 
 
 def rows_of_weights(block: WeightBlock) -> list[int]:

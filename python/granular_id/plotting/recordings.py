@@ -171,7 +171,7 @@ def plot_mean_forces(
     Parameters
     ----------
     dataset : Dataset or ReportData
-        Recordings of equal length and rate, with labels; or ``result.portrait``, which keeps their curves.
+        Recordings of equal length and rate, with labels; or ``result.report_data``, which keeps their curves.
     axes : sequence of str, optional
         Axes to draw, all of one unit. Default: fx and fz of a wrench; of other axes two of one unit, the one in which
         the materials differ most over their own spread, and the next of its unit.
@@ -241,17 +241,17 @@ def curves_of(dataset: Dataset, axes: Iterable[str]) -> list[Curves]:
     return curves
 
 
-def curves_in(portrait: ReportData, axes: Iterable[str]) -> list[Curves]:
-    """Take the curves from a portrait, in the order of its labels."""
-    columns = {axis: portrait.axes.index(axis) for axis in axes}
+def curves_in(report_data: ReportData, axes: Iterable[str]) -> list[Curves]:
+    """Take the curves, in the order of its labels."""
+    columns = {axis: report_data.axes.index(axis) for axis in axes}
     return [
         Curves(
             label,
-            portrait.time_s,
-            {axis: portrait.mean[k, column] for axis, column in columns.items()},
-            {axis: portrait.sd[k, column] for axis, column in columns.items()},
+            report_data.time_s,
+            {axis: report_data.mean[k, column] for axis, column in columns.items()},
+            {axis: report_data.sd[k, column] for axis, column in columns.items()},
         )
-        for k, label in enumerate(portrait.labels)
+        for k, label in enumerate(report_data.labels)
     ]
 
 
@@ -272,9 +272,9 @@ def telling_curves(curves: Sequence[Curves], units: Mapping[str, str]) -> tuple[
     return own, units[kept[0]]
 
 
-def units_of(portrait: ReportData) -> tuple[str, ...]:
+def units_of(report_data: ReportData) -> tuple[str, ...]:
     """Return the unit of each axis; results of before are of a wrench."""
-    return portrait.units or tuple(map(unit_of, portrait.axes))
+    return report_data.units or tuple(map(unit_of, report_data.axes))
 
 
 def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
@@ -319,13 +319,13 @@ def _title(dataset: Dataset | ReportData, quantity: str) -> str:
     return f"{kind}{quantity} per material, mean \N{PLUS-MINUS SIGN} standard deviation"
 
 
-def plot_hfmh(portrait: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
+def plot_hfmh(report_data: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
     """Plot the mean histogram of the high-passed signal, one panel an axis, one row a material.
 
     Parameters
     ----------
-    portrait : ReportData
-        Summary of the data set that an evaluation keeps: ``result.portrait``.
+    report_data : ReportData
+        Summary of the data set that an evaluation keeps: ``result.report_data``.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 
@@ -340,25 +340,25 @@ def plot_hfmh(portrait: ReportData, *, path: str | os.PathLike[str] | None = Non
     ImportError
         Without matplotlib, saying what to install.
     ValueError
-        For a portrait without high-pass: the sampling rate was too low for the cut-off.
+        Without a high-pass: the sampling rate was too low for the cut-off.
 
     Examples
     --------
     >>> from granular_id import evaluate, synthesize
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
     >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
-    >>> figure = plot_hfmh(result.portrait)
+    >>> figure = plot_hfmh(result.report_data)
     >>> [panel.get_xlabel() for panel in figure.axes if panel.get_title()][3:]
     ['bin, N m', 'bin, N m', 'bin, N m']
     """
-    return _axis_panels(portrait, draw_hfmh, "Histograms of the signal", "mean of a material", path)
+    return _axis_panels(report_data, draw_hfmh, "Histograms of the signal", "mean of a material", path)
 
 
-def draw_hfmh(panel: Any, portrait: ReportData, axis: int) -> None:
+def draw_hfmh(panel: Any, report_data: ReportData, axis: int) -> None:
     """Draw the heat map of one axis, by its number."""
-    part = high_pass_of(portrait)
+    part = high_pass_of(report_data)
     values, (low, high) = part.hfmh[:, axis], part.bin_range[axis].tolist()
-    units = units_of(portrait)
+    units = units_of(report_data)
     alike = [
         other
         for other, unit in enumerate(units)
@@ -371,7 +371,7 @@ def draw_hfmh(panel: Any, portrait: ReportData, axis: int) -> None:
         panel,
         values[:, first:last],
         across=(float(edges[first]), float(edges[last])),
-        labels=portrait.labels,
+        labels=report_data.labels,
         limits=shared_limits(part.hfmh[:, alike]),
         key="density" if part.settings.get("density") else "samples in a bin",
     )
@@ -383,13 +383,13 @@ def draw_hfmh(panel: Any, portrait: ReportData, axis: int) -> None:
 _SHARE = 0.97
 
 
-def plot_residual(portrait: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
+def plot_residual(report_data: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
     """Plot the root mean square of the high-passed signal over time, one panel an axis, one row a material.
 
     Parameters
     ----------
-    portrait : ReportData
-        Summary of the data set that an evaluation keeps: ``result.portrait``.
+    report_data : ReportData
+        Summary of the data set that an evaluation keeps: ``result.report_data``.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 
@@ -403,42 +403,42 @@ def plot_residual(portrait: ReportData, *, path: str | os.PathLike[str] | None =
     ImportError
         Without matplotlib, saying what to install.
     ValueError
-        For a portrait without high-pass: the sampling rate was too low for the cut-off.
+        Without a high-pass: the sampling rate was too low for the cut-off.
 
     Examples
     --------
     >>> from granular_id import evaluate, synthesize
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
     >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
-    >>> figure = plot_residual(result.portrait)
+    >>> figure = plot_residual(result.report_data)
     >>> [panel.get_title() for panel in figure.axes if panel.get_title()][:2]
     ['$F_x$', '$F_y$']
     """
-    return _axis_panels(portrait, draw_residual, "Signal", "root mean square over time", path)
+    return _axis_panels(report_data, draw_residual, "Signal", "root mean square over time", path)
 
 
-def draw_residual(panel: Any, portrait: ReportData, axis: int) -> None:
+def draw_residual(panel: Any, report_data: ReportData, axis: int) -> None:
     """Draw the heat map of one axis, by its number."""
-    part = high_pass_of(portrait)
+    part = high_pass_of(report_data)
     values = part.residual[:, axis]
     draw_heat(
         panel,
         values,
-        across=(0.0, portrait.n_samples / portrait.rate_hz),
-        labels=portrait.labels,
+        across=(0.0, report_data.n_samples / report_data.rate_hz),
+        labels=report_data.labels,
         limits=shared_limits(values, share=_SHARE),
-        key=with_unit("RMS", units_of(portrait)[axis]),
+        key=with_unit("RMS", units_of(report_data)[axis]),
     )
     panel.set_xlabel("time, s", fontsize=8, color=INK)
 
 
-def high_pass_of(portrait: ReportData) -> HighPass:
+def high_pass_of(report_data: ReportData) -> HighPass:
     """Return the high-pass part, or say why there is none."""
-    if portrait.high_pass is None:
+    if report_data.high_pass is None:
         raise ValueError(
-            f"portrait has no high-pass: its {portrait.rate_hz:g} Hz are too low for the cut-off of the filter"
+            f"report_data has no high-pass: its {report_data.rate_hz:g} Hz are too low for the cut-off of the filter"
         )
-    return portrait.high_pass
+    return report_data.high_pass
 
 
 # Dark to light in an order that survives any colour vision and a grey print.
@@ -497,25 +497,25 @@ def shared_limits(
 
 
 def _axis_panels(
-    portrait: ReportData,
+    report_data: ReportData,
     draw: Callable[[Any, ReportData, int], None],
     what: str,
     shown: str,
     path: str | os.PathLike[str] | None,
 ) -> Figure:
-    """Lay out one panel an axis, three in a row, each filled by ``draw(panel, portrait, axis number)``."""
-    cutoff_hz = high_pass_of(portrait).settings["cutoff_hz"]
-    n_axes = len(portrait.axes)
+    """Lay out one panel an axis, three in a row, each filled by ``draw(panel, report_data, axis number)``."""
+    cutoff_hz = high_pass_of(report_data).settings["cutoff_hz"]
+    n_axes = len(report_data.axes)
     across = min(3, n_axes)
     down = math.ceil(n_axes / across)
-    figure = new_figure(max(4.0 * across, 6.0), down * (1.0 + 0.17 * len(portrait.labels)) + 0.5)
+    figure = new_figure(max(4.0 * across, 6.0), down * (1.0 + 0.17 * len(report_data.labels)) + 0.5)
     panels = figure.subplots(down, across, squeeze=False).ravel()
     for number, panel in enumerate(panels[:n_axes]):
-        draw(panel, portrait, number)
-        panel.set_title(pretty(portrait.axes[number]), fontsize=10, color=INK)
+        draw(panel, report_data, number)
+        panel.set_title(pretty(report_data.axes[number]), fontsize=10, color=INK)
     for unused in panels[n_axes:]:
         unused.remove()
-    synthetic = "synthetic recordings, " if portrait.n_synthetic else ""
+    synthetic = "synthetic recordings, " if report_data.n_synthetic else ""
     heading(figure, f"{what} above {cutoff_hz:g} Hz: {synthetic}{shown}")
     save(figure, path)
     return figure

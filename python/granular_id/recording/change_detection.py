@@ -1,6 +1,6 @@
 """The statistics behind `find_onset`: windows compared with how they differ at rest, and when a change began.
 
-The method, its sources and how it was measured are in docs/guide/recordings.md.
+docs/guide/recordings.md says how well it does.
 """
 
 from __future__ import annotations

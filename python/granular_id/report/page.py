@@ -96,8 +96,8 @@ def html(result: EvaluationResult) -> str:
             summary="\n".join(text_table(result.data["summary"]["rows"])),
             history=[str(StepReport(**step)) for step in result.data["history"]],
             settings=json.dumps(result.settings, ensure_ascii=False, indent=2),
-            portrait=result.portrait,
-            means=None if result.portrait is None else mean_lines(result.portrait),
+            report_data=result.report_data,
+            means=None if result.report_data is None else mean_lines(result.report_data),
         )
     )
 

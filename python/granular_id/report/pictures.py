@@ -79,7 +79,7 @@ def figures(
     -------
     list of Path
         What was written: accuracy, gap, recall, ``confusion_PROTOCOL`` and, as far as the result knows the
-        recordings (`EvaluationResult.portrait`), mean_forces, residual, hfmh and weights.
+        recordings (`EvaluationResult.report_data`), mean_forces, residual, hfmh and weights.
 
     Raises
     ------
@@ -126,13 +126,13 @@ def _plots(result: EvaluationResult, space: str) -> dict[str, Callable[..., Figu
         title = f"{space}, {result.protocol_name(protocol)}{mark}"
         counts = result.confusion(space, protocol)
         plots[f"confusion_{protocol}"] = partial(plot_confusion, counts, result.labels, title=title)
-    if result.portrait is not None:
-        plots["mean_forces"] = partial(plot_mean_forces, result.portrait)
-        if result.portrait.high_pass is not None:
-            plots["residual"] = partial(plot_residual, result.portrait)
-            plots["hfmh"] = partial(plot_hfmh, result.portrait)
-        if result.portrait.weights:
-            plots["weights"] = partial(plot_weights, result.portrait)
+    if result.report_data is not None:
+        plots["mean_forces"] = partial(plot_mean_forces, result.report_data)
+        if result.report_data.high_pass is not None:
+            plots["residual"] = partial(plot_residual, result.report_data)
+            plots["hfmh"] = partial(plot_hfmh, result.report_data)
+        if result.report_data.weights:
+            plots["weights"] = partial(plot_weights, result.report_data)
     return plots
 
 
@@ -198,9 +198,9 @@ class Picture:
 def pictures(result: EvaluationResult, space: str) -> list[Picture]:
     """Draw all figures in the order of the page: gap, confusion and recall of one space, then the recordings."""
     drawn = [*_of_results(result, space)]
-    if result.portrait is not None:
+    if result.report_data is not None:
         for draw in (_of_means, _of_high_pass, _of_weights):
-            drawn += draw(result.portrait)
+            drawn += draw(result.report_data)
     return drawn
 
 
@@ -236,29 +236,30 @@ class MeanLines:
     left_out: str
 
 
-def mean_lines(portrait: ReportData) -> MeanLines:
+def mean_lines(report_data: ReportData) -> MeanLines:
     """Say which axes the curves of the means show."""
-    curves, unit = _mean_curves(portrait)
+    curves, unit = _mean_curves(report_data)
     lines = []
     for place, axis in enumerate(curves[0].mean):
         style = axis_line(axis, place)
         name, index = (axis[0].upper(), axis[1]) if axis in AXES else (axis, "")
         lines.append((name, index, AXIS_COLOURS.index(style["color"]), _DASHES[style["linestyle"]]))
-    few = len(portrait.axes)
+    few = len(report_data.axes)
     left_out = ""
-    if portrait.n_axes > few:
-        left_out = f"{few} of {portrait.n_axes} axes, those in which the materials differ most"
+    if report_data.n_axes > few:
+        left_out = f"{few} of {report_data.n_axes} axes, those in which the materials differ most"
     return MeanLines(quantity_of(curves[0].mean, unit), tuple(lines), left_out)
 
 
-def _mean_curves(portrait: ReportData) -> tuple[list[Any], str]:
+def _mean_curves(report_data: ReportData) -> tuple[list[Any], str]:
     return telling_curves(
-        curves_in(portrait, portrait.axes), dict(zip(portrait.axes, units_of(portrait), strict=True))
+        curves_in(report_data, report_data.axes),
+        dict(zip(report_data.axes, units_of(report_data), strict=True)),
     )
 
 
-def _of_means(portrait: ReportData) -> Iterator[Picture]:
-    curves, unit = _mean_curves(portrait)
+def _of_means(report_data: ReportData) -> Iterator[Picture]:
+    curves, unit = _mean_curves(report_data)
     axes = list(curves[0].mean)
     low = min(float((own.mean[axis] - own.sd[axis]).min()) for own in curves for axis in axes)
     high = max(float((own.mean[axis] + own.sd[axis]).max()) for own in curves for axis in axes)
@@ -282,22 +283,22 @@ def _titled(axis: str) -> str:
     return axis.capitalize() if axis in AXES else axis
 
 
-def _of_high_pass(portrait: ReportData) -> Iterator[Picture]:
-    if portrait.high_pass is None:
+def _of_high_pass(report_data: ReportData) -> Iterator[Picture]:
+    if report_data.high_pass is None:
         return
     for group, draw, what in (
         ("residual", draw_residual, "root mean square of the high-passed signal over time"),
         ("hfmh", draw_hfmh, "mean histogram of the high-passed signal"),
     ):
-        for number, axis in enumerate(portrait.axes):
-            figure = new_figure(3.7, 0.8 + 0.16 * max(3, len(portrait.labels)))
-            draw(figure.subplots(), portrait, number)
+        for number, axis in enumerate(report_data.axes):
+            figure = new_figure(3.7, 0.8 + 0.16 * max(3, len(report_data.labels)))
+            draw(figure.subplots(), report_data, number)
             alt = f"{_titled(axis)}: {what}, one row a material"
             yield Picture(group, _titled(axis), figure, alt, 0.75)
 
 
-def _of_weights(portrait: ReportData) -> Iterator[Picture]:
-    for block in blocks_with_weight(portrait):
+def _of_weights(report_data: ReportData) -> Iterator[Picture]:
+    for block in blocks_with_weight(report_data):
         rows = rows_of_weights(block)
         figure = new_figure(4.4, 0.5 + 0.52 * len(rows))
         draw_weights(figure.subplots(len(rows), 1, squeeze=False)[:, 0], block)

@@ -34,7 +34,7 @@ LEAST_ROWS = 3
 """Recordings, and with `all_materials` recordings a material in the mean, of which less is said than chance says."""
 
 # Measured on real recordings under other loads, speeds, sensors and people, on synthetic rigs and on halves of
-# sessions, with all, half, three of the materials and unequal shares: see docs/guide/setups.md.
+# sessions, with all, half, three of the materials and unequal shares; docs/guide/setups.md has the outcome.
 _STEPS, _KEPT, _MOST_ROWS = 4, 0.7, 5
 _STILL_ROWS, _STILL_ROWS_A_CLASS = 20.0, 1.0  # added to those that ask for a shift, so that few move little
 _WIDTH = 0.15  # of a membership, in medians of the margin

@@ -129,7 +129,7 @@ def test_each_row_is_scored_by_a_model_that_has_not_seen_it():
     rows = rows_of(X, Y)
     folds = kfold_partitions(rows.codes, n_folds=4, seed=1)
     model = make_pipeline(StandardScaler(), ECOCClassifier(posterior="wu_lin_weng", random_state=0))
-    scored = held_out_scores(model, rows, folds, n_jobs=2)
+    scored = held_out_scores(rows, model, partitions=folds, n_jobs=2)
     assert sorted(scored.rows) == list(range(150))
     for k, fold in enumerate(folds):
         alone = make_pipeline(StandardScaler(), ECOCClassifier(posterior="wu_lin_weng", random_state=0))
@@ -145,7 +145,7 @@ def test_each_row_is_scored_by_a_model_that_has_not_seen_it():
 
 
 def test_temperature_of_a_fold_does_not_know_it():
-    scored = held_out_scores(LinearSVC(), rows_of(X, Y))
+    scored = held_out_scores(X, LinearSVC(), Y)
     before, source = probabilities_of(scored)
     assert "other folds" in source
     own = scored.folds == 0
@@ -160,22 +160,22 @@ def test_steps_that_learn_nothing_run_once(monkeypatch):
     plain = HFMH.transform
     monkeypatch.setattr(HFMH, "transform", lambda self, rows: calls.append(len(rows)) or plain(self, rows))
     wrench = np.random.default_rng(0).normal(size=(20, 200, 6))
-    held_out_scores(make_pipeline(HFMH(), ECOCClassifier()), rows_of(wrench, list("ab") * 10))
+    held_out_scores(wrench, make_pipeline(HFMH(), ECOCClassifier()), list("ab") * 10)
     assert calls == [20]
 
 
 def test_two_classes_have_two_values():
-    scored = held_out_scores(LinearSVC(), rows_of(X[:100], Y[:100]))
+    scored = held_out_scores(X[:100], LinearSVC(), Y[:100])
     assert scored.scores.values.shape == (100, 2)
     assert scored.accuracy == 1.0
 
 
 def test_models_that_do_not_serve():
     with pytest.raises(TypeError, match="must have decision_function"):
-        held_out_scores(DecisionTreeClassifier(), rows_of(X, Y))
+        held_out_scores(X, DecisionTreeClassifier(), Y)
     folds = kfold_partitions(Y, n_folds=4)
     with pytest.raises(ValueError, match="at most once"):
-        held_out_scores(LinearSVC(), rows_of(X, Y), [*folds, folds[0]])
+        held_out_scores(X, LinearSVC(), Y, partitions=[*folds, folds[0]])
 
 
 def recordings(sessions=None, times=True):

@@ -155,7 +155,7 @@ def test_what_lies_beyond_the_bars_has_a_bar_that_says_so(found):
     known, left_out = np.linspace(0.0, 0.9, 50), np.linspace(0.5, 1.5, 45)
     for more, labels, height in (([50.0], ["> 2"], 1 / 46), ([], [], 0.0)):
         strange = known, np.append(left_out, more)
-        panel = plot_confidence(replace(found, open_set=replace(found.open_set, strangeness=strange))).axes[2]
+        panel = plot_confidence(replace(found, open_set=replace(found.open_set, novelty=strange))).axes[2]
         named = [label.get_text() for label in panel.get_xticklabels() if ">" in label.get_text()]
         assert named == labels
         across, up = panel.patches[1].get_xy().T

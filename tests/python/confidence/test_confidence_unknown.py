@@ -16,7 +16,7 @@ from granular_id._core import NearestMean
 from granular_id.confidence import UnknownRule, held_out_scores, leave_one_material_out, unknown_rule
 from granular_id.confidence.held_out import rows_of
 from granular_id.confidence.open_set import area_under_roc, false_positives
-from granular_id.confidence.unknown import STRANGENESS
+from granular_id.confidence.unknown import NOVELTY
 from granular_id.ecoc import ECOCClassifier
 from granular_id.ecoc.codings import onevsone
 from granular_id.ecoc.decoding import decode
@@ -31,12 +31,12 @@ def clouds(n_classes=4, n_each=40, n_features=6, seed=0, distance=4.0):
 
 @pytest.fixture(scope="module")
 def crossed():
-    return held_out_scores(ECOCClassifier(), rows_of(*clouds()))
+    return held_out_scores(rows_of(*clouds()), ECOCClassifier())
 
 
-def test_strangeness_by_its_words(crossed):
+def test_novelty_by_its_words(crossed):
     values, binary, coding = crossed.scores.values, crossed.scores.binary, crossed.scores.coding
-    strange = {kind: unknown_rule(crossed, kind=kind).strangeness(values, binary) for kind in STRANGENESS}
+    strange = {kind: unknown_rule(crossed, kind=kind).novelty(values, binary) for kind in NOVELTY}
     for i, (row, learners) in enumerate(zip(values, binary, strict=True)):
         ranked = sorted(row, reverse=True)
         assert strange["value"][i] == -ranked[0]
@@ -55,12 +55,12 @@ def test_strangeness_by_its_words(crossed):
         assert strange[kind] == pytest.approx(np.sqrt(np.min(squares, axis=1)), rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", STRANGENESS)
+@pytest.mark.parametrize("kind", NOVELTY)
 def test_one_row_alone_is_judged_as_in_the_batch(crossed, kind):
     rule = unknown_rule(crossed, kind=kind)
     values, binary = crossed.scores.values, crossed.scores.binary
-    each = [float(rule.strangeness(v, b)) for v, b in zip(values, binary, strict=True)]
-    assert rule.strangeness(values, binary) == pytest.approx(each, rel=1e-12)
+    each = [float(rule.novelty(v, b)) for v, b in zip(values, binary, strict=True)]
+    assert rule.novelty(values, binary) == pytest.approx(each, rel=1e-12)
     assert isinstance(rule.knows(values[0], binary[0]), bool)
     assert json.loads(json.dumps(rule.to_dict(), allow_nan=False)) == rule.to_dict()
     assert UnknownRule.from_dict(json.loads(json.dumps(rule.to_dict()))) == rule
@@ -75,12 +75,12 @@ def many():
         X, y = clouds(seed=seed)
         model = ECOCClassifier().fit(X, y)
         new, _ = clouds(seed=1000 + seed, n_each=200)
-        held = held_out_scores(ECOCClassifier(), rows_of(X, y))
+        held = held_out_scores(X, ECOCClassifier(), y)
         made.append((held, model.decision_function(new), model.binary_scores(new)))
     return made
 
 
-@pytest.mark.parametrize("kind", STRANGENESS)
+@pytest.mark.parametrize("kind", NOVELTY)
 @pytest.mark.parametrize("share", [0.8, 0.95])
 def test_the_share_of_known_rows_is_kept_on_new_ones(many, kind, share):
     accepted = [
@@ -97,7 +97,7 @@ def test_a_cloud_apart_is_refused_when_it_is_left_out():
     X, y = clouds(n_classes=4, distance=10.0)
     X[y == "d", :4] += np.array([5.0, 5.0, 0.0, -10.0])  # between the first two
     result = leave_one_material_out(X, make_pipeline(StandardScaler(), ECOCClassifier()), y)
-    assert set(result.kinds) == set(STRANGENESS)
+    assert set(result.kinds) == set(NOVELTY)
     assert result.kind == "hinge_distance"
     rows = {row.material: row for row in result.rows if row.kind == "hinge_distance"}
     assert rows["d"].auroc > 0.95
@@ -139,7 +139,7 @@ def test_seeds_and_threads_make_no_difference():
 def test_two_classes_are_one_number():
     """Their two class values are one number twice: no direction of no variance may make rows strange."""
     X, y = clouds(n_classes=2)
-    crossed = held_out_scores(ECOCClassifier(), rows_of(X, y))
+    crossed = held_out_scores(X, ECOCClassifier(), y)
     for kind in ("hinge_distance", "value_distance"):
         rule = unknown_rule(crossed, kind=kind)
         assert rule.knows(crossed.scores.values, crossed.scores.binary).mean() > 0.9
@@ -148,14 +148,14 @@ def test_two_classes_are_one_number():
 
 
 def test_scores_that_are_all_the_same_are_all_known():
-    crossed = held_out_scores(ECOCClassifier(C=1e-9), rows_of(np.tile(np.eye(3), (8, 1)), list("abc") * 8))
+    crossed = held_out_scores(np.tile(np.eye(3), (8, 1)), ECOCClassifier(C=1e-9), list("abc") * 8)
     rule = unknown_rule(crossed)
     assert np.isfinite(rule.threshold)
     assert rule.knows(crossed.scores.values, crossed.scores.binary).all()
 
 
 def test_models_without_learners():
-    crossed = held_out_scores(LinearSVC(), rows_of(*clouds()))
+    crossed = held_out_scores(rows_of(*clouds()), LinearSVC())
     assert crossed.scores.binary is None
     assert unknown_rule(crossed).knows(crossed.scores.values).mean() > 0.9
     with pytest.raises(ValueError, match="ends in ECOCClassifier"):
@@ -166,12 +166,12 @@ def test_models_without_learners():
 
 def test_other_codings_have_no_pairs():
     X, y = clouds()
-    crossed = held_out_scores(ECOCClassifier(coding="onevsall"), rows_of(X, y))
+    crossed = held_out_scores(X, ECOCClassifier(coding="onevsall"), y)
     assert unknown_rule(crossed).kind == "value_distance"
     with pytest.raises(ValueError, match="ECOCClassifier with a learner for each pair of classes"):
         unknown_rule(crossed, kind="hinge_distance")
     result = leave_one_material_out(X, ECOCClassifier(coding="onevsall"), y)
-    assert set(result.kinds) == set(STRANGENESS) - {"hinge_distance"}
+    assert set(result.kinds) == set(NOVELTY) - {"hinge_distance"}
 
 
 @pytest.mark.parametrize("n_classes", [2, 3, 11])
@@ -205,16 +205,16 @@ def test_models_without_a_limit_are_counted_and_not_drawn():
     X, y = clouds(n_classes=3, n_each=8)
     few = leave_one_material_out(X, ECOCClassifier(), y, n_folds=2)
     assert few.n_unlimited == 6
-    assert [len(values) for values in few.strangeness] == [0, 0]
+    assert [len(values) for values in few.novelty] == [0, 0]
     assert "6 models had too few rows" in str(few.table())
     X, y = clouds(n_classes=3)
     many = leave_one_material_out(X, ECOCClassifier(), y, n_folds=2)
     assert many.n_unlimited == 0
-    assert all(np.isfinite(values).all() and len(values) for values in many.strangeness)
+    assert all(np.isfinite(values).all() and len(values) for values in many.novelty)
 
 
 def test_too_few_rows_refuse_nothing_and_say_so():
-    crossed = held_out_scores(ECOCClassifier(), rows_of(*clouds(n_classes=3, n_each=4)))
+    crossed = held_out_scores(rows_of(*clouds(n_classes=3, n_each=4)), ECOCClassifier())
     rule = unknown_rule(crossed)
     assert rule.threshold == math.inf
     assert rule.notes == ("too few calibration rows (12) to accept 95 % of the known: nothing is refused",)

@@ -90,7 +90,7 @@ def test_ctrl_c_leaves_what_is_finished(tmp_path, uninterrupted):
 
 def test_a_finished_one_is_only_read(whole, uninterrupted, monkeypatch):
     monkeypatch.setattr(ECOCClassifier, "fit_gram", None)
-    monkeypatch.setattr("granular_id.evaluation.runner.portrait_of_result", lambda *_: uninterrupted.portrait)
+    monkeypatch.setattr("granular_id.evaluation.runner.report_data_of", lambda *_: uninterrupted.report_data)
     again = run(whole, n_jobs=2)
     same(again, uninterrupted)
     assert again.spaces[0].seconds["training"] > 0

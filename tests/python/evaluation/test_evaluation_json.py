@@ -30,7 +30,7 @@ def test_what_is_read_back_equals_what_was_written(evaluated, written, tmp_path)
         evaluated.spaces,
         evaluated.wall_s,
     )
-    assert json_value(read.portrait) == json_value(evaluated.portrait)
+    assert json_value(read.report_data) == json_value(evaluated.report_data)
     assert read.comparison().pairs == evaluated.comparison().pairs
     assert read.truth.dtype == evaluated.truth.dtype
     for protocol, partitions in evaluated.partitions.items():
@@ -44,10 +44,10 @@ def test_what_is_read_back_equals_what_was_written(evaluated, written, tmp_path)
 
 def test_what_is_missing_is_read_back_as_missing(evaluated, tmp_path):
     partitions = {"paper": evaluated.partitions["paper"]}
-    bare = replace(evaluated, portrait=None, wall_s=float("nan"), controls=(), partitions=partitions)
+    bare = replace(evaluated, report_data=None, wall_s=float("nan"), controls=(), partitions=partitions)
     bare.to_json(tmp_path / "r.json")
     read = EvaluationResult.from_json(tmp_path / "r.json")
-    assert read.portrait is None
+    assert read.report_data is None
     assert np.isnan(read.wall_s)
     assert read.controls == ()
     assert read.gap("raw") is None

@@ -114,7 +114,7 @@ def test_what_was_chosen_is_shown_for_each_partition_and_over_all(result):
 
 
 def test_the_picture_of_weights_is_of_the_models_that_were_chosen(data, result, tmp_path):
-    seen = result.portrait
+    seen = result.report_data
     assert seen.looked_at == "best"
     model = BestClassifier(optional_blocks=["level"])
     space = clone(plan_spaces("best", data.rate_hz)[0].transformer).fit(data.X)
@@ -151,7 +151,7 @@ def test_what_has_no_weights_is_not_trained_for_a_picture(data, tmp_path, monkey
 
     def looked(*spaces, **options):
         named = {space.name: space for space in spaces}
-        return evaluate(data, named, "session", controls=False, **options).portrait
+        return evaluate(data, named, "session", controls=False, **options).report_data
 
     alone = looked(near, checkpoint=tmp_path)
     assert (alone.looked_at, alone.weights) == (None, ())
@@ -214,8 +214,8 @@ def test_recordings_of_other_axes_are_evaluated_and_drawn(tmp_path, axes, space)
     data = Dataset([Recording(x, 100.0, label="ab"[k % 2], axes=axes) for k, x in enumerate(noise)])
     spaces = {"best": plan_spaces("best", 100.0)[0], "hfmh": HFMH(rate_hz=100.0)}
     result = evaluate(data, {space: spaces[space]}, "kfold", n_folds=3, progress=False)
-    assert set(result.portrait.axes) <= set(axes)
-    assert (len(result.portrait.axes), result.portrait.n_axes) == (min(6, len(axes)), len(axes))
+    assert set(result.report_data.axes) <= set(axes)
+    assert (len(result.report_data.axes), result.report_data.n_axes) == (min(6, len(axes)), len(axes))
     result.report(tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert ("What best chose:" in page) == (space == "best")

@@ -15,7 +15,7 @@ from granular_id._core import Model, ModelFileError
 from granular_id.confidence import ConformalRule, HeldOutScores, UnknownRule, conformal_rule, unknown_rule
 from granular_id.confidence.conformal import KINDS
 from granular_id.confidence.held_out import Scores
-from granular_id.confidence.unknown import STRANGENESS
+from granular_id.confidence.unknown import NOVELTY
 from granular_id.identifier import (
     Identifier,
     StreamingIdentifier,
@@ -104,7 +104,7 @@ def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier,
     assert batch.to_dict()["recordings"][0]["candidates"] == list(batch.each[0].candidates)
 
 
-@pytest.mark.parametrize("unknown", STRANGENESS)
+@pytest.mark.parametrize("unknown", NOVELTY)
 @pytest.mark.parametrize("conformal", KINDS)
 def test_the_core_applies_rules_of_every_kind(identifier, data, conformal, unknown):
     """The answers of streams, recordings and batches are those of the rules in plain numpy."""

@@ -139,7 +139,7 @@ def test_each_recording_begins_anew_and_its_label_is_the_truth(models):
         live = LiveIdentifier(stream, models["imu"], hop_s=0.25)
         pushes = list(live.pushes())
     assert [push.truth for push in pushes] == ["asphalt"] * 3 + ["gravel"] * 3
-    assert live.tally().startswith("6 answers, ")
+    assert live.summary().startswith("6 answers, ")
 
 
 def test_samples_at_another_rate_than_stated_get_no_answer(models):
@@ -151,7 +151,7 @@ def test_samples_at_another_rate_than_stated_get_no_answer(models):
         (None, FailureReason.RATE, said)
     ] * len(pushes)
     assert pushes[0].time_s == pytest.approx(49 / 101)
-    assert live.tally() == f"0 answers; {len(pushes)} could not be captured"
+    assert live.summary() == f"0 answers; {len(pushes)} could not be captured"
     assert live.why_none == f"the source came to its end without an answer: {said}"
     with pytest.raises(CaptureError, match="measured 101 Hz"):
         list(gid.identify(Stamped(101), models["imu"], hop_s=0.5))
@@ -200,7 +200,7 @@ def test_regular_loss_is_said_where_no_answer_came(models):
         live = LiveIdentifier(stream, models["imu"], hop_s=0.5, views=Views([kept]))
         (push,) = live.pushes()
         assert (push.decision, push.reason, push.text) == (None, FailureReason.GAP, why)
-        assert live.tally() == f"0 answers; {why}"
+        assert live.summary() == f"0 answers; {why}"
         live._show_hop("answering", None)
     assert kept.snapshots[-1].hint == f"the first answer comes after 0.5 s of signal; {why}"
     with (
@@ -211,12 +211,12 @@ def test_regular_loss_is_said_where_no_answer_came(models):
     with opened(Stamped(lose=40)) as stream:
         live = LiveIdentifier(stream, models["imu"], hop_s=0.5, max_gap=1)
         assert all("gap" in push.decision.warnings for push in live.pushes())
-        assert live.tally().startswith("18 answers")
-        assert "lost" not in live.tally()
+        assert live.summary().startswith("18 answers")
+        assert "lost" not in live.summary()
     with opened(Stamped(lose=60)) as stream:
         live = LiveIdentifier(stream, models["imu"], hop_s=0.5)
         assert list(live.pushes())
-        assert live.tally().endswith("; rows were lost 14 times")
+        assert live.summary().endswith("; rows were lost 14 times")
 
 
 def test_a_pause_of_the_source_is_no_silence(models, monkeypatch):

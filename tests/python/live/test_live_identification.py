@@ -106,7 +106,7 @@ def test_provisional_answers_grow_into_the_final_one_which_is_right_and_views_se
         pushes = [live.push(seen.append), live.push()]
     assert [push.truth for push in pushes] == [push.decision.label for push in pushes]
     assert (live.n_pushes, live.n_answered, live.n_right) == (2, 2, 2)
-    assert live.tally() == "SYNTHETIC: 2 answers, 2 right (100 %)"
+    assert live.summary() == "SYNTHETIC: 2 answers, 2 right (100 %)"
     n_seen = [decision.n_seen for decision in seen]
     assert n_seen == sorted(set(n_seen))
     assert len(n_seen) > 3
@@ -130,7 +130,7 @@ def test_only_the_final_answer_says_that_a_push_is_like_none_and_that_counts_as_
         push = live.push(said.append)
     assert (push.decision.unknown, push.is_right) == (True, is_right)
     assert (live.n_answered, live.n_right, live.n_unknown) == (1, int(is_right), 1)
-    assert live.tally().endswith("; 1 like no known material")
+    assert live.summary().endswith("; 1 like no known material")
     provisional = [decision for decision in said if not decision.final]
     assert provisional
     assert all(decision.unknown is None and decision.candidates == () for decision in provisional)
@@ -179,7 +179,7 @@ def test_faults_fail_the_push_and_the_next_one_is_named(model, kind, reason):
         if not reason.is_lasting:
             assert live.push().decision.label == "rice"
     assert live.n_answered == (not reason.is_lasting)
-    assert live.tally().endswith("; 1 could not be captured")
+    assert live.summary().endswith("; 1 could not be captured")
 
 
 def test_filled_gaps_and_saturation_are_warned_of_where_they_are_allowed(model):

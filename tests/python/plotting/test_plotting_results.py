@@ -28,8 +28,8 @@ def result():
 
 
 @pytest.fixture(scope="module")
-def portrait(result):
-    return result.portrait
+def report_data(result):
+    return result.report_data
 
 
 def texts(panel):
@@ -108,22 +108,22 @@ def maps(figure):
     return [panel for panel in figure.axes if panel.images]
 
 
-def test_residual_maps_hold_the_portrait(portrait):
-    panels = maps(plot_residual(portrait))
+def test_residual_maps_hold_the_report_data(report_data):
+    panels = maps(plot_residual(report_data))
     assert [panel.get_title() for panel in panels] == ["$F_x$", "$F_y$", "$F_z$", "$T_x$", "$T_y$", "$T_z$"]
     for axis, panel in enumerate(panels):
-        np.testing.assert_array_equal(panel.images[0].get_array(), portrait.high_pass.residual[:, axis])
-        assert panel.get_xlim() == (0.0, portrait.n_samples / portrait.rate_hz)
-        assert row_names(panel) == list(portrait.labels)
+        np.testing.assert_array_equal(panel.images[0].get_array(), report_data.high_pass.residual[:, axis])
+        assert panel.get_xlim() == (0.0, report_data.n_samples / report_data.rate_hz)
+        assert row_names(panel) == list(report_data.labels)
 
 
-def test_histogram_maps_of_a_unit_share_colours_and_cut_off_what_stays_empty_in_all(portrait):
-    panels = maps(plot_hfmh(portrait))
+def test_histogram_maps_of_a_unit_share_colours_and_cut_off_what_stays_empty_in_all(report_data):
+    panels = maps(plot_hfmh(report_data))
     for start in (0, 3):
         own = panels[start : start + 3]
         shown = np.array([panel.images[0].get_array().filled(0.0) for panel in own])
         for axis, values in enumerate(shown, start):
-            assert values.sum() == pytest.approx(portrait.high_pass.hfmh[:, axis].sum())
+            assert values.sum() == pytest.approx(report_data.high_pass.hfmh[:, axis].sum())
         assert shown[..., 0].any()
         assert shown[..., -1].any()
         ((low, high),) = {panel.get_xlim() for panel in own}
@@ -132,11 +132,11 @@ def test_histogram_maps_of_a_unit_share_colours_and_cut_off_what_stays_empty_in_
         assert top == shown.max()
 
 
-def test_histograms_of_other_bins_share_nothing(portrait):
-    ranges = portrait.high_pass.bin_range.copy()
+def test_histograms_of_other_bins_share_nothing(report_data):
+    ranges = report_data.high_pass.bin_range.copy()
     ranges[2] *= 2
-    panels = maps(plot_hfmh(replace(portrait, high_pass=replace(portrait.high_pass, bin_range=ranges))))
-    alone = portrait.high_pass.hfmh[:, 2]
+    panels = maps(plot_hfmh(replace(report_data, high_pass=replace(report_data.high_pass, bin_range=ranges))))
+    alone = report_data.high_pass.hfmh[:, 2]
     assert panels[2].images[0].get_clim()[1] == alone.max()
     used = np.flatnonzero(alone.any(axis=0))
     edges = np.linspace(*ranges[2], 101)
@@ -144,40 +144,40 @@ def test_histograms_of_other_bins_share_nothing(portrait):
     assert panels[0].get_xlim() == panels[1].get_xlim()
 
 
-def test_weights_show_the_share_of_each_axis_and_leave_out_blocks_without_any(portrait):
-    figure = plot_weights(portrait)
-    (block,) = portrait.weights
+def test_weights_show_the_share_of_each_axis_and_leave_out_blocks_without_any(report_data):
+    figure = plot_weights(report_data)
+    (block,) = report_data.weights
     labels = [panel.get_ylabel() for panel in figure.axes]
     assert labels[0] == f"$F_x$\n{100 * block.shares[0]:.1f} %"
     assert len(labels) == 6
-    assert f"linear model of {portrait.looked_at}" in figure.get_suptitle()
+    assert f"linear model of {report_data.looked_at}" in figure.get_suptitle()
     silent = replace(block, name="level", influence=np.zeros_like(block.influence))
-    some = plot_weights(replace(portrait, weights=(silent, block)))
+    some = plot_weights(replace(report_data, weights=(silent, block)))
     assert [panel.get_title() for panel in some.axes] == [block.name, *[""] * 5]
-    assert len(plot_weights(replace(portrait, weights=(silent,))).axes) == 6  # of data that tell nothing
+    assert len(plot_weights(replace(report_data, weights=(silent,))).axes) == 6  # of data that tell nothing
 
 
-def test_mean_forces_of_a_portrait_are_those_of_the_portrait(portrait):
-    figure = plot_mean_forces(portrait, axes=("ty",))
-    assert [panel.get_title() for panel in figure.axes] == list(portrait.labels)
-    line = next(line for line in figure.axes[2].lines if len(line.get_xdata()) == len(portrait.time_s))
-    np.testing.assert_array_equal(line.get_ydata(), portrait.mean[2, 4])
+def test_mean_forces_of_report_data_are_those_of_the_report_data(report_data):
+    figure = plot_mean_forces(report_data, axes=("ty",))
+    assert [panel.get_title() for panel in figure.axes] == list(report_data.labels)
+    line = next(line for line in figure.axes[2].lines if len(line.get_xdata()) == len(report_data.time_s))
+    np.testing.assert_array_equal(line.get_ydata(), report_data.mean[2, 4])
     assert figure.get_suptitle().startswith("Torque")
-    some = replace(portrait, n_synthetic=3)
+    some = replace(report_data, n_synthetic=3)
     assert plot_mean_forces(some).get_suptitle().startswith("3 of 40 recordings synthetic")
 
 
-def test_what_a_portrait_does_not_hold_is_said(portrait):
-    bare = replace(portrait, high_pass=None, weights=(), looked_at=None)
+def test_what_report_data_does_not_hold_is_said(report_data):
+    bare = replace(report_data, high_pass=None, weights=(), looked_at=None)
     for plot in (plot_residual, plot_hfmh):
-        with pytest.raises(ValueError, match="portrait has no high-pass: its 500 Hz are too low"):
+        with pytest.raises(ValueError, match="report_data has no high-pass: its 500 Hz are too low"):
             plot(bare)
-    with pytest.raises(ValueError, match="portrait has no weights"):
+    with pytest.raises(ValueError, match="report_data has no weights"):
         plot_weights(bare)
 
 
-def test_figures_of_simulated_recordings_say_so(result, portrait):
-    synthetic = replace(portrait, n_synthetic=40)
+def test_figures_of_simulated_recordings_say_so(result, report_data):
+    synthetic = replace(report_data, n_synthetic=40)
     for figure in (plot_residual(synthetic), plot_hfmh(synthetic), plot_weights(synthetic)):
         assert "synthetic" in figure.get_suptitle().lower()
     assert "SYNTHETIC" in plot_gap(replace(result, synthetic=True)).axes[0].get_title()
@@ -188,8 +188,8 @@ def test_names_are_names_even_where_they_look_like_mathematics():
     result = result_of("hostile names")
     for figure in (
         plot_recall(result),
-        plot_mean_forces(result.portrait),
-        plot_residual(result.portrait),
+        plot_mean_forces(result.report_data),
+        plot_residual(result.report_data),
         plot_confusion(result.confusion(), result.labels),
     ):
         figure.draw_without_rendering()

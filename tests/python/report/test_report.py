@@ -106,7 +106,7 @@ def test_every_number_is_there_and_both_figures_of_the_gap_on_top(result, page):
 def test_every_figure_says_what_it_shows(result, page):
     plots = [attrs for tag, attrs in page.tags if tag == "svg" and attrs.get("class") == "plot"]
     # gap, accuracy, two confusions, recall; forces by material; residual and histogram by axis; weights
-    assert len(plots) == 5 + len(result.labels) + 12 + len(result.portrait.weights)
+    assert len(plots) == 5 + len(result.labels) + 12 + len(result.report_data.weights)
     assert all(plot["role"] == "img" and len(plot["aria-label"]) > 15 for plot in plots)
 
 
@@ -177,12 +177,12 @@ def test_warnings_do_not_contradict_what_spoils_the_figures(result, no_pictures,
     assert ("Do not rely" in page.text) is not bool(accept)
 
 
-def test_without_a_portrait_or_its_filtered_part_the_rest_is_reported(result):
-    page = Page(html(replace(result, portrait=None)))
+def test_without_report_data_or_its_filtered_part_the_rest_is_reported(result):
+    page = Page(html(replace(result, report_data=None)))
     assert "Forces of each material" not in page.text
     assert "Accuracy of each feature space" in page.text
-    portrait = replace(result.portrait, high_pass=None, weights=(), looked_at=None)
-    page = Page(html(replace(result, portrait=portrait)))
+    report_data = replace(result.report_data, high_pass=None, weights=(), looked_at=None)
+    page = Page(html(replace(result, report_data=report_data)))
     assert "Forces of each material" in page.text
     assert "histogram of the same signal" not in page.text
 
@@ -197,7 +197,7 @@ def test_a_result_read_back_gives_the_same_page(result, no_pictures, tmp_path):
     result.to_json(tmp_path / "result.json")
     again = type(result).from_json(tmp_path / "result.json")
     assert html(again) == html(result)
-    assert json_value(again.portrait) == json_value(result.portrait)
+    assert json_value(again.report_data) == json_value(result.report_data)
 
 
 def test_sessions_held_out_are_called_so(no_pictures):

@@ -43,7 +43,7 @@ def test_the_page_is_quiet_complete_and_asks_for_nothing_but_itself(case, opened
     assert [url for url in page.asked if not url.startswith("data:")] == [path.as_uri()]
     assert page.title() != "owned"
     # gap, accuracy, recall and a confusion for each protocol; forces by material; two maps by axis; weights
-    wanted = 3 + len(result.protocols) + len(result.labels) + 12 + len(result.portrait.weights)
+    wanted = 3 + len(result.protocols) + len(result.labels) + 12 + len(result.report_data.weights)
     boxes = page.eval_on_selector_all(
         "svg.plot", "all => all.map((svg) => svg.getBoundingClientRect().toJSON())"
     )

@@ -256,7 +256,7 @@ def test_scaled_columns_keep_their_place(pushes):
     assert block.weights.sum() > 0
 
 
-def test_the_portrait_holds_it_and_survives_json(seen_bands):
+def test_the_report_data_holds_it_and_survives_json(seen_bands):
     assert seen_bands.looked_at == "multiband"
     again = from_json(ReportData, json.loads(json.dumps(json_value(seen_bands), allow_nan=False)))
     assert json_value(again) == json_value(seen_bands)
@@ -276,6 +276,6 @@ def test_it_is_drawn_and_reported(seen_bands):
     assert ticks[-3:] == ["61", "122", "245"]
     heights = [bar.get_height() for bar in figure.axes[0].patches]
     assert heights == pytest.approx(seen_bands.weights[0].influence[0].tolist())
-    page = html(replace(result_of("four classes"), portrait=seen_bands))
+    page = html(replace(result_of("four classes"), report_data=seen_bands))
     assert "Bars of bands add up all features of a band" in page
     assert "Influence in coupling by axis" in page
