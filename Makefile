@@ -40,7 +40,7 @@ help:
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make benchmarks docs/benchmarks.md and the tables of README.md, measured anew (10 to 15 minutes on a quiet machine)"
 	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
-	@echo "make bench-accuracy   our methods beside aeon's and others on real recordings, sessions held out (minutes; 3 GB to install)"
+	@echo "make bench-accuracy   our methods beside aeon's and others on real recordings, halves in time held out (minutes; 3 GB to install)"
 	@echo "make false-positives  1,000 simulated evaluations of two equally good methods: how often each test errs (minutes)"
 	@echo "make oldest     the Python tests once more with the oldest versions of what is needed"
 	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind;"

@@ -42,7 +42,7 @@ RIGS = {
     "20 mm/s": Rig(speed_m_s=0.02),
     "45 mm/s": Rig(speed_m_s=0.045),
 }
-DATA = Path(os.environ.get("GRANULAR_ID_DATA", Path(__file__).parents[2] / "shared" / "data"))
+DATA = Path(os.environ.get("GRANULAR_ID_DATA", "."))
 CONTENTS = ("all", "half", "three", "unequal")
 LEAST = 3
 WINDOW = 100

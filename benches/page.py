@@ -26,6 +26,7 @@ NAMES = {
     "catch22+rf": "Catch22 + forest",
     "dft+svm": "spectrum + SVM",
     "raw+svm": "raw + SVM",
+    "1nn": "raw + nearest neighbour",
     "raw+hfmh": "raw+hfmh (paper)",
 }
 OURS = ("best", "multiband", "raw+hfmh")
@@ -159,7 +160,7 @@ def speed(results: Json) -> str:
         ("by multi-band features", decided["ours, bands, cold"], ""),
     )
     lines = ((shown, f"**{digits(ours)}**", others) for shown, ours, others in rows)
-    return f"""One run, {made["processor"]}, {unit}; medians. A transposing copy of the same samples by numpy takes
+    return f"""{made["processor"]}, {unit}; medians. A transposing copy of the same samples by numpy takes
 {digits(us["transposing copy (floor)"])} µs. [All benchmarks](docs/benchmarks.md), with versions.
 
 {table(("µs per recording of 1600 x 6", "granular_id", "others"), lines)}"""

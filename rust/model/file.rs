@@ -1,4 +1,4 @@
-//! The model file: safetensors with an exact set of tensors and metadata. `docs/reference/model_file.md` is its description.
+//! The model file: safetensors with an exact set of tensors and metadata. The page *Model file* of the documentation describes it.
 //!
 //! Reading trusts nothing. Sizes are compared with limits before anything is parsed or allocated; a file is read only if it
 //! is what the writer could have written, but for the order of entries and the spacing of its JSON.

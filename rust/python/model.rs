@@ -76,8 +76,8 @@ const PAPER_SAMPLES: usize = 1600;
 ///
 /// Notes
 /// -----
-/// Scores are added in one order (`docs/reference/model_file.md`), so that batches, streams and other readers of the file agree
-/// bit for bit.
+/// Scores are added in one order (see :doc:`/reference/model_file`), so that batches, streams and other readers of the file
+/// agree bit for bit.
 #[allow(clippy::doc_markdown, clippy::doc_link_with_quotes)] // numpydoc, read by Python
 #[pyclass(frozen, name = "Model", module = "granular_id._core")]
 pub(super) struct PyModel {

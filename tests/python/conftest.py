@@ -16,16 +16,14 @@ REAL = ("sliding_wrench", "robot_failures", "sand_press")
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """The folder of real recordings, which is no part of the project: see the ``data`` marker."""
-    stated = os.environ.get("GRANULAR_ID_DATA")
-    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
-    folder = Path(stated) if stated else beside
-    missing = [name for name in REAL if not (folder / name).is_dir()]
+    folder = os.environ.get("GRANULAR_ID_DATA")
+    missing = [name for name in REAL if not folder or not Path(folder, name).is_dir()]
     if missing:
         pytest.skip(
-            f"real recordings ({', '.join(missing)}) are not in {folder}: docs/guide/features.md and sand.md say "
-            "where they come from, GRANULAR_ID_DATA where they are"
+            f"no real recordings ({', '.join(missing)}): docs/guide/features.md and sand.md say where they come from, "
+            "GRANULAR_ID_DATA where they are"
         )
-    return folder
+    return Path(folder)
 
 
 @pytest.fixture

@@ -19,9 +19,11 @@ def stated(path, pattern):
 
 VERSIONS = {
     "CITATION.cff": r"^version: (.+)$",
+    "LICENSE-THIRD-PARTY.yml": r"^- package_name: granular-id\n  package_version: (.+)$",
     "contrib/conda/recipe.yaml": r'^  version: "(.+)"$',
     "contrib/pyproject.toml": r'^version = "(.+)"$',
     "docs/reference/citing.md": r"version = \{(.+?)\}",
+    "tests/fuzz/Cargo.lock": r'^name = "granular-id"\nversion = "(.+)"$',
 }
 
 
@@ -40,7 +42,38 @@ def test_hooks_have_the_tools_of_make_lint(tool):
     assert stated(".pre-commit-config.yaml", rf"\[{tool}==(.+?)\]") == stated("requirements-dev.txt", newest)
 
 
-def test_wheels_are_built_by_one_maturin_and_have_one_limit():
+def test_wheels_are_built_by_one_maturin():
     hosted, pinned = ".github/workflows/wheels.yml", "requirements-release.txt"
     assert stated(hosted, r"maturin-version: v(.+)$") == stated(pinned, r"^maturin==(.+)$")
-    assert stated(hosted, r"-size \+(\d+)c") == stated("tests/wheels.py", r"^LIMIT_BYTES = ([\d_]+)$")
+
+
+def test_the_oldest_compiler_is_that_of_the_manifest():
+    oldest = stated("Cargo.toml", r'^rust-version = "(.+)"$')
+    places = {
+        ".github/workflows/tests.yml": r'rust: "(\d.+)"$',
+        "Makefile": r"needs (?:a Rust toolchain, |Rust )(\d\.\d+)",
+        "README.md": r"Rust (\d\.\d+) or later",
+        "docs/install.md": r"Rust (\d\.\d+) or later",
+        "docs/reference/versions.md": r"Rust (\d\.\d+), or later",
+        "rust/README.md": r"Rust (\d\.\d+) or later",
+    }
+    assert {path: stated(path, pattern) for path, pattern in places.items()} == dict.fromkeys(places, oldest)
+
+
+def test_the_hosted_checks_lint_and_build_with_one_compiler():
+    lint = stated(".github/workflows/tests.yml", r'RUSTUP_TOOLCHAIN: "(.+)"$')
+    assert lint == stated(".github/workflows/wheels.yml", r'(?:RUSTUP_TOOLCHAIN|rust-toolchain): "(.+)"$')
+
+
+def test_the_recipe_for_conda_forge_asks_for_what_the_package_does():
+    lines = (ROOT / "pyproject.toml").read_text(encoding="utf-8").splitlines()
+    asked = " ".join(line for line in lines if line.startswith(("requires = ", "dependencies = ", "app = ")))
+    wanted = {
+        name.replace("-base", ""): bound for name, bound in re.findall(r'"([\w-]+)([>=<.,\d]+)"', asked)
+    }
+    recipe = (ROOT / "contrib/conda/recipe.yaml").read_text(encoding="utf-8")
+    found = {
+        name.removesuffix("-base"): bound
+        for name, bound in re.findall(r"^    - ([\w-]+) ([>=<.,\d]+)$", recipe, re.M)
+    }
+    assert found == wanted

@@ -2,6 +2,8 @@
 
 import itertools
 import pickle
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -338,3 +340,7 @@ def test_arguments_are_refused_by_name(changed, message):
 def test_recordings_that_are_refused(X, keywords, message):
     with pytest.raises((TypeError, ValueError), match=message):
         MultiBandExtractor(50, 3).extract(X, **keywords)
+
+
+def test_features_have_the_bits_of_every_machine():
+    runpy.run_path(str(Path(__file__).parents[2] / "wheel_digest.py"))

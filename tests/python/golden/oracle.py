@@ -99,8 +99,7 @@ def synthetic() -> gid.Dataset:
 
 def sliding() -> gid.Dataset | None:
     """Return real recordings of six materials at 100 Hz, where they are."""
-    stated = os.environ.get("GRANULAR_ID_DATA")
-    folder = Path(stated) if stated else Path(__file__).resolve().parents[4] / "shared" / "data"
+    folder = Path(os.environ.get("GRANULAR_ID_DATA", "."))
     if not (folder / "sliding_wrench").is_dir():
         print("no real recordings: those figures are left out", file=sys.stderr)
         return None
