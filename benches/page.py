@@ -27,7 +27,7 @@ NAMES = {
     "dft+svm": "spectrum + SVM",
     "raw+svm": "raw + SVM",
     "1nn": "raw + nearest neighbour",
-    "raw+hfmh": "raw+hfmh (paper)",
+    "raw+hfmh": "raw+hfmh (paper), bins of the data",
 }
 OURS = ("best", "multiband", "raw+hfmh")
 IN_README = ("best", "multiband", "multirocket", "minirocket", "catch22+rf", "quant", "raw+hfmh")

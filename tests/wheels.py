@@ -4,10 +4,14 @@
 python3.X on PATH; --audit only audits what dist/ holds. Other Pythons are commands, such as one of another processor;
 --built keeps what dist/ holds:
 
-    target/publish/bin/python tests/wheels.py --built --python "qemu-aarch64 -L ROOT ROOT/usr/bin/python3.13"
+    target/publish/bin/python tests/wheels.py --built \\
+        --python "qemu-aarch64 -cpu cortex-a72 -L ROOT ROOT/usr/bin/python3.14"
 
-Debian's compiler does, too: rustc, cargo, libstd-rust-dev of both processors. For musl cargo makes *.rlib of rust-src,
-to be copied to `rustc --print target-libdir` (RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Cembed-bitcode=yes, -Zbuild-std=std).
+(Under qemu 7.2 with SVE, its default, OpenBLAS makes wrong models of right features.)
+
+Debian's compiler builds them, too: rustc, cargo, libstd-rust-dev of both processors. For musl cargo makes *.rlib of
+rust-src (RUSTC_BOOTSTRAP=1 RUSTFLAGS=-Cembed-bitcode=yes, -Zbuild-std=std), to be copied to
+`rustc --print target-libdir`.
 """
 
 import argparse

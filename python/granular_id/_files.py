@@ -199,7 +199,8 @@ def _draft_of(target: Path) -> Path:
     try:
         if target.is_dir():
             raise IsADirectoryError(f"{target} is a folder, wanted the name of a file")
-        if target.exists() and not target.is_file():
+        # From Python 3.14 on `exists` does not say that a name is too long.
+        if _is_there(target) and not target.is_file():
             raise FileExistsError(f"cannot write {target}: it is no ordinary file")
         if not target.parent.is_dir():
             raise FileNotFoundError(f"cannot write {target}: the folder {target.parent} does not exist")
@@ -211,6 +212,14 @@ def _draft_of(target: Path) -> Path:
             raise
         raise cannot_write(target, error) from error
     return draft
+
+
+def _is_there(target: Path) -> bool:
+    try:
+        target.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
 
 
 def cannot_write(target: Path, error: OSError) -> OSError:

@@ -116,9 +116,17 @@ def from_json(kind: type[T], value: Any, *, what: str = "the document") -> T:
     return cast("T", _made(kind, value))
 
 
+def _origin_and_parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Of a generic type; ``NDArray[np.float64]`` is an alias in its own right from numpy 2.5 on."""
+    alias = get_origin(kind)
+    if hasattr(alias, "__value__"):
+        kind = alias.__value__[get_args(kind)]
+    return get_origin(kind), get_args(kind)
+
+
 def form_of(kind: Any) -> Any:
     """Return the form of the JSON that holds a value of this type; a field with a default may be missing."""
-    origin, parts = get_origin(kind), get_args(kind)
+    origin, parts = _origin_and_parts(kind)
     if is_dataclass(kind):
         hints = get_type_hints(kind)
         optional = {
@@ -135,7 +143,7 @@ def form_of(kind: Any) -> Any:
 
 
 def _made(kind: Any, value: Any) -> Any:
-    origin, parts = get_origin(kind), get_args(kind)
+    origin, parts = _origin_and_parts(kind)
     if value is None:
         return None
     if is_dataclass(kind):

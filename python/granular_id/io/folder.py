@@ -23,7 +23,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
@@ -78,7 +78,7 @@ def find_files(root: Path, options: LoadOptions) -> FoundFiles:
     """Find the recordings of a folder."""
     entries, folders = _listed(root, root)
     if any(path.name == INDEX_NAME for path in entries):
-        return _find_indexed(root, entries, options)
+        return _find_indexed(root, [*entries, *_below(folders, root)], options)
     nested = _find_nested(root, folders)
     nested.notes += _not_read(root, folders)
     if entries and (nested.sources or nested.problems):
@@ -140,13 +140,23 @@ def _find_indexed(root: Path, entries: list[Path], options: LoadOptions) -> Foun
     if extra:
         found.notes.append(f"columns of index.csv kept in meta: {', '.join(extra)}")
     listed = {source.path for source in found.sources}
-    unlisted = sum(path not in listed and path.name != INDEX_NAME for path in entries)
-    if unlisted:
-        beside = f"{counted(unlisted)} beside index.csv {verb(unlisted, 'is', 'are')}"
-        found.notes.append(f"{beside} not listed in it and {verb(unlisted, 'was', 'were')} not read")
+    unlisted = [path for path in entries if path not in listed and path.name != INDEX_NAME]
+    if n := len(unlisted):
+        first = unlisted[0].relative_to(root).as_posix()
+        beside = f"{counted(n)} beside index.csv ({first}{' ...' * (n > 1)}) {verb(n, 'is', 'are')}"
+        found.notes.append(f"{beside} not listed in it and {verb(n, 'was', 'were')} not read")
     if (root / HISTORY_NAME).is_file():
         found.history = _read_history(root / HISTORY_NAME, root, options, len(found.sources))
     return found
+
+
+def _below(folders: Sequence[Path], root: Path, levels: int = 2) -> Iterator[Path]:
+    """Yield what can be read in the folders of labels and sessions; links are not followed."""
+    for folder in folders:
+        if levels and not folder.is_symlink():
+            entries, deeper = _listed(folder, root)
+            yield from entries
+            yield from _below(deeper, root, levels - 1)
 
 
 def _read_history(path: Path, root: Path, options: LoadOptions, n_recordings: int) -> tuple[StepReport, ...]:

@@ -128,7 +128,7 @@ def _read_scipy(file: BinaryIO, reading: MatReading) -> dict[str, Any]:
     for key, raw in found:
         if key in variables:
             raise reading.fault(f"variable {key}", "occurs twice")
-        called = _text_of(raw["s0"]) if isinstance(raw, MatlabOpaque) else key
+        called = _object_texts(raw)[0] or key if isinstance(raw, MatlabOpaque) else key
         value = _plain(raw, f"variable {called}", reading)
         if value is not None:
             variables[key] = value
@@ -139,6 +139,7 @@ def _by_scipy(file: BinaryIO, reading: MatReading) -> list[tuple[str, Any]]:
     """Return names and values as scipy has them."""
     from scipy.io.matlab import loadmat, varmats_from_mat
 
+    found: list[tuple[str, Any]] = []
     settings: dict[str, Any] = {"appendmat": False}
     order = file.read(_HEADER_BYTES)[-2:]
     if order in (b"IM", b"MI"):
@@ -147,21 +148,29 @@ def _by_scipy(file: BinaryIO, reading: MatReading) -> list[tuple[str, Any]]:
     with warnings.catch_warnings():
         for loss in _LOSSES:
             warnings.simplefilter("error", loss)
-        has_objects = "None" in loadmat(file, variable_names=["None"], **settings)
-        whole = None if has_objects else _loaded(file, reading, settings)
-        found = list((whole or {}).items())
-        if whole is None:  # one by one: scipy gives all objects one name
-            for name, part in varmats_from_mat(file):
-                alone = None if name == "None" else _loaded(part, reading, settings)
+        warnings.simplefilter("ignore", DeprecationWarning)  # what sparse matrices will be: they are left out
+        whole = _loaded(file, reading, settings)
+        if whole is not None:
+            found += whole.items()
+        else:  # one by one: scipy before 1.18 gives all objects one name
+            for _, part in varmats_from_mat(file):
+                alone = _loaded(part, reading, settings)
                 found += (loadmat(part, **settings) if alone is None else alone).items()
     return [(name, raw) for name, raw in found if not name.startswith("__")]
 
 
 def _loaded(file: Any, reading: MatReading, settings: dict[str, Any]) -> dict[str, Any] | None:
-    """Read in MATLAB's classes; None where scipy would lose something: an imaginary part, one of two of a name."""
+    """Read in MATLAB's classes; None where scipy would lose something: an imaginary part, one of two of a name.
+
+    None also where there is an object, which has no shape.
+    """
     from scipy.io.matlab import loadmat, whosmat
 
-    for name, shape, _ in whosmat(file, appendmat=False):
+    try:
+        known = whosmat(file, appendmat=False)
+    except TypeError:
+        return None
+    for name, shape, _ in known:
         reading.spend(8 * math.prod(shape), f"variable {name}")
     try:
         return dict(loadmat(file, mat_dtype=True, **settings))
@@ -169,8 +178,12 @@ def _loaded(file: Any, reading: MatReading, settings: dict[str, Any]) -> dict[st
         return None
 
 
-def _text_of(name: Any) -> str:
-    return bytes(name.item()).decode("utf-8", "backslashreplace")
+def _object_texts(raw: Any) -> tuple[str, str]:
+    """Return name and class of an object; no name where scipy has it elsewhere (from 1.18 on)."""
+    if "s0" not in raw.dtype.names:
+        return "", str(raw["_Class"].item())
+    name, kind = (bytes(raw[part].item()).decode("utf-8", "backslashreplace") for part in ("s0", "s2"))
+    return name, kind
 
 
 def _plain(raw: Any, place: str, reading: MatReading) -> Any:
@@ -181,7 +194,7 @@ def _plain(raw: Any, place: str, reading: MatReading) -> Any:
     if raw is None:  # an element of a struct array without fields
         return {}
     if isinstance(raw, MatlabOpaque):
-        return reading.leave_out_object(place, _text_of(raw["s2"]))
+        return reading.leave_out_object(place, _object_texts(raw)[1])
     if isinstance(raw, str):  # scipy's word on a variable that it gave up
         raise reading.fault(place, f"cannot be read ({raw[:200]})")
     is_function = isinstance(raw, MatlabFunction)

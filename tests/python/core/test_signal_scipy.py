@@ -35,7 +35,12 @@ def scipys_tests(name: str, request: pytest.FixtureRequest) -> ModuleType:
     try:
         source = Path(importlib.util.find_spec(module).origin).read_text(encoding="utf-8")
         # scipy's suite has marks of its own, which are unknown here.
-        for mark in {*re.findall(r"mark\.(\w+)", source), "skip_xp_backends", "xfail_xp_backends"}:
+        for mark in {
+            *re.findall(r"mark\.(\w+)", source),
+            "skip_xp_backends",
+            "uses_xp_capabilities",
+            "xfail_xp_backends",
+        }:
             request.config.addinivalue_line("markers", f"{mark}: used by scipy's own tests")
         return importlib.import_module(module)
     except (ImportError, AttributeError) as error:

@@ -67,7 +67,8 @@ def test_a_material_may_be_called_test_beside_others(tmp_path):
 def test_index(tmp_path):
     write(tmp_path / "a.csv")
     write(tmp_path / "deep" / "er" / "b.csv", [1.6e9, 1.6e9 + 0.01])
-    write(tmp_path / "spare.csv")
+    for spare in ("spare.csv", "deep/er/spare.csv"):
+        write(tmp_path / spare)
     (tmp_path / "index.csv").write_text(
         "File,LABEL,session,start_time,rate_hz,trigger_index,meta,operator\n"
         'deep/er/b.csv,"oats, rolled",s2,1.5e9,100,1,"{""depth_mm"": 76}",anna\n'
@@ -83,7 +84,7 @@ def test_index(tmp_path):
     assert (a.label, a.session, a.start_time, a.trigger_index, a.meta) == (None, None, None, None, {})
     assert data.history[-1].notes == (
         "columns of index.csv kept in meta: operator",
-        "1 recording beside index.csv is not listed in it and was not read",
+        "2 recordings beside index.csv (spare.csv ...) are not listed in it and were not read",
     )
 
 

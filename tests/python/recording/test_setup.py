@@ -15,6 +15,7 @@ from granular_id import _core
 from granular_id.identifier import check_recordings, describe_model, describe_performance
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
+from granular_id.live.robot import Robot
 from granular_id.recording import Dataset, Setup
 from granular_id.recording.setup import (
     ACCEPTABLE,
@@ -147,7 +148,7 @@ def test_a_turned_sensor_is_refused_before_anything_moves(data):
         def info(self):
             return replace(super().info, frame="sensor, turned by 90 degrees about z")
 
-    robot = Mock(spec=["tcp_pose", "move_line", "stop"])
+    robot = Mock(spec=Robot)
     with opened(Turned("rice", seed=1, speed=20)) as stream:
         with pytest.raises(ValueError, match="frame 'sensor, turned"):
             LiveIdentifier(stream, trained, setup_of(stream.source, robot))

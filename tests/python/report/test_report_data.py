@@ -13,6 +13,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from evaluation_cases import LABELS, changed, make_data
+from granular_id import signal
 from granular_id._files import json_value
 from granular_id._schema import from_json
 from granular_id.ecoc import ECOCClassifier
@@ -62,7 +63,7 @@ def test_means_and_spreads_are_those_of_numpy_in_windows(data, seen):
 def test_residual_and_histogram_follow_the_settings_of_the_space(data, seen):
     sos = scipy_signal.butter(8, 40.0, "highpass", fs=500.0, output="sos")
     own = data.X[data.y == "peas"][:, :, 2]
-    state = scipy_signal.sosfilt_zi(sos)[:, None, :] * own[:, :1]
+    state = signal.sosfilt_zi(sos)[:, None, :] * own[:, :1]
     high, _ = scipy_signal.sosfilt(sos, own, axis=1, zi=state)
     part = seen.high_pass
     starts = np.arange(40) * SAMPLES // 40
