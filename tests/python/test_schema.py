@@ -3,15 +3,15 @@
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, make_dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from granular_id._files import json_value
-from granular_id._schema import EACH, check_form, from_json
+from granular_id._schema import EACH, check_form, form_of, from_json
 
 FORM = {
     "format": "rule 1",
@@ -101,6 +101,16 @@ def test_a_dataclass_is_read_back_as_it_was():
     assert [array.dtype for array in (again.parts[0].values, again.parts[0].codes)] == [np.float64, np.intp]
     del saved["note"]
     assert from_json(Whole, saved).note == "none"
+
+
+def test_a_named_alias_is_what_it_stands_for():
+    """As NDArray is from numpy 2.5 on; typing has them from Python 3.12 on."""
+    aliases = pytest.importorskip("typing_extensions")
+    kind = TypeVar("kind", bound=np.generic)
+    named = aliases.TypeAliasType("named", np.ndarray[Any, np.dtype[kind]], type_params=(kind,))
+    assert (form_of(named[np.float64]), form_of(named[np.intp] | None)) == (list, (list, None))
+    holder = make_dataclass("Holder", [("values", named[np.float64])])
+    assert from_json(holder, {"values": [1, 2]}).values.dtype == np.float64
 
 
 @pytest.mark.parametrize(

@@ -68,9 +68,7 @@ def test_the_hosted_checks_lint_and_build_with_one_compiler():
 def test_the_recipe_for_conda_forge_asks_for_what_the_package_does():
     lines = (ROOT / "pyproject.toml").read_text(encoding="utf-8").splitlines()
     asked = " ".join(line for line in lines if line.startswith(("requires = ", "dependencies = ", "app = ")))
-    wanted = {
-        name.replace("-base", ""): bound for name, bound in re.findall(r'"([\w-]+)([>=<.,\d]+)"', asked)
-    }
+    wanted = dict(re.findall(r'"([\w-]+)([>=<.,\d]+)"', asked))
     recipe = (ROOT / "contrib/conda/recipe.yaml").read_text(encoding="utf-8")
     found = {
         name.removesuffix("-base"): bound

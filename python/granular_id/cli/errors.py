@@ -222,7 +222,7 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
 _MENTION = re.compile(
     # Not where names are listed, nor where the name is part of a path, a quotation, a call or a longer name, nor a
     # column of a file.
-    r"\(meta: [^)]*\)|; there are [^;]*|; those that can be: .*|numpy\.array\([^)]*\)|"
+    r"\(meta: [^)]*\)|; (?:there are|those that can be:) [^;]*|numpy\.array\([^)]*\)|"
     rf"(?<![\w.\-/\\'\"])(?<!column )({'|'.join(sorted(OPTIONS, key=len, reverse=True))})"
     rf"(?:=('[^']*'|[\w.\-]*)|(?![\w/\\'\"=]|\.\w| column))"
 )

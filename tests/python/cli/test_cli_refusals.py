@@ -430,6 +430,8 @@ def test_messages_speak_in_options():
         "no_rate_hz",
         "nor among what is known of it (meta: frame, lead_s, rest_s=1)",
         "there is no column 'nope'; there are fx, rate_hz",
+        "no recording states it; those that can be: session (12 values), lead_s (12 values)",
+        "save texts as numpy.array(texts, dtype=str)",
     ):
         assert in_options(untouched) == untouched
     for argument, option in {"C": "--C", "order": "--order", "n_folds": "--folds", "format": "--to"}.items():
