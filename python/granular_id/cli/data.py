@@ -17,7 +17,7 @@ from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_writt
 from granular_id.cli.recordings import Reading, Steps, WrenchSteps
 
 if TYPE_CHECKING:
-    from granular_id.recording import Dataset, Recording
+    from granular_id.recording import Dataset
 
 OUTPUT, SENSOR, PICTURES, PUSHES = "Output", "Sensor", "Picture", "Pushes"
 
@@ -81,40 +81,6 @@ def info(
     show("\n".join(lines))
     everything = {"summary": summary.to_dict(), "history": [step.to_dict() for step in data.history]}
     write_files((json, lambda path: write_json(path, everything)))
-
-
-@command
-def head(
-    reading: Reading,
-    steps: Steps,
-    *,
-    n: int = option("Shown", "Samples to print.", "-n", default=10),
-    name: str | None = option("Shown", "Name of the recording. Default: the first one."),
-) -> None:
-    """Print what is known of one recording and its first samples: forces in N, torques in N m.
-
-    Examples:
-
-    `granular-id data head recordings`
-    `granular-id data head recordings --name rice/rice_07.csv -n 20`
-    """
-    at_least("-n", n, 1)
-    from granular_id.recording import first_samples
-
-    data = steps.taken(reading.load())
-    show("\n" + first_samples(_chosen(data, name), n))
-
-
-def _chosen(data: Dataset, name: str | None) -> Recording:
-    if name is None:
-        return data[0]
-    found = [recording for recording in data if recording.name == name]
-    if not found:
-        from difflib import get_close_matches
-
-        near = get_close_matches(name, data.names, 3, 0.4) or data.names[:3]
-        raise ValueError(f"--name: no recording is called {name!r}; there are {', '.join(near)} ...")
-    return found[0]
 
 
 @command
@@ -327,5 +293,5 @@ data = typer.Typer(
     rich_markup_mode="markdown",
     help="Look at recordings, check them, convert them.",
 )
-for shown in (info, head, check, plot, convert, synthesize):
+for shown in (info, check, plot, convert, synthesize):
     data.command()(shown)

@@ -61,7 +61,6 @@ from granular_id.recording.steps import overlapping_windows as overlapping_windo
 from granular_id.recording.summary import (
     Summary,
     axes_in_words as axes_in_words,
-    first_samples as first_samples,
     headline as headline,
 )
 from granular_id.recording.wrench import (

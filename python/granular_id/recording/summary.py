@@ -6,12 +6,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from textwrap import shorten
 from typing import Any
 
 import numpy as np
 
-from granular_id._checks import thaw
 from granular_id._text import counted, verb
 from granular_id.recording.recording import Recording, SampleFlag, places_of, unit_of
 from granular_id.recording.report import span, text_table, text_totals
@@ -107,16 +105,3 @@ def axes_in_words(recording: Recording) -> str:
     """Name the axes of a recording, each run of one unit followed by it: ``wx wy wz (rad/s), ax ay az (m/s2)``."""
     runs = groupby(recording.axes, key=lambda axis: unit_of(axis, recording.meta))
     return ", ".join(" ".join(axes) + (f" ({unit})" if unit else "") for unit, axes in runs)
-
-
-def first_samples(recording: Recording, n: int) -> str:
-    """Print what is known of a recording, and its first samples as a table."""
-    known = ("label", "session", "start_time", "trigger_index")
-    facts = [f"{field}: {value}" for field in known if (value := getattr(recording, field)) is not None]
-    facts += [f"meta.{key}: {shorten(str(thaw(value)), 100)}" for key, value in recording.meta.items()]
-    header = ["time s", *(f"{axis} {unit_of(axis, recording.meta)}".rstrip() for axis in recording.axes)]
-    samples = np.column_stack([recording.times(), recording.wrench])[:n]
-    rows = [dict(zip(header, map("{:.6g}".format, sample), strict=True)) for sample in samples]
-    if recording.flags is not None:
-        rows = [{**row, "flags": str(flags)} for row, flags in zip(rows, recording.flags, strict=False)]
-    return "\n".join([repr(recording), *facts, "", *text_table(rows)])

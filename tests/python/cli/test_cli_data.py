@@ -18,7 +18,7 @@ def pushes(tmp_path_factory):
     return save(data, tmp_path_factory.mktemp("data") / "pushes.npz")
 
 
-# -- info, head
+# -- info
 
 
 def test_info_says_what_is_there(folder, pushes, tmp_path):
@@ -36,16 +36,6 @@ def test_info_says_what_is_there(folder, pushes, tmp_path):
     assert told["summary"] == load(folder).summary().to_dict()
     assert [step["step"] for step in told["history"]] == ["load"]
     assert "SYNTHETIC: 8 of 8 recordings" in ended_well("data", "info", pushes)
-
-
-def test_head_prints_the_first_samples(folder):
-    out = ended_well("data", "head", folder, "-n", 2)
-    data = load(folder)
-    assert repr(data[0]) in out
-    rows = [line.split() for line in out.splitlines() if line and line[0].isdigit()][1:]
-    assert np.allclose(np.array(rows, float)[:, 1:], data[0].wrench[:2], rtol=1e-5)
-    chosen = data.names[7]
-    assert repr(chosen) in ended_well("data", "head", folder, "--name", chosen)
 
 
 def test_large_text_files_are_read_when_asked_for(tmp_path):
@@ -224,7 +214,6 @@ WINDOWS = ("--rate-hz", 50, "--window-s", 1.7, "--hop-s", 0.85)
                 "step 3: windows",
             ),
         ),
-        (("head", "-n", 2), ("mud/drive_1.csv @ 0 s", "time s  wx rad/s", "ax m/s2")),
         (("check", "--hop-s", 1.7), ("44 recordings checked", "fewer than 10 recordings")),
     ],
 )

@@ -178,8 +178,6 @@ AFTER_READING = [
     ("identify {model} {folder} --lead-s 1 --begin-at first", "--lead-s is time kept"),
     ("identify {model} {folder} --onset-at a=1", "add --begin-at onset"),
     ("model info {model} --json {model}", "belongs to"),
-    ("data head {folder} --name rice_3", "no recording is called 'rice_3'; there are"),
-    ("data head {folder} -n 0", "-n must be at least 1, got 0"),
     (
         "data info {folder} --topic /wrench",
         "--topic must be left out where no file is a bag or MCAP: 30 files, the",

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from granular_id.recording import Recording, SampleFlag, axes_in_words, first_samples, unit_of
+from granular_id.recording import Recording, SampleFlag, axes_in_words, unit_of
 
 WRENCH = np.arange(24.0).reshape(4, 6)
 
@@ -52,12 +52,6 @@ def test_keeps_what_it_was_given():
 )
 def test_a_unit_is_stated_or_that_of_a_wrench_or_not_known(axis, units, unit):
     assert unit_of(axis, None if units is None else {"units": units}) == unit
-
-
-def test_the_head_of_a_table_of_samples_has_units_where_they_are_known():
-    meta = {"units": {"wx": "rad/s"}}
-    shown = first_samples(Recording(WRENCH[:, :3], rate_hz=1, axes=["wx", "ax", "fx"], meta=meta), 1)
-    assert shown.splitlines()[-2].split("  ") == ["time s", "wx rad/s", "ax", "fx N"]
 
 
 @pytest.mark.parametrize(
