@@ -234,24 +234,17 @@ def _table_of(payload: Payload) -> Table:
 
     fit = payload.fit
     assert fit is not None  # it was identified
-    low, high = fit.mass_interval_kg
-    rows = [("mass", f"{payload.mass_kg:.4f} kg", f"+- {(high - low) / 2:.2g} kg", "")]
-    for axis, at, margin in zip("xyz", payload.centre_of_mass_m, fit.centre_of_mass_margin_m, strict=True):
-        rows.append((f"centre of mass {axis}", f"{1000 * at:.2f} mm", f"+- {1000 * margin:.2g} mm", ""))
-    zeros = zip(AXES, payload.bias, fit.bias_margin, fit.residual, strict=True)
-    for axis, zero, margin, left in zeros:
+    rows = [("mass", f"{payload.mass_kg:.4f} kg", "")]
+    for axis, at in zip("xyz", payload.centre_of_mass_m, strict=True):
+        rows.append((f"centre of mass {axis}", f"{1000 * at:.2f} mm", ""))
+    for axis, zero, left in zip(AXES, payload.bias, fit.residual, strict=True):
         unit = unit_of(axis)
-        rows.append(
-            (f"zero of {axis}", f"{zero:.4g} {unit}", f"+- {margin:.2g} {unit}", f"{left:.2g} {unit}")
-        )
-    notes = (
-        f"condition number {fit.condition:.2g}: 1.2 to 2 with poses all around, above 30 refused",
-        f"from rest to rest {fit.scatter[0]:.2g} N and {fit.scatter[1]:.2g} N m more than noise within them explains",
-    )
+        rows.append((f"zero of {axis}", f"{zero:.4g} {unit}", f"{left:.2g} {unit}"))
+    notes = (f"condition number {fit.condition:.2g}: 1.2 to 2 with poses all around, above 30 refused",)
     title = f"Payload of {counted(fit.n_rests, 'rest')}" + (
         f", frame {payload.frame!r}" if payload.frame else ""
     )
-    return Table(title, ("", "value", "95 % interval", "residual"), tuple(rows), notes)
+    return Table(title, ("", "value", "residual"), tuple(rows), notes)
 
 
 # The zero.

@@ -20,10 +20,8 @@ from granular_id.recording.gravity import directions, gravity_of, items, stated_
 from granular_id.recording.recording import Recording
 from granular_id.recording.report import StepReport
 from granular_id.recording.wrench import (
-    COSINES,
     crossed,
     rest_zero,
-    slow_parts,
     stated,
     with_samples,
     wrench_array,
@@ -42,50 +40,29 @@ _WAY_OUT = "turn the tool by 30 degrees or more about two axes; from one orienta
 # Gravity that lies within a cone of some four degrees around one direction, or as close to one line.
 _MOST_CONDITION = 30.0
 _FEWEST = 4
-# No sensor resolves a millionth of its load: the least noise that weights are made of.
-_RESOLUTION = 1e-6
-_N_FORCE, _N_TORQUE = 4, 6
-"""Unknowns: mass and three zeros; three first moments and three zeros."""
+_DOUBTFUL_KG, _DOUBTFUL_M, _DOUBTFUL_SHARE = 100.0, 2.0, 0.05
 
 
 @dataclass(frozen=True)
 class PayloadFit:
-    """How well a payload is known. Intervals are of 95 %.
+    """How well a payload fits the rests that it was identified from.
 
     Attributes
     ----------
     n_rests : int
-    mass_interval_kg : tuple of 2 float
-    centre_of_mass_margin_m, bias_margin : tuple of 3 and of 6 float
-        Half of the intervals.
     residual : tuple of 6 float
         Root mean square of what the payload leaves of the means of the rests, N and N m.
-    scatter : tuple of 2 float
-        Standard deviation of forces (N) and torques (N m) from rest to rest that their noise does not explain: poses
-        that are not quite as stated, a zero that drifts. It widens the intervals.
     condition : float
         Condition number of the equations with gravity of length 1: 1.2 to 2 with poses all around, above 30 refused.
     """
 
     n_rests: int
-    mass_interval_kg: tuple[float, ...]
-    centre_of_mass_margin_m: tuple[float, ...]
-    bias_margin: tuple[float, ...]
     residual: tuple[float, ...]
-    scatter: tuple[float, ...]
     condition: float
 
     def __post_init__(self) -> None:
-        sizes = {
-            "mass_interval_kg": 2,
-            "centre_of_mass_margin_m": 3,
-            "bias_margin": 6,
-            "residual": 6,
-            "scatter": 2,
-        }
-        for name, n in sizes.items():
-            if len(getattr(self, name)) != n:
-                raise argument_error(ValueError, name, f"={getattr(self, name)!r:.80}; wanted {n} numbers")
+        if len(self.residual) != 6:
+            raise argument_error(ValueError, "residual", f"={self.residual!r:.80}; wanted 6 numbers")
 
 
 @dataclass(frozen=True)
@@ -167,19 +144,15 @@ class Payload:
         accelerations: Sequence[ArrayLike] | ArrayLike | None = None,
         frame: str | None = None,
     ) -> Payload:
-        """Identify a payload from rests in four or more orientations, by weighted least squares.
+        """Identify a payload from rests in four or more orientations, by least squares on the means of the rests.
 
-        Forces give mass and zero of forces, torques the first moment m c and the zero of torques. Axes are weighted by
-        their noise. Intervals hold the noise within each rest, which is coloured (see :func:`rest_mean`), with the
-        effective degrees of freedom of Welch and Satterthwaite; where residuals are larger than this noise explains
-        (poses that are not quite as stated, a zero that drifts), a scatter from rest to rest is added that explains
-        them, and rests and axes are weighted by both.
+        Forces give mass and zero of forces, torques the first moment m c and the zero of torques.
 
         Parameters
         ----------
         rests : Dataset, or iterable of Recording or array_like of shape (n, 6)
             One rest an orientation, N and N m, nothing touching the tool; half a second or more of each. Means alone,
-            of shape (6,), will do: then the intervals come from the residuals.
+            of shape (6,), will do.
         gravity : array_like, shape (N, 3), optional
             Direction of gravity in the frame of the wrench at each rest, of any length. At most one of this and the
             next two is given; default: what the metadata of the recordings say, as ``gravity`` (three numbers),
@@ -201,23 +174,19 @@ class Payload:
         Warns
         -----
         UserWarning
-            One rest does not fit the others, and which; residuals that are large beside the tool's weight; a mass or a
-            centre so large that a unit is wrong.
+            Residuals that are large beside the tool's weight; a mass or a centre so large that a unit is wrong.
 
         Raises
         ------
         TypeError, ValueError
-            Fewer than four rests, orientations that are too alike ("mass and bias cannot be told apart"), a mass that
-            does not stand out of its noise or is negative, other numbers of poses than of rests, rests that are
-            compensated or tared, or of several frames or signs.
+            Fewer than four rests, orientations that are too alike ("mass and bias cannot be told apart"), a weight
+            below the residuals or a negative one, other numbers of poses than of rests, rests that are compensated or
+            tared, or of several frames or signs.
 
         References
         ----------
         .. [1] D. Kubus, T. Kroeger, F. Wahl, "On-line rigid object recognition and pose estimation based on inertial
            parameters", IROS 2007, eqs. 1 to 4 (here without motion).
-        .. [2] JCGM 100:2008 (GUM), G.4: effective degrees of freedom.
-        .. [3] R. Paule and J. Mandel, "Consensus values and weighting factors", Journal of Research of the NBS 87(5),
-           1982: scatter beyond the known errors.
 
         Examples
         --------
@@ -229,9 +198,6 @@ class Payload:
         >>> payload = Payload.identify(rests, gravity=down)
         >>> round(payload.mass_kg, 3), np.round(payload.centre_of_mass_m, 3).tolist()
         (0.31, [0.0, 0.002, 0.05])
-        >>> low, high = payload.fit.mass_interval_kg
-        >>> low < 0.31 < high
-        True
         """
         given = list(rests)
         down = stated_gravity(given, gravity, rotations, accelerations)
@@ -242,12 +208,11 @@ class Payload:
                 f"hold {counted(len(given), 'orientation')}, four are wanted: mass and bias cannot be told apart; "
                 f"{_WAY_OUT}",
             )
-        samples = [_rest(rest) for rest in given]
+        means = np.array([rest_zero(_rest(rest)) for rest in given])
         if frame is None:
             frame = _common("frame", given)
-        payload = _identified(samples, down, frame, _common("sign", given))
-        names = [f"{rest.name!r}" if isinstance(rest, Recording) else f"{i}" for i, rest in enumerate(given)]
-        for doubt in _doubts(payload, samples, down, names):
+        payload = _identified(means, down, frame, _common("sign", given))
+        for doubt in _doubts(payload):
             warnings.warn(doubt, stacklevel=2)
         return payload
 
@@ -280,14 +245,12 @@ class Payload:
         centre = ", ".join(f"{1000 * c:.1f}" for c in self.centre_of_mass_m)
         if self.fit is None:
             return f"{self.mass_kg:.4g} kg at ({centre}) mm"
-        margin = (self.fit.mass_interval_kg[1] - self.fit.mass_interval_kg[0]) / 2
-        margins = ", ".join(f"{1000 * c:.2g}" for c in self.fit.centre_of_mass_margin_m)
-        lines = [
-            f"mass {self.mass_kg:.4g} kg +- {margin:.2g}, centre of mass ({centre}) mm +- ({margins}), 95 % intervals",
-            f"from {counted(self.fit.n_rests, 'rest')}, condition number {self.fit.condition:.2g}, scatter beyond the "
-            f"noise {self.fit.scatter[0]:.2g} N, {self.fit.scatter[1]:.2g} N m",
-        ]
-        return "\n".join(lines)
+        left = _rms(self.fit.residual[:3]), _rms(self.fit.residual[3:])
+        return (
+            f"mass {self.mass_kg:.4g} kg, centre of mass ({centre}) mm\n"
+            f"from {counted(self.fit.n_rests, 'rest')}, condition number {self.fit.condition:.2g}, residual "
+            f"{left[0]:.2g} N, {left[1]:.2g} N m"
+        )
 
 
 # What comes in: rests.
@@ -337,10 +300,8 @@ def _taken_off(recording: Recording) -> str:
 # Least squares.
 
 
-def _identified(
-    samples: Sequence[FloatArray], down: FloatArray, frame: str | None, sign: str | None
-) -> Payload:
-    n_rests = len(samples)
+def _identified(means: FloatArray, down: FloatArray, frame: str | None, sign: str | None) -> Payload:
+    """Solve for mass, first moment and zeros by the means (N, 6) of rests and the directions of gravity (N, 3)."""
     force_design, torque_design = _designs(down)
     condition = _condition(force_design, torque_design)
     if not condition <= _MOST_CONDITION:
@@ -351,51 +312,23 @@ def _identified(
             f"are too alike in their orientation (gravity turns by {angle:.2g} degrees at most, condition number "
             f"{condition:.2g}): mass and bias cannot be told apart; {_WAY_OUT}",
         )
-    means = np.array([rest_zero(rest) for rest in samples])
-    draws = np.array([slow_parts(rest) for rest in samples])
-    variance = _pooled_variance(means, draws, np.array([len(rest) for rest in samples]))
-    # in the units of gravity: column 0 of the forces, columns 0 to 2 of the torques
-    scale_f = np.array([STANDARD_GRAVITY_M_S2, 1.0, 1.0, 1.0])
-    scale_t = np.array([STANDARD_GRAVITY_M_S2] * 3 + [1.0] * 3)
-    force = _Block(force_design * scale_f, means[:, :3], variance[:, :3])
-    torque = _Block(torque_design * scale_t, means[:, 3:], variance[:, 3:])
-    mass, moment = force.found[0], torque.found[:3]
-    per_mass = 1.0 / mass if mass else 0.0  # no load at all is refused below
-    centre = moment * per_mass
-
-    # How mass, centre and zeros follow from the unknowns of both blocks
-    by_force, by_torque = np.zeros((10, _N_FORCE)), np.zeros((10, _N_TORQUE))
-    by_force[0, 0] = 1.0
-    by_force[1:4, 0] = -centre * per_mass
-    by_torque[1:4, :3] = np.eye(3) * per_mass
-    by_force[4:7, 1:], by_torque[7:10, 3:] = np.eye(3), np.eye(3)
-    margin = _margins(draws, (force, by_force), (torque, by_torque))
-    if not mass > margin[0]:
-        raise _no_weight(mass, margin[0])
-    left = np.hstack([force.left, torque.left])
-    fit = PayloadFit(
-        n_rests=n_rests,
-        mass_interval_kg=(float(mass - margin[0]), float(mass + margin[0])),
-        centre_of_mass_margin_m=tuple(margin[1:4].tolist()),
-        bias_margin=tuple(margin[4:].tolist()),
-        residual=tuple(np.sqrt((left**2).mean(axis=0)).tolist()),
-        scatter=(float(np.sqrt(force.scatter)), float(np.sqrt(torque.scatter))),
-        condition=condition,
+    (weight, *force_zero), force_left = _solved(force_design, means[:, :3])
+    (*moment, bx, by, bz), torque_left = _solved(torque_design, means[:, 3:])
+    residual = tuple(np.sqrt((np.hstack([force_left, torque_left]) ** 2).mean(axis=0)).tolist())
+    if not weight > _rms(residual[:3]):
+        raise _no_weight(weight, _rms(residual[:3]))
+    return Payload(
+        weight / STANDARD_GRAVITY_M_S2,
+        tuple(part / weight for part in moment),
+        (*force_zero, bx, by, bz),
+        frame,
+        PayloadFit(len(means), residual, condition),
+        sign,
     )
-    bias = (*force.found[1:].tolist(), *torque.found[3:].tolist())
-    return Payload(float(mass), tuple(centre.tolist()), bias, frame, fit, sign)
 
 
-_DOUBTFUL_KG, _DOUBTFUL_M, _DOUBTFUL_SHARE = 100.0, 2.0, 0.1
-# Residuals, as a share of the weight, that one of six poses makes which is wrong by five degrees; the chance of sound
-# rests from which on one is called odd.
-_ODD_SHARE, _ODD = 0.02, 1e-3
-
-
-def _doubts(
-    payload: Payload, samples: Sequence[FloatArray], down: FloatArray, names: Sequence[str]
-) -> list[str]:
-    """Say what can hardly be: the size of a payload, or residuals and the rest that makes them."""
+def _doubts(payload: Payload) -> list[str]:
+    """Say what can hardly be: the size of a payload, or its residuals."""
     assert payload.fit is not None
     doubts = []
     far = float(np.abs(payload.centre_of_mass_m).max())
@@ -404,43 +337,17 @@ def _doubts(
             f"a payload of {payload.mass_kg:.3g} kg with its centre {far:.3g} m away: are the rests in N and N m, "
             "and not in mN or N mm?"
         )
-    means = np.array([rest_zero(rest) for rest in samples])[:, :3]
-    left, n = _left_squared(means, down), len(down)
-    without = {
-        i: _left_squared(np.delete(means, i, 0), rest)
-        for i, rest in ((i, np.delete(down, i, 0)) for i in range(n))
-        if _condition(*_designs(rest)) <= _MOST_CONDITION
-    }
-    scatter, weight = payload.fit.scatter[0], payload.mass_kg * STANDARD_GRAVITY_M_S2
-    odd, least = min(without.items(), key=lambda item: item[1], default=(0, left))
-    rms = [np.sqrt(part / 3 / size) for part, size in ((least, n - 1), (left, n))]
-    if rms[1] > _ODD_SHARE * weight and _is_odd(left, least, n):
+    left, weight = _rms(payload.fit.residual[:3]), payload.mass_kg * STANDARD_GRAVITY_M_S2
+    if left > _DOUBTFUL_SHARE * weight:
         doubts.append(
-            f"rest {names[odd]} does not fit the others: without it the payload leaves {rms[0]:.2g} N of the forces, "
-            f"with it {rms[1]:.2g} N; its pose is not as stated, or something touched the tool: mend it or leave it out"
-        )
-    elif scatter > _DOUBTFUL_SHARE * weight:
-        doubts.append(
-            f"forces differ by {scatter:.2g} N from what the poses of the rests say, for a tool of {weight:.2g} N: "
-            "poses are not as stated, or something touched the tool"
+            f"forces differ by {left:.2g} N from what the poses of the rests say, for a tool of {weight:.2g} N: "
+            "poses are not as stated, something touched the tool, or it is light beside the noise"
         )
     return doubts
 
 
-def _left_squared(forces: FloatArray, down: FloatArray) -> float:
-    """Return the sum of squares that mass and zero leave of the mean forces of rests."""
-    design = _designs(down)[0].reshape(-1, _N_FORCE)
-    found = np.linalg.lstsq(design, forces.reshape(-1), rcond=None)[0]
-    return float(((forces.reshape(-1) - design @ found) ** 2).sum())
-
-
-def _is_odd(left: float, without: float, n_rests: int) -> bool:
-    """Test by the F distribution, over all rests, whether leaving one out takes too much of the residuals away."""
-    from scipy.special import fdtrc  # slow to import
-
-    freedom = 3 * (n_rests - 1) - _N_FORCE
-    ratio = (left - without) / 3 / (without / freedom) if without > 0 else np.inf
-    return bool(n_rests * fdtrc(3, freedom, ratio) < _ODD)
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _designs(down: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -458,83 +365,23 @@ def _condition(*designs: FloatArray) -> float:
     return high / low if low > 0 else float("inf")
 
 
-def _pooled_variance(means: FloatArray, draws: FloatArray, n_samples: FloatArray) -> FloatArray:
-    """Return the variance of each mean by axis, (N, 6), for weights: that of a sample, pooled, over its samples."""
-    own = (draws**2).mean(axis=1) * n_samples[:, np.newaxis]
-    known = n_samples > COSINES
-    pooled = own[known].mean(axis=0) if known.any() else np.zeros(6)
-    load = np.abs(means).reshape(-1, 2, 3).max(axis=(0, 2))
-    floor = np.repeat(np.where(load > 0, _RESOLUTION * load, 1.0), 3) ** 2
-    result: FloatArray = np.maximum(pooled / n_samples[:, np.newaxis], floor)
-    return result
+def _solved(design: FloatArray, means: FloatArray) -> tuple[list[float], FloatArray]:
+    """Return the unknowns of three axes by least squares, and what they leave of the means, (N, 3)."""
+    rows = design.reshape(-1, design.shape[2])
+    found = np.linalg.lstsq(rows, means.reshape(-1), rcond=None)[0]
+    return found.tolist(), means - (rows @ found).reshape(-1, 3)
 
 
-class _Block:
-    """Weighted least squares of three axes: unknowns, what is left, and how unknowns follow from the means."""
-
-    def __init__(self, design: FloatArray, means: FloatArray, variance: FloatArray) -> None:
-        n_rests, _, n_unknown = design.shape
-        self._rows, self._means = design.reshape(-1, n_unknown), means.reshape(-1)
-        self._variance = variance.reshape(-1)
-        self.freedom = len(self._rows) - n_unknown
-        self.scatter = self._scatter()  # a variance
-        solve = self._solve(self.scatter)
-        found: FloatArray = solve @ self._means
-        self.found = found
-        self.left: FloatArray = (self._means - self._rows @ found).reshape(-1, 3)
-        self.by_mean: FloatArray = solve.reshape(n_unknown, n_rests, 3)
-
-    def _solve(self, scatter: float) -> FloatArray:
-        sd = np.sqrt(self._variance + scatter)
-        solve: FloatArray = np.linalg.pinv(self._rows / sd[:, np.newaxis]) / sd
-        return solve
-
-    def _unexplained(self, scatter: float) -> float:
-        left = self._means - self._rows @ (self._solve(scatter) @ self._means)
-        ratio: float = (left**2 / (self._variance + scatter)).sum() / self.freedom
-        return ratio - 1.0
-
-    def _scatter(self) -> float:
-        """Return the variance from rest to rest, beside that of the means, that makes the residuals what they are."""
-        from scipy.optimize import brentq  # slow to import
-
-        most = float(((self._means - self._rows @ (self._solve(0.0) @ self._means)) ** 2).sum())
-        return (
-            float(brentq(self._unexplained, 0.0, 2.0 * most, xtol=1e-9 * most))
-            if self._unexplained(0.0) > 0
-            else 0.0
-        )
-
-
-def _margins(draws: FloatArray, *blocks: tuple[_Block, FloatArray]) -> FloatArray:
-    """Return half of the 95 % interval of each figure that follows linearly from the unknowns of the blocks."""
-    from scipy.special import stdtrit  # slow to import
-
-    by_mean = np.concatenate([np.einsum("pu,uia->pia", by, block.by_mean) for block, by in blocks], axis=2)
-    own = (np.einsum("pia,ija->pij", by_mean, draws) ** 2).mean(axis=2)
-    beyond = (
-        np.stack([block.scatter * np.einsum("pu,uia->pia", by, block.by_mean) ** 2 for block, by in blocks])
-        .sum(axis=(2, 3))
-        .T
-    )
-    freedom = [block.freedom for block, _ in blocks]
-    variance = own.sum(axis=1) + beyond.sum(axis=1)
-    spread = (own**2).sum(axis=1) / COSINES + (beyond**2 / freedom).sum(axis=1)
-    known = variance > 0
-    t = stdtrit(np.where(known, variance**2, 1.0) / np.where(known, spread, 1.0), 0.975)
-    result: FloatArray = t * np.sqrt(variance)
-    return result
-
-
-def _no_weight(mass: float, margin: float) -> ValueError:
-    if mass < -margin:
+def _no_weight(weight: float, residual: float) -> ValueError:
+    mass = weight / STANDARD_GRAVITY_M_S2
+    if weight < -residual:
         return ValueError(
             f"rests give a mass of {mass:.3g} kg: the wrench is that of the robot on the tool: reverse the recordings "
             "first, .transform(reverse=True, sign=...); or gravity is stated upwards"
         )
     return ValueError(
-        f"rests give a mass of {mass:.2g} +- {margin:.2g} kg, which does not stand out of the noise: mass and bias "
-        f"cannot be told apart; take longer rests, or {_WAY_OUT}"
+        f"rests give a mass of {mass:.2g} kg, whose weight is less than the residual of the forces, {residual:.2g} N: "
+        f"mass and bias cannot be told apart; take longer rests, or {_WAY_OUT}"
     )
 
 

@@ -105,11 +105,11 @@ def test_an_accelerometer_states_the_same(silent, tool, tmp_path):
     assert Payload.load(tmp_path / "t.json").mass_kg == pytest.approx(Payload.load(tool).mass_kg, rel=1e-9)
 
 
-def test_the_table_says_how_well_a_payload_is_known(rests, tmp_path):
+def test_payload_table_has_residual_and_condition_number(rests, tmp_path):
     out = ended_well("setup", "payload", rests, "-o", tmp_path / "t.json")
-    assert re.search(r"mass +0\.30\d\d kg +\+- 0\.0\d+ kg", out)
-    assert re.search(r"centre of mass z +\d\d\.\d+ mm +\+- [\d.]+ mm", out)
-    assert re.search(r"zero of tz +0\.1\d* N m +\+- [\d.e-]+ N m +[\d.e-]+ N m", out)
+    assert re.search(r"mass +0\.30\d\d kg", out)
+    assert re.search(r"centre of mass z +\d\d\.\d+ mm", out)
+    assert re.search(r"zero of tz +0\.1\d* N m +[\d.e-]+ N m", out)
     assert "condition number" in out
     assert f"--compensate {tmp_path / 't.json'}" in out
 

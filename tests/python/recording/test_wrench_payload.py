@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from granular_id import load
 from granular_id.recording import Dataset, Payload, Recording, Setup, compensate, rest_zero
 from granular_id.recording.payload import STANDARD_GRAVITY_M_S2
 from granular_id.synthetic import simulate_rests, synthesize
@@ -22,11 +21,6 @@ def figures(payload):
     return np.r_[payload.mass_kg, payload.centre_of_mass_m, payload.bias]
 
 
-def margins(payload):
-    low, high = payload.fit.mass_interval_kg
-    return np.r_[(high - low) / 2, payload.fit.centre_of_mass_margin_m, payload.fit.bias_margin]
-
-
 @pytest.fixture(scope="module")
 def rests():
     return simulate_rests(TRUE, DOWN, seed=1)
@@ -35,13 +29,6 @@ def rests():
 @pytest.fixture(scope="module")
 def payload(rests):
     return Payload.identify(rests, gravity=DOWN)
-
-
-@pytest.fixture(scope="module")
-def real_noise(data_dir):
-    """Ten real rests, each around its own mean."""
-    real = [r.wrench for r in load(data_dir / "sand_press") if r.label == "rest"]
-    return [samples - samples.mean(axis=0) for samples in real]
 
 
 def test_weight_pulls_down_at_its_lever():
@@ -55,42 +42,20 @@ def test_exact_means_give_the_payload():
     np.testing.assert_allclose(figures(found), FIGURES, atol=1e-10)
 
 
-def test_it_lies_in_its_intervals(payload):
-    assert (abs(figures(payload) - FIGURES) < 2 * margins(payload)).all()
+def test_identify_is_plain_least_squares(rests, payload):
+    forces = np.concatenate([rest_zero(r.wrench)[:3] for r in rests])
+    rows = np.hstack([DOWN.reshape(-1, 1), np.tile(np.eye(3), (6, 1))])
+    found, (squares,), *_ = np.linalg.lstsq(rows, forces, rcond=None)
+    assert payload.mass_kg == pytest.approx(found[0] / STANDARD_GRAVITY_M_S2)
+    np.testing.assert_allclose(payload.bias[:3], found[1:])
+    assert 6 * np.square(payload.fit.residual[:3]).sum() == pytest.approx(squares)
+
+
+def test_identify_of_noisy_rests_is_near_the_truth(payload):
+    near = np.r_[0.01, [0.002] * 3, [0.2] * 3, [0.01] * 3]
+    assert (abs(figures(payload) - FIGURES) < near).all()
     assert payload.fit.n_rests == 6
     assert 1 < payload.fit.condition < 4
-
-
-@pytest.mark.parametrize("n_poses", [4, 6, 12])
-def test_intervals_cover_with_real_noise(real_noise, n_poses):
-    rng = np.random.default_rng(n_poses)
-    poses = Rotation.random(n_poses, random_state=4).apply([0, 0, -1])
-    inside = []
-    for _ in range(150):
-        down = Rotation.random(random_state=rng).apply(poses)
-        drawn = [real_noise[k] for k in rng.integers(len(real_noise), size=n_poses)]
-        starts = [rng.integers(len(noise) - 200) for noise in drawn]
-        rests = [
-            TRUE.wrench(g) + noise[start : start + 200]
-            for g, noise, start in zip(down, drawn, starts, strict=True)
-        ]
-        found = Payload.identify(rests, gravity=down)
-        inside.append(abs(figures(found) - FIGURES) < margins(found))
-    assert 0.92 < np.mean(inside) < 0.98
-
-
-def test_poses_that_are_not_as_stated_widen_the_intervals():
-    rng = np.random.default_rng(0)
-    inside, widths = [], []
-    for seed in range(60):
-        tilt = Rotation.from_rotvec(np.radians(2) * rng.normal(size=(6, 3)))
-        found = Payload.identify(simulate_rests(TRUE, DOWN, seed=seed, rate_hz=100), gravity=tilt.apply(DOWN))
-        inside.append(abs(figures(found) - FIGURES) < margins(found))
-        widths.append(margins(found))
-        assert found.fit.scatter[0] > 0.01
-    exact = margins(Payload.identify(simulate_rests(TRUE, DOWN, seed=0, rate_hz=100), gravity=DOWN))
-    assert 0.9 < np.mean(inside) < 0.99
-    assert (np.median(widths, axis=0) > exact).all()
 
 
 def test_rotations_state_the_same_as_gravity(rests, payload):
@@ -144,7 +109,7 @@ def test_orientations_too_alike_are_refused(down):
 
 def test_a_weight_within_the_noise_is_refused():
     rests = simulate_rests(Payload(0.0005, (0, 0, 0)), DOWN, duration_s=0.1)
-    with pytest.raises(ValueError, match="does not stand out of the noise"):
+    with pytest.raises(ValueError, match="weight is less than the residual of the forces"):
         Payload.identify(rests, gravity=DOWN)
 
 
@@ -193,19 +158,11 @@ def test_where_nobody_states_gravity_it_is_asked_for(rests, payload):
         compensate(rests.X[0], payload)
 
 
-@pytest.mark.parametrize(("n", "odd"), [(5, 3), (6, 2), (12, 11)])
-def test_a_wrong_pose_is_named(n, odd):
-    down = Rotation.random(n, random_state=4).apply([0, 0, -1])
-    rests = simulate_rests(TRUE, down, seed=1)
-    down[odd] = Rotation.from_euler("x", 25, degrees=True).apply(down[odd])
-    with pytest.warns(UserWarning, match=rf"rest 'rest_{odd:02d}' does not fit the others"):
-        Payload.identify(rests, gravity=down)
-
-
-def test_poses_that_are_all_wrong_are_doubted():
-    down = Rotation.random(6, random_state=4).apply([0, 0, -1])
-    rests = simulate_rests(TRUE, down, seed=1)
-    stated = down + np.random.default_rng(0).normal(0, 0.3, down.shape)
+@pytest.mark.parametrize("n_wrong", [1, 6])
+def test_identify_of_wrong_poses_warns(rests, n_wrong):
+    stated = DOWN.copy()
+    angles = 25 * (-1) ** np.arange(n_wrong)[:, np.newaxis]
+    stated[:n_wrong] = Rotation.from_euler("x", angles, degrees=True).apply(DOWN[:n_wrong])
     with pytest.warns(UserWarning, match="poses are not as stated"):
         Payload.identify(rests, gravity=stated)
 
@@ -260,8 +217,7 @@ def test_it_is_stored_whole(payload, tmp_path):
         '{"format": "granular-id payload 1", "mass_kg": 1, "centre_of_mass_m": [0, 0]}',
         '{"format": "granular-id payload 1", "mass_kg": 1e999, "centre_of_mass_m": [0, 0, 0]}',
         '{"format": "granular-id payload 1", "mass_kg": 1, "centre_of_mass_m": [0, 0, 0], "fit": {"n_rests": 4, '
-        '"mass_interval_kg": [], "centre_of_mass_margin_m": [], "bias_margin": [], "residual": [], "scatter": [], '
-        '"condition": 1}}',
+        '"residual": [], "condition": 1}}',
         "[" * 100_000,
     ],
 )
@@ -327,14 +283,9 @@ def test_another_sign_is_refused(rests, payload, tmp_path):
         turned.compensate(Payload.load(tmp_path / "tool.json"))
 
 
-def test_a_payload_without_a_sign_is_not_compared(rests, payload, tmp_path):
-    payload.save(tmp_path / "tool.json")
-    stored = json.loads((tmp_path / "tool.json").read_text())
-    del stored["sign"]  # as files of before have none
-    (tmp_path / "tool.json").write_text(json.dumps(stored))
-    old = Payload.load(tmp_path / "tool.json")
-    assert old == replace(payload, sign=None)
-    rests.transform(frame="sensor", reverse=True, sign="robot on tool").compensate(replace(old, frame=None))
+def test_a_payload_without_a_sign_is_not_compared(rests, payload):
+    reversed_rests = rests.transform(frame="sensor", reverse=True, sign="robot on tool")
+    reversed_rests.compensate(replace(payload, sign=None, frame=None))
 
 
 def test_rests_of_several_signs_are_refused(rests):
@@ -373,7 +324,7 @@ def test_what_is_no_payload_is_refused():
 
 
 def test_it_prints_what_is_known(payload):
-    assert "95 % intervals" in str(payload)
+    assert "condition number 1.7, residual 0.041 N" in str(payload)
     assert str(TRUE) == "0.306 kg at (2.0, -3.0, 50.0) mm"
 
 
