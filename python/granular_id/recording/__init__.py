@@ -66,9 +66,7 @@ from granular_id.recording.summary import (
 from granular_id.recording.wrench import (
     POSES as POSES,
     TARE_S as TARE_S,
-    RestMean,
     lead_samples as lead_samples,
-    rest_mean,
     rest_zero as rest_zero,
     transform,
 )
@@ -83,7 +81,6 @@ __all__ = [
     "Payload",
     "PayloadFit",
     "Recording",
-    "RestMean",
     "SampleFlag",
     "Setup",
     "StepReport",
@@ -91,6 +88,5 @@ __all__ = [
     "Verdict",
     "compensate",
     "find_onset",
-    "rest_mean",
     "transform",
 ]

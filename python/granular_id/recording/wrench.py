@@ -1,10 +1,10 @@
-"""Wrenches in another frame, the mean of a rest with its error, and the zero that the rest before a motion gives."""
+"""Wrenches in another frame, and the zero that the rest before a motion gives."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -42,7 +42,6 @@ POSES = (("gx", "gy", "gz"), ("qx", "qy", "qz", "qw"))
 _WRENCH = (
     "an array of shape (..., 6): fx fy fz (N) tx ty tz (N m); of recordings call this method of their Dataset"
 )
-_REST = "an array of shape (n, C), n >= 3: samples at rest by axes"
 _ROTATION = "a scipy Rotation, a 3 x 3 matrix or a quaternion (x, y, z, w)"
 # A matrix typed with eight digits passes, one of three digits would scale forces by a thousandth.
 _ORTHONORMAL = 1e-6
@@ -265,103 +264,6 @@ def stated(recording: Recording, name: str) -> Any:
     places = [recording.meta, source, source.get("meta") if isinstance(source, Mapping) else None]
     said = (place.get(name) for place in places if isinstance(place, Mapping))
     return next((value for value in said if value is not None), None)
-
-
-# The mean of a rest, with its error.
-
-COSINES = 2
-"""Cosines whose amplitudes say how uncertain the mean of a rest is, and degrees of freedom of its t statistic.
-
-Few, as a short rest of a filtered sensor holds few independent values, and a long one drifts. Of two means of 0.25,
-0.5, 1 and 2 s half a second apart, 93, 95, 95 and 92 % of the 95 % intervals of their difference hold 0 with two of
-them, and 85, 92, 93 and 89 % with four; by sd / sqrt(n) 44, 48, 45 and 38 % (ten rests of a Bota Rokubi, whose messages
-at 100 Hz hold 12.3 readings a second).
-"""
-
-
-@dataclass(frozen=True, eq=False)
-class RestMean:
-    """Mean of a rest by axis, and how well it is known.
-
-    Attributes
-    ----------
-    mean : ndarray, shape (C,)
-        In the units of the samples.
-    standard_error : ndarray, shape (C,)
-    margin : ndarray, shape (C,)
-        Half of the 95 % interval: 4.30 standard errors, as the t distribution of two degrees of freedom has it.
-    n_samples : int
-    """
-
-    mean: FloatArray
-    standard_error: FloatArray
-    margin: FloatArray
-    n_samples: int
-
-
-def rest_mean(wrench: Recording | ArrayLike) -> RestMean:
-    """Average a rest, and say how well its mean is known where noise is coloured.
-
-    ``sd / sqrt(n)`` holds for white noise. That of a sensor at rest is filtered or held, and drifts: neighbouring
-    samples are alike, and the mean of n of them is several times as uncertain. Here the long-run variance comes from
-    the amplitudes of the slowest cosines within the rest,
-    ``w^2 = mean_j (sqrt(2 / n) sum_t x_t cos(pi j (t + 1/2) / n))^2``,
-    j = 1, 2; then ``(mean - truth) / sqrt(w^2 / n)`` has a t distribution of as many degrees of freedom.
-
-    Parameters
-    ----------
-    wrench : array_like, shape (n, C), or Recording
-        Evenly spaced samples at rest, n >= 3. The rest should hold three readings of the sensor, 0.25 s where it has
-        12 new values a second; else the error is stated too small. What the zero wanders more slowly than the
-        rest lasts cannot be seen in it.
-
-    Returns
-    -------
-    RestMean
-
-    Raises
-    ------
-    TypeError, ValueError
-        Fewer than three samples, another shape, samples that are not finite.
-
-    References
-    ----------
-    .. [1] E. Lazarus, D. Lewis, J. Stock, M. Watson, "HAR inference: recommendations for practice", Journal of Business
-       & Economic Statistics 36(4), 2018: the equal-weighted cosine estimator.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.recording import rest_mean
-    >>> noise = np.random.default_rng(0).normal(0, 0.02, (2000, 6))
-    >>> filtered = 1.5 + np.apply_along_axis(np.convolve, 0, noise, np.full(50, 0.02), "valid")
-    >>> rest = rest_mean(filtered)
-    >>> rest.mean.round(2).tolist()
-    [1.5, 1.5, 1.5, 1.5, 1.5, 1.5]
-    >>> bool((rest.standard_error > 2 * filtered.std(axis=0) / np.sqrt(len(filtered))).any())
-    True
-    """
-    from scipy.special import stdtrit  # slow to import
-
-    if isinstance(wrench, Recording) and (irregular := irregular_among([wrench])):
-        raise argument_error(ValueError, "wrench", f": {irregular}; resample it before")
-    samples = wrench.wrench if isinstance(wrench, Recording) else as_floats(wrench, "wrench", _REST)
-    if samples.ndim != 2 or len(samples) <= COSINES:
-        raise argument_error(ValueError, "wrench", f"has shape {samples.shape}; wanted {_REST}")
-    if not np.isfinite(samples).all():
-        raise argument_error(ValueError, "wrench", "holds NaN or infinity; samples must be finite")
-    error = np.sqrt((slow_parts(samples) ** 2).mean(axis=0))
-    return RestMean(rest_zero(samples), error, float(stdtrit(COSINES, 0.975)) * error, len(samples))
-
-
-def slow_parts(samples: FloatArray) -> FloatArray:
-    """Return draws of the error of the mean, shape (COSINES, C); zero where it holds too few samples."""
-    n = len(samples)
-    if n <= COSINES:
-        return np.zeros((COSINES, samples.shape[1]))
-    angle = np.pi / n * np.outer(np.arange(1, COSINES + 1), np.arange(n) + 0.5)
-    parts: FloatArray = np.sqrt(2.0) / n * (np.cos(angle) @ (samples - samples.mean(axis=0)))
-    return parts
 
 
 # The zero that the rest before the motion gives.
