@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +42,8 @@ class Answer:
     chosen: Chosen | None
     has_weights: bool
     """Whether the classifier, trained on features, has weights in `coef_`: such can be drawn."""
-    adapted: Mapping[str, NDArray[np.intp]] = field(default_factory=dict)
-    """What it names after it was adapted to the tested recordings without their labels, by how that was done."""
+    adapted: NDArray[np.intp] | None = None
+    """What it names after it was adapted to the tested recordings, declared to hold all materials."""
 
 
 def fingerprint(data: Dataset, described: Mapping[str, Any], partitions: Sequence[Partition]) -> str:
@@ -151,13 +151,12 @@ class Checkpoint:
         answer = from_json(Answer, {**saved, "chosen": None})
         if any(set(seconds) != set(STAGES) for seconds in (answer.seconds, answer.shared_seconds)):
             raise ValueError("not the seconds of every stage")
-        adapted = {how: np.array(named, dtype=np.intp) for how, named in answer.adapted.items()}
-        for named in (answer.predicted, *adapted.values()):
+        for named in (answer.predicted, *([] if answer.adapted is None else [answer.adapted])):
             if named.shape != partition.test.shape:
                 raise ValueError("not one class number for each tested recording")
             if named.min() < 0 or named.max() >= self._n_classes:
                 raise ValueError("a class number out of range")
-        return replace(answer, chosen=chosen, adapted=adapted)
+        return replace(answer, chosen=chosen)
 
     def _check_owner(self, run: Path) -> None:
         try:

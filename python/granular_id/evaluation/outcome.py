@@ -99,7 +99,7 @@ class Outcome:
     chosen: Mapping[tuple[str, str], tuple[Chosen, ...]] = field(default_factory=dict)
     wall_s: float = math.nan
     findings: tuple[Finding, ...] = ()
-    adapted: Mapping[tuple[str, str], tuple[NDArray[np.intp], ...]] = field(default_factory=dict)
+    adapted: Mapping[str, tuple[NDArray[np.intp], ...]] = field(default_factory=dict)
 
     @property
     def protocols(self) -> tuple[str, ...]:
@@ -201,22 +201,21 @@ class Outcome:
         """Mean over the tested classes of the share named rightly, one value per partition; see `accuracies`."""
         return self._balanced(*self._runs(space, protocol))
 
-    def adapted_accuracies(self, space: str, how: str = "adapted") -> NDArray[np.float64] | None:
+    def adapted_accuracies(self, space: str) -> NDArray[np.float64] | None:
         """Balanced accuracy on each held-out value of a condition after adapting to its recordings without labels.
 
         Parameters
         ----------
         space : str
             Name of a feature space.
-        how : {"adapted", "adapted, all materials"}
-            By a shift that is safe whatever the recordings hold, or with the statement that they hold all materials.
 
         Returns
         -------
         (n_values,) float array or None
-            None where no condition was held out, the classifier cannot be adapted, or the statement would be false.
+            None where no condition was held out, the classifier cannot be adapted, or not every value holds all
+            materials about equally.
         """
-        named = self.adapted.get((self.space(space).name, how))
+        named = self.adapted.get(self.space(space).name)
         return None if named is None else self._balanced(self.partitions[CONDITION], named)
 
     def _balanced(

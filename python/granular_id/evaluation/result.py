@@ -73,8 +73,8 @@ class EvaluationResult(Outcome):
     findings : tuple of Finding
         What the checks found that spoils an evaluation; of results of earlier versions empty. `spoiling` are those
         that ``evaluate(accept=...)`` did not name.
-    adapted : mapping of (str, str) to tuple of int arrays
-        (space, how) to the class numbers after adapting to the recordings of a held-out condition, one array per value.
+    adapted : mapping of str to tuple of int arrays
+        Space to the class numbers after adapting to the recordings of a held-out condition, one array per value.
     """
 
     def table(self) -> str:
@@ -234,13 +234,9 @@ def _of_held_out(result: Outcome, space: str, protocol: str) -> dict[str, Any]:
         "interval": json_value(result.interval(space, protocol)),
         "balanced_accuracies": result.balanced_accuracies(space, protocol).tolist(),
     }
-    if protocol == CONDITION:
-        figures["adapted"] = {
-            how: json_value(named) for (name, how), named in result.adapted.items() if name == space
-        }
-        figures["adapted_accuracies"] = {
-            how: json_value(result.adapted_accuracies(space, how)) for how in figures["adapted"]
-        }
+    if protocol == CONDITION and space in result.adapted:
+        figures["adapted"] = json_value(result.adapted[space])
+        figures["adapted_accuracies"] = json_value(result.adapted_accuracies(space))
     return figures
 
 
@@ -276,7 +272,7 @@ def _form(protocols: Iterable[str]) -> dict[str, Any]:
                 "settings": {},
                 "seconds": dict.fromkeys(STAGES, float),
                 "protocols": {
-                    name: {"predicted": [list, ...], "chosen?": [{}, ...], "adapted?": {EACH: [list, ...]}}
+                    name: {"predicted": [list, ...], "chosen?": [{}, ...], "adapted?": [list, ...]}
                     for name in protocols
                 },
             },
@@ -312,8 +308,8 @@ def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
             key, figures = (protocol, space["name"]), space["protocols"][protocol]
             place = f"predictions of {space['name']!r}, {protocol}"
             predicted[key] = _named(place, figures["predicted"], drawn, len(labels))
-            for how, named in figures.get("adapted", {}).items():
-                adapted[space["name"], how] = _named(f"{place}, {how}", named, drawn, len(labels))
+            if "adapted" in figures:
+                adapted[space["name"]] = _named(f"{place}, adapted", figures["adapted"], drawn, len(labels))
             if figures.get("chosen"):
                 chosen[key] = tuple(map(Chosen.from_dict, figures["chosen"]))
                 if len(chosen[key]) != len(drawn):

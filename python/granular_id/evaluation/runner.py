@@ -269,7 +269,7 @@ def _partitions(
 
 
 def _gathered(answered: Mapping[str, Mapping[str, Sequence[Answer]]]) -> tuple[dict[Any, Any], ...]:
-    """Return what was predicted and chosen by (protocol, space), and predicted after adapting by (space, how)."""
+    """Return what was predicted and chosen by (protocol, space), and predicted after adapting by space."""
     predicted, chosen, adapted = {}, {}, {}
     for space, answers in answered.items():
         for protocol, own in answers.items():
@@ -277,9 +277,9 @@ def _gathered(answered: Mapping[str, Mapping[str, Sequence[Answer]]]) -> tuple[d
             choices = tuple(answer.chosen for answer in own if answer.chosen is not None)
             if len(choices) == len(own):
                 chosen[protocol, space] = choices
-            for how in own[0].adapted:
-                if all(how in answer.adapted for answer in own):
-                    adapted[space, how] = tuple(answer.adapted[how] for answer in own)
+            named = tuple(answer.adapted for answer in own if answer.adapted is not None)
+            if len(named) == len(own):
+                adapted[space] = named
     return predicted, chosen, adapted
 
 

@@ -25,11 +25,7 @@ from granular_id.splits import Groups
 Codes = NDArray[np.intp]
 Floats = NDArray[np.float64]
 
-ADAPTED, STANDARDISED = "adapted", "adapted, all materials"
-"""How a classifier was brought to a held-out condition by its recordings, without their labels: the second where these
-are declared to hold all materials about equally."""
-
-_LEAST = 3  # recordings that say anything of an offset, and of each material where all are declared
+_LEAST = 3  # recordings of each material where all are declared
 _ABOUT_EQUAL = 2  # the most recordings of a material against the least of another
 
 
@@ -159,7 +155,7 @@ def _answer(
         words = np.random.SeedSequence(seed, spawn_key=(4, partition.index))
         targets = np.random.default_rng(words).permutation(targets)
     classifier: Any = seeded(task.classifier, seed, partition)
-    adapted: dict[str, Codes] = {}
+    adapted: Codes | None = None
     seconds = dict.fromkeys(STAGES, 0.0)
     if task.by_gram:
         train, cross, n_features = features.products(partition, targets, seconds)
@@ -191,15 +187,14 @@ def _answer(
     )
 
 
-def _adapted(classifier: Any, X: Floats, y: Codes, X_new: Floats, truth: Codes) -> dict[str, Codes]:
-    """Name rows of a held-out condition after adapting to them; their classes say only what may be declared."""
-    if not isinstance(classifier, BestClassifier) or len(X_new) < _LEAST:
-        return {}
+def _adapted(classifier: Any, X: Floats, y: Codes, X_new: Floats, truth: Codes) -> Codes | None:
+    """Name rows of a held-out condition after adapting to them, if they hold all classes about equally."""
     counts = np.bincount(truth, minlength=int(y.max()) + 1)[np.unique(y)]
-    ways = {ADAPTED: False}
-    if counts.min() >= _LEAST and counts.max() <= _ABOUT_EQUAL * counts.min():
-        ways[STANDARDISED] = True
-    return {
-        how: classifier.adapt(X, y, X_new, all_materials=declared).predict(X_new).astype(np.intp)
-        for how, declared in ways.items()
-    }
+    if (
+        not isinstance(classifier, BestClassifier)
+        or counts.min() < _LEAST
+        or counts.max() > _ABOUT_EQUAL * counts.min()
+    ):
+        return None
+    named: Codes = classifier.adapt(X, y, X_new, all_materials=True).predict(X_new).astype(np.intp)
+    return named

@@ -13,7 +13,6 @@ from granular_id._text import Table, counted, percent, short, whole_percent
 from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.gap import gap_lines
 from granular_id.evaluation.outcome import Outcome
-from granular_id.evaluation.scoring import ADAPTED, STANDARDISED
 from granular_id.partitions import CONDITION
 from granular_id.recording import labelled_check_note
 from granular_id.spaces import Chosen
@@ -118,9 +117,8 @@ def hold_out_table(result: Outcome, space: str) -> Table:
     drawn, beside = result.partitions[CONDITION], result.random
     columns = {"accuracy": result.accuracies(space, CONDITION)}
     columns["balanced"] = balanced = result.balanced_accuracies(space, CONDITION)
-    for title, how in (("adapted", ADAPTED), ("adapted*", STANDARDISED)):
-        if (shares := result.adapted_accuracies(space, how)) is not None:
-            columns[title] = shares
+    if (shares := result.adapted_accuracies(space)) is not None:
+        columns["adapted"] = shares
     columns["at random"] = at_random = result.balanced_accuracies(space, beside)
     names = [partition.description.removeprefix(f"{result.held_out}: ") for partition in drawn]
     rows = [
@@ -152,9 +150,7 @@ def hold_out_table(result: Outcome, space: str) -> Table:
             "folds share" + ("; -: no spread to tell it from" if "-" in told else "")
         )
     if "adapted" in columns:
-        notes.append("adapted: to the held-out recordings, without their labels")
-    if "adapted*" in columns:
-        notes.append("adapted*: the same with the statement that they hold all materials about equally")
+        notes.append("adapted: to the held-out recordings, declared to hold all materials about equally")
     title = f"{space} with one {result.held_out} after the other held out{_mark(result)}"
     header = (str(result.held_out), "train", "tested", *columns, "gap")
     return Table(title, header, tuple(rows), tuple(notes))
