@@ -1,8 +1,7 @@
-"""``granular-id adapt`` and ``recalibrate``: a model for another set-up, made of a model and recordings of it."""
+"""``granular-id adapt``: a model for another set-up, made of a model and recordings of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,13 +9,11 @@ from typing import TYPE_CHECKING
 import typer
 
 from granular_id._files import MODELS, check_source
-from granular_id._text import counted
 from granular_id.cli.identify import Fitting
-from granular_id.cli.options import FORCE, command, count, option
+from granular_id.cli.options import FORCE, command, option
 from granular_id.cli.outputs import (
     MODEL,
     check_outputs,
-    print_table,
     say_written,
     show,
     typed_command,
@@ -64,108 +61,56 @@ class OneStretch(Fitting):
     hop_s: float | None = field(init=False, default=None)
 
 
-NEW: Path = option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o", default=...)
-QUIET: bool = option(OUTPUT, "Print what was done only.", "--quiet", default=False)
-
-
 @command
 def adapt(
     recordings: Recordings,
     fitting: OneStretch,
     *,
-    output: Path = NEW,
+    output: Path = option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o", default=...),
+    labelled: bool = option(
+        METHOD, "Take the labels of the recordings: a few of each material.", "--labelled", default=False
+    ),
     all_materials: bool = option(
         METHOD, "The recordings hold all materials, about equally.", "--all-materials", default=False
     ),
-    rounds: int | None = option(
-        METHOD, "Rounds of self-training. Default: 2 with --all-materials, else 0.", callback=count(0)
+    allow_missing: bool = option(
+        METHOD,
+        "With --labelled, go on without some of the materials, which gain nothing.",
+        "--allow-missing",
+        default=False,
     ),
     force: bool = FORCE,
-    quiet: bool = QUIET,
+    quiet: bool = option(OUTPUT, "Print what was done only.", "--quiet", default=False),
 ) -> None:
-    """Bring a model to another set-up (tool, mounting, zero, room) by recordings of it; labels are not needed.
+    """Bring a model to another set-up (tool, mounting, zero, room) by recordings of it, in one of two ways.
 
-    Three recordings at least, better ten of each of many materials: with one material the set-up cannot be
-    told from the material, and the model gets worse. By default a common offset is taken away, whatever the
-    shares of the materials.
-    `--all-materials` declares that all are there, about equally often: that gains more, and loses where it
-    is not so. Where recordings have labels that the model knows, the accuracy before and after is told.
+    `--labelled` takes the labels of a few recordings of each material; three of each are good. Each label is one that
+    the model knows (`granular-id model info MODEL`). What some materials show does not carry over to others:
+    those that are missing are named, and refused without `--allow-missing`.
 
-    The new model is a file like any other, with other weights and its history (`granular-id model info`).
-    What was measured on the old one is dropped: estimate, early answers, candidates, refusal of unknown
-    materials, probabilities. MODEL stays as it is. A few labelled recordings of each material gain more:
-    `granular-id recalibrate`.
+    `--all-materials` needs no labels, and declares that the recordings hold all materials about equally often; three
+    recordings a material at least, better ten. It loses where that is not so. Where recordings have
+    labels that the model knows, the accuracy before and after is told.
+
+    The new model is a file like any other, with other weights and a line on how it was made (`granular-id model info`).
+    What was measured on the old one is dropped: estimate, early answers, candidates, refusal of unknown materials,
+    probabilities. MODEL stays as it is, and may be one that `--all-materials` has made where labels follow.
 
     Recordings are read and cropped as by `granular-id identify`, which says what of the set-up is refused;
     `--accept` takes it.
 
     Examples:
 
-    `granular-id adapt kitchen.safetensors fresh -o kitchen-new-tool.safetensors`
+    `granular-id adapt kitchen.safetensors three_of_each -o kitchen-new-tool.safetensors --labelled`
     `granular-id adapt kitchen.safetensors fresh -o kitchen-new-tool.safetensors --all-materials`
-    `granular-id adapt kitchen.safetensors bags -o turned.safetensors --rate-hz 500 --begin-at onset --lead-s 0.1`
+    `granular-id adapt kitchen.safetensors bags -o turned.safetensors --labelled --begin-at onset --lead-s 0.1`
     """
-    _make(
-        recordings,
-        fitting,
-        output,
-        lambda model, data: model.adapt(
-            data, all_materials=all_materials, rounds=rounds, accept=fitting.accepted
-        ),
-        force=force,
-        quiet=quiet,
-    )
-
-
-@command
-def recalibrate(
-    recordings: Recordings,
-    fitting: OneStretch,
-    *,
-    output: Path = NEW,
-    allow_missing: bool = option(
-        METHOD, "Go on without some of the materials, which gain nothing.", "--allow-missing", default=False
-    ),
-    force: bool = FORCE,
-    quiet: bool = QUIET,
-) -> None:
-    """Bring a model to another set-up by a few labelled recordings of each material; three of each are good.
-
-    Each needs a label that the model knows (`granular-id model info MODEL`). What some materials show does
-    not carry over to others: those that are missing are named, and refused without `--allow-missing`. MODEL
-    may be one that `granular-id adapt` has written.
-
-    What the new model keeps and drops, and how recordings are read and cropped: see `granular-id adapt`.
-    The accuracy after is that of models made without the recordings that they name.
-
-    Examples:
-
-    `granular-id recalibrate kitchen.safetensors three_of_each -o kitchen-new-tool.safetensors`
-    `granular-id recalibrate kitchen.safetensors some -o some.safetensors --allow-missing`
-    """
-
-    def make(model: Identifier, data: Dataset) -> Identifier:
-        without = [one.name for one in data if one.label is None]
-        if without:
-            raise ValueError(
-                f"{len(without)} of {counted(len(data))} {'has' if len(without) == 1 else 'have'} no label, the first "
-                f"is {without[0]!r}: label them, or use granular-id adapt, which needs no labels"
-            )
-        return model.recalibrate(data, allow_missing=allow_missing, accept=fitting.accepted)
-
-    _make(recordings, fitting, output, make, force=force, quiet=quiet)
-
-
-def _make(
-    recordings: Recordings,
-    fitting: OneStretch,
-    output: Path,
-    make: Callable[[Identifier, Dataset], Identifier],
-    *,
-    force: bool,
-    quiet: bool,
-) -> None:
-    """Read a model and recordings, make the new model, write it and say what became of it."""
+    if labelled == all_materials:
+        came = "not both" if labelled else "neither is given"
+        raise ValueError(
+            "give --labelled, to take the labels of a few recordings of each material, or --all-materials, where the "
+            f"recordings hold all materials about equally: {came}"
+        )
     if not force and output.exists() and recordings.model.exists() and output.samefile(recordings.model):
         raise FileExistsError(
             f"--output {output} is MODEL itself: give the new model another name, or add --force to replace MODEL"
@@ -182,13 +127,15 @@ def _make(
     if data is not loaded:
         say_step(data, quiet=quiet)
     data, _ = fitting.taken(data, identifier, quiet=quiet)
-    new = make(identifier, data)
+    new = identifier.adapt(
+        data,
+        data.y if labelled else None,
+        all_materials=all_materials,
+        allow_missing=allow_missing,
+        accept=fitting.accepted,
+    )
     new.save(output)
-    done = new.adaptations[-1]
-    if quiet:
-        show("\n".join(done.lines))
-    else:
-        print_table(done.table())
+    show(f"adapted {new.trained['adapted']}")
     if simulated := synthetic_words(recordings=data.is_synthetic, model=identifier.synthetic):
         show(f"{simulated}: this says nothing about real materials", "bold yellow", err=quiet)
     say_written([output])

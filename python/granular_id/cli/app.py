@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from granular_id import _core
-from granular_id.cli.adapt import adapt, recalibrate
+from granular_id.cli.adapt import adapt
 from granular_id.cli.archive import archive, extract
 from granular_id.cli.confidence import confidence
 from granular_id.cli.data import data
@@ -34,7 +34,7 @@ app = typer.Typer(
     help=PURPOSE,
 )
 for command in (
-    *(evaluate, select, explain, confidence, record, live, ros2, report, train, identify, adapt, recalibrate),
+    *(evaluate, select, explain, confidence, record, live, ros2, report, train, identify, adapt),
     *(extract, demo),
 ):
     app.command()(command)

@@ -34,14 +34,12 @@ from granular_id.identifier.rules import N_CHECKPOINTS as N_CHECKPOINTS
 from granular_id.identifier.streaming import StreamingIdentifier
 
 if TYPE_CHECKING:
-    from granular_id.identifier.adapt import Adaptation
     from granular_id.identifier.recipe import Recipe as Recipe
     from granular_id.identifier.time_course import OverTime, accuracy_over_time, over_time as over_time
     from granular_id.identifier.timeline import Timeline, notes_of_all as notes_of_all, write_csv as write_csv
     from granular_id.identifier.training import train as train
 
 __all__ = [
-    "Adaptation",
     "Decision",
     "Identifier",
     "OverTime",
@@ -51,7 +49,6 @@ __all__ = [
 ]
 
 _LAZY = {
-    "Adaptation": "adapt",
     "OverTime": "time_course",
     "Recipe": "recipe",
     "Timeline": "timeline",

@@ -1,13 +1,12 @@
-"""Models brought to another set-up: a new model with other weights, and the history of how it came to be."""
+"""Models brought to another set-up: a new model with other weights, which says in a line how it came to be."""
 
 from __future__ import annotations
 
 import base64
-import hashlib
 import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import replace
 from datetime import datetime, timezone
 from typing import Any
 
@@ -15,14 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
-from granular_id._checks import checked_flag
 from granular_id._memory import empty
 from granular_id._parallel import single_threaded_blas
-from granular_id._text import Table, counted, percent, verb
+from granular_id._text import counted, percent, verb
 from granular_id.features import FeatureSpec
 from granular_id.identifier.metadata import (
-    ADAPTED_BEFORE,
-    HISTORY,
+    ADAPTED,
     MARKS,
     MAX_FILE_BYTES,
     SOURCE,
@@ -31,7 +28,6 @@ from granular_id.identifier.metadata import (
     check_recordings,
     cropped_to_model,
     fingerprint,
-    mark_of,
     marks_of,
     stored_marks,
 )
@@ -40,13 +36,12 @@ from granular_id.recording import Dataset, setups_in, values_in
 from granular_id.spaces import (
     Learners,
     SourceStatistics,
-    adapted,
-    checked_rounds,
+    adapted_by_labels,
+    adapted_to_all,
+    check_way,
+    codes_and_missing,
     codes_of,
     missing_of,
-    recalibrated,
-    refuse_few,
-    refuse_missing,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -55,145 +50,15 @@ IntArray = npt.NDArray[np.intp]
 _MOST_SOURCE = 2**19
 """Bytes of text; a model of more materials or features keeps none, and asks for its recordings again."""
 
-_FOR_HISTORY = 2**17
-"""Bytes that are left for it in the largest file."""
-
-_CAUTION = 3.0
-"""Rows a material without offset, in spaces of samples and counts: their scores name too few recordings rightly."""
+_FOR_MORE = 2**17
+"""Bytes that are left for what adapting adds in the largest file."""
 
 _DONE_TO_SAMPLES = ("tare", "payload", "compensated")
 
-_MOST_SESSIONS, _LONGEST_SESSION = 20, 80
-_FEW = 4
 _LEAST_KNOWN = 0.9  # linear learners name nearly all of what trained them
 _CHANCE = 1.5  # recordings
 _AT_ONCE = 1024
 _MOST_FOLDS = 5
-
-SHIFT, STANDARDISED, LABELLED = "balanced shift", "mean and SD of each column", "labelled recordings"
-
-
-@dataclass(frozen=True)
-class Adaptation:
-    """How a model was brought to another set-up, as its file keeps it; ``print`` shows a table.
-
-    Attributes
-    ----------
-    method : {"balanced shift", "mean and SD of each column", "labelled recordings"}
-    rounds : int
-        Of self-training.
-    made : str
-        When, UTC, ISO 8601.
-    n_recordings : int
-    sha256 : str
-        Of their samples.
-    sessions : tuple of str
-        Theirs, 20 at most.
-    materials : dict of str to int
-        Labelled recordings of each material; empty where labels were not used.
-    missing : tuple of str
-        Materials without a labelled recording: what the others showed does not carry over to them.
-    shares_before, shares_after : dict of str to float
-        Share of the recordings that each model names for each material.
-    n_changed : int
-        Recordings that the new model names otherwise.
-    n_judged : int
-        Recordings with a label that the model knows.
-    accuracy_before, accuracy_after : float or None
-        Balanced accuracy on those. After labelled recordings by models that were made without the recordings they
-        name, unless some of these were seen before; None with fewer than two of a material.
-    n_seen : int
-        Of the judged, recordings that the model was trained on or adapted to before: they make both accuracies too
-        good.
-    marks : str
-        To know recordings again: 8 hexadecimal digits of each one's SHA-256, side by side; of more than 4096 none.
-        Labelled ones are among the recordings of the training, where the model keeps these.
-    differences : tuple of str
-        What of the set-up was not as in the training.
-    dropped : tuple of str
-        What the model could no longer promise.
-    estimate_before : float or None
-        Accuracy that the training expected of recordings of its own set-up.
-    """
-
-    method: str
-    rounds: int
-    made: str
-    n_recordings: int
-    sha256: str
-    sessions: tuple[str, ...]
-    shares_before: dict[str, float]
-    shares_after: dict[str, float]
-    n_changed: int
-    n_judged: int = 0
-    accuracy_before: float | None = None
-    accuracy_after: float | None = None
-    materials: dict[str, int] = field(default_factory=dict)
-    missing: tuple[str, ...] = ()
-    differences: tuple[str, ...] = ()
-    dropped: tuple[str, ...] = ()
-    estimate_before: float | None = None
-    n_seen: int = 0
-    marks: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything in types that JSON knows."""
-        return {name: list(v) if isinstance(v, tuple) else v for name, v in asdict(self).items()}
-
-    @classmethod
-    def from_dict(cls, stored: Mapping[str, Any]) -> Adaptation:
-        """Read what `to_dict` gave."""
-        known: dict[str, Any] = {
-            name: tuple(v) if isinstance(v, list) else v
-            for name, v in stored.items()
-            if name in cls.__dataclass_fields__
-        }
-        return cls(**known)
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """What was done, in lines to read."""
-        few = ", ".join([*self.sessions[:_FEW], *(["..."] if len(self.sessions) > _FEW else [])])
-        rounds = f" and {counted(self.rounds, 'round')} of self-training" if self.rounds else ""
-        told = [
-            f"{self.method}{rounds}, from {counted(self.n_recordings)}{f' ({few})' if few else ''}",
-            f"made {self.made[:16].replace('T', ' ')} UTC from samples {self.sha256[:16]}",
-            f"answers changed: {self.n_changed} of {self.n_recordings}",
-        ]
-        if self.accuracy_before is not None:
-            after = "after not known, with fewer than two recordings of a material"
-            if self.accuracy_after is not None:
-                after = f"{percent(self.accuracy_after)} after"
-                if not self.materials:
-                    after += ", on what adapted the model"
-                elif not self.n_seen:
-                    after += ", each named by a recalibration without it"
-            told.append(
-                f"balanced accuracy on the {self.n_judged} with a label that the model knows: "
-                f"{percent(self.accuracy_before)} before, {after}"
-            )
-        if self.n_seen:
-            told.append(
-                f"{self.n_seen} of these trained or adapted the model before: both accuracies are too good"
-            )
-        if self.differences:
-            told.append(f"set-up: {'; '.join(self.differences)}")
-        if self.missing:
-            told.append(f"materials that were missing, and gain nothing: {', '.join(self.missing)}")
-        if self.dropped:
-            told.append(f"no longer true, and dropped: {', '.join(self.dropped)}")
-        return tuple(told)
-
-    def table(self) -> Table:
-        """Shares of answers before and after, with what was done below."""
-        names = list(self.shares_before)
-        rows = tuple((n, percent(self.shares_before[n]), percent(self.shares_after[n])) for n in names)
-        return Table(
-            "Share of the answers that name each material", ("material", "before", "after"), rows, self.lines
-        )
-
-    def __str__(self) -> str:
-        return str(self.table())
 
 
 def features_of(core: _core.Model, X: FloatArray, threads: int | None = None) -> FloatArray:
@@ -223,55 +88,15 @@ def with_source(
 
 def _has_room(core: _core.Model, max_file_bytes: int = MAX_FILE_BYTES) -> bool:
     text = 4 * 8 * (2 * core.n_features + core.coding_matrix.size) // 3
-    return text <= _MOST_SOURCE and len(core.to_bytes()) + text + _FOR_HISTORY <= max_file_bytes
+    return text <= _MOST_SOURCE and len(core.to_bytes()) + text + _FOR_MORE <= max_file_bytes
 
 
 def adapted_model(
     core: _core.Model,
     recordings: Dataset,
+    labels: npt.ArrayLike | None,
     *,
     all_materials: bool,
-    rounds: int | None,
-    trained_on: Dataset | None,
-    begin_at: Begin,
-    lead_s: float | None,
-    accept: str | Sequence[str],
-    threads: int | None,
-) -> _core.Model:
-    """Adapt a model to recordings without labels; `Identifier.adapt` describes it."""
-    rounds = checked_rounds(rounds, all_materials)
-    data, differences = _taken(core, recordings, "recordings", begin_at, lead_s, accept)
-    source, learners = _source(core, trained_on, threads), _learners(core)
-    rows = features_of(core, data.X, threads)
-    with single_threaded_blas():
-        made, known = adapted(
-            learners,
-            source,
-            rows,
-            all_materials=all_materials,
-            rounds=rounds,
-            blocks=_blocks(core),
-            caution=_CAUTION if isinstance(core.spec, FeatureSpec) else 0.0,
-        )
-    entry = _entry(
-        core,
-        learners,
-        made,
-        rows,
-        data,
-        differences,
-        method=STANDARDISED if all_materials else SHIFT,
-        rounds=rounds,
-        marks=stored_marks(data).get(MARKS, ""),
-    )
-    _warn_of(entry, core, data, all_materials=all_materials)
-    return _new_model(core, made, known, data, entry)
-
-
-def recalibrated_model(
-    core: _core.Model,
-    labelled: Dataset,
-    *,
     allow_missing: bool,
     trained_on: Dataset | None,
     begin_at: Begin,
@@ -279,44 +104,57 @@ def recalibrated_model(
     accept: str | Sequence[str],
     threads: int | None,
 ) -> _core.Model:
-    """Adapt a model to recordings with labels; `Identifier.recalibrate` describes it."""
-    checked_flag("allow_missing", allow_missing)
-    data, differences = _taken(core, labelled, "labelled", begin_at, lead_s, accept)
-    codes = codes_of(data.y, np.array(core.classes), len(data), "labelled")
-    refuse_few(len(codes), "recalibration")
-    missing = refuse_missing(codes, core.classes, allow_missing)
-    source, learners = _source(core, trained_on, threads), _learners(core)
+    """Bring a model to the set-up of recordings; `Identifier.adapt` describes it."""
+    check_way(labels, all_materials, allow_missing)
+    if not isinstance(recordings, Dataset):
+        raise TypeError(f"recordings must be a granular_id.Dataset, got {type(recordings).__name__}")
+    differences = check_recordings(recordings, core, accept)
+    data = cropped_to_model(recordings, core, begin_at=begin_at, lead_s=lead_s, over_all=False)
+    truth = _known_codes(data, core.classes)
+    missing: list[str] = []
+    if labels is not None:
+        classes = np.array(core.classes)
+        truth, missing = codes_and_missing(np.asarray(labels), classes, len(data), "labels", allow_missing)
+    source, learners, blocks = _source(core, trained_on, threads), _learners(core), _blocks(core)
     rows = features_of(core, data.X, threads)
-    blocks = _blocks(core)
 
     def corrected(members: npt.NDArray[np.bool_]) -> Learners:
-        return recalibrated(learners, source, rows[members], codes[members], blocks)
+        return adapted_by_labels(learners, source, rows[members], truth[members], blocks)
 
     with single_threaded_blas():
-        made = corrected(np.ones(len(rows), dtype=np.bool_))
-        after = _accuracy_held_out(corrected, rows, codes)
-    counts = np.bincount(codes, minlength=len(core.classes)).tolist()
-    entry = _entry(
-        core,
-        learners,
-        made,
-        rows,
-        data,
-        differences,
-        method=LABELLED,
-        accuracy_after=after,
-        materials={label: n for label, n in zip(core.classes, counts, strict=True) if n},
-        missing=tuple(missing),
-        marks="" if Metadata(core).marks else stored_marks(data).get(MARKS, ""),
-    )
-    _warn_of(entry, core, data)
-    return _new_model(core, made, source, data, entry)
+        if labels is None:
+            made, known = adapted_to_all(learners, source, rows, blocks)
+            after: IntArray | None = made.answers(rows)
+        else:
+            made, known = corrected(np.ones(len(rows), dtype=np.bool_)), source
+            after = _answers_held_out(corrected, rows, truth)
+        before = learners.answers(rows)
+    judged = truth >= 0
+    accuracies = None
+    if after is not None and judged.any():
+        accuracies = _balanced(before[judged], truth[judged]), _balanced(after[judged], truth[judged])
+    doubts = _doubts_of_labels(core, data, truth) if labels is not None else _doubts_of_all(core, data)
+    if accuracies is not None and (accuracies[0] - accuracies[1]) * judged.sum() > _CHANCE:
+        doubts.append(
+            f"balanced accuracy on the recordings with a label fell from {percent(accuracies[0])} to "
+            f"{percent(accuracies[1])}: keep the model as it was, or record more, of more materials"
+        )
+    for doubt in doubts:
+        warnings.warn(doubt, stacklevel=3)  # of `Identifier.adapt`
+    line = _line(len(data), labels is not None, missing, differences, accuracies)
+    return _new_model(core, made, known, data, line, labelled=labels is not None)
 
 
-def _accuracy_held_out(
+def _known_codes(data: Dataset, classes: Sequence[str]) -> IntArray:
+    """Return the place of each recording's label among the classes; -1 where it has none of them."""
+    places: dict[str | None, int] = {label: code for code, label in enumerate(classes)}
+    return np.array([places.get(one.label, -1) for one in data], dtype=np.intp)
+
+
+def _answers_held_out(
     corrected: Callable[[npt.NDArray[np.bool_]], Learners], rows: FloatArray, codes: IntArray
-) -> float | None:
-    """Balanced accuracy of models made without the rows they name; None where a class has one row."""
+) -> IntArray | None:
+    """Answers of models that were made without the rows they name; None where a class has one row."""
     counts = np.bincount(codes)
     n_folds = min(_MOST_FOLDS, int(counts[counts > 0].min()))
     if n_folds < 2:
@@ -328,23 +166,58 @@ def _accuracy_held_out(
     for number in range(n_folds):
         held = fold == number
         named[held] = corrected(~held).answers(rows[held])
-    return _balanced(named, codes)
+    return named
 
 
-def _taken(
-    core: _core.Model,
-    recordings: Dataset,
-    name: str,
-    begin_at: Begin,
-    lead_s: float | None,
-    accept: str | Sequence[str],
-) -> tuple[Dataset, tuple[str, ...]]:
-    """Refuse what the model cannot identify, and crop the rest to its length."""
-    if not isinstance(recordings, Dataset):
-        raise TypeError(f"{name} must be a granular_id.Dataset, got {type(recordings).__name__}")
-    differences = check_recordings(recordings, core, accept)
-    data = cropped_to_model(recordings, core, begin_at=begin_at, lead_s=lead_s, over_all=False)
-    return data, differences
+def _doubts_of_all(core: _core.Model, data: Dataset) -> list[str]:
+    """Say where labels speak against the statement that all materials are there."""
+    labels = {one.label for one in data}
+    missing = [label for label in core.classes if label not in labels]
+    if None in labels or not missing:  # one without a label may be of any material
+        return []
+    return [
+        f"all_materials=True states that all materials are there, and by the labels {', '.join(missing)} "
+        f"{verb(len(missing), 'is', 'are')} missing: record them, or give labels"
+    ]
+
+
+def _doubts_of_labels(core: _core.Model, data: Dataset, codes: IntArray) -> list[str]:
+    """Say where labelled recordings are of one material, or have trained the model before."""
+    doubts = []
+    if len(set(codes.tolist())) == 1:
+        doubts.append(
+            f"all recordings are of one material, {core.classes[codes[0]]}: the set-up cannot be told from it, and the "
+            "new model may name other materials less well; record several"
+        )
+    known = Metadata(core).marks
+    if known and (again := sum(mark in known for mark in marks_of(data))):
+        doubts.append(
+            f"{again} of {counted(len(data))} {verb(again, 'has', 'have')} trained or adapted the model before, and "
+            "count twice now: record others"
+        )
+    return doubts
+
+
+def _line(
+    n_recordings: int,
+    labelled: bool,
+    missing: Sequence[str],
+    differences: Sequence[str],
+    accuracies: tuple[float, float] | None,
+) -> str:
+    """Say in a line how a model was adapted, which its file keeps."""
+    by = counted(n_recordings, "labelled recording" if labelled else "recording")
+    declared = "" if labelled else " declared to hold all materials"
+    parts = [f"by {by}{declared}, {datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC"]
+    if accuracies is not None:
+        on = "each named by a model made without it" if labelled else "on what adapted the model"
+        before, after = map(percent, accuracies)
+        parts.append(f"balanced accuracy {before} before, {after} after, {on}")
+    if missing:
+        parts.append(f"materials that were missing, and gain nothing: {', '.join(missing)}")
+    if differences:
+        parts.append(f"set-up: {', '.join(differences)}")
+    return "; ".join(parts)
 
 
 def _learners(core: _core.Model) -> Learners:
@@ -377,14 +250,14 @@ def _source(core: _core.Model, trained_on: Dataset | None, threads: int | None) 
         _check_trained_on(core, trained_on)
     if stored is not None:
         return _read_source(stored, core)
-    if known.trained.get(HISTORY) or known.trained.get(ADAPTED_BEFORE):
+    if known.trained.get(ADAPTED):
         raise ValueError(
             "the model keeps nothing of its training, and was adapted before: adapt the model that it was made from"
         )
     if trained_on is None:
         raise ValueError(
-            "the model keeps nothing of its training that it could be adapted with: it is of an earlier version, was "
-            "taken over from a pipeline or has too many materials; pass the recordings of its training, trained_on=data"
+            "the model keeps nothing of its training that it could be adapted with: it was taken over from a pipeline "
+            "or has too many materials; pass the recordings of its training, trained_on=data"
         )
     rows, y = features_of(core, trained_on.X, threads), trained_on.y
     with single_threaded_blas():
@@ -405,7 +278,7 @@ def _check_trained_on(core: _core.Model, trained_on: Dataset) -> None:
         raise TypeError(f"trained_on must be a granular_id.Dataset, got {type(trained_on).__name__}")
     trained, digest = Metadata(core).trained, core.metadata["training_sha256"]
     settings = trained.get("settings")
-    if not trained.get(HISTORY):  # which names the set-up of the new recordings
+    if not trained.get(ADAPTED):  # which names the set-up of the new recordings
         check_recordings(trained_on, core)
     if settings is not None and digest and fingerprint(trained_on, settings) != digest:
         raise ValueError(
@@ -445,102 +318,17 @@ def _numbers(text: str | None, name: str, size: int) -> FloatArray:
 # The new model.
 
 
-def _entry(
-    core: _core.Model,
-    before: Learners,
-    after: Learners,
-    rows: FloatArray,
-    data: Dataset,
-    differences: tuple[str, ...],
-    **known: Any,
-) -> Adaptation:
-    """Compare the answers of two models about recordings, and add what is known of how the second was made."""
-    with single_threaded_blas():
-        old, new, n = before.answers(rows), after.answers(rows), len(rows)
-    seen = Metadata(core).seen
-    places = {label: k for k, label in enumerate(core.classes)}
-    truth = np.array([places.get(r.label, -1) if r.label is not None else -1 for r in data], dtype=np.intp)
-    judged = truth >= 0
-
-    def shares(named: IntArray) -> dict[str, float]:
-        counts = np.bincount(named, minlength=len(core.classes)) / n
-        return dict(zip(core.classes, counts.tolist(), strict=True))
-
-    sessions = sorted({str(s)[:_LONGEST_SESSION] for s in data.sessions.tolist() if s is not None})
-    facts: dict[str, Any] = {
-        "rounds": 0,
-        "made": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "n_recordings": n,
-        "sha256": hashlib.sha256(np.ascontiguousarray(data.X, dtype="<f8").data).hexdigest(),
-        "sessions": tuple(sessions[:_MOST_SESSIONS]),
-        "shares_before": shares(old),
-        "shares_after": shares(new),
-        "n_changed": int((old != new).sum()),
-        "n_judged": int(judged.sum()),
-        "accuracy_before": _balanced(old[judged], truth[judged]) if judged.any() else None,
-        "accuracy_after": _balanced(new[judged], truth[judged]) if judged.any() else None,
-        "n_seen": sum(mark_of(data.X[row]) in seen for row in np.flatnonzero(judged)) if seen else 0,
-        "differences": differences,
-    }
-    return Adaptation(**facts | known)
-
-
-def _warn_of(entry: Adaptation, core: _core.Model, data: Dataset, *, all_materials: bool = False) -> None:
-    """Warn where labels, or recordings that come again, speak against what was made of them."""
-    doubts = []
-    labels = {one.label for one in data}
-    missing = [label for label in core.classes if label not in labels]
-    all_known = None not in labels  # one without a label may be of any material
-    if all_known and all_materials and missing:
-        doubts.append(
-            f"all_materials=True states that all materials are there, and by the labels {', '.join(missing)} "
-            f"{verb(len(missing), 'is', 'are')} missing: leave it out, or record them"
-        )
-    elif all_known and len(labels) == 1:
-        doubts.append(
-            f"all recordings are of one material, {data[0].label}: the set-up cannot be told from it, and the new "
-            "model may name other materials less well; record several"
-        )
-    before, after = entry.accuracy_before, entry.accuracy_after
-    if before is not None and after is not None and (before - after) * entry.n_judged > _CHANCE:
-        doubts.append(
-            f"balanced accuracy on the recordings with a label fell from {percent(before)} to {percent(after)}: keep "
-            "the model as it was, or record more, of more materials"
-        )
-    if entry.materials and (taught := Metadata(core).taught):
-        again = sum(mark in taught for mark in marks_of(data))
-        if again:
-            doubts.append(
-                f"{again} of {counted(len(data))} {verb(again, 'has', 'have')} trained or recalibrated the model "
-                "before, and count twice now: record others"
-            )
-    for doubt in doubts:
-        warnings.warn(doubt, stacklevel=4)  # of `Identifier.adapt`
-
-
 def _balanced(named: IntArray, truth: IntArray) -> float:
     return float(np.mean([(named[truth == k] == k).mean() for k in np.unique(truth)]))
 
 
 def _new_model(
-    core: _core.Model, made: Learners, source: SourceStatistics, data: Dataset, entry: Adaptation
+    core: _core.Model, made: Learners, source: SourceStatistics, data: Dataset, line: str, *, labelled: bool
 ) -> _core.Model:
-    """Put weights and history into a new model, and leave out what was measured on the old one."""
+    """Put weights and how they were made into a new model, and leave out what was measured on the old one."""
     trained = dict(Metadata(core).trained)
-    rules = trained.pop(CONFIDENCE, None) or {}
-    estimate, setup = trained.get("estimate"), trained.get("setup") or {}
-    dropped = {
-        "early answers": core.early is not None,
-        "probabilities": core.sigmoid is not None,
-        "candidates": rules.get("conformal") is not None,
-        "refusal of unknown materials": rules.get("unknown") is not None,
-        "estimate of the accuracy": estimate is not None,
-    }
-    entry = replace(
-        entry,
-        dropped=tuple(name for name, had in dropped.items() if had),
-        estimate_before=None if estimate is None else estimate["accuracy"],
-    )
+    trained.pop(CONFIDENCE, None)
+    setup = trained.get("setup") or {}
     # What was done to samples is that of the new recordings; what a frame or a sensor is called may only be unsaid.
     kept_setup = {name: values for name, values in setup.items() if name not in _DONE_TO_SAMPLES}
     why = "the model was adapted to another set-up, of which no recordings were held out"
@@ -549,7 +337,7 @@ def _new_model(
         "why_no_estimate": why,
         "synthetic": bool(trained.get("synthetic", False)) or data.is_synthetic,
         "setup": {**kept_setup, **values_in(setups_in(data))},
-        HISTORY: [*_older(trained.get(HISTORY, [])), entry.to_dict()],
+        ADAPTED: line,
     }
     if SOURCE in trained or _has_room(core):
         # Another time the columns are no longer those of the training.
@@ -560,7 +348,7 @@ def _new_model(
             "target_error": target,
             "why_not": "the model was adapted since its margins were measured",
         }
-    if entry.materials and trained.get(MARKS):  # they have trained it, too
+    if labelled and trained.get(MARKS):  # they have trained it, too
         trained[MARKS] += stored_marks(data).get(MARKS, "")
     kept: dict[str, Any] = {"early": None, "sigmoid": None, "posterior_weights": None}
     if core.raw_low is not None and core.raw_high is not None:
@@ -569,29 +357,18 @@ def _new_model(
         kept["raw_low"] = np.minimum(low, core.raw_low)
         kept["raw_high"] = np.maximum(high, core.raw_high)
         kept["raw_mean"] = np.ascontiguousarray(mean)
-    return _changed(core, trained, made, posterior="", **kept)
-
-
-def _older(history: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Keep the marks of the last two adaptations only: a file has no room for all."""
-    last = len(history) - 2
-    return [{**one, "marks": ""} if k < last else dict(one) for k, one in enumerate(history)]
+    return _changed(core, trained, made, **kept)
 
 
 def _changed(
-    core: _core.Model,
-    trained: Mapping[str, Any],
-    learners: Learners | None = None,
-    posterior: str | None = None,
-    **parts: Any,
+    core: _core.Model, trained: Mapping[str, Any], learners: Learners | None = None, **parts: Any
 ) -> _core.Model:
-    """Return a model with other metadata, and other weights where they are given."""
+    """Return a model with other metadata, and other weights, which have no probabilities, where they are given."""
     (spec, coef, intercept, coding, classes), options = core.__getnewargs_ex__()
-    if learners is not None:
-        coef, intercept = learners.coef, learners.intercept
     text = json.dumps(trained, ensure_ascii=False, sort_keys=True, allow_nan=False)
     metadata = {**core.metadata, "trained": text}
-    if posterior is not None:
-        metadata["posterior"] = posterior
+    if learners is not None:
+        coef, intercept = learners.coef, learners.intercept
+        metadata["posterior"] = ""
     options = {**options, **parts, "metadata": metadata, "lacks_digest": False}
     return _core.Model(spec, coef, intercept, coding, classes, **options)

@@ -16,7 +16,6 @@ from granular_id._columns import samples_of
 from granular_id._files import MODELS, refuse_other_kind, whole_file
 from granular_id._progress import ProgressCallback
 from granular_id.features import FeatureSpec
-from granular_id.identifier.adaptable import Adaptable
 from granular_id.identifier.decision import Decision, decision_of
 from granular_id.identifier.metadata import (
     BANDED,
@@ -30,7 +29,7 @@ from granular_id.identifier.metadata import (
 from granular_id.identifier.rules import probabilities
 from granular_id.recording import Dataset, Recording
 
-# Training and probabilities are imported where they are called for: they bring in scikit-learn.
+# Training, adapting and probabilities are imported where they are called for: they bring in scikit-learn.
 
 if TYPE_CHECKING:
     from granular_id.identifier.timeline import Timeline
@@ -41,7 +40,7 @@ FloatArray = npt.NDArray[np.float64]
 _USUAL_RANGE = FeatureSpec().bin_range
 
 
-class Identifier(Adaptable):
+class Identifier:
     """A trained model that names materials: features, linear learners, classes and metadata of the training.
 
     Made by `fit`, `from_classifier` or `load`. Everything that decides about an answer is in `core`, the same object
@@ -542,6 +541,102 @@ class Identifier(Adaptable):
         from granular_id.identifier.timeline import predict_over
 
         return predict_over(self.core, recording, hop_s, accept, threads)
+
+    def adapt(
+        self,
+        recordings: Dataset,
+        labels: npt.ArrayLike | None = None,
+        *,
+        all_materials: bool = False,
+        allow_missing: bool = False,
+        trained_on: Dataset | None = None,
+        begin_at: Begin = "auto",
+        lead_s: float | None = None,
+        accept: str | Sequence[str] = (),
+        threads: int | None = None,
+    ) -> Identifier:
+        """Return a model for another set-up (tool, mounting, zero, room), learned from recordings of it.
+
+        One of two ways: with the labels of a few recordings of each material, or of recordings that are declared to
+        hold all materials about equally.
+
+        Parameters
+        ----------
+        recordings : Dataset
+            Of the new set-up: with `labels` three or more, three of each material are good; with `all_materials` three
+            a material or more, in the mean.
+        labels : array-like of str, shape (n,), optional
+            Their labels, each one that the model knows, such as ``recordings.y``. Also after `all_materials`.
+        all_materials : bool, default False
+            Declare that they hold all materials about equally: each feature gets mean and spread of the training, and
+            self-training follows. Loses where it is not so: with half of the materials 2 to 18 points. Labels that the
+            recordings have only tell the accuracy before and after.
+        allow_missing : bool, default False
+            With labels, go on without some of the materials. What the others show does not carry over to these.
+        trained_on : Dataset, optional
+            The recordings of the training, for a model that keeps nothing of it: taken over from a pipeline, or of too
+            many materials; one that keeps what it needs goes by that. Other recordings are refused by a model that
+            knows its own, needed or not; one that was taken over warns where it names fewer than 90 % of them rightly.
+        begin_at, lead_s, accept
+            As in `identify`.
+        threads : int, optional
+            As in `scores`.
+
+        Returns
+        -------
+        Identifier
+            With other weights only, so that streams, batches and Rust give the same bits. What was measured on the old
+            one is dropped: estimate, early answers, candidates, refusal of unknown materials, probabilities.
+            ``trained["adapted"]`` says in a line what was done. This model stays as it is.
+
+        Raises
+        ------
+        TypeError
+            `recordings` is not a `Dataset`.
+        ValueError
+            Neither labels nor `all_materials`, or both; what `identify` refuses; too few recordings; a label that the
+            model does not know; materials that are missing: the message names them; with `all_materials` a model that
+            was adapted before; a model that keeps nothing of its training, without `trained_on`.
+
+        Warns
+        -----
+        UserWarning
+            Labels are of one material, or of recordings that have trained the model before; with `all_materials`,
+            labels of recordings in which some are missing; balanced accuracy fell by more than a recording; doubts
+            about `trained_on`.
+
+        Notes
+        -----
+        The method is that of `BestClassifier.adapt`, with samples and counts as features without its regression.
+
+        Examples
+        --------
+        >>> import granular_id as gid
+        >>> from granular_id.synthetic import Rig
+        >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=8, duration_s=0.5)
+        >>> model = gid.Identifier.fit(data, "multiband")
+        >>> shallow = gid.synthesize(["rice", "fine sugar"], 3, duration_s=0.5, seed=1, rig=Rig(depth_m=0.05))
+        >>> new = model.adapt(shallow, shallow.y)
+        >>> new.trained["adapted"][:24]
+        'by 6 labelled recordings'
+        >>> declared = model.adapt(shallow, all_materials=True)
+        """
+        from granular_id.identifier.adapt import adapted_model
+
+        return Identifier(
+            adapted_model(
+                self.core,
+                recordings,
+                labels,
+                all_materials=all_materials,
+                allow_missing=allow_missing,
+                trained_on=trained_on,
+                begin_at=begin_at,
+                lead_s=lead_s,
+                accept=accept,
+                threads=threads,
+            )
+        )
 
     def __repr__(self) -> str:
         on = ", trained on SYNTHETIC recordings" if self.synthetic else ""

@@ -40,11 +40,8 @@ MARKS = "recording_marks"
 SOURCE = "source"
 """Key of what a model keeps of its training to be adapted: numbers in base64, float64, little-endian."""
 
-HISTORY = "adaptations"
-"""Key of how it was brought to other set-ups, the latest last."""
-
-ADAPTED_BEFORE = "adapted_before"
-"""Key of a model that was taken over from a classifier that had been adapted."""
+ADAPTED = "adapted"
+"""Key of the line that says how it was last brought to another set-up."""
 
 Begin = Literal["auto", "first", "trigger"]
 
@@ -75,27 +72,6 @@ _CONFIDENCE = {  # the core has found that these rules fit the model, and takes 
     "conformal?": ({"n_calibration": [int, ...]}, None),
     "unknown?": ({"n_calibration": int}, None),
 }
-_ADAPTATION = {
-    "method": str,
-    "rounds": int,
-    "made": str,
-    "n_recordings": int,
-    "sha256": str,
-    "sessions": [str, ...],
-    "shares_before": {EACH: float},
-    "shares_after": {EACH: float},
-    "n_changed": int,
-    "n_judged": int,
-    "accuracy_before": (float, None),
-    "accuracy_after": (float, None),
-    "materials": {EACH: int},
-    "missing": [str, ...],
-    "differences": [str, ...],
-    "dropped": [str, ...],
-    "estimate_before": (float, None),
-    "n_seen?": int,
-    "marks?": str,
-}
 _TRAINED = {
     "settings?": {"space": str},
     "synthetic?": bool,
@@ -113,8 +89,7 @@ _TRAINED = {
     "left_out?": str,
     "notes?": [str, ...],
     "source?": {"mean": (str, None), "sd": str, "scores": str},
-    "adaptations?": [_ADAPTATION, ...],
-    "adapted_before?": bool,
+    "adapted?": str,
 }
 
 
@@ -174,23 +149,8 @@ class Metadata:
     @property
     def marks(self) -> frozenset[str] | None:
         """Marks of the recordings, see `marks_of`; None where it does not keep them."""
-        return _split(self.trained.get(MARKS, "")) or None
-
-    @property
-    def seen(self) -> frozenset[str]:
-        """Marks of those and of the recordings that it was adapted to, with labels or without."""
-        adapted = (_split(one.get("marks", "")) for one in self.trained.get(HISTORY, ()))
-        return frozenset().union(self.marks or (), *adapted)
-
-    @property
-    def taught(self) -> frozenset[str]:
-        """Marks of those of them whose labels it has learned."""
-        labelled = (_split(one.get("marks", "")) for one in self.trained.get(HISTORY, ()) if one["materials"])
-        return frozenset().union(self.marks or (), *labelled)
-
-
-def _split(marks: str) -> frozenset[str]:
-    return frozenset(marks[k : k + _MARK_DIGITS] for k in range(0, len(marks), _MARK_DIGITS))
+        marks = self.trained.get(MARKS, "")
+        return frozenset(marks[k : k + _MARK_DIGITS] for k in range(0, len(marks), _MARK_DIGITS)) or None
 
 
 # Recordings that a model was trained on.

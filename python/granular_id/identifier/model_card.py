@@ -12,7 +12,7 @@ from granular_id import _core
 from granular_id._text import counted, fixed, percent
 from granular_id.features import FeatureSpec
 from granular_id.identifier.identifier import Identifier
-from granular_id.identifier.metadata import ADAPTED_BEFORE, HISTORY, Metadata
+from granular_id.identifier.metadata import ADAPTED, Metadata
 from granular_id.identifier.rules import confidence_rules, outcome_text
 from granular_id.recording import SEVERE_PREFIXES, labelled_check_note
 
@@ -64,7 +64,7 @@ def describe_performance(model: Identifier) -> list[str]:
     """Say how a model did on recordings held out, what it chose there, and when it answers early, one line each."""
     trained = model.trained
     lines = [
-        *_adaptations(model),
+        *([f"adapted: {trained[ADAPTED]}"] if ADAPTED in trained else []),
         *_estimate(model, trained.get("estimate")),
         *_choice(trained.get("choice")),
         f"early answers: {_early(model, trained.get('early'))}",
@@ -178,20 +178,6 @@ def _estimate(model: Identifier, estimate: Mapping[str, Any] | None) -> list[str
     return lines
 
 
-def _adaptations(model: Identifier) -> list[str]:
-    """Say how the model was brought to other set-ups, and what it reached in its own."""
-    lines = []
-    if model.trained.get(ADAPTED_BEFORE):
-        lines.append("adapted: before it was taken over from a pipeline; how is not known")
-    for entry in model.adaptations:
-        first, *rest = entry.lines
-        if entry.estimate_before is not None:
-            share = percent(entry.estimate_before)
-            rest.append(f"the model before named {share} of held-out recordings of its own set-up rightly")
-        lines += [f"adapted: {first}", *(f"  {line}" for line in rest)]
-    return lines
-
-
 def _choice(choice: Mapping[str, Any] | None) -> list[str]:
     """Say what was chosen of what, on which recordings, and how often the models of the estimate chose the same."""
     if not choice:
@@ -248,6 +234,6 @@ def _confidence(model: Identifier) -> list[str]:
 
 def _why_none(trained: Mapping[str, Any]) -> str:
     """Say that nothing was held out to set rules on, or nothing since, where that is why there are none."""
-    if trained.get(HISTORY):
+    if ADAPTED in trained:
         return ": the model was adapted since"
     return "" if trained.get("estimate") else ": no recordings were held out"

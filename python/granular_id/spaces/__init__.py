@@ -4,13 +4,12 @@ from granular_id._estimators import learns
 from granular_id.spaces.adaptation import (
     Learners as Learners,
     SourceStatistics as SourceStatistics,
-    adapted as adapted,
-    checked_rounds as checked_rounds,
+    adapted_by_labels as adapted_by_labels,
+    adapted_to_all as adapted_to_all,
+    check_way as check_way,
+    codes_and_missing as codes_and_missing,
     codes_of as codes_of,
     missing_of as missing_of,
-    recalibrated as recalibrated,
-    refuse_few as refuse_few,
-    refuse_missing as refuse_missing,
 )
 from granular_id.spaces.base import (
     FeatureBlock,

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from granular_id._checks import checked_flag, whole_number
+from granular_id._checks import checked_flag
 from granular_id._estimators import origin_of
 from granular_id._parallel import single_threaded_blas
 from granular_id.recording import Dataset
@@ -30,17 +30,15 @@ IntArray = npt.NDArray[np.intp]
 Label = TypeVar("Label")
 Losses = Callable[[FloatArray], FloatArray]
 
-LEAST_ROWS = 3
-"""Recordings, and with `all_materials` recordings a material in the mean, of which less is said than chance says."""
+_LEAST_ROWS = 3
+"""Labelled recordings, or recordings a material in the mean, of which less is said than chance says."""
 
 # Measured on real recordings under other loads, speeds, sensors and people, on synthetic rigs and on halves of
-# sessions, with all, half, three of the materials and unequal shares; docs/guide/setups.md has the outcome.
-_STEPS, _KEPT, _MOST_ROWS = 4, 0.7, 5
-_STILL_ROWS, _STILL_ROWS_A_CLASS = 20.0, 1.0  # added to those that ask for a shift, so that few move little
+# sessions; docs/guide/setups.md has the outcome.
+_ROUNDS, _RECENTRED, _EVEN_STEPS = 2, 2, 30
 _WIDTH = 0.15  # of a membership, in medians of the margin
-_RECENTRED, _EVEN_STEPS = 2, 30
+_MOST_ROWS = 5
 _LEAST_SCALE, _MOST_SCALE = 0.2, 5.0
-_LEAST_SLOPE, _SHARE_FOR_SLOPE = 0.8, 0.25  # less takes a session of one material for one of all
 _PRIOR_ROWS = 1.0
 _RIDGE, _RIDGE_UNSURE = 0.1, 1.0
 _LEAST_SHARE = 1e-12
@@ -63,7 +61,8 @@ class Learners:
 
     def answers(self, X: FloatArray) -> IntArray:
         """Name the class (n,) of each row."""
-        return _answers(self.losses(self.scores(X)))[0]
+        codes: IntArray = self.losses(self.scores(X)).argmin(axis=1)
+        return codes
 
     def shifted(self, offset: FloatArray) -> Learners:
         """Take an offset (L,) from all scores."""
@@ -89,74 +88,35 @@ class SourceStatistics:
         return cls(means.mean(axis=0), sd, learners.scores(means))
 
 
-def checked_rounds(rounds: int | None, all_materials: bool) -> int:
-    """Return the rounds of self-training: those that are asked for, or the default of the method."""
-    default = 2 if checked_flag("all_materials", all_materials) else 0
-    return default if rounds is None else whole_number("rounds", rounds, least=0)
-
-
-def adapted(
-    learners: Learners,
-    source: SourceStatistics,
-    X: FloatArray,
-    *,
-    all_materials: bool,
-    rounds: int,
-    blocks: Mapping[str, int] | None = None,
-    caution: float = 0.0,
-) -> tuple[Learners, SourceStatistics]:
-    """Bring learners to the set-up of rows (n, D) without labels, as `AdaptableClassifier.adapt` says it.
-
-    Without `blocks` self-training only recentres.
-    """
-    refuse_few(len(X), "adapting")
-    least = LEAST_ROWS * len(learners.coding)
-    if all_materials and len(X) < least:
+def check_way(labels: object, all_materials: bool, allow_missing: bool) -> None:
+    """Refuse neither and both of the two ways to adapt; missing materials may be allowed where labels are given."""
+    if (labels is not None) == checked_flag("all_materials", all_materials):
         raise ValueError(
-            f"all_materials=True needs {LEAST_ROWS} recordings a material in the mean, {least} for "
-            f"{len(learners.coding)} materials, got {len(X)}: record more, or leave all_materials out"
+            f"adapting needs one of two ways, got {'both' if all_materials else 'neither'}: give the labels of a few "
+            "recordings of each material, or pass all_materials=True, which declares that the recordings hold all "
+            "materials about equally"
         )
-    if all_materials:
-        learners, source = standardised(learners, source, X)
-    else:
-        learners = balanced_shift(recentred(learners, source, X), source, X, caution=caution)
-    return self_trained(learners, source, X, rounds, blocks, even=all_materials), source
+    if checked_flag("allow_missing", allow_missing) and all_materials:
+        raise ValueError(
+            "leave out allow_missing=True: all_materials=True declares that no material is missing"
+        )
 
 
-def recentred(learners: Learners, source: SourceStatistics, X: FloatArray) -> Learners:
-    """Take the difference of the mean scores of rows (n, D) to those of the training, less so where rows are few."""
-    offset = learners.scores(X).mean(axis=0) - source.scores.mean(axis=0)
-    return learners.shifted(offset * (len(X) / (len(X) + _STILL_ROWS)))
+def adapted_to_all(
+    learners: Learners, source: SourceStatistics, X: FloatArray, blocks: Mapping[str, int] | None
+) -> tuple[Learners, SourceStatistics]:
+    """Bring learners to the set-up of rows (n, D) that hold all classes about equally, without labels.
 
-
-def balanced_shift(
-    learners: Learners, source: SourceStatistics, X: FloatArray, *, caution: float = 0.0
-) -> Learners:
-    """Take the common offset of rows (n, D) of another set-up from the scores, whatever classes they hold.
-
-    Rows are named, the surest of each class are kept, and their mean scores are compared with those of the training:
-    one offset for all classes, and one slope, since scores of rows that did not train are smaller. Each class counts
-    by its rows, at most 5 of them; with less than a quarter of the classes the slope stays 1. A row a class, and
-    `caution` more, ask for no offset.
+    Without `blocks` self-training only recentres. Returns the statistics as the new learners see them, too.
     """
-    scores, n_classes = learners.scores(X), len(learners.coding)
-    offset = np.zeros(scores.shape[1])
-    still = (_STILL_ROWS_A_CLASS + caution) * n_classes
-    for _ in range(_STEPS):
-        rows, codes = _surest(learners.losses(scores - offset), n_classes)
-        present, counts = np.unique(codes, return_counts=True)
-        weights = np.minimum(counts, _MOST_ROWS).astype(np.float64)
-        total = weights.sum()
-        found = np.array([scores[rows[codes == k]].mean(axis=0) for k in present])
-        known = source.scores[present]
-        mean_found, mean_known = weights @ found / total, weights @ known / total
-        within = weights @ ((known - mean_known) ** 2).sum(axis=1)
-        slope = 1.0
-        if within > 0 and total**2 >= _SHARE_FOR_SLOPE * n_classes * (weights @ weights):
-            slope = weights @ ((found - mean_found) * (known - mean_known)).sum(axis=1) / within
-        slope = float(np.clip(slope, _LEAST_SLOPE, 1.0))
-        offset = (mean_found - slope * mean_known) * (total / (total + still))
-    return learners.shifted(offset)
+    least = _LEAST_ROWS * len(learners.coding)
+    if len(X) < least:
+        raise ValueError(
+            f"all_materials=True needs {_LEAST_ROWS} recordings a material in the mean, {least} for "
+            f"{len(learners.coding)} materials, got {len(X)}: record more, or give labels"
+        )
+    learners, source = standardised(learners, source, X)
+    return self_trained(learners, source, X, blocks), source
 
 
 def standardised(
@@ -181,31 +141,25 @@ def standardised(
 
 
 def self_trained(
-    learners: Learners,
-    source: SourceStatistics,
-    X: FloatArray,
-    rounds: int,
-    blocks: Mapping[str, int] | None,
-    *,
-    even: bool,
+    learners: Learners, source: SourceStatistics, X: FloatArray, blocks: Mapping[str, int] | None
 ) -> Learners:
-    """Correct scores by rows (n, D) as `recalibrated` does, by memberships that the scores give in place of labels.
+    """Correct scores by rows (n, D) as `adapted_by_labels` does, by memberships that the scores give in their place.
 
-    Where rows are of all classes about equally (`even`), classes that are named too often are named less. Regression
-    follows that by one step only: what it learns does not go away.
+    Classes that are named too often are named less. Regression follows that by one step only: what it learns does not
+    go away.
     """
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         for _ in range(_RECENTRED):
             scores = learners.scores(X)
-            members = _memberships(learners.losses(scores), _EVEN_STEPS if even else 0)
+            members = _memberships(learners.losses(scores), _EVEN_STEPS)
             learners = learners.shifted(_own_offsets(scores, members, source, learners.coding))
         if blocks is not None:
-            members = _memberships(learners.losses(learners.scores(X)), int(even))
+            members = _memberships(learners.losses(learners.scores(X)), 1)
             learners = _regressed(learners, source, X, members, blocks, _RIDGE_UNSURE)
     return learners
 
 
-def recalibrated(
+def adapted_by_labels(
     learners: Learners,
     source: SourceStatistics,
     X: FloatArray,
@@ -251,7 +205,8 @@ def _regressed(
 
 def _memberships(losses: FloatArray, even_steps: int) -> FloatArray:
     """Share (n, K) that each class has in each row; steps of Sinkhorn & Knopp make the shares of all classes equal."""
-    width = max(_WIDTH * float(np.median(_answers(losses)[1])), _LEAST_SHARE)
+    least = np.partition(losses, 1, axis=1)
+    width = max(_WIDTH * float(np.median(least[:, 1] - least[:, 0])), _LEAST_SHARE)
     members: FloatArray = np.exp((losses.min(axis=1, keepdims=True) - losses) / width)
     members /= members.sum(axis=1, keepdims=True)
     for _ in range(even_steps):
@@ -278,24 +233,6 @@ def _own_offsets(
             midpoint = float(np.mean([offsets[side, learner].mean() for side in sides]))
             own[learner] += (midpoint - own[learner]) * least / (least + _PRIOR_ROWS)
     return own
-
-
-def _answers(losses: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Class (n,) of the least loss, and by how much it is less than the next."""
-    least = np.partition(losses, 1, axis=1)
-    return losses.argmin(axis=1), least[:, 1] - least[:, 0]
-
-
-def _surest(losses: FloatArray, n_classes: int) -> tuple[IntArray, IntArray]:
-    """Return the rows of largest margin, a share of those named for each class and one at least, and their classes."""
-    named, margins = _answers(losses)
-    kept = []
-    for k in range(n_classes):
-        rows = np.flatnonzero(named == k)
-        order = np.argsort(-margins[rows], kind="stable")
-        kept.append(rows[order[: max(1, int(_KEPT * rows.size))]])
-    rows = np.concatenate(kept)
-    return rows, named[rows]
 
 
 def _factors(sd: FloatArray, blocks: Mapping[str, int]) -> FloatArray:
@@ -331,11 +268,12 @@ class AdaptableClassifier:
         X: npt.ArrayLike,
         y: npt.ArrayLike,
         X_new: npt.ArrayLike,
+        y_new: npt.ArrayLike | None = None,
         *,
         all_materials: bool = False,
-        rounds: int | None = None,
+        allow_missing: bool = False,
     ) -> Self:
-        """Return a classifier for another set-up, learned from recordings of it without labels.
+        """Return a classifier for another set-up, learned from recordings of it: with labels, or of all classes.
 
         Parameters
         ----------
@@ -344,16 +282,14 @@ class AdaptableClassifier:
         y : array-like, shape (n,)
             Their labels.
         X_new : array-like, shape (m, D)
-            Features of recordings of the new set-up, of whichever classes.
+            Features of recordings of the new set-up.
+        y_new : array-like, shape (m,), optional
+            Their labels, each of `classes_`: a few of each class. Either these or `all_materials`.
         all_materials : bool, default False
-            Declare that `X_new` holds all classes about equally: each column gets mean and spread of the training.
-            Gains more than the shift, and loses where it is not so: with half of the classes 2 to 18 points. By
-            default only a common offset of the scores is taken away, which costs nothing in the mean with any shares
-            of three classes or more.
-        rounds : int, optional
-            Self-training after that: so often rows with the memberships that their scores give them do what labelled
-            ones do in `recalibrate`. Default: 2 with `all_materials`, else 0: where half of the classes are missing
-            it costs 4 points.
+            Declare that `X_new` holds all classes about equally: each column gets mean and spread of the training, and
+            self-training follows. Loses where it is not so: with half of the classes 2 to 18 points.
+        allow_missing : bool, default False
+            With labels, go on without some of the classes. What is learned of the others does not carry over to them.
 
         Returns
         -------
@@ -364,28 +300,25 @@ class AdaptableClassifier:
         Raises
         ------
         TypeError, ValueError
-            A `Dataset` in place of features, another number of columns, NaN or infinity, labels other than in `fit`,
-            fewer than three new rows; with `all_materials` fewer than three a class, in the mean, or a classifier that
-            was adapted before.
+            Neither labels nor `all_materials`, or both; a `Dataset` in place of features, another number of columns,
+            NaN or infinity; labels that were not in training, fewer than three labelled rows, classes that are missing:
+            the message names them; with `all_materials` fewer than three rows a class, in the mean, or a classifier
+            that was adapted before.
 
         Notes
         -----
-        The default takes away n / (n + 20) of the difference of the mean scores of n rows to those of the training.
-        Then it goes four times: name the rows, keep the 70 % of each class with the largest margin, and compare
-        their mean scores with those of the training, where each class counts by its rows, at most by five: an offset
-        for each learner, drawn to 0 by a row a class, and one slope in [0.8, 1], since rows that did not train have
-        smaller scores; 1 where less than a quarter of the classes is named.
+        With labels each learner is recentred on its own classes, with few rows more on all of them; the difference that
+        is left to the mean scores of the training is learned by kernel ridge regression on standardised columns, with a
+        ridge of 0.1 of the mean squared norm of the rows. It is linear, too.
 
-        Memberships are exp(-loss / w), w = 0.15 of the median margin, over their sum. With `all_materials` 30 steps
-        of Sinkhorn and Knopp make the shares of all classes equal for recentring, one step for the regression, whose
-        ridge is the mean squared norm of the rows.
+        With `all_materials` two rounds of self-training do the same with memberships in place of labels:
+        exp(-loss / w), w = 0.15 of the median margin, over their sum. 30 steps of Sinkhorn and Knopp make the shares of
+        all classes equal for recentring, one step for the regression, whose ridge is the mean squared norm of the rows.
 
         References
         ----------
-        Re-centring: Zanini et al., "Transfer learning: a Riemannian geometry framework with applications to
-        brain-computer interfaces", IEEE TBME 65 (2018); under other shares of classes: Li et al., "SPDIM:
-        source-free unsupervised conditional and label shift adaptation in EEG" (2024). Equal shares: Asano et al.,
-        "Self-labelling via simultaneous clustering and representation learning" (ICLR 2020).
+        Equal shares: Asano et al., "Self-labelling via simultaneous clustering and representation learning" (ICLR
+        2020).
 
         Examples
         --------
@@ -394,66 +327,22 @@ class AdaptableClassifier:
         >>> X, y = load_iris(return_X_y=True)
         >>> clf = BestClassifier().fit(X[::2], y[::2])
         >>> moved = X[1::2] + [0.5, 0.0, 1.0, 0.5]
-        >>> new = clf.adapt(X[::2], y[::2], moved)
+        >>> new = clf.adapt(X[::2], y[::2], moved, all_materials=True)
         >>> bool((clf.predict(moved) == y[1::2]).mean() < 0.7 < 0.9 < (new.predict(moved) == y[1::2]).mean())
         True
         """
-        rounds = checked_rounds(rounds, all_materials)
+        check_way(y_new, all_materials, allow_missing)
         with single_threaded_blas():
             learners, source, blocks = self._known(X, y)
             rows = self._rows(X_new, "X_new")
-            made, known = adapted(
-                learners, source, rows, all_materials=all_materials, rounds=rounds, blocks=blocks
-            )
+            if y_new is None:
+                made, known = adapted_to_all(learners, source, rows, blocks)
+            else:
+                codes, _ = codes_and_missing(
+                    np.asarray(y_new), self.classes_, len(rows), "y_new", allow_missing
+                )
+                made, known = adapted_by_labels(learners, source, rows, codes, blocks), source
         return self._with(made, known)
-
-    def recalibrate(
-        self,
-        X: npt.ArrayLike,
-        y: npt.ArrayLike,
-        X_new: npt.ArrayLike,
-        y_new: npt.ArrayLike,
-        *,
-        allow_missing: bool = False,
-    ) -> Self:
-        """Return a classifier for another set-up, learned from a few labelled recordings of each class.
-
-        Parameters
-        ----------
-        X, y
-            As in `adapt`.
-        X_new : array-like, shape (m, D)
-            Features of recordings of the new set-up.
-        y_new : array-like, shape (m,)
-            Their labels, each of `classes_`.
-        allow_missing : bool, default False
-            Go on without some of the classes. What is learned of the others does not carry over to them.
-
-        Returns
-        -------
-        Self
-            As of `adapt`.
-
-        Raises
-        ------
-        TypeError, ValueError
-            As `adapt`; labels that were not in training; classes that are missing: the message names them.
-
-        Notes
-        -----
-        Each learner is recentred on its own classes, with few rows more on all of them; the difference that is left
-        to the mean scores of the training is learned by kernel ridge regression on standardised columns, with a
-        ridge of 0.1 of the mean squared norm of the rows. It is linear, too.
-        """
-        with single_threaded_blas():
-            learners, source, blocks = self._known(X, y)
-            rows = self._rows(X_new, "X_new")
-            labels = [str(label) for label in self.classes_]
-            codes = codes_of(np.asarray(y_new), self.classes_, len(rows), "y_new")
-            refuse_few(len(codes), "recalibration")
-            refuse_missing(codes, labels, allow_missing)
-            made = recalibrated(learners, source, rows, codes, blocks)
-        return self._with(made, source)
 
     def _known(self, X: Any, y: Any) -> tuple[Learners, SourceStatistics, dict[str, int]]:
         check_is_fitted(self)
@@ -501,28 +390,27 @@ def codes_of(labels: npt.NDArray[Any], classes: npt.NDArray[Any], n: int, name: 
     return np.array([codes[label] for label in labels.tolist()], dtype=np.intp)
 
 
-def refuse_few(n: int, what: str) -> None:
-    """Refuse fewer recordings than tell a set-up from chance."""
-    if n < LEAST_ROWS:
-        raise ValueError(
-            f"{what} needs at least {LEAST_ROWS} recordings, got {n}: the offset of one cannot be told from its "
-            "material; record more, of more materials"
-        )
-
-
 def missing_of(codes: IntArray, labels: Sequence[Label]) -> list[Label]:
     """Return the classes that no row has."""
     there = set(codes.tolist())
     return [label for code, label in enumerate(labels) if code not in there]
 
 
-def refuse_missing(codes: IntArray, labels: Sequence[str], allow_missing: bool) -> list[str]:
-    """Return the classes without a recording; refuse them unless they are allowed."""
-    missing = missing_of(codes, labels)
+def codes_and_missing(
+    labels: npt.NDArray[Any], classes: npt.NDArray[Any], n: int, name: str, allow_missing: bool
+) -> tuple[IntArray, list[str]]:
+    """Return the classes of n rows to adapt by, and those without a row; refuse too few rows, and missing classes."""
+    codes = codes_of(labels, classes, n, name)
+    if n < _LEAST_ROWS:
+        raise ValueError(
+            f"adapting by labels needs at least {_LEAST_ROWS} recordings, got {n}: the offset of one cannot be told "
+            "from its material; record more, of more materials"
+        )
+    missing = [str(label) for label in missing_of(codes, classes.tolist())]
     if missing and not allow_missing:
         raise ValueError(
-            f"recalibration needs recordings of every material, {', '.join(missing)} "
+            f"adapting by labels needs recordings of every material, {', '.join(missing)} "
             f"{'is' if len(missing) == 1 else 'are'} missing: what the others show does not carry over; record them, "
             "or pass allow_missing=True"
         )
-    return missing
+    return codes, missing
