@@ -19,7 +19,7 @@ from granular_id.evaluation.checkpoint import Answer, Checkpoint
 from granular_id.evaluation.features import STAGES, GramBank, SpaceFeatures, seeded, timed
 from granular_id.gram import spread
 from granular_id.partitions import CONDITION, Partition
-from granular_id.spaces import BestClassifier, Chosen, FeatureSpace, tell_blocks
+from granular_id.spaces import BestClassifier, Chosen, FeatureSpace, adapted_classifier, tell_blocks
 from granular_id.splits import Groups
 
 Codes = NDArray[np.intp]
@@ -196,5 +196,5 @@ def _adapted(classifier: Any, X: Floats, y: Codes, X_new: Floats, truth: Codes) 
         or counts.max() > _ABOUT_EQUAL * counts.min()
     ):
         return None
-    named: Codes = classifier.adapt(X, y, X_new, all_materials=True).predict(X_new).astype(np.intp)
+    named: Codes = adapted_classifier(classifier, X, y, X_new).predict(X_new).astype(np.intp)
     return named

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
+from granular_id._checks import checked_flag
 from granular_id._memory import empty
 from granular_id._parallel import single_threaded_blas
 from granular_id._text import counted, percent, verb
@@ -34,14 +35,11 @@ from granular_id.identifier.metadata import (
 from granular_id.identifier.rules import KEY as CONFIDENCE
 from granular_id.recording import Dataset, setups_in, values_in
 from granular_id.spaces import (
+    LEAST_ROWS,
     Learners,
     SourceStatistics,
     adapted_by_labels,
     adapted_to_all,
-    check_way,
-    codes_and_missing,
-    codes_of,
-    missing_of,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -105,7 +103,7 @@ def adapted_model(
     threads: int | None,
 ) -> _core.Model:
     """Bring a model to the set-up of recordings; `Identifier.adapt` describes it."""
-    check_way(labels, all_materials, allow_missing)
+    _check_way(labels, all_materials, allow_missing)
     if not isinstance(recordings, Dataset):
         raise TypeError(f"recordings must be a granular_id.Dataset, got {type(recordings).__name__}")
     differences = check_recordings(recordings, core, accept)
@@ -113,8 +111,8 @@ def adapted_model(
     truth = _known_codes(data, core.classes)
     missing: list[str] = []
     if labels is not None:
-        classes = np.array(core.classes)
-        truth, missing = codes_and_missing(np.asarray(labels), classes, len(data), "labels", allow_missing)
+        truth = _codes_of(np.asarray(labels), core.classes, len(data), "labels")
+        missing = _refuse_too_little(truth, core.classes, allow_missing)
     source, learners, blocks = _source(core, trained_on, threads), _learners(core), _blocks(core)
     rows = features_of(core, data.X, threads)
 
@@ -143,6 +141,53 @@ def adapted_model(
         warnings.warn(doubt, stacklevel=3)  # of `Identifier.adapt`
     line = _line(len(data), labels is not None, missing, differences, accuracies)
     return _new_model(core, made, known, data, line, labelled=labels is not None)
+
+
+def _check_way(labels: object, all_materials: bool, allow_missing: bool) -> None:
+    """Refuse neither and both of the two ways to adapt; missing materials may be allowed where labels are given."""
+    if (labels is not None) == checked_flag("all_materials", all_materials):
+        raise ValueError(
+            f"adapting needs one of two ways, got {'both' if all_materials else 'neither'}: give the labels of a few "
+            "recordings of each material, or pass all_materials=True, which declares that the recordings hold all "
+            "materials about equally"
+        )
+    if checked_flag("allow_missing", allow_missing) and all_materials:
+        raise ValueError(
+            "leave out allow_missing=True: all_materials=True declares that no material is missing"
+        )
+
+
+def _codes_of(labels: npt.NDArray[Any], classes: Sequence[str], n: int, name: str) -> IntArray:
+    """Return the place of each of n labels among the classes; refuse others."""
+    if labels.shape != (n,):
+        raise ValueError(f"{name} must hold a label for each of {n} recordings, got shape {labels.shape}")
+    codes = {label: code for code, label in enumerate(classes)}
+    unknown = next((label for label in labels.tolist() if label not in codes), None)
+    if unknown is not None:
+        raise ValueError(f"{name} must hold labels of the training, got {unknown!r}")
+    return np.array([codes[label] for label in labels.tolist()], dtype=np.intp)
+
+
+def _missing(codes: IntArray, classes: Sequence[str]) -> list[str]:
+    """Return the classes that no recording has."""
+    return [label for code, label in enumerate(classes) if code not in set(codes.tolist())]
+
+
+def _refuse_too_little(codes: IntArray, classes: Sequence[str], allow_missing: bool) -> list[str]:
+    """Return the classes without a labelled recording, if they are allowed; refuse too few recordings."""
+    if len(codes) < LEAST_ROWS:
+        raise ValueError(
+            f"adapting by labels needs at least {LEAST_ROWS} recordings, got {len(codes)}: the offset of one cannot be "
+            "told from its material; record more, of more materials"
+        )
+    missing = _missing(codes, classes)
+    if missing and not allow_missing:
+        raise ValueError(
+            f"adapting by labels needs recordings of every material, {', '.join(missing)} "
+            f"{verb(len(missing), 'is', 'are')} missing: what the others show does not carry over; record them, "
+            "or pass allow_missing=True"
+        )
+    return missing
 
 
 def _known_codes(data: Dataset, classes: Sequence[str]) -> IntArray:
@@ -233,8 +278,8 @@ def _blocks(core: _core.Model) -> dict[str, int] | None:
 
 
 def _statistics(core: _core.Model, rows: FloatArray, y: npt.NDArray[np.str_]) -> SourceStatistics:
-    codes = codes_of(y, np.array(core.classes), len(rows), "trained_on")
-    missing = missing_of(codes, core.classes)
+    codes = _codes_of(y, core.classes, len(rows), "trained_on")
+    missing = _missing(codes, core.classes)
     if missing:
         raise ValueError(
             f"trained_on must hold every material that the model knows, {missing[0]!r} is missing"
@@ -262,7 +307,7 @@ def _source(core: _core.Model, trained_on: Dataset | None, threads: int | None) 
     rows, y = features_of(core, trained_on.X, threads), trained_on.y
     with single_threaded_blas():
         source, named = _statistics(core, rows, y), _learners(core).answers(rows)
-    accuracy = _balanced(named, codes_of(y, np.array(core.classes), len(rows), "trained_on"))
+    accuracy = _balanced(named, _codes_of(y, core.classes, len(rows), "trained_on"))
     if accuracy < _LEAST_KNOWN:
         warnings.warn(
             f"the model names only {percent(accuracy)} of trained_on rightly: if these are not the recordings of its "

@@ -17,7 +17,7 @@ from granular_id._checks import argument_error, named
 from granular_id._estimators import describe_estimator, real_steps
 from granular_id.ecoc import CODINGS, DECODINGS, POSTERIORS, ECOCClassifier, Posterior, fitting_loss
 from granular_id.features import FeatureSpec
-from granular_id.identifier.metadata import ADAPTED, BANDED, SPACES
+from granular_id.identifier.metadata import BANDED, SPACES
 from granular_id.recording import unit_of
 from granular_id.spaces import (
     ALL_BLOCKS,
@@ -209,8 +209,6 @@ def model_of(
         axes, units = space.axes_in_, units or space.units_in_
     if units is None:
         units = axis_units(shape[1]) if axes is None else [unit_of(axis) for axis in axes]
-    if hasattr(classifier, "source_"):
-        trained = {**(trained or {}), ADAPTED: "before it was taken over from a pipeline; how is not known"}
     posterior = getattr(classifier, "_posterior", None) if posterior is None else posterior
     arrays: dict[str, Any] = {}
     with np.errstate(over="ignore"):  # the model refuses what is not finite

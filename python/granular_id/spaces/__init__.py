@@ -2,14 +2,11 @@
 
 from granular_id._estimators import learns
 from granular_id.spaces.adaptation import (
+    LEAST_ROWS as LEAST_ROWS,
     Learners as Learners,
     SourceStatistics as SourceStatistics,
     adapted_by_labels as adapted_by_labels,
     adapted_to_all as adapted_to_all,
-    check_way as check_way,
-    codes_and_missing as codes_and_missing,
-    codes_of as codes_of,
-    missing_of as missing_of,
 )
 from granular_id.spaces.base import (
     FeatureBlock,
@@ -24,7 +21,13 @@ from granular_id.spaces.base import (
     steps_of as steps_of,
     tell_blocks,
 )
-from granular_id.spaces.best import DECODING as DECODING, BestClassifier, Choice as Choice, Chosen as Chosen
+from granular_id.spaces.best import (
+    DECODING as DECODING,
+    BestClassifier,
+    Choice as Choice,
+    Chosen as Chosen,
+    adapted_classifier as adapted_classifier,
+)
 from granular_id.spaces.components import PrincipalComponents
 from granular_id.spaces.gram import GramPlan, block_key, gram_plan
 from granular_id.spaces.hfmh import DEFAULT_RANGE as DEFAULT_RANGE, HFMH, BinRange, RawHFMH, RawHistogram

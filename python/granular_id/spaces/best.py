@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import asdict, dataclass
 from itertools import groupby, product
 from numbers import Integral
@@ -16,13 +17,13 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import checked_n_jobs, positive_number
-from granular_id._estimators import LabelledClassifier, labels_of, origin_for_fit
+from granular_id._estimators import LabelledClassifier, labels_of, origin_for_fit, origin_of
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._schema import check_form
 from granular_id._text import Table, percent
 from granular_id.ecoc import ECOCClassifier, class_indices, class_values, fitting_loss, line_scores, onevsone
 from granular_id.gram import linear_gram, spread
-from granular_id.spaces.adaptation import AdaptableClassifier
+from granular_id.spaces.adaptation import Learners, SourceStatistics, adapted_to_all
 from granular_id.spaces.multiband import BAND_LOSS
 from granular_id.spaces.scaling import (
     BlockScaler,
@@ -47,7 +48,7 @@ _MOST_AT_BOUND = 0.5
 _LEAST_GAIN = 0.02  # of a block; where the standard error is larger, too few recordings tell
 
 
-class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, BaseEstimator):  # type: ignore[misc]
+class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type: ignore[misc]
     """A linear one-vs-one classifier that chooses its own preparation of the features.
 
     Every candidate model standardises the columns, gives each block the same weight, may whiten within classes
@@ -247,8 +248,6 @@ class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, Bas
         self.coef_ = np.mean([coef for coef, _ in lines], axis=0)
         self.intercept_ = np.mean([intercept for _, intercept in lines], axis=0)
         number = int(self.random_state) if isinstance(self.random_state, Integral) else None
-        if hasattr(self, "source_"):  # of one that was adapted
-            del self.source_
         self.choice_ = Choice(candidates, chosen, accuracies, joint, planned.held_out, planned.note, number)
         return self
 
@@ -280,6 +279,29 @@ class BestClassifier(OrderedBlocks, AdaptableClassifier, LabelledClassifier, Bas
 
     def _values(self, scores: FloatArray) -> FloatArray:
         return class_values(scores, self.coding_matrix_, fitting_loss(self.loss, "real"), DECODING)
+
+
+def adapted_classifier(
+    classifier: BestClassifier, X: FloatArray, y: npt.NDArray[Any], X_new: FloatArray
+) -> BestClassifier:
+    """Return a classifier for the set-up of rows that hold all classes about equally; `X` and `y` trained the old one.
+
+    Its held-out scores are those of the old one.
+    """
+    learners = Learners(
+        classifier.coef_,
+        classifier.intercept_,
+        classifier.coding_matrix_,
+        lambda scores: -classifier._values(scores),
+    )
+    rows, new_rows = (np.asarray(each, dtype=np.float64) for each in (X, X_new))
+    source = SourceStatistics.of(rows, np.searchsorted(classifier.classes_, y), learners)
+    slices = block_slices(own_blocks(classifier.blocks, origin_of(X)), X.shape[1])
+    blocks = {name: columns.stop - columns.start for name, columns in slices.items()}
+    made, _ = adapted_to_all(learners, source, new_rows, blocks)
+    new = copy(classifier)
+    new.coef_, new.intercept_ = made.coef, made.intercept
+    return new
 
 
 @dataclass(frozen=True, eq=False)

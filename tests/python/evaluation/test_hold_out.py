@@ -38,24 +38,22 @@ def data():
     return with_tools(depth_mm=lambda k, _: 10.0 * (k % 2), run=lambda k, _: k)
 
 
-class Adaptable(BestClassifier):
-    """Answers at once what it was told the classes are, and names all the first class after adapting."""
-
-    def adapt(self, X, y, X_new, *, all_materials):
-        assert all_materials
-        assert len(X) == len(y)
-        return Fixed()
-
-
 class Fixed:
+    """Names everything the first class."""
+
     def predict(self, X):
         return np.zeros(len(X))
 
 
+def own_space():
+    return FeatureSpace("own", MultiBand(rate_hz=500), None, classifier=BestClassifier(relative_costs=(1.0,)))
+
+
 @pytest.fixture(scope="module")
 def result(data):
-    adaptable = FeatureSpace("own", MultiBand(rate_hz=500), None, classifier=Adaptable(relative_costs=(1.0,)))
-    return evaluate(data, {"raw": RawSignal(), "own": adaptable}, hold_out="tool", **QUIET)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("granular_id.evaluation.scoring.adapted_classifier", lambda *_: Fixed())
+        return evaluate(data, {"raw": RawSignal(), "own": own_space()}, hold_out="tool", **QUIET)
 
 
 def test_each_value_is_held_out_whole(result, data):
@@ -108,8 +106,7 @@ def test_a_classifier_that_can_be_adapted_has_its_accuracies_beside(result):
 
 def test_nothing_is_declared_of_materials_that_a_value_lacks(data):
     fewer = data[[k for k in range(len(data)) if not (data.y[k] == "oat" and k % 12 < 3)]]
-    own = FeatureSpace("own", MultiBand(rate_hz=500), None, classifier=Adaptable(relative_costs=(1.0,)))
-    result = evaluate(fewer, {"own": own}, hold_out="tool", **QUIET)
+    result = evaluate(fewer, {"own": own_space()}, hold_out="tool", **QUIET)
     assert result.adapted == {}
 
 
@@ -133,9 +130,9 @@ def test_a_damaged_adapted_answer_is_refused(result, tmp_path):
 
 
 def test_a_checkpoint_keeps_what_was_adapted(data, tmp_path):
-    own = FeatureSpace("own", MultiBand(rate_hz=500), None, classifier=Adaptable(relative_costs=(1.0,)))
     first, again = (
-        evaluate(data, {"own": own}, hold_out="tool", checkpoint=tmp_path / "kept", **QUIET) for _ in range(2)
+        evaluate(data, {"own": own_space()}, hold_out="tool", checkpoint=tmp_path / "kept", **QUIET)
+        for _ in range(2)
     )
     assert "resumed: 6 partitions" in again.notes[-1]
     for one, other in zip(first.adapted["own"], again.adapted["own"], strict=True):
