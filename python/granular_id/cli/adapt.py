@@ -11,13 +11,7 @@ import typer
 from granular_id._files import MODELS, check_source
 from granular_id.cli.identify import Fitting
 from granular_id.cli.options import FORCE, command, option
-from granular_id.cli.outputs import (
-    MODEL,
-    check_outputs,
-    say_written,
-    show,
-    typed_command,
-)
+from granular_id.cli.outputs import MODEL, check_outputs, say_written, show, typed_command
 from granular_id.cli.recordings import ReadingOptions, say_loaded, say_step
 
 if TYPE_CHECKING:
