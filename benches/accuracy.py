@@ -2,10 +2,9 @@
 
 Ours (the presets and feature spaces of this package) beside MiniRocket, MultiRocket, Hydra and the last two together
 with a ridge classifier, QUANT and Catch22 with forests (all of aeon), the nearest neighbour, and linear support vector
-machines on magnitude spectra and on samples. Multi-band features are those of the newest definition, and of the first
-in the rows that end in -1. All get the same partitions. Whole sessions are held out where there are sessions,
-else halves in time order; numbers, tests and times come from this one run, everything on one thread, compilation not
-counted. Install the peers with: pip install -r requirements-bench.txt
+machines on magnitude spectra and on samples. All get the same partitions. Whole sessions are held out where there are
+sessions, else halves in time order; numbers, tests and times come from this one run, everything on one thread,
+compilation not counted. Install the peers with: pip install -r requirements-bench.txt
 """
 
 from __future__ import annotations
@@ -39,7 +38,6 @@ examples:
   python benches/accuracy.py files --window-s 1.7 --partitions sessions     (files held out whole)
   python benches/accuracy.py recordings --only minirocket,hydra,raw+hfmh
   python benches/accuracy.py recordings --only ours
-  python benches/accuracy.py recordings --only best,best-1                 (two definitions of multi-band features)
   python benches/accuracy.py recordings --only best,ablation               (each block alone, each left out)
 
 A folder is read as `granular-id evaluate` reads it: label/*, label/session/*, label_*, or an index.csv. Two are known

@@ -29,7 +29,7 @@ from accuracy_peers import (
 from accuracy_stages import NotAvailableError, Setting, Stages
 from granular_id import spaces
 from granular_id.spaces.best import BestClassifier
-from granular_id.spaces.multiband import ALL_BLOCKS, DEFINITION
+from granular_id.spaces.multiband import ALL_BLOCKS
 
 # -- ours -------------------------------------------------------------------------------------------------------------
 # Add a candidate by name. One that the package does not have (yet) is reported as not available.
@@ -44,9 +44,6 @@ OURS: dict[str, tuple[str, ...]] = {
 }
 """Row to a key of `feature_spaces`, and classes of `granular_id.spaces` that follow it. Where none follow comes the
 classifier that belongs to the space, which scales columns itself; else `ECOCClassifier`."""
-
-FIRST, NEWEST = 1, DEFINITION
-"""Definitions of multi-band features: all rows have the newest, but for those that end in ``-1``."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +121,7 @@ class OurFeatures(TransformerMixin, BaseEstimator):
         spaces.tell_blocks(estimator, spaces.block_sizes(self.space))
 
 
-def _our_space(names: tuple[str, ...], definition: int = NEWEST) -> Callable[[Setting], Stages]:
+def _our_space(names: tuple[str, ...]) -> Callable[[Setting], Stages]:
     def make(setting: Setting) -> Stages:
         # The paper's bins, +-1.5 N, are those of one sensor and one tool: here they are learned from training rows.
         known = spaces.feature_spaces(rate_hz=setting.rate_hz, bin_range="auto", threads=1)
@@ -134,8 +131,6 @@ def _our_space(names: tuple[str, ...], definition: int = NEWEST) -> Callable[[Se
         if "hfmh" in names[0] and setting.rate_hz <= least_hz:
             raise NotAvailableError(f"needs more than {least_hz:g} Hz, recordings have {setting.rate_hz:g}")
         space, steps = known[names[0]], []
-        if isinstance(space.transformer, spaces.MultiBand):
-            space.transformer.set_params(definition=definition)
         for name in names[1:]:
             if not hasattr(spaces, name):
                 raise NotAvailableError(f"granular_id.spaces has no {name}")
@@ -152,7 +147,7 @@ def _blocks(blocks: tuple[str, ...]) -> Callable[[Setting], Stages]:
 
     def make(setting: Setting) -> Stages:
         optional = ("level",) if "level" in blocks and len(blocks) > 1 else ()
-        space = spaces.MultiBand(rate_hz=setting.rate_hz, blocks=blocks, definition=NEWEST, threads=1)
+        space = spaces.MultiBand(rate_hz=setting.rate_hz, blocks=blocks, threads=1)
         return OurFeatures(space), BestClassifier(optional_blocks=optional)
 
     return make
@@ -161,9 +156,6 @@ def _blocks(blocks: tuple[str, ...]) -> Callable[[Setting], Stages]:
 def _ours() -> Iterator[Method]:
     for name, steps in OURS.items():
         yield Method(name, ", ".join(steps), _our_space(steps), ours=True)
-        if name in ("best", "multiband"):
-            first = _our_space(steps, FIRST)
-            yield Method(f"{name}-1", f"{name} of the first definition", first, ours=True)
 
 
 def _ablation() -> Iterator[Method]:

@@ -1,22 +1,16 @@
-//! Multi-band features of one recording of 1600 samples on six axes: the whole, the filter bank, and each block,
-//! of both definitions.
+//! Multi-band features of one recording of 1600 samples on six axes: the whole, the filter bank, and each block.
 
 #![allow(missing_docs)] // the macros of criterion make functions without
 
 use std::hint::black_box;
 
 use criterion::{criterion_group, criterion_main, Criterion};
-use granular_id::multiband::{n_bands, Block, Definition, MultiBand, MultiBandSpec, Scales};
+use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
 use granular_id::{BatchShape, SimdPath};
 
 const N_SAMPLES: usize = 1600;
 const N_AXES: usize = 6;
 const N_RECORDINGS: usize = 64;
-
-/// Only one block.
-fn only(definition: Definition, block: Block) -> MultiBandSpec {
-    MultiBandSpec::of(500.0, |wanted| wanted == block).with_definition(definition)
-}
 
 fn design(spec: MultiBandSpec) -> MultiBand {
     MultiBand::new(spec, N_SAMPLES, N_AXES, &Scales::unit(n_bands(N_SAMPLES), N_AXES).expect("memory"))
@@ -43,17 +37,13 @@ fn one_recording(c: &mut Criterion) {
             b.iter(|| design.extract_on(path, black_box(&rows), &mut work, &mut out).expect("finite"));
         });
     };
-    for definition in Definition::ALL {
-        let number = definition.number();
-        for path in SimdPath::available() {
-            let spec = MultiBandSpec::default().with_definition(definition);
-            measure(format!("definition {number}, whole/{}", path.name()), spec, path);
-        }
-        // The level costs next to nothing: its time is that of the filter bank, which every block needs.
-        for (name, block) in Block::NAMED {
-            let path = SimdPath::detect().expect("a vector unit");
-            measure(format!("definition {number}, bank and {name}"), only(definition, block), path);
-        }
+    for path in SimdPath::available() {
+        measure(format!("whole/{}", path.name()), MultiBandSpec::default(), path);
+    }
+    // The level costs next to nothing: its time is that of the filter bank, which every block needs.
+    for (name, block) in Block::NAMED {
+        let path = SimdPath::detect().expect("a vector unit");
+        measure(format!("bank and {name}"), MultiBandSpec::of(500.0, |wanted| wanted == block), path);
     }
     group.finish();
 }

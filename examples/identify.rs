@@ -35,11 +35,6 @@ fn main() -> ExitCode {
             return ExitCode::FAILURE;
         }
     };
-    if model.lacks_digest() {
-        eprintln!(
-            "warning: the model file has no digest, an earlier version wrote it: damage would go unnoticed"
-        );
-    }
     if is_synthetic(&model) {
         println!("SYNTHETIC: trained on simulated recordings; its answers say nothing about real materials");
     }

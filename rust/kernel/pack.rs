@@ -69,12 +69,6 @@ impl<T: Real, const L: usize> Pack<T, L> {
         self.with(other, |a, b| if a > b { T::YES } else { T::ZERO })
     }
 
-    /// Whether one of the answers is yes.
-    #[inline(always)]
-    pub(crate) fn any(self) -> bool {
-        self.0.iter().fold(0, |any, answer| any | answer.bits()) != 0
-    }
-
     /// `yes` where the answer is yes, `no` where it is no.
     #[inline(always)]
     pub(crate) fn select(self, yes: Self, no: Self) -> Self {
@@ -117,11 +111,6 @@ impl<T: Real, const L: usize> Register<T, L> for Pack<T, L> {
     #[inline(always)]
     fn store(self, to: &mut [T]) {
         to[..L].copy_from_slice(&self.0);
-    }
-
-    #[inline(always)]
-    fn sqrt(self) -> Self {
-        self.sqrt()
     }
 
     #[inline(always)]
@@ -207,7 +196,6 @@ mod tests {
         assert_eq!(a.abs(), of([1.0, 2.0, 3.0]));
         assert_eq!((-a).with_sign_of(b), of([1.0, 2.0, -3.0]));
         assert_eq!(a.above(b).select(a, b), of([4.0, 5.0, 3.0]));
-        assert!(a.above(b).any() && !a.above(a).any());
         assert_eq!(of::<T, 2>([4.0, 9.0]).sqrt(), of([2.0, 3.0]));
     }
 

@@ -171,7 +171,6 @@ pub(crate) trait Register<T, const L: usize>:
 {
     /// Replaces the first `L` of some numbers.
     fn store(self, to: &mut [T]);
-    fn sqrt(self) -> Self;
     /// An answer for each lane, all bits set or none: is this above another?
     fn above(self, other: Self) -> Self;
     /// `yes` where the answer is yes, `no` where it is no.
@@ -232,7 +231,6 @@ mod tests {
                 calculated(x * y, |l| a[l] * b[l]);
                 calculated(x * b[0], |l| a[l] * b[0]);
                 calculated(x / y, |l| a[l] / b[l]);
-                calculated(x.sqrt(), |l| a[l].sqrt());
                 moved(-x, |l| -a[l]);
                 moved(simd.splat(a[1]), |_| a[1]);
                 moved(x.above(y), |l| if a[l] > b[l] { T::YES } else { T::ZERO });

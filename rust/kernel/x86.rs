@@ -12,10 +12,10 @@ use std::arch::x86_64::{
     _mm256_mul_pd, _mm256_mul_ps, _mm256_or_pd, _mm256_permute2f128_pd, _mm256_permute2f128_ps,
     _mm256_permute4x64_pd, _mm256_permutevar8x32_ps, _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd,
     _mm256_set1_ps, _mm256_setr_epi32, _mm256_setzero_pd, _mm256_setzero_ps, _mm256_shuffle_ps,
-    _mm256_sqrt_pd, _mm256_sqrt_ps, _mm256_storeu_pd, _mm256_storeu_ps, _mm256_stream_pd, _mm256_stream_ps,
-    _mm256_sub_pd, _mm256_sub_ps, _mm256_unpackhi_pd, _mm256_unpackhi_ps, _mm256_unpacklo_pd,
-    _mm256_unpacklo_ps, _mm256_xor_pd, _mm256_xor_ps, _mm_loadu_pd, _mm_prefetch, _mm_sfence, _mm_storeu_pd,
-    _mm_unpackhi_pd, _mm_unpacklo_pd, _CMP_EQ_OQ, _CMP_GT_OQ, _CMP_LE_OQ, _CMP_LT_OQ, _MM_HINT_T0,
+    _mm256_storeu_pd, _mm256_storeu_ps, _mm256_stream_pd, _mm256_stream_ps, _mm256_sub_pd, _mm256_sub_ps,
+    _mm256_unpackhi_pd, _mm256_unpackhi_ps, _mm256_unpacklo_pd, _mm256_unpacklo_ps, _mm256_xor_pd,
+    _mm256_xor_ps, _mm_loadu_pd, _mm_prefetch, _mm_sfence, _mm_storeu_pd, _mm_unpackhi_pd, _mm_unpacklo_pd,
+    _CMP_EQ_OQ, _CMP_GT_OQ, _CMP_LE_OQ, _CMP_LT_OQ, _MM_HINT_T0,
 };
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -83,7 +83,7 @@ macro_rules! register {
         $(#[$doc:meta])*
         $register:ident($vector:ty): $lanes:literal of $number:ty,
         $splat:ident, $load:ident, $store:ident, $add:ident, $sub:ident, $mul:ident, $div:ident, $xor:ident,
-        $sqrt:ident, $compare:ident, $blend:ident, $reversed:ident, $transposed:ident
+        $compare:ident, $blend:ident, $reversed:ident, $transposed:ident
     ) => {
         $(#[$doc])*
         #[derive(Clone, Copy)]
@@ -110,12 +110,6 @@ macro_rules! register {
             fn store(self, to: &mut [$number]) {
                 // SAFETY: the token that made it; the slice holds as many numbers.
                 unsafe { $store(to[..$lanes].as_mut_ptr(), self.0) };
-            }
-
-            #[inline(always)]
-            fn sqrt(self) -> Self {
-                // SAFETY: the token that made it.
-                Self(unsafe { $sqrt(self.0) })
             }
 
             #[inline(always)]
@@ -170,14 +164,14 @@ register! {
     /// Four float64 in an AVX register, made with a token.
     F64x4(__m256d): 4 of f64,
     _mm256_set1_pd, _mm256_loadu_pd, _mm256_storeu_pd, _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd, _mm256_div_pd,
-    _mm256_xor_pd, _mm256_sqrt_pd, _mm256_cmp_pd, _mm256_blendv_pd, reversed_f64, transposed_f64
+    _mm256_xor_pd, _mm256_cmp_pd, _mm256_blendv_pd, reversed_f64, transposed_f64
 }
 
 register! {
     /// Eight float32 in an AVX register, made with a token.
     F32x8(__m256): 8 of f32,
     _mm256_set1_ps, _mm256_loadu_ps, _mm256_storeu_ps, _mm256_add_ps, _mm256_sub_ps, _mm256_mul_ps, _mm256_div_ps,
-    _mm256_xor_ps, _mm256_sqrt_ps, _mm256_cmp_ps, _mm256_blendv_ps, reversed_f32, transposed_f32
+    _mm256_xor_ps, _mm256_cmp_ps, _mm256_blendv_ps, reversed_f32, transposed_f32
 }
 
 #[inline(always)]

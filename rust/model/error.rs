@@ -25,10 +25,10 @@ pub enum ModelError {
         /// What it is.
         what: &'static str,
     },
-    /// A file of a later version.
+    /// A file of another version.
     #[error(
         "format_version is {got}, this version of granular_id reads {}: update granular_id",
-        super::file::VERSIONS
+        super::file::VERSION
     )]
     Version {
         /// The version of the file.
@@ -55,13 +55,8 @@ pub enum ModelError {
         problem: String,
     },
     /// Something else than what was hashed.
-    #[error("{what} does not have the hash that {key} names: the file was damaged or changed")]
-    Hash {
-        /// The feature specification, or all that the file holds.
-        what: &'static str,
-        /// The entry of the metadata with the hash.
-        key: &'static str,
-    },
+    #[error("what the file holds does not have the hash that content_sha256 names: the file was damaged or changed")]
+    Damaged,
     /// A feature specification that cannot be, or no memory for the model.
     #[error("feature_spec: {0}")]
     Spec(#[from] Error),

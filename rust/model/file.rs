@@ -34,29 +34,19 @@ const LENGTH_BYTES: usize = 8;
 /// What the metadata calls the format.
 const FORMAT: &str = "granular_id.identifier";
 
-/// Versions of the format that are read, as an error says it.
-pub(super) const VERSIONS: &str = "1, 2 and 3";
-
-/// The version of a file with samples and histograms and no digest.
-const ADDITIVE: &str = "1";
-
-/// The version of a file with multi-band features and no digest.
-const MULTIBAND: &str = "2";
-
-/// The version that is written: with a digest, whatever is extracted.
-const DIGESTED: &str = "3";
+/// The version of the format.
+pub(super) const VERSION: &str = "1";
 
 /// The entry of the metadata that holds the digest of all the rest.
 const DIGEST: &str = "content_sha256";
 
 /// The other entries, all of which every model has.
-const ENTRIES: [&str; 17] = [
+const ENTRIES: [&str; 16] = [
     "axes",
     "classes",
     "coding",
     "decoding",
     "feature_spec",
-    "feature_spec_sha256",
     "format",
     "format_version",
     "lead_s",
@@ -121,23 +111,18 @@ impl Model {
     pub fn from_bytes(bytes: &[u8], max_file_bytes: usize) -> Result<Self, ModelError> {
         check_size(bytes.len() as u64, max_file_bytes)?;
         let mut entries = metadata(header(bytes)?)?;
-        let version = version(&entries)?;
-        let digest = if version == DIGESTED { Some(take(&mut entries, DIGEST)?) } else { None };
+        check_version(&entries)?;
+        let digest = take(&mut entries, DIGEST)?;
         if let Some(key) = entries.keys().find(|key| !ENTRIES.contains(&key.as_str())) {
             return Err(unknown_entry(key));
         }
         let tensors = Tensors::of(bytes)?;
         // A fuzzer would never get past a digest.
-        let matches = |digest: &String| cfg!(fuzzing) || *digest == tensors.digest(&entries);
-        if !digest.as_ref().is_none_or(matches) {
-            return Err(ModelError::Hash { what: "what the file holds", key: DIGEST });
-        }
-        let spec = take(&mut entries, "feature_spec")?;
-        if digest_of_text(&spec) != take(&mut entries, "feature_spec_sha256")? && !cfg!(fuzzing) {
-            return Err(ModelError::Hash { what: "feature_spec", key: "feature_spec_sha256" });
+        if digest != tensors.digest(&entries) && !cfg!(fuzzing) {
+            return Err(ModelError::Damaged);
         }
         let parts = ModelParts {
-            features: tensors.features(version, &spec)?,
+            features: tensors.features(&take(&mut entries, "feature_spec")?)?,
             n_samples: count(&mut entries, "n_samples")?,
             n_axes: count(&mut entries, "n_axes")?,
             coef: tensors.required("coef")?,
@@ -154,7 +139,7 @@ impl Model {
             posterior_weights: tensors.optional("posterior_weights")?,
             metadata: Metadata::take(&mut entries)?,
         };
-        Ok(Self { lacks_digest: digest.is_none(), ..Self::new(parts)? })
+        Self::new(parts)
     }
 }
 
@@ -231,14 +216,16 @@ fn metadata(header: &str) -> Result<Entries, ModelError> {
     entries
 }
 
-/// The version of a model file, if it is one that is read here.
-fn version(entries: &Entries) -> Result<&'static str, ModelError> {
+/// Refuses what is no model file, and one of another version.
+fn check_version(entries: &Entries) -> Result<(), ModelError> {
     if entries.get("format").map(String::as_str) != Some(FORMAT) {
         return Err(ModelError::Foreign { what: "this is a safetensors file of something else" });
     }
     let version = entries.get("format_version").ok_or_else(|| missing_entry("format_version"))?;
-    let known = [ADDITIVE, MULTIBAND, DIGESTED].into_iter().find(|known| known == version);
-    known.ok_or_else(|| ModelError::Version { got: shown(version.as_bytes()) })
+    if version == VERSION {
+        return Ok(());
+    }
+    Err(ModelError::Version { got: shown(version.as_bytes()) })
 }
 
 /// A whole number as it is written: no sign, no leading zeros.
@@ -276,10 +263,10 @@ impl<'a> Tensors<'a> {
         self.optional(name)?.ok_or_else(|| missing_tensor(name))
     }
 
-    /// What is extracted: as the version of the format says it, since the third as the specification does.
-    fn features(&self, version: &str, spec: &str) -> Result<Features<'a>, ModelError> {
+    /// What is extracted.
+    fn features(&self, spec: &str) -> Result<Features<'a>, ModelError> {
         let spec = json::object("feature_spec", spec)?;
-        if version == MULTIBAND || version == DIGESTED && json::is_multiband(&spec) {
+        if json::is_multiband(&spec) {
             return Ok(Features::MultiBand {
                 spec: json::read_multiband(spec)?,
                 band_scales: self.required("band_scales")?,
@@ -346,10 +333,9 @@ impl Model {
         let own = [
             ("classes", Value::from(&self.classes[..]).to_string()),
             ("decoding", self.decoding.name().to_owned()),
-            ("feature_spec_sha256", digest_of_text(&spec)),
             ("feature_spec", spec),
             ("format", FORMAT.to_owned()),
-            ("format_version", DIGESTED.to_owned()),
+            ("format_version", VERSION.to_owned()),
             ("loss", self.loss.name().to_owned()),
             ("n_axes", self.n_axes.to_string()),
             ("n_samples", self.n_samples.to_string()),
@@ -466,14 +452,6 @@ fn digest<'a>(
         }
         text(&mut hash, bytes);
     }
-    hexadecimal(hash)
-}
-
-fn digest_of_text(text: &str) -> String {
-    hexadecimal(Sha256::new_with_prefix(text))
-}
-
-fn hexadecimal(hash: Sha256) -> String {
     let digits = hash.finalize().into_iter().flat_map(|byte| [byte >> 4, byte & 15]);
     digits.filter_map(|digit| char::from_digit(digit.into(), 16)).collect()
 }

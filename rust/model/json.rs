@@ -14,7 +14,7 @@ use super::{ModelError, NearestMean, Rules};
 use crate::dsp::Outside;
 use crate::error::shown;
 use crate::features::Initial;
-use crate::multiband::{Block, Definition, MultiBandSpec};
+use crate::multiband::{Block, MultiBandSpec};
 use crate::specs::listed;
 use crate::FeatureSpec;
 
@@ -268,27 +268,23 @@ pub(super) fn read_spec(mut object: Object) -> Result<FeatureSpec, ModelError> {
 
 /// Whether multi-band features are described.
 pub(super) fn is_multiband(object: &Object) -> bool {
-    object.entries.contains_key("multiband")
+    object.entries.contains_key("blocks")
 }
 
 /// Multi-band features as one line, names in order.
 pub(super) fn write_multiband(spec: &MultiBandSpec) -> String {
     let named = Block::NAMED.into_iter().filter(|(_, block)| spec.wants(*block));
     let blocks: Vec<_> = named.map(|(name, _)| name).collect();
-    json!({ "blocks": blocks, "multiband": spec.definition.number(), "rate_hz": spec.rate_hz }).to_string()
+    json!({ "blocks": blocks, "rate_hz": spec.rate_hz }).to_string()
 }
 
 /// The multi-band features that are described.
 pub(super) fn read_multiband(mut object: Object) -> Result<MultiBandSpec, ModelError> {
     let wanted = format!("a list of blocks in the order {}", Block::NAMED.map(|(name, _)| name).join(", "));
     let [coupling, quantiles, envelope, spectrum, level] = object.take("blocks", &wanted, blocks)?;
-    // A model of another definition would see other numbers.
-    let definition = object.take("multiband", "1 or 2, the definitions that are known here", |value| {
-        count(value).and_then(Definition::of_number)
-    })?;
     let rate_hz = object.number("rate_hz")?;
     object.end()?;
-    Ok(MultiBandSpec { definition, rate_hz, coupling, quantiles, envelope, spectrum, level })
+    Ok(MultiBandSpec { rate_hz, coupling, quantiles, envelope, spectrum, level })
 }
 
 /// Which blocks a list names, if it does so once each and in order.

@@ -84,7 +84,6 @@ pub struct Model {
     classes: Vec<String>,
     rules: Rules,
     metadata: Metadata,
-    lacks_digest: bool,
 }
 
 impl PartialEq for Model {
@@ -253,19 +252,5 @@ impl Model {
     #[must_use]
     pub fn extraction(&self) -> &Extraction {
         &self.extraction
-    }
-
-    /// Whether it was read from a file without a digest, as earlier versions wrote them: had the numbers been damaged,
-    /// nobody would know.
-    #[must_use]
-    pub fn lacks_digest(&self) -> bool {
-        self.lacks_digest
-    }
-
-    /// The same model as one of a file without a digest.
-    #[doc(hidden)]
-    #[must_use]
-    pub fn without_digest(self) -> Self {
-        Self { lacks_digest: true, ..self }
     }
 }

@@ -25,7 +25,7 @@ pub const MAX_AXES: usize = 256;
 /// The largest number of bins of all histograms together: their edges take 8 MB.
 pub const MAX_BINS_IN_ALL: usize = 1 << 20;
 
-/// The largest number of axes of a multi-band model: each adds twice to the size of a matrix whose logarithm is taken.
+/// The largest number of axes of a multi-band model: each adds twice to the size of a matrix whose resolvents are taken.
 pub const MAX_MULTIBAND_AXES: usize = 32;
 
 /// The largest number of values of a recording of a multi-band model: nearly a minute and a half of six axes at 500 Hz. A
@@ -233,7 +233,6 @@ impl Model {
             classes: parts.classes,
             rules,
             metadata: parts.metadata,
-            lacks_digest: false,
         };
         model.check_header()?;
         Ok(model)

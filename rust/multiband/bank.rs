@@ -11,7 +11,7 @@
 //! sensors have.
 
 use super::filters::{run, Axes8, Filters, Remembered, Rows, BACK, GROUP, REST, ROWS};
-use super::spec::{halved, halvings, least_scales, n_octaves, Definition};
+use super::spec::{halved, halves_early, halvings, least_scales, n_octaves};
 use super::{BandSignals, Region};
 use crate::dsp::Real;
 use crate::error::{Error, Result};
@@ -212,12 +212,7 @@ fn aligned(values: &[f32]) -> usize {
 
 impl Bank {
     /// For bands that are divided by `scales`, band-major.
-    pub(super) fn new(
-        definition: Definition,
-        n_samples: usize,
-        n_axes: usize,
-        scales: &[f64],
-    ) -> Result<Self> {
+    pub(super) fn new(n_samples: usize, n_axes: usize, scales: &[f64]) -> Result<Self> {
         // All bands together hold less than five times the samples of the recording, and some room to align them.
         let room = n_samples
             .checked_add(2 * LINE)
@@ -226,7 +221,7 @@ impl Bank {
             return Err(Error::TooLarge { n_samples, n_axes });
         }
         let filters = Filters::new()?;
-        let early = definition.halves_early(n_samples);
+        let early = halves_early(n_samples);
         let gain = |band: usize| {
             let poles = match band {
                 0 => return 1.0,

@@ -1,20 +1,17 @@
-//! How axes move together in a band: the logarithm of the matrix of their second moments, now and two samples earlier, or
-//! what takes its place in definition 2.
+//! How axes move together in a band: the matrix of their second moments, now and two samples earlier, of which
+//! [sums of resolvents](Resolvents) are taken. These are logarithms that level off.
 //!
 //! Logarithms of covariances make differences of ratios, and their Euclidean distances sensible: Arsigny et al.,
 //! "Log-Euclidean metrics for fast and simple calculus on diffusion tensors" (2006); Barachant et al., "Multiclass
 //! brain-computer interface classification by Riemannian geometry" (2012).
 
-use super::logarithm::{Logarithms, Numbers, MATRICES};
-use super::resolvents::Resolvents;
-use super::{BandSignals, Definition, Region, Split, Statistic, LANES};
+use super::resolvents::{Resolvents, MATRICES};
+use super::spec::halves_early;
+use super::{BandSignals, Region, Split, Statistic, LANES};
 use crate::dsp::Real;
 use crate::kernel::{Pack, Register, Simd, Vectors};
 
-/// Added to the second moments of scaled signals: what is a thousandth of the usual energy counts as noise.
-const RIDGE: f64 = 1e-3;
-
-/// Stacked samples per row of a matrix at least; fewer leave little but chance in its logarithm.
+/// Stacked samples per row of a matrix at least; fewer leave little but chance in it.
 const MIN_SAMPLES: usize = 4;
 
 /// Samples of the earlier of two instants before the later, where a band has not half its usual rate.
@@ -40,7 +37,6 @@ pub(super) const fn least_samples(n_axes: usize, lag: usize) -> usize {
 /// The statistic for some number of axes.
 #[derive(Clone, Debug)]
 pub(super) struct Coupling {
-    definition: Definition,
     n_axes: usize,
     /// The bands that are long enough, and how many samples the earlier of two instants is before the later.
     pub(super) bands: Vec<(usize, usize)>,
@@ -55,23 +51,7 @@ pub(super) struct CouplingWork {
     growing: Vec<(usize, Moments)>,
     /// Those of the band whose turn it is, of all its samples.
     whole: Moments,
-    function: MatrixFunction,
-}
-
-/// What is made of the second moments of some bands.
-#[derive(Clone, Debug)]
-enum MatrixFunction {
-    Logarithms(Logarithms),
-    Resolvents(Resolvents),
-}
-
-impl MatrixFunction {
-    fn matrices(&mut self) -> &mut [Numbers] {
-        match self {
-            Self::Logarithms(of) => &mut of.matrices,
-            Self::Resolvents(of) => &mut of.matrices,
-        }
-    }
+    resolvents: Resolvents,
 }
 
 impl CouplingWork {
@@ -93,37 +73,30 @@ impl CouplingWork {
 
 impl Coupling {
     /// For bands of some numbers of samples, the first of which are those of a recording.
-    pub(super) fn new(definition: Definition, lengths: &[usize], n_axes: usize) -> Self {
+    pub(super) fn new(lengths: &[usize], n_axes: usize) -> Self {
         // Octave 2 may have half its usual rate.
-        let early = definition.halves_early(lengths[0]);
+        let early = halves_early(lengths[0]);
         let lags = (0..lengths.len()).map(|band| (band, if early && band == 2 { LAG / 2 } else { LAG }));
         let bands: Vec<_> =
             lags.filter(|(band, lag)| lengths[*band] >= least_samples(n_axes, *lag)).collect();
         // Band 0 is there once its mean is.
         let grows = |(band, _): &(usize, usize)| *band > 0 && lengths[*band] >= 2 * LEAST;
         let growing = bands.iter().copied().filter(grows).collect();
-        Self { definition, n_axes, bands, growing }
+        Self { n_axes, bands, growing }
     }
 
-    /// Row and column of each number of a band in the matrix of stacked axes. Definition 1 has the upper triangle, row by row.
-    /// Definition 2 has the upper triangle of the first block, then the block of now and earlier.
+    /// Row and column of each number of a band in the matrix of stacked axes: the upper triangle of the first block, then the
+    /// block of now and earlier.
     pub(super) fn cells(&self) -> impl Iterator<Item = (usize, usize)> {
-        let (n, definition) = (self.n_axes, self.definition);
-        let rows = match definition {
-            Definition::One => 2 * n,
-            Definition::Two => n,
-        };
-        let upper = (0..rows).flat_map(move |i| (i..rows).map(move |j| (i, j)));
-        upper.chain((0..2 * n - rows).flat_map(move |i| (n..2 * n).map(move |j| (i, j))))
+        let n = self.n_axes;
+        let upper = (0..n).flat_map(move |i| (i..n).map(move |j| (i, j)));
+        upper.chain((0..n).flat_map(move |i| (n..2 * n).map(move |j| (i, j))))
     }
 
     /// Numbers per band.
     fn per_band(&self) -> usize {
         let n = self.n_axes;
-        match self.definition {
-            Definition::One => n * (2 * n + 1),
-            Definition::Two => n * (n + 1) / 2 + n * n,
-        }
+        n * (n + 1) / 2 + n * n
     }
 }
 
@@ -135,7 +108,6 @@ impl Statistic for Coupling {
     }
 
     fn work(&self) -> CouplingWork {
-        let rows = 2 * self.n_axes;
         CouplingWork {
             growing: self
                 .growing
@@ -143,23 +115,15 @@ impl Statistic for Coupling {
                 .map(|(band, lag)| (*band, Moments::new(self.n_axes, *lag)))
                 .collect(),
             whole: Moments::new(self.n_axes, LAG),
-            function: match self.definition {
-                Definition::One => MatrixFunction::Logarithms(Logarithms::new(rows)),
-                Definition::Two => MatrixFunction::Resolvents(Resolvents::new(rows)),
-            },
+            resolvents: Resolvents::new(2 * self.n_axes),
         }
     }
 
-    /// Band by band the [cells](Self::cells). Those of definition 1 off the diagonal times the square root of two, so that the
-    /// norm of the features is that of the matrix; those of definition 2 at one instant as the mean of both instants.
+    /// Band by band the [cells](Self::cells); those at one instant as the mean of both instants.
     #[inline(always)]
     fn compute(&self, simd: impl Simd, split: Split<'_>, work: &mut CouplingWork, out: &mut [f64]) {
         let (n, rows) = (self.n_axes, 2 * self.n_axes);
-        let CouplingWork { growing, whole, function } = work;
-        let ridge = match self.definition {
-            Definition::One => RIDGE,
-            Definition::Two => 0.0,
-        };
+        let CouplingWork { growing, whole, resolvents } = work;
         let groups = self.bands.chunks(MATRICES).zip(out.chunks_mut(MATRICES * self.per_band()));
         for (bands, out) in groups {
             for (lane, &(band, lag)) in bands.iter().enumerate() {
@@ -167,26 +131,15 @@ impl Statistic for Coupling {
                     Some((_, so_far)) => whole.copy(so_far),
                     None => whole.restart(lag),
                 }
-                let matrices = function.matrices();
                 whole.finish(simd, split.signals, band, |i, j, moment| {
-                    let ridge = if i == j { ridge } else { 0.0 };
-                    matrices[i * rows + j].0[lane] = moment + ridge;
+                    resolvents.matrices[i * rows + j].0[lane] = moment;
                 });
             }
-            match function {
-                MatrixFunction::Logarithms(of) => of.take(simd, RIDGE),
-                MatrixFunction::Resolvents(of) => of.take(simd),
-            }
-            let matrices = function.matrices();
+            resolvents.take(simd);
             for (lane, out) in out.chunks_exact_mut(self.per_band()).enumerate() {
                 for (feature, (i, j)) in out.iter_mut().zip(self.cells()) {
-                    let cell = matrices[j * rows + i].0[lane];
-                    *feature = match self.definition {
-                        Definition::One if i == j => cell,
-                        Definition::One => std::f64::consts::SQRT_2 * cell,
-                        Definition::Two if j < n => 0.5 * (cell + matrices[(n + j) * rows + n + i].0[lane]),
-                        Definition::Two => cell,
-                    };
+                    let cell = |row: usize, column: usize| resolvents.matrices[row * rows + column].0[lane];
+                    *feature = if j < n { 0.5 * (cell(j, i) + cell(n + j, n + i)) } else { cell(j, i) };
                 }
             }
         }
@@ -439,77 +392,60 @@ mod tests {
     use crate::kernel::Portable;
     use crate::kernel::SimdPath;
 
-    fn compute(definition: Definition, path: SimdPath, signals: &Signals) -> Vec<f64> {
-        signals.compute(&Coupling::new(definition, &signals.lengths(), signals.n_axes), path)
+    fn compute(path: SimdPath, signals: &Signals) -> Vec<f64> {
+        signals.compute(&Coupling::new(&signals.lengths(), signals.n_axes), path)
     }
 
     #[test]
     fn every_path_gives_the_same_bits() {
-        for definition in Definition::ALL {
-            same_on_every_path(|path, signals| compute(definition, path, signals));
-        }
+        same_on_every_path(compute);
     }
 
     #[test]
     fn only_bands_that_are_long_enough() {
-        let bands = |definition, lengths: &[usize], n_axes| {
-            let bands = Coupling::new(definition, lengths, n_axes).bands;
+        let bands = |lengths: &[usize], n_axes| {
+            let bands = Coupling::new(lengths, n_axes).bands;
             bands.into_iter().map(|(band, _)| band).collect::<Vec<_>>()
         };
-        let one = |lengths: &[usize], n_axes| bands(Definition::One, lengths, n_axes).len();
-        assert_eq!(one(&[1600, 1600, 1600, 800, 400, 200, 100, 50, 25, 13], 6), 8);
-        assert_eq!((one(&[10, 9], 1), one(&[49], 6)), (1, 0));
-        let two = |lengths: &[usize], n_axes| bands(Definition::Two, lengths, n_axes);
-        assert_eq!(two(&[1600, 1600, 800, 800, 400, 200, 100, 50, 25, 13], 6), [0, 1, 2, 3, 4, 5, 6, 7]);
-        assert_eq!(two(&[107, 107, 54, 54, 27, 14], 13), [0, 1, 2]);
-        assert_eq!(two(&[106, 106, 53, 53, 27, 14], 13), [0, 1]);
-        assert!(two(&[105, 105, 53, 53, 27, 14], 13).is_empty());
+        assert_eq!(bands(&[1600, 1600, 800, 800, 400, 200, 100, 50, 25, 13], 6), [0, 1, 2, 3, 4, 5, 6, 7]);
+        assert_eq!(bands(&[107, 107, 54, 54, 27, 14], 13), [0, 1, 2]);
+        assert_eq!(bands(&[106, 106, 53, 53, 27, 14], 13), [0, 1]);
+        assert!(bands(&[105, 105, 53, 53, 27, 14], 13).is_empty());
         // Too short to halve the rate early.
-        assert_eq!(two(&[50, 50, 50, 25], 6), [0, 1, 2]);
+        assert_eq!(bands(&[50, 50, 50, 25], 6), [0, 1, 2]);
+        assert_eq!(bands(&[10, 9], 1), [0]);
+        assert!(bands(&[49], 6).is_empty());
     }
 
     /// Of one axis whose moments are all zero.
-    fn floor(definition: Definition) -> Vec<f64> {
-        match definition {
-            Definition::One => vec![libm::log(RIDGE), 0.0, libm::log(RIDGE)],
-            Definition::Two => vec![-2.0, 0.0],
-        }
-    }
+    const FLOOR: [f64; 2] = [-2.0, 0.0];
 
     #[test]
     fn silence_is_the_floor() {
         let signals = Signals::from(vec![vec![vec![0.0; 30]; 1]]);
-        for definition in Definition::ALL {
-            assert_eq!(compute(definition, SimdPath::Baseline, &signals), floor(definition));
-        }
+        assert_eq!(compute(SimdPath::Baseline, &signals), FLOOR);
     }
 
     #[test]
     fn a_beginning_too_short_for_moments_is_the_floor() {
         let signals = Signals::from(vec![vec![vec![5.0; 2]; 1]]);
-        for definition in Definition::ALL {
-            let design = Coupling::new(definition, &[100], 1);
-            assert_eq!(signals.compute(&design, SimdPath::Baseline), floor(definition));
-        }
+        let design = Coupling::new(&[100], 1);
+        assert_eq!(signals.compute(&design, SimdPath::Baseline), FLOOR);
     }
 
     #[test]
     fn what_overflows_is_not_hidden() {
         let signals = Signals::from(vec![vec![vec![1e30; 30]; 1]]);
-        for definition in Definition::ALL {
-            assert!(compute(definition, SimdPath::Baseline, &signals).iter().all(|x| x.is_nan()));
-        }
+        assert!(compute(SimdPath::Baseline, &signals).iter().all(|x| x.is_nan()));
     }
 
     #[test]
     fn more_bands_than_fit_at_a_time() {
         let signals = Signals::new(&[60; 19], 2);
-        for (definition, per_band) in [(Definition::One, 10), (Definition::Two, 7)] {
-            let all = compute(definition, SimdPath::detect().unwrap(), &signals);
-            for (band, features) in all.chunks_exact(per_band).enumerate() {
-                let alone = Signals::from(vec![signals.band(band)]);
-                assert_eq!(features, compute(definition, SimdPath::detect().unwrap(), &alone));
-            }
+        let all = compute(SimdPath::detect().unwrap(), &signals);
+        for (band, features) in all.chunks_exact(7).enumerate() {
+            let alone = Signals::from(vec![signals.band(band)]);
+            assert_eq!(features, compute(SimdPath::detect().unwrap(), &alone));
         }
     }
 

@@ -68,7 +68,7 @@ impl MultiBand {
             return Err(Error::NoBlocks { n_samples, n_axes });
         }
         scales.check(n_samples, n_axes)?;
-        let bands = bands(spec.definition, n_samples, spec.rate_hz);
+        let bands = bands(n_samples, spec.rate_hz);
         let n_bands = bands.len();
         let lengths: Vec<_> = bands.iter().map(|band| band.n_samples).collect();
         // The couplings of many axes are the most by far.
@@ -77,8 +77,8 @@ impl MultiBand {
             return Err(Error::TooLarge { n_samples, n_axes });
         }
         let mut this = Self {
-            bank: Bank::new(spec.definition, n_samples, n_axes, &scales.bands)?,
-            coupling: has(Block::Coupling).then(|| Coupling::new(spec.definition, &lengths, n_axes)),
+            bank: Bank::new(n_samples, n_axes, &scales.bands)?,
+            coupling: has(Block::Coupling).then(|| Coupling::new(&lengths, n_axes)),
             quantiles: has(Block::Quantiles).then(|| Quantiles::new(lengths.clone(), n_axes)),
             envelope: has(Block::Envelope).then(|| Envelope { n_signals: n_bands * n_axes }),
             spectrum: has(Block::Spectrum).then(|| Spectrum::new(n_samples, n_axes)),
@@ -118,7 +118,6 @@ impl MultiBand {
     pub fn workspace(&self) -> Result<Workspace> {
         room(self.n_samples * self.n_axes * WORK_BYTES + self.n_axes * AXIS_BYTES)?;
         Ok(Workspace {
-            definition: self.spec.definition,
             shape: (self.n_samples, self.n_axes),
             bank: self.bank.work(),
             means: vec![0.0; self.n_axes],
@@ -383,7 +382,7 @@ impl MultiBand {
         }
         // A workspace made for something else is replaced: a mistake that costs time only.
         let needed = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
-        if !work.suits(self.spec.definition, (self.n_samples, self.n_axes), needed) {
+        if !work.suits((self.n_samples, self.n_axes), needed) {
             *work = self.workspace()?;
         }
         // One that knows more rows than there are knows another recording.

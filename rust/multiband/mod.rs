@@ -2,7 +2,7 @@
 //!
 //! A pyramid of band-passes splits a recording into octaves; of each band, blocks of numbers say how its axes are
 //! coupled, how their values are distributed, and how their energy goes through the recording; two more hold the whole
-//! spectrum and the level. Both [`Definition`]s, in plain numpy, are `tests/python/multiband_twin.py`.
+//! spectrum and the level. `tests/python/multiband_twin.py` is the same in plain numpy.
 //!
 //! ```
 //! use granular_id::multiband::{MultiBand, MultiBandSpec, Scales};
@@ -34,7 +34,7 @@ mod workspace;
 use crate::kernel::{Job, Simd};
 
 pub use extractor::MultiBand;
-pub use spec::{n_bands, Block, Definition, FrequencyBand, MultiBandSpec, Scales};
+pub use spec::{n_bands, Block, FrequencyBand, MultiBandSpec, Scales};
 pub use workspace::Workspace;
 
 /// Numbers of float32 that are calculated with as one.

@@ -3,7 +3,6 @@
 //! Each takes an eigenvalue v to (v - c) / (v + c) = tanh(ln(v / c) / 2). Like the logarithm they do not depend on the order of
 //! axes, nor on how these are rotated.
 
-use super::logarithm::{load, store, Numbers, REGISTERS};
 use crate::kernel::{Pack, Register, Vectors};
 
 /// Between these the sum is about 0.4 ln(v / 0.3), beyond them it levels off at -2 and 2.
@@ -12,6 +11,16 @@ const SHIFTS: [f64; 2] = [0.03, 3.0];
 /// Of the trace, added to the diagonal: more than moments summed in float32 are off by, but of millions of samples, so that
 /// pivots stay positive.
 const ROUNDING: f64 = 1e-5;
+
+/// Matrices at a time: eight bands of a recording of 1600 samples have one.
+pub(super) const MATRICES: usize = 8;
+
+/// Lanes of a register, and registers for all matrices.
+const LANES: usize = 4;
+const REGISTERS: usize = MATRICES / LANES;
+
+/// One number of each matrix.
+pub(super) type Numbers = Pack<f64, MATRICES>;
 
 /// Room for the resolvents of some matrices of `n` rows.
 #[derive(Clone, Debug)]
@@ -33,7 +42,7 @@ impl Resolvents {
     /// Replaces the lower triangle of each matrix M by that of the sum over shifts c of
     /// `1 - 2 c (M + c + ROUNDING trace M)^-1`. NaN throughout for a matrix of which the trace is not finite.
     #[inline(always)]
-    pub(super) fn take(&mut self, simd: impl Vectors<f64, 4>) {
+    pub(super) fn take(&mut self, simd: impl Vectors<f64, LANES>) {
         let Self { n, matrices, swept, sum, column } = self;
         let n = *n;
         let trace = (0..n).fold(Pack::ZERO, |sum, i| sum + matrices[i * n + i]);
@@ -65,7 +74,13 @@ impl Resolvents {
 /// One pivot of an inversion in place, after all of which the lower triangle is that of the inverse, negative (Goodnight, "A
 /// tutorial on the SWEEP operator", 1979). Without rounding no pivot would be below `least`.
 #[inline(always)]
-fn sweep<S: Vectors<f64, 4>>(simd: S, a: &mut [Numbers], column: &mut [Numbers], k: usize, least: &Numbers) {
+fn sweep<S: Vectors<f64, LANES>>(
+    simd: S,
+    a: &mut [Numbers],
+    column: &mut [Numbers],
+    k: usize,
+    least: &Numbers,
+) {
     let n = column.len();
     let mut inverse = [simd.splat(1.0); REGISTERS];
     for (r, inverse) in inverse.iter_mut().enumerate() {
@@ -98,11 +113,21 @@ fn sweep<S: Vectors<f64, 4>>(simd: S, a: &mut [Numbers], column: &mut [Numbers],
     }
 }
 
+/// Those numbers that make up register `k`.
+#[inline(always)]
+fn load<S: Vectors<f64, LANES>>(simd: S, numbers: &Numbers, k: usize) -> S::Register {
+    simd.load(&numbers.0[k * LANES..])
+}
+
+#[inline(always)]
+fn store(register: impl Register<f64, LANES>, numbers: &mut Numbers, k: usize) {
+    register.store(&mut numbers.0[k * LANES..]);
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::logarithm::MATRICES;
     use super::*;
     use crate::kernel::Portable;
 

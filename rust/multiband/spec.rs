@@ -14,48 +14,20 @@ const MIN_CYCLES: f64 = 1.5;
 /// times as large as the signal, and its square must not leave float32.
 pub(super) const LARGEST: f64 = 1e12;
 
-/// Samples of a recording from which on definition 2 halves the rate early.
+/// Samples of a recording from which on octave 2 has half the rate. Short ones have no time to save, and lose by it.
 const EARLY_SAMPLES: usize = 100;
 
-/// Which numbers features are: a model knows those of one definition.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Definition {
-    /// Couplings are logarithms of matrices. The two highest octaves have the rate of the recording.
-    One = 1,
-    /// Couplings are sums of resolvents, fewer and without eigenvectors. Of recordings of 100 samples and more octave 2 has half
-    /// the rate.
-    #[default]
-    Two = 2,
-}
-
-impl Definition {
-    /// All of them, the oldest first.
-    pub const ALL: [Self; 2] = [Self::One, Self::Two];
-
-    /// Its number in model files.
-    #[must_use]
-    pub const fn number(self) -> usize {
-        self as usize
-    }
-
-    /// The definition of a number.
-    #[must_use]
-    pub fn of_number(number: usize) -> Option<Self> {
-        Self::ALL.into_iter().find(|definition| definition.number() == number)
-    }
-
-    /// Whether recordings of so many samples have octave 2 at half the rate. Short ones have no time to save, and lose by it.
-    pub(super) const fn halves_early(self, n_samples: usize) -> bool {
-        matches!(self, Self::Two) && n_samples >= EARLY_SAMPLES
-    }
+/// Whether recordings of so many samples have octave 2 at half the rate.
+pub(super) const fn halves_early(n_samples: usize) -> bool {
+    n_samples >= EARLY_SAMPLES
 }
 
 /// One kind of numbers about a recording; in the order of the features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Block {
-    /// How axes move together in a band, now and two samples earlier; one sample where [`Definition::Two`] halves the rate.
+    /// How axes move together in a band, now and two samples earlier; one sample in octave 2 where it has half
+    /// the rate, of recordings of 100 samples and more.
     Coupling,
     /// Quantiles and root mean square of a band.
     Quantiles,
@@ -78,7 +50,7 @@ choices! {
 
 impl Block {
     /// Samples of the shortest recording of `n_axes` axes that has the block. Of a longer one, couplings are those of the
-    /// bands with so many samples; octave 2 of [`Definition::Two`] at half the rate needs half as many and one.
+    /// bands with so many samples; octave 2 at half the rate needs half as many and one.
     #[must_use]
     pub const fn least_samples(self, n_axes: usize) -> usize {
         match self {
@@ -96,8 +68,6 @@ impl Block {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct MultiBandSpec {
-    /// What bands and blocks are.
-    pub definition: Definition,
     /// Sampling rate in hertz. It names the bands; no feature depends on it.
     pub rate_hz: f64,
     /// Include [`Block::Coupling`].
@@ -114,21 +84,12 @@ pub struct MultiBandSpec {
 
 impl Default for MultiBandSpec {
     fn default() -> Self {
-        Self {
-            definition: Definition::default(),
-            rate_hz: 500.0,
-            coupling: true,
-            quantiles: true,
-            envelope: true,
-            spectrum: true,
-            level: false,
-        }
+        Self { rate_hz: 500.0, coupling: true, quantiles: true, envelope: true, spectrum: true, level: false }
     }
 }
 
 setters! {
     MultiBandSpec:
-    with_definition definition Definition,
     with_rate_hz rate_hz f64,
     with_coupling coupling bool,
     with_quantiles quantiles bool,
@@ -138,10 +99,10 @@ setters! {
 }
 
 impl MultiBandSpec {
-    /// The blocks for which `wants` is true, of the default definition.
+    /// The blocks for which `wants` is true.
     pub fn of(rate_hz: f64, wants: impl Fn(Block) -> bool) -> Self {
         let [coupling, quantiles, envelope, spectrum, level] = Block::NAMED.map(|(_, block)| wants(block));
-        Self { definition: Definition::default(), rate_hz, coupling, quantiles, envelope, spectrum, level }
+        Self { rate_hz, coupling, quantiles, envelope, spectrum, level }
     }
 
     /// Whether a block is asked for.
@@ -212,8 +173,8 @@ pub(super) fn halved(n_samples: usize, halvings: u32) -> usize {
 }
 
 /// The bands of a recording.
-pub(super) fn bands(definition: Definition, n_samples: usize, rate_hz: f64) -> Vec<FrequencyBand> {
-    let early = definition.halves_early(n_samples);
+pub(super) fn bands(n_samples: usize, rate_hz: f64) -> Vec<FrequencyBand> {
+    let early = halves_early(n_samples);
     let nyquist = rate_hz / 2.0;
     let whole = FrequencyBand { low_hz: 0.0, high_hz: nyquist, rate_hz, n_samples };
     let mut bands = vec![whole];
@@ -287,15 +248,12 @@ mod tests {
         for (n_samples, octaves) in expected {
             assert_eq!(n_octaves(n_samples), octaves, "{n_samples}");
         }
-        let lengths = |definition, n_samples| {
-            bands(definition, n_samples, 1.0).iter().map(|band| band.n_samples).collect::<Vec<_>>()
-        };
-        assert_eq!(lengths(Definition::One, 101), [101, 101, 101, 51, 26, 13]);
-        assert_eq!(lengths(Definition::Two, 101), [101, 101, 51, 51, 26, 13]);
-        assert_eq!(lengths(Definition::Two, 99), lengths(Definition::One, 99));
-        let bands = bands(Definition::One, 1600, 500.0);
+        let lengths = |n_samples| bands(n_samples, 1.0).iter().map(|band| band.n_samples).collect::<Vec<_>>();
+        assert_eq!(lengths(101), [101, 101, 51, 51, 26, 13]);
+        assert_eq!(lengths(99), [99, 99, 99, 50, 25, 13]);
+        let bands = bands(1600, 500.0);
         assert_eq!(bands.len(), 10);
-        assert_eq!((bands[1].low_hz, bands[1].high_hz, bands[2].rate_hz), (122.5, 245.0, 500.0));
+        assert_eq!((bands[1].low_hz, bands[1].high_hz, bands[2].rate_hz), (122.5, 245.0, 250.0));
         assert_eq!((bands[9].n_samples, bands[9].rate_hz), (13, 500.0 / 128.0));
     }
 }

@@ -13,7 +13,6 @@ use crate::kernel::Portable;
 use crate::{BatchShape, Error, SimdPath};
 
 const ALL: MultiBandSpec = MultiBandSpec {
-    definition: Definition::One,
     rate_hz: 500.0,
     coupling: true,
     quantiles: true,
@@ -22,14 +21,9 @@ const ALL: MultiBandSpec = MultiBandSpec {
     level: true,
 };
 
-fn design(definition: Definition, n_samples: usize, n_axes: usize) -> MultiBand {
+fn design(n_samples: usize, n_axes: usize) -> MultiBand {
     let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
-    MultiBand::new(MultiBandSpec { definition, ..ALL }, n_samples, n_axes, &scales).unwrap()
-}
-
-/// Each definition with each of some numbers of samples and axes.
-fn shapes<const N: usize>(shapes: [(usize, usize); N]) -> impl Iterator<Item = (Definition, usize, usize)> {
-    Definition::ALL.into_iter().flat_map(move |definition| shapes.map(|(n, axes)| (definition, n, axes)))
+    MultiBand::new(ALL, n_samples, n_axes, &scales).unwrap()
 }
 
 /// Asserts that features of restless signals, of many lengths and more axes than fit into a vector, are finite and have the
@@ -123,10 +117,10 @@ fn bits(values: &[f64]) -> Vec<u64> {
 
 #[test]
 fn all_paths_threads_and_workspaces_give_the_same_bits() {
-    for (definition, n_samples, n_axes) in
-        shapes([(1, 1), (2, 3), (7, 6), (20, 13), (85, 5), (100, 1), (300, 6), (1600, 6), (1601, 4)])
+    for (n_samples, n_axes) in
+        [(1, 1), (2, 3), (7, 6), (20, 13), (85, 5), (100, 1), (300, 6), (1600, 6), (1601, 4)]
     {
-        let design = design(definition, n_samples, n_axes);
+        let design = design(n_samples, n_axes);
         let shape = BatchShape { n_recordings: 9, n_samples, n_axes };
         let wrench = noise(9 * n_samples * n_axes, 3);
         let mut expected = vec![0.0; 9 * design.n_features()];
@@ -152,8 +146,8 @@ fn all_paths_threads_and_workspaces_give_the_same_bits() {
 
 #[test]
 fn extraction_allocates_nothing() {
-    for (definition, n_samples, n_axes) in shapes([(1, 1), (20, 13), (1600, 6), (1699, 3)]) {
-        let design = design(definition, n_samples, n_axes);
+    for (n_samples, n_axes) in [(1, 1), (20, 13), (1600, 6), (1699, 3)] {
+        let design = design(n_samples, n_axes);
         let rows = noise(n_samples * n_axes, 5);
         let mut work = design.workspace().unwrap();
         let mut out = vec![0.0; design.n_features()];
@@ -173,10 +167,10 @@ fn extraction_allocates_nothing() {
 #[test]
 fn a_recording_that_arrives_has_the_same_bits() {
     let paths = SimdPath::available();
-    for (definition, n_samples, n_axes) in
-        shapes([(6, 2), (63, 3), (64, 1), (85, 6), (100, 2), (700, 5), (1600, 6), (1665, 13), (2800, 4)])
+    for (n_samples, n_axes) in
+        [(6, 2), (63, 3), (64, 1), (85, 6), (100, 2), (700, 5), (1600, 6), (1665, 13), (2800, 4)]
     {
-        let design = design(definition, n_samples, n_axes);
+        let design = design(n_samples, n_axes);
         let (mut work, mut fresh) = (design.workspace().unwrap(), design.workspace().unwrap());
         let (mut out, mut expected) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
         for seed in 0..6_u8 {
@@ -211,7 +205,7 @@ fn a_recording_that_arrives_has_the_same_bits() {
 #[test]
 fn a_clone_has_the_bits_of_its_original() {
     let (n_samples, n_axes) = (200, 2);
-    let design = design(Definition::Two, n_samples, n_axes);
+    let design = design(n_samples, n_axes);
     let rows = noise(n_samples * n_axes, 11);
     let (mut out, mut expected) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
     let mut work = design.workspace().unwrap();
@@ -238,14 +232,8 @@ fn a_long_recording_at_the_limit_has_features() {
 /// Whole recordings and sizes of bands leave nothing behind for one that arrives, nor does it for them.
 #[test]
 fn whole_recordings_between_those_that_arrive() {
-    for definition in Definition::ALL {
-        whole_recordings_between(definition);
-    }
-}
-
-fn whole_recordings_between(definition: Definition) {
     let (n_samples, n_axes) = (700, 3);
-    let design = design(definition, n_samples, n_axes);
+    let design = design(n_samples, n_axes);
     let (mut work, mut fresh) = (design.workspace().unwrap(), design.workspace().unwrap());
     let (mut out, mut expected) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
     let mut rms = [vec![0.0; design.n_bands() * n_axes], vec![0.0; design.n_bands() * n_axes]];
@@ -274,13 +262,7 @@ fn whole_recordings_between(definition: Definition) {
 /// What cannot be worked with is refused at the end, and leaves nothing behind.
 #[test]
 fn a_recording_that_arrives_too_loud_is_refused_as_a_whole() {
-    for definition in Definition::ALL {
-        too_loud_is_refused(definition);
-    }
-}
-
-fn too_loud_is_refused(definition: Definition) {
-    let design = design(definition, 1000, 2);
+    let design = design(1000, 2);
     let (mut work, mut out) = (design.workspace().unwrap(), vec![0.0; design.n_features()]);
     let rows = noise(2000, 7);
     for bad in [1e13, f64::NAN, f64::INFINITY] {
@@ -313,10 +295,8 @@ fn too_loud_is_refused(definition: Definition) {
 
 #[test]
 fn sizes_and_names_agree() {
-    for (definition, n_samples, n_axes) in
-        shapes([(1, 1), (3, 2), (50, 6), (105, 13), (1600, 6), (1600, 13), (100_000, 1)])
-    {
-        let design = design(definition, n_samples, n_axes);
+    for (n_samples, n_axes) in [(1, 1), (3, 2), (50, 6), (105, 13), (1600, 6), (1600, 13), (100_000, 1)] {
+        let design = design(n_samples, n_axes);
         let names = design.names().unwrap();
         let total: usize = design.block_sizes().iter().map(|(_, size)| size).sum();
         assert_eq!((names.len(), total), (design.n_features(), design.n_features()));
@@ -347,7 +327,7 @@ fn errors_name_what_is_wrong() {
     let expected = Error::Scale { what: "scales", band: 1, axis: 1, value: 0.0 };
     assert_eq!(refused(ALL, 20, 2, &zero), expected);
 
-    let design = design(Definition::One, 20, 2);
+    let design = design(20, 2);
     let (mut work, mut out) = (design.workspace().unwrap(), vec![0.0; design.n_features()]);
     for len in [0, 1, 42] {
         let error = design.extract_into(&vec![0.0; len], &mut work, &mut out).unwrap_err();
@@ -363,7 +343,7 @@ fn errors_name_what_is_wrong() {
     let error = design.extract_into(&rows, &mut work, &mut out).unwrap_err();
     assert!(matches!(error, Error::NonFinite { recording: 0, sample: 5, axis: 1, .. }));
     // A workspace of another shape is replaced.
-    let mut other = self::design(Definition::One, 5, 1).workspace().unwrap();
+    let mut other = self::design(5, 1).workspace().unwrap();
     design.extract_into(&[1.0; 40], &mut other, &mut out).unwrap();
     let shape = BatchShape { n_recordings: 1, n_samples: 20, n_axes: 3 };
     let error = design.extract_batch(&[0.0; 60], shape, 1, &mut out).unwrap_err();
@@ -376,10 +356,9 @@ proptest! {
         n_axes in 1_usize..14,
         exponents in proptest::collection::vec(-320_i32..=308, 1..200),
         seed in any::<u64>(),
-        definition in prop::sample::select(&Definition::ALL[..]),
     ) {
         let n_samples = exponents.len().div_ceil(n_axes);
-        let design = design(definition, n_samples, n_axes);
+        let design = design(n_samples, n_axes);
         let mut rows = noise(n_samples * n_axes, seed);
         for (value, exponent) in rows.iter_mut().zip(&exponents) {
             *value = (*value - 3.0) / 5.0 * 10.0_f64.powi(*exponent);
@@ -397,7 +376,7 @@ proptest! {
 #[test]
 fn memory_is_asked_for_beforehand() {
     let small = 1 << 17;
-    for (definition, n_samples, n_axes) in shapes([
+    for (n_samples, n_axes) in [
         (1, 1),
         (1600, 6),
         (1, 20_000),
@@ -408,12 +387,11 @@ fn memory_is_asked_for_beforehand() {
         (1 << 17, 1),
         (100_003, 2),
         (4000, 400),
-    ]) {
-        let spec = MultiBandSpec { definition, ..ALL };
+    ] {
         let values = n_samples * n_axes;
         let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap(); // the caller's own
         let mut made = None;
-        let counted = measure(|| made = Some(MultiBand::new(spec, n_samples, n_axes, &scales).unwrap()));
+        let counted = measure(|| made = Some(MultiBand::new(ALL, n_samples, n_axes, &scales).unwrap()));
         assert!(
             counted.bytes_max <= (values * DESIGN_BYTES + small) as u64,
             "{n_samples} x {n_axes}: {counted:?}"
@@ -444,17 +422,15 @@ fn recordings_too_large_for_any_memory_are_refused() {
     }
 }
 
-/// Every selection of blocks of both definitions, in memory made for every other one and for another shape.
+/// Every selection of blocks, in memory made for every other one and for another shape.
 #[test]
 fn memory_of_another_design_changes_nothing() {
     let (n_samples, n_axes) = (120, 2);
     let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
     let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
-    let designs: Vec<_> = (0..2 << Block::NAMED.len())
-        .filter(|blocks| blocks >> 1 > 0)
+    let designs: Vec<_> = (1..1 << Block::NAMED.len())
         .map(|blocks| {
-            let spec = MultiBandSpec::of(500.0, |block| blocks >> 1 >> block as u8 & 1 == 1);
-            let spec = MultiBandSpec { definition: Definition::ALL[blocks & 1], ..spec };
+            let spec = MultiBandSpec::of(500.0, |block| blocks >> block as u8 & 1 == 1);
             MultiBand::new(spec, n_samples, n_axes, &scales).unwrap()
         })
         .collect();

@@ -7,7 +7,7 @@ use super::coupling::CouplingWork;
 use super::envelope::Energies;
 use super::quantiles::BandHistograms;
 use super::spectrum::SpectrumWork;
-use super::{Definition, MultiBand};
+use super::MultiBand;
 use crate::error::{Error, Result};
 use crate::features::BatchShape;
 use crate::kernel::SimdPath;
@@ -22,7 +22,6 @@ pub(super) const MAX_POOLED: usize = 1 << 16;
 /// [`MultiBand::workspace`](super::MultiBand::workspace). Nothing that it holds ever shows in the features of a recording.
 #[derive(Clone, Debug)]
 pub struct Workspace {
-    pub(super) definition: Definition,
     /// Samples and axes that it was made for.
     pub(super) shape: (usize, usize),
     pub(super) bank: BankWork,
@@ -50,10 +49,9 @@ impl Workspace {
     }
 
     /// Whether there is room for recordings of a shape and for those of couplings, quantiles and spectrum that are needed.
-    pub(super) fn suits(&self, definition: Definition, shape: (usize, usize), needed: [bool; 3]) -> bool {
+    pub(super) fn suits(&self, shape: (usize, usize), needed: [bool; 3]) -> bool {
         let there = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
-        let same = (self.definition, self.shape) == (definition, shape);
-        same && there.iter().zip(needed).all(|(there, needed)| *there || !needed)
+        self.shape == shape && there.iter().zip(needed).all(|(there, needed)| *there || !needed)
     }
 }
 

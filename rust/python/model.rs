@@ -12,7 +12,7 @@ use pyo3::exceptions::{PyMemoryError, PyOSError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict, PyList, PyString, PyTuple};
 
-use crate::arguments::{count, each, flag, new_arguments, shown, word, NewArguments, OrRaise, Raise};
+use crate::arguments::{count, each, new_arguments, shown, word, NewArguments, OrRaise, Raise};
 use crate::arrays::{
     contiguous_real, copied, readable, work_into, work_on, wrong_shape, zeros, Hold, Recordings,
 };
@@ -71,8 +71,6 @@ const PAPER_SAMPLES: usize = 1600;
 ///     Slope and offset of each learner's sigmoid; needs a "posterior" in the metadata.
 /// posterior_weights : array_like, shape (L,), optional
 ///     Weight of the training rows behind each learner, for coupling by "kullback_leibler".
-/// lacks_digest : bool, default False
-///     Whether the parts come from a file without a digest.
 ///
 /// Notes
 /// -----
@@ -90,10 +88,10 @@ impl PyModel {
     #[pyo3(
         signature = (spec, coef, intercept, coding_matrix, classes, *, loss=None, decoding=None, n_samples=None, n_axes=None,
                      metadata=None, raw_mean=None, raw_low=None, raw_high=None, early=None, sigmoid=None,
-                     posterior_weights=None, lacks_digest=None),
+                     posterior_weights=None),
         text_signature = "(spec, coef, intercept, coding_matrix, classes, *, loss='hinge', decoding='loss_weighted', \
                           n_samples=1600, n_axes=6, metadata=None, raw_mean=None, raw_low=None, raw_high=None, early=None, \
-                          sigmoid=None, posterior_weights=None, lacks_digest=False)"
+                          sigmoid=None, posterior_weights=None)"
     )]
     #[allow(clippy::too_many_arguments)] // the parts of a model
     fn new<'py>(
@@ -113,9 +111,7 @@ impl PyModel {
         early: Option<&Bound<'py, PyAny>>,
         sigmoid: Option<&Bound<'py, PyAny>>,
         posterior_weights: Option<&Bound<'py, PyAny>>,
-        lacks_digest: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
-        let lacks_digest = lacks_digest.map_or(Ok(false), |value| flag(value, "lacks_digest"))?;
         let (features, own) = features(spec)?;
         let (own_samples, own_axes) = own.unwrap_or((PAPER_SAMPLES, granular_id::wrench::AXES.len()));
         let n_axes = n_axes.map_or(Ok(own_axes), |value| count(value, "n_axes", MAX_AXES))?;
@@ -172,7 +168,7 @@ impl PyModel {
             *part = tensor(name)?;
         }
         let model = hold.work(coef.py(), || Model::new(parts)).map_err(bad_part)?;
-        Ok(Self { model: Arc::new(if lacks_digest { model.without_digest() } else { model }) })
+        Ok(Self { model: Arc::new(model) })
     }
 
     /// The model in the bytes of a file.
@@ -241,12 +237,6 @@ impl PyModel {
             named.append((PyTuple::new(py, candidates.iter().map(|class| &labels[*class]))?, unknown))?;
         }
         Ok(named)
-    }
-
-    /// Whether it was read from a file without a digest: had its numbers been damaged, nobody would know.
-    #[getter]
-    fn lacks_digest(&self) -> bool {
-        self.model.lacks_digest()
     }
 
     #[getter]
@@ -363,7 +353,7 @@ impl PyModel {
 
     fn __getnewargs_ex__<'py>(slf: &Bound<'py, Self>) -> NewArguments<'py> {
         let keywords = "loss decoding n_samples n_axes metadata raw_mean raw_low raw_high early sigmoid \
-                        posterior_weights lacks_digest";
+                        posterior_weights";
         new_arguments(slf, "spec coef intercept coding_matrix classes", keywords)
     }
 

@@ -5,20 +5,17 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
-use crate::arguments::{
-    count, each, new_arguments, number, samples_and_axes, shown, word, NewArguments, OrRaise,
-};
+use crate::arguments::{each, new_arguments, number, samples_and_axes, shown, word, NewArguments, OrRaise};
 use crate::arrays::{copied, owned_real, tuple, work_into, wrong_shape, zeros, Recordings};
 use granular_id::bindings::{brief, collected, filled};
-use granular_id::multiband::{n_bands, Block, Definition, MultiBand, MultiBandSpec, Scales};
+use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
 use granular_id::BatchShape;
 
 /// Multi-band features of recordings of one shape, as one checked, immutable value.
 ///
 /// `rate_hz` only names the bands. Blocks that such short recordings do not have are left out; the order of their names
 /// does not matter. `scales` (n_bands, n_axes) are the typical root mean square of each band and axis, `level_scales`
-/// (n_axes,) the typical magnitude of the level; ones without them. `granular_id.MultiBand` learns them. `definition`
-/// says which numbers features are, 1 or 2.
+/// (n_axes,) the typical magnitude of the level; ones without them. `granular_id.MultiBand` learns them.
 #[allow(clippy::doc_markdown)] // numpydoc, read by Python
 #[pyclass(frozen, name = "MultiBandExtractor", module = "granular_id._core")]
 pub(super) struct PyMultiBandExtractor {
@@ -32,10 +29,9 @@ type Extract = fn(&MultiBand, &[f64], BatchShape, usize, &mut [f64]) -> granular
 impl PyMultiBandExtractor {
     #[new]
     #[pyo3(
-        signature = (n_samples, n_axes, *, rate_hz=None, blocks=None, scales=None, level_scales=None, definition=None),
+        signature = (n_samples, n_axes, *, rate_hz=None, blocks=None, scales=None, level_scales=None),
         text_signature = "(n_samples, n_axes, *, rate_hz=500.0, \
-                          blocks=('coupling', 'quantiles', 'envelope', 'spectrum'), scales=None, level_scales=None, \
-                          definition=2)"
+                          blocks=('coupling', 'quantiles', 'envelope', 'spectrum'), scales=None, level_scales=None)"
     )]
     fn new(
         n_samples: &Bound<'_, PyAny>,
@@ -44,15 +40,12 @@ impl PyMultiBandExtractor {
         blocks: Option<&Bound<'_, PyAny>>,
         scales: Option<&Bound<'_, PyAny>>,
         level_scales: Option<&Bound<'_, PyAny>>,
-        definition: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let (n_samples, n_axes) = samples_and_axes(n_samples, n_axes)?;
         let default = MultiBandSpec::default();
         let rate_hz = rate_hz.map_or(Ok(default.rate_hz), |value| number(value, "rate_hz"))?;
         let default = default.with_rate_hz(rate_hz);
         let spec = blocks.map_or(Ok(default), |value| blocks_of(value, rate_hz))?;
-        let definition = definition.map_or(Ok(default.definition), definition_of)?;
-        let spec = spec.with_definition(definition);
         MultiBand::check_size(n_samples, n_axes).or_raise()?;
         let n_bands = n_bands(n_samples);
         let scales = Scales {
@@ -75,12 +68,6 @@ impl PyMultiBandExtractor {
     #[getter]
     fn rate_hz(&self) -> f64 {
         self.design.spec().rate_hz
-    }
-
-    /// Which numbers features are, 1 or 2.
-    #[getter]
-    fn definition(&self) -> usize {
-        self.design.spec().definition.number()
     }
 
     #[getter]
@@ -160,7 +147,7 @@ impl PyMultiBandExtractor {
     }
 
     fn __getnewargs_ex__<'py>(slf: &Bound<'py, Self>) -> NewArguments<'py> {
-        new_arguments(slf, "n_samples n_axes", "rate_hz blocks scales level_scales definition")
+        new_arguments(slf, "n_samples n_axes", "rate_hz blocks scales level_scales")
     }
 
     fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
@@ -173,10 +160,9 @@ impl PyMultiBandExtractor {
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
         let (n_samples, n_axes, rate_hz) = (self.n_samples(), self.n_axes(), brief(self.rate_hz()));
-        let (blocks, definition) = (self.blocks(py)?.repr()?, self.definition());
+        let blocks = self.blocks(py)?.repr()?;
         Ok(format!(
-            "<MultiBandExtractor of {n_samples} samples of {n_axes} axes at {rate_hz} Hz, blocks={blocks}, \
-             definition={definition}>"
+            "<MultiBandExtractor of {n_samples} samples of {n_axes} axes at {rate_hz} Hz, blocks={blocks}>"
         ))
     }
 }
@@ -200,11 +186,6 @@ impl PyMultiBandExtractor {
         })?;
         Ok(out)
     }
-}
-
-/// A definition by its number.
-fn definition_of(value: &Bound<'_, PyAny>) -> PyResult<Definition> {
-    Ok(Definition::ALL[count(value, "definition", Definition::ALL.len())? - 1])
 }
 
 /// Names of blocks, in any order.

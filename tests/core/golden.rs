@@ -12,7 +12,7 @@ use std::sync::Arc;
 use granular_id::buffer::{wrench_buffer, BufferSpec, Fill, Row, WindowSpec};
 use granular_id::dsp::{default_padlen, Outside, Section};
 use granular_id::features::Initial;
-use granular_id::multiband::{n_bands, Block, Definition, MultiBand, MultiBandSpec, Scales};
+use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
 use granular_id::number_table::{parse, write, Column};
 use granular_id::rdt::{Decoded, Decoder, Record, Scale, Variant};
 use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
@@ -163,13 +163,11 @@ fn multiband(digests: &mut Digests) {
         let mut scales = |n: usize| (0..n).map(|_| 0.75 + noise()).collect::<Vec<_>>();
         let scales = Scales { bands: scales(n_bands(n_samples) * n_axes), level: scales(n_axes) };
         let rows = wrench(n_samples, n_axes);
-        let each =
-            Definition::ALL.iter().flat_map(|definition| Block::NAMED.map(|named| (*definition, named)));
-        for (definition, (name, block)) in each {
-            let spec = MultiBandSpec::of(500.0, |wanted| wanted == block).with_definition(definition);
+        for (name, block) in Block::NAMED {
+            let spec = MultiBandSpec::of(500.0, |wanted| wanted == block);
             let Ok(design) = MultiBand::new(spec, n_samples, n_axes, &scales) else { continue };
             digests.on_every_path(
-                &format!("multi-band {} {name}, {n_samples} samples, {n_axes} axes", definition.number()),
+                &format!("multi-band {name}, {n_samples} samples, {n_axes} axes"),
                 |path| {
                     let (mut work, mut out) =
                         (design.workspace().unwrap(), vec![f64::NAN; design.n_features()]);

@@ -19,9 +19,7 @@ use proptest::prelude::*;
 #[path = "../../examples/identify.rs"]
 mod identify;
 
-use crate::twins::models::{
-    damage_is_an_error_or_a_model, no_flipped_bit_is_read, random_model, without_digest,
-};
+use crate::twins::models::{damage_is_an_error_or_a_model, no_flipped_bit_is_read, random_model};
 use crate::twins::signals::bits;
 
 fn numbers(path: &Path) -> Vec<f64> {
@@ -57,20 +55,6 @@ fn agrees_with_python_bit_for_bit() {
         winners[answer.best] += 1;
     }
     println!("{n} recordings: 0 differing bits, 0 differing labels; winners {winners:?}");
-}
-
-/// Files of the first two versions have no digest; the first holds the same model as the file of today.
-#[test]
-fn files_of_earlier_versions_are_read_and_say_so() {
-    let [now, first, second] = ["model", "model_1", "model_2"]
-        .map(|name| Model::read(golden().join(name).with_extension("safetensors")).unwrap());
-    assert_eq!([now.lacks_digest(), first.lacks_digest(), second.lacks_digest()], [false, true, true]);
-    assert_eq!(first, now);
-    assert!(second.multiband().is_some());
-    for model in [first, second] {
-        let again = Model::from_bytes(&model.to_bytes().unwrap(), MAX_FILE_BYTES).unwrap();
-        assert!(again == model && !again.lacks_digest());
-    }
 }
 
 #[test]
@@ -201,7 +185,7 @@ proptest! {
 
 #[test]
 fn every_beginning_and_every_changed_byte_is_a_model_or_an_error() {
-    let good = without_digest(&Small::new().model().unwrap().to_bytes().unwrap());
+    let good = Small::new().model().unwrap().to_bytes().unwrap();
     damage_is_an_error_or_a_model(&good, &[0.25, -1.0, 2.0], |error| {
         matches!(error, Error::Score { .. } | Error::Length { .. })
     });

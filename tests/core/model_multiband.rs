@@ -6,26 +6,20 @@
 use std::sync::Arc;
 
 use granular_id::model::{Features, ModelError, Tensor, MAX_FILE_BYTES};
-use granular_id::multiband::{Block, Definition, MultiBandSpec};
+use granular_id::multiband::{Block, MultiBandSpec};
 use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, Model};
 use proptest::prelude::*;
 
 use crate::twins::models::{
-    damage_is_an_error_or_a_model, no_flipped_bit_is_read, random_banded, stream_has_the_scores_of_the_batch,
-    without_digest,
+    damage_is_an_error_or_a_model, no_flipped_bit_is_read, random_banded, sealed,
+    stream_has_the_scores_of_the_batch,
 };
 use crate::twins::signals::{bits, noise};
 
-/// Any selection of blocks but none, of either definition.
+/// Any selection of blocks but none.
 fn spec() -> impl Strategy<Value = MultiBandSpec> {
-    (1..32_u8, definition()).prop_map(|(bits, definition)| {
-        MultiBandSpec::of(500.0, |block| bits >> block as u8 & 1 == 1).with_definition(definition)
-    })
-}
-
-fn definition() -> impl Strategy<Value = Definition> {
-    prop::sample::select(&Definition::ALL[..])
+    (1..32_u8).prop_map(|bits| MultiBandSpec::of(500.0, |block| bits >> block as u8 & 1 == 1))
 }
 
 /// Scores of the beginning of a recording in the order of addition that is promised, one number at a time.
@@ -97,10 +91,8 @@ proptest! {
         (n_samples, hop) in (8..150_usize, 1..120_usize),
         block in 1..40_usize,
         seed in 0..1000_u64,
-        definition in definition(),
     ) {
-        let spec = MultiBandSpec::default().with_definition(definition);
-        let model = Arc::new(random_banded(3, n_samples, 2, spec));
+        let model = Arc::new(random_banded(3, n_samples, 2, MultiBandSpec::default()));
         let rows = noise(seed, 2 * 400);
         let mut stream = StreamingIdentifier::new(model.clone(), Some(hop)).unwrap();
         let (mut taken, mut windows) = (0, 0);
@@ -130,10 +122,8 @@ fn recordings_of_the_papers_size_differ_in_no_bit() {
 #[test]
 fn long_windows_that_share_rows_are_recordings() {
     let windows = [(700, 90, 64, true), (420, 300, 7, true), (900, 250, 130, false)];
-    let each = Definition::ALL.into_iter().flat_map(|definition| windows.map(|window| (definition, window)));
-    for (definition, (n_samples, hop, block, asks)) in each {
-        let spec = MultiBandSpec::default().with_definition(definition);
-        let model = Arc::new(random_banded(3, n_samples, 2, spec));
+    for (n_samples, hop, block, asks) in windows {
+        let model = Arc::new(random_banded(3, n_samples, 2, MultiBandSpec::default()));
         let rows = noise(9, 2 * 3000);
         let mut stream = StreamingIdentifier::new(model.clone(), Some(hop)).unwrap();
         let (mut taken, mut windows) = (0, 0);
@@ -219,7 +209,7 @@ fn every_beginning_and_every_changed_byte_is_a_model_or_an_error() {
     let spec = MultiBandSpec::default().with_coupling(false).with_spectrum(false).with_level(true);
     let good = random_banded(3, 5, 1, spec).to_bytes().unwrap();
     no_flipped_bit_is_read(&good);
-    damage_is_an_error_or_a_model(&without_digest(&good), &[0.25, -1.0, 2.0, 0.0, 1.0], |error| {
+    damage_is_an_error_or_a_model(&good, &[0.25, -1.0, 2.0, 0.0, 1.0], |error| {
         matches!(error, Error::Score { .. } | Error::TooLoud { .. })
     });
 }
@@ -227,13 +217,13 @@ fn every_beginning_and_every_changed_byte_is_a_model_or_an_error() {
 /// Why a small file with another header is refused.
 fn refused(change: impl FnOnce(String) -> String) -> String {
     let model = random_banded(2, 8, 1, MultiBandSpec::default().with_level(true));
-    let good = without_digest(&model.to_bytes().unwrap());
+    let good = model.to_bytes().unwrap();
     let end = 8 + usize::try_from(u64::from_le_bytes(*good.first_chunk().unwrap())).unwrap();
     let header = change(std::str::from_utf8(&good[8..end]).unwrap().to_owned());
     let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
     bytes.extend(header.bytes());
     bytes.extend(&good[end..]);
-    Model::from_bytes(&bytes, MAX_FILE_BYTES).unwrap_err().to_string()
+    Model::from_bytes(&sealed(&bytes), MAX_FILE_BYTES).unwrap_err().to_string()
 }
 
 #[test]
@@ -247,8 +237,8 @@ fn a_small_file_asks_for_no_large_recording() {
             "values of a recording of multi-band features must be from 1 to 262144",
         ),
         (vec![axes("\"n_axes\":\"200\"")], "n_axes of multi-band features must be from 1 to 32, got 200"),
-        (vec![("\"format_version\":\"2\"", "\"format_version\":\"1\"")], "band_scales is of no use without"),
-        (vec![("coupling", "coupler")], "feature_spec does not have the hash"),
+        (vec![("blocks", "bricks")], "band_scales is of no use without"),
+        (vec![("coupling", "coupler")], "feature_spec: 'blocks' must be a list of blocks in the order"),
     ];
     for (changes, message) in cases {
         let error = refused(|mut header| {

@@ -160,14 +160,6 @@ def sealed(header, data):
     return framed(header, data)
 
 
-def without_digest(data):
-    """Return a file as earlier versions wrote it."""
-    metadata, tensors = taken_apart(data)
-    del metadata[DIGEST]
-    version = "2" if "multiband" in metadata["feature_spec"] else "1"
-    return put_together({**metadata, "format_version": version}, tensors)
-
-
 def put_together(metadata, tensors):
     found, data = entries(tensors)
     return sealed({"__metadata__": metadata, **found}, data)

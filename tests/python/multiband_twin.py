@@ -1,6 +1,6 @@
 """The multi-band features in plain numpy and scipy: slow, short, and independent of the Rust core.
 
-Both definitions that the core is tested against, 1 and 2; see `granular_id.spaces.MultiBand` for what it is good for.
+See `granular_id.spaces.MultiBand` for what they are good for.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from scipy.signal import butter, sosfilt, sosfilt_zi
 TOP = 0.98  # of Nyquist: where the highest octave ends
 MIN_CYCLES = 1.5  # that the lower edge of a band completes within the recording
 LAG = 2  # samples at the rate of the band
-MIN_ROWS = 4  # per variable of a matrix of second moments; fewer leave little but chance in its logarithm
-RIDGE = 1e-3  # added to second moments of scaled signals
+MIN_ROWS = 4  # per variable of a matrix of second moments; fewer leave little but chance in it
 SD_FLOOR = 1e-3  # added to scaled standard deviations
 ENERGY_FLOOR = 1e-6  # added to scaled energies
 PROBABILITIES = (0.02, 0.10, 0.25, 0.50, 0.75, 0.90, 0.98)
@@ -24,10 +23,9 @@ SPECTRUM_BINS = 40
 SPECTRUM_SAMPLES = 18  # from here on there are more bins than octaves
 MIN_WIDTH = 3  # frequencies per bin; the logarithm of fewer is mostly chance
 LEVEL_STRETCHES = 16
-SHIFTS = (0.03, 3.0)  # definition 2: of resolvents, whose sum levels off beyond them
-ROUNDING = 1e-5  # definition 2: of the trace, more than moments summed in float32 are off by
-EARLY_SAMPLES = 100  # from here on definition 2 halves the rate in front of octave 2 already
-DEFINITIONS = (1, 2)
+SHIFTS = (0.03, 3.0)  # of resolvents, whose sum levels off beyond them
+ROUNDING = 1e-5  # of the trace, more than moments summed in float32 are off by
+EARLY_SAMPLES = 100  # from here on the rate is halved in front of octave 2 already
 BLOCKS = ("coupling", "quantiles", "envelope", "spectrum", "level")
 
 
@@ -39,32 +37,32 @@ def n_octaves(n_samples):
     return k
 
 
-def early(n_samples, definition):
+def early(n_samples):
     """Whether the rate is halved in front of octave 2 already, which then serves octaves 2 and 3."""
-    return definition == 2 and n_samples >= EARLY_SAMPLES
+    return n_samples >= EARLY_SAMPLES
 
 
-def halves(k, n_samples, definition):
+def halves(k, n_samples):
     """Whether the rate is halved in front of octave k, counted from 0."""
-    return k == 1 or k >= 3 if early(n_samples, definition) else k >= 2
+    return k == 1 or k >= 3 if early(n_samples) else k >= 2
 
 
-def lag(band, n_samples, definition):
+def lag(band, n_samples):
     """Samples between the two instants of a coupling; band 0 is the whole signal."""
-    return LAG // 2 if band == 2 and early(n_samples, definition) else LAG
+    return LAG // 2 if band == 2 and early(n_samples) else LAG
 
 
-def least_samples(band, n_axes, n_samples, definition):
+def least_samples(band, n_axes, n_samples):
     """Samples of the shortest band that has couplings; half the rate holds as much of the signal in half as many."""
-    rows = MIN_ROWS // 2 if band == 2 and early(n_samples, definition) else MIN_ROWS
+    rows = MIN_ROWS // 2 if band == 2 and early(n_samples) else MIN_ROWS
     return rows * 2 * n_axes + LAG
 
 
-def band_lengths(n_samples, definition=1):
+def band_lengths(n_samples):
     """Samples of each band."""
     lengths, n = [n_samples], n_samples
     for k in range(n_octaves(n_samples)):
-        n = -(-n // 2) if halves(k, n_samples, definition) else n
+        n = -(-n // 2) if halves(k, n_samples) else n
         lengths.append(n)
     return lengths
 
@@ -75,13 +73,13 @@ def filtered(sos, x):
     return sosfilt(sos, x, axis=0, zi=zi)[0]
 
 
-def band_signals(x, n_samples=None, definition=1):
+def band_signals(x, n_samples=None):
     """Band 0, the mean-free signal, then the octaves, each at its own rate: a list of (n_b, C)."""
     n_samples = len(x) if n_samples is None else n_samples
     signals = [x - x.mean(axis=0)]
     level, high = x, TOP  # a share of Nyquist at the rate of the level
     for k in range(n_octaves(n_samples)):
-        if halves(k, n_samples, definition):  # the low-pass leaves nothing to alias into the band
+        if halves(k, n_samples):  # the low-pass leaves nothing to alias into the band
             level, high = filtered(butter(7, 0.5, output="sos"), level)[::2], 2 * high
         signals.append(filtered(butter(2, [high / 2, high], "bandpass", output="sos"), level))
         high /= 2
@@ -99,16 +97,8 @@ def moments_of(z, lag):
     return stacked.T @ stacked / len(stacked)
 
 
-def coupling(y, scale):
-    moments = moments_of(y / scale, LAG) + RIDGE * np.eye(2 * len(scale))
-    values, vectors = np.linalg.eigh(moments)
-    log = (vectors * np.log(np.maximum(values, RIDGE))) @ vectors.T
-    i, j = np.triu_indices(len(log))
-    return np.where(i == j, 1.0, np.sqrt(2.0)) * log[i, j]
-
-
-def resolvents(y, scale, lag):
-    """Definition 2: sum over c of I - 2 c (M + (c + ROUNDING trace M) I)^-1.
+def coupling(y, scale, lag):
+    """Resolvents of second moments: sum over c of I - 2 c (M + (c + ROUNDING trace M) I)^-1.
 
     Upper triangle of the mean of the blocks now-now and earlier-earlier, then the block now-earlier row by row.
     """
@@ -204,18 +194,17 @@ def level(x, level_scale):
     return np.arcsinh(np.array(means) / level_scale).T.ravel()
 
 
-def features(x, scales, level_scale, blocks=BLOCKS, n_samples=None, definition=1):
+def features(x, scales, level_scale, blocks=BLOCKS, n_samples=None):
     """All blocks of one recording (n, C); `n_samples` is that of a whole recording where `x` is its beginning."""
     n_samples = len(x) if n_samples is None else n_samples
-    signals = band_signals(x, n_samples, definition)
+    signals = band_signals(x, n_samples)
     out = []
     for block in blocks:
         if block == "coupling":
-            whole = band_lengths(n_samples, definition)
+            whole = band_lengths(n_samples)
             for b, (y, s) in enumerate(zip(signals, scales, strict=True)):
-                if whole[b] >= least_samples(b, x.shape[1], n_samples, definition):
-                    apart = lag(b, n_samples, definition)
-                    out.append(coupling(y, s) if definition == 1 else resolvents(y, s, apart))
+                if whole[b] >= least_samples(b, x.shape[1], n_samples):
+                    out.append(coupling(y, s, lag(b, n_samples)))
         elif block == "quantiles":
             out += [quantiles(y, s) for y, s in zip(signals, scales, strict=True)]
         elif block == "envelope" and n_samples >= STRETCHES:
@@ -227,14 +216,14 @@ def features(x, scales, level_scale, blocks=BLOCKS, n_samples=None, definition=1
     return np.concatenate(out)
 
 
-def learned_scales(recordings, definition=1):
+def learned_scales(recordings):
     """Typical RMS of each band and axis, and typical size of the level of each axis, of recordings (n, T, C).
 
     A median, so that a few violent recordings do not make all others small; nothing below a billionth of the signal,
     or a millionth of the signal without its mean, which is rounding; 1 for an axis that is zero.
     """
     raw = np.median(np.sqrt(np.mean(recordings**2, axis=1)), axis=0)
-    typical = np.median([rms(band_signals(x, definition=definition)) for x in recordings], axis=0)
+    typical = np.median([rms(band_signals(x)) for x in recordings], axis=0)
     scales = np.maximum(np.maximum(typical, 1e-6 * typical[0]), 1e-9 * raw)
     stretches = min(LEVEL_STRETCHES, recordings.shape[1])
     at = stretch_edges(recordings.shape[1], stretches)

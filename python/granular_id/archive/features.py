@@ -386,18 +386,13 @@ def _described(extractor: Any) -> dict[str, Any]:
     if isinstance(extractor, (FeatureSpec, MultiBandExtractor)):
         arguments = extractor.__getnewargs_ex__()
         plain = {key: _plain(value) for key, value in arguments[1].items()}
-        described = {"class": type(extractor).__name__, "arguments": list(arguments[0]), **plain}
-    elif hasattr(extractor, "steps"):
+        return {"class": type(extractor).__name__, "arguments": list(arguments[0]), **plain}
+    if hasattr(extractor, "steps"):
         steps = [{"name": name, **_described(step)} for name, step in extractor.steps]
         return {"class": type(extractor).__name__, "steps": steps}
-    else:
-        from granular_id._estimators import describe_estimator
+    from granular_id._estimators import describe_estimator
 
-        described = describe_estimator(extractor)
-    # Archives written before there was another definition do not name it.
-    if described["class"] in ("MultiBand", "MultiBandExtractor") and described.get("definition") == 1:
-        del described["definition"]
-    return described
+    return describe_estimator(extractor)
 
 
 def _plain(value: Any) -> Any:

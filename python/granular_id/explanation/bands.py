@@ -268,7 +268,7 @@ def said(columns: BandColumns, means: FloatArray, labels: tuple[str, str], numbe
 
 
 _SHIFTS = (0.03, 3.0)
-"""Of the resolvents of the second definition: a moment v becomes the sum over c of (v - c) / (v + c)."""
+"""Of the resolvents: a moment v becomes the sum over c of (v - c) / (v + c)."""
 
 
 _HIGHEST = 2 - 1e-9
@@ -279,26 +279,15 @@ def moments(columns: BandColumns, means: FloatArray, band: int) -> FloatArray:
     """Second moments of one material in one band: those of which the features are the means of the material."""
     own = means[columns.of(block="coupling", band=band)]
     n = len(columns.axes)
-    if own.size == n * (2 * n + 1):
-        values, vectors = np.linalg.eigh(_symmetric(own, 2 * n, np.sqrt(2.0)))
-        values = np.exp(values)
-    else:
-        now, earlier = _symmetric(own[: -n * n], n), own[-n * n :].reshape(n, n)
-        values, vectors = np.linalg.eigh(np.block([[now, earlier], [earlier.T, now]]))
-        values = np.clip(values, -_HIGHEST, _HIGHEST)
-        linear, product = values * sum(_SHIFTS), 4 * _SHIFTS[0] * _SHIFTS[1]
-        values = (linear + np.sqrt(linear**2 + product * (4 - values**2))) / (4 - 2 * values)
+    rows, across = np.triu_indices(n)
+    now, earlier = np.zeros((n, n)), own[-n * n :].reshape(n, n)
+    now[rows, across] = now[across, rows] = own[: -n * n]
+    values, vectors = np.linalg.eigh(np.block([[now, earlier], [earlier.T, now]]))
+    values = np.clip(values, -_HIGHEST, _HIGHEST)
+    linear, product = values * sum(_SHIFTS), 4 * _SHIFTS[0] * _SHIFTS[1]
+    values = (linear + np.sqrt(linear**2 + product * (4 - values**2))) / (4 - 2 * values)
     made: FloatArray = (vectors * values) @ vectors.T
     return made
-
-
-def _symmetric(upper: FloatArray, n: int, off_diagonal: float = 1.0) -> FloatArray:
-    """Return the matrix of an upper triangle, row by row, that is off the diagonal so many times too large."""
-    rows, across = np.triu_indices(n)
-    matrix = np.zeros((n, n))
-    matrix[rows, across] = upper / np.where(rows == across, 1.0, off_diagonal)
-    matrix[across, rows] = matrix[rows, across]
-    return matrix
 
 
 def _coupling(columns: BandColumns, means: FloatArray, labels: tuple[str, str], column: BandColumn) -> str:

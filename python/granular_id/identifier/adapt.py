@@ -415,5 +415,5 @@ def _changed(
     if learners is not None:
         coef, intercept = learners.coef, learners.intercept
         metadata["posterior"] = ""
-    options = {**options, **parts, "metadata": metadata, "lacks_digest": False}
+    options = {**options, **parts, "metadata": metadata}
     return _core.Model(spec, coef, intercept, coding, classes, **options)

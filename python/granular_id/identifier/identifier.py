@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -285,22 +284,11 @@ class Identifier:
             There is no such file, or it cannot be read.
         ValueError
             The file is no model, is damaged or too large: the first fault.
-
-        Warns
-        -----
-        UserWarning
-            The file has no digest: an earlier version wrote it, and damage cannot be told. `lacks_digest` tells later.
         """
         if os.path.isdir(path):  # noqa: PTH112 - bytes are paths, too
             wanted = "wanted a model file, as granular-id train and Identifier.save write it"
             raise IsADirectoryError(f"{os.fsdecode(path)} is a folder, {wanted}")
         core = _core.Model.read(path, max_file_bytes=max_file_bytes)
-        if core.lacks_digest:
-            warnings.warn(
-                f"{os.fspath(path)}: this file has no digest, an earlier version wrote it: damage to its numbers would "
-                "go unnoticed. Train again, or load and save a copy that you trust",
-                stacklevel=2,
-            )
         try:
             check_trained(Metadata(core).trained)
         except (TypeError, ValueError) as fault:
@@ -373,11 +361,6 @@ class Identifier:
     def lead_s(self) -> float | None:
         """Seconds of rest ahead of the trigger, where all recordings of the training had the same; else None."""
         return Metadata(self.core).lead_s
-
-    @property
-    def lacks_digest(self) -> bool:
-        """Whether it was read from a file of an earlier version, without a digest: damage cannot be told."""
-        return self.core.lacks_digest
 
     @cached_property
     def trained(self) -> dict[str, Any]:

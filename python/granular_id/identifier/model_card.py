@@ -38,7 +38,6 @@ def describe_model(model: Identifier) -> list[str]:
     seconds = f"{model.n_samples / model.rate_hz:g} s"
     learners = f"{counted(core.n_learners, 'learner')} ({core.metadata['coding'] or 'own coding'})"
     posterior = "" if core.sigmoid is None else f", probabilities by {core.metadata['posterior']}"
-    damage = "; the file has no digest: damage would go unnoticed" if core.lacks_digest else ""
     lines += [
         f"takes: {model.n_samples} samples at {model.rate_hz:g} Hz ({seconds}) of {' '.join(model.axes)}; rest ahead "
         f"of the motion: {_lead(model)}",
@@ -46,8 +45,7 @@ def describe_model(model: Identifier) -> list[str]:
         *_bands(spec, _units(model)),
         f"classifier: {learners}, {core.loss} loss, {core.decoding.replace('_', '-')} decoding{posterior}",
         f"size: {len(core.to_bytes()) / 2**20:.2f} MiB",
-        f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}"
-        f"{damage}",
+        f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}",
     ]
     setup = trained.get("setup")
     if setup:
@@ -136,7 +134,7 @@ def _units(model: Identifier) -> str:
 def _content(spec: FeatureSpec | _core.MultiBandExtractor, units: str) -> str:
     if not isinstance(spec, FeatureSpec):
         blocks = ", ".join(f"{size} {name}" for name, size in spec.block_sizes.items())
-        return f": {blocks}, by definition {spec.definition}"
+        return f": {blocks}"
     if not spec.hfmh:
         return ""
     ranges = spec.bin_range

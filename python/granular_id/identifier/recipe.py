@@ -319,6 +319,5 @@ def _without_silent_blocks(
         blocks=heard,
         scales=spec.scales,
         level_scales=spec.level_scales,
-        definition=spec.definition,
     )
     return smaller, np.concatenate([parts[name] for name in heard], axis=1)

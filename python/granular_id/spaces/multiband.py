@@ -18,7 +18,6 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.utils.validation import check_is_fitted
 
-from granular_id._checks import checked_index
 from granular_id._core import MultiBandExtractor
 from granular_id._text import counted, fixed, listed
 from granular_id.spaces.base import (
@@ -36,9 +35,6 @@ USUAL_BLOCKS = ("coupling", "quantiles", "envelope", "spectrum")
 
 ALL_BLOCKS = (*USUAL_BLOCKS, "level")
 """Every block, in the order of the features."""
-
-DEFINITION = MultiBandExtractor(1, 1).definition
-"""Of the features of new spaces: the core's."""
 
 BAND_LOSS = "root"
 """Binary loss that models of these features decode with unless told otherwise, those of the preset included."""
@@ -109,10 +105,6 @@ class MultiBand(RecordingTransformer):
     blocks : sequence of str, default ("coupling", "quantiles", "envelope", "spectrum")
         Any of the five. Without the level, which knows the session (weight of the tool, zero of the sensor) as well
         as it knows the material. Their order does not matter.
-    definition : int, default that of `MultiBandExtractor`
-        Which numbers the features are. 2 is described above. 1 has logarithms for couplings, 78 of six axes in place of
-        57, and octave 2 always at the full rate; it takes a quarter longer. A model knows the numbers of one
-        definition; the first stays for models that have it. Presets and commands make models of the default.
     threads : int or None, default None
         Threads of a batch; None takes all cores.
 
@@ -182,12 +174,10 @@ class MultiBand(RecordingTransformer):
         *,
         rate_hz: float | None = None,
         blocks: Sequence[str] = USUAL_BLOCKS,
-        definition: int = DEFINITION,
         threads: int | None = None,
     ) -> None:
         self.rate_hz = rate_hz
         self.blocks = blocks
-        self.definition = definition
         self.threads = threads
 
     @property
@@ -209,11 +199,7 @@ class MultiBand(RecordingTransformer):
 
     def _learn(self, recordings: FloatArray) -> None:
         n_samples, n_axes = recordings.shape[1:]
-        settings: dict[str, Any] = {
-            "rate_hz": self.rate_hz_ or PAPER_RATE_HZ,
-            "blocks": self.blocks,
-            "definition": checked_index(self.definition, "definition"),
-        }
+        settings: dict[str, Any] = {"rate_hz": self.rate_hz_ or PAPER_RATE_HZ, "blocks": self.blocks}
         plain = MultiBandExtractor(n_samples, n_axes, **settings)
         # Bands are in float32: sizes are measured in units of the whole signal, whatever its own unit.
         energies = np.einsum("ntc,ntc->nc", recordings, recordings) / n_samples
@@ -271,10 +257,10 @@ def _dropped(extractor: MultiBandExtractor) -> str:
     return f"recordings of {counted(n_samples, 'sample')} are too short for {listed(parts)}"
 
 
-# Names of columns, such as b0_coupling_fx_lag2_fy_lag2, b3_q98_fx, b3_envelope_fx_0, spectrum_fx_00.
+# Names of columns, such as b0_coupling_fx_fy_lag2, b3_q98_fx, b3_envelope_fx_0, spectrum_fx_00.
 _NAME = re.compile(
     r"(?:b(?P<band>\d+)_)?(?P<what>coupling|q\d+|logrms|envelope|spectrum|level)_(?P<first>[a-z]+\d*)"
-    r"(?:(?:_lag(?P<lag1>\d+))?_(?P<second>[a-z]+\d*)(?:_lag(?P<lag2>\d+))?|_(?P<detail>\d+))?"
+    r"(?:_(?P<second>[a-z]+\d*)(?:_lag(?P<lag>\d+))?|_(?P<detail>\d+))?"
 )
 
 
@@ -283,8 +269,8 @@ class BandColumn(NamedTuple):
 
     `block` is "coupling", "quantiles", "envelope", "spectrum" or "level"; `band` is None for the last two. `first`
     and `second` are numbers of axes, the same one twice where there is but one. `lag` is how many samples (of the
-    band) the second axis is earlier than the first; with both earlier it is 0 again. `detail` is the rest of the
-    name: "q98", "logrms", the number of a stretch or bin.
+    band) the second axis is earlier than the first. `detail` is the rest of the name: "q98", "logrms", the number of a
+    stretch or bin.
     """
 
     block: str
@@ -402,6 +388,6 @@ def _column(name: str, axes: tuple[str, ...]) -> BandColumn:
         band=None if found["band"] is None else int(found["band"]),
         first=axes.index(first),
         second=axes.index(found["second"] or first),
-        lag=int(found["lag2"] or 0) - int(found["lag1"] or 0),
+        lag=int(found["lag"] or 0),
         detail=what if block == "quantiles" else found["detail"] or "",
     )

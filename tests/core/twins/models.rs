@@ -1,11 +1,14 @@
 //! Models with random weights.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use granular_id::model::{Features, ModelError, ModelParts, Tensor, MAX_FILE_BYTES};
 use granular_id::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use granular_id::stream::StreamingIdentifier;
 use granular_id::{Error, FeatureSpec, Model};
+use safetensors::SafeTensors;
+use sha2::{Digest, Sha256};
 
 use super::signals::{bits, uniform};
 
@@ -31,17 +34,38 @@ pub fn random_banded(n_classes: usize, n_samples: usize, n_axes: usize, spec: Mu
     random_of(features, (0, n_features), (n_samples, n_axes), n_classes)
 }
 
-/// The file as earlier versions wrote it: without a digest.
-pub fn without_digest(file: &[u8]) -> Vec<u8> {
-    let (length, rest) = file.split_first_chunk().unwrap();
-    let (header, numbers) = rest.split_at(usize::try_from(u64::from_le_bytes(*length)).unwrap());
-    let mut header: serde_json::Value = serde_json::from_slice(header).unwrap();
-    let metadata = header["__metadata__"].as_object_mut().unwrap();
-    assert!(metadata.remove("content_sha256").is_some());
-    let is_banded = metadata["feature_spec"].as_str().unwrap().contains("multiband");
-    metadata.insert("format_version".to_owned(), if is_banded { "2" } else { "1" }.into());
-    let header = header.to_string();
-    [&(header.len() as u64).to_le_bytes(), header.as_bytes(), numbers].concat()
+/// A file with the digest of what it holds in the place of its own, where it has one.
+pub fn sealed(file: &[u8]) -> Vec<u8> {
+    let mut file = file.to_vec();
+    let key: &[u8] = b"\"content_sha256\":\"";
+    let place = file.windows(key.len()).position(|text| text == key).map(|start| start + key.len());
+    if let Some((place, digest)) = place.zip(digest(&file)).filter(|(place, _)| place + 64 <= file.len()) {
+        file[place..place + 64].copy_from_slice(digest.as_bytes());
+    }
+    file
+}
+
+/// The digest of what a file holds, as the page *Model file* of the documentation defines it.
+fn digest(file: &[u8]) -> Option<String> {
+    let (_, header) = SafeTensors::read_metadata(file).ok()?;
+    let entries: BTreeMap<_, _> = header.metadata().as_ref()?.iter().collect();
+    let tensors = SafeTensors::deserialize(file).ok()?;
+    let tensors: BTreeMap<_, _> = tensors.tensors().into_iter().collect();
+    let number = |number: usize| (number as u64).to_le_bytes().to_vec();
+    let text = |text: &[u8]| [number(text.len()), text.to_vec()].concat();
+    let mut parts = vec![number(entries.len() - 1)];
+    for (key, value) in entries.into_iter().filter(|(key, _)| *key != "content_sha256") {
+        parts.extend([text(key.as_bytes()), text(value.as_bytes())]);
+    }
+    parts.push(number(tensors.len()));
+    for (name, tensor) in tensors {
+        parts.extend([text(name.as_bytes()), text(tensor.dtype().to_string().as_bytes())]);
+        parts.push(number(tensor.shape().len()));
+        parts.extend(tensor.shape().iter().map(|size| number(*size)));
+        parts.push(text(tensor.data()));
+    }
+    let digits = Sha256::digest(parts.concat()).into_iter().flat_map(|byte| [byte >> 4, byte & 15]);
+    digits.map(|digit| char::from_digit(digit.into(), 16)).collect()
 }
 
 /// Asserts that a file with any one bit flipped is refused.
@@ -55,8 +79,8 @@ pub fn no_flipped_bit_is_read(good: &[u8]) {
     assert!(Model::from_bytes(&bytes, good.len()).is_ok());
 }
 
-/// Asserts that a file without a digest, cut off anywhere or with any byte changed, is refused or a model whose answers are
-/// numbers or such errors as `told`.
+/// Asserts that a file that is cut off anywhere is refused, and one with any byte changed and the digest of that is refused
+/// or a model whose answers are numbers or such errors as `told`.
 pub fn damage_is_an_error_or_a_model(good: &[u8], wrench: &[f64], told: impl Fn(&Error) -> bool) {
     for len in 0..good.len() {
         assert!(Model::from_bytes(&good[..len], MAX_FILE_BYTES).is_err(), "{len} bytes");
@@ -66,7 +90,7 @@ pub fn damage_is_an_error_or_a_model(good: &[u8], wrench: &[f64], told: impl Fn(
         for change in [1, 0x20, 0x80, 0xff] {
             let mut bytes = good.to_vec();
             bytes[place] ^= change;
-            let Ok(model) = Model::from_bytes(&bytes, MAX_FILE_BYTES) else { continue };
+            let Ok(model) = Model::from_bytes(&sealed(&bytes), MAX_FILE_BYTES) else { continue };
             assert_eq!(Model::from_bytes(&model.to_bytes().unwrap(), MAX_FILE_BYTES), Ok(model.clone()));
             match model.identify(wrench) {
                 Ok(answer) => assert!(answer.losses.iter().all(|loss| !loss.is_nan())),

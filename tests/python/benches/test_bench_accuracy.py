@@ -207,7 +207,6 @@ def method_named(bench, name):
         "raw+svm",
         "dft+svm",
         "best",
-        "best-1",
         "multiband+whitening",
         "without-coupling",
     ],
@@ -219,19 +218,6 @@ def test_methods_without_further_packages_run(bench, name):
     assert all(len(values) == 2 and min(values) > 0 for values in made.seconds.values())
     if name in ("raw", "raw+svm", "1nn"):
         assert made.mean == 1.0
-
-
-def test_rows_have_the_definition_that_their_names_say(bench):
-    setting = bench["methods"].Setting(50.0, 120)
-    for name, definition in (
-        ("best", 2),
-        ("best-1", 1),
-        ("multiband", 2),
-        ("multiband-1", 1),
-        ("only-coupling", 2),
-    ):
-        features, _ = method_named(bench, name).stages(setting)
-        assert features.space.definition == definition
 
 
 def test_what_is_missing_is_said(bench):

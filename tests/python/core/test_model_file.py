@@ -7,9 +7,7 @@
 import json
 import os
 import random
-import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,13 +15,10 @@ import pytest
 from core_cases import printed_by
 from effort import cases
 from granular_id._core import MAX_MODEL_FILE_BYTES, FeatureSpec, Model, ModelFileError
-from granular_id.identifier import Identifier, describe_model
 from model_bad_files import BAD, COSTLY, GOOD, LARGE_TEXTS, METADATA, TENSORS, without_raw
-from model_cases import banded_model, framed, put_together, random_model, small_model, without_digest
+from model_cases import banded_model, framed, put_together, random_model, small_model
 from model_twin import bits
 
-HERE = Path(__file__).parent
-OLD = without_digest(GOOD)
 MOST_MEGABYTES = 64
 
 MEASURE = """
@@ -191,41 +186,3 @@ def test_a_damaged_file_is_noticed(name):
             if data != good:
                 with pytest.raises(ModelFileError):
                     Model.from_bytes(data)
-
-
-def test_a_damaged_file_of_an_earlier_version_is_refused_or_a_model():
-    rng, n_read = random.Random(13), 0
-    for _ in range(cases(1000)):
-        try:
-            model = Model.from_bytes(with_random_damage(rng, OLD))
-        except ModelFileError:
-            continue
-        n_read += 1
-        assert Model.from_bytes(model.to_bytes()) == model
-        losses = model.losses(np.ones((1, model.n_learners)))
-        assert not np.isnan(losses).any()
-    assert n_read > 10
-
-
-@pytest.mark.parametrize("name", ["model_1", "model_2"])
-def test_a_file_of_an_earlier_version_is_read_and_says_so(name, tmp_path):
-    file = HERE.parents[1] / "data" / "model" / f"{name}.safetensors"
-    with pytest.warns(UserWarning, match=f"{name}.safetensors: this file has no digest") as caught:
-        old = Identifier.load(file)
-    assert caught[0].filename == __file__
-    assert old.lacks_digest
-    assert "no digest" in " ".join(describe_model(old))
-    old.save(tmp_path / "new.safetensors")
-    new = Identifier.load(tmp_path / "new.safetensors")
-    assert new.core == old.core
-    assert not new.lacks_digest
-    assert "digest" not in " ".join(describe_model(new))
-
-
-@pytest.mark.thread_unsafe(reason="starts a process")
-def test_the_command_line_warns_in_one_line():
-    file = str(HERE.parents[1] / "data" / "model" / "model_1.safetensors")
-    command = [sys.executable, "-m", "granular_id", "model", "info", file]
-    run = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-    (line,) = run.stderr.splitlines()
-    assert line.startswith(f"warning: {file}: this file has no digest")

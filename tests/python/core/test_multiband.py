@@ -24,9 +24,6 @@ SIZES = [
 ]
 
 
-each_definition = pytest.mark.parametrize("definition", twin.DEFINITIONS)
-
-
 def signals(n_samples, n_axes, n=3, seed=0):
     """Noise and a slow wander around an offset, axes of very different size, coupled."""
     rng = np.random.default_rng([seed, n_samples, n_axes])
@@ -35,21 +32,19 @@ def signals(n_samples, n_axes, n=3, seed=0):
     return (x + rng.normal(size=n_axes)) * np.geomspace(5.0, 0.05, n_axes)
 
 
-def learned(recordings, blocks=twin.BLOCKS, definition=1):
-    scales, level_scales = twin.learned_scales(recordings, definition)
+def learned(recordings, blocks=twin.BLOCKS):
+    scales, level_scales = twin.learned_scales(recordings)
     # Not the scales themselves: samples of the median recording can then be 1 exactly, which is an edge of a bin, and
     # rounding decides on which side of it they are counted.
     scales = 1.0123 * scales
-    return MultiBandExtractor(
-        *recordings.shape[1:], blocks=blocks, scales=scales, level_scales=level_scales, definition=definition
-    )
+    return MultiBandExtractor(*recordings.shape[1:], blocks=blocks, scales=scales, level_scales=level_scales)
 
 
 def expected(extractor, recordings):
     scales, level_scales = extractor.scales, extractor.level_scales
     blocks = [block for block in twin.BLOCKS if block in extractor.blocks]
-    whole = (extractor.n_samples, extractor.definition)
-    return np.array([twin.features(x, scales, level_scales, blocks, *whole) for x in recordings])
+    n_samples = extractor.n_samples
+    return np.array([twin.features(x, scales, level_scales, blocks, n_samples) for x in recordings])
 
 
 def assert_close(got, wanted):
@@ -57,11 +52,10 @@ def assert_close(got, wanted):
     np.testing.assert_allclose(got, wanted, rtol=2e-5, atol=2e-5)
 
 
-@each_definition
 @pytest.mark.parametrize(("n_samples", "n_axes"), SIZES)
-def test_features_are_those_of_the_definition(n_samples, n_axes, definition):
+def test_features_are_those_of_the_definition(n_samples, n_axes):
     X = signals(n_samples, n_axes, n=3 if n_samples * n_axes < 2000 else 1)
-    extractor = learned(X, definition=definition)
+    extractor = learned(X)
     got = extractor.extract(X)
     assert got.shape == (len(X), extractor.n_features)
     assert got.shape[1] == len(extractor.names) == len(set(extractor.names))
@@ -69,46 +63,41 @@ def test_features_are_those_of_the_definition(n_samples, n_axes, definition):
     assert_close(got, wanted)
     level = extractor.block_sizes["level"]
     np.testing.assert_allclose(got[:, -level:], wanted[:, -level:], rtol=1e-9, atol=1e-9)
-    sizes = [twin.rms(twin.band_signals(x, definition=definition)) for x in X]
+    sizes = [twin.rms(twin.band_signals(x)) for x in X]
     np.testing.assert_allclose(extractor.band_rms(X), sizes, rtol=1e-5, atol=1e-9)
 
 
-@each_definition
 @pytest.mark.parametrize("block", twin.BLOCKS)
-def test_each_block_alone_is_its_part_of_the_whole(block, definition):
+def test_each_block_alone_is_its_part_of_the_whole(block):
     X = signals(200, 3)
-    whole, alone = learned(X, definition=definition), learned(X, [block], definition)
+    whole, alone = learned(X), learned(X, [block])
     columns = [name in set(alone.names) for name in whole.names]
     np.testing.assert_array_equal(alone.extract(X), whole.extract(X)[:, columns])
     assert whole.block_sizes[block] == alone.n_features
     assert list(whole.block_sizes) == list(twin.BLOCKS)
 
 
-@each_definition
-def test_bands_without_enough_samples_have_no_coupling(definition):
+def test_bands_without_enough_samples_have_no_coupling():
     for n_samples, n_axes in [(1600, 1), (1600, 3), (1600, 6), (101, 6), (105, 13), (106, 13)]:
-        extractor = MultiBandExtractor(n_samples, n_axes, definition=definition)
-        lengths = enumerate(twin.band_lengths(n_samples, definition))
-        enough = sum(n >= twin.least_samples(b, n_axes, n_samples, definition) for b, n in lengths)
-        per_band = n_axes * (2 * n_axes + 1) if definition == 1 else n_axes * (3 * n_axes + 1) // 2
-        assert extractor.block_sizes.get("coupling", 0) == enough * per_band
+        extractor = MultiBandExtractor(n_samples, n_axes)
+        lengths = enumerate(twin.band_lengths(n_samples))
+        enough = sum(n >= twin.least_samples(b, n_axes, n_samples) for b, n in lengths)
+        assert extractor.block_sizes.get("coupling", 0) == enough * (n_axes * (3 * n_axes + 1) // 2)
 
 
-@each_definition
 @pytest.mark.parametrize("n_samples", [85, 150, 1600])
 @pytest.mark.parametrize("share", [0.55, 0.8, 0.999])
-def test_a_beginning_has_the_bands_of_the_whole(n_samples, share, definition):
+def test_a_beginning_has_the_bands_of_the_whole(n_samples, share):
     X = signals(n_samples, 3)
-    extractor = learned(X, definition=definition)
+    extractor = learned(X)
     begun = X[:, : int(share * n_samples)]
     assert_close(extractor.extract(begun), expected(extractor, begun))
 
 
-@each_definition
 @pytest.mark.parametrize("n_samples", [1, 3, 4, 7, 85, 1600])
-def test_every_beginning_has_finite_features(n_samples, definition):
+def test_every_beginning_has_finite_features(n_samples):
     X = signals(n_samples, 2)
-    extractor = learned(X, definition=definition)
+    extractor = learned(X)
     for n_seen in {1, 2, 3, 5, 17, n_samples // 2} & set(range(1, n_samples + 1)):
         got = extractor.extract(X[:, :n_seen])
         assert got.shape == (3, extractor.n_features)
@@ -116,18 +105,13 @@ def test_every_beginning_has_finite_features(n_samples, definition):
         np.testing.assert_array_equal(extractor.extract(X[0, :n_seen]), got[0])
 
 
-@each_definition
-def test_names_in_order(definition):
-    names = iter(MultiBandExtractor(1600, 6, blocks=twin.BLOCKS, definition=definition).names)
+def test_names_in_order():
+    names = iter(MultiBandExtractor(1600, 6, blocks=twin.BLOCKS).names)
     axes = ["fx", "fy", "fz", "tx", "ty", "tz"]
     for band in range(8):
-        earlier = [f"{axis}_lag{twin.lag(band, 1600, definition)}" for axis in axes]
-        if definition == 1:
-            pairs = itertools.combinations_with_replacement(axes + earlier, 2)
-        else:
-            now = itertools.combinations_with_replacement(axes, 2)
-            pairs = itertools.chain(now, itertools.product(axes, earlier))
-        for one, other in pairs:
+        earlier = [f"{axis}_lag{twin.lag(band, 1600)}" for axis in axes]
+        now = itertools.combinations_with_replacement(axes, 2)
+        for one, other in itertools.chain(now, itertools.product(axes, earlier)):
             assert next(names) == f"b{band}_coupling_{one}_{other}"
     for band, axis in itertools.product(range(10), axes):
         for what in ("q02", "q10", "q25", "q50", "q75", "q90", "q98", "logrms"):
@@ -143,21 +127,20 @@ def test_names_in_order(definition):
     assert MultiBandExtractor(17, 2).names[0] == "b0_q02_axis0"
 
 
-@each_definition
 @pytest.mark.parametrize("rate_hz", [10.0, 10_000.0])
 @pytest.mark.parametrize("n_samples", [1, 7, 1600, 100_000])
-def test_bands_and_frequencies_in_hertz(n_samples, rate_hz, definition):
-    extractor = MultiBandExtractor(n_samples, 1, rate_hz=rate_hz, definition=definition)
+def test_bands_and_frequencies_in_hertz(n_samples, rate_hz):
+    extractor = MultiBandExtractor(n_samples, 1, rate_hz=rate_hz)
     bands = extractor.bands
     assert bands[0] == (0.0, rate_hz / 2, rate_hz, n_samples)
     assert len(bands) == extractor.n_bands == 1 + twin.n_octaves(n_samples)
-    lengths = [len(y) for y in twin.band_signals(np.zeros((n_samples, 1)), definition=definition)]
-    assert [n for *_, n in bands] == lengths == twin.band_lengths(n_samples, definition)
+    lengths = [len(y) for y in twin.band_signals(np.zeros((n_samples, 1)))]
+    assert [n for *_, n in bands] == lengths == twin.band_lengths(n_samples)
     halvings = 0
     for k, (low, high, rate, _) in enumerate(bands[1:]):
         assert np.isclose(high, twin.TOP * rate_hz / 2 / 2**k)
         assert np.isclose(low, high / 2)
-        halvings += twin.halves(k, n_samples, definition)
+        halvings += twin.halves(k, n_samples)
         assert rate == rate_hz / 2**halvings
     at = np.array(twin.spectrum_edges(n_samples)) if n_samples >= twin.SPECTRUM_SAMPLES else np.array([0])
     middles = (at[:-1] + at[1:] - 1) / 2 * rate_hz / n_samples
@@ -170,10 +153,9 @@ def test_the_rate_changes_no_feature():
     np.testing.assert_array_equal(one, other)
 
 
-@each_definition
-def test_threads_batches_and_single_recordings_give_the_same_bits(definition):
+def test_threads_batches_and_single_recordings_give_the_same_bits():
     X = signals(400, 6, n=23)
-    extractor = learned(X, definition=definition)
+    extractor = learned(X)
     batch = extractor.extract(X, threads=1)
     for threads in (2, 7, None):
         np.testing.assert_array_equal(extractor.extract(X, threads=threads), batch)
@@ -184,17 +166,13 @@ def test_threads_batches_and_single_recordings_give_the_same_bits(definition):
     np.testing.assert_array_equal(extractor.extract(X[::-1])[::-1], batch)
 
 
-@each_definition
-def test_pickles_and_compares(definition):
+def test_pickles_and_compares():
     X = signals(50, 3)
-    extractor = learned(X, definition=definition)
+    extractor = learned(X)
     copy = pickle.loads(pickle.dumps(extractor))
     assert copy == extractor
     assert repr(copy) == repr(extractor)
     assert "50 samples of 3 axes at 500 Hz" in repr(copy)
-    assert f"definition={definition}>" in repr(copy)
-    assert copy.definition == definition
-    assert extractor != learned(X, definition=3 - definition)
     np.testing.assert_array_equal(copy.extract(X), extractor.extract(X))
     assert extractor != MultiBandExtractor(50, 3)
     assert extractor != "extractor"
@@ -206,9 +184,8 @@ def test_the_spectrum_of_short_recordings_is_finer_than_their_octaves_or_absent(
     assert not finer[twin.SPECTRUM_SAMPLES - 5]
 
 
-@each_definition
-def test_recordings_of_zeros_and_constants_have_the_floors(definition):
-    extractor = MultiBandExtractor(100, 3, definition=definition)
+def test_recordings_of_zeros_and_constants_have_the_floors():
+    extractor = MultiBandExtractor(100, 3)
     silent = extractor.extract(np.zeros((1, 100, 3)))
     assert_close(silent, expected(extractor, np.zeros((1, 100, 3))))
     # Filters start as if the first sample had lasted for ever: an offset leaves nothing behind.
@@ -226,44 +203,40 @@ def test_one_constant_axis_among_others():
     assert_close(learned(X).extract(X), expected(learned(X), X))
 
 
-@each_definition
-def test_little_noise_on_a_long_ramp_is_heard(definition):
+def test_little_noise_on_a_long_ramp_is_heard():
     noise = np.random.default_rng(0).normal(size=(3, 1600, 2))
     X = 1e-4 * noise + np.linspace(0, 1, 1600)[:, None]
-    extractor = learned(X, definition=definition)
+    extractor = learned(X)
     off = np.abs(extractor.extract(X) - expected(extractor, X))
     assert off.max() < 0.02
     assert off.mean() < 2e-4
 
 
-@each_definition
-def test_identical_recordings_and_axes(definition):
+def test_identical_recordings_and_axes():
     X = np.repeat(np.repeat(signals(100, 1, n=1), 5, axis=0), 6, axis=2)
-    extractor = learned(X, definition=definition)
+    extractor = learned(X)
     got = extractor.extract(X)
     np.testing.assert_array_equal(got, np.broadcast_to(got[0], got.shape))
     assert_close(got, expected(extractor, X))
 
 
-@each_definition
 @pytest.mark.parametrize("unit", [1e-100, 1e9])
-def test_units_do_not_matter_to_learned_scales(unit, definition):
+def test_units_do_not_matter_to_learned_scales(unit):
     X = signals(100, 3)
-    scaled = learned(X * unit, definition=definition).extract(X * unit)
-    assert_close(scaled, learned(X, definition=definition).extract(X))
+    scaled = learned(X * unit).extract(X * unit)
+    assert_close(scaled, learned(X).extract(X))
 
 
 @settings(deadline=None, max_examples=60)
 @given(st.data())
 def test_no_feature_is_ever_nan(data):
-    definition = data.draw(st.sampled_from(twin.DEFINITIONS))
     n_samples = data.draw(st.integers(1, 40) | st.integers(100, 110))
     n_axes = data.draw(st.integers(1, 5))
     n_seen = data.draw(st.integers(1, n_samples))
     magnitude = st.sampled_from([0.0, 5e-324, 1e-150, 1e-3, 1.0, -1.0, 3.5, -1e10, 1e12, 1e13, 1e308])
     values = data.draw(st.lists(magnitude, min_size=n_seen * n_axes, max_size=n_seen * n_axes))
     X = np.reshape(values, (1, n_seen, n_axes))
-    extractor = MultiBandExtractor(n_samples, n_axes, blocks=twin.BLOCKS, definition=definition)
+    extractor = MultiBandExtractor(n_samples, n_axes, blocks=twin.BLOCKS)
     if np.abs(X).max() > 1e12:
         with pytest.raises(
             ValueError, match=r"too large for multi-band features: recording 0 reaches 1e(13|308)"
@@ -301,8 +274,6 @@ def test_a_recording_far_beyond_the_scales_is_named():
     [
         ({"rate_hz": 0.0}, "rate_hz must be positive and finite, got 0"),
         ({"rate_hz": "fast"}, "rate_hz must be a real number"),
-        ({"definition": 3}, "definition must be an integer from 1 to 2, got 3"),
-        ({"definition": 1.5}, "definition must be an integer, got"),
         ({"blocks": "coupling"}, "blocks must be a sequence of names"),
         ({"blocks": 3}, "blocks must be a sequence of names"),
         ({"blocks": ["couplings"]}, "each of blocks must be 'coupling' or 'quantiles' or"),

@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -81,31 +80,19 @@ def test_multiband_is_the_same_in_models_and_in_evaluations(data, new):
     np.testing.assert_array_equal(votes.scores(new.X), identifier.scores(new.X))
 
 
-@pytest.mark.parametrize("definition", twin.DEFINITIONS)
-def test_features_are_those_of_the_definition(data, new, tmp_path, definition):
-    space = MultiBand(blocks=ALL_BLOCKS, definition=definition)
+def test_features_are_those_of_the_twin(data, new, tmp_path):
+    space = MultiBand(blocks=ALL_BLOCKS)
     model = make_pipeline(space, BlockScaler(), ECOCClassifier()).fit(data.X, data.y)
     Identifier.from_classifier(model).save(tmp_path / "m.safetensors")
     identifier = Identifier.load(tmp_path / "m.safetensors")
     spec, core = identifier.spec, identifier.core
     assert spec == space.extractor_
-    assert spec.definition == definition
     assert any(line.startswith("  level: ") for line in describe_model(identifier))
-    scales, levels = twin.learned_scales(data.X, definition)
+    scales, levels = twin.learned_scales(data.X)
     np.testing.assert_allclose(spec.scales, scales, rtol=1e-5)
     np.testing.assert_allclose(spec.level_scales, levels, rtol=1e-9)
-    rows = np.array([twin.features(x, scales, levels, definition=definition) for x in new.X])
+    rows = np.array([twin.features(x, scales, levels) for x in new.X])
     np.testing.assert_allclose(rows @ core.coef.T + core.intercept, identifier.scores(new.X), atol=1e-4)
-
-
-def test_a_model_of_the_first_definition_gives_the_scores_that_it_gave_in_float64():
-    """Made with float64: `Identifier.fit(synthesize(...), "multiband")` of three materials, and its `scores`."""
-    stored = Path(__file__).parents[2] / "data" / "model" / "definition_1"
-    identifier = Identifier.load(stored.with_suffix(".safetensors"))
-    pushes = np.load(stored.with_suffix(".npz"))
-    assert identifier.spec.definition == 1
-    assert "by definition 1" in " ".join(describe_model(identifier))
-    np.testing.assert_allclose(identifier.scores(pushes["X"]), pushes["scores"], rtol=0, atol=1e-4)
 
 
 def test_scores_add_up_in_the_order_that_the_file_promises(best, new):
@@ -192,9 +179,8 @@ def test_what_was_chosen_is_known_and_said(best):
     assert "480 quantiles" in lines or "quantiles" in lines
 
 
-@pytest.mark.parametrize("definition", twin.DEFINITIONS)
-def test_blocks_that_no_learner_hears_are_not_computed(data, definition):
-    space = MultiBand(blocks=(*USUAL_BLOCKS, "level"), definition=definition).fit(data.X)
+def test_blocks_that_no_learner_hears_are_not_computed(data):
+    space = MultiBand(blocks=(*USUAL_BLOCKS, "level")).fit(data.X)
     classifier = ECOCClassifier().fit(space.transform(data.X), data.y)
     start = sum(space.block_sizes_.values()) - space.block_sizes_["level"]
     deaf = BestClassifier(n_folds=2).fit(space.transform(data.X), data.y)
@@ -202,7 +188,6 @@ def test_blocks_that_no_learner_hears_are_not_computed(data, definition):
     identifier = Identifier.from_classifier(make_pipeline(space, deaf))
     assert identifier.space == "multiband"
     assert identifier.core.n_features == start
-    assert identifier.spec.definition == definition
     assert np.array_equal(identifier.core.coef, deaf.coef_[:, :start])
     rows = plain_features(space, space.transform(data.X), identifier.spec)
     assert rows.tobytes() == features_of(identifier.core, data.X).tobytes()

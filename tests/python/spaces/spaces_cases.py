@@ -77,7 +77,6 @@ SPACES = {
 # Columns that have no one coordinate to be read along.
 STATISTICS = {
     "multi-band": MultiBand(),
-    "multi-band, second": MultiBand(definition=2),
     "multi-band, levels": MultiBand(blocks=["level", "quantiles"], rate_hz=100.0),
 }
 # One sample of rest, so that recordings of scikit-learn's checks are long enough.
