@@ -290,12 +290,12 @@ class AnswerWork:
         marks = Metadata(self.core).marks
         if marks is None:
             return [None] * len(answered)
-        stored = rows[DIGEST].to_pylist() if DIGEST in rows.column_names else [None] * rows.num_rows
+        stored = rows[DIGEST].to_pylist()
         lengths = rows["n_samples"].to_pylist()
         found: list[bool | None] = []
         for place, samples, own in zip(answered.tolist(), X, flags, strict=True):
             # Of samples alone, all of them, the stored digest begins as the mark does.
-            whole = stored[place] is not None and own is None and lengths[place] == len(samples)
+            whole = own is None and lengths[place] == len(samples)
             found.append((stored[place][:8] if whole else mark_of(samples)) in marks)
         return found
 

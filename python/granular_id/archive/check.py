@@ -57,8 +57,6 @@ class CheckReport:
         What the index files list.
     n_files, n_bytes : int
         Files of samples that they list, and the size of everything in the folder.
-    n_without_digest : int
-        Recordings of archives from before digests: decoded and counted, but compared with nothing.
     problems : tuple of Problem
         File, row group and reason.
     leftovers : tuple of str
@@ -74,7 +72,6 @@ class CheckReport:
     n_samples: int
     n_files: int
     n_bytes: int
-    n_without_digest: int
     problems: tuple[Problem, ...]
     leftovers: tuple[str, ...]
     seconds: float = field(compare=False)
@@ -88,9 +85,6 @@ class CheckReport:
         rate = self.n_recordings / self.seconds if self.seconds > 0 else 0.0
         size = f"{self.n_samples:,} samples in {counted(self.n_files, 'file')}, {fixed(self.n_bytes / 1e6, 1)} MB"
         lines = [f"{self.folder}: {counted(self.n_recordings)}, {size}; {fixed(rate)} recordings/s"]
-        if self.n_without_digest:
-            n = self.n_without_digest
-            lines.append(f"{counted(n)} {verb(n, 'has', 'have')} no stored digest: decoded, but not compared")
         if self.leftovers:
             what = (
                 "left by an append that was interrupted, or of one that is under way; no part of the archive"
@@ -167,7 +161,7 @@ def check(
         if not index_names(folder):  # it is no archive
             raise
         problems = [*map(_of_index, damaged)]
-        return CheckReport(folder, 0, 0, 0, bytes_of(folder), 0, tuple(problems), (), perf_counter() - begin)
+        return CheckReport(folder, 0, 0, 0, bytes_of(folder), tuple(problems), (), perf_counter() - begin)
     problems = [*map(_of_index, damaged)]
     with showing(progress) as callback:
         ticker = Ticker(len(opened.row_groups), callback)
@@ -182,16 +176,12 @@ def check(
     problems += dict.fromkeys(problem for problem, _ in found if problem is not None)  # of a whole file once
     digests = [digest for _, some in found for digest in some]
     problems += _doubles(opened, digests)
-    stored = (
-        opened.index["digest"].null_count if "digest" in opened.index.column_names else opened.n_recordings
-    )
     return CheckReport(
         folder,
         opened.n_recordings,
         sum(group.n_samples for group in opened.row_groups),
         len({group.file for group in opened.row_groups}),
         bytes_of(folder),
-        int(stored),
         tuple(problems),
         tuple(_leftovers(opened, [problem.file for problem in problems])),
         perf_counter() - begin,
@@ -201,20 +191,20 @@ def check(
 def _checked(archive: Archive, group: RowGroup) -> tuple[Problem | None, list[str]]:
     """Return what is wrong with a row group, and a digest of each of its recordings, stored ones first."""
     rows = archive.index.slice(group.start, group.stop - group.start)
-    stored = rows["digest"].to_pylist() if "digest" in rows.column_names else [None] * rows.num_rows
+    stored = rows["digest"].to_pylist()
     try:
         recordings = archive.read(group).recordings
     except RecordingFileError as error:
         whole = error.path == os.fspath(archive.folder / group.file) and error.place in (None, "footer")
         problem = Problem(group.file, None if whole else group.row_group, _reason(error))
-        return problem, [digest or "" for digest in stored]
+        return problem, stored
     computed = list(map(digest_of, recordings))
-    wrong = [i for i, known in enumerate(stored) if known not in (None, computed[i])]
+    wrong = [i for i, known in enumerate(stored) if known != computed[i]]
     if not wrong:
         return None, computed  # which are the stored ones
     which = f"{counted(len(wrong))} of {len(stored)} {verb(len(wrong), 'has', 'have')}"
     reason = f"{which} another digest than {index_of(group.file)} says, the first is {recordings[wrong[0]].name!r:.60}"
-    return Problem(group.file, group.row_group, reason), [digest or "" for digest in stored]
+    return Problem(group.file, group.row_group, reason), stored
 
 
 def _threads(n_jobs: int | None) -> int:
@@ -237,7 +227,7 @@ def _reason(error: RecordingFileError) -> str:
 
 def _doubles(archive: Archive, digests: Sequence[str]) -> Iterator[Problem]:
     """Find recordings that an append would have taken for the same: what several row groups hold."""
-    several = {digest for digest, count in Counter(digests).items() if count > 1 and digest}
+    several = {digest for digest, count in Counter(digests).items() if count > 1}
     rows = [i for i, digest in enumerate(digests) if digest in several]
     if not rows:
         return

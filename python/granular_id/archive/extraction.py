@@ -290,6 +290,7 @@ def _run_engine(
 def _refuse_others(folder: Path, archive: Archive, spec: str, wanted: set[str]) -> list[Path]:
     """Refuse a folder with other work or other recordings in it; return partitions of an older state of the archive."""
     library = need("pyarrow.parquet", extra="app", why="to work on archives")
+    compute = need("pyarrow.compute", extra="app", why="to work on archives")
     other, help_ = f"{folder} holds other work already", "name another folder"
     if (folder / MANIFEST).exists() and not any(PARTITION.fullmatch(path.name) for path in folder.iterdir()):
         with suppress(FileNotFoundError):
@@ -301,32 +302,19 @@ def _refuse_others(folder: Path, archive: Archive, spec: str, wanted: set[str]) 
         try:
             with library.ParquetFile(path) as opened:
                 said = json.loads((opened.metadata.metadata or {})[MARK.encode()])["spec"]
-                rows = opened.read(["name", "digest"])
+                digests = opened.read(["digest"])["digest"]
         except FileNotFoundError:  # another driver has just removed it
             continue
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ValueError(f"{other}: {path.name} is no partition ({error}); {help_}"[:400]) from error
         if said != json.loads(spec):
             raise ValueError(f"{other}: {_difference(said, json.loads(spec))}; {help_}")
-        if not _all_in(rows, archive):
+        known = archive.index["digest"].cast(digests.type)
+        if not compute.all(compute.is_in(digests, value_set=known)).as_py():
             problem = f"recordings that {archive.folder} does not have (in {path.name})"
             raise ValueError(f"{folder} holds {problem}; {help_}")
         stale.append(path)
     return stale
-
-
-def _all_in(rows: Any, archive: Archive) -> bool:
-    """Tell whether an archive has all of these recordings: by digest, or by name where an old one has no digests."""
-    arrow = need("pyarrow.compute", extra="app", why="to work on archives")
-    old = rows["digest"].is_null()
-    for name, some in (("digest", rows.filter(arrow.invert(old))), ("name", rows.filter(old))):
-        if some.num_rows:
-            if name not in archive.index.column_names:
-                return False
-            known = archive.index[name].cast(some[name].type)
-            if not arrow.all(arrow.is_in(some[name], value_set=known)).as_py():
-                return False
-    return True
 
 
 def _difference(there: Any, wanted: Any, what: str = "") -> str:

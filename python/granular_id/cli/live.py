@@ -229,7 +229,6 @@ def live(
     view: bool = option(VIEWS, "Also show a page in the browser (127.0.0.1 only).", "--view", default=False),
     port: int = option(VIEWS, "Of that page; 0: any free one.", default=0),
     no_browser: bool = option(VIEWS, "Print its address, do not open it.", "--no-browser", default=False),
-    rerun: str | None = typer.Option(None, hidden=True),
     quiet: bool = option(OUTPUT, "No screen: one line per push.", "--quiet", "-q", default=False),
 ) -> None:
     """Name the material of each push while the tool moves.
@@ -264,7 +263,7 @@ def live(
     `granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --archive seen`
     """
     at_least("--n", n, 1)
-    _check_views(view=view, port=port, no_browser=no_browser, rerun=rerun)
+    _check_views(view=view, port=port, no_browser=no_browser)
     positive("--pre-s", pre_s)
     positive("--hop-s", hop_s)
     if hop_s is not None:
@@ -337,11 +336,7 @@ def _refuse_with_hop(moving: Moving, *, early: bool, pre_s: float | None) -> Non
             raise ValueError(f"{word} is about pushes; with --hop-s answers go on: leave it out")
 
 
-def _check_views(*, view: bool, port: int, no_browser: bool, rerun: str | None) -> None:
-    if rerun is not None:
-        raise ValueError(
-            "--rerun is gone: examples/rerun_log.py in the repository logs a session for the Rerun viewer"
-        )
+def _check_views(*, view: bool, port: int, no_browser: bool) -> None:
     if not 0 <= port <= 65535:
         raise ValueError(f"--port must be between 0 and 65535, got {port}")
     if not view and (port or no_browser):

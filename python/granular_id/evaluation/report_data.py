@@ -95,8 +95,8 @@ class ReportData:
         Seconds from the first sample.
     mean, sd : (K, C, P) float arrays
         Mean and standard deviation (divisor n) over the recordings of a material, in the unit of the axis.
-    high_pass : HighPass or None
-        None in results of before, where the sampling rate was too low for the cut-off.
+    high_pass : HighPass
+        The signal above the cut-off.
     looked_at : str or None
         Feature space of the model; None where the features of none belong to a time, axis and bin.
     weights : tuple of WeightBlock
@@ -104,9 +104,9 @@ class ReportData:
     looked_with : str
         What that model chose, where it is of a classifier that chooses.
     units : tuple of C str
-        Unit of each axis, "" where not known; empty in results of before, whose axes are N and N m.
+        Unit of each axis, "" where not known.
     n_axes : int
-        Axes of the recordings, those left out included; 0 in results of before, which left out none.
+        Axes of the recordings, those left out included.
     """
 
     labels: tuple[str, ...]
@@ -118,12 +118,12 @@ class ReportData:
     time_s: Floats
     mean: Floats
     sd: Floats
-    high_pass: HighPass | None
+    high_pass: HighPass
     looked_at: str | None
     weights: tuple[WeightBlock, ...]
-    looked_with: str = ""
-    units: tuple[str, ...] = ()
-    n_axes: int = 0
+    looked_with: str
+    units: tuple[str, ...]
+    n_axes: int
 
 
 def most_different(mean: Floats, sd: Floats) -> list[int]:

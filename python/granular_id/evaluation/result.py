@@ -71,8 +71,8 @@ class EvaluationResult(Outcome):
     wall_s : float
         Seconds that passed from start to end, controls included; after a resumed run, those of its last part.
     findings : tuple of Finding
-        What the checks found that spoils an evaluation; of results of earlier versions empty. `spoiling` are those
-        that ``evaluate(accept=...)`` did not name.
+        What the checks found that spoils an evaluation. `spoiling` are those that ``evaluate(accept=...)`` did not
+        name.
     adapted : mapping of str to tuple of int arrays
         Space to the class numbers after adapting to the recordings of a held-out condition, one array per value.
     """

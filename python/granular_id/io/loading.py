@@ -450,7 +450,7 @@ def _report(
         del parameters[name]
     for name in ("axes", "units", "session"):
         if parameters[name] is None:
-            del parameters[name]  # and files of earlier versions have the same history
+            del parameters[name]
     rows: list[dict[str, Any]] = [row for content in contents for row in content.rows]
     totals = {
         "recordings": len(recordings),

@@ -33,7 +33,6 @@ from granular_id.plotting.recordings import (
     plot_residual,
     quantity_of as quantity_of,
     telling_curves as telling_curves,
-    units_of as units_of,
 )
 from granular_id.plotting.style import (
     FAINT as FAINT,

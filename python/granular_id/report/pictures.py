@@ -42,7 +42,6 @@ from granular_id.plotting import (
     quantity_of,
     rows_of_weights,
     telling_curves,
-    units_of,
 )
 from granular_id.recording import AXES, AXIS_COLOURS
 
@@ -128,9 +127,8 @@ def _plots(result: EvaluationResult, space: str) -> dict[str, Callable[..., Figu
         plots[f"confusion_{protocol}"] = partial(plot_confusion, counts, result.labels, title=title)
     if result.report_data is not None:
         plots["mean_forces"] = partial(plot_mean_forces, result.report_data)
-        if result.report_data.high_pass is not None:
-            plots["residual"] = partial(plot_residual, result.report_data)
-            plots["hfmh"] = partial(plot_hfmh, result.report_data)
+        plots["residual"] = partial(plot_residual, result.report_data)
+        plots["hfmh"] = partial(plot_hfmh, result.report_data)
         if result.report_data.weights:
             plots["weights"] = partial(plot_weights, result.report_data)
     return plots
@@ -254,7 +252,7 @@ def mean_lines(report_data: ReportData) -> MeanLines:
 def _mean_curves(report_data: ReportData) -> tuple[list[Any], str]:
     return telling_curves(
         curves_in(report_data, report_data.axes),
-        dict(zip(report_data.axes, units_of(report_data), strict=True)),
+        dict(zip(report_data.axes, report_data.units, strict=True)),
     )
 
 
@@ -284,8 +282,6 @@ def _titled(axis: str) -> str:
 
 
 def _of_high_pass(report_data: ReportData) -> Iterator[Picture]:
-    if report_data.high_pass is None:
-        return
     for group, draw, what in (
         ("residual", draw_residual, "root mean square of the high-passed signal over time"),
         ("hfmh", draw_hfmh, "mean histogram of the high-passed signal"),

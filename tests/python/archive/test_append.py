@@ -89,18 +89,6 @@ def test_another_recording_is_added(tmp_path, change):
     assert append(tmp_path, Dataset([replace(PUSHES[0], **change)])) == Appended(1, 0)
 
 
-def test_recordings_of_an_archive_without_digests_are_known(tmp_path):
-    folder = save(Dataset(PUSHES[:4]), tmp_path / "a", "parquet")
-    index = folder / "recordings.parquet"
-    labels = pq.read_metadata(index).metadata
-    table = pq.ParquetFile(index).read().drop_columns(["digest"])
-    pq.write_table(table.replace_schema_metadata(labels), index)
-    other = replace(PUSHES[0], wrench=PUSHES[0].wrench * 2)
-    assert append(folder, Dataset([*PUSHES, other])) == Appended(5, 4)
-    assert append(folder, Dataset([*PUSHES, other])) == Appended(0, 9)
-    assert load(folder) == Dataset([*PUSHES, other])
-
-
 def test_many_recordings_go_into_several_files(tmp_path, monkeypatch):
     monkeypatch.setattr("granular_id.io.parquet.writing._GROUPS_PER_PART", 2)
     monkeypatch.setattr("granular_id.io.parquet.writing.RECORDINGS_PER_GROUP", 3)

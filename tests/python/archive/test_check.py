@@ -54,7 +54,7 @@ def test_a_sound_archive(folder, n_jobs):
     report = check(folder, n_jobs=n_jobs, progress=lambda *step: told.append(step[:2]))
     assert report.ok
     assert (report.n_recordings, report.n_samples, report.n_files) == (8, 40, 3)
-    assert (report.n_without_digest, report.problems, report.leftovers) == (0, (), ())
+    assert (report.problems, report.leftovers) == ((), ())
     assert told == [(i, 5) for i in range(1, 6)]
     assert "8 recordings, 40 samples in 3 files" in str(report)
     assert str(report).endswith("recordings/s\nno problems")
@@ -107,19 +107,7 @@ def test_counts_that_differ_from_the_index_are_found(folder):
     assert problem == Problem(PART, 1, "holds 10 samples; by recordings.parquet its recordings have 9")
 
 
-def test_archives_without_digests_are_decoded(folder):
-    rewrite(folder / "recordings.parquet", lambda t: t.drop_columns(["digest"]))
-    report = checked(folder)
-    assert (report.ok, report.n_without_digest) == (True, 5)
-    assert "5 recordings have no stored digest: decoded, but not compared" in str(report)
-    flip(folder / PART, 1)
-    assert [p.row_group for p in checked(folder).problems] == [1]
-
-
-@pytest.mark.parametrize("digests", [True, False])
-def test_recordings_that_are_there_twice_are_found(folder, digests, monkeypatch):
-    if not digests:
-        rewrite(folder / "recordings.parquet", lambda t: t.drop_columns(["digest"]))
+def test_recordings_that_are_there_twice_are_found(folder, monkeypatch):
     monkeypatch.setattr("granular_id.io.parquet.writing._present", lambda *_: set())
     append(folder, Dataset([PUSHES[1], replace(PUSHES[2], name="other"), PUSHES[3]]))
     (problem,) = checked(folder).problems

@@ -366,24 +366,6 @@ def test_other_recordings_in_the_same_folder_are_refused(archive, out, tmp_path)
         quietly(other, out)
 
 
-def test_an_old_archive_without_digests_knows_its_recordings_by_name(archive, out, tmp_path):
-    def without_digests(folder):
-        index = folder / "recordings.parquet"
-        mark = pq.read_metadata(index).metadata[b"granular_id"]
-        table = pq.read_table(index).drop_columns("digest").replace_schema_metadata({b"granular_id": mark})
-        pq.write_table(table, index)
-        return folder
-
-    data = some_recordings(26)
-    quietly(without_digests(archive), out)
-    assert quietly(archive, out).n_resumed == 6
-    grown = without_digests(some_archive(tmp_path / "grown", data))
-    assert quietly(grown, out).n_recordings == 26
-    other = Dataset([replace(r, name=f"other {r.name}") for r in data])
-    with pytest.raises(ValueError, match="holds recordings that"):
-        quietly(without_digests(some_archive(tmp_path / "other", other)), out)
-
-
 def test_work_that_an_archive_does_not_suit_makes_no_folder(tmp_path, out):
     data = some_recordings().select(axes=("fy", "fz"))
     with pytest.raises(ValueError, match="wanted fx"):

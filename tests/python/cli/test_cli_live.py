@@ -211,7 +211,6 @@ def test_record_refuses_what_cannot_be(tmp_path, words, said):
         ("--port 8000", "--port is about the page: add --view"),
         ("--no-browser", "--no-browser is about the page: add --view"),
         ("--view --port 70000", "--port must be between 0 and 65535, got 70000"),
-        ("--rerun x.rrd", "--rerun is gone: examples/rerun_log.py in the repository"),
         ("--robot ur", "--robot must be one of auto, none, manual, source or a URL"),
         ("--robot gantry:1", "--robot 'gantry:1' has the scheme 'gantry'; known: "),
         ("--pre-s 0.1", "--pre-s is 0.1, but the model was trained with 0.25 s of rest: leave it out"),

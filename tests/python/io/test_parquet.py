@@ -95,14 +95,6 @@ def test_plain_pyarrow_reads_what_is_saved(tmp_path):
     assert json.loads((folder / "history.json").read_bytes()) == [small().history[0].to_dict()]
 
 
-def test_old_archives_that_say_newton_of_any_axis_still_load(tmp_path, monkeypatch):
-    other = Dataset([replace(r, axes=("wx", "wy", "wz", "ax", "ay", "az")) for r in small()])
-    with monkeypatch.context() as once:
-        once.setattr("granular_id.io.parquet.layout.unit_of", lambda axis: "N")
-        folder = save(other, tmp_path / "archive", "parquet")
-    assert load(folder) == other
-
-
 def test_what_plain_pyarrow_writes_in_the_format_is_loaded(tmp_path):
     folder = save(small(), tmp_path / "archive", "parquet")
     path, part = folder / "recordings.parquet", folder / "samples" / "part-00000.parquet"

@@ -108,7 +108,9 @@ def test_an_archive_without_a_column_rows_or_a_part(archive):
 )
 def test_marks_in_the_footer(archive, mark, message):
     if isinstance(mark, dict):
-        mark = json.dumps({"format": "recordings", "version": 1, "axes": ["a"], "columns": ["a"]} | mark)
+        mark = json.dumps(
+            {"format": "recordings", "version": 1, "axes": ["a"], "columns": ["a"], "units": [""]} | mark
+        )
     rewrite(archive / INDEX, labels={} if mark is None else {"granular_id": mark})
     refused(archive, message)
 

@@ -140,23 +140,3 @@ def test_a_change_of_one_recording_changes_the_digest_of_its_row_group_alone(tmp
     )
     assert [a == b for a, b in zip(old, new, strict=True)] == [True, False, True]
     assert Archive(tmp_path / "a").fingerprint != Archive(tmp_path / "b").fingerprint
-
-
-def without_digests(folder):
-    table = pq.ParquetFile(folder / INDEX).read()
-    rewrite(folder / INDEX, table.drop_columns(["digest"]))
-    return Archive(folder)
-
-
-def test_without_stored_digests_the_bytes_of_the_file_count(tmp_path):
-    archive = without_digests(saved(tmp_path / "a").folder)
-    before = archive.fingerprint
-    path = archive.folder / PART
-    path.write_bytes(path.read_bytes()[:-1] + b"x")
-    assert Archive(archive.folder).fingerprint != before
-
-
-def test_an_old_archive_that_misses_a_file_has_digests_nonetheless(tmp_path):
-    archive = without_digests(saved(tmp_path / "a").folder)
-    (archive.folder / PART).unlink()
-    assert len({group.digest for group in archive.row_groups}) == 3

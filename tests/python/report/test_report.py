@@ -177,14 +177,14 @@ def test_warnings_do_not_contradict_what_spoils_the_figures(result, no_pictures,
     assert ("Do not rely" in page.text) is not bool(accept)
 
 
-def test_without_report_data_or_its_filtered_part_the_rest_is_reported(result):
+def test_without_report_data_or_weights_the_rest_is_reported(result):
     page = Page(html(replace(result, report_data=None)))
     assert "Forces of each material" not in page.text
     assert "Accuracy of each feature space" in page.text
-    report_data = replace(result.report_data, high_pass=None, weights=(), looked_at=None)
+    report_data = replace(result.report_data, weights=(), looked_at=None)
     page = Page(html(replace(result, report_data=report_data)))
     assert "Forces of each material" in page.text
-    assert "histogram of the same signal" not in page.text
+    assert "Feature importance" not in page.text
 
 
 def test_warnings_are_told_from_notes(result, no_pictures):

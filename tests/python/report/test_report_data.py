@@ -19,7 +19,7 @@ from granular_id._schema import from_json
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.report_data import ReportData, gather_report_data
 from granular_id.evaluation.weights import POINTS, downsampled, is_traceable, rounded, weight_blocks
-from granular_id.plotting import plot_hfmh, plot_residual, plot_weights, units_of
+from granular_id.plotting import plot_hfmh, plot_residual, plot_weights
 from granular_id.recording import Dataset, Recording
 from granular_id.report.page import html
 from granular_id.spaces import (
@@ -132,14 +132,6 @@ def test_without_a_filter_in_use_the_cutoff_follows_the_rate():
     data = changed(make_data(n=3), rate_hz=lambda r: 10.0)
     slow = gather_report_data(data, {"raw": RawSignal()})
     assert slow.high_pass.settings["cutoff_hz"] == 2.5
-
-
-def test_results_of_before_have_neither_units_nor_a_filter_for_low_rates(data):
-    seen = json_value(gather_report_data(data, {"raw": RawSignal()})) | {"high_pass": None}
-    old = {name: value for name, value in seen.items() if name not in ("units", "n_axes")}
-    again = from_json(ReportData, json.loads(json.dumps(old)))
-    assert (again.high_pass, again.units, again.n_axes) == (None, (), 0)
-    assert units_of(again) == ("N",) * 3 + ("N m",) * 3
 
 
 def test_influence_equals_that_of_the_weights_themselves(data):

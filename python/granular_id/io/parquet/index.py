@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._files import sha256_of
 from granular_id.io.errors import RecordingFileError, attempt, naming, need
-from granular_id.io.files import check_parts, open_bounded, read_bounded
+from granular_id.io.files import check_parts, read_bounded
 from granular_id.io.flat import NO_TRIGGER
 from granular_id.io.folder_save import HISTORY_NAME
 from granular_id.io.parquet.layout import (
@@ -64,8 +63,7 @@ class RowGroup:
     def digest(self) -> str:
         """32 hexadecimal digits that change with anything the archive says of these recordings, and their samples.
 
-        Over axes and rows of the index, with the digest of each recording; where an archive of before has none,
-        over the bytes of the file of samples instead, which is read for it once.
+        Over axes and rows of the index, with the digest of each recording.
         """
         return self._digest(self)
 
@@ -154,23 +152,12 @@ class Index:
     @cached_property
     def _digests(self) -> dict[tuple[str, int], str]:
         rows = RowDigests(self.table)
-        files: dict[str, str] = {}
-        found = {}
-        for group in self.row_groups:
-            about = [*self.mark.axes, group.file, str(group.row_group), rows.of(group.start, group.stop)]
-            if not rows.complete(group.start, group.stop):
-                if group.file not in files:
-                    files[group.file] = self._digest_of_file(group.file)
-                about.append(files[group.file])
-            found[group.file, group.row_group] = hashed(about)
-        return found
-
-    def _digest_of_file(self, file: str) -> str:
-        try:
-            with open_bounded(self._folder / file, self._folder, self._max_bytes) as (opened, _):
-                return sha256_of(opened)[:32]
-        except RecordingFileError as error:  # which only reading its samples need raise
-            return hashed([error.problem])
+        return {
+            (group.file, group.row_group): hashed(
+                [*self.mark.axes, group.file, str(group.row_group), rows.of(group.start, group.stop)]
+            )
+            for group in self.row_groups
+        }
 
 
 @dataclass(frozen=True, order=True)
@@ -191,14 +178,12 @@ class _Part:
             names = opened.schema_arrow.names
             labels = labels_of(opened)
             mark = read_mark(labels, "recordings", path)
-            unread = [column for column in names if column not in (*INDEX_COLUMNS, DIGEST)]
+            unread = [column for column in names if column not in INDEX_COLUMNS]
             missing = [column for column in INDEX_COLUMNS if column not in names]
             if missing:
                 problem = f"column {missing[0]!r} is missing; wanted {', '.join(INDEX_COLUMNS)}"
                 raise RecordingFileError(path, problem)
-            table = opened.read(
-                [*INDEX_COLUMNS, *({DIGEST} & set(names))], use_threads=False
-            ).unify_dictionaries()
+            table = opened.read([*INDEX_COLUMNS], use_threads=False).unify_dictionaries()
             table.validate(full=True)
             row_groups = _row_groups(table, path, name)
         written = -np.inf if name == INDEX_FILE else written_at(labels, path)
@@ -217,6 +202,7 @@ def _row_groups(index: Any, path: Path, name: str) -> list[tuple[str, int, int, 
         ("id", integers(index, "id") != np.arange(len(codes)), "0, 1, 2 ... in order"),
         ("n_samples", lengths < 1, "at least 1"),
         ("file", ~known[codes], files_wanted),
+        (DIGEST, np.asarray(index[DIGEST].is_null()), "32 hexadecimal digits"),
     ):
         if wrong.any():
             row = int(wrong.argmax())
@@ -240,17 +226,14 @@ def _joined(tables: Sequence[Any]) -> Any:
     arrow = need("pyarrow", extra="app", why="to read Parquet files")
     text, number, whole = arrow.string(), arrow.float64(), arrow.int64()
     columns = {"id": arrow.array(np.arange(sum(table.num_rows for table in tables)))}
-    for name in dict.fromkeys([*tables[0].column_names, DIGEST]):
+    for name in tables[0].column_names:
         if name in INDEX_TEXTS:
             columns[name] = _joined_texts([table[name] for table in tables])
         elif name != "id":
             kind = text if name == DIGEST else number if name in ("rate_hz", "start_time") else whole
-            parts = [
-                t[name].cast(kind) if name in t.column_names else arrow.nulls(t.num_rows, kind)
-                for t in tables
-            ]
-            chunks = [chunk for part in parts for chunk in getattr(part, "chunks", [part])]
-            columns[name] = arrow.concat_arrays(chunks)
+            columns[name] = arrow.concat_arrays(
+                [chunk for table in tables for chunk in table[name].cast(kind).chunks]
+            )
     return arrow.table(columns)
 
 
@@ -278,17 +261,10 @@ class RowDigests:
         numbers = [integers(index, name).astype("<i8") for name in ("n_samples", "trigger_index")]
         numbers += [index[name].to_numpy().astype("<f8") for name in ("rate_hz", "start_time")]
         self._columns = [column.view("V8") for column in numbers]
-        kept = index[DIGEST] if DIGEST in index.column_names else None
-        self._known = np.zeros(index.num_rows, bool) if kept is None else ~np.asarray(kept.is_null())
         for name in ("name", "label", "session", "meta"):
             codes, values = coded_texts(index[name])
             self._columns.append(_short(values)[codes])
-        if kept is not None:
-            self._columns.append(_short(kept.to_pylist()))
-
-    def complete(self, start: int, stop: int) -> bool:
-        """Tell whether the index holds the digest of every recording."""
-        return bool(self._known[start:stop].all())
+        self._columns.append(_short(index[DIGEST].to_pylist()))
 
     def of(self, start: int, stop: int) -> str:
         """Return the digest of some rows."""

@@ -24,7 +24,16 @@ VERSION = 1
 MARK, HISTORY = "granular_id", "history"
 TIME, FLAGS, DIGEST = "time_s", "flags", "digest"
 INDEX_TEXTS = ("name", "label", "session", "file", "meta")
-INDEX_COLUMNS = (*INDEX_TEXTS, "id", "start_time", "rate_hz", "n_samples", "trigger_index", "row_group")
+INDEX_COLUMNS = (
+    *INDEX_TEXTS,
+    "id",
+    "start_time",
+    "rate_hz",
+    "n_samples",
+    "trigger_index",
+    "row_group",
+    DIGEST,
+)
 
 _PART = re.compile(SAMPLES_FOLDER + r"/part-[0-9]{5,9}\.parquet")
 _ADDED = re.compile(r"([0-9a-f]{32})\.parquet")
@@ -65,10 +74,6 @@ def read_mark(labels: Mapping[str, str], what: str, path: Path) -> Mark:
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         problem = f"has no entry {MARK!r} that names axes and as many columns, each once"
         raise RecordingFileError(path, problem, place="footer") from error
-    said = {"units": wanted["units"], **said}
-    once = [unit or "N" for unit in wanted["units"]]  # old archives say N where nobody stated a unit
-    if said["units"] == once:
-        said["units"] = wanted["units"]
     other = next((key for key in wanted if said.get(key) != wanted[key]), None)
     if other is not None:
         problem = f"the entry {MARK!r} says that the {other} is {said.get(other)!r:.80}; wanted {wanted[other]!r:.80}"

@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray, argument_error, checked_index, thaw
 from granular_id._files import absolute, check_target, durable_file, made_folder
 from granular_id._progress import ProgressCallback, check_progress, showing
-from granular_id.io.errors import need
+from granular_id.io.errors import RecordingFileError, need
 from granular_id.io.flat import flat_samples
 from granular_id.io.folder_save import checked_dataset, history_json, new_folder, write_history
 from granular_id.io.options import MAX_BINARY_BYTES
-from granular_id.io.parquet.archive import Archive
-from granular_id.io.parquet.index import RowDigests, hashed, texts
+from granular_id.io.parquet.index import RowDigests, hashed
 from granular_id.io.parquet.layout import (
     DIGEST,
     FLAGS,
@@ -288,19 +287,11 @@ def _present(target: Path, dataset: Dataset, digests: Sequence[str]) -> set[_Ide
     compute = need("pyarrow.compute", extra="app", why="to read Parquet files")
     wanted = arrow.array(digests, arrow.string())
     seen: set[_Identity] = set()
-    known = _known(target, dataset.axes, "dataset")
-    for name in known.that_may_list(digests):
+    for name in _known(target, dataset.axes, "dataset").that_may_list(digests):
         with open_parquet(target / name, target, MAX_BINARY_BYTES) as opened:
             rows = opened.read(_IDENTITY, use_threads=False)
             rows = rows.filter(compute.is_in(rows[DIGEST], value_set=wanted))
             seen.update(zip(*(rows[column].to_pylist() for column in _IDENTITY), strict=True))
-    if not known.complete:  # of recordings from before, those that are called the same are read
-        archive = Archive(target)
-        names = {r.name for r in dataset}
-        called = np.array([name in names for name in texts(archive.index, "name")])
-        for group in archive.row_groups:
-            if called[group.start : group.stop].any():
-                seen.update(_identity(r, digest_of(r)) for r in archive.read(group))
     return seen
 
 
@@ -318,7 +309,6 @@ class _Known:
     files: dict[_File, int]
     hashes: NDArray[np.int64]
     places: NDArray[np.int32]
-    complete: bool  # every recording has a digest
 
     def that_may_list(self, digests: Sequence[str]) -> list[str]:
         """Return the names of the files that may list one of these digests."""
@@ -342,22 +332,20 @@ def _known(target: Path, axes: tuple[str, ...], whose: str) -> _Known:
     """Return what the index files of an archive list; only those that were not read before are read now."""
     key = absolute(target), axes
     files = [(name, _state(target / name) if name == INDEX_FILE else ()) for name in index_names(target)]
-    nothing = _Known({}, np.zeros(0, np.int64), np.zeros(0, np.int32), complete=True)
+    nothing = _Known({}, np.zeros(0, np.int64), np.zeros(0, np.int32))
     known = _remembered.get(key, nothing)
     if not known.files.keys() <= set(files):  # another archive of that name
         known = nothing
     new = [file for file in files if file not in known.files]
     places = dict(known.files)
-    hashes, counts, complete = [known.hashes], [], known.complete
+    hashes, counts = [known.hashes], []
     for file in new:
-        digests = _digests_in(target, file[0], axes, whose)
-        complete = complete and None not in digests
         places[file] = len(places)
-        hashes.append(_hashes([digest for digest in digests if digest is not None]))
+        hashes.append(_hashes(_digests_in(target, file[0], axes, whose)))
         counts.append(len(hashes[-1]))
     if new:
         added = np.repeat(np.arange(len(known.files), len(places), dtype=np.int32), counts)
-        known = _Known(places, np.concatenate(hashes), np.concatenate([known.places, added]), complete)
+        known = _Known(places, np.concatenate(hashes), np.concatenate([known.places, added]))
         _remember(key, known)
     return known
 
@@ -381,13 +369,13 @@ def _hashes(digests: Sequence[str]) -> NDArray[np.int64]:
     return np.fromiter(map(hash, digests), np.int64, len(digests))
 
 
-def _digests_in(target: Path, name: str, axes: tuple[str, ...], whose: str) -> list[str | None]:
-    """Return the digests that an index file lists; None: of a recording from before. Other axes are refused."""
-    digests: list[str | None] = [None]
+def _digests_in(target: Path, name: str, axes: tuple[str, ...], whose: str) -> list[str]:
+    """Return the digests that an index file lists. Other axes are refused."""
     with open_parquet(target / name, target, MAX_BINARY_BYTES) as opened:
         others = read_mark(labels_of(opened), "recordings", target / name).axes
-        if others == axes and DIGEST in opened.schema_arrow.names:
-            digests = opened.read([DIGEST], use_threads=False)[DIGEST].to_pylist()
+        if DIGEST not in opened.schema_arrow.names:
+            raise RecordingFileError(target / name, f"column {DIGEST!r} is missing")
+        digests: list[str] = opened.read([DIGEST], use_threads=False)[DIGEST].to_pylist()
     if others != axes:
         problem = f"has the axes {' '.join(axes)}, and the archive {target} {' '.join(others)}"
         raise argument_error(ValueError, whose, f"{problem}; add it to another one")
