@@ -27,7 +27,7 @@ from granular_id.partitions import CONDITION, PROTOCOLS, Partition
 from granular_id.recording import Finding
 from granular_id.spaces import Chosen
 
-FORMAT = "granular_id.evaluation/2"
+FORMAT = "granular_id.evaluation/1"
 CSV_COLUMNS = (*(field.name for field in fields(Prediction)), "correct")
 
 

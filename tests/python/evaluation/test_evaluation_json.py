@@ -91,7 +91,7 @@ def predicted(*path, value=MISSING):
 NO_EVALUATION = "does not hold a whole evaluation"
 NO_FIT = "predictions of 'raw+hfmh', paper, do not fit the partitions"
 BAD = [
-    (put("format", value="granular_id.evaluation/1"), "has format 'granular_id.evaluation/1', wanted"),
+    (put("format", value="granular_id.evaluation/2"), "has format 'granular_id.evaluation/2', wanted"),
     (put("recordings", 0, "name"), "must hold 'name'"),
     (predicted(), "must hold 'predicted'"),
     (put("portrait", "mean"), "must hold 'mean'"),

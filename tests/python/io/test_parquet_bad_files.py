@@ -77,6 +77,7 @@ def test_a_flipped_bit_in_the_samples_is_found_by_its_checksum(archive):
         ("file", [PART, "../a.parquet"] * 2, "row 1 holds '../a.parquet'; wanted samples"),
         ("rate_hz", [500.0, None, 500, 500], "no stamps"),
         ("label", [1, 2, 3, 4], None),
+        ("digest", ["a", "b", None, "d"], "digest: row 2 holds None; wanted 32 hexadecimal digits"),
     ],
 )
 def test_an_index_that_lies(archive, column, values, message):
