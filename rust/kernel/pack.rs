@@ -63,22 +63,6 @@ impl<T: Real, const L: usize> Pack<T, L> {
         self.with(other, T::copysign)
     }
 
-    /// An answer for each lane, all bits set or none: is this above another?
-    #[inline(always)]
-    pub(crate) fn above(self, other: Self) -> Self {
-        self.with(other, |a, b| if a > b { T::YES } else { T::ZERO })
-    }
-
-    /// `yes` where the answer is yes, `no` where it is no.
-    #[inline(always)]
-    pub(crate) fn select(self, yes: Self, no: Self) -> Self {
-        let mut out = no;
-        for l in 0..L {
-            out.0[l] = if self.0[l].bits() != 0 { yes.0[l] } else { no.0[l] };
-        }
-        out
-    }
-
     /// The sum of all lanes, halves first, as vectors do it. For four or eight lanes.
     #[inline(always)]
     pub(crate) fn sum(self) -> T {
@@ -115,12 +99,16 @@ impl<T: Real, const L: usize> Register<T, L> for Pack<T, L> {
 
     #[inline(always)]
     fn above(self, other: Self) -> Self {
-        self.above(other)
+        self.with(other, |a, b| if a > b { T::YES } else { T::ZERO })
     }
 
     #[inline(always)]
     fn select(self, yes: Self, no: Self) -> Self {
-        self.select(yes, no)
+        let mut out = no;
+        for l in 0..L {
+            out.0[l] = if self.0[l].bits() != 0 { yes.0[l] } else { no.0[l] };
+        }
+        out
     }
 
     #[inline(always)]

@@ -66,7 +66,7 @@ use scores::Weights;
 /// assert_eq!(Model::from_bytes(&model.to_bytes()?, 1 << 20)?, model);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Model {
     extraction: Extraction,
     n_samples: usize,
@@ -84,21 +84,6 @@ pub struct Model {
     classes: Vec<String>,
     rules: Rules,
     metadata: Metadata,
-}
-
-impl PartialEq for Model {
-    /// The same parts, and therefore the same answers, wherever they came from.
-    fn eq(&self, other: &Self) -> bool {
-        self.extraction == other.extraction
-            && (self.n_samples, self.n_axes) == (other.n_samples, other.n_axes)
-            && (self.loss, self.decoding) == (other.loss, other.decoding)
-            && (&self.weights, &self.codes) == (&other.weights, &other.codes)
-            && (&self.raw_mean, &self.raw_low, &self.raw_high)
-                == (&other.raw_mean, &other.raw_low, &other.raw_high)
-            && (&self.early, &self.sigmoid) == (&other.early, &other.sigmoid)
-            && self.posterior_weights == other.posterior_weights
-            && (&self.classes, &self.metadata) == (&other.classes, &other.metadata)
-    }
 }
 
 impl Model {

@@ -1,4 +1,4 @@
-//! The reader of model files on damaged and on invented ones, of all versions: a model or an error. A model that was read
+//! The reader of model files on damaged and on invented ones: a model or an error. A model that was read
 //! writes itself, and gives the same bits for a whole recording as sample by sample.
 //!
 //! cargo-fuzz sets `cfg(fuzzing)`, under which the reader lets wrong digests pass: no mutation would ever fit them.
