@@ -1,7 +1,7 @@
-"""What reading each hostile file takes, in this process and in a child: seconds and memory, the worst first.
+"""What reading each hostile file takes: seconds and memory, the worst first.
 
 Run: python benches/bad_files.py [rows]. Each file is loaded in a fork of a process that has imported all libraries; MB
-is what the fork grew by, or what the child had in all.
+is what the fork grew by.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "python" / "io"))
 
-from corpus import answers, outcome
+from corpus import HostileFile, answers, outcome
 
 LIBRARIES = ("granular_id.io", "h5py", "mcap", "pyarrow.parquet", "rosbags.typesys", "scipy.io", "sqlite3")
 
@@ -24,16 +24,13 @@ def main() -> None:
     for name in LIBRARIES:
         with contextlib.suppress(ImportError):
             import_module(name)
-    for isolate in (False, True):
-        found = list(answers(lambda file, folder, isolate=isolate: file.load(folder, isolate=isolate)))
-        counts = Counter(outcome(answer.verdict) for _, answer in found)
-        print(f"isolate={isolate}: {dict(counts)}")
-        for what in ("seconds", "megabytes"):
-            worst = sorted(found, key=lambda pair: -getattr(pair[1], what))[:n_rows]
-            print(f"\n{'s':>7} {'MB':>6}  most {what}")
-            for file, answer in worst:
-                print(f"{answer.seconds:7.2f} {answer.megabytes:6.0f}  {file.name}")
-        print()
+    found = list(answers(HostileFile.load))
+    print(dict(Counter(outcome(answer.verdict) for _, answer in found)))
+    for what in ("seconds", "megabytes"):
+        worst = sorted(found, key=lambda pair: -getattr(pair[1], what))[:n_rows]
+        print(f"\n{'s':>7} {'MB':>6}  most {what}")
+        for file, answer in worst:
+            print(f"{answer.seconds:7.2f} {answer.megabytes:6.0f}  {file.name}")
 
 
 if __name__ == "__main__":

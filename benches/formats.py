@@ -27,6 +27,8 @@ import scipy.io
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 import granular_id as gid
 from granular_id._files import write_json
@@ -50,6 +52,32 @@ def hdf5(path: Path) -> None:
             dataset[()]
 
 
+def save_h5(path: Path, data: gid.Dataset) -> None:
+    with h5py.File(path, "w") as file:
+        file["X"], file["y"], file["rate_hz"] = data.X, data.y.tolist(), 500.0
+
+
+def save_bags(folder: Path, data: gid.Dataset) -> None:
+    """Write a ROS 2 bag of MCAP for each recording."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types, stamped = store.types, "geometry_msgs/msg/WrenchStamped"
+    folder.mkdir()
+    for i, push in enumerate(data):
+        bag = Writer(folder / f"{push.label}_{i}", version=9, storage_plugin=StoragePlugin.MCAP)
+        bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        with bag:
+            connection = bag.add_connection("/wrench", stamped, typestore=store)
+            for stamp_ns, row in zip(
+                1_700_000_000_000_000_000 + np.arange(len(push.wrench)) * 2_000_000, push.wrench, strict=True
+            ):
+                vectors = [types["geometry_msgs/msg/Vector3"](*part) for part in (row[:3], row[3:])]
+                stamp = types["builtin_interfaces/msg/Time"](*map(int, divmod(stamp_ns, 10**9)))
+                message = types[stamped](
+                    types["std_msgs/msg/Header"](stamp, "ft"), types["geometry_msgs/msg/Wrench"](*vectors)
+                )
+                bag.write(connection, int(stamp_ns), store.serialize_cdr(message, stamped))
+
+
 def save_mat_v73(path: Path, data: gid.Dataset) -> None:
     """Write what MATLAB's ``save -v7.3`` does: sizes in reverse, chunks packed by gzip."""
     labels = [np.array([[ord(c)] for c in label], np.uint16) for label in data.y]
@@ -67,6 +95,10 @@ def save_mat_v73(path: Path, data: gid.Dataset) -> None:
         file["y"].attrs["MATLAB_class"] = np.bytes_("cell")
     with path.open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+
+
+SAVERS = {"hdf5": save_h5, "mat v7.3": save_mat_v73, "mcap folder": save_bags}
+"""How formats that are only read are written."""
 
 
 def mat_v73(path: Path) -> None:
@@ -152,14 +184,14 @@ def main() -> None:
             ("mat v6", root / "v6.mat", data, None, {"scipy.io.loadmat": scipy.io.loadmat}),
             ("mat v7.3", root / "v73.mat", data, None, {"h5py": mat_v73}),
             ("csv folder", root / "csv", few, "csv", {"numpy.loadtxt": loadtxt, "pandas.read_csv": read_csv}),
-            ("mcap folder", root / "mcap", few, "mcap", {"rosbags": rosbags, "mcap": mcap}),
+            ("mcap folder", root / "mcap", few, None, {"rosbags": rosbags, "mcap": mcap}),
         ]
         for name, path, chosen, form, peers in rows:
             start = time.perf_counter()
             if path.suffix == ".npy":
                 np.save(path, chosen.X)
-            elif name == "mat v7.3":
-                save_mat_v73(path, chosen)
+            elif name in SAVERS:
+                SAVERS[name](path, chosen)
             elif path.suffix == ".mat":
                 fields = {"X": chosen.X, "y": chosen.y.tolist(), "rate_hz": 500.0}
                 scipy.io.savemat(path, fields, do_compression=name == "mat v7")

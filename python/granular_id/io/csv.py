@@ -8,6 +8,8 @@ axes (``wx [rad/s]``) are kept as they stand. Other columns are not read, and a 
 
 from __future__ import annotations
 
+import csv
+import json
 import os
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -17,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import thaw
 from granular_id._core import write_number_table
 from granular_id._progress import ProgressCallback
 from granular_id.io.columns import (
@@ -37,7 +40,15 @@ from granular_id.io.columns import (
 )
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import read_text_bounded
-from granular_id.io.folder_save import checked_dataset, indexed_folder
+from granular_id.io.folder_save import (
+    INDEX_COLUMNS,
+    INDEX_NAME,
+    IRREGULAR,
+    checked_dataset,
+    new_folder,
+    safe_name,
+    write_history,
+)
 from granular_id.io.long_table import Coded, LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.numbers import (
     Header,
@@ -238,7 +249,36 @@ def save_csv(
     ...     load(save_csv(data, folder + "/oats")) == data
     True
     """
-    return indexed_folder(checked_dataset(dataset), folder, ".csv", _write, progress)
+    usual = all(recording.axes == AXES for recording in checked_dataset(dataset))
+    digits = len(str(len(dataset)))
+    with new_folder(folder) as partial:
+        with (partial / INDEX_NAME).open("w", encoding="utf-8", newline="") as file:
+            index = csv.writer(file, lineterminator="\n")
+            index.writerow(INDEX_COLUMNS[: -1 if usual else None])
+            for number, recording in enumerate(dataset, start=1):
+                part = safe_name(recording.label)
+                (partial / part).mkdir(exist_ok=True)
+                name = f"{part}/{part}_{number:0{digits}d}.csv"
+                _write(recording, partial / name)
+                row = _index_row(name, recording)
+                index.writerow(row if usual else [*row, json.dumps(recording.axes, ensure_ascii=False)])
+                if progress is not None:
+                    progress(number, len(dataset), name)
+        write_history(dataset, partial)
+    return Path(folder)
+
+
+def _index_row(file: str, recording: Recording) -> list[str]:
+    return [
+        file,
+        recording.label or "",
+        recording.session or "",
+        "" if recording.start_time is None else repr(recording.start_time),
+        IRREGULAR if recording.rate_hz is None else repr(recording.rate_hz),
+        "" if recording.trigger_index is None else str(recording.trigger_index),
+        recording.name,
+        json.dumps(thaw(recording.meta)) if recording.meta else "",
+    ]
 
 
 def _heads(recording: Recording) -> Sequence[str]:

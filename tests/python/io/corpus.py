@@ -1,10 +1,9 @@
-"""The corpus of hostile files: 1,413 of all formats, and what comes of reading each.
+"""The corpus of hostile files: 1,331 of all formats, and what comes of reading each.
 
 ``corpus/files.tar.xz`` holds them as they were made once, so that no version of a library makes others: a folder each.
 A line of ``corpus/table.jsonl`` is folder, name, how it was made, what is loaded, options, verdict (read, refused).
 
-``python corpus.py`` reads them all, each in a fork, says which verdicts are others now, and stores these: what ends the
-fork is refused through ``isolate=True``.
+``python corpus.py`` reads them all, each in a fork, says which verdicts are others now, and stores these.
 ``python corpus.py add NAME HOW FOLDER LOADED VERDICT`` adds what lies in a folder; ``LOADED`` is a path in it.
 """
 
@@ -44,10 +43,10 @@ class HostileFile:
     def path(self, folder: Path) -> Path:
         return folder / self.number / self.loaded
 
-    def load(self, folder: Path, *, isolate: bool) -> Any:
+    def load(self, folder: Path) -> Any:
         from granular_id.io import load
 
-        return load(self.path(folder), isolate=isolate, **self.options)
+        return load(self.path(folder), **self.options)
 
 
 def hostile_files() -> list[HostileFile]:
@@ -97,7 +96,7 @@ def answers(read: Callable[[HostileFile, Path], Any]) -> Iterator[tuple[HostileF
         every = hostile_files()
         unpack(Path(place), {file.number for file in every})
         for file in every:
-            yield file, _in_a_fork(lambda file=file: _verdict(lambda: read(file, Path(place))))
+            yield file, in_a_fork(lambda file=file: _verdict(lambda: read(file, Path(place))))
 
 
 def _verdict(read: Callable[[], Any]) -> str:
@@ -111,7 +110,8 @@ def _verdict(read: Callable[[], Any]) -> str:
         return f"raised {type(error).__name__}"
 
 
-def _in_a_fork(work: Callable[[], str]) -> Answer:
+def in_a_fork(work: Callable[[], str]) -> Answer:
+    """Run something in a fork; return what it says, its time and how much its memory grew."""
     here, there = os.pipe()
     start = time.monotonic()
     child = os.fork()
@@ -120,8 +120,7 @@ def _in_a_fork(work: Callable[[], str]) -> Answer:
         resource.setrlimit(resource.RLIMIT_CPU, (HANGS_AFTER_S, HANGS_AFTER_S))
         said = work()
         grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-        inner = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-        os.write(there, json.dumps([said, max(grown, inner) / 1e3]).encode())
+        os.write(there, json.dumps([said, grown * (1e-6 if sys.platform == "darwin" else 1e-3)]).encode())
         os._exit(0)
     os.close(there)
     with os.fdopen(here, "rb") as pipe:
@@ -139,12 +138,12 @@ def main() -> None:
     if sys.argv[1:2] == ["add"]:
         name, how, folder, loaded, verdict = sys.argv[2:]
         every = hostile_files()
-        number = f"{len(every):04}"
+        number = f"{int(every[-1].number) + 1:04}"
         with TemporaryDirectory() as place:
             unpack(Path(place), {file.number for file in every})
             shutil.copytree(folder, Path(place) / number, symlinks=True)
             added = HostileFile(number, name, how, loaded, {}, verdict)
-            answer = _in_a_fork(lambda: _verdict(lambda: added.load(Path(place), isolate=True)))
+            answer = in_a_fork(lambda: _verdict(lambda: added.load(Path(place))))
             if outcome(answer.verdict) != verdict:
                 sys.exit(f"it is {outcome(answer.verdict)}, not {verdict}: nothing was added")
             command = "tar --sort=name --mtime=@0 --owner=0 --group=0 --numeric-owner -cSf - . | xz -9e"
@@ -153,7 +152,7 @@ def main() -> None:
         _store([*every, added])
         return
     now = []
-    for file, answer in answers(lambda file, folder: file.load(folder, isolate=False)):
+    for file, answer in answers(HostileFile.load):
         verdict = "read" if outcome(answer.verdict) == "read" else "refused"
         now.append(HostileFile(*astuple(file)[:-1], verdict))
         if verdict != file.verdict:
