@@ -27,6 +27,7 @@ LINKED = [
     *(ROOT / f"{name}.md" for name in ("CHANGELOG", "CODE_OF_CONDUCT", "contrib/README", "rust/README")),
 ]
 SAND = DOCS / "guide" / "sand.md"
+BAGS = DOCS / "formats" / "ros.md"
 RUN = [page for page in EVERY if any(block.kind in ("python", "sh") for block in blocks_of(page))]
 EMPTY = [
     ROOT / "README.md",
@@ -61,6 +62,8 @@ def test_pages_run_as_they_are_printed(page, request, tmp_path, monkeypatch):
         pytest.importorskip(library)
     if page not in EMPTY:
         shutil.copytree(request.getfixturevalue("recordings"), tmp_path / "recordings")
+    if page == BAGS:
+        shutil.copy(ROOT / "tests" / "data" / "ros" / "bag" / "bag.mcap", tmp_path / "rice_1.mcap")
     if page == SAND:
         (tmp_path / "sand_press").symlink_to(request.getfixturevalue("data_dir") / "sand_press")
     monkeypatch.chdir(tmp_path)
