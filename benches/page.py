@@ -118,15 +118,6 @@ def ecoc(results: Json) -> str:
     return table(("fit and predict", "noise, s", "slow drift, s"), lines)
 
 
-def formats(results: Json) -> str:
-    lines = []
-    for name, seconds in results["formats"]["seconds"].items():
-        ours = seconds["load"]
-        beside = ", ".join(f"{peer} {digits(ours / s, 2)}x" for peer, s in seconds.items() if peer != "load")
-        lines.append((name, digits(1e3 * ours), beside))
-    return table(("format", "`load`, ms", "times as long as"), lines)
-
-
 def accuracies(accuracy: Json, chosen: Iterable[str]) -> str:
     """Methods from the most accurate on the sliding recordings on."""
     found = accuracy["comparisons"]
@@ -168,7 +159,6 @@ def speed(results: Json) -> str:
 
 def page(results: Json, accuracy: Json, counts: Json) -> str:
     (unit, us), pushed = widest(results), results["decision"]["microseconds per row pushed"]
-    n, few = results["formats"]["recordings"]
     return Template((BENCHES / "page.md").read_text(encoding="utf-8")).substitute(
         made="\n".join(f"- {line}" for line in origin(results["made"])),
         unit=unit,
@@ -182,9 +172,6 @@ def page(results: Json, accuracy: Json, counts: Json) -> str:
         decision=decision(results),
         ecoc=ecoc(results),
         memory=digits(results["ecoc"]["walk"]["megabytes"]["ECOCClassifier, resident"], 2),
-        n=n,
-        few=few,
-        formats=formats(results),
         accuracy_made="; ".join(origin(accuracy)),
         draws=accuracy["settings"]["seeds"],
         accuracies=accuracies(accuracy, NAMES),

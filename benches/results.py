@@ -29,7 +29,7 @@ ROOT = Path(__file__).resolve().parents[1]
 WRITTEN = ("benches/results.json", "benches/accuracy.json", "docs/benchmarks.md", "README.md")
 """By the benchmarks themselves: a checkout with nothing else changed is that of its commit."""
 
-PACKAGES = ("numpy", "scipy", "numba", "scikit-learn", "pandas", "h5py", "pyarrow", "rosbags", "mcap")
+PACKAGES = ("numpy", "scipy", "numba", "scikit-learn")
 UNITS = ("baseline", "avx2", "avx512")
 RUNS = 3
 QUIET = 0.5  # load per core at most
@@ -94,7 +94,7 @@ def measure() -> dict[str, Any]:
         results["features"][unit] = {name: median(run[name] for run in made) for name in made[0]}
     # Rivals are faster with BLAS on one thread, and at real-time priority its threads wait for each other.
     told = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    return results | {name: figures(name, told) for name in ("decision", "ecoc", "formats")}
+    return results | {name: figures(name, told) for name in ("decision", "ecoc")}
 
 
 def wait_for_quiet(minutes: int = 10) -> None:
