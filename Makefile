@@ -185,10 +185,9 @@ benchmarks: $(RELEASE)/.package
 bench-peers: $(RELEASE)/.package
 	$(RELEASE)/bin/python benches/peers.py
 
-# Folders of recordings for bench-accuracy, and further options of it. The page keeps a run by: benches/results.py
-# --accuracy target/accuracy.json, benches/page.py.
+# Folders of recordings for bench-accuracy, and further options of it: `make benchmarks` makes the page of what it writes.
 FOLDERS ?= $(if $(GRANULAR_ID_DATA),$(addprefix $(GRANULAR_ID_DATA)/,sliding_wrench robot_failures))
-ACCURACY ?= --seeds 4 --out target/accuracy.json
+ACCURACY ?= --out benches/accuracy.json
 
 # Before anything is installed.
 accuracy-data:

@@ -14,7 +14,6 @@ Json = dict[str, Any]
 BENCHES = Path(__file__).resolve().parent
 PAGE, README = BENCHES.parent / "docs/benchmarks.md", BENCHES.parent / "README.md"
 UNITS = {"baseline": "baseline", "avx2": "AVX2", "avx512": "AVX-512"}  # from narrow to wide
-SLIDING, FAILURES = "sliding_wrench", "robot_failures, mean of 5 sets"
 NAMES = {
     "best": "best",
     "multiband": "multiband",
@@ -120,12 +119,13 @@ def ecoc(results: Json) -> str:
 
 def accuracies(accuracy: Json, chosen: Iterable[str]) -> str:
     """Methods from the most accurate on the sliding recordings on."""
-    found = accuracy["comparisons"]
-    sliding, failures = ({row["method"]: row for row in found[name]} for name in (SLIDING, FAILURES))
+    sliding, failures = (
+        accuracy["folders"][name]["methods"] for name in ("sliding_wrench", "robot_failures")
+    )
     lines = []
-    for method in sorted(chosen, key=lambda method: -sliding[method]["mean"]):
+    for method in sorted(chosen, key=lambda method: -sliding[method]["accuracy"]):
         shown = f"**{NAMES[method]}**" if method in OURS else NAMES[method]
-        percent = [f"{100 * rows[method]['mean']:.1f}" for rows in (sliding, failures)]
+        percent = [f"{100 * rows[method]['accuracy']:.1f}" for rows in (sliding, failures)]
         lines.append((shown, *percent, digits(1e3 * sliding[method]["features_s"], 2)))
     return table(("", "sliding, %", "robot failures, %", "sliding: features, ms"), lines)
 
@@ -172,8 +172,8 @@ def page(results: Json, accuracy: Json, counts: Json) -> str:
         decision=decision(results),
         ecoc=ecoc(results),
         memory=digits(results["ecoc"]["walk"]["megabytes"]["ECOCClassifier, resident"], 2),
-        accuracy_made="; ".join(origin(accuracy)),
-        draws=accuracy["settings"]["seeds"],
+        accuracy_made="; ".join(origin(accuracy["made"])),
+        draws=accuracy["seeds"],
         accuracies=accuracies(accuracy, NAMES),
     )
 

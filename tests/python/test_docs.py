@@ -41,5 +41,3 @@ def test_pages_run_as_they_are_printed(page, request, tmp_path, monkeypatch):
         shutil.copytree(request.getfixturevalue("recordings"), tmp_path / "recordings")
     monkeypatch.chdir(tmp_path)
     run_page(page)
-
-

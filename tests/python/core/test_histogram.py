@@ -26,6 +26,8 @@ NUMPYS = [
     "test_signed_overflow_bounds",
     "test_gh_23110",
 ]
+
+
 class Replaced(types.ModuleType):
     """numpy, with one function of it replaced."""
 
