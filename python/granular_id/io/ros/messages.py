@@ -261,7 +261,7 @@ class Wrenches:
         stamps: NDArray[np.int64] | None,
         frames: list[str] | None,
         refuse: Refuse,
-        parts: tuple[str, str] = _PARTS[_WRENCH],
+        parts: tuple[str, str],
     ) -> Wrenches:
         """Make them of seconds and nanoseconds (T, 2), and the frame of each message, or the one of all."""
         bad = np.argwhere(~np.isfinite(wrench))

@@ -78,7 +78,7 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         "ros_distro": bag.distro,
     }
     axes = IMU_AXES if inner in topic.imus else ()
-    return recording_of(wrenches, np.array(log_ns, np.int64), source, options, about, place_of, notes, axes)
+    return _recording_of(wrenches, np.array(log_ns, np.int64), source, options, about, place_of, notes, axes)
 
 
 @contextmanager
@@ -328,7 +328,7 @@ def _listed(topics: Sequence[Topic]) -> str:
 # The clock of messages: which stamps are taken, and the recording that they make.
 
 
-def recording_of(
+def _recording_of(
     wrenches: Wrenches,
     log_ns: NDArray[np.int64],
     source: FileSource,
@@ -336,7 +336,7 @@ def recording_of(
     about: Mapping[str, Any],
     place_of: Callable[[int], dict[str, Any]],
     notes: list[str],
-    axes: tuple[str, ...] = (),
+    axes: tuple[str, ...],
 ) -> FileContent:
     """Make one recording of messages; what of `about` is empty is left out of its metadata.
 
