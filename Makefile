@@ -27,24 +27,21 @@ THREADED := tests/python/core/test_features.py tests/python/core/test_features_a
 unexport MAKEFLAGS
 
 .PHONY: help demo docs test lint rust-lint python-lint rust-test python-test check-all threads bench benchmarks \
-	bench-rust bench-peers bench-accuracy bench-ecoc bench-table false-positives oldest campaign loom stress sanitize soak \
-	archive-kills fuzz deny notices counts memcheck miri arm64 semver bench-formats bench-decision bench-archive wheel \
-	wheels clean toolchain hosted-lint accuracy-data audit
+	bench-rust bench-peers bench-accuracy bench-ecoc oldest campaign loom stress sanitize soak fuzz deny notices counts \
+	memcheck miri arm64 semver bench-decision bench-archive wheel wheels clean toolchain hosted-lint accuracy-data audit
 
 help:
 	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
 	@echo "make test       lint, Rust tests, Python tests; with --jobs=3 beside each other"
-	@echo "make check-all  all that takes long: threads, campaign, fuzz, loom, stress, sanitize, memcheck, counts, soak, archive-kills, oldest (hours)"
+	@echo "make check-all  all that takes long: threads, campaign, fuzz, loom, stress, sanitize, memcheck, counts, soak, oldest (hours)"
 	@echo "make docs       the documentation site, in docs/_build/html"
 	@echo "make lint       rustfmt, clippy, rustdoc, ruff, mypy, import-linter, stubtest, zizmor"
 	@echo "make bench      criterion, then the same work side by side with scipy, numpy and numba"
 	@echo "make benchmarks docs/benchmarks.md and the tables of README.md, measured anew (10 to 15 minutes on a quiet machine)"
-	@echo "make bench-table      the paper's whole table on synthetic recordings, beside scikit-learn's one-vs-one (minutes)"
 	@echo "make bench-accuracy   our methods beside aeon's and others on real recordings, halves in time held out (minutes; 3 GB to install)"
-	@echo "make false-positives  1,000 simulated evaluations of two equally good methods: how often each test errs (minutes)"
 	@echo "make oldest     the Python tests once more with the oldest versions of what is needed"
 	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind;"
-	@echo "                100,000 damaged CSV files; all 1,413 hostile files (minutes)"
+	@echo "                100,000 damaged CSV files; 1,500 damaged files of each format (minutes)"
 	@echo "make deny       licences, sources and known faults of the crates that are used, with cargo-deny"
 	@echo "make audit      known faults of the Python packages in .venv, with pip-audit"
 	@echo "make notices    LICENSE-THIRD-PARTY.yml, with cargo-bundle-licenses"
@@ -58,9 +55,7 @@ help:
 	@echo "make arm64      the Rust tests on arm64 by qemu; tests/arm64.sh does it with Debian's compiler (minutes)"
 	@echo "make semver     the crate's public face beside that of SINCE=revision, by cargo-semver-checks"
 	@echo "make soak       the sensor client beside a busy interpreter: 10 minutes at 500 Hz, 1 minute at 7000 Hz"
-	@echo "make archive-kills    drivers and workers killed while they extract 100,000 recordings: the same files each time (minutes; 2 GB)"
 	@echo "make bench-decision   time from the last sample to the answer, beside scipy and scikit-learn"
-	@echo "make bench-formats    read speed of every format beside the plain call of its library"
 	@echo "make bench-archive    archives of RECORDINGS=100000: written, extracted, identified, beside a user's Dask script (half an hour)"
 	@echo "make wheel      build a wheel into ./$(BUILT), and try it in an empty environment"
 	@echo "make wheels     all wheels for Linux and the source distribution into ./dist, audited and run (half an hour)"
@@ -170,7 +165,7 @@ python-test: $(TOOLS)
 	$(call step,Python tests 2 of 2: eight threads,GRANULAR_ID_CASES=13 $(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(firstword $(THREADED)))
 
 # What takes too long for every change. `make test` runs a short form of each.
-check-all: threads campaign fuzz loom stress sanitize memcheck counts soak archive-kills oldest
+check-all: threads campaign fuzz loom stress sanitize memcheck counts soak oldest
 
 threads: $(TOOLS)
 	$(BIN)/python -m pytest -p run-parallel --parallel-threads 8 $(THREADED)
@@ -190,10 +185,9 @@ benchmarks: $(RELEASE)/.package
 bench-peers: $(RELEASE)/.package
 	$(RELEASE)/bin/python benches/peers.py
 
-# Folders of recordings for bench-accuracy, and further options of it. The page keeps a run by: benches/results.py
-# --accuracy target/accuracy.json, benches/page.py.
+# Folders of recordings for bench-accuracy, and further options of it: `make benchmarks` makes the page of what it writes.
 FOLDERS ?= $(if $(GRANULAR_ID_DATA),$(addprefix $(GRANULAR_ID_DATA)/,sliding_wrench robot_failures))
-ACCURACY ?= --seeds 4 --out target/accuracy.json
+ACCURACY ?= --out benches/accuracy.json
 
 # Before anything is installed.
 accuracy-data:
@@ -208,9 +202,6 @@ bench-ecoc: $(RELEASE)/.package
 bench-decision: $(RELEASE)/.package
 	$(RELEASE)/bin/python benches/decision.py
 
-bench-formats: $(RELEASE)/.package
-	$(RELEASE)/bin/python benches/formats.py
-
 # Synthetic recordings for bench-archive: they stay in target/archive, 14 KB each.
 RECORDINGS ?= 100000
 ARCHIVE := $(RELEASE)/bin/python benches/archive.py --folder target/archive
@@ -220,12 +211,6 @@ bench-archive: $(RELEASE)/.package
 	$(ARCHIVE) --scaling 1000 10000 $(RECORDINGS)
 	$(ARCHIVE) --ports
 
-bench-table: $(RELEASE)/.package
-	$(RELEASE)/bin/python benches/table.py
-
-false-positives: $(RELEASE)/.package
-	$(RELEASE)/bin/python benches/false_positives.py
-
 oldest: $(OLDEST)/.package
 	$(OLDEST)/bin/python -m pytest -o filterwarnings=default
 
@@ -234,7 +219,7 @@ campaign: $(TOOLS)
 	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/core/test_features.py -k campaign -s
 	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/core/test_fork.py
 	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/io/test_csv_fuzz.py -k campaign -s
-	GRANULAR_ID_CASES=1500 $(BIN)/python -m pytest tests/python/io/test_bad_files.py -q
+	GRANULAR_ID_CASES=1500 $(BIN)/python -m pytest tests/python/io/test_bad_files.py -k damaged
 	GRANULAR_ID_CASES=20000 cargo test --test core buffer_model
 	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/core/test_stream.py tests/python/core/test_stream_identifier.py
 
@@ -294,12 +279,6 @@ semver: | toolchain
 soak: $(RELEASE)/.package
 	$(RELEASE)/bin/python benches/rdt_soak.py --rate-hz 500 --seconds 600
 	$(RELEASE)/bin/python benches/rdt_soak.py --rate-hz 7000 --seconds 60
-
-# Recordings of the archive; a folder to keep it in may follow.
-KILLS ?= 100000
-
-archive-kills: $(RELEASE)/.package
-	$(RELEASE)/bin/python benches/archive_kills.py $(KILLS)
 
 # cargo-fuzz wants a nightly compiler; the stable one takes the same flags when told to.
 FUZZ := RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir tests/fuzz

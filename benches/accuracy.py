@@ -1,10 +1,8 @@
-"""Accuracy of our methods beside their peers, on every data folder given, in one run.
+"""Accuracy of our methods beside peers of aeon and scikit-learn, on recordings of others: `make bench-accuracy`.
 
-Ours (the presets and feature spaces of this package) beside MiniRocket, MultiRocket, Hydra and the last two together
-with a ridge classifier, QUANT and Catch22 with forests (all of aeon), the nearest neighbour, and linear support vector
-machines on magnitude spectra and on samples. All get the same partitions. Whole sessions are held out where there are
-sessions, else halves in time order; numbers, tests and times come from this one run, everything on one thread,
-compilation not counted. Install the peers with: pip install -r requirements-bench.txt
+All methods get the same partitions: whole sessions held out where there are sessions, else halves in time order, both
+ways; the robot-failure sets have no order, so stratified folds. Features are timed on one thread, in processor time,
+compilation not counted. Peers that are not installed are left out: pip install -r requirements-bench.txt
 """
 
 from __future__ import annotations
@@ -12,231 +10,270 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import asdict
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from accuracy_data import SPLITS, BenchSet, FolderError, Preparation, read_folder, split
-from accuracy_methods import METHODS, Method, chosen_methods
-from accuracy_run import THREADS, Row, run_method
-from accuracy_table import as_json, averaged, compare, table
-from granular_id._files import check_target, write_json
-from granular_id.partitions import Partition
-from results import about as machine
+import numpy as np
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
+from sklearn.linear_model import RidgeClassifierCV
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.pipeline import make_pipeline, make_union
+from sklearn.preprocessing import FunctionTransformer, StandardScaler
+from sklearn.svm import SVC
+from threadpoolctl import threadpool_limits
+
+import granular_id as gid
+from granular_id._files import write_json
+from granular_id.partitions import Partition, kfold_partitions
+from granular_id.spaces import block_sizes, tell_blocks
+from granular_id.splits import groups_of, strictest_partitions
+from granular_id.statistics import corrected_resampled_t
+from results import about
 
 PACKAGES = ("numpy", "scipy", "scikit-learn", "aeon", "numba", "torch")
-BAD_INPUT, INTERRUPTED = 2, 130
-
-EXAMPLES = f"""
-methods: {", ".join(method.name for method in METHODS)}
-
-examples:
-  python benches/accuracy.py recordings --out results.json
-  python benches/accuracy.py sliding_wrench robot_failures --seeds 4
-  python benches/accuracy.py irregular --rate-hz 100 --max-gap-s 1 --partitions halves
-  python benches/accuracy.py files --window-s 1.7 --partitions sessions     (files held out whole)
-  python benches/accuracy.py recordings --only minirocket,hydra,raw+hfmh
-  python benches/accuracy.py recordings --only ours
-  python benches/accuracy.py recordings --only best,ablation               (each block alone, each left out)
-
-A folder is read as `granular-id evaluate` reads it: label/*, label/session/*, label_*, or an index.csv. Two are known
-by name: sliding_wrench (100 Hz, gaps up to 1 s) and robot_failures (lp1.data to lp5.data, stratified folds).
-"""
+SEED = 0
+TREES = 200  # of the forests behind Catch22 and QUANT, as aeon's own
+BATCH = 64  # recordings that Hydra and QUANT take at a time: all at once fill the memory, or are refused
+FAILURE_SAMPLES = 15
+FAILURE_RATE_HZ = FAILURE_SAMPLES / 0.315
 
 
-def parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(
-        description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+# Recordings.
+
+
+@dataclass(frozen=True)
+class BenchSet:
+    """Recordings of one shape, and how they are split."""
+
+    data: gid.Dataset
+    partitions: list[Partition]
+    how: str
+
+
+def read(folder: Path, options: argparse.Namespace) -> list[BenchSet]:
+    """Read a folder: one data set, or five where it holds the robot-failure sets."""
+    if failures := sorted(folder.glob("lp[1-5].data")):
+        return [folds(failure_set(file), options.seeds) for file in failures]
+    data = gid.load(folder).resample(options.rate_hz, max_gap_s=options.max_gap_s).align("shortest")
+    partitions, how = strictest_partitions(data)
+    return [BenchSet(data, partitions, how)]
+
+
+def failure_set(file: Path) -> gid.Dataset:
+    """Read a label line, then 15 rows of six integers; instances between blank lines."""
+    recordings = []
+    for block in file.read_text(encoding="ascii").strip().split("\n\n"):
+        label, *rows = block.strip().splitlines()
+        wrench = np.array([row.split() for row in rows], dtype=np.float64).reshape(FAILURE_SAMPLES, 6)
+        name = f"{file.stem}_{len(recordings) + 1:03d}"
+        recordings.append(gid.Recording(wrench, rate_hz=FAILURE_RATE_HZ, label=label.strip(), name=name))
+    return gid.Dataset(recordings)
+
+
+def folds(data: gid.Dataset, seeds: int) -> BenchSet:
+    partitions = [fold for seed in range(seeds) for fold in kfold_partitions(data.y, n_folds=5, seed=seed)]
+    return BenchSet(data, partitions, f"5 stratified folds, {seeds} draws")
+
+
+# Methods: features of recordings (n, T, C), and a classifier.
+
+
+class AxisScaler(TransformerMixin, BaseEstimator):
+    """Less the mean, over the standard deviation, of each axis over all training samples."""
+
+    def fit(self, X, y=None):  # noqa: ARG002 - scikit-learn passes y
+        self.mean_ = X.mean(axis=(0, 1))
+        spread = X.std(axis=(0, 1))
+        self.scale_ = np.where(spread > 0, spread, 1.0)
+        return self
+
+    def transform(self, X):
+        return (X - self.mean_) / self.scale_
+
+
+class AxesFirst(TransformerMixin, BaseEstimator):
+    """A peer's transformer behind `AxisScaler`, in the layout that aeon wants: (n, C, T)."""
+
+    def __init__(self, inner, dtype=np.float32, batch=None):
+        self.inner = inner
+        self.dtype = dtype
+        self.batch = batch
+
+    def fit(self, X, y=None):  # noqa: ARG002 - scikit-learn passes y
+        self.scaler_ = AxisScaler().fit(X)
+        self.inner.fit(self._ordered(X))
+        return self
+
+    def transform(self, X):
+        step = self.batch or len(X)
+        parts = [self.inner.transform(self._ordered(X[i : i + step])) for i in range(0, len(X), step)]
+        return np.concatenate([np.asarray(part) for part in parts])
+
+    def _ordered(self, X):
+        return np.ascontiguousarray(self.scaler_.transform(X).transpose(0, 2, 1), dtype=self.dtype)
+
+
+class SparseScaler(TransformerMixin, BaseEstimator):
+    """Scaling of Hydra's counts: square root, then mean and spread, with zeros left zero (Dempster et al. 2023)."""
+
+    def fit(self, X, y=None):  # noqa: ARG002 - scikit-learn passes y
+        roots = np.sqrt(np.maximum(X, 0.0))
+        self.mean_ = roots.mean(axis=0)
+        self.scale_ = roots.std(axis=0, ddof=1) + (roots == 0).mean(axis=0) ** 4 + 1e-8
+        return self
+
+    def transform(self, X):
+        roots = np.sqrt(np.maximum(X, 0.0))
+        return (roots - self.mean_) * (roots != 0) / self.scale_
+
+
+def aeon(module: str, name: str, **settings: Any) -> Any:
+    return getattr(import_module(f"aeon.transformations.collection.{module}"), name)(**settings)
+
+
+def rocket(name: str) -> Any:
+    features = AxesFirst(aeon("convolution_based", name, n_jobs=1, random_state=SEED))
+    return make_pipeline(features, StandardScaler(with_mean=False))
+
+
+def hydra() -> Any:
+    settings = {"n_jobs": 1, "random_state": SEED, "output_type": "numpy"}
+    features = aeon("convolution_based", "HydraTransformer", **settings)
+    return make_pipeline(AxesFirst(features, batch=BATCH), SparseScaler())
+
+
+def quant() -> Any:
+    import_module("torch").set_num_threads(1)
+    return AxesFirst(aeon("interval_based", "QUANTTransformer"), batch=BATCH)
+
+
+def catch22() -> Any:
+    settings = {"catch24": True, "outlier_norm": True, "replace_nans": True}
+    return AxesFirst(aeon("feature_based", "Catch22", n_jobs=1, **settings), dtype=np.float64)
+
+
+def ridge() -> Any:
+    return RidgeClassifierCV(alphas=np.logspace(-3, 3, 10))
+
+
+def trees(kind: type, **settings: Any) -> Any:
+    return kind(TREES, random_state=SEED, n_jobs=1, **settings)
+
+
+def samples(X: np.ndarray) -> np.ndarray:
+    return X.reshape(len(X), -1)
+
+
+def spectrum(X: np.ndarray) -> np.ndarray:
+    return samples(np.abs(np.fft.rfft(X, axis=1)))
+
+
+def svm(features: Callable[[np.ndarray], np.ndarray]) -> tuple[Any, Any]:
+    return make_pipeline(FunctionTransformer(features), StandardScaler()), SVC(kernel="linear")
+
+
+def space(name: str, rate_hz: float) -> tuple[Any, Any]:
+    # The paper's bins, +-1.5 N, are those of one sensor and one tool: here they are learned from training rows.
+    made = gid.feature_spaces(rate_hz=rate_hz, bin_range="auto", threads=1)[name]
+    return made.transformer, made.classifier or gid.ECOCClassifier()
+
+
+OURS = ("best", "multiband", "raw+hfmh")
+PEERS: dict[str, Callable[[], tuple[Any, Any]]] = {
+    "minirocket": lambda: (rocket("MiniRocket"), ridge()),
+    "multirocket": lambda: (rocket("MultiRocket"), ridge()),
+    "hydra": lambda: (hydra(), ridge()),
+    "multirocket+hydra": lambda: (make_union(hydra(), rocket("MultiRocket")), ridge()),
+    "quant": lambda: (quant(), trees(ExtraTreesClassifier, max_features=0.1, criterion="entropy")),
+    "catch22+rf": lambda: (catch22(), trees(RandomForestClassifier)),
+    "1nn": lambda: (
+        make_pipeline(AxisScaler(), FunctionTransformer(samples)),
+        KNeighborsClassifier(1, algorithm="brute"),
+    ),
+    "dft+svm": lambda: svm(spectrum),
+    "raw+svm": lambda: svm(samples),
+}
+
+
+# A run.
+
+
+def score(method: str, bench_set: BenchSet) -> Iterator[tuple[float, float]]:
+    """Yield accuracy, and seconds of the features of a tested recording, of each partition."""
+    data, make = bench_set.data, PEERS.get(method) or (lambda: space(method, bench_set.data.rate_hz))
+    groups = groups_of(data)
+    for number, partition in enumerate(bench_set.partitions):
+        features, classifier = make()
+        if number == 0:  # compilation and loading are no time of its own
+            features.fit_transform(data.X[partition.train], data.y[partition.train])
+        with threadpool_limits(1):
+            rows = features.fit_transform(data.X[partition.train], data.y[partition.train])
+            known = {}
+            if method in OURS:  # a classifier of ours may ask for blocks, sessions and order in time
+                tell_blocks(classifier, block_sizes(features))
+                known = groups.fit_arguments(classifier, partition.train)
+            classifier.fit(rows, data.y[partition.train], **known)
+            start = time.process_time()
+            tested = features.transform(data.X[partition.test])
+            seconds = (time.process_time() - start) / len(partition.test)
+            hits = classifier.predict(tested) == data.y[partition.test]
+        yield float(np.mean(hits)), seconds
+
+
+def run(folder: Path, methods: Sequence[str], options: argparse.Namespace) -> dict[str, Any]:
+    """Print a line for each method, beside the first; return the means that the page shows."""
+    sets = read(folder, options)
+    first = sets[0]
+    shape = " x ".join(map(str, first.data.X.shape[1:]))
+    how = f"{sum(len(s.data) for s in sets)} recordings of {shape}, {first.how}"
+    print(f"{folder.name}: {how}\n{'':<20}{'accuracy':>9}{'diff.':>8}{'p':>8}{'features, ms':>14}")
+    sizes = [np.mean([len(getattr(p, part)) for p in first.partitions]) for part in ("train", "test")]
+    found: dict[str, dict[str, float]] = {}
+    base = None
+    for method in methods:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                both = np.array([list(score(method, bench_set)) for bench_set in sets])
+        except ImportError as error:
+            print(f"{method:<20}left out: {error}")
+            continue
+        accuracies = both[..., 0].mean(axis=0)  # over the sets of a folder, partition by partition
+        seconds = float(np.median(both[..., 1], axis=1).mean())
+        base = accuracies if base is None else base
+        difference = accuracies - base
+        p = corrected_resampled_t(difference, *sizes).p_value  # Nadeau & Bengio 2003
+        shown = (f"{100 * accuracies.mean():9.1f}", f"{100 * difference.mean():+8.1f}", f"{p:8.3f}")
+        print(f"{method:<20}{''.join(shown)}{1e3 * seconds:14.3f}", flush=True)
+        found[method] = {"accuracy": float(accuracies.mean()), "features_s": seconds}
+    return {"data": how, "methods": found}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    p.add_argument("folders", nargs="+", type=Path, metavar="FOLDER", help="recordings, a data set each")
-    p.add_argument("--partitions", choices=SPLITS, default="auto", help="how to split (default auto)")
-    p.add_argument("--folds", type=_at_least(2), default=5, metavar="N", help="of kfold (default 5)")
-    p.add_argument(
-        "--seeds", type=_at_least(1), default=2, metavar="N", help="draws of the folds (default 2)"
-    )
-    p.add_argument(
-        "--draws", type=_at_least(1), default=10, metavar="N", help="random partitions (default 10)"
-    )
-    p.add_argument("--seed", type=_at_least(0), default=0, metavar="N", help="first seed (default 0)")
-    p.add_argument("--rate-hz", type=positive_number, metavar="HZ", help="resample to this rate")
-    p.add_argument(
-        "--recorded-hz", type=positive_number, metavar="HZ", help="rate of files that have no clock"
-    )
-    p.add_argument("--max-gap-s", type=positive_number, metavar="S", help="longest gap to resample over")
-    p.add_argument(
-        "--window-s", type=positive_number, metavar="S", help="cut recordings into windows of this length"
-    )
-    p.add_argument(
-        "--only", metavar="NAMES", help="methods separated by commas; ours, peers, ablation: all of a kind"
-    )
-    p.add_argument(
-        "--reference", metavar="NAME", help="compare with this method (default: the first that ran)"
-    )
-    p.add_argument("--out", type=Path, metavar="FILE", help="write JSON, after every finished row")
-    return p
-
-
-def _at_least(least: int) -> Any:
-    def number(text: str) -> int:
-        value = int(text)
-        if value < least:
-            raise argparse.ArgumentTypeError(f"must be at least {least}, got {value}")
-        return value
-
-    return number
-
-
-def positive_number(text: str) -> float:
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"must be positive, got {text}")
-    return value
-
-
-class Report:
-    """Finished rows, and where they go."""
-
-    def __init__(self, out: Path | None, reference: str | None, about: dict[str, Any]) -> None:
-        self.rows: list[Row] = []
-        self._out, self._reference, self._about = out, reference, about
-
-    def add(self, row: Row) -> None:
-        self.rows.append(row)
-        self.write(finished=False)
-
-    def tables(self) -> list[tuple[str, list[Row]]]:
-        """Rows by data set, then averages over the sets of a folder that has several."""
-        found = [(s, [row for row in self.rows if row.data_set == s]) for s in _unique(self.rows, "data_set")]
-        for group in _unique(self.rows, "group"):
-            sets = _unique([row for row in self.rows if row.group == group], "data_set")
-            if len(sets) > 1 and (means := averaged(self.rows, sets, group)):
-                found.append((means[0].data_set, means))
-        return found
-
-    def print(self) -> None:
-        for title, rows in self.tables():
-            about = self._about["data_sets"].get(title)
-            print(
-                table(title if about is None else f"{title}: {about['words']}", rows, self._reference), "\n"
-            )
-        print(
-            f"*: ours. Processor time on {THREADS} thread, median over partitions; fit per training recording,\n"
-            "features and predict per tested one. p: corrected resampled t-test, then Holm over the methods compared."
-        )
-
-    def write(self, *, finished: bool) -> None:
-        """Write everything known so far: the file is whole at any moment."""
-        if self._out is None:
-            return
-        comparisons = {title: as_json(compare(rows, self._reference)) for title, rows in self.tables()}
-        rows = [asdict(row) for row in self.rows]
-        write_json(self._out, {**self._about, "finished": finished, "comparisons": comparisons, "rows": rows})
-
-
-def _unique(rows: Sequence[Row], name: str) -> list[str]:
-    return list(dict.fromkeys(getattr(row, name) for row in rows))
-
-
-def plan(options: argparse.Namespace) -> list[tuple[BenchSet, list[Partition], str]]:
-    """Read and split everything: what is wrong with the last folder is told before the first method runs."""
-    asked = Preparation(options.rate_hz, options.recorded_hz, options.max_gap_s, options.window_s)
-    planned = []
-    for folder in options.folders:
-        _say(f"reading {folder}")
-        if not folder.is_dir():
-            raise FolderError(f"{folder}: {'is no folder' if folder.exists() else 'no such folder'}")
-        for bench_set in read_folder(folder, asked):
-            if any(bench_set.name == other.name for other, *_ in planned):
-                raise FolderError(
-                    f"{folder}: a second data set called {bench_set.name}: rename one of the folders"
-                )
-            counts = {"n_folds": options.folds, "seeds": options.seeds, "draws": options.draws}
-            try:
-                partitions, how = split(bench_set, options.partitions, **counts, seed=options.seed)
-            except ValueError as error:
-                raise FolderError(f"{folder}: {error}") from error
-            X = bench_set.data.X
-            shape = f"{len(X)} recordings of {X.shape[1]} x {X.shape[2]} at {bench_set.data.rate_hz:g} Hz"
-            synthetic = ("SYNTHETIC",) if bench_set.data.is_synthetic else ()
-            classes = f"{len(bench_set.data.labels)} classes"
-            planned.append(
-                (bench_set, partitions, "; ".join((*synthetic, shape, classes, *bench_set.notes, how)))
-            )
-    return planned
-
-
-def about(
-    planned: Sequence[tuple[BenchSet, list[Partition], str]], options: argparse.Namespace
-) -> dict[str, Any]:
-    return {
-        "settings": {
-            k: [str(f) for f in v] if k == "folders" else v for k, v in vars(options).items() if k != "out"
-        },
-        "threads": THREADS,
-        **machine(PACKAGES),
-        "data_sets": {s.name: {"words": words, "partitions": len(p)} for s, p, words in planned},
-    }
-
-
-def run(
-    planned: Sequence[tuple[BenchSet, list[Partition], str]],
-    methods: Sequence[Method],
-    report: Report,
-    seed: int,
-):
-    total, done = len(planned) * len(methods), 0
-    for bench_set, partitions, _ in planned:
-        for method in methods:
-            done += 1
-            where = f"[{done}/{total}] {bench_set.name}, {method.name}"
-
-            def tick(number: int, where: str = where, count: int = len(partitions)) -> None:
-                if sys.stderr.isatty():
-                    print(
-                        f"\r\033[K{where}: partition {number + 1} of {count}",
-                        end="",
-                        file=sys.stderr,
-                        flush=True,
-                    )
-
-            start = time.perf_counter()
-            row = run_method(method, bench_set, partitions, seed, tick)
-            spent = time.perf_counter() - start
-            what = f"{100 * row.mean:.1f} %" if row.status == "ok" else f"{row.status}: {row.why}"
-            _say(f"{where}: {what} ({spent:.1f} s)")
-            report.add(row)
-
-
-def _say(line: str) -> None:
-    start = "\r\033[K" if sys.stderr.isatty() else ""
-    print(f"{start}{line}", file=sys.stderr, flush=True)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    options = parser().parse_args(arguments)
-    try:
-        methods = chosen_methods(options.only, options.reference)
-        if options.out is not None:
-            check_target(options.out)
-        planned = plan(options)
-    except (ValueError, OSError) as error:
-        print(f"accuracy.py: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    report = Report(options.out, options.reference, about(planned, options))
-    try:
-        run(planned, methods, report, options.seed)
-    except KeyboardInterrupt:
-        kept = f" and kept in {options.out}" if options.out is not None and report.rows else ""
-        _say(f"interrupted: {len(report.rows)} finished rows are printed{kept}")
-        report.print()
-        return INTERRUPTED
-    report.write(finished=True)
-    report.print()
-    return int(any(row.status == "failed" for row in report.rows))
+    known = (*OURS, *PEERS)
+    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER", help="recordings, a data set each")
+    parser.add_argument("--only", default=",".join(known), metavar="NAMES", help="of %(default)s")
+    parser.add_argument("--seeds", type=int, default=4, metavar="N", help="draws of the folds (default 4)")
+    parser.add_argument("--rate-hz", type=float, default=100.0, metavar="HZ", help="default 100")
+    parser.add_argument("--max-gap-s", type=float, default=1.0, metavar="S", help="gaps to fill (default 1)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write JSON")
+    options = parser.parse_args()
+    methods = options.only.split(",")
+    if unknown := set(methods).difference(known):
+        sys.exit(f"--only got {', '.join(sorted(unknown))}; wanted names of {', '.join(known)}")
+    made = about(PACKAGES)
+    folders = {folder.resolve().name: run(folder, methods, options) for folder in options.folders}
+    if options.out:
+        write_json(options.out, {"made": made, "seeds": options.seeds, "folders": folders})
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

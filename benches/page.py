@@ -14,7 +14,6 @@ Json = dict[str, Any]
 BENCHES = Path(__file__).resolve().parent
 PAGE, README = BENCHES.parent / "docs/benchmarks.md", BENCHES.parent / "README.md"
 UNITS = {"baseline": "baseline", "avx2": "AVX2", "avx512": "AVX-512"}  # from narrow to wide
-SLIDING, FAILURES = "sliding_wrench", "robot_failures, mean of 5 sets"
 NAMES = {
     "best": "best",
     "multiband": "multiband",
@@ -118,23 +117,15 @@ def ecoc(results: Json) -> str:
     return table(("fit and predict", "noise, s", "slow drift, s"), lines)
 
 
-def formats(results: Json) -> str:
-    lines = []
-    for name, seconds in results["formats"]["seconds"].items():
-        ours = seconds["load"]
-        beside = ", ".join(f"{peer} {digits(ours / s, 2)}x" for peer, s in seconds.items() if peer != "load")
-        lines.append((name, digits(1e3 * ours), beside))
-    return table(("format", "`load`, ms", "times as long as"), lines)
-
-
 def accuracies(accuracy: Json, chosen: Iterable[str]) -> str:
     """Methods from the most accurate on the sliding recordings on."""
-    found = accuracy["comparisons"]
-    sliding, failures = ({row["method"]: row for row in found[name]} for name in (SLIDING, FAILURES))
+    sliding, failures = (
+        accuracy["folders"][name]["methods"] for name in ("sliding_wrench", "robot_failures")
+    )
     lines = []
-    for method in sorted(chosen, key=lambda method: -sliding[method]["mean"]):
+    for method in sorted(chosen, key=lambda method: -sliding[method]["accuracy"]):
         shown = f"**{NAMES[method]}**" if method in OURS else NAMES[method]
-        percent = [f"{100 * rows[method]['mean']:.1f}" for rows in (sliding, failures)]
+        percent = [f"{100 * rows[method]['accuracy']:.1f}" for rows in (sliding, failures)]
         lines.append((shown, *percent, digits(1e3 * sliding[method]["features_s"], 2)))
     return table(("", "sliding, %", "robot failures, %", "sliding: features, ms"), lines)
 
@@ -168,7 +159,6 @@ def speed(results: Json) -> str:
 
 def page(results: Json, accuracy: Json, counts: Json) -> str:
     (unit, us), pushed = widest(results), results["decision"]["microseconds per row pushed"]
-    n, few = results["formats"]["recordings"]
     return Template((BENCHES / "page.md").read_text(encoding="utf-8")).substitute(
         made="\n".join(f"- {line}" for line in origin(results["made"])),
         unit=unit,
@@ -182,11 +172,8 @@ def page(results: Json, accuracy: Json, counts: Json) -> str:
         decision=decision(results),
         ecoc=ecoc(results),
         memory=digits(results["ecoc"]["walk"]["megabytes"]["ECOCClassifier, resident"], 2),
-        n=n,
-        few=few,
-        formats=formats(results),
-        accuracy_made="; ".join(origin(accuracy)),
-        draws=accuracy["settings"]["seeds"],
+        accuracy_made="; ".join(origin(accuracy["made"])),
+        draws=accuracy["seeds"],
         accuracies=accuracies(accuracy, NAMES),
     )
 

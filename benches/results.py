@@ -1,12 +1,7 @@
-"""Runs the benchmarks and stores their figures, with machine, commit and versions: `make benchmarks`.
-
-``python benches/results.py`` writes results.json; ``--accuracy FILE`` runs nothing: it keeps in accuracy.json what a
-finished run of accuracy.py wrote there. page.py makes the page of both.
-"""
+"""Runs the benchmarks and stores their figures, machine, commit and versions in results.json: `make benchmarks`."""
 
 from __future__ import annotations
 
-import argparse
 import datetime
 import json
 import os
@@ -29,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 WRITTEN = ("benches/results.json", "benches/accuracy.json", "docs/benchmarks.md", "README.md")
 """By the benchmarks themselves: a checkout with nothing else changed is that of its commit."""
 
-PACKAGES = ("numpy", "scipy", "numba", "scikit-learn", "pandas", "h5py", "pyarrow", "rosbags", "mcap")
+PACKAGES = ("numpy", "scipy", "numba", "scikit-learn")
 UNITS = ("baseline", "avx2", "avx512")
 RUNS = 3
 QUIET = 0.5  # load per core at most
@@ -94,7 +89,7 @@ def measure() -> dict[str, Any]:
         results["features"][unit] = {name: median(run[name] for run in made) for name in made[0]}
     # Rivals are faster with BLAS on one thread, and at real-time priority its threads wait for each other.
     told = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    return results | {name: figures(name, told) for name in ("decision", "ecoc", "formats")}
+    return results | {name: figures(name, told) for name in ("decision", "ecoc")}
 
 
 def wait_for_quiet(minutes: int = 10) -> None:
@@ -129,27 +124,5 @@ def figures(script: str, environment: Mapping[str, str]) -> dict[str, Any]:
         return json.loads(out.read_text(encoding="utf-8"))
 
 
-def accuracy(run: dict[str, Any]) -> dict[str, Any]:
-    """Return what is kept of a run of accuracy.py: no single partition, and of folders their names."""
-    if not run["finished"]:
-        sys.exit("The run of accuracy.py was not finished.")
-    folders = [Path(folder).name for folder in run["settings"]["folders"]]
-    kept = {name: value for name, value in run.items() if name != "rows"}
-    return kept | {"settings": run["settings"] | {"folders": folders}}
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--accuracy", type=Path, metavar="FILE", help="keep this run of accuracy.py")
-    options = parser.parse_args()
-    if options.accuracy:
-        run = json.loads(options.accuracy.read_text(encoding="utf-8"))
-        write_json(ROOT / "benches/accuracy.json", accuracy(run))
-    else:
-        write_json(ROOT / "benches/results.json", measure())
-
-
 if __name__ == "__main__":
-    main()
+    write_json(ROOT / "benches/results.json", measure())

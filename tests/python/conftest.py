@@ -20,8 +20,8 @@ def data_dir() -> Path:
     missing = [name for name in REAL if not folder or not Path(folder, name).is_dir()]
     if missing:
         pytest.skip(
-            f"no real recordings ({', '.join(missing)}): docs/guide/features.md and sand.md say where they come from, "
-            "GRANULAR_ID_DATA where they are"
+            f"no real recordings ({', '.join(missing)}): docs/guide/features.md and CONTRIBUTING.md say where they "
+            "come from, GRANULAR_ID_DATA where they are"
         )
     return Path(folder)
 

@@ -23,13 +23,6 @@ def test_examples_of_the_docstrings(name):
     assert doctest.testmod(importlib.import_module(name)).failed == 0
 
 
-def test_there_are_examples():
-    found = [
-        example for name in MODULES for example in doctest.DocTestFinder().find(importlib.import_module(name))
-    ]
-    assert sum(bool(example.examples) for example in found) > 100
-
-
 def test_the_first_lines_name_a_push(capsys):
     runpy.run_path(str(EXAMPLES / "first_lines.py"))
     assert capsys.readouterr().out.splitlines()[-1] == "a push through rice is named rice"

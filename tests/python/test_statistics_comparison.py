@@ -1,11 +1,8 @@
 """Every pair of methods on the same partitions, and how often each test is wrong."""
 
-import importlib.util
 import json
 import math
-import sys
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -117,33 +114,3 @@ def test_what_cannot_be_compared_is_refused():
             comparison.pair(*names)
     with pytest.raises(ValueError, match=r"of must be one of .*, got 'none'"):
         comparison.table("none")
-
-
-@pytest.fixture(scope="module")
-def false_positives():
-    path = Path(__file__).resolve().parents[2] / "benches" / "false_positives.py"
-    spec = importlib.util.spec_from_file_location("false_positives", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
-
-
-def test_equally_good_methods_differ_for_mann_whitney_but_not_for_the_corrected_test(false_positives):
-    """1,000 data sets give 38 % and 4 %: of 100 at least 25 and at most 9 (both beyond chance to miss)."""
-    counts = false_positives.simulate(100, n_features=20)
-    assert counts.mann_whitney >= 25
-    assert counts.corrected <= 9
-    assert 0.85 < counts.accuracy < 0.97
-
-
-def test_the_simulations_classifier_is_the_nearest_mean(false_positives):
-    from sklearn.neighbors import NearestCentroid
-
-    rng = np.random.default_rng(0)
-    y = np.repeat(np.arange(11), 8)
-    X = rng.normal(size=(88, 5)) + np.eye(11, 5)[y]
-    partitions = false_positives.paper_partitions(y, n_partitions=3, train_per_class=5, test_per_class=3)
-    want = [NearestCentroid().fit(X[p.train], y[p.train]).score(X[p.test], y[p.test]) for p in partitions]
-    assert false_positives.accuracies(X, y, partitions).tolist() == want

@@ -27,9 +27,7 @@ class Target:
     """A place for recordings, where there is nothing yet and which can be written."""
 
     output: Path = typer.Argument(metavar="OUTPUT", help="File or folder to write.")
-    to: str | None = option(
-        OUTPUT, "csv, npz, hdf5, parquet, mcap or lerobot. Default: told by the ending of OUTPUT."
-    )
+    to: str | None = option(OUTPUT, "csv, npz or parquet. Default: told by the ending of OUTPUT.")
 
     def __post_init__(self) -> None:
         from granular_id.io.saving import check_save
@@ -207,11 +205,11 @@ def convert(
     *,
     verify: bool = option(OUTPUT, "Read back what was written and compare.", default=True),
 ) -> None:
-    """Convert recordings into CSV, NPZ, HDF5, Parquet, MCAP or LeRobot.
+    """Convert recordings into CSV, NPZ or Parquet.
 
-    It reads CSV, NumPy, MATLAB, HDF5, Parquet, ROS bags, MCAP, LeRobot and GM10-ts. Samples, stamps, flags, labels,
-    sessions and history are kept to the last bit, unless an option asks for a step; what was written is read
-    back and compared. Nothing is overwritten.
+    It reads CSV, NumPy, MATLAB, HDF5, Parquet, ROS bags and MCAP. Samples, stamps, flags, labels, sessions and history
+    are kept to the last bit, unless an option asks for a step; what was written is read back and compared. Nothing is
+    overwritten.
 
     Recordings of another set-up come into that of a training: the weight of a tool is taken off, and the wrench is
     given in another frame. The rest before the motion is taken off by `granular-id setup tare`, after that.
@@ -220,7 +218,7 @@ def convert(
 
     `granular-id data convert pushes.mat pushes.npz --recorded-hz 500`
     `granular-id data convert recordings archive --to parquet`
-    `granular-id data convert bags pushes.h5 --rate-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
+    `granular-id data convert bags pushes.npz --rate-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
     `granular-id data convert today turned.npz --compensate tool.json --gravity 0,0,1 --rotate 0,0,90 --frame flange`
     """
     from granular_id.io import load

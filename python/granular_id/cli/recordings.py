@@ -78,11 +78,6 @@ class ReadingOptions:
         PANEL, "What was recorded in one go: file, folder, or a column. Default: as the files say."
     )
     max_file_mb: float | None = option(PANEL, "Largest file to read. Default: 24 of text, 2048 of binary.")
-    isolate: bool = option(
-        PANEL,
-        "Read files from strangers in a child process, which takes a crash or hang upon itself.",
-        default=False,
-    )
 
     def __post_init__(self) -> None:
         positive("--recorded-hz", self.recorded_hz)
@@ -114,7 +109,6 @@ class ReadingOptions:
             "axes": self.axes or axes,
             "units": self.units,
             "session": self.session,
-            "isolate": self.isolate,
             "max_file_bytes": None if self.max_file_mb is None else math.ceil(self.max_file_mb * 2**20),
         }
 

@@ -264,7 +264,7 @@ def tare(
         REST, "Seconds of rest before it that are averaged. Default: all there is, 0.1 to 2 s."
     ),
     output: Path = option(OUTPUT, "File or folder to write.", "--output", "-o", default=...),
-    to: str | None = option(OUTPUT, "csv, npz, hdf5, parquet, mcap or lerobot. Default: told by the ending."),
+    to: str | None = option(OUTPUT, "csv, npz or parquet. Default: told by the ending."),
 ) -> None:
     """Take the rest before the motion for zero: its mean is taken off each recording, which is written anew.
 

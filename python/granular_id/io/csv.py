@@ -8,6 +8,8 @@ axes (``wx [rad/s]``) are kept as they stand. Other columns are not read, and a 
 
 from __future__ import annotations
 
+import csv
+import json
 import os
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -17,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import thaw
 from granular_id._core import write_number_table
 from granular_id._progress import ProgressCallback
 from granular_id.io.columns import (
@@ -37,7 +40,15 @@ from granular_id.io.columns import (
 )
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.files import read_text_bounded
-from granular_id.io.folder_save import checked_dataset, indexed_folder
+from granular_id.io.folder_save import (
+    INDEX_COLUMNS,
+    INDEX_NAME,
+    IRREGULAR,
+    checked_dataset,
+    new_folder,
+    safe_name,
+    write_history,
+)
 from granular_id.io.long_table import Coded, LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.numbers import (
     Header,
@@ -61,12 +72,11 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     names = header.names
     axes = options.axes or AXES
     try:
-        columns = csv_columns(
-            names, path, label=options.label, session=source.session_column(options), axes=options.axes
+        columns = columns_of(
+            names, label=options.label, session=source.session_column(options), axes=options.axes
         )
-    except RecordingFileError as error:
-        others = getattr(error.__cause__, "others", ())
-        raise _with_way_out(error, others, data, header) from error
+    except ColumnError as error:
+        raise _refused(error, data, header, path, options) from error
     called = {meaning: names[i] for meaning, i in columns.items()}
     stated = Stated.of(called, path, options)
     notes = list(stated.notes)
@@ -109,30 +119,23 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     return FileContent(recordings, remarked, notes + _renamed(called, stated), obeyed=("axes", "session"))
 
 
-def csv_columns(names: Sequence[str], path: Path, **options: Any) -> dict[str, int]:
-    """Find what is read among the names in line 1, as `columns_of` does."""
-    try:
-        return columns_of(names, **options)
-    except ColumnError as error:
-        column = None if error.index is None else str(error.index + 1)
-        known = options.get("axes") or set(AXES) & {split_unit(name)[0] for name in names}
-        no_names = "" if known else "; line 1 names the columns"
-        raise RecordingFileError(path, error.problem + no_names, line=1, column=column) from error
-
-
-def _with_way_out(
-    error: RecordingFileError, others: Sequence[int], data: bytes, header: Header
+def _refused(
+    error: ColumnError, data: bytes, header: Header, path: Path, options: LoadOptions
 ) -> RecordingFileError:
-    """Name in an error the columns of numbers, which may be the axes of another sensor."""
+    """Return the error about line 1; it names columns of numbers, which may be the axes of another sensor."""
     line = data[header.end : data.find(b"\n", header.end) % (len(data) + 1)].decode("utf-8", "replace")
     cells = line.split(header.separator)
-    names = [header.names[i] for i in others if i < len(cells) and plain_number(cells[i].strip()) is not None]
+    others = [i for i in error.others if i < len(cells) and plain_number(cells[i].strip()) is not None]
+    names = [header.names[i] for i in others]
+    of_a_wrench = set(AXES) & {split_unit(name)[0] for name in header.names}
     if not names or not all(names) or any(plain_number(name) is not None for name in names):
-        return error  # without names of columns
+        no_names = "" if options.axes or of_a_wrench else "; line 1 names the columns"
+        column = None if error.index is None else str(error.index + 1)
+        return RecordingFileError(path, error.problem + no_names, line=1, column=column)
     problem = error.problem
-    if not set(AXES) & {split_unit(name)[0] for name in header.names}:
+    if not of_a_wrench:
         problem = f"names none of {', '.join(AXES)} (also force_x, wrench.force.x, 'Fx [N]'; mx, torque_x, moment_x)"
-    return RecordingFileError(error.path, f"{problem}; {axes_shown(names)}", line=1)
+    return RecordingFileError(path, f"{problem}; {axes_shown(names)}", line=1)
 
 
 def _picked(
@@ -238,7 +241,36 @@ def save_csv(
     ...     load(save_csv(data, folder + "/oats")) == data
     True
     """
-    return indexed_folder(checked_dataset(dataset), folder, ".csv", _write, progress)
+    usual = all(recording.axes == AXES for recording in checked_dataset(dataset))
+    digits = len(str(len(dataset)))
+    with new_folder(folder) as partial:
+        with (partial / INDEX_NAME).open("w", encoding="utf-8", newline="") as file:
+            index = csv.writer(file, lineterminator="\n")
+            index.writerow(INDEX_COLUMNS[: -1 if usual else None])
+            for number, recording in enumerate(dataset, start=1):
+                part = safe_name(recording.label)
+                (partial / part).mkdir(exist_ok=True)
+                name = f"{part}/{part}_{number:0{digits}d}.csv"
+                _write(recording, partial / name)
+                row = _index_row(name, recording)
+                index.writerow(row if usual else [*row, json.dumps(recording.axes, ensure_ascii=False)])
+                if progress is not None:
+                    progress(number, len(dataset), name)
+        write_history(dataset, partial)
+    return Path(folder)
+
+
+def _index_row(file: str, recording: Recording) -> list[str]:
+    return [
+        file,
+        recording.label or "",
+        recording.session or "",
+        "" if recording.start_time is None else repr(recording.start_time),
+        IRREGULAR if recording.rate_hz is None else repr(recording.rate_hz),
+        "" if recording.trigger_index is None else str(recording.trigger_index),
+        recording.name,
+        json.dumps(thaw(recording.meta)) if recording.meta else "",
+    ]
 
 
 def _heads(recording: Recording) -> Sequence[str]:

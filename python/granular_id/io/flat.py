@@ -1,4 +1,4 @@
-"""A data set as a few flat arrays, and back: what NPZ, HDF5 and Parquet files hold.
+"""A data set as a few flat arrays, and back: what NPZ and Parquet files hold.
 
 The samples of all recordings stand one after the other in one array; everything else is one value per recording.
 Reading checks whole columns at once, so that it costs little more than reading the bytes.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
 from pathlib import Path
@@ -19,17 +19,10 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, all_finite, as_floats, checked_text, freeze, thaw
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.files import Expansion, check_parts
+from granular_id.io.files import check_parts
 from granular_id.io.folder_save import checked_dataset, history_json
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import KNOWN_FLAGS, Dataset, Recording, StepReport, checked_axes, shared_base
-
-_RECORDING_BYTES = 1024
-"""What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""
-
-FORMAT, VERSION = "granular_id recordings", 1
-MARK = f"{FORMAT} {VERSION}"
-"""What files of flat columns call themselves."""
 
 NUMBERS = ("n_samples", "rate_hz", "start_time", "trigger_index")
 TEXTS = ("label", "session", "name")
@@ -37,8 +30,6 @@ OPTIONAL = ("time_s", "flags")
 """Columns beside ``wrench``: numbers and texts per recording; what stands per sample only where it is needed."""
 
 SAMPLES = ("wrench", *OPTIONAL)
-WHOLE_TEXTS = ("meta", "history")
-_REQUIRED = ("wrench", "axes", *NUMBERS, *TEXTS, *WHOLE_TEXTS)
 
 
 @dataclass(frozen=True)
@@ -136,56 +127,6 @@ class Leaf:
         if self._kept is None:
             self._kept = self.values()
         return self._kept
-
-
-def check_mark(mark: str, expansion: Expansion) -> None:
-    """Refuse what a later version of this package may have written."""
-    if mark != MARK:
-        problem = f"is of the format {mark!r:.80}; this version of granular-id reads {MARK!r}"
-        raise RecordingFileError(expansion.path, problem)
-
-
-def read_own(
-    found: Mapping[str, Leaf], others: Sequence[str], expansion: Expansion, source: FileSource
-) -> FileContent:
-    """Read a file of flat columns, which `save_npz` and `save_hdf5` write under the same names.
-
-    `others` are the names of what it holds besides.
-    """
-    missing = next((name for name in _REQUIRED if name not in found), None)
-    if missing is not None:
-        raise expansion.fault(missing, f"is missing; wanted all of {MARK!r}")
-    columns = {name: found[name].read() for name in NUMBERS}
-    expansion.spend(columns["n_samples"].size * _RECORDING_BYTES, "n_samples")
-    texts = {name: texts_of(found[name], expansion) for name in ("axes", *TEXTS)}
-    meta, history = ("\n".join(texts_of(found[name], expansion, as_bytes=True)) for name in WHOLE_TEXTS)
-    flat = FlatRecordings(
-        axes=tuple(texts["axes"]),
-        label=[text or None for text in texts["label"]],
-        session=[text or None for text in texts["session"]],
-        name=texts["name"],
-        meta_json=[None if line == "{}" else line for line in meta.split("\n")],
-        history_json=history,
-        **columns,
-        **{name: found[name].read() for name in SAMPLES if name in found},
-    )
-    content = unflatten(flat, source.path, source)
-    if others:
-        listed = ", ".join(others)[:200]
-        content.notes.append(f"members that are no part of the format were not read: {listed}")
-    return content
-
-
-def texts_of(column: Leaf, expansion: Expansion, *, as_bytes: bool = False) -> list[str]:
-    """Return the texts of a column; with `as_bytes` it may also hold the bytes of one text."""
-    array = column.read()
-    if as_bytes and array.dtype == np.uint8:
-        array = np.array([array.tobytes()])
-    words = plain_texts(array.reshape(-1)) if array.dtype.kind in "SU" and array.ndim < 2 else None
-    if words is None:
-        problem = f"has shape {array.shape} and type {array.dtype}; wanted texts in UTF-8"
-        raise expansion.fault(column.place, problem)
-    return words
 
 
 def plain_texts(array: NDArray[Any]) -> list[str] | None:

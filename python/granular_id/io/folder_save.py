@@ -1,23 +1,20 @@
-"""Folders that are either whole or absent, and the layout that formats with a file per recording share."""
+"""Folders that are either whole or absent, and names of what lies in them."""
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import re
 import secrets
 import shutil
 import unicodedata
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import dropwhile
 from pathlib import Path
 
-from granular_id._checks import thaw
 from granular_id._files import cannot_write
-from granular_id._progress import ProgressCallback
-from granular_id.recording import AXES, Dataset, Recording
+from granular_id.recording import Dataset
 
 INDEX_NAME = "index.csv"
 INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta", "axes")
@@ -84,49 +81,6 @@ def new_folder(folder: str | os.PathLike[str]) -> Iterator[Path]:
         raise
 
 
-def indexed_folder(
-    dataset: Dataset,
-    folder: str | os.PathLike[str],
-    suffix: str,
-    write: Callable[[Recording, Path], None],
-    progress: ProgressCallback | None = None,
-) -> Path:
-    """Write a file per recording into ``label/``, with an ``index.csv`` and the history beside them.
-
-    File names are made from the labels (`safe_name`); the labels themselves stand in the index.
-    """
-    digits = len(str(len(dataset)))
-    with new_folder(folder) as partial:
-        with (partial / INDEX_NAME).open("w", encoding="utf-8", newline="") as file:
-            index = csv.writer(file, lineterminator="\n")
-            usual = all(recording.axes == AXES for recording in dataset)
-            index.writerow(INDEX_COLUMNS[: -1 if usual else None])
-            for number, recording in enumerate(dataset, start=1):
-                part = safe_name(recording.label)
-                (partial / part).mkdir(exist_ok=True)
-                name = f"{part}/{part}_{number:0{digits}d}{suffix}"
-                write(recording, partial / name)
-                row = _index_row(name, recording)
-                index.writerow(row if usual else [*row, json.dumps(recording.axes, ensure_ascii=False)])
-                if progress is not None:
-                    progress(number, len(dataset), name)
-        write_history(dataset, partial)
-    return Path(folder)
-
-
-def _index_row(file: str, recording: Recording) -> list[str]:
-    return [
-        file,
-        recording.label or "",
-        recording.session or "",
-        "" if recording.start_time is None else repr(recording.start_time),
-        IRREGULAR if recording.rate_hz is None else repr(recording.rate_hz),
-        "" if recording.trigger_index is None else str(recording.trigger_index),
-        recording.name,
-        json.dumps(thaw(recording.meta)) if recording.meta else "",
-    ]
-
-
 def safe_name(label: str | None) -> str:
     """Make a file name of a label that no system takes for anything else; it need not be unique.
 
@@ -143,13 +97,3 @@ def safe_name(label: str | None) -> str:
 
 def _is_safe(character: str) -> bool:
     return character in _EDGES or unicodedata.category(character)[0] in "LMN"
-
-
-def refuse_other_axes(dataset: Dataset, what: str) -> None:
-    """Raise where a recording has other axes than the six of a wrench, which is all that a format can hold."""
-    other = next((recording for recording in dataset if recording.axes != AXES), None)
-    if other is not None:
-        raise ValueError(
-            f"recording {other.name!r} has the axes {' '.join(other.axes)}; {what} holds {' '.join(AXES)} only, "
-            "and csv, npz, hdf5 and parquet any axes"
-        )

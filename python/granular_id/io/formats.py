@@ -11,18 +11,13 @@ from granular_id._checks import argument_error
 from granular_id.io.csv import read_csv, save_csv
 from granular_id.io.errors import RecordingFileError, naming
 from granular_id.io.files import check_place
-from granular_id.io.gm10 import is_gm10, read_gm10
-from granular_id.io.hdf5 import read_hdf5, save_hdf5
-from granular_id.io.lerobot.reading import is_lerobot, read_lerobot
-from granular_id.io.lerobot.writing import save_lerobot
+from granular_id.io.hdf5 import read_hdf5
 from granular_id.io.matlab import read_mat
 from granular_id.io.npz import read_npy, read_npz, save_npz
 from granular_id.io.options import LoadOptions
 from granular_id.io.parquet.layout import is_parquet_archive
 from granular_id.io.parquet.table import parquet_parts, read_parquet
 from granular_id.io.parquet.writing import save_parquet
-from granular_id.io.ros.echo import is_echo, read_echo
-from granular_id.io.ros.mcap import save_mcap
 from granular_id.io.ros.read import is_bag_folder, read_ros
 from granular_id.io.source import FileContent, FileSource, obeying
 
@@ -45,27 +40,19 @@ class FileFormat:
     )
 
 
-def _read_csv(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read a CSV file as what its first line shows it to be (compressed: an ordinary table)."""
-    read = read_echo if is_echo(source.path) else read_gm10 if is_gm10(source.path) else read_csv
-    if options.label is not None and read is not read_csv:
-        raise RecordingFileError(source.path, f"label={options.label!r} is no column of it")
-    return read(source, options)
-
-
 FORMATS = (
     FileFormat(
         "csv",
         "CSV (*.csv, *.tsv, *.csv.gz, *.tsv.gz)",
         (".csv", ".tsv", ".csv.gz", ".tsv.gz"),
-        _read_csv,
+        read_csv,
         save_csv,
         saves_folder=True,
     ),
     FileFormat("npz", "NumPy archives (*.npz)", (".npz",), read_npz, save_npz),
     FileFormat("npy", "NumPy arrays (*.npy)", (".npy",), read_npy),
     FileFormat("mat", "MATLAB (*.mat)", (".mat",), read_mat),
-    FileFormat("hdf5", "HDF5 (*.h5, *.hdf5)", (".h5", ".hdf5"), read_hdf5, save_hdf5),
+    FileFormat("hdf5", "HDF5 (*.h5, *.hdf5)", (".h5", ".hdf5"), read_hdf5),
     FileFormat(
         "parquet",
         "Parquet (archives, tables *.parquet)",
@@ -76,22 +63,12 @@ FORMATS = (
         is_folder=is_parquet_archive,
         parts=parquet_parts,
     ),
-    FileFormat("mcap", "MCAP (*.mcap)", (".mcap",), read_ros, save_mcap),
     FileFormat(
         "ros",
-        "ROS bags (*.bag, *.db3, folders with metadata.yaml)",
-        (".bag", ".db3"),
+        "ROS bags and MCAP (*.bag, *.db3, *.mcap, folders with metadata.yaml)",
+        (".bag", ".db3", ".mcap"),
         read_ros,
         is_folder=is_bag_folder,
-    ),
-    FileFormat(
-        "lerobot",
-        "LeRobot data sets (folders with meta/info.json)",
-        (),
-        read_lerobot,
-        save_lerobot,
-        saves_folder=True,
-        is_folder=is_lerobot,
     ),
 )
 """All formats, asked in this order."""
@@ -157,8 +134,8 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
         raise argument_error(ValueError, "format", f"={name!r}; wanted one of {writable}")
     if chosen is None:
         raise ValueError(
-            f"{os.fspath(path)} does not say which format is wanted; give format= one of {writable}, or an "
-            "ending like .npz"
+            f"{os.fspath(path)} does not say which format is wanted; give format= one of {writable}, or "
+            "the ending .npz"
         )
     if name is None and chosen.saves_folder:
         raise ValueError(

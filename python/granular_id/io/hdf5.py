@@ -1,43 +1,24 @@
-"""HDF5: a data set that ``save_hdf5`` wrote, or a file of arrays that somebody else wrote."""
+"""HDF5: files of groups and arrays that other programs wrote."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._files import new_file
-from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays.layouts import recordings_of
 from granular_id.io.arrays.names import ROLES, role_of
 from granular_id.io.arrays.stated import orders_axes, what_has_unit
 from granular_id.io.arrays.tree import MAX_DEPTH
-from granular_id.io.columns import factor
 from granular_id.io.errors import RecordingFileError, naming, need
 from granular_id.io.files import Expansion, open_bounded
-from granular_id.io.flat import (
-    FORMAT,
-    NUMBERS,
-    SAMPLES,
-    TEXTS,
-    VERSION,
-    FlatRecordings,
-    Leaf,
-    check_mark,
-    flatten,
-    read_own,
-    texts_of,
-)
+from granular_id.io.flat import Leaf
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import AXES, Dataset, unit_of
 
 _LISTED = 3
 _ROOT = "root"
@@ -48,16 +29,13 @@ _CHANGES_VALUES = ("units", "scaling", "axes", "dimensions")
 
 
 def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read an HDF5 file: one of ``save_hdf5``, or groups and arrays whose layout is guessed and said.
+    """Read the groups and arrays of an HDF5 file, whose layout is guessed and said.
 
     Links, and values kept in other files, are refused.
     """
     with open_bounded(source.path, source.root, options.max_binary_bytes) as (_, n_bytes):
         expansion = Expansion(source.path, n_bytes)
         with opened(expansion, "to read .h5 files") as file:
-            mark = file.attrs.get("format")
-            if isinstance(mark, (str, bytes)) and mark in (FORMAT, FORMAT.encode()):
-                return _read_own(file, expansion, source)
             tree = _Tree(expansion)
             content = recordings_of(tree.group(file, "", 0), source, options, "data set")
     if tree.left_out:
@@ -65,70 +43,6 @@ def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
         listed = "; ".join(tree.left_out[:_LISTED]) + (f"; and {more} more" if more > 0 else "")
         content.notes.append(f"left out: {listed}")
     return content
-
-
-# -- files of this package
-
-
-_PLACES = {
-    **{name: name for name in (*SAMPLES, "history")},
-    **{name: f"recordings/{name}" for name in (*NUMBERS, *TEXTS, "meta")},
-}
-"""Where each column lies."""
-
-_UNITS = {"time_s": "s", "rate_hz": "Hz", "start_time": "s"}
-"""Of the columns whose attribute ``units`` is no list."""
-
-
-def _read_own(file: Any, expansion: Expansion, source: FileSource) -> FileContent:
-    check_mark(f"{FORMAT} {attribute(file, 'version', 'header', expansion)}", expansion)
-    columns: dict[str, Leaf] = {}
-    for name, place in _PLACES.items():
-        item = file
-        for part in place.split("/"):
-            item = member(item, part, place, expansion) if has(item, part) else None
-        if is_group(item):
-            raise expansion.fault(place, "is a group; wanted values")
-        if item is not None:
-            columns[name] = _leaf(item, place, expansion)
-        if item is not None and name in _UNITS:
-            _refuse_other_unit(item, place, _UNITS[name], expansion)
-    if "wrench" in columns:
-        axes = np.asarray(attribute(file["wrench"], "axes", "wrench", expansion))
-        columns["axes"] = Leaf("axes of wrench", axes.shape, axes.dtype, lambda: axes)
-        columns["wrench"].values = partial(_wrench, file["wrench"], columns["axes"], expansion)
-    return read_own(columns, sorted(set(file) - {*SAMPLES, "recordings", "history"}), expansion, source)
-
-
-def _refuse_other_unit(item: Any, place: str, unit: str, expansion: Expansion) -> None:
-    said = attribute(item, "units", place, expansion)
-    if said is not None and factor(str(said), unit) != 1:
-        problem = f"is in {said!s:.40}, as its attribute units says; wanted {unit}"
-        raise expansion.fault(place, problem)
-
-
-def _wrench(item: Any, axes: Leaf, expansion: Expansion) -> NDArray[Any]:
-    """Return the samples in the units of their axes, from those that the attribute ``units`` states."""
-    wrench = values(item, "wrench", expansion)
-    said = attribute(item, "units", "wrench", expansion)
-    if said is None:
-        return wrench
-    stated = np.asarray(said)
-    place = "wrench, attribute units"
-    units = texts_of(Leaf(place, stated.shape, stated.dtype, lambda: stated), expansion)
-    of_axes = texts_of(axes, expansion)
-    # Other axes than a wrench's are not converted; old files say N where nobody stated a unit.
-    scales = [
-        factor(unit, unit_of(axis)) if axis in AXES else 1 for unit, axis in zip(units, of_axes, strict=False)
-    ]
-    if len(units) != len(of_axes) or None in scales:
-        wanted = ", ".join(unit_of(axis) or "any" for axis in of_axes)
-        problem = f"names {', '.join(units)[:80]}; wanted {wanted}, or mN, mN m ..."
-        raise expansion.fault(place, problem)
-    return wrench if set(scales) == {1} else wrench * np.array(scales, np.float64)
-
-
-# -- files of others
 
 
 @dataclass
@@ -229,11 +143,6 @@ def is_text(dtype: np.dtype[Any]) -> bool:
     return about.get("vlen") in (str, bytes)
 
 
-def has(group: Any, name: str) -> bool:
-    """Tell whether there is a member of that name, without following a link."""
-    return is_group(group) and bool(group.id.links.exists(name.encode()))
-
-
 def member(group: Any, name: str | bytes, place: str, expansion: Expansion) -> Any:
     """Return a group or data set that is itself in the group, with values in this file."""
     with naming(expansion.path, f"looking at {place}"):
@@ -272,48 +181,3 @@ def values(item: Any, place: str, expansion: Expansion) -> NDArray[Any]:
         if is_text(item.dtype):
             return np.asarray(item.asstr(errors="backslashreplace")[()], np.str_)
         return np.asarray(item[()])
-
-
-def save_hdf5(
-    dataset: Dataset, path: str | os.PathLike[str], *, progress: ProgressCallback | None = None
-) -> Path:
-    """Write a data set as one HDF5 file that ``load`` gives back bit for bit; `progress` is called after each array.
-
-    ``docs/formats/npz.md`` describes each. Nothing is compressed: gzip makes reading 14 times slower here; where size
-    matters, a Parquet archive is smaller still.
-    """
-    target = Path(path)
-    h5py = need("h5py", extra="hdf5", why="to write .h5 files")
-    flat = flatten(dataset)
-    arrays = _arrays(flat, h5py)
-    ticker = Ticker(len(arrays), progress)
-    with new_file(target) as draft, h5py.File(draft, "w") as file:
-        file.attrs["format"] = _text(FORMAT, h5py)
-        file.attrs["version"] = VERSION
-        for name, values in arrays.items():
-            file[name] = values
-            ticker.tick(name)
-        file["wrench"].attrs["axes"] = _texts(flat.axes, h5py)
-        file["wrench"].attrs["units"] = _texts([unit_of(axis) for axis in flat.axes], h5py)
-        for name, unit in _UNITS.items():
-            if _PLACES[name] in file:
-                file[_PLACES[name]].attrs["units"] = _text(unit, h5py)
-    return target
-
-
-def _arrays(flat: FlatRecordings, h5py: Any) -> dict[str, Any]:
-    arrays: dict[str, Any] = {name: getattr(flat, name) for name in (*SAMPLES, *NUMBERS)}
-    arrays |= {name: _texts(texts, h5py) for name, texts in flat.texts.items()}
-    arrays |= {"meta": _text(flat.meta_lines, h5py), "history": _text(flat.history_json, h5py)}
-    return {_PLACES[name]: array for name, array in arrays.items() if array is not None}
-
-
-def _texts(texts: Sequence[str], h5py: Any) -> NDArray[Any]:
-    """Return texts of fixed width in UTF-8."""
-    data = [text.encode("utf-8") for text in texts]
-    return np.array(data, dtype=h5py.string_dtype("utf-8", max(1, *map(len, data))))
-
-
-def _text(text: str, h5py: Any) -> NDArray[Any]:
-    data = text.encode("utf-8")
-    return np.array(data, dtype=h5py.string_dtype("utf-8", len(data)))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, fields, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from granular_id._checks import argument_error, checked_flag, checked_index
+from granular_id._checks import argument_error, checked_index
 from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import counted
@@ -25,8 +23,8 @@ from granular_id.recording import Dataset, Recording, StepReport
 
 _ARRAYS = ("npy", "npz", "mat", "hdf5")
 _OF_FORMATS = {
-    "topic": ("a bag or MCAP", ("mcap", "ros")),
-    "array": ("of named arrays or features", (*_ARRAYS, "lerobot")),
+    "topic": ("a bag or MCAP", ("ros",)),
+    "array": ("of named arrays", _ARRAYS),
     "label": ("of named arrays or a table", (*_ARRAYS, "csv", "parquet")),
 }
 """Which formats have what an option names."""
@@ -48,7 +46,6 @@ def load(
     window_s: float | None = None,
     hop_s: float | None = None,
     session: str | None = None,
-    isolate: bool = False,
     progress: bool | ProgressCallback = False,
 ) -> Dataset:
     r"""Read recordings from a file or folder.
@@ -62,8 +59,7 @@ def load(
     path : str or path
         A file of a known format, or a folder of such files: ``label/*``, ``label/session/*``, ``label_*``, or with
         an ``index.csv``; folders ``train``, ``test`` and ``key=value`` are no labels. Formats: CSV, NumPy (.npy,
-        .npz), MATLAB (.mat), HDF5 (.h5), Parquet (a native folder, or a table), ROS 1 and ROS 2 bags, MCAP, LeRobot
-        data sets (folders), and the rows of GM10-ts.
+        .npz), MATLAB (.mat), HDF5 (.h5), Parquet (a native folder, or a table), ROS 1 and ROS 2 bags, MCAP.
     rate_hz : float, optional
         Rate at which files that have no clock were recorded, Hz (``--recorded-hz`` on the command line, where
         ``--rate-hz`` is ``.resample(rate_hz)``). Where there are stamps they must fit it (each within
@@ -71,7 +67,7 @@ def load(
         ``rate_hz`` in index.csv comes first.
     on_error : {"raise", "skip"}
         What to do with a file that cannot be read: raise, or read the rest and list it in ``history[-1]``; of an
-        archive (without `isolate`) also with a row group or index file.
+        archive also with a row group or index file.
     on_time_error : {"raise", "repair"}
         What to do where time runs backwards or a stamp is repeated: raise with the place, or sort the samples
         and average those that share a stamp, count them in ``history[-1]`` and flag them ``TIME_REPAIRED``.
@@ -87,8 +83,8 @@ def load(
         What stamps count, where the file does not state it; "sample": they are an index, and a rate is stated. By
         default stamps are seconds, and refused where samples would lie 1 s or more, or 10 us or less apart.
     array : str, optional
-        Which array (variable, data set, group, or feature of LeRobot) holds the samples, where there are several that
-        may: its name, with the names of the groups around it or without. It counts whatever it is called.
+        Which array (variable, data set or group) holds the samples, where there are several that may: its name, with
+        the names of the groups around it or without. It counts whatever it is called.
     label : str, optional
         Which array, or column of a table (CSV, Parquet), holds the labels.
     axes : str or sequence of str, optional
@@ -107,12 +103,6 @@ def load(
         What was recorded in one go: ``"file"`` (each file is a session), ``"folder"`` (all files of a folder), or the
         name of a column of index.csv, or of the file, where it has one value in a recording. By default what index.csv,
         the file or three levels of folders say; windows without a session have their recording's name.
-    isolate : bool, default False
-        Read the files in a child process: for files from strangers. A crash, a hang or a hunger for memory of the
-        library that reads a file becomes a RecordingFileError; the child may use 1 GiB and eight times the size of
-        the largest file, and for each file 20 s of processor time and 1 s for every 4 MB. Memory is limited on Linux
-        only. It starts within a second, once and again after each file that ended it; the recordings are the same.
-        :doc:`/reference/security` says what it does not prevent. By default files are read in this process: faster.
     progress : bool or callable
         True draws a bar on a terminal; a callable is called as ``progress(files_done, files_in_all, file)``.
 
@@ -159,24 +149,22 @@ def load(
         hop_s=hop_s,
         session=session,
     )
-    isolate = checked_flag("isolate", isolate)
     with showing(progress) as callback:
         reading = _Reading(path, options)
-        return reading.dataset(list(reading.contents(callback, isolate=isolate, parts=False)))
+        return reading.dataset(list(reading.contents(callback, parts=False)))
 
 
 def load_parts(
     path: str | os.PathLike[str],
     *,
     n_recordings: int = 2048,
-    isolate: bool = False,
     progress: bool | ProgressCallback = False,
     **options: Any,
 ) -> Iterator[Dataset]:
     """Read recordings as `load` does, piece by piece: the same ones in the same order, with less in memory.
 
     Files of a folder are read one after the other, row groups of an archive too. What is in memory is one piece and
-    one file (or row group) more; a file of many recordings is read as a whole, and so is an archive with `isolate`.
+    one file (or row group) more; a file of many recordings is read as a whole.
 
     Parameters
     ----------
@@ -185,7 +173,7 @@ def load_parts(
     n_recordings : int, default 2048
         Recordings of a piece, before they are cut into windows: 160 MB where each has 1600 samples of six axes. The
         last piece has fewer; where nearly all recordings are shorter than a window, a piece has more.
-    isolate, progress
+    progress
         As in `load`.
     **options
         All others of `load`: ``rate_hz``, ``on_error``, ``window_s`` ...
@@ -199,7 +187,7 @@ def load_parts(
     ------
     FileNotFoundError, RecordingFileError, ImportError, TypeError, ValueError
         As `load`; what is wrong in a file, once the pieces before it have been read. With ``on_error="skip"`` what
-        of an archive is damaged is left out, not with `isolate`. Windows of recordings that share a name
+        of an archive is damaged is left out. Windows of recordings that share a name
         are refused, as the whole is needed to tell them apart.
 
     Examples
@@ -219,18 +207,15 @@ def load_parts(
     unknown = next((name for name in options if name not in known), None)
     if unknown is not None:
         raise argument_error(TypeError, unknown, f"is no option of load; wanted one of {', '.join(known)}")
-    isolate = checked_flag("isolate", isolate)
     check_progress(progress)
-    return _parts(_Reading(path, LoadOptions(**options)), most, isolate, progress)
+    return _parts(_Reading(path, LoadOptions(**options)), most, progress)
 
 
-def _parts(
-    reading: _Reading, most: int, isolate: bool, progress: bool | ProgressCallback
-) -> Iterator[Dataset]:
+def _parts(reading: _Reading, most: int, progress: bool | ProgressCallback) -> Iterator[Dataset]:
     with showing(progress) as callback:
         waiting: list[FileContent] = []
         several = False
-        for content in reading.contents(callback, isolate=isolate, parts=True):
+        for content in reading.contents(callback, parts=True):
             waiting.append(content)
             while sum(len(each.recordings) for each in waiting) > most:
                 now, rest = _split(waiting, most)
@@ -284,9 +269,7 @@ class _Reading:
                 problem += f"; {OTHER_FILES}"
             raise RecordingFileError(place, problem)
 
-    def contents(
-        self, progress: ProgressCallback | None, *, isolate: bool, parts: bool
-    ) -> Iterator[FileContent]:
+    def contents(self, progress: ProgressCallback | None, *, parts: bool) -> Iterator[FileContent]:
         """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
         found, options, problems = self._found, self._options, self._problems
         _refuse_unused(found.sources, options)
@@ -295,22 +278,23 @@ class _Reading:
             raise _skippable(found.problems[0]) if found.sources else found.problems[0]
         problems += found.problems
         nothing = True
-        with _reader(sources, options, isolate=isolate, parts=parts) as read:
-            for done, source in enumerate(sources, start=1):
-                before, pieces = len(problems), read(source)
-                whole = True
-                while (content := attempt(problems, _next, pieces, source, options)) is not None:
-                    if isinstance(content, RecordingFileError):
-                        problems.append(content)
-                        continue
-                    nothing = whole = False
-                    yield content
-                if len(problems) > before and options.on_error == "raise":
-                    raise problems[-1] if self._alone and whole else _skippable(problems[-1])
-                if len(problems) > before and self._alone and nothing:
-                    raise problems[before]
-                if progress is not None:
-                    progress(done, len(sources), source.name)
+        # what is to be left out may be a piece of a file
+        read = read_parts if parts or options.on_error == "skip" else _whole
+        for done, source in enumerate(sources, start=1):
+            before, pieces = len(problems), read(source, options)
+            whole = True
+            while (content := attempt(problems, _next, pieces, source, options)) is not None:
+                if isinstance(content, RecordingFileError):
+                    problems.append(content)
+                    continue
+                nothing = whole = False
+                yield content
+            if len(problems) > before and options.on_error == "raise":
+                raise problems[-1] if self._alone and whole else _skippable(problems[-1])
+            if len(problems) > before and self._alone and nothing:
+                raise problems[before]
+            if progress is not None:
+                progress(done, len(sources), source.name)
         if nothing:
             problem = f"none of {counted(len(problems))} could be read; the first problem: {problems[0]}"
             raise RecordingFileError(self._root, problem) from problems[0]
@@ -400,28 +384,8 @@ def _check_rate(data: Dataset, window_s: float) -> None:
         raise argument_error(ValueError, "window_s", f"={window_s:g}: {came}; {way_out}") from error
 
 
-@contextmanager
-def _reader(
-    sources: Sequence[FileSource], options: LoadOptions, *, isolate: bool, parts: bool
-) -> Iterator[Callable[[FileSource], Iterator[FileContent | RecordingFileError]]]:
-    """Yield what reads a file: in this process, or in a child that is gone at the end."""
-    if not isolate:
-        # what is to be left out may be a piece of a file
-        by_parts = parts or options.on_error == "skip"
-        yield partial(read_parts if by_parts else _whole(read_file), options=options)
-        return
-    # the child runs this module: it must not be there already
-    from granular_id.io.isolate import IsolatedReader
-
-    with IsolatedReader(sources, options) as reader:
-        yield _whole(reader.read)
-
-
-def _whole(read: Callable[..., FileContent]) -> Callable[..., Iterator[FileContent]]:
-    def at_once(source: FileSource, **more: Any) -> Iterator[FileContent]:
-        yield read(source, **more)
-
-    return at_once
+def _whole(source: FileSource, options: LoadOptions) -> Iterator[FileContent]:
+    yield read_file(source, options)
 
 
 def _refuse_unused(sources: Sequence[FileSource], options: LoadOptions) -> None:

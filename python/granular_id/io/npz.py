@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,25 +23,32 @@ from granular_id.io.arrays.tree import texts
 from granular_id.io.errors import RecordingFileError, naming
 from granular_id.io.files import Expansion, open_bounded
 from granular_id.io.flat import (
-    FORMAT,
-    MARK,
     NUMBERS,
     OPTIONAL,
     SAMPLES,
     TEXTS,
-    WHOLE_TEXTS,
     FlatRecordings,
     Leaf,
-    check_mark,
     flatten,
-    read_own,
+    plain_texts,
+    unflatten,
 )
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset
 
+FORMAT = "granular_id recordings"
+MARK = f"{FORMAT} 1"
+"""What files of flat columns call themselves, with their version."""
+
 _MARK = "format"
 """Array that says what the file is: `MARK`."""
+
+_WHOLE_TEXTS = ("meta", "history")
+_REQUIRED = ("wrench", "axes", *NUMBERS, *TEXTS, *_WHOLE_TEXTS)
+
+_RECORDING_BYTES = 1024
+"""What a recording costs in memory beside its samples; counted before a file of a million empty ones is read."""
 
 _SUFFIX = ".npy"
 
@@ -83,16 +90,68 @@ def _read(
         raise RecordingFileError(source.path, "holds two arrays of one name; wanted a name for each")
     said = texts(arrays[_MARK]) if _MARK in arrays else None
     if said and said[0].startswith(FORMAT):
-        known = {_MARK, "axes", *SAMPLES, *NUMBERS, *TEXTS, *WHOLE_TEXTS}
-        check_mark(said[0], expansion)
-        for name in ("axes", *TEXTS):
-            if name in arrays and arrays[name].dtype.kind != "U":
-                raise expansion.fault(arrays[name].place, f"is {arrays[name].dtype}; wanted texts")
-        return read_own(arrays, [*sorted(set(arrays) - known), *others], expansion, source)
+        if said[0] != MARK:
+            problem = f"is of the format {said[0]!r:.80}; this version of granular-id reads {MARK!r}"
+            raise RecordingFileError(source.path, problem)
+        known = {_MARK, *_REQUIRED, *OPTIONAL}
+        return _read_own(arrays, [*sorted(set(arrays) - known), *others], expansion, source)
     content = recordings_of(_tree(arrays, source.path), source, options, "array")
     if others:
         content.notes.append(f"members that are no arrays were not read: {', '.join(others[:10])}")
     return content
+
+
+def _read_own(
+    arrays: Mapping[str, Leaf], others: Sequence[str], expansion: Expansion, source: FileSource
+) -> FileContent:
+    """Read what `save_npz` wrote; `others` are the names of what the file holds besides."""
+    missing = next((name for name in _REQUIRED if name not in arrays), None)
+    if missing is not None:
+        raise expansion.fault(missing, f"is missing; wanted all of {MARK!r}")
+    columns = {name: arrays[name].read() for name in NUMBERS}
+    expansion.spend(columns["n_samples"].size * _RECORDING_BYTES, "n_samples")
+    listed = {name: _texts(arrays[name], expansion) for name in ("axes", *TEXTS)}
+    meta, history = (_whole_text(arrays[name], expansion) for name in _WHOLE_TEXTS)
+    flat = FlatRecordings(
+        axes=tuple(listed["axes"]),
+        label=[text or None for text in listed["label"]],
+        session=[text or None for text in listed["session"]],
+        name=listed["name"],
+        meta_json=[None if line == "{}" else line for line in meta.split("\n")],
+        history_json=history,
+        **columns,
+        **{name: arrays[name].read() for name in SAMPLES if name in arrays},
+    )
+    content = unflatten(flat, source.path, source)
+    if others:
+        unread = ", ".join(others)[:200]
+        content.notes.append(f"members that are no part of the format were not read: {unread}")
+    return content
+
+
+def _texts(column: Leaf, expansion: Expansion) -> list[str]:
+    """Return the texts of a column, one per recording or axis."""
+    array = column.read()
+    words = plain_texts(array.reshape(-1)) if array.dtype.kind == "U" and array.ndim < 2 else None
+    if words is None:
+        raise _no_text(column, expansion)
+    return words
+
+
+def _whole_text(column: Leaf, expansion: Expansion) -> str:
+    """Return the one text whose bytes a column holds."""
+    array = column.read()
+    try:
+        if array.dtype == np.uint8:
+            return array.tobytes().decode("utf-8")
+    except UnicodeDecodeError:
+        pass
+    raise _no_text(column, expansion)
+
+
+def _no_text(column: Leaf, expansion: Expansion) -> RecordingFileError:
+    problem = f"has shape {column.shape} and type {column.dtype}; wanted texts in UTF-8"
+    return expansion.fault(column.place, problem)
 
 
 def _member(archive: zipfile.ZipFile, name: str, expansion: Expansion) -> Leaf:

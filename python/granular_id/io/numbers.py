@@ -6,10 +6,8 @@ import csv
 import io
 import math
 import re
-import sys
 from collections.abc import Iterator, Sequence
 from os import PathLike
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -18,13 +16,15 @@ from numpy.typing import NDArray
 from granular_id._core import MAX_LINE_BYTES, NumberTableError, parse_number_table
 from granular_id.io.columns import split_unit
 from granular_id.io.errors import RecordingFileError
-from granular_id.io.files import open_bounded
 from granular_id.recording import AXES
 
 _NUMBER = re.compile(r"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?[ \t]*")
 
 PANDAS = "with pandas: read_csv(path, {}).to_csv(path, index=False)"
 """What to do about a table that is not read."""
+
+_FIRST = 2
+"""Line of the first row."""
 
 
 class Header(NamedTuple):
@@ -33,15 +33,6 @@ class Header(NamedTuple):
     names: list[str]
     end: int
     separator: str | None
-
-
-def first_line(path: Path, max_bytes: int) -> bytes:
-    """Return the beginning of a file, by which some tables are known; empty where it cannot be read."""
-    try:
-        with open_bounded(path, path.parent, sys.maxsize) as (file, _):
-            return file.readline(max_bytes)
-    except RecordingFileError:
-        return b""
 
 
 def split_header(data: bytes, path: str | PathLike[str], axes: Sequence[str] = AXES) -> Header:
@@ -84,41 +75,37 @@ def split_header(data: bytes, path: str | PathLike[str], axes: Sequence[str] = A
     return Header([_plain(cell) for cell in text.split(",")], end + 1, ",")
 
 
-def split_rows(
-    data: bytes, header: Header, path: str | PathLike[str], *, first_line: int = 2
-) -> Iterator[tuple[int, list[str]]]:
+def split_rows(data: bytes, header: Header, path: str | PathLike[str]) -> Iterator[tuple[int, list[str]]]:
     """Yield the number and the cells of each line that is not empty; quoted cells may hold separators."""
     start = header.end
     try:
         text = data[start:].decode("utf-8")
     except UnicodeDecodeError as error:
-        line = first_line + data.count(b"\n", start, start + error.start)
+        line = _FIRST + data.count(b"\n", start, start + error.start)
         problem = f"byte 0x{data[start + error.start]:02x} is not UTF-8 text"
         raise RecordingFileError(path, problem, line=line) from error
     if "\0" in text:
         problem = "is binary (holds NUL bytes); wanted text"
-        line = first_line + text.count("\n", 0, text.index("\0"))
+        line = _FIRST + text.count("\n", 0, text.index("\0"))
         raise RecordingFileError(path, problem, line=line)
     if header.separator is None:
-        yield from (
-            (line, row.split()) for line, row in enumerate(text.split("\n"), first_line) if row.strip()
-        )
+        yield from ((line, row.split()) for line, row in enumerate(text.split("\n"), _FIRST) if row.strip())
         return
     reader = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=header.separator)
-    line = first_line
+    line = _FIRST
     try:
         for cells in reader:
             if cells:
                 yield line, cells
-            line = reader.line_num + first_line
+            line = reader.line_num + _FIRST
     except csv.Error as error:
         raise RecordingFileError(path, f"is not valid CSV: {error}", line=line) from error
 
 
 def parse_numbers(
-    data: bytes, start: int, columns: Sequence[str], path: str | PathLike[str], *, first_line: int = 2
+    data: bytes, start: int, columns: Sequence[str], path: str | PathLike[str]
 ) -> NDArray[np.float64]:
-    """Return the numbers from byte `start` on (the beginning of line `first_line`), shape (T, len(columns)).
+    """Return the numbers from byte `start` on, where line 2 begins; shape (T, len(columns)).
 
     Numbers are plain decimals (``-1.5e-3``), with or without blanks around them. Empty lines may stand at the
     end.
@@ -128,7 +115,7 @@ def parse_numbers(
     except NumberTableError as error:
         row, column, problem = error.args
         name = None if column is None else columns[column]
-        raise RecordingFileError(path, problem, line=row + first_line, column=name) from error
+        raise RecordingFileError(path, problem, line=row + _FIRST, column=name) from error
 
 
 def picked_columns(
@@ -137,20 +124,18 @@ def picked_columns(
     numeric: Sequence[int],
     texts: Sequence[int],
     path: str | PathLike[str],
-    *,
-    first_line: int = 2,
 ) -> tuple[NDArray[np.float64], dict[int, list[str]]]:
     """Return some columns of a table that has others too: numbers, shape (T, len(numeric)), and the cells of texts."""
     where = [header.names[i] for i in numeric]
     kept: list[str] = []
     others: dict[int, list[str]] = {i: [] for i in texts}
-    for line, cells in split_rows(data, header, path, first_line=first_line):
+    for line, cells in split_rows(data, header, path):
         if len(cells) != len(header.names):
             problem = f"{len(cells)} cells; wanted {len(header.names)}, as in the header"
             raise RecordingFileError(path, problem, line=line)
-        if line != len(kept) + first_line:
+        if line != len(kept) + _FIRST:
             problem = "the line is empty, or a quoted cell goes on in it"
-            raise RecordingFileError(path, problem, line=len(kept) + first_line)
+            raise RecordingFileError(path, problem, line=len(kept) + _FIRST)
         row = [cells[i] for i in numeric]
         kept.append(",".join(row))
         if kept[-1].count(",") != len(row) - 1:
@@ -160,7 +145,7 @@ def picked_columns(
             raise RecordingFileError(path, problem, line=line, column=where[wrong])
         for i, values in others.items():
             values.append(cells[i].strip())
-    return parse_numbers("\n".join(kept).encode(), 0, where, path, first_line=first_line), others
+    return parse_numbers("\n".join(kept).encode(), 0, where, path), others
 
 
 def plain_number(text: str) -> float | None:

@@ -29,8 +29,7 @@ def save(
     path : str or path
         File or folder to write; it must not exist (a folder may, if empty).
     format : str, optional
-        ``"csv"`` (a folder), ``"npz"``, ``"parquet"`` (a folder), ``"hdf5"``, ``"mcap"`` (a folder where there are
-        several recordings) or ``"lerobot"`` (a folder). By default told by the ending of `path`.
+        ``"csv"`` (a folder), ``"npz"`` or ``"parquet"`` (a folder). By default told by the ending of `path`.
     progress : bool or callable
         True draws a bar on a terminal; a callable is called as ``progress(done, total, what)``.
 

@@ -155,7 +155,7 @@ def _shapes(length: int, window: int) -> tuple[FloatArray, NDArray[np.intp]]:
 
 # Factor on Satterthwaite's degrees of freedom. False alarms come from the lower tail of an estimate, and that is
 # thinner than his approximation says where the larger of two estimates is taken and two axes must agree. Set by
-# simulation with benches/onset.py: with 3 the rate is just held when all axes carry one and the same noise.
+# simulation: with 3 the rate is just held when all axes carry one and the same noise.
 _THINNER_TAIL = 2.5
 
 

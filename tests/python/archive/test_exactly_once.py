@@ -1,7 +1,4 @@
-"""Each recording exactly once: the same files whatever engine made them, and whatever was killed meanwhile.
-
-`make archive-kills` does the same on a large archive, with random moments and more kinds of deaths.
-"""
+"""Each recording exactly once: the same files whatever engine made them, and whatever was killed meanwhile."""
 
 from __future__ import annotations
 

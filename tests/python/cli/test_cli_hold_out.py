@@ -17,7 +17,7 @@ def tools(tmp_path_factory):
     data = Dataset(
         [replace(r, meta={"tool": ("wide", "thin", "long")[k % 3]}) for k, r in enumerate(make(9))]
     )
-    return save(data, tmp_path_factory.mktemp("hold") / "tools.h5")
+    return save(data, tmp_path_factory.mktemp("hold") / "tools.npz")
 
 
 def test_the_table_of_held_out_values_is_printed_and_written(tools, tmp_path):

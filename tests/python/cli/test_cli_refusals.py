@@ -88,10 +88,7 @@ BEFORE_READING = [
     ("model info absent.safetensors", "absent.safetensors"),
     ("model info broken.npz", "broken.npz"),
     ("data convert absent broken.npz", "there is something already; nothing is overwritten"),
-    (
-        "data convert absent x",
-        "does not say which format is wanted; give --to one of csv, npz, hdf5, parquet, mcap",
-    ),
+    ("data convert absent x", "does not say which format is wanted; give --to one of csv, npz, parquet"),
     ("data convert absent x.mat", "can only be read"),
     ("data convert absent no/x.npz", "no such folder"),
     ("data convert absent x --to excel", "--to excel; wanted one of csv"),

@@ -2,7 +2,6 @@
 
 import csv
 import re
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -277,18 +276,6 @@ def test_a_rest_of_a_quarter_second_is_the_default(tmp_path):
 )
 def test_tare_refuses(pushes, tmp_path, words, told):
     assert told in refused("setup", "tare", pushes, "-o", tmp_path / "t.npz", *words)
-
-
-@pytest.mark.data
-def test_the_zeros_of_a_plate_in_sand_are_those_of_the_page(data_dir, tmp_path):
-    (tmp_path / "press").mkdir()
-    for k in (1, 2, 3):
-        shutil.copy(data_dir / "sand_press" / f"press_{k}.bag", tmp_path / "press")
-    words = ("--rate-hz", 100, "--begin-at", "onset", "--rest-s", 0.5)
-    out = ended_well("setup", "tare", tmp_path / "press", "-o", tmp_path / "t.npz", *words)
-    assert re.search(r"fx +6\.55 +6\.58 +6\.6", out)
-    assert re.search(r"fy +42\.4 +42\.6 +42\.7", out)
-    assert re.search(r"fz +-1\.95 +-1\.84 +-1\.3", out)
 
 
 # What is compared.

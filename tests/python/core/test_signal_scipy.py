@@ -98,17 +98,6 @@ def test_butter(test, request, monkeypatch):
     assert calls
 
 
-def test_no_test_of_scipy_is_left_out(request):
-    tools, design = scipys_tests("test_signaltools", request), scipys_tests("test_filter_design", request)
-    found = {name for name in dir(tools.TestSOSFilt) if name.startswith("test")}
-    assert found <= set(SOSFILT)
-    found = {name for name in dir(tools.TestSOSFiltFilt) if name.startswith("test")}
-    # These call filtfilt, the function for transfer functions.
-    assert found <= {*SOSFILTFILT, "test_acoeff", "test_gust_simple", "test_gust_scalars"}
-    found = {name for name in dir(design.TestButter) if name.startswith("test")}
-    assert found <= {*BUTTER, "test_ba_output"}  # an analog filter
-
-
 def counted(function, calls):
     def call(*args, **kwargs):
         calls.append(args)

@@ -63,7 +63,7 @@ PACKAGES = (
     ".synthetic",
     ".testing",
 )
-"""Whose names are public; the API reference has the same."""
+"""Whose names are public."""
 MATERIALS = ("rice", "fine sugar", "oat flakes", "cat litter")
 
 
@@ -254,10 +254,9 @@ def commands() -> Figures:
 
 def files() -> Figures:
     """What comes of reading each hostile file: a digest of the recordings, refused, or how the process ended."""
-    from corpus import answers
+    from corpus import answers_of_all
 
-    read = answers(lambda file, folder: gid.load(file.path(folder), **file.options))
-    return {f"{file.number} {file.name}": answer.verdict for file, answer in read}
+    return {f"{file.number} {file.name}": answer.verdict for file, answer in answers_of_all()}
 
 
 SECTIONS: dict[str, Callable[[], Figures]] = {

@@ -28,11 +28,10 @@ BAGS = {
     "ros1": "bag1 None",
     "ros2": "bag2 sqlite None v9",
     "ros2 mcap": "bag2 mcap STORAGE v9",
-    "mcap of others": "mcap LZ4",
+    "mcap": "mcap LZ4",
 }
 PATHS = {
     "csv": "good.csv",
-    "gm10": "good.csv",
     "npy": "good.npy",
     "npz": "good.npz",
     "npz of others": "good.npz",
@@ -41,12 +40,9 @@ PATHS = {
     "mat v7": "good.mat",
     "mat v7.3": "good.mat",
     "hdf5": "good.h5",
-    "hdf5 of others": "good.hdf5",
     "parquet": "good.parquet",
     "archive": "good",
-    "lerobot": "good",
-    "mcap": "good.mcap",
-    "mcap of others": "x.mcap",
+    "mcap": "x.mcap",
     "ros1": "x.bag",
     "db3": "x.db3",
     "ros2": "x",
@@ -93,10 +89,8 @@ def _make(kind: str, folder: Path) -> Path:
         (bag / "metadata.yaml").unlink()
         bag.rmdir()
         return path
-    if kind in ("npz", "hdf5", "archive", "lerobot"):
-        return save(dataset(), path, format={"archive": "parquet", "lerobot": kind}.get(kind))
-    if kind == "mcap":
-        return save(Dataset([dataset()[0]]), path)
+    if kind in ("npz", "archive"):
+        return save(dataset(), path, format="parquet" if kind == "archive" else None)
     _OTHERS[kind](path)
     return path
 
@@ -108,17 +102,11 @@ def _write_csv(path: Path) -> None:
         rows.writerows(np.column_stack(list(TABLE.values())).tolist())
 
 
-def _write_gm10(path: Path) -> None:
-    rows = [[i, *TIMES, *WRENCH[:, i]] for i in range(3)]
-    path.write_text("".join(",".join(map(repr, map(float, row))) + "\n" for row in rows))
-
-
 _OTHERS = {
     "csv": _write_csv,
-    "gm10": _write_gm10,
     "npy": lambda path: np.save(path, WRENCH),
     "npz of others": lambda path: to_npz(TREE, path),
-    "hdf5 of others": lambda path: to_h5(TREE, path),
+    "hdf5": lambda path: to_h5(TREE, path),
     "parquet": lambda path: pyarrow.parquet.write_table(pyarrow.table(TABLE), path),
     "mat v4": lambda path: scipy.io.savemat(path, TREE, format="4"),
     "mat v5": lambda path: scipy.io.savemat(path, TREE),

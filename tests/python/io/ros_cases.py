@@ -11,7 +11,6 @@ from rosbags.typesys import Stores, get_typestore
 from granular_id.io.options import LoadOptions
 from granular_id.io.ros.read import read_ros
 from granular_id.io.source import FileSource
-from granular_id.recording import Recording
 
 STAMPED = "geometry_msgs/msg/WrenchStamped"
 PLAIN = "geometry_msgs/msg/Wrench"
@@ -148,13 +147,3 @@ def write_kind(kind, folder, wrench, stamps_ns, **about):
 def read(path, **options):
     """Read one bag, as ``load`` would."""
     return read_ros(FileSource.alone(path), LoadOptions(**options))
-
-
-def push(n=1600, **fields):
-    about = {"rate_hz": 500, "label": "rice", "start_time": 1.7e9 + 0.25, "name": "rice_1", **fields}
-    return Recording(np.random.default_rng(0).normal(size=(n, 6)), **about)
-
-
-def irregular(n=40):
-    steps = np.random.default_rng(1).uniform(1e-7, 0.01, n - 1)
-    return push(n, rate_hz=None, time_s=np.concatenate([[0.0], np.cumsum(steps)]), flags=np.arange(n) % 4)

@@ -43,9 +43,8 @@ NAMED = {
 
 
 @pytest.mark.parametrize("name", NAMED)
-@pytest.mark.parametrize("isolate", [False, True])
-def test_axes_choose_and_order_columns(tmp_path, name, isolate):
-    data = load(csv(tmp_path, NAMED[name]), axes="az,wx", units=("m/s2", "rad/s"), isolate=isolate)
+def test_axes_choose_and_order_columns(tmp_path, name):
+    data = load(csv(tmp_path, NAMED[name]), axes="az,wx", units=("m/s2", "rad/s"))
     assert data.axes == ("az", "wx")
     assert data.X[0].tolist() == SAMPLES[:, [5, 0]].tolist()
     assert units_of(data) == {"az": "m/s2", "wx": "rad/s"}
@@ -305,20 +304,19 @@ def test_two_arrays_of_other_sensors_are_no_materials(tmp_path):
 # -- formats that state their axes themselves
 
 
-@pytest.mark.parametrize("name", ["csv", "npz", "hdf5", "parquet"])
-@pytest.mark.parametrize("isolate", [False, True])
-def test_axes_of_own_files(tmp_path, name, isolate):
-    pytest.importorskip({"hdf5": "h5py", "parquet": "pyarrow"}.get(name, "numpy"))
-    path = tmp_path / {"npz": "x.npz", "hdf5": "x.h5"}.get(name, "x")
+@pytest.mark.parametrize("name", ["csv", "npz", "parquet"])
+def test_axes_of_own_files(tmp_path, name):
+    pytest.importorskip("pyarrow" if name == "parquet" else "numpy")
+    path = tmp_path / ("x.npz" if name == "npz" else "x")
     one = Recording(SAMPLES, rate_hz=100, axes=IMU, label="mud", meta={"units": UNITS, "day": "d1"})
     save(Dataset([one]), path, name)
-    data = load(path, axes="az,wx", units="m/s2,rad/s", session="day", isolate=isolate)
+    data = load(path, axes="az,wx", units="m/s2,rad/s", session="day")
     assert data.X[0].tolist() == SAMPLES[:, [5, 0]].tolist()
     assert data.sessions.tolist() == ["d1"]
     with pytest.raises(RecordingFileError, match=r"axes: there is no column 'q'; there are"):
-        load(path, axes="q", isolate=isolate)
+        load(path, axes="q")
     with pytest.raises(RecordingFileError, match="units= states"):
-        load(path, axes="wx", units="deg/s", isolate=isolate)
+        load(path, axes="wx", units="deg/s")
 
 
 def test_units_of_own_files_that_have_none(tmp_path):
@@ -390,9 +388,8 @@ def drives(tmp_path):
         ("folder", ["mud", "mud", "sand", "sand"]),
     ],
 )
-@pytest.mark.parametrize("isolate", [False, True])
-def test_sessions_by_place(drives, session, expected, isolate):
-    data = load(drives, axes=IMU, session=session, isolate=isolate)
+def test_sessions_by_place(drives, session, expected):
+    data = load(drives, axes=IMU, session=session)
     assert data.sessions.tolist() == expected
     assert data.y.tolist() == ["mud", "mud", "sand", "sand"]
 

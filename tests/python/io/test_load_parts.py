@@ -23,7 +23,7 @@ def written(tmp_path, format_, recordings=PUSHES):
         for start in range(0, len(recordings), 3):
             append(tmp_path / "data", Dataset(recordings[start : start + 3], HISTORY))
         return tmp_path / "data"
-    if format_ in ("parquet", "lerobot"):
+    if format_ == "parquet":
         pytest.importorskip("pyarrow")
     place = tmp_path / ("data.npz" if format_ == "npz" else "data")
     return save(Dataset(recordings, HISTORY), place, format_)
@@ -33,7 +33,7 @@ def joined(path, **options):
     return [r for part in load_parts(path, **options) for r in part]
 
 
-@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended", "lerobot"])
+@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended"])
 @pytest.mark.parametrize("n_recordings", [1, 3, 7, 100])
 def test_the_same_recordings_in_the_same_order(tmp_path, format_, n_recordings):
     path = written(tmp_path, format_)
@@ -42,7 +42,7 @@ def test_the_same_recordings_in_the_same_order(tmp_path, format_, n_recordings):
     assert [len(part) for part in parts[:-1]] == [n_recordings] * (len(parts) - 1)
 
 
-@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended", "lerobot"])
+@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended"])
 def test_each_piece_has_the_history_of_load_for_itself(tmp_path, format_):
     path = written(tmp_path, format_)
     whole = load(path).history
@@ -84,7 +84,7 @@ def test_recordings_of_others_without_names_are_counted_through(tmp_path):
 
 
 @pytest.mark.parametrize("options", [{"window_s": 0.5}, {"window_s": 0.4, "hop_s": 0.2, "session": "file"}])
-@pytest.mark.parametrize("format_", ["csv", "npz", "appended", "lerobot"])
+@pytest.mark.parametrize("format_", ["csv", "npz", "appended"])
 def test_windows_are_those_of_load(tmp_path, format_, options):
     path = written(tmp_path, format_)
     assert joined(path, n_recordings=2, **options) == list(load(path, **options))
@@ -148,11 +148,6 @@ def test_a_folder_of_which_nothing_can_be_read(tmp_path):
         list(load_parts(folder, on_error="skip"))
 
 
-def test_files_are_read_in_a_child_process_too(tmp_path):
-    path = written(tmp_path, "csv")
-    assert joined(path, n_recordings=3, isolate=True) == PUSHES
-
-
 def test_progress_counts_files(tmp_path):
     told = []
     list(load_parts(written(tmp_path, "csv"), n_recordings=2, progress=lambda *step: told.append(step[:2])))
@@ -166,7 +161,6 @@ def test_progress_counts_files(tmp_path):
         ({"n_recordings": 1.5}, TypeError, "n_recordings must be an int"),
         ({"rate": 1}, TypeError, "rate is no option of load; wanted one of rate_hz"),
         ({"on_error": "x"}, ValueError, "on_error='x'"),
-        ({"isolate": 1}, TypeError, "isolate"),
         ({"progress": 1}, TypeError, "progress"),
     ],
 )

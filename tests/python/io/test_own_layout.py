@@ -1,7 +1,6 @@
-"""Data sets in one NPZ or HDF5 file, plain numpy and h5py being the other side; hostile columns are refused."""
+"""Data sets in one NPZ file, plain numpy being the other side; hostile columns are refused."""
 
 import json
-import os
 import sys
 import tracemalloc
 from dataclasses import replace
@@ -17,12 +16,7 @@ from granular_id.io.source import FileSource
 from granular_id.recording import Dataset, Recording, StepReport
 from layouts_written import AXES, X
 
-h5py = pytest.importorskip("h5py")
-
 PUSHES = X[:2, :30]
-BESIDE = ("wrench", "history", "time_s", "flags")
-"""What lies at the top of an HDF5 file; the rest lies in the group ``recordings``."""
-
 STEP = StepReport("load", {"format": "csv"})
 SMALL = Dataset(
     [
@@ -57,100 +51,69 @@ VALUES = {
 }
 """What the layout makes of it."""
 
-both = pytest.mark.parametrize("form", ["npz", "h5"])
-
 
 def plain(path):
-    """What numpy or h5py alone find in a file, by the names in NPZ files."""
-    if path.suffix == ".npz":
-        with np.load(path, allow_pickle=False) as file:
-            found = dict(file)
-        mark, _, version = str(found.pop("format")).rpartition(" ")
-        texts = {name: found[name].tobytes().decode() for name in ("meta", "history")}
-        return found | texts | {"format": mark, "version": int(version)}
-    with h5py.File(path) as file:
-        group = file["recordings"]
-        found = {name: file[name][()] for name in BESIDE if name in file}
-        found |= {name: group[name][()] for name in group}
-        units = [unit.decode() for unit in file["wrench"].attrs["units"]]
-        assert units == ["N"] * 3 + ["N m"] * 3
-        assert group["rate_hz"].attrs["units"] == b"Hz"
-        texts = {name: group[name].asstr()[()] for name in ("label", "session", "name")}
-        texts |= {"meta": group["meta"].asstr()[()], "history": file["history"].asstr()[()]}
-        axes = np.array([axis.decode() for axis in file["wrench"].attrs["axes"]])
-        about = {"format": file.attrs["format"].decode(), "version": file.attrs["version"]}
-        return found | texts | about | {"axes": axes}
+    """What numpy alone finds in a file."""
+    with np.load(path, allow_pickle=False) as file:
+        found = dict(file)
+    mark, _, version = str(found.pop("format")).rpartition(" ")
+    texts = {name: found[name].tobytes().decode() for name in ("meta", "history")}
+    return found | texts | {"format": mark, "version": int(version)}
 
 
-def written(folder, form, **change):
-    """Write the layout by numpy or h5py alone, packed as other programs may; None leaves something out."""
+def written(folder, **change):
+    """Write the layout by numpy alone, packed as other programs may; None leaves something out."""
     values = {name: value for name, value in (VALUES | change).items() if value is not None}
-    version, axes, path = values.pop("version"), values.pop("axes"), folder / f"x.{form}"
-    if form == "npz":
-        for name in ("meta", "history"):
-            if isinstance(values.get(name), str):
-                values[name] = np.frombuffer(values[name].encode(), np.uint8)
-        np.savez_compressed(path, format=f"granular_id recordings {version}", axes=axes, **values)
-        return path
-    with h5py.File(path, "w") as file:
-        file.attrs["format"], file.attrs["version"] = "granular_id recordings", np.int16(version)
-        for name, value in values.items():
-            packed = {"compression": "gzip", "shuffle": True} if name == "wrench" else {}
-            file.create_dataset(name if name in BESIDE else f"recordings/{name}", data=value, **packed)
-        if "wrench" in file:
-            file["wrench"].attrs["axes"] = axes
+    version, path = values.pop("version"), folder / "x.npz"
+    for name in ("meta", "history"):
+        if isinstance(values.get(name), str):
+            values[name] = np.frombuffer(values[name].encode(), np.uint8)
+    np.savez_compressed(path, format=f"granular_id recordings {version}", **values)
     return path
 
 
-@both
-def test_plain_libraries_read_what_is_saved_and_write_what_is_loaded(tmp_path, form):
-    found = plain(save(SMALL, tmp_path / f"set.{form}"))
+def test_plain_numpy_reads_what_is_saved_and_writes_what_is_loaded(tmp_path):
+    found = plain(save(SMALL, tmp_path / "set.npz"))
     assert found.pop("format") == "granular_id recordings"
     assert found.keys() == VALUES.keys()
     for name, value in VALUES.items():
         np.testing.assert_array_equal(found[name], value, err_msg=name)
-    read = load(written(tmp_path, form))
+    read = load(written(tmp_path))
     assert_same_bits(read, SMALL)
     assert read.history[:-1] == SMALL.history
 
 
-@pytest.mark.parametrize(("form", "place"), [("npz", "extra"), ("h5", "flavour")])
-def test_what_is_no_part_of_the_layout_is_said(tmp_path, form, place):
-    path = written(tmp_path, form, **({"extra": [1, 2]} if form == "npz" else {}))
-    if form == "h5":
-        with h5py.File(path, "a") as file:
-            file["flavour"] = 1
-    assert any(f"not read: {place}" in note for note in load(path).history[-1].notes)
+def test_what_is_no_part_of_the_layout_is_said(tmp_path):
+    path = written(tmp_path, extra=[1, 2])
+    assert any("not read: extra" in note for note in load(path).history[-1].notes)
 
 
 @pytest.mark.parametrize(
-    ("change", "message", "forms"),
+    ("change", "message"),
     [
-        ({"version": 2}, "granular_id recordings 2.*reads 'granular_id recordings 1'", "npz h5"),
-        ({"wrench": None}, "wrench: is missing", "npz h5"),
-        ({"label": None}, "label: is missing", "npz h5"),
-        ({"label": [1, 2]}, "label: .*wanted texts", "npz h5"),
-        ({"label": np.array([b"\xff", b"a"])}, "label: .*wanted texts in UTF-8", "h5"),
-        ({"label": np.array([0x7FFFFFFF, 0], "<u4").view("<U1")}, "label: .*wanted texts", "npz"),
-        ({"meta": np.array([255], np.uint8)}, "meta: .*wanted texts in UTF-8", "npz"),
-        ({"meta": np.zeros(2)}, "meta: .*wanted texts", "npz h5"),
-        ({"meta": "{}"}, "meta has 1 values for 2", "npz h5"),
-        ({"n_samples": [30, 4]}, "n_samples adds up to 34", "npz h5"),
-        ({"wrench": np.full((33, 6), np.nan)}, r"wrench\[0, 0\].* is nan", "npz h5"),
-        ({"wrench": np.ones((33, 6), complex)}, "wrench", "npz h5"),
+        ({"version": 2}, "granular_id recordings 2.*reads 'granular_id recordings 1'"),
+        ({"wrench": None}, "wrench: is missing"),
+        ({"label": None}, "label: is missing"),
+        ({"label": [1, 2]}, "label: .*wanted texts"),
+        ({"label": np.array([b"a", b"b"])}, "label: .*wanted texts"),
+        ({"label": np.array([0x7FFFFFFF, 0], "<u4").view("<U1")}, "label: .*wanted texts"),
+        ({"meta": np.array([255], np.uint8)}, "meta: .*wanted texts in UTF-8"),
+        ({"meta": np.zeros(2)}, "meta: .*wanted texts"),
+        ({"meta": "{}"}, "meta has 1 values for 2"),
+        ({"n_samples": [30, 4]}, "n_samples adds up to 34"),
+        ({"wrench": np.full((33, 6), np.nan)}, r"wrench\[0, 0\].* is nan"),
+        ({"wrench": np.ones((33, 6), complex)}, "wrench"),
     ],
 )
-def test_files_that_contradict_themselves_are_refused(tmp_path, change, message, forms):
-    for form in forms.split():
-        path = written(tmp_path, form, **change)
-        with pytest.raises(RecordingFileError, match=message) as caught:
-            load(path)
-        assert caught.value.path == str(path)
+def test_files_that_contradict_themselves_are_refused(tmp_path, change, message):
+    path = written(tmp_path, **change)
+    with pytest.raises(RecordingFileError, match=message) as caught:
+        load(path)
+    assert caught.value.path == str(path)
 
 
-@both
-def test_files_that_are_cut_off_or_of_another_kind_are_refused(tmp_path, form):
-    path = save(SMALL, tmp_path / f"x.{form}")
+def test_files_that_are_cut_off_or_of_another_kind_are_refused(tmp_path):
+    path = save(SMALL, tmp_path / "x.npz")
     data = path.read_bytes()
     parts = [data[: len(data) * tenth // 10] for tenth in range(10)]
     for part in (*parts, b"fx,fy\n1,2\n", b"\x89HDF\r\n\x1a\n" + bytes(500), b"PK\3\4" + bytes(500)):
@@ -159,47 +122,6 @@ def test_files_that_are_cut_off_or_of_another_kind_are_refused(tmp_path, form):
             load(path)
     path.write_bytes(data)  # the same file to the operating system
     assert load(path) == SMALL
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes in folders")
-def test_links_to_other_files_are_not_opened(tmp_path):
-    path = written(tmp_path, "h5")
-    os.mkfifo(tmp_path / "pipe.h5")  # whoever opens it waits for ever
-    for name in ("flags", "wrench"):
-        with h5py.File(path, "a") as file:
-            file.pop(name, None)
-            file[name] = h5py.ExternalLink("pipe.h5", "/x")
-        with pytest.raises(RecordingFileError, match=f"{name}: is a link, which is not followed"):
-            load(path)
-
-
-@pytest.mark.parametrize(
-    ("place", "units", "message"),
-    [
-        ("wrench", ["mN"] * 3 + ["mN m"] * 3, None),
-        ("wrench", ["lb"] * 6, "attribute units: names lb"),
-        ("wrench", [b"\xff"] * 6, "attribute units: has shape .* wanted texts"),
-        ("recordings/rate_hz", "kHz", "rate_hz: is in kHz"),
-    ],
-)
-def test_units_in_a_file_are_obeyed_or_refused(tmp_path, place, units, message):
-    path = save(SMALL, tmp_path / "x.h5")
-    with h5py.File(path, "a") as file:
-        file[place].attrs["units"] = np.bytes_(units)
-    if message is None:
-        np.testing.assert_allclose(load(path)[0].wrench, PUSHES[0] / 1e3, rtol=1e-15)
-        return
-    with pytest.raises(RecordingFileError, match=message):
-        load(path)
-
-
-def test_old_files_that_say_newton_of_any_axis_still_load(tmp_path):
-    other = Dataset([replace(r, axes=("wx", "wy", "wz", "ax", "ay", "az")) for r in SMALL])
-    path = save(other, tmp_path / "x.h5")
-    with h5py.File(path, "a") as file:
-        assert file["wrench"].attrs["units"].tolist() == [b""] * 6
-        file["wrench"].attrs["units"] = np.bytes_(["N"] * 6)
-    assert load(path) == other
 
 
 def test_the_same_data_gives_the_same_bytes(tmp_path):

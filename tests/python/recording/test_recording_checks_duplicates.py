@@ -1,4 +1,4 @@
-"""Copies are found, however they were shifted, cropped, tared or rounded; other recordings are not."""
+"""Copies and shared stretches are found, wherever they begin; other recordings are not."""
 
 from dataclasses import replace
 
@@ -33,21 +33,18 @@ def test_exact_copies():
         (lambda w, _: w[200:1400], 1.0, 200),
         (lambda w, other: np.vstack([other[:300], w[:1300]]), 1300 / 1600, -300),
         (lambda w, other: np.vstack([w[1200:], other[:1200]]), 400 / 1600, 1200),
-        (lambda w, _: w.round(3), 1.0, 0),
-        (lambda w, _: w.round(2), 0.75, 0),
-        (lambda w, _: w - w[:50].mean(axis=0), 1.0, 0),
         (lambda w, other: np.where((np.arange(1600) % 40 < 10)[:, None], other, w), 0.75, 0),
     ],
-    ids=["cropped", "later", "the end of it", "3 decimals", "2 decimals", "tared", "most rows"],
+    ids=["cropped", "later", "the end of it", "most rows"],
 )
-def test_other_copies(change, share, shift):
+def test_shared_stretches(change, share, shift):
     sound = sound_set()
     report = with_copy(sound, change(sound[5].wrench, sound[30].wrench)).check()
     finding = by_code(report)["near-duplicates"]
     pairs = {
         (first, second): (found_shift, found) for first, second, found_shift, found in finding.values["pairs"]
     }
-    assert pairs[5, 48] == (shift, pytest.approx(share, abs=0.1))
+    assert pairs[5, 48] == (shift, pytest.approx(share))
     assert finding.severity == "error"
     assert report.verdicts[48].state == report.verdicts[5].state == "error"
 
@@ -66,22 +63,18 @@ def test_recordings_that_only_resemble_each_other_are_left_alone():
 @settings(max_examples=30)
 @given(
     start=st.integers(0, 300),
-    length=st.integers(60, 300),
-    offset=st.floats(-5, 5),
+    length=st.integers(9, 300),
     n_axes=st.sampled_from([1, 2, 3, 6]),
     seed=st.integers(0, 99),
 )
-def test_any_long_crop_is_found(start, length, offset, n_axes, seed):
+def test_any_crop_is_found(start, length, n_axes, seed):
     rng = np.random.default_rng(seed)
     names = tuple(f"a{i}" for i in range(n_axes))
     noise = [Recording(rng.normal(size=(600, n_axes)), rate_hz=100, axes=names) for _ in range(6)]
-    if n_axes == 1:
-        length = max(length, 150)  # one axis needs 60 rows for a pattern
-    copy = Recording(noise[3].wrench[start : start + length] + offset, rate_hz=100, axes=names)
+    copy = Recording(noise[3].wrench[start : start + length], rate_hz=100, axes=names)
     (overlap,) = find_overlaps([*noise, copy])
     assert (overlap.first, overlap.second, overlap.shift) == (3, 6, start)
     assert overlap.share == 1
-    assert overlap.exact or offset != 0
 
 
 def test_recordings_of_different_axes_are_not_compared():
@@ -134,6 +127,6 @@ def test_a_thousand_real_recordings_hold_none(data_dir):
 
     sliding = load(data_dir / "sliding_wrench")
     assert find_overlaps(sliding.recordings) == []
-    twice = Dataset([*sliding, replace(sliding[500], wrench=sliding[500].wrench.round(2), name="rounded")])
-    (overlap,) = find_overlaps(twice.recordings)
+    cropped = Recording(sliding[500].wrench[100:], rate_hz=100, axes=sliding.axes)
+    (overlap,) = find_overlaps([*sliding, cropped])
     assert (overlap.first, overlap.second) == (500, 1000)

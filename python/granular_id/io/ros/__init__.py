@@ -1,1 +1,1 @@
-"""ROS 1 and ROS 2 bags and MCAP: messages of a wrench, read; MCAP, written."""
+"""ROS 1 and ROS 2 bags and MCAP: messages of a wrench, read."""

@@ -209,7 +209,7 @@ def _ros2_name(type_name: str) -> str:
     return f"{package}/msg/{name}"
 
 
-# Wrenches as messages carry them: what readers hand over, and the plain messages that are written.
+# Wrenches as messages carry them: what readers hand over.
 
 Refuse = Callable[[int, str], NoReturn]
 """Called with the index of the first bad message and what is wrong with it."""
@@ -220,9 +220,6 @@ IMU_AXES = ("wx", "wy", "wz", "ax", "ay", "az")
 STAMPED = "geometry_msgs/WrenchStamped"
 WRENCH_TYPES = (STAMPED, "geometry_msgs/Wrench")
 """The plain types; ROS 2 puts ``/msg/`` in between."""
-
-LONGEST_FRAME = 1024
-"""Bytes of a frame_id that is written, at most."""
 
 _RULE = "=" * 80
 
@@ -264,7 +261,7 @@ class Wrenches:
         stamps: NDArray[np.int64] | None,
         frames: list[str] | None,
         refuse: Refuse,
-        parts: tuple[str, str] = _PARTS[_WRENCH],
+        parts: tuple[str, str],
     ) -> Wrenches:
         """Make them of seconds and nanoseconds (T, 2), and the frame of each message, or the one of all."""
         bad = np.argwhere(~np.isfinite(wrench))
@@ -283,28 +280,3 @@ class Wrenches:
             change = f"frame_id changes from {frames[0][:80]!r} to {frames[other][:80]!r}"
             refuse(other, f"{change}; a recording has its forces in one frame")
         return cls(wrench, seconds * 10**9 + rest, frames[0])
-
-
-def encode_wrenches(wrench: FloatArray, stamps_ns: NDArray[np.int64], frame_id: str) -> list[bytes]:
-    """Encode samples as CDR messages of type WrenchStamped, little-endian."""
-    frame = frame_id.encode() + b"\0"
-    layout = np.dtype(
-        [
-            ("encapsulation", "4u1"),
-            ("sec", "<i4"),
-            ("nanosec", "<u4"),
-            ("frame_bytes", "<u4"),
-            ("frame", "u1", (len(frame),)),
-            # CDR aligns doubles to 8 bytes, counted from behind its own header
-            ("padding", "u1", (-(12 + len(frame)) % 8,)),
-            ("wrench", "<f8", (6,)),
-        ]
-    )
-    table = np.zeros(len(wrench), layout)
-    table["encapsulation"] = (0, 1, 0, 0)
-    table["sec"], table["nanosec"] = np.divmod(stamps_ns, 10**9)
-    table["frame_bytes"] = len(frame)
-    table["frame"] = np.frombuffer(frame, np.uint8)
-    table["wrench"] = wrench
-    data, size = table.tobytes(), layout.itemsize
-    return [data[i : i + size] for i in range(0, len(data), size)]

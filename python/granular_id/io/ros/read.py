@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 from urllib.parse import quote
@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from granular_id.io.errors import RecordingFileError, need
 from granular_id.io.files import check_file, list_folder, open_bounded, refuse_outside
 from granular_id.io.options import LoadOptions
-from granular_id.io.ros.mcap import CHANGED_NOTE, OWN_NAME, OwnRecords, restored
 from granular_id.io.ros.messages import (
     IMU_AXES,
     STAMPED,
@@ -44,7 +43,6 @@ class _Bag:
 
     topics: list[Topic]
     distro: str | None = None
-    own: OwnRecords = field(default_factory=OwnRecords)
 
 
 def is_bag_folder(folder: Path) -> bool:
@@ -72,11 +70,6 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         raise RecordingFileError(source.path, problem, **place_of(index))
 
     wrenches = topic.message_type.decode(messages, inner, refuse)
-    if bag.own.metadata:
-        content = restored(bag.own, wrenches, source)
-        if content is not None:
-            return content
-        notes.append(CHANGED_NOTE)
     about = {
         "topic": topic.name + (inner and f".{inner}"),
         "message_type": topic.type_name,
@@ -85,7 +78,7 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         "ros_distro": bag.distro,
     }
     axes = IMU_AXES if inner in topic.imus else ()
-    return recording_of(wrenches, np.array(log_ns, np.int64), source, options, about, place_of, notes, axes)
+    return _recording_of(wrenches, np.array(log_ns, np.int64), source, options, about, place_of, notes, axes)
 
 
 @contextmanager
@@ -192,7 +185,6 @@ def _mcap(file: BinaryIO, path: Path, asked: str | None) -> _Bag:
         way_out = f"`mcap recover {path.name} -o whole.mcap` keeps what there is"
         raise RecordingFileError(path, f"is cut off, the recording was not closed; {way_out}")
     file.seek(0)
-    own = OwnRecords()
     schemas = {0: ("", "")}
     topics: dict[tuple[str, str, str], Topic] = {}
     logs: dict[tuple[str, str, str], list[tuple[int, bytes]]] = {}
@@ -211,15 +203,11 @@ def _mcap(file: BinaryIO, path: Path, asked: str | None) -> _Bag:
             log = logs.setdefault(key, [])
             topic = topics.setdefault(key, Topic(*key, definition, record.metadata.get("callerid"), log))
             channels[record.id] = log, topic.may_hold_wrench or (topic.may_hold_imu and topic.is_asked(asked))
-        elif kind == "Metadata" and record.name == OWN_NAME:
-            own.metadata = record.metadata
-        elif kind == "Attachment" and record.name.startswith(OWN_NAME):
-            own.attachments[record.name] = record.data
     for key, log in logs.items():
         if log:
             times = [log_ns for log_ns, _ in log]
             topics[key].count, topics[key].span_ns = len(log), max(times) - min(times)
-    return _Bag(list(topics.values()), own=own)
+    return _Bag(list(topics.values()))
 
 
 # The topics of a bag, and which of them holds the wrench.
@@ -340,30 +328,26 @@ def _listed(topics: Sequence[Topic]) -> str:
 # The clock of messages: which stamps are taken, and the recording that they make.
 
 
-def recording_of(
+def _recording_of(
     wrenches: Wrenches,
-    log_ns: NDArray[np.int64] | None,
+    log_ns: NDArray[np.int64],
     source: FileSource,
     options: LoadOptions,
     about: Mapping[str, Any],
     place_of: Callable[[int], dict[str, Any]],
     notes: list[str],
-    axes: tuple[str, ...] = (),
+    axes: tuple[str, ...],
 ) -> FileContent:
     """Make one recording of messages; what of `about` is empty is left out of its metadata.
 
-    `log_ns` says when messages were logged: their order, and their clock where ``header.stamp`` was never set. None
-    where nobody knows: messages are then in order, and without stamps a rate must be stated.
+    `log_ns` says when messages were logged: their order, and their clock where ``header.stamp`` was never set.
     """
-    # As every player does; files may hold them otherwise.
-    order = np.arange(len(wrenches.wrench)) if log_ns is None else np.argsort(log_ns, kind="stable")
+    order = np.argsort(log_ns, kind="stable")  # as every player does; files may hold them otherwise
     stamps_ns, clock = _stamps(wrenches, log_ns, notes)
-    first_s, stamps = 0.0, None
-    if stamps_ns is not None:
-        # ns since 1970 do not fit float64: seconds from the first stamp do, rounded once
-        first_ns = int(stamps_ns.min())
-        first_s = first_ns / 10**9  # of integers, rounded once; 1e9 would round twice
-        stamps = (stamps_ns[order] - first_ns) / 1e9
+    # ns since 1970 do not fit float64: seconds from the first stamp do, rounded once
+    first_ns = int(stamps_ns.min())
+    first_s = first_ns / 10**9  # of integers, rounded once; 1e9 would round twice
+    stamps = (stamps_ns[order] - first_ns) / 1e9
     recording, remarks = stamped_recording(
         wrenches.wrench[order],
         source,
@@ -381,9 +365,7 @@ def recording_of(
     return FileContent([recording], [{"name": recording.name, **remarks}] if remarks else [], notes)
 
 
-def _stamps(
-    wrenches: Wrenches, log_ns: NDArray[np.int64] | None, notes: list[str]
-) -> tuple[NDArray[np.int64] | None, str]:
+def _stamps(wrenches: Wrenches, log_ns: NDArray[np.int64], notes: list[str]) -> tuple[NDArray[np.int64], str]:
     """Choose the clock: the sensor's own stamps where they were ever set, else when messages were logged."""
     stamps_ns = wrenches.stamps_ns
     jitter = "log times are taken, which jitter more than the sensor's clock"
@@ -391,8 +373,6 @@ def _stamps(
         notes.append(f"messages without a header: {jitter}")
         return log_ns, "log time"
     if (len(stamps_ns) > 1 and (stamps_ns == stamps_ns[0]).all()) or not stamps_ns.any():
-        if log_ns is None:
-            return None, "stamps that change"
         notes.append(f"header.stamp never changes: {jitter}")
         return log_ns, "log time"
     return stamps_ns, "header.stamp"

@@ -1,1 +1,0 @@
-"""LeRobot data sets of version 3, read and written."""
