@@ -204,12 +204,9 @@ bench-decision: $(RELEASE)/.package
 
 # Synthetic recordings for bench-archive: they stay in target/archive, 14 KB each.
 RECORDINGS ?= 100000
-ARCHIVE := $(RELEASE)/bin/python benches/archive.py --folder target/archive
 
 bench-archive: $(RELEASE)/.package
-	$(ARCHIVE) --recordings $(RECORDINGS)
-	$(ARCHIVE) --scaling 1000 10000 $(RECORDINGS)
-	$(ARCHIVE) --ports
+	$(RELEASE)/bin/python benches/archive.py --folder target/archive --recordings $(RECORDINGS)
 
 oldest: $(OLDEST)/.package
 	$(OLDEST)/bin/python -m pytest -o filterwarnings=default

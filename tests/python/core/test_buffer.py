@@ -26,7 +26,6 @@ def filled(n=100):
 @pytest.mark.parametrize("name", ["WrenchBuffer", "WrenchReader"])
 def test_examples_of_the_documentation(name):
     examples = doctest.DocTestFinder(recurse=False).find(getattr(_core, name), name, globs={})
-    assert sum(len(example.examples) for example in examples) > 3
     for example in examples:
         assert doctest.DocTestRunner(verbose=False).run(example).failed == 0
 

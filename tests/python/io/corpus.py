@@ -79,9 +79,9 @@ def unpack(folder: Path) -> None:
         archive.extractall(folder, **trusted)
 
 
-def answers(asked: Iterable[tuple[Path, dict[str, Any]]]) -> list[Answer]:
+def answers(files: Iterable[tuple[Path, dict[str, Any]]]) -> list[Answer]:
     """Load files with their options, each in a process of its own, which a crash or a hang ends alone."""
-    lines = "".join(json.dumps([str(path), options]) + "\n" for path, options in asked)
+    lines = "".join(json.dumps([str(path), options]) + "\n" for path, options in files)
     command = [sys.executable, __file__, "read"]
     ran = subprocess.run(command, input=lines, stdout=subprocess.PIPE, check=True, text=True)
     return [Answer(*json.loads(line)) for line in ran.stdout.splitlines()]

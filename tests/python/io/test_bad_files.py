@@ -34,7 +34,7 @@ def test_hostile_files_are_read_or_refused_as_stored():
 
 def test_damaged_files_are_read_or_refused(tmp_path):
     """Seeds are stored by counting: the same ones damage the same bytes, as long as libraries write the same files."""
-    asked = {
+    files = {
         (kind, seed): (
             damaged(kind, seed, tmp_path / kind / str(seed) / "set"),
             NPY_HZ if kind == "npy" else {},
@@ -43,7 +43,7 @@ def test_damaged_files_are_read_or_refused(tmp_path):
         for seed in range(cases(4))
     }
     good = ("read", "refused", "ended by -11")  # HDF5 may crash: strangers' files are loaded in a container
-    found = zip(asked, answers(asked.values()), strict=True)
+    found = zip(files, answers(files.values()), strict=True)
     assert {place: answer.verdict for place, answer in found if answer.outcome not in good} == {}
 
 
