@@ -275,17 +275,6 @@ impl Model {
         Ok(losses)
     }
 
-    /// Codes plus one of all classes at a learner.
-    pub(crate) fn codes_of(&self, learner: usize) -> &[u8] {
-        let Codes { n_classes, columns, .. } = &self.codes;
-        columns.get(learner * n_classes..(learner + 1) * n_classes).unwrap_or_default()
-    }
-
-    /// By what the summed loss of a class is divided.
-    pub(crate) fn divisor(&self, class: usize) -> f64 {
-        self.codes.divisors.get(class).copied().unwrap_or(1.0)
-    }
-
     /// The answers for a batch of recordings.
     pub fn identify_batch(
         &self,

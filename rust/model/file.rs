@@ -61,7 +61,7 @@ const ENTRIES: [&str; 16] = [
 ];
 
 /// The tensors of every model, then those that it may have.
-const TENSORS: [&str; 11] = [
+const TENSORS: [&str; 9] = [
     "coding_matrix",
     "coef",
     "intercept",
@@ -69,8 +69,6 @@ const TENSORS: [&str; 11] = [
     "early",
     "level_scales",
     "posterior_weights",
-    "raw_high",
-    "raw_low",
     "raw_mean",
     "sigmoid",
 ];
@@ -132,8 +130,6 @@ impl Model {
             loss: choice(&mut entries, "loss", &Loss::NAMED)?,
             decoding: choice(&mut entries, "decoding", &Decoding::NAMED)?,
             raw_mean: tensors.optional("raw_mean")?,
-            raw_low: tensors.optional("raw_low")?,
-            raw_high: tensors.optional("raw_high")?,
             early: tensors.optional("early")?,
             sigmoid: tensors.optional("sigmoid")?,
             posterior_weights: tensors.optional("posterior_weights")?,
@@ -356,12 +352,7 @@ impl Model {
             }),
             OneTensor::list("intercept", self.intercepts()),
         ];
-        let lists = [
-            ("posterior_weights", &self.posterior_weights),
-            ("raw_high", &self.raw_high),
-            ("raw_low", &self.raw_low),
-            ("raw_mean", &self.raw_mean),
-        ];
+        let lists = [("posterior_weights", &self.posterior_weights), ("raw_mean", &self.raw_mean)];
         tensors
             .extend(lists.into_iter().filter_map(|(name, list)| Some(OneTensor::list(name, list.as_ref()?))));
         for (name, pairs) in [("early", &self.early), ("sigmoid", &self.sigmoid)] {

@@ -76,8 +76,6 @@ pub struct Model {
     loss: Loss,
     decoding: Decoding,
     raw_mean: Option<Vec<f64>>,
-    raw_low: Option<Vec<f64>>,
-    raw_high: Option<Vec<f64>>,
     early: Option<Vec<[f64; 2]>>,
     sigmoid: Option<Vec<[f64; 2]>>,
     posterior_weights: Option<Vec<f64>>,
@@ -185,12 +183,6 @@ impl Model {
     #[must_use]
     pub fn raw_mean(&self) -> Option<&[f64]> {
         self.raw_mean.as_deref()
-    }
-
-    /// Smallest and largest values of the training recordings, axis by axis.
-    #[must_use]
-    pub fn raw_range(&self) -> Option<(&[f64], &[f64])> {
-        self.raw_low.as_deref().zip(self.raw_high.as_deref())
     }
 
     /// The rule for early answers: samples seen (rising) and the margin needed from there on.

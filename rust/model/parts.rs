@@ -150,10 +150,6 @@ pub struct ModelParts<'a> {
     pub decoding: Decoding,
     /// Mean of the training recordings, axis by axis (`n_axes * n_samples`,): what a sample not yet seen is taken for.
     pub raw_mean: Option<Tensor<'a>>,
-    /// Their smallest values, in the same order.
-    pub raw_low: Option<Tensor<'a>>,
-    /// Their largest values.
-    pub raw_high: Option<Tensor<'a>>,
     /// Samples seen and margin needed (M, 2) for an early answer.
     pub early: Option<Tensor<'a>>,
     /// Slope and offset of the sigmoid of each learner (L, 2).
@@ -225,8 +221,6 @@ impl Model {
             loss: parts.loss,
             decoding: parts.decoding,
             raw_mean: owned(&parts.raw_mean)?,
-            raw_low: owned(&parts.raw_low)?,
-            raw_high: owned(&parts.raw_high)?,
             early: pairs(&parts.early)?,
             sigmoid: pairs(&parts.sigmoid)?,
             posterior_weights: owned(&parts.posterior_weights)?,
@@ -262,8 +256,6 @@ impl<'a> ModelParts<'a> {
             loss: Loss::default(),
             decoding: Decoding::default(),
             raw_mean: None,
-            raw_low: None,
-            raw_high: None,
             early: None,
             sigmoid: None,
             posterior_weights: None,
@@ -274,26 +266,12 @@ impl<'a> ModelParts<'a> {
     /// The tensors that a model may lack.
     fn check_optional(&self, n_raw: usize) -> Result<(), ModelError> {
         let n_learners = self.intercept.len();
-        let of_raw = [("raw_mean", &self.raw_mean), ("raw_low", &self.raw_low), ("raw_high", &self.raw_high)];
-        for (name, tensor) in of_raw {
-            let Some(tensor) = tensor else { continue };
+        if let Some(mean) = &self.raw_mean {
             if n_raw == 0 {
-                return Err(no_use(name, "raw features"));
+                return Err(no_use("raw_mean", "raw features"));
             }
-            tensor.check_shape(name, &[n_raw], format_args!("({n_raw},), n_axes * n_samples"))?;
-            tensor.check_finite(name)?;
-        }
-        match (&self.raw_low, &self.raw_high) {
-            (Some(low), Some(high)) => {
-                if let Some(index) = (0..n_raw).find(|index| low.at(*index) > high.at(*index)) {
-                    let (low, high) = (brief(low.at(index)), brief(high.at(index)));
-                    let problem = format!("must not be above raw_high[{index}], got {low} and {high}");
-                    return Err(ModelError::part(format!("raw_low[{index}]"), problem));
-                }
-            }
-            (Some(_), None) => return Err(no_use("raw_low", "raw_high")),
-            (None, Some(_)) => return Err(no_use("raw_high", "raw_low")),
-            (None, None) => {}
+            mean.check_shape("raw_mean", &[n_raw], format_args!("({n_raw},), n_axes * n_samples"))?;
+            mean.check_finite("raw_mean")?;
         }
         if let Some(early) = &self.early {
             self.check_early(early)?;

@@ -63,8 +63,8 @@ const PAPER_SAMPLES: usize = 1600;
 ///     What describes the model: "axes" and "units" (JSON lists), "coding", "posterior", "training_sha256",
 ///     "library_version", "lead_s" (seconds, or empty), "trained" (a JSON object). Of all this only the rules under
 ///     "confidence" in "trained" are part of an answer.
-/// raw_mean, raw_low, raw_high : array_like, shape (n_axes * n_samples,), optional
-///     Of the training recordings, axis by axis, for provisional answers.
+/// raw_mean : array_like, shape (n_axes * n_samples,), optional
+///     Mean of the training recordings, axis by axis: what samples not yet seen are taken for in provisional answers.
 /// early : array_like, shape (M, 2), optional
 ///     Samples seen and margin needed for an early answer.
 /// sigmoid : array_like, shape (L, 2), optional
@@ -87,10 +87,10 @@ impl PyModel {
     #[new]
     #[pyo3(
         signature = (spec, coef, intercept, coding_matrix, classes, *, loss=None, decoding=None, n_samples=None, n_axes=None,
-                     metadata=None, raw_mean=None, raw_low=None, raw_high=None, early=None, sigmoid=None,
+                     metadata=None, raw_mean=None, early=None, sigmoid=None,
                      posterior_weights=None),
         text_signature = "(spec, coef, intercept, coding_matrix, classes, *, loss='hinge', decoding='loss_weighted', \
-                          n_samples=1600, n_axes=6, metadata=None, raw_mean=None, raw_low=None, raw_high=None, early=None, \
+                          n_samples=1600, n_axes=6, metadata=None, raw_mean=None, early=None, \
                           sigmoid=None, posterior_weights=None)"
     )]
     #[allow(clippy::too_many_arguments)] // the parts of a model
@@ -106,8 +106,6 @@ impl PyModel {
         n_axes: Option<&Bound<'py, PyAny>>,
         metadata: Option<&Bound<'py, PyAny>>,
         raw_mean: Option<&Bound<'py, PyAny>>,
-        raw_low: Option<&Bound<'py, PyAny>>,
-        raw_high: Option<&Bound<'py, PyAny>>,
         early: Option<&Bound<'py, PyAny>>,
         sigmoid: Option<&Bound<'py, PyAny>>,
         posterior_weights: Option<&Bound<'py, PyAny>>,
@@ -131,8 +129,6 @@ impl PyModel {
             ("intercept", Some(intercept)),
             ("coding_matrix", Some(coding_matrix)),
             ("raw_mean", raw_mean),
-            ("raw_low", raw_low),
-            ("raw_high", raw_high),
             ("early", early),
             ("sigmoid", sigmoid),
             ("posterior_weights", posterior_weights),
@@ -159,8 +155,6 @@ impl PyModel {
         (parts.loss, parts.decoding, parts.metadata) = (loss, decoding, metadata);
         for (part, name) in [
             (&mut parts.raw_mean, "raw_mean"),
-            (&mut parts.raw_low, "raw_low"),
-            (&mut parts.raw_high, "raw_high"),
             (&mut parts.early, "early"),
             (&mut parts.sigmoid, "sigmoid"),
             (&mut parts.posterior_weights, "posterior_weights"),
@@ -323,16 +317,6 @@ impl PyModel {
     }
 
     #[getter]
-    fn raw_low<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
-        vector(py, self.model.raw_range().map(|range| range.0))
-    }
-
-    #[getter]
-    fn raw_high<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
-        vector(py, self.model.raw_range().map(|range| range.1))
-    }
-
-    #[getter]
     fn early<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
         pairs(py, self.model.early())
     }
@@ -352,7 +336,7 @@ impl PyModel {
     }
 
     fn __getnewargs_ex__<'py>(slf: &Bound<'py, Self>) -> NewArguments<'py> {
-        let keywords = "loss decoding n_samples n_axes metadata raw_mean raw_low raw_high early sigmoid \
+        let keywords = "loss decoding n_samples n_axes metadata raw_mean early sigmoid \
                         posterior_weights";
         new_arguments(slf, "spec coef intercept coding_matrix classes", keywords)
     }

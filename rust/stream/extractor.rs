@@ -333,11 +333,6 @@ impl WindowHistograms {
         }
     }
 
-    /// Counts of one axis.
-    pub(super) fn axis(&self, axis: usize) -> &[u32] {
-        &self.histograms[axis * self.n_bins..][..self.n_bins]
-    }
-
     /// The histogram block of the features.
     pub(super) fn write(&self, extractor: &Extractor, out: &mut [f64]) {
         for (value, count) in out.iter_mut().zip(&self.histograms) {

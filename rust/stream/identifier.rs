@@ -61,8 +61,6 @@ pub struct Standing<'a> {
     pub margin: f64,
     /// Whether all rows of the window are there.
     pub is_final: bool,
-    /// Whether the answer can no longer change, as [`StreamingIdentifier::is_settled`] says.
-    pub is_settled: bool,
     /// Whether the margin meets the rule for early answers of the model.
     pub is_sure: bool,
     /// As of [`Answer`](crate::model::Answer); empty before the window is complete.
@@ -168,31 +166,12 @@ impl StreamingIdentifier {
         Ok(&self.losses)
     }
 
-    /// Whether the answer can no longer change: the best class so far wins wherever the remaining forces lie within the
-    /// range that the training recordings had at their instants, and wherever their counts fall. Rigorous, rounding
-    /// included. Always true once the window is complete; never before for a model with raw features and no such range,
-    /// and for one with multi-band features.
-    ///
-    /// # Errors
-    /// As [`scores`](Self::scores).
-    pub fn is_settled(&mut self) -> Result<bool> {
-        self.refresh()?;
-        if self.is_complete() {
-            return Ok(true);
-        }
-        let best = best_and_margin(&self.losses).0;
-        Ok(match &mut self.stream {
-            Stream::Additive(stream) => stream.is_settled(&self.model, best),
-            Stream::MultiBand(_) => false,
-        })
-    }
-
     /// Everything about the answer so far.
     ///
     /// # Errors
     /// As [`scores`](Self::scores).
     pub fn standing(&mut self) -> Result<Standing<'_>> {
-        let is_settled = self.is_settled()?;
+        self.refresh()?;
         let n_seen = self.n_seen();
         let (best, margin) = best_and_margin(&self.losses);
         let is_final = self.is_complete();
@@ -207,7 +186,6 @@ impl StreamingIdentifier {
             best,
             margin,
             is_final,
-            is_settled,
             is_sure: self.model.margin_needed(n_seen).is_some_and(|needed| margin >= needed),
             candidates: if is_final { self.verdict.candidates() } else { &[] },
             unknown: if is_final { self.verdict.unknown() } else { None },

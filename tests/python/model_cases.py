@@ -38,8 +38,6 @@ def small_model(**changes):
     keywords = {
         "spec": FeatureSpec(n_bins=4, order=2, bin_range=[(-1.0, 1.0), (-0.5, 0.5)]),
         "raw_mean": np.zeros(n_raw),
-        "raw_low": np.full(n_raw, -2.0),
-        "raw_high": np.full(n_raw, 2.0),
         "early": [[2, 0.5], [4, 0.0]],
         "sigmoid": np.tile([-1.0, 0.25], (n_learners, 1)),
         "posterior_weights": np.full(n_learners, 8.0),

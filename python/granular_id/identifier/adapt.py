@@ -396,12 +396,8 @@ def _new_model(
     if labelled and trained.get(MARKS):  # they have trained it, too
         trained[MARKS] += stored_marks(data).get(MARKS, "")
     kept: dict[str, Any] = {"early": None, "sigmoid": None, "posterior_weights": None}
-    if core.raw_low is not None and core.raw_high is not None:
-        # Bounds of what may still come: what the training saw, and the new set-up.
-        low, high, mean = (v.T.ravel() for v in (data.X.min(axis=0), data.X.max(axis=0), data.X.mean(axis=0)))
-        kept["raw_low"] = np.minimum(low, core.raw_low)
-        kept["raw_high"] = np.maximum(high, core.raw_high)
-        kept["raw_mean"] = np.ascontiguousarray(mean)
+    if core.raw_mean is not None:
+        kept["raw_mean"] = data.X.mean(axis=0).T.ravel()
     return _changed(core, trained, made, **kept)
 
 

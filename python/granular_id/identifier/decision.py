@@ -48,8 +48,6 @@ class Decision:
         longer than everything else about a decision.
     final : bool
         Whether the whole signal was seen.
-    settled : bool
-        Whether the label can no longer change while the remaining forces stay in the range that they had in training.
     sure : bool
         Whether the margin is as large as the model's rule for early answers wants at this moment.
     n_seen : int
@@ -80,7 +78,6 @@ class Decision:
     margin: float
     probability: float | None = _Coupled()  # type: ignore[assignment]
     final: bool = False
-    settled: bool = False
     sure: bool = False
     n_seen: int = 0
     seconds: float = 0.0
@@ -89,9 +86,7 @@ class Decision:
     unknown: bool | None = None
 
     def __str__(self) -> str:
-        stage = (
-            "final" if self.final else "settled" if self.settled else "sure" if self.sure else "provisional"
-        )
+        stage = "final" if self.final else "sure" if self.sure else "provisional"
         return self.sentence(f"after {fixed(self.seconds, 2)} s, {stage}")
 
     def sentence(self, stage: str = "") -> str:
@@ -118,13 +113,13 @@ class Decision:
 
 def decision_of(stream: _core.StreamingIdentifier, warned: Mapping[str, int]) -> Decision:
     """Return the answer so far, with the warnings that were given in the window: each at a row of the stream."""
-    ranking, margin, final, settled, sure, n_seen, first_row, scores, candidates, unknown = stream.standing()
+    ranking, margin, final, sure, n_seen, first_row, scores, candidates, unknown = stream.standing()
     # A copy: another thread may be adding one.
     warnings = tuple(what for what, row in list(warned.items()) if row >= first_row)
     model, label = stream.model, ranking[0][0]
     probability: Any = None if model.sigmoid is None else partial(_probability, model, scores, label)
     seconds = n_seen / model.rate_hz
-    stage = final, settled, sure, n_seen, seconds
+    stage = final, sure, n_seen, seconds
     return Decision(label, ranking, margin, probability, *stage, warnings, candidates, unknown)
 
 

@@ -120,7 +120,7 @@ class Identifier:
             and `C` by holding recordings out, sessions where it can (`granular_id.BestClassifier`); `trained`
             says what was chosen. The default, as of `granular-id train`, because it is the most accurate on other
             sessions. ``"multiband"`` has no choice to make and trains faster. Samples and counts, as in the paper
-            (``"raw+hfmh"``), give scores that grow with each sample: live answers can be settled before the end.
+            (``"raw+hfmh"``), give scores that grow with each sample.
         cutoff_hz, order, n_bins, bin_range, outside, density, initial
             As in `granular_id.RawHFMH`; without effect on ``"raw"``, refused with multi-band features.
         block_weights : None, "unit" or two numbers
@@ -238,7 +238,7 @@ class Identifier:
             Seconds of rest ahead of the trigger in the recordings.
         samples : ndarray, shape (n, T, C), optional
             The recordings of the training. Provisional answers of models on raw samples take their mean for what
-            has not been seen; without them zero, and none is ever settled.
+            has not been seen; without them zero.
 
         Returns
         -------

@@ -215,9 +215,7 @@ def model_of(
         coef, intercept = folded_back(between, classifier.coef_, classifier.intercept_)
         spec, coef = _on_plain_features(space, coef, rate_hz)
         if samples is not None and isinstance(spec, FeatureSpec) and spec.raw:
-            names = ("raw_mean", "raw_low", "raw_high")
-            ranges = samples.mean(axis=0), samples.min(axis=0), samples.max(axis=0)
-            arrays |= {n: np.ascontiguousarray(v.T).ravel() for n, v in zip(names, ranges, strict=True)}
+            arrays["raw_mean"] = samples.mean(axis=0).T.ravel()
     if posterior is not None:
         arrays["sigmoid"] = np.column_stack((posterior.slope, posterior.offset))
         arrays["posterior_weights"] = posterior.weights

@@ -74,11 +74,6 @@ class StreamingIdentifier:
         """Whether all samples of the window are there."""
         return self.core.is_complete
 
-    @property
-    def is_settled(self) -> bool:
-        """Whether the label can no longer change; see `Decision.settled`."""
-        return self.core.is_settled
-
     def push(self, wrench: npt.ArrayLike) -> int:
         """Take rows until the window is complete.
 

@@ -440,10 +440,10 @@ class LiveIdentifier:
         return push.reason is FailureReason.SOURCE and self.stream.health().finished
 
     def _is_answer(self, decision: Decision) -> bool:
-        """Whether a decision may be given before the end: settled, or sure at a moment that the rule looks at."""
+        """Whether a decision may be given before the end: sure at a moment that the rule looks at."""
         n_looks = self._moment(decision.n_seen)
         due, self._n_looks = n_looks > self._n_looks, n_looks
-        return decision.settled or (due and decision.sure)
+        return due and decision.sure
 
     def _moment(self, n_seen: int) -> int:
         """Count the moments that have passed at which the rule for early answers was calibrated."""

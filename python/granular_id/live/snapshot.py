@@ -336,9 +336,7 @@ def _answer(snapshot: Snapshot) -> Answer:
         stage = f"final, after {seconds}"
     else:
         stage = f"{'early' if given else 'provisional'}, {seconds} of {fixed(snapshot.capture_s, 2)} s"
-        if decision.settled:
-            stage += ", can no longer change (forces as in training)"
-        elif decision.sure:
+        if decision.sure:
             stage += ", sure enough to stop"
     if decision.unknown:
         return Answer("unknown", "like no known material", stage, _lead(decision))

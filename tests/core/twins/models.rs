@@ -145,9 +145,6 @@ fn random_of(
         codes[b * n_learners + learner] = -1.0;
     }
     let mean: Vec<f64> = (0..n_raw).map(|_| noise()).collect();
-    let low: Vec<f64> = mean.iter().map(|mean| mean - 0.1).collect();
-    let high: Vec<f64> = mean.iter().map(|mean| mean + 0.1).collect();
-    let of_raw = |values| (n_raw > 0).then(|| Tensor::new(vec![n_raw], values));
     let mut parts = ModelParts::new(
         features,
         n_samples,
@@ -157,7 +154,7 @@ fn random_of(
         Tensor::new(vec![n_classes, n_learners], &codes),
         (0..n_classes).map(|class| format!("material {class}")).collect(),
     );
-    (parts.raw_mean, parts.raw_low, parts.raw_high) = (of_raw(&mean), of_raw(&low), of_raw(&high));
+    parts.raw_mean = (n_raw > 0).then(|| Tensor::new(vec![n_raw], &mean));
     parts.early = Some(Tensor::new(vec![1, 2], &[1.0, 0.5]));
     "0.1.0".clone_into(&mut parts.metadata.library_version); // not of this release: files have golden digests
     Model::new(parts).unwrap()

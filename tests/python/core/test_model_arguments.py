@@ -44,7 +44,6 @@ def made(**changes):
         ({"metadata": {"classes": "[]"}}, ValueError, "unknown entry 'classes'"),
         ({"metadata": {"trained": "NaN"}}, ValueError, "trained: is no valid JSON"),
         ({"metadata": {"trained": '{"a": "' + "x" * (1 << 20) + '"}'}}, ValueError, "the header has"),
-        ({"raw_low": [0.0] * 3}, ValueError, "raw_low is of no use without raw_high"),
     ],
 )
 def test_a_bad_part_is_named(changes, error, message):
@@ -110,11 +109,11 @@ def test_parts_come_back():
     assert model.classes == ("material 0", "material 1", "material 2")
     assert (model.loss, model.decoding) == ("hinge", "loss_weighted")
     np.testing.assert_array_equal(model.early, [[2, 0.5], [4, 0.0]])
-    np.testing.assert_array_equal(model.raw_high, np.full(10, 2.0))
+    np.testing.assert_array_equal(model.raw_mean, np.zeros(10))
     assert model.sigmoid.shape == (3, 2)
     assert model.metadata["trained"] == '{"C": 1.0, "note": "Grüße"}'
     plain = made()
-    for name in ("raw_mean", "raw_low", "raw_high", "early", "sigmoid", "posterior_weights"):
+    for name in ("raw_mean", "early", "sigmoid", "posterior_weights"):
         assert getattr(plain, name) is None
     assert plain.metadata["axes"] == '["axis0"]'
     assert made(n_axes=1, metadata={"lead_s": "0.250"}).metadata["lead_s"] == "0.25"

@@ -13,7 +13,7 @@ RANKING = (("rice", 0.1), ("salt", 0.3))
 
 
 def decided(**changes):
-    known = {"probability": None, "final": True, "settled": True, "n_seen": 1600, "seconds": 3.2}
+    known = {"probability": None, "final": True, "n_seen": 1600, "seconds": 3.2}
     return Decision("rice", RANKING, 0.2, **{**known, **changes})
 
 
@@ -21,9 +21,8 @@ def decided(**changes):
     ("changes", "line"),
     [
         ({}, "final: margin 0.200 ahead of salt"),
-        ({"final": False}, "settled: margin 0.200 ahead of salt"),
-        ({"final": False, "settled": False, "sure": True}, "sure: margin 0.200 ahead of salt"),
-        ({"final": False, "settled": False}, "provisional: margin 0.200 ahead of salt"),
+        ({"final": False, "sure": True}, "sure: margin 0.200 ahead of salt"),
+        ({"final": False}, "provisional: margin 0.200 ahead of salt"),
         ({"probability": 0.875}, "final: margin 0.200 ahead of salt, probability 0.875"),
         ({"warnings": ("gap", "lag")}, "final: margin 0.200 ahead of salt (gap, lag)"),
     ],
@@ -58,7 +57,6 @@ def test_values_for_json_and_for_other_processes():
         "margin": 0.2,
         "probability": 0.5,
         "final": True,
-        "settled": True,
         "sure": False,
         "n_seen": 1600,
         "seconds": 3.2,

@@ -67,7 +67,7 @@ def test_the_final_answer_is_that_of_the_whole_recording(case):
         assert decision.ranking == tuple((model.classes[k], losses[k]) for k in order)
         assert decision.label == model.classes[losses.argmin()]
         assert decision.margin == losses[order[1]] - losses[order[0]]
-        assert (decision.final, decision.settled, decision.n_seen) == (True, True, len(rows))
+        assert (decision.final, decision.n_seen) == (True, len(rows))
         assert decision.seconds == len(rows) / model.spec.rate_hz
         stream.reset()
 
@@ -116,81 +116,6 @@ def test_sliding_windows_have_the_scores_of_their_features(case, hop):
         features.next()
         stream.next()
     assert taken == len(rows)
-
-
-def test_settled_is_exact_where_it_can_be_worked_out():
-    """One learner of two classes: settled as soon as the least that can still come keeps the sign."""
-    low, high = -np.array([1.0, 2, 1, 1, 1]), np.array([1.0, 1, 1, 1, 1])
-    spec = FeatureSpec(hfmh=False)
-    sizes = {"n_samples": 5, "n_axes": 1, "raw_low": low, "raw_high": high}
-    model = _core.Model(spec, [[1.0] * 5], [0.5], [[1], [-1]], ["rice", "salt"], **sizes)
-    stream = StreamingIdentifier(model)
-    settled = []
-    for sample in [1.0, 1.0, 0.25, 0.5, -1]:
-        settled.append(stream.is_settled)
-        stream.push([sample])
-    # after each: 0.5, 1.5, 2.5, 2.75, 3.25; still to come at least: -6, -5, -3, -2, -1
-    assert settled == [False, False, False, True, True]
-    assert (stream.is_settled, stream.decision().label) == (True, "rice")
-
-
-@pytest.mark.parametrize("loss", LOSSES)
-@pytest.mark.parametrize(
-    "options",
-    [
-        {},
-        {"outside": "clip"},
-        {"density": True},
-        {"density": True, "outside": "clip"},
-        {"raw": False},
-        {"hfmh": False},
-    ],
-    ids=str,
-)
-def test_what_is_settled_never_changes(options, loss):
-    rng = np.random.default_rng(3)
-    spec = FeatureSpec(n_bins=6, order=2, **options)
-    n_samples, n_axes = 40, 2
-    early = 0
-    for case in range(8):
-        centre = rng.normal(size=n_samples * n_axes)
-        reach = 10.0 ** rng.uniform(-3, 0)
-        ranges = {"raw_low": centre - reach, "raw_high": centre + reach, "raw_mean": centre}
-        matrix = (onevsone, onevsall)[case % 2](4)
-        decoding = ("loss_weighted", "loss_based")[case // 2 % 2]
-        keywords = {
-            "coding_matrix": matrix,
-            "decoding": decoding,
-            "loss": loss,
-            **(ranges if spec.raw else {}),
-        }
-        model = random_model(case, 4, n_samples, n_axes, spec, **keywords)
-        lowest, highest = ((centre + side * reach).reshape(n_axes, -1).T for side in (-1, 1))
-        rows = rng.uniform(lowest, highest)
-        stream = StreamingIdentifier(model)
-        while not stream.is_settled:
-            stream.push(rows[stream.n_seen])
-        n_seen, label = stream.n_seen, stream.decision().label
-        early += n_seen < n_samples
-        for future in range(10):
-            stream.reset()
-            stream.push(rows[:n_seen])
-            rest = np.where(rng.random(rows.shape) < future / 9, lowest, highest)[n_seen:]
-            if future % 2 and not spec.raw:
-                rest = rng.normal(size=rest.shape) * 10.0 ** rng.integers(-3, 3)
-            for row in rest:
-                stream.push(row)
-                assert stream.is_settled
-            assert stream.decision().label == label
-    assert early >= 2
-
-
-def test_nothing_is_settled_early_where_forces_may_be_anything():
-    model = random_model(0, 3, 5, 2, FeatureSpec(n_bins=4), scale=1e-9)
-    stream = StreamingIdentifier(model)
-    stream.push(np.zeros((4, 2)))
-    assert not stream.is_settled
-    assert not stream.decision().settled
 
 
 def test_sure_as_the_model_says():

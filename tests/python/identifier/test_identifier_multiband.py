@@ -112,7 +112,7 @@ def test_a_stream_gives_the_bits_of_the_batch(best, new, size):
         for start in range(0, len(x), size):
             stream.push(x[start : start + size])
             early = stream.decision()
-            assert early.settled == early.final == (stream.n_seen == len(x))
+            assert early.final == (stream.n_seen == len(x))
         assert np.array_equal(stream.core.scores(), best.scores(new.X[k : k + 1])[0])
         whole = best.identify(x)
         assert (early.label, early.ranking, early.probability) == (

@@ -338,8 +338,6 @@ def test_the_early_rule_is_looked_at_as_often_as_when_it_was_calibrated(model):
         seen = range(1, model.n_samples + 1)
         sure = [live._is_answer(Decision("rice", ranking, 1.0, sure=True, n_seen=n)) for n in seen]
         assert sum(sure) == N_CHECKPOINTS
-        settled = Decision("rice", ranking, 1.0, settled=True, n_seen=1)
-        assert live._is_answer(settled), "an answer that cannot change may be given at any moment"
 
 
 class Breaking(ReplaySource):
@@ -392,11 +390,11 @@ def test_no_machine_moves_unasked():
 
 
 def test_early_answers_stop_the_robot(model):
-    """An answer that cannot change any more ends the push; the next one begins at rest."""
+    """An answer that is sure ends the push; the next one begins at rest."""
     with opened(simulated(seed=8, speed=5)) as stream:
         live = LiveIdentifier(stream, model, early=True)
         pushes = [live.push() for _ in range(2)]
     for push in pushes:
         assert push.reason is None
-        assert push.decision.settled or push.decision.sure or push.decision.final
+        assert push.decision.sure or push.decision.final
         assert push.decision.label == push.truth == "rice"

@@ -219,11 +219,6 @@ def test_without_an_answer_the_words_say_what_is_going_on(snapshot, said):
     [
         ("triggered", {}, ("provisional", PROVISIONAL, EARLY_LEAD)),
         ("triggered", {"sure": True}, ("provisional", f"{PROVISIONAL}, sure enough to stop", EARLY_LEAD)),
-        (
-            "triggered",
-            {"settled": True},
-            ("provisional", f"{PROVISIONAL}, can no longer change (forces as in training)", EARLY_LEAD),
-        ),
         ("complete", {"sure": True}, ("final", "early, 1.70 s of 3.20 s, sure enough to stop", EARLY_LEAD)),
         ("complete", {"final": True}, ("final", FINAL, LEAD)),
         ("complete", {"final": True, "probability": 0.934}, ("final", FINAL, f"{LEAD}, probability 93 %")),
