@@ -210,7 +210,6 @@ class Model:
         classes: Iterable[str],
         *,
         loss: str = "hinge",
-        decoding: str = "loss_weighted",
         n_samples: SupportsIndex = 1600,
         n_axes: SupportsIndex = 6,
         metadata: Mapping[str, str] | None = None,
@@ -246,8 +245,6 @@ class Model:
     def classes(self) -> tuple[str, ...]: ...
     @property
     def loss(self) -> str: ...
-    @property
-    def decoding(self) -> str: ...
     @property
     def n_samples(self) -> int: ...
     @property

@@ -15,8 +15,7 @@ use sha2::{Digest, Sha256};
 use super::metadata::{missing_entry, take, unknown_entry, Entries};
 use super::parts::{missing_tensor, no_use};
 use super::{
-    json, Decoding, Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts,
-    Tensor,
+    json, Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts, Tensor,
 };
 use crate::error::shown;
 use crate::memory::reserved;
@@ -50,11 +49,10 @@ const DIGESTED: &str = "3";
 const DIGEST: &str = "content_sha256";
 
 /// The other entries, all of which every model has.
-const ENTRIES: [&str; 17] = [
+const ENTRIES: [&str; 16] = [
     "axes",
     "classes",
     "coding",
-    "decoding",
     "feature_spec",
     "feature_spec_sha256",
     "format",
@@ -145,7 +143,6 @@ impl Model {
             coding_matrix: tensors.required("coding_matrix")?,
             classes: json::names("classes", &take(&mut entries, "classes")?)?,
             loss: choice(&mut entries, "loss", &Loss::NAMED)?,
-            decoding: choice(&mut entries, "decoding", &Decoding::NAMED)?,
             raw_mean: tensors.optional("raw_mean")?,
             raw_low: tensors.optional("raw_low")?,
             raw_high: tensors.optional("raw_high")?,
@@ -345,7 +342,6 @@ impl Model {
         };
         let own = [
             ("classes", Value::from(&self.classes[..]).to_string()),
-            ("decoding", self.decoding.name().to_owned()),
             ("feature_spec_sha256", digest_of_text(&spec)),
             ("feature_spec", spec),
             ("format", FORMAT.to_owned()),

@@ -26,7 +26,7 @@ mod scores;
 pub(crate) use decoding::best_and_margin;
 #[doc(hidden)]
 pub use decoding::ranking;
-pub use decoding::{Answer, Decoding, Loss};
+pub use decoding::{Answer, Loss};
 pub use error::{ModelError, ModelFileError};
 pub use file::{MAX_FILE_BYTES, MAX_HEADER_BYTES};
 pub use metadata::{Metadata, MAX_NAME_BYTES};
@@ -74,7 +74,6 @@ pub struct Model {
     weights: Weights,
     codes: Codes,
     loss: Loss,
-    decoding: Decoding,
     raw_mean: Option<Vec<f64>>,
     raw_low: Option<Vec<f64>>,
     raw_high: Option<Vec<f64>>,
@@ -92,7 +91,7 @@ impl PartialEq for Model {
     fn eq(&self, other: &Self) -> bool {
         self.extraction == other.extraction
             && (self.n_samples, self.n_axes) == (other.n_samples, other.n_axes)
-            && (self.loss, self.decoding) == (other.loss, other.decoding)
+            && self.loss == other.loss
             && (&self.weights, &self.codes) == (&other.weights, &other.codes)
             && (&self.raw_mean, &self.raw_low, &self.raw_high)
                 == (&other.raw_mean, &other.raw_low, &other.raw_high)
@@ -170,12 +169,6 @@ impl Model {
     #[must_use]
     pub fn loss(&self) -> Loss {
         self.loss
-    }
-
-    /// By what the summed loss of a class is divided.
-    #[must_use]
-    pub fn decoding(&self) -> Decoding {
-        self.decoding
     }
 
     /// The weight of a feature, in the order of [`Extractor::extract`] or

@@ -25,7 +25,7 @@ from granular_id.spaces.base import (
     steps_of as steps_of,
     tell_blocks,
 )
-from granular_id.spaces.best import DECODING as DECODING, BestClassifier, Choice as Choice, Chosen as Chosen
+from granular_id.spaces.best import BestClassifier, Choice as Choice, Chosen as Chosen
 from granular_id.spaces.components import PrincipalComponents
 from granular_id.spaces.gram import GramPlan, block_key, gram_plan
 from granular_id.spaces.hfmh import DEFAULT_RANGE as DEFAULT_RANGE, HFMH, BinRange, RawHFMH, RawHistogram
