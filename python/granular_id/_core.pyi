@@ -41,7 +41,6 @@ __all__ = [
     "parse_number_table",
     "sosfilt",
     "sosfilt_zi",
-    "sosfiltfilt",
     "write_number_table",
 ]
 
@@ -64,9 +63,6 @@ def sosfilt(
     sos: ArrayLike, x: ArrayLike, axis: SupportsIndex, zi: ArrayLike | None
 ) -> tuple[_Floats, _Floats | None]: ...
 def sosfilt_zi(sos: ArrayLike) -> _Floats: ...
-def sosfiltfilt(
-    sos: ArrayLike, x: ArrayLike, axis: SupportsIndex, padtype: str | None, padlen: SupportsIndex | None
-) -> _Floats: ...
 
 @final
 class FeatureSpec:

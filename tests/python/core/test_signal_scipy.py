@@ -26,7 +26,6 @@ SOSFILT = [
     "test_sosfilt_zi",
     "test_sosfilt_zi_2",
 ]
-SOSFILTFILT = ["test_basic", "test_sine", "test_axis", "test_equivalence"]
 BUTTER = ["test_degenerate", "test_basic", "test_highpass", "test_bandpass", "test_bandstop", "test_fs_param"]
 
 
@@ -70,15 +69,6 @@ def test_sosfilt(test, dtype, request, monkeypatch):
     assert calls
 
 
-@pytest.mark.parametrize("test", SOSFILTFILT)
-def test_sosfiltfilt(test, request, monkeypatch):
-    module = scipys_tests("test_signaltools", request)
-    calls = []
-    monkeypatch.setattr(module, "sosfiltfilt", counted(twins.sosfiltfilt, calls))
-    run(module, "TestSOSFiltFilt", test)
-    assert calls
-
-
 @pytest.mark.parametrize("test", BUTTER)
 def test_butter(test, request, monkeypatch):
     module = scipys_tests("test_filter_design", request)
@@ -102,9 +92,6 @@ def test_no_test_of_scipy_is_left_out(request):
     tools, design = scipys_tests("test_signaltools", request), scipys_tests("test_filter_design", request)
     found = {name for name in dir(tools.TestSOSFilt) if name.startswith("test")}
     assert found <= set(SOSFILT)
-    found = {name for name in dir(tools.TestSOSFiltFilt) if name.startswith("test")}
-    # These call filtfilt, the function for transfer functions.
-    assert found <= {*SOSFILTFILT, "test_acoeff", "test_gust_simple", "test_gust_scalars"}
     found = {name for name in dir(design.TestButter) if name.startswith("test")}
     assert found <= {*BUTTER, "test_ba_output"}  # an analog filter
 
