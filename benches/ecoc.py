@@ -25,7 +25,6 @@ from sklearn.svm import SVC
 
 from granular_id._files import write_json
 from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc.decoding import decode
 
 N_CLASSES, PER_CLASS, N_FEATURES = 11, 50, 10_200
 KINDS = ("noise", "walk")
@@ -71,8 +70,7 @@ def compare(kind: str, repeats: int) -> dict[str, float]:
 
     X_new = X + np.random.default_rng(21).standard_normal(X.shape) * X.std() * 0.3
     ours, theirs = fitted["ECOCClassifier"], fitted["OneVsOne(SVC(linear))"]
-    scores = ours.binary_scores(X_new)
-    votes = decode(scores, ours.coding_matrix_, "hamming")
+    votes = (ours.binary_scores(X_new)[:, None, :] * ours.coding_matrix_ > 0).sum(axis=2)
     by_loss = ours.predict(X_new)
     unique = (votes == votes.max(axis=1, keepdims=True)).sum(axis=1) == 1  # no two classes with as many votes
     agree = unique & (votes.argmax(axis=1) == by_loss)

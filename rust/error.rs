@@ -122,14 +122,6 @@ pub enum Error {
         /// The gain, zero or subnormal or not finite.
         gain: f64,
     },
-    /// Padding as long as the signal or longer.
-    #[error("x must be longer than padlen along the axis, got {len} samples for padlen = {padlen}")]
-    Padding {
-        /// Samples along the axis.
-        len: usize,
-        /// Samples of padding asked for at each end.
-        padlen: usize,
-    },
     /// A histogram without bins, or with more than `MAX_BINS`.
     #[error("n_bins must be from 1 to {max}, got {n_bins}")]
     Bins {

@@ -89,9 +89,7 @@ mod specs;
 pub mod stream;
 pub mod wrench;
 
-pub use dsp::{
-    butterworth, sosfilt, sosfilt_from, sosfiltfilt, AlongAxis, Band, Padding, Sos, SosState, UniformBins,
-};
+pub use dsp::{butterworth, sosfilt, sosfilt_from, AlongAxis, Band, Sos, SosState, UniformBins};
 pub use error::{Error, Result};
 pub use features::{BatchShape, Extractor, FeatureSpec};
 pub use kernel::SimdPath;

@@ -41,7 +41,6 @@ __all__ = [
     "parse_number_table",
     "sosfilt",
     "sosfilt_zi",
-    "sosfiltfilt",
     "write_number_table",
 ]
 
@@ -64,9 +63,6 @@ def sosfilt(
     sos: ArrayLike, x: ArrayLike, axis: SupportsIndex, zi: ArrayLike | None
 ) -> tuple[_Floats, _Floats | None]: ...
 def sosfilt_zi(sos: ArrayLike) -> _Floats: ...
-def sosfiltfilt(
-    sos: ArrayLike, x: ArrayLike, axis: SupportsIndex, padtype: str | None, padlen: SupportsIndex | None
-) -> _Floats: ...
 
 @final
 class FeatureSpec:
@@ -208,7 +204,6 @@ class Model:
         classes: Iterable[str],
         *,
         loss: str = "hinge",
-        decoding: str = "loss_weighted",
         n_samples: SupportsIndex = 1600,
         n_axes: SupportsIndex = 6,
         metadata: Mapping[str, str] | None = None,
@@ -239,8 +234,6 @@ class Model:
     def classes(self) -> tuple[str, ...]: ...
     @property
     def loss(self) -> str: ...
-    @property
-    def decoding(self) -> str: ...
     @property
     def n_samples(self) -> int: ...
     @property

@@ -23,7 +23,6 @@ def linear_gram(
     Y: npt.ArrayLike | None = None,
     *,
     center: npt.ArrayLike | None = None,
-    scale: npt.ArrayLike | None = None,
 ) -> FloatArray:
     """Scalar products of the rows of `X` with each other, or with the rows of `Y`.
 
@@ -36,8 +35,6 @@ def linear_gram(
     center : array-like, shape (D,), optional
         Subtracted from each row first. A linear learner with an intercept gives the same scores for
         any origin, so this changes rounding only; take the mean of all rows when columns carry large offsets.
-    scale : array-like, shape (D,), optional
-        Each centred column is divided by this; infinity leaves a column out.
 
     Returns
     -------
@@ -60,10 +57,9 @@ def linear_gram(
     n_columns = left.shape[1]
     if right.shape[1] != n_columns:
         raise ValueError(f"Y must have {n_columns} columns as X has, got {right.shape[1]}")
-    origin = _per_column("center", center, n_columns)
-    unit = _per_column("scale", scale, n_columns)
-    if unit is not None and not (unit > 0).all():
-        raise ValueError("scale must be positive in each column")
+    origin = None if center is None else float_array("center", center)
+    if origin is not None and origin.shape != (n_columns,):
+        raise ValueError(f"center must have shape ({n_columns},), got shape {origin.shape}")
     step = max(64, _BLOCK_BYTES // (8 * max(len(left), len(right))))
     gram = np.zeros((len(left), len(right)))
     product = np.empty_like(gram)
@@ -74,8 +70,8 @@ def linear_gram(
             far = near if right is left else _copied(right, first, wide)
             for start in range(first, min(first + wide, n_columns), step):
                 columns = slice(start, min(start + step, n_columns))
-                block = _moved(near, columns, first, origin, unit)
-                other = block if right is left else _moved(far, columns, first, origin, unit)
+                block = _moved(near, columns, first, origin)
+                other = block if right is left else _moved(far, columns, first, origin)
                 np.matmul(block, other.T, out=product)
                 gram += product
                 del block, other  # before the next ones are made: two of each would double the memory
@@ -110,15 +106,6 @@ def _rows(argument: str, values: npt.ArrayLike) -> FloatArray:
     return rows
 
 
-def _per_column(argument: str, values: npt.ArrayLike | None, n_columns: int) -> FloatArray | None:
-    if values is None:
-        return None
-    vector = float_array(argument, values)
-    if vector.shape != (n_columns,):
-        raise ValueError(f"{argument} must have shape ({n_columns},), got shape {vector.shape}")
-    return vector
-
-
 def _columns_at_a_time(left: FloatArray, right: FloatArray, step: int) -> int:
     """Return how many columns are copied at once: of rows in files a block is but an eighth of each page read."""
     if not is_large(max(left.nbytes, right.nbytes)):
@@ -131,11 +118,6 @@ def _copied(rows: FloatArray, first: int, wide: int) -> FloatArray:
     return rows if wide >= rows.shape[1] else rows[:, first : first + wide].copy(order="C")
 
 
-def _moved(
-    rows: FloatArray, columns: slice, first: int, origin: FloatArray | None, unit: FloatArray | None
-) -> FloatArray:
-    own = slice(columns.start - first, columns.stop - first)
-    block = rows[:, own] - (0.0 if origin is None else origin[columns])
-    if unit is not None:
-        block /= unit[columns]
-    return block
+def _moved(rows: FloatArray, columns: slice, first: int, origin: FloatArray | None) -> FloatArray:
+    block = rows[:, columns.start - first : columns.stop - first]
+    return block - (0.0 if origin is None else origin[columns])

@@ -10,7 +10,7 @@ second-order sections, real signals. Given the same sections, `sosfilt` returns 
 - Sections must be finite and stable. A pole outside the unit circle makes any input grow without bound and
   raises ValueError, where scipy returns the growing numbers. Allowed are poles on the circle (integrators)
   and a section whose numerator equals its denominator, which passes samples through unchanged.
-- `butter` returns second-order sections only, and by default.
+- `butter` designs digital filters as second-order sections; what it has no parameter for stays with scipy.
 - An axis of no samples is returned as it is, and the states with it; scipy raises ValueError.
 
 `histogram` counts what is left after filtering, as ``numpy.histogram`` does.
@@ -19,13 +19,13 @@ second-order sections, real signals. Given the same sections, `sosfilt` returns 
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, SupportsIndex, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, SupportsIndex, TypeAlias, overload
 
 import numpy as np
 
 from granular_id import _core
+from granular_id._checks import argument_error, float_array, positive_number, whole_number
 from granular_id._text import fixed
 
 if TYPE_CHECKING:
@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 
     FloatArray: TypeAlias = NDArray[np.float64]
 
-__all__ = ["butter", "histogram", "sosfilt", "sosfilt_zi", "sosfiltfilt"]
-
+__all__ = ["butter", "histogram", "sosfilt", "sosfilt_zi"]
 
 _MAX_ORDER = 32
 _BANDS = {
@@ -49,8 +48,7 @@ def butter(
     N: float,
     Wn: float | Sequence[float] | FloatArray,
     btype: str = "low",
-    analog: bool = False,
-    output: str = "sos",
+    *,
     fs: float | None = None,
 ) -> FloatArray:
     """Design a digital Butterworth filter as second-order sections.
@@ -65,14 +63,8 @@ def butter(
     btype : str, default "low"
         What passes: "lowpass", "highpass", "bandpass" or "bandstop", or one of scipy's short forms of these
         ("low", "lp", "high", "hp", "band", "bp", "stop", "bs", ...).
-    analog : bool, default False
-        There for scipy's sake: only digital filters are designed here.
-    output : str, default "sos"
-        There for scipy's sake: only "sos" is made here. scipy's own default is "ba", which loses its digits
-        at high order, and which calls for `lfilter`. Code that unpacks ``b, a = butter(...)`` has to stay
-        with scipy.
     fs : float, optional
-        Sampling rate, in hertz.
+        Sampling rate, in hertz. None is a rate of 2, of which the Nyquist frequency is 1.
 
     Returns
     -------
@@ -100,19 +92,21 @@ def butter(
     >>> butter(8, 23, "highpass", fs=500).shape
     (4, 6)
     """
-    if not isinstance(output, str) or output.lower() != "sos":
-        raise ValueError(f"output must be 'sos', the only form made here, got {output!r}")
-    if analog:
-        raise ValueError(f"analog must be False, only digital filters are made here, got {analog!r}")
-    order = _order(N)
+    order = whole_number("N", int(N) if isinstance(N, float) and N.is_integer() else N)
+    if order > _MAX_ORDER:
+        raise argument_error(ValueError, "N", f"must be at most {_MAX_ORDER}, got {fixed(order)}")
     short = btype.lower() if isinstance(btype, str) else None
     band = next((name for name, forms in _BANDS.items() if short in forms), None)
     if band is None:
         wanted = ", ".join(repr(name) for name in _BANDS)
         raise ValueError(f"btype must be one of {wanted} or a short form of these, got {btype!r}")
-    rate, limit = (2.0, "1 (no fs given)") if fs is None else _rate(fs)
-    edges = _edges(Wn, band, rate, limit)
-    return _core.butter(order, band, edges[0], edges[-1], rate)
+    rate = 2.0 if fs is None else positive_number("fs", fs)
+    edges = float_array("Wn", Wn)
+    n_edges = 1 if band in {"lowpass", "highpass"} else 2
+    if edges.size != n_edges or edges.ndim > 1:
+        count = "a single frequency" if n_edges == 1 else "two frequencies, low and high,"
+        raise ValueError(f"Wn must be {count} for btype {band!r}, got {Wn!r}")
+    return _core.butter(order, band, float(edges.flat[0]), float(edges.flat[-1]), rate)
 
 
 @overload
@@ -210,60 +204,11 @@ def sosfilt_zi(sos: ArrayLike) -> FloatArray:
     return _core.sosfilt_zi(sos)
 
 
-def sosfiltfilt(
-    sos: ArrayLike,
-    x: ArrayLike,
-    axis: SupportsIndex = -1,
-    padtype: Literal["odd", "even", "constant"] | None = "odd",
-    padlen: SupportsIndex | None = None,
-) -> FloatArray:
-    """Filter a signal forward and backward along one axis: twice the attenuation, no phase shift.
-
-    Parameters
-    ----------
-    sos : array_like, shape (n_sections, 6)
-        Rows ``[b0, b1, b2, a0, a1, a2]`` with ``a0 = 1``.
-    x : array_like
-        Signal of any rank from one. It is not modified.
-    axis : int, default -1
-        Axis along which time runs.
-    padtype : {"odd", "even", "constant"} or None, default "odd"
-        How the signal is continued at both ends before filtering: turned about the end point, mirrored, held,
-        or not. "odd" keeps value and slope.
-    padlen : int, optional
-        Samples added at each end and dropped afterwards; fewer than the axis has. By default three times the
-        length of the filter, ``3 * (2 * n_sections + 1 - k)`` with k the number of first-order sections.
-
-    Returns
-    -------
-    ndarray of float64, the shape of `x`
-        The filtered signal.
-
-    Raises
-    ------
-    ValueError
-        If the axis is not longer than `padlen`, if an argument is out of range, or as for `sosfilt` and
-        `sosfilt_zi`.
-    TypeError
-        If an array is complex, of objects, masked, or not numeric.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.signal import butter, sosfiltfilt
-    >>> pulse = np.exp(-(((np.arange(201) - 100) / 20) ** 2))
-    >>> int(np.argmax(sosfiltfilt(butter(4, 0.1), pulse)))  # no delay
-    100
-    """
-    return _core.sosfiltfilt(sos, x, axis, padtype, padlen)
-
-
 def histogram(
     a: ArrayLike,
     bins: SupportsIndex = 10,
     range: tuple[float, float] | None = None,  # noqa: A002 - the name in numpy
     density: bool | None = None,
-    weights: None = None,
 ) -> tuple[NDArray[np.int64] | NDArray[np.float64], NDArray[np.float64]]:
     """Count values into equal bins.
 
@@ -282,8 +227,6 @@ def histogram(
         (0, 1) without values. Where both ends are equal, they move half a unit apart on either side.
     density : bool, optional
         Densities that integrate to one instead of counts; zeros where nothing was counted (numpy: NaN).
-    weights : None
-        There for numpy's sake: every value counts once.
 
     Returns
     -------
@@ -315,8 +258,6 @@ def histogram(
     >>> histogram([0.0, 0.4, 0.5, 1.0, 7.0], bins=2, range=(0, 1))
     (array([2, 2]), array([0. , 0.5, 1. ]))
     """
-    if weights is not None:
-        raise ValueError("weights must be None: every value counts once")
     try:
         values = np.asanyarray(a)
     except (TypeError, ValueError) as error:
@@ -351,40 +292,3 @@ def _outer_edges(values: NDArray[Any], given: Any) -> tuple[float, float]:
     if high < low:
         raise ValueError(f"max must be larger than min in range, got ({low}, {high})")
     return (low - 0.5, high + 0.5) if low == high else (low, high)
-
-
-def _order(N: Any) -> int:
-    try:
-        order = int(N) if isinstance(N, float) and N.is_integer() else operator.index(N)
-    except TypeError:
-        kind = ValueError if isinstance(N, float) else TypeError
-        raise kind(f"N must be an integer from 1 to {_MAX_ORDER}, got {N!r:.60}") from None
-    if not 1 <= order <= _MAX_ORDER:
-        raise ValueError(f"N must be an integer from 1 to {_MAX_ORDER}, got {fixed(order)}")
-    return order
-
-
-def _rate(fs: Any) -> tuple[float, str]:
-    try:
-        rate = float(fs)
-    except (TypeError, ValueError):
-        raise TypeError(f"fs must be a number of hertz or None, got {fs!r}") from None
-    if not (math.isfinite(rate) and rate > 0):
-        raise ValueError(f"fs must be positive and finite, got {fs!r}")
-    return rate, f"fs/2 = {rate / 2:g}"
-
-
-def _edges(Wn: Any, band: str, rate: float, limit: str) -> list[float]:
-    wanted = 1 if band in {"lowpass", "highpass"} else 2
-    frequencies = np.asarray(Wn)
-    if frequencies.dtype.kind not in "fiu":
-        raise TypeError(f"Wn must be real, got {Wn!r:.60}")
-    if frequencies.size != wanted or frequencies.ndim > 1:
-        count = "a single frequency" if wanted == 1 else "two frequencies, low and high,"
-        raise ValueError(f"Wn must be {count} for btype {band!r}, got {Wn!r}")
-    edges = [float(f) for f in frequencies.ravel()]
-    if not all(0 < f < rate / 2 for f in edges):
-        raise ValueError(f"Wn must lie strictly between 0 and {limit}, got {Wn!r}")
-    if wanted == 2 and not edges[0] < edges[1]:
-        raise ValueError(f"Wn must be ascending, low before high, got {Wn!r}")
-    return edges

@@ -13,4 +13,4 @@ pub(crate) use cascade::private::Slice;
 pub use cascade::{Real, SosState};
 pub use histogram::{Outside, UniformBins, MAX_BINS};
 pub use sos::{Section, Sos};
-pub use sosfilt::{default_padlen, sosfilt, sosfilt_from, sosfiltfilt, AlongAxis, Padding};
+pub use sosfilt::{sosfilt, sosfilt_from, AlongAxis};

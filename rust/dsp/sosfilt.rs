@@ -1,8 +1,7 @@
-//! Whole arrays of any rank, filtered along one axis: once, or forward and backward.
+//! Whole arrays of any rank, filtered along one axis.
 
 use super::{Sos, SosState};
 use crate::error::{Error, Result};
-use crate::memory::filled;
 
 /// A C-ordered array seen from one of its axes: `outer` blocks of `len` rows of `inner` neighbours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +52,7 @@ pub fn sosfilt(sos: &Sos, x: &mut [f64], along: AlongAxis) -> Result<()> {
         return Ok(());
     }
     let mut state = SosState::zero(sos, along.inner)?;
-    for block in blocks(x, along) {
+    for block in x.chunks_exact_mut(along.len * along.inner) {
         state.reset();
         state.filter(block)?;
     }
@@ -88,105 +87,4 @@ pub fn sosfilt_from(sos: &Sos, x: &mut [f64], along: AlongAxis, z: &mut [f64]) -
         }
     }
     Ok(())
-}
-
-/// How a signal is continued beyond its ends before it is filtered in both directions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Padding {
-    /// Not at all.
-    None,
-    /// Turned by half a turn about the end point: keeps value and slope.
-    Odd,
-    /// Mirrored at the end point.
-    Even,
-    /// The end point, repeated.
-    Constant,
-}
-
-/// Samples of padding at each end that suit a filter: three times its length.
-///
-/// Sections of first order, whose last coefficients are zero, are not counted twice.
-#[must_use]
-pub fn default_padlen(sos: &Sos) -> usize {
-    let sections = sos.sections();
-    let count = |zero: &dyn Fn(usize) -> bool| (0..sections.len()).filter(|&i| zero(i)).count();
-    let first_order = count(&|i| sections[i].b2 == 0.0).min(count(&|i| sections[i].a2 == 0.0));
-    3 * (2 * sections.len() + 1 - first_order)
-}
-
-/// Filters along one axis forward and then backward, in place: twice the attenuation and no phase shift.
-///
-/// Each pass starts in the steady state of its first sample. `padlen` is the number of samples that are added at each
-/// end beforehand and dropped afterwards.
-///
-/// # Errors
-/// [`Error::Length`] when `x` does not have the size of the view; [`Error::Padding`] when the axis is not longer than
-/// `padlen`; [`Error::NoSteadyState`] when a section has a pole at `z = 1`.
-pub fn sosfiltfilt(
-    sos: &Sos,
-    x: &mut [f64],
-    along: AlongAxis,
-    padding: Padding,
-    padlen: usize,
-) -> Result<()> {
-    along.check("x", along.len, x.len())?;
-    let padlen = if padding == Padding::None { 0 } else { padlen };
-    if along.len <= padlen {
-        return Err(Error::Padding { len: along.len, padlen });
-    }
-    let steady = sos.steady_state()?;
-    if x.is_empty() {
-        return Ok(());
-    }
-    let inner = along.inner;
-    let mut state = SosState::zero(sos, inner)?;
-    let mut longer = filled(0.0, (along.len + 2 * padlen) * inner)?;
-    for block in blocks(x, along) {
-        extend(block, &mut longer, inner, padding, padlen);
-        for _ in 0..2 {
-            state.settle(&steady, &longer[..inner]);
-            state.filter(&mut longer)?;
-            reverse_rows(&mut longer, inner);
-        }
-        block.copy_from_slice(&longer[padlen * inner..][..block.len()]);
-    }
-    Ok(())
-}
-
-/// The blocks of an array that is not empty.
-fn blocks(x: &mut [f64], along: AlongAxis) -> impl Iterator<Item = &mut [f64]> {
-    x.chunks_exact_mut(along.len * along.inner)
-}
-
-/// Copies a block of rows into the middle of `longer` and continues it at both ends.
-fn extend(block: &[f64], longer: &mut [f64], inner: usize, padding: Padding, padlen: usize) {
-    let len = block.len() / inner;
-    let row = |i: usize| &block[i * inner..(i + 1) * inner];
-    longer[padlen * inner..][..block.len()].copy_from_slice(block);
-    for i in 1..=padlen {
-        for (end, mirrored, at) in [(0, i, padlen - i), (len - 1, len - 1 - i, padlen + len - 1 + i)] {
-            let target = &mut longer[at * inner..(at + 1) * inner];
-            match padding {
-                Padding::None => {}
-                Padding::Even => target.copy_from_slice(row(mirrored)),
-                Padding::Constant => target.copy_from_slice(row(end)),
-                Padding::Odd => {
-                    for ((target, end), mirrored) in target.iter_mut().zip(row(end)).zip(row(mirrored)) {
-                        *target = 2.0 * end - mirrored;
-                    }
-                }
-            }
-        }
-    }
-}
-
-fn reverse_rows(rows: &mut [f64], inner: usize) {
-    let (mut low, mut high) = (0, rows.len() / inner);
-    while low + 1 < high {
-        high -= 1;
-        let (head, tail) = rows.split_at_mut(high * inner);
-        head[low * inner..(low + 1) * inner].swap_with_slice(&mut tail[..inner]);
-        low += 1;
-    }
 }

@@ -3,19 +3,11 @@
 //! Sources: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141; Escalera, Pujol, Radeva
 //! (2010), "On the decoding process in ternary error-correcting output codes", IEEE TPAMI 32:120-134.
 
-use std::f64::consts::LN_2;
-
 use super::parts::Tensor;
 use super::{Model, ModelError};
 use crate::error::{brief, Error};
 use crate::memory::{filled, reserved, room};
 use crate::specs::choices;
-
-/// `exp` is continued along its tangent from here on, so that sums of losses stay finite.
-const EXP_TANGENT_FROM: f64 = 650.0;
-
-/// ... as far as the sum over any number of learners is finite, and level from there.
-const EXP_TANGENT_TO: f64 = 1e20;
 
 /// A binary loss of the agreement `z` of a code with a score: 1/2 where the score says nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -24,30 +16,11 @@ pub enum Loss {
     /// `max(0, 1 - z) / 2`: that of support vector machines, and the paper's.
     #[default]
     Hinge,
-    /// `(1 - sign(z)) / 2`.
-    Hamming,
     /// `(1 - r(min(1, z))) / 2`, `r(x) = sign(x) sqrt(|x|)`: half way from the votes (power 0) to the hinge (power 1).
     Root,
-    /// `(1 - z) / 2`.
-    Linear,
-    /// `exp(-z) / 2`, along its tangent below z = -650.
-    Exponential,
-    /// `log(1 + exp(-z)) / (2 log 2)`.
-    Logit,
-    /// `log(1 + exp(-2 z)) / (2 log 2)`.
-    Binodeviance,
 }
 
-choices! {
-    Loss:
-    "hinge" Hinge,
-    "hamming" Hamming,
-    "root" Root,
-    "linear" Linear,
-    "exponential" Exponential,
-    "logit" Logit,
-    "binodeviance" Binodeviance,
-}
+choices! { Loss: "hinge" Hinge, "root" Root, }
 
 impl Loss {
     /// The loss of a class whose code agrees with the score by `z` (code times score).
@@ -55,43 +28,17 @@ impl Loss {
     pub fn of_agreement(self, z: f64) -> f64 {
         match self {
             Self::Hinge => (1.0 - z).max(0.0) / 2.0,
-            Self::Hamming => (1.0 - f64::from(i8::from(z > 0.0) - i8::from(z < 0.0))) / 2.0,
             Self::Root => (1.0 - z.min(1.0).abs().sqrt().copysign(z)) / 2.0,
-            Self::Linear => (1.0 - z) / 2.0,
-            Self::Exponential => {
-                let beyond = (-z - EXP_TANGENT_FROM).clamp(0.0, EXP_TANGENT_TO);
-                libm::exp((-z).min(EXP_TANGENT_FROM)) * (1.0 + beyond) / 2.0
-            }
-            Self::Logit => softplus(-z) / (2.0 * LN_2),
-            Self::Binodeviance => softplus(-2.0 * z) / (2.0 * LN_2),
         }
     }
 }
-
-/// `log(1 + exp(x))` in a form that does not overflow.
-fn softplus(x: f64) -> f64 {
-    x.max(0.0) + libm::log1p(libm::exp(-x.abs()))
-}
-
-/// By what the summed loss of a class is divided.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Decoding {
-    /// The number of learners that saw the class: the paper's.
-    #[default]
-    LossWeighted,
-    /// The number of learners.
-    LossBased,
-}
-
-choices! { Decoding: "loss_weighted" LossWeighted, "loss_based" LossBased, }
 
 /// Pairs of classes `i < j` in the order of one learner for each: (0, 1), (0, 2), ..., (1, 2), ...
 pub(super) fn pairs(n_classes: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..n_classes).flat_map(move |i| (i + 1..n_classes).map(move |j| (i, j)))
 }
 
-/// A checked coding matrix, learner by learner, and by what the sums of losses are divided.
+/// A checked coding matrix, learner by learner, and how many learners saw each class, which divides its summed loss.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Codes {
     n_classes: usize,
@@ -102,12 +49,7 @@ pub(super) struct Codes {
 
 impl Codes {
     /// Of `n_classes` classes at `n_learners` learners; the shape of the matrix is checked already.
-    pub(super) fn new(
-        matrix: &Tensor,
-        n_classes: usize,
-        n_learners: usize,
-        decoding: Decoding,
-    ) -> Result<Self, ModelError> {
+    pub(super) fn new(matrix: &Tensor, n_classes: usize, n_learners: usize) -> Result<Self, ModelError> {
         let mut columns = reserved(n_classes.saturating_mul(n_learners))?;
         for learner in 0..n_learners {
             for class in 0..n_classes {
@@ -135,11 +77,8 @@ impl Codes {
             let what = format!("coding_matrix row {class}");
             return Err(ModelError::part(what, "is all 0: no learner ever sees this class"));
         }
-        let divisors = counts.into_iter().map(|count| match decoding {
-            Decoding::LossWeighted => count as f64,
-            Decoding::LossBased => n_learners as f64,
-        });
-        Ok(Self { n_classes, divisors: divisors.collect(), columns })
+        let divisors = counts.into_iter().map(|count| count as f64).collect();
+        Ok(Self { n_classes, columns, divisors })
     }
 
     /// Binary learners: L.

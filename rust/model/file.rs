@@ -15,8 +15,7 @@ use sha2::{Digest, Sha256};
 use super::metadata::{missing_entry, take, unknown_entry, Entries};
 use super::parts::{missing_tensor, no_use};
 use super::{
-    json, Decoding, Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts,
-    Tensor,
+    json, Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts, Tensor,
 };
 use crate::error::shown;
 use crate::memory::reserved;
@@ -41,11 +40,10 @@ pub(super) const VERSION: &str = "1";
 const DIGEST: &str = "content_sha256";
 
 /// The other entries, all of which every model has.
-const ENTRIES: [&str; 16] = [
+const ENTRIES: [&str; 15] = [
     "axes",
     "classes",
     "coding",
-    "decoding",
     "feature_spec",
     "format",
     "format_version",
@@ -128,7 +126,6 @@ impl Model {
             coding_matrix: tensors.required("coding_matrix")?,
             classes: json::names("classes", &take(&mut entries, "classes")?)?,
             loss: choice(&mut entries, "loss", &Loss::NAMED)?,
-            decoding: choice(&mut entries, "decoding", &Decoding::NAMED)?,
             raw_mean: tensors.optional("raw_mean")?,
             early: tensors.optional("early")?,
             sigmoid: tensors.optional("sigmoid")?,
@@ -328,7 +325,6 @@ impl Model {
         };
         let own = [
             ("classes", Value::from(&self.classes[..]).to_string()),
-            ("decoding", self.decoding.name().to_owned()),
             ("feature_spec", spec),
             ("format", FORMAT.to_owned()),
             ("format_version", VERSION.to_owned()),

@@ -26,7 +26,7 @@ mod scores;
 pub(crate) use decoding::best_and_margin;
 #[doc(hidden)]
 pub use decoding::ranking;
-pub use decoding::{Answer, Decoding, Loss};
+pub use decoding::{Answer, Loss};
 pub use error::{ModelError, ModelFileError};
 pub use file::{MAX_FILE_BYTES, MAX_HEADER_BYTES};
 pub use metadata::{Metadata, MAX_NAME_BYTES};
@@ -74,7 +74,6 @@ pub struct Model {
     weights: Weights,
     codes: Codes,
     loss: Loss,
-    decoding: Decoding,
     raw_mean: Option<Vec<f64>>,
     early: Option<Vec<[f64; 2]>>,
     sigmoid: Option<Vec<[f64; 2]>>,
@@ -152,12 +151,6 @@ impl Model {
     #[must_use]
     pub fn loss(&self) -> Loss {
         self.loss
-    }
-
-    /// By what the summed loss of a class is divided.
-    #[must_use]
-    pub fn decoding(&self) -> Decoding {
-        self.decoding
     }
 
     /// The weight of a feature, in the order of [`Extractor::extract`] or

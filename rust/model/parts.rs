@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 use super::decoding::Codes;
 use super::metadata::check_names;
 use super::scores::Weights;
-use super::{json, Decoding, Loss, Metadata, Model, ModelError};
+use super::{json, Loss, Metadata, Model, ModelError};
 use crate::error::{brief, Error};
 use crate::features::{finite, not_finite};
 use crate::memory::{collected, filled};
@@ -146,8 +146,6 @@ pub struct ModelParts<'a> {
     pub classes: Vec<String>,
     /// The binary loss.
     pub loss: Loss,
-    /// By what the summed loss is divided.
-    pub decoding: Decoding,
     /// Mean of the training recordings, axis by axis (`n_axes * n_samples`,): what a sample not yet seen is taken for.
     pub raw_mean: Option<Tensor<'a>>,
     /// Samples seen and margin needed (M, 2) for an early answer.
@@ -205,7 +203,7 @@ impl Model {
         )?;
         check_names("classes", &parts.classes)?;
         parts.metadata.check(n_axes)?;
-        let codes = Codes::new(coding_matrix, n_classes, n_learners, parts.decoding)?;
+        let codes = Codes::new(coding_matrix, n_classes, n_learners)?;
         let rules = json::read_rules(&parts.metadata.trained, &parts.classes, &codes)?;
         parts.check_optional(n_raw)?;
         intercept.check_finite("intercept")?;
@@ -219,7 +217,6 @@ impl Model {
             weights,
             codes,
             loss: parts.loss,
-            decoding: parts.decoding,
             raw_mean: owned(&parts.raw_mean)?,
             early: pairs(&parts.early)?,
             sigmoid: pairs(&parts.sigmoid)?,
@@ -234,7 +231,7 @@ impl Model {
 }
 
 impl<'a> ModelParts<'a> {
-    /// What every model has; the paper's loss and decoding, and nothing that a model may lack.
+    /// What every model has; the paper's loss, and nothing that a model may lack.
     #[must_use]
     pub fn new(
         features: impl Into<Features<'a>>,
@@ -254,7 +251,6 @@ impl<'a> ModelParts<'a> {
             coding_matrix,
             classes,
             loss: Loss::default(),
-            decoding: Decoding::default(),
             raw_mean: None,
             early: None,
             sigmoid: None,

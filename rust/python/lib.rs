@@ -37,7 +37,7 @@ mod _core {
     #[pymodule_export]
     use super::rdt::PyRdtReceiver;
     #[pymodule_export]
-    use super::signal::{butter, sosfilt, sosfilt_zi, sosfiltfilt};
+    use super::signal::{butter, sosfilt, sosfilt_zi};
     #[pymodule_export]
     use super::stream::{PyStreamingExtractor, PyStreamingIdentifier};
 

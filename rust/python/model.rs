@@ -21,8 +21,8 @@ use crate::multiband::PyMultiBandExtractor;
 use crate::number_table::bytes;
 use granular_id::bindings::{collected, room};
 use granular_id::model::{
-    Decoding, Extraction, Features, Loss, Metadata, ModelError, ModelFileError as FileError, ModelParts,
-    Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
+    Extraction, Features, Loss, Metadata, ModelError, ModelFileError as FileError, ModelParts, Tensor,
+    MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
 };
 use granular_id::{Error, Model};
 
@@ -52,9 +52,7 @@ const PAPER_SAMPLES: usize = 1600;
 /// classes : sequence of str
 ///     K different labels.
 /// loss : str, default "hinge"
-///     Also "hamming", "root", "linear", "exponential", "logit", "binodeviance".
-/// decoding : str, default "loss_weighted"
-///     Or "loss_based".
+///     Or "root".
 /// n_samples : int, default 1600
 ///     Samples of a recording; the default is the paper's, or what a `MultiBandExtractor` was made for.
 /// n_axes : int, default 6
@@ -86,12 +84,10 @@ pub(super) struct PyModel {
 impl PyModel {
     #[new]
     #[pyo3(
-        signature = (spec, coef, intercept, coding_matrix, classes, *, loss=None, decoding=None, n_samples=None, n_axes=None,
-                     metadata=None, raw_mean=None, early=None, sigmoid=None,
-                     posterior_weights=None),
-        text_signature = "(spec, coef, intercept, coding_matrix, classes, *, loss='hinge', decoding='loss_weighted', \
-                          n_samples=1600, n_axes=6, metadata=None, raw_mean=None, early=None, \
-                          sigmoid=None, posterior_weights=None)"
+        signature = (spec, coef, intercept, coding_matrix, classes, *, loss=None, n_samples=None, n_axes=None,
+                     metadata=None, raw_mean=None, early=None, sigmoid=None, posterior_weights=None),
+        text_signature = "(spec, coef, intercept, coding_matrix, classes, *, loss='hinge', n_samples=1600, n_axes=6, \
+                          metadata=None, raw_mean=None, early=None, sigmoid=None, posterior_weights=None)"
     )]
     #[allow(clippy::too_many_arguments)] // the parts of a model
     fn new<'py>(
@@ -101,7 +97,6 @@ impl PyModel {
         coding_matrix: &Bound<'py, PyAny>,
         classes: &Bound<'py, PyAny>,
         loss: Option<&Bound<'py, PyAny>>,
-        decoding: Option<&Bound<'py, PyAny>>,
         n_samples: Option<&Bound<'py, PyAny>>,
         n_axes: Option<&Bound<'py, PyAny>>,
         metadata: Option<&Bound<'py, PyAny>>,
@@ -121,8 +116,6 @@ impl PyModel {
         }
         let classes = labels(classes)?;
         let loss = loss.map_or(Ok(Loss::default()), |value| word(value, "loss", &Loss::NAMED))?;
-        let decoding =
-            decoding.map_or(Ok(Decoding::default()), |value| word(value, "decoding", &Decoding::NAMED))?;
         let metadata = described(n_axes, metadata)?;
         let given = [
             ("coef", Some(coef)),
@@ -152,7 +145,7 @@ impl PyModel {
         let needed = |name| Ok::<_, PyErr>(tensor(name)?.unwrap_or_else(|| Tensor::new(Vec::new(), &[])));
         let (weights, intercept, codes) = (needed("coef")?, needed("intercept")?, needed("coding_matrix")?);
         let mut parts = ModelParts::new(features, n_samples, n_axes, weights, intercept, codes, classes);
-        (parts.loss, parts.decoding, parts.metadata) = (loss, decoding, metadata);
+        (parts.loss, parts.metadata) = (loss, metadata);
         for (part, name) in [
             (&mut parts.raw_mean, "raw_mean"),
             (&mut parts.early, "early"),
@@ -276,11 +269,6 @@ impl PyModel {
     }
 
     #[getter]
-    fn decoding(&self) -> &'static str {
-        self.model.decoding().name()
-    }
-
-    #[getter]
     fn n_samples(&self) -> usize {
         self.model.n_samples()
     }
@@ -336,8 +324,7 @@ impl PyModel {
     }
 
     fn __getnewargs_ex__<'py>(slf: &Bound<'py, Self>) -> NewArguments<'py> {
-        let keywords = "loss decoding n_samples n_axes metadata raw_mean early sigmoid \
-                        posterior_weights";
+        let keywords = "loss n_samples n_axes metadata raw_mean early sigmoid posterior_weights";
         new_arguments(slf, "spec coef intercept coding_matrix classes", keywords)
     }
 

@@ -1,13 +1,12 @@
 //! Filter design and filtering: unpack, call, map the error.
 
 use numpy::{PyArray, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arguments::OrRaise;
 use crate::arrays::{axis_index, owned_real, tuple, wrong_shape, Hold};
-use granular_id::dsp::default_padlen;
-use granular_id::{AlongAxis, Band, Padding, Result, Sos};
+use granular_id::{AlongAxis, Band, Result, Sos};
 
 /// A float64 array of any rank.
 type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
@@ -77,25 +76,6 @@ pub(super) fn sosfilt_zi<'py>(sos: &Bound<'py, PyAny>) -> PyResult<Bound<'py, Py
     PyArray::from_vec(py, states.into_flattened()).reshape([n, 2])
 }
 
-/// Filters along an axis, forward and backward.
-#[pyfunction]
-#[pyo3(signature = (sos, x, axis, padtype, padlen))]
-pub(super) fn sosfiltfilt<'py>(
-    py: Python<'py>,
-    sos: &Bound<'py, PyAny>,
-    x: &Bound<'py, PyAny>,
-    axis: &Bound<'py, PyAny>,
-    padtype: &Bound<'py, PyAny>,
-    padlen: Option<&Bound<'py, PyAny>>,
-) -> PyResult<Array<'py>> {
-    let sos = sections(sos)?;
-    let padding = padding(padtype)?;
-    let padlen = padlen.map_or_else(|| Ok(default_padlen(&sos)), padding_length)?;
-    let (y, _, along) = signal(x, axis)?;
-    filter(py, &y, |y| granular_id::sosfiltfilt(&sos, y, along, padding, padlen))?;
-    Ok(y)
-}
-
 /// Rows of coefficients, checked; a single section may come as one row.
 fn sections(value: &Bound<'_, PyAny>) -> PyResult<Sos> {
     let array = owned_real(value, "sos")?;
@@ -124,35 +104,4 @@ fn filter(py: Python<'_>, y: &Array<'_>, run: impl FnOnce(&mut [f64]) -> Result<
     let mut borrowed = y.try_readwrite()?;
     let y = borrowed.as_slice_mut()?;
     hold.work(py, || run(y)).or_raise()
-}
-
-fn padding(padtype: &Bound<'_, PyAny>) -> PyResult<Padding> {
-    if padtype.is_none() {
-        return Ok(Padding::None);
-    }
-    match padtype.extract::<&str>() {
-        Ok("odd") => Ok(Padding::Odd),
-        Ok("even") => Ok(Padding::Even),
-        Ok("constant") => Ok(Padding::Constant),
-        _ => {
-            let got = padtype.repr()?;
-            Err(PyValueError::new_err(format!(
-                "padtype must be 'odd', 'even', 'constant' or None, got {got}"
-            )))
-        }
-    }
-}
-
-fn padding_length(padlen: &Bound<'_, PyAny>) -> PyResult<usize> {
-    padlen.extract().map_err(|error: PyErr| {
-        if error.is_instance_of::<PyTypeError>(padlen.py()) {
-            PyTypeError::new_err(format!("padlen must be an integer or None, got {}", padlen.get_type()))
-        } else if error.is_instance_of::<PyOverflowError>(padlen.py()) {
-            PyValueError::new_err(format!(
-                "padlen must be at least 0 and less than the samples along the axis, got {padlen}"
-            ))
-        } else {
-            error
-        }
-    })
 }

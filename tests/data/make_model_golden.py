@@ -19,7 +19,7 @@ sys.path.insert(0, str(HERE.parent / "python"))
 
 import model_twin  # noqa: E402  # only now can it be found
 from granular_id._core import FeatureSpec  # noqa: E402
-from granular_id.ecoc.decoding import decode  # noqa: E402
+from granular_id.ecoc import decode  # noqa: E402
 from model_cases import random_model  # noqa: E402
 
 N_SAMPLES, N_AXES, N_CLASSES = 20, 6, 5

@@ -69,7 +69,7 @@ def twice(what):
     elif what == "metadata":
         text = text[:-1] + ', "__metadata__": ' + json.dumps(METADATA) + "}"
     else:
-        text = text.replace('"loss": "hinge"', '"loss": "hinge", "loss": "linear"')
+        text = text.replace('"loss": "hinge"', '"loss": "hinge", "loss": "root"')
     return framed(text.encode(), data)
 
 
@@ -262,8 +262,7 @@ BAD: dict[str, tuple[bytes, str]] = {
     "labels of numbers": (with_metadata(classes="[1, 2, 3]"), "classes: must be a JSON list of texts"),
     "labels an object": (with_metadata(classes='{"a": 1}'), "classes: must be a JSON list of texts"),
     "labels no JSON": (with_metadata(classes="rice, salt"), "classes: is no valid JSON"),
-    "unknown loss": (with_metadata(loss="quadratic"), "loss must be 'hinge' or"),
-    "unknown decoding": (with_metadata(decoding="Loss_weighted"), "decoding must be 'loss_weighted' or"),
+    "unknown loss": (with_metadata(loss="quadratic"), "loss must be 'hinge' or 'root'"),
     **{
         f"n_samples {text!r}": (with_metadata(n_samples=text), "n_samples must be a whole number")
         for text in ("", "-5", "+5", "05", "5.0", "1e3", " 5", "9" * 30)

@@ -22,7 +22,7 @@ METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
 class ModelOptions(OneSpace):
     """What a model is made of."""
 
-    coding: str = option(METHOD, "onevsone (paper), onevsall, ordinal, denserandom ...", default=ONE_VS_ONE)
+    coding: str = option(METHOD, "onevsone (paper) or onevsall", default=ONE_VS_ONE)
     posterior: Literal["none", "kullback_leibler", "wu_lin_weng"] = option(
         METHOD, "Also fit probabilities of the materials.", default="none"
     )

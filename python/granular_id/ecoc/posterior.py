@@ -24,7 +24,7 @@ from sklearn.exceptions import ConvergenceWarning
 from granular_id._checks import argument_error, named
 from granular_id._parallel import single_threaded_blas
 from granular_id.ecoc.codings import CodingMatrix
-from granular_id.ecoc.task import Task
+from granular_id.ecoc.learners import Task
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -106,7 +106,7 @@ def fit_posterior(method: str, scores: FloatArray, task: Task) -> Posterior:
     slope, offset, weights = (np.empty(task.n_learners) for _ in range(3))
     for learner in range(task.n_learners):
         rows = task.rows(learner)
-        own = task.weights_of(rows)
+        own = None if task.weights is None else task.weights[rows]
         slope[learner], offset[learner] = fit_sigmoid(scores[rows, learner], task.targets(learner, rows), own)
         weights[learner] = len(rows) if own is None else own.sum()
     return Posterior(method, slope, offset, weights)

@@ -24,13 +24,8 @@ IntArray = npt.NDArray[np.intp]
 _TOLERANCES = (1e-3, 1e-6)
 # libsvm's own limit. scikit-learn has none, and problems past the accuracy of float32 then never end.
 _MAX_STEPS = 10_000_000
-# With a margin that libsvm can resolve in float32 it ends far below this number of steps.
-_MAX_STEPS_HARD = 1_000_000
 # For a guess it does not pay to wait: pairs that need longer are solved on their own.
 _MAX_STEPS_GUESS = 100_000
-# Stands for infinity, in units of 1 / (mean squared distance from the centre). Multipliers of separable rows
-# stay below 1 / (relative margin)^2, and float32 resolves no margin of less than about 1e-4 of the spread.
-_HARD_BOUND = 1e10
 # What costs and weights far out of the ordinary are brought back to.
 _LARGEST_BOUND, _LEAST_BOUND = 1e300, 1e-300
 _KKT_TOLERANCE = 1e-8
@@ -38,10 +33,6 @@ _MAX_ROUNDS = 20
 # Squared distance at which rows count as equal, on the scale of their mean squared distance from the centre: products
 # of equal rows can differ in their last bits.
 _SAME = 1e-10
-
-
-class NotSeparableError(ValueError):
-    """No hyperplane separates the two classes, or none that can be found numerically."""
 
 
 @dataclass(frozen=True)
@@ -61,27 +52,26 @@ class BinarySolution:
 def solve_binary(
     gram: FloatArray,
     targets: FloatArray,
-    bounds: FloatArray | None,
+    bounds: FloatArray,
     *,
     guess: FloatArray | None = None,
 ) -> BinarySolution:
     """Maximise the margin between the rows with target +1 and those with target -1.
 
-    `bounds` (n,) are upper bounds of the multipliers (C times the weight of the row), None asks for the hard margin.
+    `bounds` (n,) are upper bounds of the multipliers (C times the weight of the row).
     `guess` (n,) holds multipliers near enough to tell free, bound and idle rows apart; it is forgotten where it does
     not lead to the solution. The origin of the Gram matrix does not matter: rows are centred here, as an intercept
     that is not penalised allows. Else an offset of 1000 standard deviations makes libsvm's scores meaningless.
     """
     centred, row_mean, scale = _centred_gram(gram)
-    hard = bounds is None
-    upper = _upper_bounds(bounds, len(targets), scale)
+    upper = _upper_bounds(bounds, scale)
 
     dual, intercept, converged = np.zeros(len(targets)), 0.0, False
     exact = None if guess is None else _active_set_solution(centred, targets, upper, targets * guess * scale)
     for tolerance in _TOLERANCES:
         if exact is not None:
             break
-        machine = _run_libsvm(centred, targets, upper, tolerance, _MAX_STEPS_HARD if hard else _MAX_STEPS)
+        machine = _run_libsvm(centred, targets, upper, tolerance, _MAX_STEPS)
         if converged and machine.fit_status_ != 0:
             break  # the looser tolerance was met, the tighter one is out of reach
         converged = machine.fit_status_ == 0
@@ -100,14 +90,12 @@ def solve_binary(
         if merged is not None:
             return merged
     at_bound = int(np.count_nonzero(np.abs(dual) >= upper))
-    if hard:
-        _check_separated(targets * (centred @ dual + intercept), at_bound, converged)
     dual = dual / scale
     return BinarySolution(dual, intercept - float(dual @ row_mean), at_bound, converged)
 
 
 def _without_repetitions(
-    centred: FloatArray, gram: FloatArray, targets: FloatArray, bounds: FloatArray | None
+    centred: FloatArray, gram: FloatArray, targets: FloatArray, bounds: FloatArray
 ) -> BinarySolution | None:
     """Solve with one row for all rows that are equal, which then share its multiplier; None when all differ.
 
@@ -118,11 +106,10 @@ def _without_repetitions(
     kept, kind = np.unique(first, return_inverse=True)
     if len(kept) == len(targets):
         return None
-    share = np.ones(len(targets)) if bounds is None else bounds
-    total = np.bincount(kind, weights=share).astype(np.float64)
-    solution = solve_binary(gram[np.ix_(kept, kept)], targets[kept], None if bounds is None else total)
-    at_bound = 0 if bounds is None else np.count_nonzero((np.abs(solution.dual_coef) >= total)[kind])
-    dual_coef = solution.dual_coef[kind] * (share / total[kind])
+    total = np.bincount(kind, weights=bounds).astype(np.float64)
+    solution = solve_binary(gram[np.ix_(kept, kept)], targets[kept], total)
+    at_bound = np.count_nonzero((np.abs(solution.dual_coef) >= total)[kind])
+    dual_coef = solution.dual_coef[kind] * (bounds / total[kind])
     return BinarySolution(dual_coef, solution.intercept, int(at_bound), solution.converged)
 
 
@@ -193,16 +180,6 @@ def _middle_intercept(targets: FloatArray, at_bound: FloatArray, scores: FloatAr
     return float(from_below.max() + from_above.min()) / 2.0
 
 
-def _check_separated(margins: FloatArray, at_bound: int, converged: bool) -> None:
-    smallest = float(margins.min())
-    if converged and not at_bound and smallest >= 1.0 - 2.0 * _TOLERANCES[0]:
-        return
-    wrong = int((margins <= 0).sum())
-    if wrong:
-        raise NotSeparableError(f"no hyperplane with a usable margin found ({wrong} rows on the wrong side)")
-    raise NotSeparableError("the gap between them is too narrow for the solver")
-
-
 class _QuietSVC(SVC):  # type: ignore[misc]
     """SVC whose caller looks at `fit_status_` and names the classes in a warning of its own.
 
@@ -228,10 +205,8 @@ def _centred_gram(gram: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     return centred, row_mean, scale
 
 
-def _upper_bounds(bounds: FloatArray | None, n_rows: int, scale: float) -> FloatArray:
-    """Bounds (n,) of the multipliers in units of 1 / `scale`, `_HARD_BOUND` for None; none overflows or vanishes."""
-    if bounds is None:
-        return np.full(n_rows, _HARD_BOUND)
+def _upper_bounds(bounds: FloatArray, scale: float) -> FloatArray:
+    """Bounds (n,) of the multipliers in units of 1 / `scale`; none overflows or vanishes."""
     with np.errstate(over="ignore"):
         scaled = bounds * scale
     # libsvm drops rows of weight 0, and with them a class.
@@ -262,7 +237,7 @@ def _snapped(dual: FloatArray, upper: FloatArray) -> FloatArray:
 
 
 def one_vs_one_guess(
-    gram: FloatArray, codes: IntArray, bounds: FloatArray | None
+    gram: FloatArray, codes: IntArray, bounds: FloatArray
 ) -> Callable[[int, IntArray], FloatArray]:
     """Train all pairs of classes by one call of libsvm; every class index occurs in `codes`.
 
@@ -270,7 +245,7 @@ def one_vs_one_guess(
     start from. They are kept as libsvm keeps them: 19,900 pairs of 200 classes would not fit.
     """
     centred, _, scale = _centred_gram(gram)
-    upper = _upper_bounds(bounds, len(codes), scale)
+    upper = _upper_bounds(bounds, scale)
     machine = _run_libsvm(centred, codes, upper, _TOLERANCES[0], _MAX_STEPS_GUESS)
     # Of each row against each other class: the classes below its own first, then those above.
     by_opponent = np.zeros((machine.dual_coef_.shape[0], len(codes)))

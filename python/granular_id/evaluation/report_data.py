@@ -15,7 +15,6 @@ from sklearn.pipeline import Pipeline
 from granular_id._estimators import describe_estimator, real_steps
 from granular_id._memory import spans
 from granular_id._parallel import single_threaded_blas
-from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.features import by_columns, features_of, plan_for, seeded
 from granular_id.evaluation.weights import (
     WeightBlock,
@@ -154,16 +153,12 @@ def report_data_of(
         for space in best_first
         if (plan := plan_for(space.transformer)) is None or not plan.after
     }
-    model = clone(classifier)
-    if isinstance(model, ECOCClassifier):
-        # All recordings together may overlap where the training rows of no partition did.
-        model.set_params(hard_margin=False)
     own = {
         space.name: seeded(space.classifier, seed) if has_weights[space.name] else None
         for space in spaces
         if space.classifier is not None
     }
-    return gather_report_data(data, unmixed, classifier=model, own=own)
+    return gather_report_data(data, unmixed, classifier=clone(classifier), own=own)
 
 
 def gather_report_data(

@@ -54,7 +54,7 @@ class Task:
     @property
     def by_gram(self) -> bool:
         """Whether the classifier takes scalar products in place of features."""
-        return bool(getattr(self.classifier, "supports_gram", False))
+        return hasattr(self.classifier, "fit_gram")
 
 
 class CostGrid(BaseEstimator):  # type: ignore[misc]

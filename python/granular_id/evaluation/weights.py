@@ -107,8 +107,7 @@ def weight_blocks(X: Floats, y: NDArray[Any], fitted: Any, classifier: Any = Non
         rows = plain
         for step in scaling:
             rows = step.transform(rows)
-        usable = isinstance(classifier, ECOCClassifier) and classifier.supports_gram
-        model = clone(classifier) if usable else ECOCClassifier()
+        model = clone(classifier) if isinstance(classifier, ECOCClassifier) else ECOCClassifier()
         learners = model.fit_gram(linear_gram(rows, center=rows.mean(axis=0)), y).dual_coef_
     size, influence = _mean_sizes(learners, rows, scaling, by_columns(np.std, plain))
     if bands is not None:

@@ -131,8 +131,7 @@ def explain(
         chain = _with_axis_names(chain, names, [unit_of(axis) for axis in names])
     labels = _labels(model, recordings, y)
     rows = [_rows_of(classes[row], labels, given=y is not None) for row in pair]
-    decoding = getattr(chain.classifier, "decoding", "loss_weighted")
-    factors = pair_factors(chain.classifier.coding_matrix_, *pair, decoding=decoding)
+    factors = pair_factors(chain.classifier.coding_matrix_, *pair)
 
     means, scores = [], []
     for members in rows:
@@ -293,20 +292,18 @@ def chain_of(model: Any) -> Chain:
     return Chain(before, tuple(after), classifier, blocks)
 
 
-def pair_factors(
-    coding_matrix: npt.NDArray[np.int8], first: int, second: int, *, decoding: str
-) -> npt.NDArray[np.float64]:
+def pair_factors(coding_matrix: npt.NDArray[np.int8], first: int, second: int) -> npt.NDArray[np.float64]:
     """Factors of the learners' scores whose sum speaks for one class against another."""
     # Learners trained on these two classes alone speak for them: with one-vs-one there is exactly one. Without any, the
-    # difference of the decision values under the linear loss: half the difference of the codes, each divided as
-    # decoding divides.
+    # difference of the decision values under the linear loss: half the difference of the codes, each divided by the
+    # number of learners that saw the class.
     codes = coding_matrix.astype(np.float64)
     known = np.abs(codes)
     alone = (known.sum(axis=0) == 2) & (codes[first] * codes[second] == -1)
     if alone.any():
         only: npt.NDArray[np.float64] = np.where(alone, codes[first], 0.0) / alone.sum()
         return only + 0.0  # no negative zeros
-    divisors = known.sum(axis=1) if decoding == "loss_weighted" else np.full(len(codes), codes.shape[1])
+    divisors = known.sum(axis=1)
     factors: npt.NDArray[np.float64] = 0.5 * (
         codes[first] / divisors[first] - codes[second] / divisors[second]
     )

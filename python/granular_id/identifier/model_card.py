@@ -43,7 +43,7 @@ def describe_model(model: Identifier) -> list[str]:
         f"of the motion: {_lead(model)}",
         f"features: {model.space}, {core.n_features} numbers{_content(spec, _units(model))}",
         *_bands(spec, _units(model)),
-        f"classifier: {learners}, {core.loss} loss, {core.decoding.replace('_', '-')} decoding{posterior}",
+        f"classifier: {learners}, {core.loss} loss{posterior}",
         f"size: {len(core.to_bytes()) / 2**20:.2f} MiB",
         f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}",
     ]
@@ -103,7 +103,6 @@ def model_facts(model: Identifier) -> dict[str, Any]:
         "n_features": core.n_features,
         "n_learners": core.n_learners,
         "loss": core.loss,
-        "decoding": core.decoding,
         "early": None if core.early is None else core.early.tolist(),
         "trained": known.trained,
     }

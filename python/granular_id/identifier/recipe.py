@@ -15,7 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 from granular_id import _core
 from granular_id._checks import argument_error, named
 from granular_id._estimators import describe_estimator, real_steps
-from granular_id.ecoc import CODINGS, DECODINGS, POSTERIORS, ECOCClassifier, Posterior, fitting_loss
+from granular_id.ecoc import CODINGS, LOSSES, POSTERIORS, ECOCClassifier, Posterior
 from granular_id.features import FeatureSpec
 from granular_id.identifier.metadata import BANDED, SPACES
 from granular_id.recording import unit_of
@@ -23,7 +23,6 @@ from granular_id.spaces import (
     ALL_BLOCKS,
     BAND_LOSS,
     BAND_SHRINKAGE,
-    DECODING,
     DEFAULT_RANGE,
     HFMH,
     USUAL_BLOCKS,
@@ -44,7 +43,7 @@ from granular_id.spaces import (
 FloatArray = npt.NDArray[np.float64]
 
 _OF_HISTOGRAMS = ("cutoff_hz", "order", "n_bins", "bin_range", "outside", "density", "initial")
-_CHOSEN_BY_BEST = ("C", "coding", "loss", "decoding", "shrinkage")
+_CHOSEN_BY_BEST = ("C", "coding", "loss", "shrinkage")
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,6 @@ class Recipe:
     C: float = 1.0
     coding: str | npt.ArrayLike = "onevsone"
     loss: str = "auto"
-    decoding: str = "loss_weighted"
     posterior: str | None = None
     random_state: int = 0
 
@@ -98,8 +96,7 @@ class Recipe:
         # The classifier looks at these names when it is fitted; recordings need not be read for that.
         if isinstance(self.coding, str):
             named(CODINGS, "coding", self.coding)
-        fitting_loss(self.loss, "real")
-        named(DECODINGS, "decoding", self.decoding)
+        named({"auto": None, **LOSSES}, "loss", self.loss)
         if self.posterior is not None:
             named(POSTERIORS, "posterior", self.posterior)
 
@@ -123,18 +120,19 @@ class Recipe:
         """Return the classifier, not fitted; without `posterior` even where the settings ask for one."""
         if self.space == "best":
             return BestClassifier(optional_blocks=("level",), random_state=self.random_state)
+        usual = BAND_LOSS if self.space in BANDED else "hinge"
+        loss = usual if self.loss == "auto" else self.loss
         if self._is_preset:  # as `feature_spaces` has it: C is a share of the spread of the whitened rows
             return BestClassifier(
                 shrinkages=(self._whitening["shrinkage"],),
                 relative_costs=(self.C,),
-                loss=BAND_LOSS if self.loss == "auto" else self.loss,
+                loss=loss,
                 random_state=self.random_state,
             )
         return ECOCClassifier(
             C=self.C,
             coding=self.coding,
-            loss=BAND_LOSS if self.loss == "auto" and self.space in BANDED else self.loss,
-            decoding=self.decoding,
+            loss=loss,
             posterior=self.posterior if posterior else None,
             random_state=self.random_state,
         )
@@ -162,7 +160,7 @@ class Recipe:
     @property
     def _is_preset(self) -> bool:
         plain = isinstance(self.coding, str) and self.coding == "onevsone" and self.posterior is None
-        return self.space == "multiband" and plain and self.decoding == DECODING
+        return self.space == "multiband" and plain
 
     @property
     def _whitening(self) -> dict[str, float]:
@@ -225,8 +223,7 @@ def model_of(
         np.array(intercept, dtype=np.float64),
         classifier.coding_matrix_,
         _texts(classifier.classes_),
-        loss=fitting_loss(classifier.loss, "real").name,
-        decoding=DECODING if isinstance(classifier, BestClassifier) else str(classifier.decoding),
+        loss=classifier.loss,
         n_samples=shape[0],
         n_axes=shape[1],
         early=early,
@@ -255,9 +252,7 @@ def _steps(pipeline: Any) -> tuple[Any, list[Any], ECOCClassifier | BestClassifi
     space, *between, classifier = steps
     if not (isinstance(classifier, (ECOCClassifier, BestClassifier)) and all(map(is_linear_step, between))):
         raise TypeError(f"{wanted}, got {kinds}")
-    check_is_fitted(classifier, ["dual_coef_", "_estimators", "coef_"], all_or_any=any)
-    if not hasattr(classifier, "coef_"):
-        raise TypeError(f"{wanted} of linear learners; these have no coef_")
+    check_is_fitted(classifier, "coef_")
     return space, between, classifier
 
 

@@ -22,7 +22,6 @@ from granular_id.spaces.base import (
     tell_blocks,
 )
 from granular_id.spaces.best import (
-    DECODING as DECODING,
     BestClassifier,
     Choice as Choice,
     Chosen as Chosen,

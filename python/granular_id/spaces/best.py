@@ -16,12 +16,12 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from granular_id._checks import checked_n_jobs, positive_number
+from granular_id._checks import checked_n_jobs, named, positive_number
 from granular_id._estimators import LabelledClassifier, labels_of, origin_for_fit, origin_of
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._schema import check_form
 from granular_id._text import Table, percent
-from granular_id.ecoc import ECOCClassifier, class_indices, class_values, fitting_loss, line_scores, onevsone
+from granular_id.ecoc import LOSSES, ECOCClassifier, class_indices, decode, line_scores, onevsone
 from granular_id.gram import linear_gram, spread
 from granular_id.spaces.adaptation import Learners, SourceStatistics, adapted_to_all
 from granular_id.spaces.multiband import BAND_LOSS
@@ -39,8 +39,6 @@ from granular_id.splits import NONE, ChoiceFolds, choice_folds, groups_of
 
 FloatArray = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
-
-DECODING = "loss_weighted"
 
 # Where more of the rows violate the margin, the classes overlap: no cost pulls them apart, and libsvm takes millions of
 # steps to find that out.
@@ -76,7 +74,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
     loss : str, default "root"
         Binary loss that the scores are decoded with, see `ECOCClassifier`. How far a score reaches
         beyond zero shifts with the session, its sign rarely does: the root names nearly the same classes as counting
-        votes of the pairs ("hamming") would, but grades them, so that margins come without steps and ties.
+        votes of the pairs would, but grades them, so that margins come without steps and ties.
     n_folds : int, default 5
         Folds that choose; fewer where a class has fewer sessions or recordings. Random folds are drawn anew until
         500 rows were held out, at most ten times. Without sessions, but with an order, the earlier and the later
@@ -190,7 +188,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         self
         """
         checked_n_jobs(self.n_jobs)
-        loss = fitting_loss(self.loss, "real")
+        named(LOSSES, "loss", self.loss)
         origin = origin_for_fit(X, self)
         rows, labels = validate_data(self, X, labels_of(X, y, self), dtype=np.float64)
         if origin is not None and origin.dataset is not None and sessions is None and order is None:
@@ -209,7 +207,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         matrix = onevsone(len(classes))
 
         def accuracy(scores: FloatArray, test: Rows) -> float:
-            winners = class_values(scores, matrix, loss, DECODING).argmax(axis=1)
+            winners = decode(scores, matrix, self.loss).argmax(axis=1)
             return float(np.mean(winners == codes[test]))
 
         def line(k: int) -> Line:
@@ -278,7 +276,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         return labels
 
     def _values(self, scores: FloatArray) -> FloatArray:
-        return class_values(scores, self.coding_matrix_, fitting_loss(self.loss, "real"), DECODING)
+        return decode(scores, self.coding_matrix_, self.loss)
 
 
 def adapted_classifier(

@@ -169,7 +169,7 @@ class HFMH(_Histogram):
     def high_passed(self, signals: FloatArray) -> FloatArray:
         """One axis of recordings, shape (n, T), after the filter whose output is counted."""
         rate_hz = getattr(self, "rate_hz_", self.rate_hz) or PAPER_RATE_HZ
-        sos = butter(self.order, self.cutoff_hz, "highpass", fs=rate_hz, output="sos")
+        sos = butter(self.order, self.cutoff_hz, "highpass", fs=rate_hz)
         signals = np.ascontiguousarray(signals)
         if self.initial == "steady":
             state = sosfilt_zi(sos)[:, np.newaxis, :] * signals[:, :1]

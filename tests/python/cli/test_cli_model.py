@@ -310,7 +310,7 @@ def test_model_info_prints_and_writes_what_is_in_the_file(model, tmp_path):
         "trained on: 30 recordings, 10 of each material\n",
         "takes: 60 samples at 125 Hz (0.48 s) of fx fy fz tx ty tz",
         "features: raw+hfmh, 420 numbers; histogram of 10 bins, -1.5 to 1.5 N and N m, above 23 Hz\n",
-        "classifier: 3 learners (onevsone), hinge loss, loss-weighted decoding\n",
+        "classifier: 3 learners (onevsone), hinge loss\n",
         "accuracy, halves in time order: ",
         f"granular-id {_core.__version__}",
     ):

@@ -18,8 +18,7 @@ from granular_id.confidence.held_out import rows_of
 from granular_id.confidence.open_set import area_under_roc, false_positives
 from granular_id.confidence.unknown import NOVELTY
 from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc.codings import onevsone
-from granular_id.ecoc.decoding import decode
+from granular_id.ecoc.codings import decode, onevsone
 
 
 def clouds(n_classes=4, n_each=40, n_features=6, seed=0, distance=4.0):

@@ -175,7 +175,6 @@ def test_the_range_of_the_values(a, n_bins):
         ({"range": 3}, TypeError, "range must be a pair of numbers"),
         ({"range": (1, 2, 3)}, TypeError, "range must be a pair of numbers"),
         ({"range": "ab"}, TypeError, "range must be a pair of numbers"),
-        ({"weights": [1, 2]}, ValueError, "weights must be None"),
         ({"a": [1 + 1e-16, 1 + 2e-16, 1, 1 + 3e-16]}, ValueError, "cannot create 10 finite-sized bins"),
         ({"a": [0, np.nan]}, ValueError, r"range must be finite: the values of a span \(nan, nan\)"),
         ({"a": [0, np.inf]}, ValueError, r"range must be finite: the values of a span \(0\.0, inf\)"),

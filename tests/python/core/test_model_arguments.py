@@ -35,8 +35,7 @@ def made(**changes):
         ({"coding_matrix": [[1], [2]]}, ValueError, r"coding_matrix\[1, 0\] must be -1, 0 or 1"),
         ({"classes": "ab"}, TypeError, "classes must be a sequence of str, got 'ab'"),
         ({"classes": 5}, TypeError, "classes must be a sequence of str, got 5"),
-        ({"loss": "quadratic"}, ValueError, "loss must be 'hinge' or"),
-        ({"decoding": "mean"}, ValueError, "decoding must be 'loss_weighted' or 'loss_based'"),
+        ({"loss": "quadratic"}, ValueError, "loss must be 'hinge' or 'root'"),
         ({"n_samples": 0}, ValueError, "n_samples must be an integer from 1 to 1048576, got 0"),
         ({"n_samples": 3.0}, TypeError, "n_samples must be an integer"),
         ({"n_axes": 257}, ValueError, "n_axes must be an integer from 1 to 256, got 257"),
@@ -107,7 +106,7 @@ def test_parts_come_back():
     assert model.coef.shape == (3, model.n_features)
     assert model.coding_matrix.dtype == np.int8
     assert model.classes == ("material 0", "material 1", "material 2")
-    assert (model.loss, model.decoding) == ("hinge", "loss_weighted")
+    assert model.loss == "hinge"
     np.testing.assert_array_equal(model.early, [[2, 0.5], [4, 0.0]])
     np.testing.assert_array_equal(model.raw_mean, np.zeros(10))
     assert model.sigmoid.shape == (3, 2)
@@ -134,7 +133,7 @@ def test_copies_are_equal(copied):
     for model in (small_model(), made(), random_model(3, 12, 9, 6)):
         assert copied(model) == model
         assert copied(model).to_bytes() == model.to_bytes()
-    assert made() != made(loss="linear")
+    assert made() != made(loss="root")
     assert made() != 5
     with pytest.raises(TypeError, match="unhashable"):
         hash(made())

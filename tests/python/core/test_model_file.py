@@ -50,7 +50,7 @@ MODELS = {
     ),
     "bands": banded_model(),
     "root of the scores": random_model(6, 4, 20, 6, loss="root"),
-    "many learners": random_model(4, 12, 20, 6, loss="exponential", decoding="loss_based"),
+    "many learners": random_model(4, 12, 20, 6),
     "odd labels and weights": Model(
         FeatureSpec(hfmh=False),
         [[-0.0, 5e-324, 1.7976931348623157e308, 1 / 3]],

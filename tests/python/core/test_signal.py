@@ -7,7 +7,7 @@ import pytest
 from scipy import signal as scipy_signal
 
 from core_cases import N_THREADS, at_once, same_bits
-from granular_id.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
+from granular_id.signal import butter, sosfilt, sosfilt_zi
 
 SOS = butter(8, 23, "highpass", fs=500)
 INTEGRATOR = [[1, 0, 0, 1, -1, 0]]
@@ -42,8 +42,6 @@ def test_golden(design, arrays):
     y, zf = sosfilt(sos, arrays["x"], zi=arrays["zi"].reshape(-1, 2))
     assert same_bits(y, arrays["y"])
     assert same_bits(zf.ravel(), arrays["zf"])
-    both_ways = sosfiltfilt(sos, arrays["x"], padlen=len(arrays["x"]) // 2)
-    np.testing.assert_allclose(both_ways, arrays["both_ways"], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -71,36 +69,32 @@ def test_names_of_bands(names, edges):
 def test_arguments_of_equal_value_give_equal_filters():
     wanted = butter(4, 0.25)
     for N, Wn in [(4.0, 0.25), (np.int8(4), np.float32(0.25)), (4, [0.25]), (4, np.array(0.25))]:
-        assert same_bits(butter(N, Wn, output="SOS"), wanted)
+        assert same_bits(butter(N, Wn), wanted)
     assert same_bits(butter(4, 125, fs=1000), wanted)
 
 
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"output": "ba"}, ValueError, "output must be 'sos'"),
-        ({"analog": True}, ValueError, "analog must be False"),
-        ({"N": 0}, ValueError, "N must be an integer from 1 to 32, got 0"),
-        ({"N": 33}, ValueError, "N must be an integer from 1 to 32, got 33"),
-        ({"N": -(10**30)}, ValueError, "N must be an integer from 1 to 32"),
-        ({"N": 2.5}, ValueError, "N must be an integer from 1 to 32, got 2.5"),
-        ({"N": float("nan")}, ValueError, "N must be an integer"),
-        ({"N": "2"}, TypeError, "N must be an integer"),
+        ({"N": 0}, ValueError, "N must be at least 1, got 0"),
+        ({"N": 33}, ValueError, "N must be at most 32, got 33"),
+        ({"N": 10**30}, ValueError, "N must be at most 32"),
+        ({"N": 2.5}, TypeError, "N must be a whole number, got 2.5"),
+        ({"N": float("nan")}, TypeError, "N must be a whole number"),
+        ({"N": "2"}, TypeError, "N must be a whole number"),
         ({"btype": "notch"}, ValueError, "btype must be one of 'lowpass', .*got 'notch'"),
         ({"btype": None}, ValueError, "btype must be one of"),
-        ({"Wn": 0}, ValueError, r"Wn must lie strictly between 0 and 1 \(no fs given\), got 0"),
-        ({"Wn": 1.0}, ValueError, "Wn must lie strictly between 0 and 1"),
-        ({"Wn": float("nan")}, ValueError, "Wn must lie strictly between"),
-        ({"Wn": 250, "fs": 500}, ValueError, "Wn must lie strictly between 0 and fs/2 = 250, got 250"),
+        ({"Wn": 0}, ValueError, r"cutoff_hz must be in .* \(0, 1\), got 0 at rate_hz = 2"),
+        ({"Wn": float("nan")}, ValueError, "cutoff_hz must be in"),
+        ({"Wn": 250, "fs": 500}, ValueError, r"cutoff_hz must be in .* \(0, 250\), got 250 at rate_hz = 500"),
         ({"Wn": [0.1, 0.2]}, ValueError, "Wn must be a single frequency for btype 'lowpass'"),
         ({"Wn": 0.1, "btype": "band"}, ValueError, "Wn must be two frequencies"),
         ({"Wn": [[0.1, 0.2]], "btype": "band"}, ValueError, "Wn must be two frequencies"),
-        ({"Wn": [0.2, 0.2], "btype": "stop"}, ValueError, "Wn must be ascending"),
-        ({"Wn": [0.2, 1.2], "btype": "band"}, ValueError, "Wn must lie strictly between"),
-        ({"Wn": "0.2"}, TypeError, "Wn must be real"),
-        ({"Wn": 0.2j}, TypeError, "Wn must be real"),
-        ({"fs": 0}, ValueError, "fs must be positive and finite, got 0"),
-        ({"fs": float("inf")}, ValueError, "fs must be positive and finite"),
+        ({"Wn": [0.2, 0.2], "btype": "stop"}, ValueError, "band edges must satisfy low < high"),
+        ({"Wn": [0.2, 1.2], "btype": "band"}, ValueError, "cutoff_hz must be in .* got 1.2"),
+        ({"Wn": 0.2j}, TypeError, "Wn must hold real numbers"),
+        ({"fs": 0}, ValueError, "fs must be positive"),
+        ({"fs": float("inf")}, ValueError, "fs must be positive"),
         ({"fs": [1, 2]}, TypeError, "fs must be a number"),
         ({"N": 32, "Wn": 1e-12}, ValueError, "order 32 is too high"),
     ],
@@ -130,8 +124,6 @@ def test_integrators_filter_but_have_no_steady_state():
     assert sosfilt(INTEGRATOR, [1, 2, 3]).tolist() == [1, 3, 6]
     with pytest.raises(ValueError, match="got section 1 with a pole at z = 1"):
         sosfilt_zi([SOS[0], *INTEGRATOR])
-    with pytest.raises(ValueError, match="pole at z = 1"):
-        sosfiltfilt(INTEGRATOR, np.ones(50))
 
 
 def test_threads_share_input_and_filter():

@@ -6,7 +6,7 @@ from scipy import signal as scipy_signal
 
 from array_kinds import KINDS, digest
 from core_cases import same_bits
-from granular_id.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
+from granular_id.signal import butter, sosfilt, sosfilt_zi
 
 SOS = butter(8, 23, "highpass", fs=500)
 X = np.random.default_rng(11).standard_normal((40, 3))
@@ -30,15 +30,11 @@ LAYOUTS = [
 @pytest.mark.filterwarnings("ignore:the matrix subclass:PendingDeprecationWarning")
 @pytest.mark.parametrize("axis", [0, -1])
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_array(kind, axis, monkeypatch):
-    # scipy solves for the steady state with LAPACK, which fuses products and sums on some processors and not on others.
-    monkeypatch.setattr("scipy.signal._signaltools.sosfilt_zi", sosfilt_zi)
+def test_every_kind_of_array(kind, axis):
     x = KINDS[kind](np.random.default_rng(11).standard_normal((24, 6)))
     before = digest(x)
     plain = np.array(x, np.float64, order="C")
     assert same_bits(sosfilt(SOS, x, axis), scipy_signal.sosfilt(SOS, plain, axis))
-    both_ways = scipy_signal.sosfiltfilt(SOS, plain, axis, padlen=0)
-    assert same_bits(sosfiltfilt(SOS, x, axis, padlen=0), both_ways)
     zi = np.random.default_rng(3).standard_normal(
         (4, 2, plain.shape[1]) if axis == 0 else (4, plain.shape[0], 2)
     )
@@ -67,7 +63,7 @@ def test_memory_mapped(tmp_path):
 def test_results_are_new_writable_arrays_in_c_order():
     x, zi = np.zeros((5, 3)), np.zeros((4, 2, 3))
     y, zf = sosfilt(SOS, x, 0, zi=zi)
-    for result in (y, zf, sosfilt(SOS, x, 0), sosfiltfilt(SOS, x, 0, padtype=None), sosfilt_zi(SOS)):
+    for result in (y, zf, sosfilt(SOS, x, 0), sosfilt_zi(SOS)):
         assert result.flags.c_contiguous
         assert result.flags.writeable
         assert not np.shares_memory(result, x)
@@ -117,7 +113,7 @@ def changed(column, value):
     ],
 )
 def test_bad_sections(sos, error, message):
-    for call in (sosfilt_zi, lambda sos: sosfilt(sos, X), lambda sos: sosfiltfilt(sos, X, 0, padlen=3)):
+    for call in (sosfilt_zi, lambda sos: sosfilt(sos, X)):
         with pytest.raises(error, match=message):
             call(sos)
 
@@ -136,17 +132,15 @@ def test_bad_sections(sos, error, message):
     ],
 )
 def test_bad_signals(x, error, message):
-    for call in (sosfilt, sosfiltfilt):
-        with pytest.raises(error, match=message):
-            call(SOS, x)
+    with pytest.raises(error, match=message):
+        sosfilt(SOS, x)
 
 
 @pytest.mark.parametrize("axis", [2, -3, 10**30, -(10**30)])
 def test_axes_that_are_not_there(axis):
-    for call in (sosfilt, sosfiltfilt):
-        with pytest.raises(ValueError, match=rf"axis must be in \[-2, 2\) .*, got {axis}") as caught:
-            call(SOS, X, axis)
-        assert isinstance(caught.value, IndexError)
+    with pytest.raises(ValueError, match=rf"axis must be in \[-2, 2\) .*, got {axis}") as caught:
+        sosfilt(SOS, X, axis)
+    assert isinstance(caught.value, IndexError)
 
 
 @pytest.mark.parametrize("axis", [1.0, "0", None])
@@ -167,20 +161,3 @@ def test_axes_that_are_no_integers(axis):
 def test_bad_states(zi, error, message):
     with pytest.raises(error, match=message):
         sosfilt(SOS, X, 0, zi=zi)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({"padlen": 40}, ValueError, "x must be longer than padlen .*, got 40 samples for padlen = 40"),
-        ({"padlen": 10**30}, ValueError, "padlen must be at least 0"),
-        ({"padlen": -1}, ValueError, "padlen must be at least 0"),
-        ({"padlen": 2.0}, TypeError, "padlen must be an integer or None"),
-        ({"padtype": "reflect"}, ValueError, "padtype must be 'odd', .* or None, got 'reflect'"),
-        ({"padtype": 3}, ValueError, "padtype must be .* got 3"),
-        ({"axis": 1}, ValueError, "got 3 samples for padlen = 27"),
-    ],
-)
-def test_bad_padding(arguments, error, message):
-    with pytest.raises(error, match=message):
-        sosfiltfilt(SOS, X, **{"axis": 0} | arguments)

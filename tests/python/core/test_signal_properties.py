@@ -8,12 +8,12 @@ import platform
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings, strategies as st
+from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import signal as scipy_signal
 
 from effort import cases
-from granular_id.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
+from granular_id.signal import butter, sosfilt, sosfilt_zi
 
 BANDS = ("lowpass", "highpass", "bandpass", "bandstop")
 ON_X86 = platform.machine() in {"x86_64", "AMD64"}
@@ -90,25 +90,6 @@ def test_bands_symmetric_about_a_quarter_of_the_rate_are_scipys_up_to_the_order_
     np.testing.assert_allclose(got_response, wanted_response, rtol=1e-9, atol=1e-12)
     for row in wanted[:, 3:]:
         assert np.abs(got[:, 3:] - row).sum(axis=1).min() < 1e-12  # every pair of poles is there
-
-
-@given(designs(), signals(), st.sampled_from(["odd", "even", "constant", None]), st.integers(0, 8))
-@example((29, [0.0625, 0.46875], "bandpass"), (np.array([545531.0, 0, 0, 0, 0, 0, 0]), 0), "odd", 0)
-@settings(max_examples=50, deadline=None)
-def test_sosfiltfilt_equals_scipy(design, signal, padtype, padlen):
-    order, edges, band = design
-    sos = scipy_signal.butter(order, edges, band, output="sos")
-    x, axis = signal
-    x = np.clip(x, -1e9, 1e9)
-    if x.shape[axis] <= padlen and padtype is not None:
-        with pytest.raises(ValueError, match="x must be longer than padlen"):
-            sosfiltfilt(sos, x, axis, padtype, padlen)
-        return
-    got = sosfiltfilt(sos, x, axis, padtype, padlen)
-    wanted = scipy_signal.sosfiltfilt(sos, x, axis, padtype, padlen)
-    # What is filtered away leaves its rounding behind, however small the rest is.
-    rounding = 1e-9 * max(1.0, np.abs(wanted).max()) + 1e-13 * np.abs(x).max(initial=0.0)
-    np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=rounding)
 
 
 @given(st.integers(1, 16), st.floats(0.02, 0.98))

@@ -26,7 +26,6 @@ SOSFILT = [
     "test_sosfilt_zi",
     "test_sosfilt_zi_2",
 ]
-SOSFILTFILT = ["test_basic", "test_sine", "test_axis", "test_equivalence"]
 BUTTER = ["test_degenerate", "test_basic", "test_highpass", "test_bandpass", "test_bandstop", "test_fs_param"]
 
 
@@ -67,15 +66,6 @@ def test_sosfilt(test, dtype, request, monkeypatch):
     for name in ("sosfilt", "sosfilt_zi"):
         monkeypatch.setattr(module, name, counted(getattr(twins, name), calls))
     run(module, "TestSOSFilt", test, dt=dtype)
-    assert calls
-
-
-@pytest.mark.parametrize("test", SOSFILTFILT)
-def test_sosfiltfilt(test, request, monkeypatch):
-    module = scipys_tests("test_signaltools", request)
-    calls = []
-    monkeypatch.setattr(module, "sosfiltfilt", counted(twins.sosfiltfilt, calls))
-    run(module, "TestSOSFiltFilt", test)
     assert calls
 
 

@@ -3,15 +3,11 @@
 import numpy as np
 import pytest
 from sklearn.base import clone
-from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.exceptions import NotFittedError
 
 from ecoc_cases import blobs
 from granular_id.ecoc import ECOCClassifier, svm
-from granular_id.ecoc.decoding import decode
 from granular_id.gram import linear_gram
-
-pytestmark = pytest.mark.usefixtures("few_draws")
 
 X = np.random.default_rng(0).standard_normal((30, 5))
 y = np.repeat(["oat", "rice", "sand"], 10)
@@ -29,24 +25,20 @@ def with_value(value):
     ("params", "kind", "message"),
     [
         ({"C": 0}, ValueError, "C must be positive and finite, got 0"),
-        ({"C": np.inf}, ValueError, "hard_margin=True"),
+        ({"C": np.inf}, ValueError, "C must be positive and finite"),
         ({"C": np.nan}, ValueError, "C must be positive"),
         ({"C": "1"}, TypeError, "C must be a number, got '1'"),
         ({"C": True}, TypeError, "C must be a number, got True"),
         ({"C": 10**400}, ValueError, "C must be positive and finite"),
         ({"C": np.complex128(1)}, TypeError, "C must be a number"),
-        ({"loss": "quadratic"}, ValueError, "does not fit the learners: .* real number.*'auto' or .*'hinge'"),
-        ({"loss": "votes"}, ValueError, "loss must be one of 'auto', 'hinge', .*, got 'votes'"),
-        ({"loss": np.array(["auto", "hinge"])}, ValueError, "loss must be one of"),
-        ({"decoding": "votes"}, ValueError, "decoding must be one of 'loss_weighted', .* got 'votes'"),
-        ({"hard_margin": 1}, TypeError, "hard_margin must be True or False, got 1"),
-        ({"standardize": "yes"}, TypeError, "standardize must be True or False, got 'yes'"),
+        ({"loss": "votes"}, ValueError, "loss must be one of 'hinge', 'root', got 'votes'"),
+        ({"loss": np.array(["root", "hinge"])}, ValueError, "loss must be one of"),
         ({"n_jobs": 0}, ValueError, "n_jobs must be None, positive, or negative .* got 0"),
         ({"n_jobs": "two"}, TypeError, "n_jobs must be None or a whole number, got 'two'"),
-        ({"coding": "pairs"}, ValueError, "coding must be one of 'onevsone', 'onevsall', .*, got 'pairs'"),
+        ({"coding": "pairs"}, ValueError, "coding must be one of 'onevsone', 'onevsall', got 'pairs'"),
         ({"coding": None}, TypeError, "coding must be the name of a design or a matrix .* got None"),
         ({"coding": np.ones((3, 2))}, ValueError, "column 0 must hold both"),
-        ({"coding": [[1], [-1]]}, ValueError, "coding must have 3 rows, one per class, got shape"),
+        ({"coding": [[1], [-1]]}, ValueError, "coding must have 3 rows, one per class, .* got shape"),
         ({"posterior": "platt"}, ValueError, "posterior must be one of .*'wu_lin_weng', got 'platt'"),
         ({"posterior": True}, ValueError, "posterior must be one of .* got True"),
         ({"random_state": "now"}, ValueError, "'now' cannot be used to seed"),
@@ -104,7 +96,6 @@ def test_bad_rows_to_name(rows, message):
         ECOCClassifier().fit(X, y).predict(rows)
 
 
-@pytest.mark.parametrize("standardize", [False, True])
 @pytest.mark.parametrize(
     ("weights", "kind", "message"),
     [
@@ -116,9 +107,9 @@ def test_bad_rows_to_name(rows, message):
         (np.append(np.ones(29), 5e-324), ValueError, "sample_weight must be 0 or from 1e-100 .* got 4.9"),
     ],
 )
-def test_bad_weights(weights, kind, message, standardize):
+def test_bad_weights(weights, kind, message):
     with pytest.raises(kind, match=message):
-        ECOCClassifier(standardize=standardize).fit(X, y, sample_weight=weights)
+        ECOCClassifier().fit(X, y, sample_weight=weights)
 
 
 @pytest.mark.parametrize(
@@ -149,22 +140,11 @@ def test_bad_products_to_name(gram, message):
         ECOCClassifier().fit_gram(GRAM, y).predict_gram(gram)
 
 
-def test_standardizing_needs_features_within_reason():
-    clf = ECOCClassifier(standardize=True)
-    with pytest.raises(ValueError, match="standardize=True needs the features"):
-        clf.fit_gram(GRAM, y)
-    with pytest.raises(ValueError, match="needs the features"):
-        clf.fit(X, y).binary_scores_gram(GRAM)
-    with pytest.raises(ValueError, match="X is too large to standardize"):
-        clf.fit(np.abs(X) * 7e307, y)
-
-
-@pytest.mark.parametrize("params", [{"coding": "pairs"}, {"hard_margin": True}])
-def test_a_fit_that_failed_is_no_fit(params):
-    clf = ECOCClassifier(**params)
-    with pytest.raises(ValueError, match=r"coding must be|cannot be separated"):
+def test_a_fit_that_failed_is_no_fit():
+    clf = ECOCClassifier(coding="pairs")
+    with pytest.raises(ValueError, match="coding must be"):
         clf.fit(np.ones((6, 2)), [0, 0, 0, 1, 1, 1])
-    for use in (clf.predict, clf.decision_function, clf.predict_gram, lambda _: clf.learners_):
+    for use in (clf.predict, clf.decision_function, clf.predict_gram):
         with pytest.raises(NotFittedError):
             use(np.ones((6, 2)))
 
@@ -184,58 +164,36 @@ def test_the_largest_cost_is_as_good_as_the_next(monkeypatch):
     assert np.isfinite(ECOCClassifier(C=1e308).fit(X[:20], y[:20]).coef_).all()
 
 
-def test_losses_of_huge_scores_are_finite_and_ordered():
-    matrix = [[1, -1], [-1, 1]]
-    values = decode([[1e3, -1e3], [1e9, -1e9], [1e300, -1e300]], matrix, "exponential")
-    assert np.isfinite(values).all()
-    assert (np.diff(values[:, 1]) < 0).all()
+def test_seventy_classes_of_two_rows_work():
+    truth = np.repeat(np.arange(70), 2)
+    centres = 5.0 * np.random.default_rng(0).standard_normal((70, 12))
+    rows = np.random.default_rng(1).standard_normal((140, 12)) * 0.3 + centres[truth]
+    clf = ECOCClassifier().fit(rows, truth)
+    assert clf.coef_.shape == (2415, 12)
+    assert clf.score(rows, truth) > 0.99
 
 
-class TestManyClasses:
-    def data(self, n_classes):
-        truth = np.repeat(np.arange(n_classes), 2)
-        centres = 5.0 * np.random.default_rng(0).standard_normal((n_classes, 12))
-        return np.random.default_rng(1).standard_normal((len(truth), 12)) * 0.3 + centres[truth], truth
-
-    def test_pairs_work(self):
-        rows, truth = self.data(70)
-        clf = ECOCClassifier().fit(rows, truth)
-        assert clf.coef_.shape == (2415, 12)
-        assert clf.score(rows, truth) > 0.99
-
-    def test_few_learners_work(self):
-        rows, truth = self.data(200)
-        clf = ECOCClassifier(LinearDiscriminantAnalysis(), coding="denserandom", random_state=0)
-        assert clf.fit(rows, truth).coding_matrix_.shape == (200, 77)
-        assert clf.predict(rows).shape == (400,)
-
-    def test_complete_designs_refuse(self):
-        with pytest.raises(ValueError, match=r"for K = 200 classes, more than 100,000; .* needs 77"):
-            ECOCClassifier(coding="ternarycomplete").fit(*self.data(200))
-
-
-@pytest.mark.parametrize("coding", ["onevsone", "onevsall", "ordinal", "sparserandom"])
-@pytest.mark.parametrize("standardize", [False, True])
+@pytest.mark.parametrize("coding", ["onevsone", "onevsall"])
 class TestPoorData:
-    def test_a_class_of_one_row(self, coding, standardize):
+    def test_a_class_of_one_row(self, coding):
         rows, truth = blobs(3, n_features=60)
         kept = np.flatnonzero((truth != 1) | (np.arange(len(truth)) == np.argmax(truth == 1)))
-        clf = ECOCClassifier(coding=coding, standardize=standardize, random_state=0)
+        clf = ECOCClassifier(coding)
         assert clf.fit(rows[kept], truth[kept]).score(rows[kept], truth[kept]) == 1.0
 
-    def test_two_rows_in_all(self, coding, standardize):
-        clf = ECOCClassifier(coding=coding, standardize=standardize).fit([[0.0], [2.0]], ["a", "b"])
+    def test_two_rows_in_all(self, coding):
+        clf = ECOCClassifier(coding).fit([[0.0], [2.0]], ["a", "b"])
         assert clf.predict([[0.5], [1.5]]).tolist() == ["a", "b"]
 
-    def test_equal_rows(self, coding, standardize):
+    def test_equal_rows(self, coding):
         truth = np.repeat([0, 1, 2], [8, 4, 4])
-        clf = ECOCClassifier(coding=coding, standardize=standardize, random_state=0)
+        clf = ECOCClassifier(coding)
         assert np.isfinite(clf.fit(np.ones((16, 3)), truth).decision_function(np.ones((2, 3)))).all()
         assert len(set(clf.predict(np.ones((5, 3))))) == 1
 
-    def test_constant_features_say_nothing(self, coding, standardize):
+    def test_constant_features_say_nothing(self, coding):
         rows, truth = blobs(3)
         wide = np.column_stack([rows, np.full(len(truth), 0.1), np.zeros(len(truth))])
-        clf = ECOCClassifier(coding=coding, standardize=standardize, random_state=0)
+        clf = ECOCClassifier(coding)
         expected = clone(clf).fit(rows, truth).decision_function(rows)
         np.testing.assert_allclose(clf.fit(wide, truth).decision_function(wide), expected, atol=1e-6)

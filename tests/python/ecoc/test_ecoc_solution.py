@@ -7,7 +7,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.svm import SVC
 
 from granular_id.ecoc import ECOCClassifier, svm
-from granular_id.ecoc.svm import NotSeparableError, solve_binary
+from granular_id.ecoc.svm import solve_binary
 from granular_id.gram import linear_gram
 
 
@@ -106,58 +106,17 @@ def test_share_of_multipliers_at_the_bound():
     assert ECOCClassifier().fit(X, y).alpha_at_bound_ == 0.0
 
 
-class TestHardMargin:
-    def test_no_row_inside_the_margin(self):
-        X, y = ROWS["walk"]
-        soft = ECOCClassifier(C=1e-3).fit(X, y)
-        hard = ECOCClassifier(C=1e-3, hard_margin=True).fit(X, y)
-        assert soft.alpha_at_bound_ > 0
-        assert hard.alpha_at_bound_ == 0
-        agreement = hard.binary_scores(X) * hard.coding_matrix_[y]
-        seen = hard.coding_matrix_[y] != 0
-        assert agreement[seen].min() > 1 - 1e-8
-        for learner in range(6):
-            assert agreement[seen[:, learner], learner].min() < 1 + 1e-8
-
-    def test_equals_a_soft_margin_that_is_hard_already_whatever_the_weights(self):
-        X, y = ROWS["noise"]
-        soft, hard = ECOCClassifier().fit(X, y), ECOCClassifier(hard_margin=True)
-        weights = np.random.default_rng(0).uniform(0.5, 2.0, len(y))
-        for given_weights in (None, weights):
-            hard.fit(X, y, given_weights)
-            np.testing.assert_allclose(hard.coef_, soft.coef_, rtol=1e-9, atol=1e-12)
-
-    def test_gap_known_by_construction(self):
-        X = np.array([[0.0, 0.0], [0.0, 1.0], [3.0, 0.0], [4.0, 7.0]])
-        clf = ECOCClassifier(hard_margin=True).fit(X * 1e-4, [0, 0, 1, 1])
-        np.testing.assert_allclose(clf.coef_, [[-2 / 3 * 1e4, 0.0]], rtol=1e-9, atol=1e-6)
-        np.testing.assert_allclose(clf.intercept_, [1.0], rtol=1e-9)
-
-    def test_overlapping_classes_are_named(self, monkeypatch):
-        monkeypatch.setattr(svm, "_MAX_STEPS_HARD", 20_000)
-        rng = np.random.default_rng(0)
-        X = rng.standard_normal((60, 2))
-        X[:20, 0] += 20.0
-        y = np.repeat(["rice", "sand", "soil"], 20)
-        with pytest.raises(NotSeparableError, match=r"'sand' and 'soil' cannot be separated: .*wrong side"):
-            ECOCClassifier(hard_margin=True).fit(X, y)
-        with pytest.raises(ValueError, match="'0' and '1' cannot be separated"):
-            ECOCClassifier(hard_margin=True).fit(np.ones((4, 3)), [0, 0, 1, 1])
-
-
 def test_equal_rows_of_both_classes_do_not_hang_nor_fail():
     clf = ECOCClassifier().fit(np.ones((6, 2)), [0, 0, 0, 0, 1, 1])
     np.testing.assert_array_equal(clf.predict(np.ones((2, 2))), [0, 0])
 
 
-@pytest.mark.parametrize("bounded", [True, False])
-def test_repetitions_are_one_row_of_their_common_weight(monkeypatch, bounded):
-    X, targets = problem(2, 40, 5 if bounded else 60, distance=0.4)
+def test_repetitions_are_one_row_of_their_common_weight(monkeypatch):
+    X, targets = problem(2, 40, 5, distance=0.4)
     times = np.random.default_rng(1).integers(1, 4, 40)
     again = np.repeat(np.arange(40), times)
-    upper = times.astype(float) if bounded else None
-    weighted = solve_binary(linear_gram(X), targets, upper)
-    ones = np.ones(len(again)) if bounded else None
+    weighted = solve_binary(linear_gram(X), targets, times.astype(float))
+    ones = np.ones(len(again))
     gram = linear_gram(X[again])
     repeated = solve_binary(gram, targets[again], ones)
     # The way out when libsvm's split of multipliers among equal rows leads to no exact solution.
@@ -169,9 +128,8 @@ def test_repetitions_are_one_row_of_their_common_weight(monkeypatch, bounded):
         )
         assert solution.intercept == pytest.approx(weighted.intercept, abs=1e-8)
     np.testing.assert_allclose(np.bincount(again, merged.dual_coef), weighted.dual_coef, rtol=1e-7, atol=1e-9)
-    if bounded:
-        assert worst_violation(gram, targets[again], ones, merged) < 1e-8
-        assert merged.at_bound == np.count_nonzero(np.abs(merged.dual_coef) >= 1 - 1e-12) > 0
+    assert worst_violation(gram, targets[again], ones, merged) < 1e-8
+    assert merged.at_bound == np.count_nonzero(np.abs(merged.dual_coef) >= 1 - 1e-12) > 0
 
 
 def first_call_fails(solve):

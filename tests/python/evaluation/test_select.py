@@ -122,7 +122,7 @@ def test_costs_beyond_a_hard_margin_are_not_computed_again_and_change_nothing(da
     assert (raw.accuracies == raw.accuracies[:, :1]).all()
     F = RawSignal().fit_transform(data.X)
     for outer in (fold.outer for fold in folds):
-        hard = ECOCClassifier(hard_margin=True).fit(F[outer.train], data.y[outer.train])
+        hard = ECOCClassifier(C=1e6).fit(F[outer.train], data.y[outer.train])
         assert hard.score(F[outer.test], data.y[outer.test]) == raw.accuracies[outer.index, 0]
 
 

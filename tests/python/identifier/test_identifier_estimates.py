@@ -247,7 +247,7 @@ def test_a_model_describes_itself_in_words(training):
         "materials: 4: oat, peas, rice, sugar",
         "trained on: 32 recordings, 8 of each material, 8 sessions",
         "takes: 60 samples at 500 Hz (0.12 s) of fx fy fz tx ty tz",
-        "6 learners (onevsone), hinge loss, loss-weighted decoding",
+        "6 learners (onevsone), hinge loss",
         "accuracy, held-out sessions: ",
         "least recognised: ",
         "aim: at most 30 %",

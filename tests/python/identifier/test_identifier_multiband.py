@@ -41,7 +41,7 @@ def same_answers(identifier, pipeline, X):
     ("space", "settings"),
     [
         ("multiband", {}),
-        ("multiband", {"coding": "onevsall", "loss": "linear", "C": 0.1}),
+        ("multiband", {"coding": "onevsall", "loss": "hinge", "C": 0.1}),
         ("multiband", {"shrinkage": 1e-3}),
         ("best", {}),
     ],
@@ -75,9 +75,9 @@ def test_multiband_is_the_same_in_models_and_in_evaluations(data, new):
     assert identifier.core.loss == space.classifier.loss
     values = pipeline.decision_function(new.X)
     np.testing.assert_allclose(-identifier.core.losses(identifier.scores(new.X)), values, atol=1e-4)
-    votes = Identifier.fit(data, "multiband", estimate=False, loss="hamming")
-    assert votes.core.loss == "hamming"
-    np.testing.assert_array_equal(votes.scores(new.X), identifier.scores(new.X))
+    hinge = Identifier.fit(data, "multiband", estimate=False, loss="hinge")
+    assert hinge.core.loss == "hinge"
+    np.testing.assert_array_equal(hinge.scores(new.X), identifier.scores(new.X))
 
 
 def test_features_are_those_of_the_twin(data, new, tmp_path):

@@ -19,13 +19,11 @@ def rows(n=30, n_columns=700, seed=0):
 def test_products_in_blocks_of_any_size(monkeypatch, block_bytes):
     monkeypatch.setattr(gram_module, "_BLOCK_BYTES", block_bytes)
     X, Y = rows(), rows(17, seed=1)
-    center, scale = X.mean(axis=0), X.std(axis=0)
-    for given_center, given_scale in ((None, None), (center, None), (None, scale), (center, scale)):
-        moved_x = (X - (0 if given_center is None else center)) / (1 if given_scale is None else scale)
-        moved_y = (Y - (0 if given_center is None else center)) / (1 if given_scale is None else scale)
-        options = {"center": given_center, "scale": given_scale}
-        np.testing.assert_allclose(linear_gram(X, **options), moved_x @ moved_x.T, rtol=1e-12, atol=1e-11)
-        np.testing.assert_allclose(linear_gram(X, Y, **options), moved_x @ moved_y.T, rtol=1e-12, atol=1e-11)
+    for center in (None, X.mean(axis=0)):
+        moved_x, moved_y = (rows - (0 if center is None else center) for rows in (X, Y))
+        close = {"rtol": 1e-12, "atol": 1e-11}
+        np.testing.assert_allclose(linear_gram(X, center=center), moved_x @ moved_x.T, **close)
+        np.testing.assert_allclose(linear_gram(X, Y, center=center), moved_x @ moved_y.T, **close)
 
 
 def test_symmetric_to_the_last_bit():
@@ -50,7 +48,6 @@ def test_makes_no_copy_of_the_rows():
         ({"X": np.zeros((0, 3))}, r"got shape \(0, 3\)"),
         ({"Y": np.zeros((2, 4))}, "Y must have 3 columns as X has, got 4"),
         ({"center": np.zeros(2)}, r"center must have shape \(3,\), got shape \(2,\)"),
-        ({"scale": [1.0, 0.0, 1.0]}, "scale must be positive"),
         ({"X": [[1.0, np.nan]]}, "no NaN, no inf"),
         ({"X": [[1e200, 1e200]]}, "range of float64"),
     ],
