@@ -14,8 +14,8 @@ from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS, NetftPageErro
 from granular_id.live.rdt import RdtSource
 from granular_id.live.source import WrenchSource, open_source
 from granular_id.live.stream import opened
-from granular_id.testing import FakeNetft, Faults
-from rdt_cases import BIAS, BUFFERED, LATCH, START, STOP, buffer_of, n_rows, run, signal, source_of, streaming
+from granular_id.testing import FakeNetft
+from rdt_cases import BIAS, BUFFERED, LATCH, START, STOP, buffer_of, n_rows, signal, source_of, streaming
 from sink_cases import eventually
 
 
@@ -80,14 +80,29 @@ def test_bias_is_sent_when_asked_for_and_never_else():
     assert [request for request in box.requests if request not in (START, STOP)] == [BIAS, LATCH]
 
 
+class Deaf(FakeNetft):
+    """A box that does not hear the first requests for its stream."""
+
+    def __init__(self, n, **options):
+        super().__init__(**options)
+        self.left = n
+
+    def _obey(self, command, number, sender):
+        if command == START[3] and self.left:
+            self.left -= 1
+        else:
+            super()._obey(command, number, sender)
+
+
 def test_requests_may_be_lost():
-    source, _, _, box = run(Faults(deaf=3), n_records=100)
-    assert source.health().counters["requests"] == box.requests.count(START) == 4
-    assert n_rows(source) == 100
+    with Deaf(3, n_records=100) as box, streaming(box) as (source, _):
+        assert box.wait(20)
+        eventually(lambda: n_rows(source) == 100)
+        assert source.health().counters["requests"] == box.requests.count(START) == 4
 
 
 def test_a_box_that_never_answers_is_left_and_others_may_ask_for_its_health_meanwhile():
-    with FakeNetft(faults=Faults(deaf=1000)) as box:
+    with Deaf(1000) as box:
         source, failed = source_of(box), []
         buffer = buffer_of(source)
 
@@ -157,8 +172,13 @@ def test_a_second_client_takes_the_stream_and_that_is_told():
 
 
 def test_a_stream_can_be_asked_for_again():
-    with FakeNetft(faults=Faults(second_client=50)) as box, streaming(box, resume=True) as (source, _):
-        eventually(lambda: n_rows(source) > 80)
+    with FakeNetft() as box, streaming(box, resume=True) as (source, _):
+        eventually(lambda: n_rows(source) > 10)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.connect(("127.0.0.1", box.port))
+            other.send(STOP)
+        before = n_rows(source)
+        eventually(lambda: n_rows(source) > before + 30)
         counters = source.health().counters
     assert counters["requests"] >= 2
     assert counters["restarts"] >= 1
