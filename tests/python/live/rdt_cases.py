@@ -13,9 +13,7 @@ from granular_id.testing import FakeNetft
 from sink_cases import eventually
 
 RATE_HZ, TICK_HZ = 2000.0, 8000.0
-STOP, START, BUFFERED, BIAS, LATCH = (
-    b"\x12\x34\0" + bytes([code, 0, 0, 0, 0]) for code in (0, 2, 3, 0x42, 0x41)
-)
+STOP, START, BUFFERED, BIAS = (b"\x12\x34\0" + bytes([code, 0, 0, 0, 0]) for code in (0, 2, 3, 0x42))
 COMPARED = ("lost", "duplicates", "reordered", "bad_status", "rows")
 
 
