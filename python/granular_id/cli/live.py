@@ -40,7 +40,7 @@ class Sensing:
     source: str = option(
         SOURCE,
         "rdt://HOST, replay:PATH, sim:MATERIAL, sim:unknown, or with granular-id-contrib ur://HOST, bota:FILE "
-        " and ros2://TOPIC; options as in sim:rice?seed=1.",
+        "and ros2://TOPIC; options as in sim:rice?seed=1.",
         "--source",
         "-s",
         default=...,
