@@ -61,9 +61,9 @@ class Box(FakeNetft):
 
     def _send_due(self) -> None:
         if self._next is not None and self._next[0] <= time.monotonic() and is_due(*self.hit):
-            when, data = self._next
+            when, datagram = self._next
             counts = int(1e6 * BEYOND_N).to_bytes(4, "big")
-            self._next = when, data[:12] + counts + data[16:]
+            self._next = when, datagram._replace(data=datagram.data[:12] + counts + datagram.data[16:])
         super()._send_due()
 
 

@@ -1,4 +1,4 @@
-"""Each recording exactly once: the same files whoever made them, and whatever was killed meanwhile."""
+"""Each recording exactly once: the same files whatever engine made them, and whatever was killed meanwhile."""
 
 from __future__ import annotations
 
