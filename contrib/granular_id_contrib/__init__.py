@@ -4,6 +4,25 @@ None of them has been run on hardware: `NOT_RUN` stands in each source's ``info.
 recording, until somebody has and says so.
 """
 
-__all__ = ["NOT_RUN"]
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+__all__ = ["NOT_RUN", "library"]
 
 NOT_RUN = "written against the library's documented interface, not run on hardware"
+
+
+def library(module: str, how: str) -> Any:
+    """Import the library of a sensor or robot, or say how to get it.
+
+    Raises
+    ------
+    ImportError
+        It is not there.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise ImportError(f"{module.partition('.')[0]} is needed for this sensor or robot: {how}") from error

@@ -12,8 +12,7 @@ from typing import Any
 
 from granular_id.live import SourceInfo, SourceUrl, ThreadedSource, WrenchSink
 from granular_id.recording import SampleFlag
-from granular_id_contrib import NOT_RUN
-from granular_id_contrib.polling import library
+from granular_id_contrib import NOT_RUN, library
 
 __all__ = ["BotaSource", "open_url"]
 
@@ -42,7 +41,7 @@ class BotaSource(ThreadedSource):
     """
 
     def __init__(self, config: Any) -> None:
-        driver = library("bota_driver", _PACKAGE)
+        driver = library("bota_driver", f"pip install {_PACKAGE}")
         if isinstance(config, str | Path):
             if not Path(config).is_file():
                 raise FileNotFoundError(f"{config}: no such configuration of a Bota sensor")

@@ -6,19 +6,28 @@ Not run on hardware. Written against ur-rtde 1.6: https://sdurobotics.gitlab.io/
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import threading
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from granular_id.live import Pose, SourceInfo, SourceUrl, WrenchSink, checked_move
-from granular_id_contrib import NOT_RUN
-from granular_id_contrib.polling import PolledMotion, PollingSource, PushStart, library
+import numpy as np
 
-__all__ = ["URRobot", "URSource", "open_url"]
+from granular_id.live import Pose, SourceInfo, SourceUrl, ThreadedSource, WrenchSink, checked_move, host_ns
+from granular_id_contrib import NOT_RUN, library
+
+__all__ = ["URRobot", "URSource", "open_robot", "open_url"]
 
 _PACKAGE = "ur-rtde"
+_HOW = f"pip install {_PACKAGE}"
+
+_PER_SAMPLE = 4
+"""How often the controller is asked per sample: it only knows its newest one, and none may pass unseen."""
+
+_AHEAD_M = 0.01
+"""So far ahead of the last push's start may the next one begin: arms, and people who guide them, are not exact."""
 
 
-class URSource(PollingSource):
+class URSource(ThreadedSource):
     """The force that the arm measures or estimates at its tool.
 
     Parameters
@@ -36,7 +45,7 @@ class URSource(PollingSource):
     """
 
     def __init__(self, host: str, rate_hz: float = 500.0) -> None:
-        self._receive_module = library("rtde_receive", _PACKAGE)
+        self._receive_module = library("rtde_receive", _HOW)
         self._host = host
         self._receive: Any = None
         super().__init__(
@@ -73,15 +82,53 @@ class URSource(PollingSource):
         """Connect to the arm itself, which shares this source's clock; nothing moves yet."""
         return URRobot(self._host, shares_clock=True)
 
-    def newest(self) -> tuple[float, Any, int] | None:
-        """Return the newest sample, all of one cycle."""
+    def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
+        """Ask several times per period for the newest sample, and write what is new."""
+        last_s: float | None = None
+        pause_s = 1.0 / (_PER_SAMPLE * self.info.rate_hz)
+        while not stopping.wait(pause_s):
+            sample = self._newest()
+            if sample is None or sample[0] == last_s:
+                continue
+            time_s, wrench = sample
+            if last_s is not None and time_s < last_s:
+                buffer.new_epoch()  # its controller was started anew
+            last_s = time_s
+            buffer.push(np.asarray(wrench, dtype=np.float64), time_s)
+
+    def _newest(self) -> tuple[float, Any] | None:
+        """Return device time (s) and wrench (6,) of the newest sample, both of one cycle; None where they are not."""
         receive = self._receive
         if not receive.isConnected():
             raise ConnectionError(f"the connection to {self._host} is lost")
         before_s = receive.getTimestamp()
         wrench = receive.getActualTCPForce()
         # Time and force are two calls: a packet may have come in between.
-        return (before_s, wrench, 0) if receive.getTimestamp() == before_s else None
+        return (before_s, wrench) if receive.getTimestamp() == before_s else None
+
+
+class URMotion:
+    """A motion that runs in the controller, which tells on request whether it has ended."""
+
+    def __init__(self, control: Any, start_time_s: float | None, report: Mapping[str, Any]) -> None:
+        self.start_time_s = start_time_s
+        self.start_host_ns = host_ns()
+        self.error: str | None = None
+        self._control, self._report = control, report
+        self._done = False
+
+    def finished(self) -> bool:
+        """Tell whether the controller has ended the motion; where it cannot be asked, the motion counts as going on."""
+        if not self._done:
+            try:
+                self._done = not self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
+            except Exception as error:  # whatever the library raises
+                self.error = f"{type(error).__name__}: {error}"
+        return self._done
+
+    def report(self) -> Mapping[str, Any]:
+        """Return what was commanded."""
+        return self._report
 
 
 class URRobot:
@@ -101,19 +148,19 @@ class URRobot:
 
     def __init__(self, host: str, acceleration_m_s2: float = 1.2, *, shares_clock: bool = False) -> None:
         self._shares_clock = shares_clock
-        self._start = PushStart()
+        self._place: tuple[float, ...] | None = None  # where the last push began
         if not 0 < acceleration_m_s2 < math.inf:
             raise ValueError(f"acceleration_m_s2 must be positive and finite, got {acceleration_m_s2!r}")
         self._acceleration = acceleration_m_s2
-        self._receive = library("rtde_receive", _PACKAGE).RTDEReceiveInterface(host)
-        self._control = library("rtde_control", _PACKAGE).RTDEControlInterface(host)
+        self._receive = library("rtde_receive", _HOW).RTDEReceiveInterface(host)
+        self._control = library("rtde_control", _HOW).RTDEControlInterface(host)
 
     def tcp_pose(self) -> Pose:
         """Return where the tool is, by the controller."""
         x, y, z, rx, ry, rz = (float(value) for value in self._receive.getActualTCPPose())
         return (x, y, z, rx, ry, rz)
 
-    def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> PolledMotion:
+    def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> URMotion:
         """Move straight on in the base frame.
 
         Raises
@@ -123,7 +170,7 @@ class URRobot:
         """
         ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
         pose = self.tcp_pose()
-        self._start.check(pose, ahead)
+        self._check_start(pose, ahead)
         # Two ramps take the time of one: the tool covers speed * (duration - one ramp).
         length_m = speed_m_s * max(duration_s - speed_m_s / self._acceleration, 0.5 * duration_s)
         place = [begin + length_m * part for begin, part in zip(pose[:3], ahead, strict=True)]
@@ -132,14 +179,23 @@ class URRobot:
         if not self._control.moveL(target, speed_m_s, self._acceleration, True):
             raise RuntimeError("the controller refused moveL: is the arm in remote control and released?")
         report = {"robot": "ur", "start": list(pose), "target": target, "speed_m_s": speed_m_s}
-        return PolledMotion(start_time_s, self._has_ended, report, error_ends=False)
+        return URMotion(self._control, start_time_s, report)
+
+    def _check_start(self, pose: Pose, ahead: Sequence[float]) -> None:
+        """Refuse a push that begins ahead of the last one: one after another they would end in the container's wall."""
+        if self._place is not None:
+            ahead_m = sum((n - b) * a for n, b, a in zip(pose[:3], self._place, ahead, strict=True))
+            if ahead_m > _AHEAD_M:
+                raise RuntimeError(
+                    f"the tool stands {1e3 * ahead_m:.0f} mm ahead of where the last push began: bring it back first"
+                )
+            if ahead_m > 0:
+                return  # many short pushes that were stopped must not creep either
+        self._place = pose[:3]
 
     def stop(self) -> None:
         """Brake."""
         self._control.stopL(self._acceleration)
-
-    def _has_ended(self) -> bool:
-        return not self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
 
     def close(self) -> None:
         """End the script on the controller and both connections."""

@@ -59,15 +59,13 @@ def identify(
     begin_at: Begin = "auto",
     lead_s: float | None = None,
     on_short: Literal["raise", "skip"] = "raise",
-    engine: str = "local",
     n_jobs: int | None = None,
     scheduler: Any = None,
     progress: bool | ProgressCallback = True,
-    **options: Any,
 ) -> Answers:
     """Name the material of every recording of an archive, into a folder of Parquet files, each exactly once.
 
-    Partitions, resuming and engines are those of `extract`. Answers are those that the model gives of the same
+    Partitions, resuming and workers are those of `extract`. Answers are those that the model gives of the same
     recordings loaded, to the last bit.
 
     Parameters
@@ -88,7 +86,7 @@ def identify(
         Seconds kept ahead of the trigger; default: as in the training.
     on_short : {"raise", "skip"}, default "raise"
         Recordings that are too short, or longer and without trigger: refuse the archive, or give them no answer.
-    engine, n_jobs, scheduler, progress, **options
+    n_jobs, scheduler, progress
         As of `extract`.
 
     Returns
@@ -144,12 +142,10 @@ def identify(
         opened,
         work,
         out,
-        engine=engine,
         n_jobs=n_jobs,
         scheduler=scheduler,
         progress=progress,
         prepare=lambda folder: _keep(folder, content),
-        **options,
     )
     answers = Answers(folder)
     answers.extraction = extraction

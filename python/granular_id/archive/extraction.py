@@ -1,4 +1,4 @@
-"""Work on whole archives: planned, done by an engine, each partition exactly once, and written down."""
+"""Work on whole archives: planned, done by threads or a cluster, each partition exactly once, and written down."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pathlib import Path
 from time import perf_counter, time
 from typing import Any
 
-from granular_id._checks import argument_error, checked_choice, checked_n_jobs
+from granular_id._checks import argument_error, checked_n_jobs
 from granular_id._files import absolute, made_folder, sha256_of
 from granular_id._progress import ProgressCallback, check_progress, displaying
 from granular_id._text import counted, whole_percent
-from granular_id.archive.engines import DASK_OPTIONS, run_dask, run_local
+from granular_id.archive.engines import run_tasks
 from granular_id.archive.manifest import MANIFEST, PARTITION, read_manifest, write_manifest
 from granular_id.archive.work import (
     MARK,
@@ -48,7 +48,7 @@ _DRAFT = re.compile(
 )
 _PROBE = re.compile(r"\.[0-9a-f]{16}\.tmp")
 _PROBE_LASTS_S = 60.0
-"""Empty files by which engines see whether workers have the folder: another driver's may be in use."""
+"""Empty files by which a driver sees whether workers have the folder: another driver's may be in use."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Extraction:
     recordings_per_s : float
         Recordings of this run, not of what was there before; 0 where there were none.
     sha256 : str
-        Over all partitions: the same recordings, work and versions give the same, whatever engine did it.
+        Over all partitions: the same recordings, work and versions give the same, whoever did it.
     synthetic : bool
         Whether any recording was simulated: what comes of them says nothing about real materials.
     failures : tuple of Outcome
@@ -123,18 +123,16 @@ def run(
     work: Work,
     out: str | os.PathLike[str],
     *,
-    engine: str = "local",
     n_jobs: int | None = None,
     scheduler: Any = None,
     progress: bool | ProgressCallback = True,
     prepare: Callable[[Path], None] | None = None,
-    **options: Any,
 ) -> Extraction:
     """Do some work for all recordings of an archive, each exactly once; parameters and errors as of `extract`.
 
     `prepare` is given the folder before anything else is written to it.
     """
-    _check_call(archive, out, engine, n_jobs, scheduler, progress, options)
+    _check_call(archive, out, n_jobs, scheduler, progress)
     work.check(archive)
     folder = Path(absolute(out))
     tasks = tasks_of(archive, work, out)
@@ -168,9 +166,7 @@ def run(
 
                 todo = missing
                 for _ in range(_ATTEMPTS):
-                    _run_engine(
-                        todo, take, engine=engine, n_jobs=n_jobs, scheduler=scheduler, options=options
-                    )
+                    run_tasks(todo, n_jobs, scheduler, take)
                     # Another driver, for which the archive had grown, may have removed some.
                     todo = [task for task in tasks if not (done[task.name].problem or _is_there(task))]
                     if not todo:
@@ -213,29 +209,20 @@ def run(
 def _check_call(
     archive: Archive,
     out: str | os.PathLike[str],
-    engine: str,
     n_jobs: int | None,
     scheduler: Any,
     progress: bool | ProgressCallback,
-    options: Mapping[str, Any],
 ) -> None:
     """Refuse what `run` cannot be given, before anything is read or written."""
-    checked_choice("engine", engine, "local", "dask")
     checked_n_jobs(n_jobs)
     check_progress(progress)
-    if scheduler is not None and engine != "dask":
-        raise argument_error(ValueError, "scheduler", f"={scheduler!r} needs engine='dask', got {engine!r}")
+    if scheduler is not None and n_jobs is not None:
+        wanted = "must be None with a scheduler, whose workers are as they are"
+        raise argument_error(ValueError, "n_jobs", f"{wanted}; got {n_jobs!r}")
     home, target = archive.folder.resolve(), Path(out).resolve()
     if home in (target, *target.parents):
         problem = f"={os.fspath(out)!r} is or lies in the archive: name another folder"
         raise argument_error(ValueError, "out", problem)
-    unknown = sorted(options.keys() - DASK_OPTIONS)
-    if unknown:
-        raise argument_error(
-            TypeError, unknown[0], f"is no option; those of Dask are {', '.join(DASK_OPTIONS)}"
-        )
-    if options and engine != "dask":
-        raise argument_error(TypeError, min(options), f"is an option of engine='dask', got {engine!r}")
 
 
 def tasks_of(archive: Archive, work: Work, out: str | os.PathLike[str]) -> list[Task]:
@@ -267,21 +254,6 @@ def planned(row_groups: Sequence[RowGroup]) -> Iterator[list[RowGroup]]:
         some.append(group)
     if some:
         yield some
-
-
-def _run_engine(
-    tasks: Sequence[Task],
-    take: Callable[[Outcome], None],
-    *,
-    engine: str,
-    n_jobs: int | None,
-    scheduler: Any,
-    options: dict[str, Any],
-) -> None:
-    if engine == "dask":
-        run_dask(tasks, scheduler, n_jobs, take, **options)
-    else:
-        run_local(tasks, n_jobs, take)
 
 
 # What is in the folder already.

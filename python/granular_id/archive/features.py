@@ -46,11 +46,9 @@ def extract(
     model: Identifier | str | os.PathLike[str] | None = None,
     accept: str | Sequence[str] = (),
     dtype: str = "float64",
-    engine: str = "local",
     n_jobs: int | None = None,
     scheduler: Any = None,
     progress: bool | ProgressCallback = True,
-    **options: Any,
 ) -> Extraction:
     """Extract features of all recordings of an archive into a folder of Parquet files, each exactly once.
 
@@ -78,18 +76,13 @@ def extract(
         "frame", "transform", "sign", "units".
     dtype : {"float64", "float32"}, default "float64"
         Type of the features; computed is always in float64.
-    engine : {"local", "dask"}, default "local"
-        Threads of this process, or Dask.
     n_jobs : int, optional
-        Threads, or processes of the Dask cluster that is started here, as in joblib: None is 1, -1 one for each core.
+        Threads of this process, as in joblib: None is 1, -1 one for each core.
     scheduler : str or distributed.Client, optional
-        A Dask scheduler that runs, ``tcp://host:8786``: its workers see archive and `out` under the same paths.
-        Without it Dask starts processes on this machine.
+        Work on a Dask cluster instead: its scheduler, ``tcp://host:8786``, or a client. Its workers see archive and
+        `out` under the same paths. Encryption and all else is that of Dask's own configuration.
     progress : bool or callable, default True
         Show recordings done, recordings per second and the time left, or call ``progress(done, total, what)``.
-    **options
-        Of Dask: ``dashboard_address`` (127.0.0.1:8787 unless told otherwise), ``tls_ca_file``, ``tls_cert`` and
-        ``tls_key``.
 
     Returns
     -------
@@ -130,9 +123,7 @@ def extract(
     """
     opened = archive if isinstance(archive, Archive) else Archive(archive)
     work = FeatureWork.of(opened, space, model=model, accept=accept, dtype=dtype)
-    return run(
-        opened, work, out, engine=engine, n_jobs=n_jobs, scheduler=scheduler, progress=progress, **options
-    )
+    return run(opened, work, out, n_jobs=n_jobs, scheduler=scheduler, progress=progress)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from granular_id.cli.evaluate import evaluate, report, select
 from granular_id.cli.explain import explain
 from granular_id.cli.identify import identify
 from granular_id.cli.live import live, record
-from granular_id.cli.ros2 import ros2
 from granular_id.cli.setup import setup
 from granular_id.cli.train import model, train
 
@@ -34,7 +33,7 @@ app = typer.Typer(
     help=PURPOSE,
 )
 for command in (
-    *(evaluate, select, explain, confidence, record, live, ros2, report, train, identify, adapt),
+    *(evaluate, select, explain, confidence, record, live, report, train, identify, adapt),
     *(extract, demo),
 ):
     app.command()(command)

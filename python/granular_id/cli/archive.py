@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from granular_id.archive import Archive, Extraction
     from granular_id.recording import Dataset, StepReport
 
-OUTPUT, ENGINE, FEATURES = "Output", "Engine", "Features"
+OUTPUT, WORKERS, FEATURES = "Output", "Workers", "Features"
 
 ARCHIVE = typer.Argument(metavar="ARCHIVE", help="Folder of an archive.", show_default=False)
 
@@ -413,65 +413,28 @@ for shown in (add, info, check):
 
 
 @dataclass(kw_only=True)
-class EngineOptions:
+class WorkerOptions:
     """Who does the work on an archive."""
 
-    engine: Literal["local", "dask"] = option(
-        ENGINE,
-        "Threads of this process, or workers of Dask; the files written are the same.",
-        default="local",
-    )
-    jobs: int | None = option(
-        ENGINE, "Threads, or workers on this machine. Default: one a core.", "--jobs", "-j"
-    )
+    jobs: int | None = option(WORKERS, "Threads. Default: one a core.", "--jobs", "-j")
     scheduler: str | None = option(
-        ENGINE,
-        "Scheduler of a Dask cluster that runs: tcp://HOST:8786 or tls://HOST:8786. Default: workers on this machine.",
+        WORKERS, "Scheduler of a Dask cluster whose workers do the work: tcp://HOST:8786. Default: threads."
     )
-    dashboard: str | None = option(ENGINE, "Where Dask shows its page: HOST:PORT. Default: 127.0.0.1:8787.")
-    tls_ca: Path | None = option(ENGINE, "Certificate of the authority, for tls://.")
-    tls_cert: Path | None = option(ENGINE, "Certificate of this program, for tls://.")
-    tls_key: Path | None = option(ENGINE, "Key of this program, for tls://.")
 
     def __post_init__(self) -> None:
         at_least("--jobs", self.jobs, 1)
-        tls = {"--tls-ca": self.tls_ca, "--tls-cert": self.tls_cert, "--tls-key": self.tls_key}
-        dask = {"--scheduler": self.scheduler, "--dashboard": self.dashboard, **tls}
-        given = [name for name, value in dask.items() if value is not None]
-        if given and self.engine != "dask":
-            raise ValueError(f"{given[0]} is about Dask: add --engine dask")
-        for name, value in (("--jobs", self.jobs), ("--dashboard", self.dashboard)):
-            if value is not None and self.scheduler is not None:
-                raise ValueError(
-                    f"{name} is for workers on this machine, those of --scheduler are there: leave it out"
-                )
-        missing = [name for name, value in tls.items() if value is None]
-        if missing and len(missing) < len(tls):
-            raise ValueError(f"TLS needs --tls-ca, --tls-cert and --tls-key: add {missing[0]}")
-        for path in tls.values():
-            if path is not None:
-                check_source(path)
+        if self.jobs is not None and self.scheduler is not None:
+            raise ValueError("--jobs are threads of this machine, --scheduler has workers: leave it out")
 
     def given(self) -> dict[str, Any]:
-        """Return the engine as `granular_id.archive.extract` takes it."""
-        every = -1 if self.scheduler is None else None  # a cluster that runs has its workers
-        of_dask = {
-            "dashboard_address": self.dashboard,
-            "tls_ca_file": self.tls_ca,
-            "tls_cert": self.tls_cert,
-            "tls_key": self.tls_key,
-        }
-        return {
-            "engine": self.engine,
-            "n_jobs": every if self.jobs is None else self.jobs,
-            "scheduler": self.scheduler,
-            **{name: value for name, value in of_dask.items() if value is not None},
-        }
+        """Return the workers as `granular_id.archive.extract` takes them."""
+        n_jobs = -1 if self.jobs is None and self.scheduler is None else self.jobs
+        return {"n_jobs": n_jobs, "scheduler": self.scheduler}
 
 
 @command
 def extract(
-    engine: EngineOptions,
+    workers: WorkerOptions,
     *,
     archive: Path = ARCHIVE,
     output: Path = option(
@@ -492,20 +455,20 @@ def extract(
 
     OUTPUT gets Parquet files of some thousand recordings each, and a manifest when all are there. After a Ctrl-C, a
     crash or a worker that died the same command does what is missing, and only that; the files are the same with any
-    engine and any number of workers. A part of the archive that cannot be read is named at the end; all others are
+    number of threads or workers. A part of the archive that cannot be read is named at the end; all others are
     finished, and the exit code is 2.
 
     Spaces that learn from recordings, as the multi-band ones do, are those of a model: train one on some recordings
     and give --model. Recordings are taken as they are: `granular-id archive add` brings them to one rate and length.
 
-    `--engine dask` starts workers on this machine; with `--scheduler` those of a cluster do the work, which must see
-    ARCHIVE and OUTPUT under the same names.
+    With `--scheduler` the workers of a Dask cluster do the work, which must see ARCHIVE and OUTPUT under the same
+    names. Encryption and all else is that of Dask's own configuration.
 
     Examples:
 
     `granular-id extract fleet -o features`
-    `granular-id extract fleet -o features --space raw+hfmh --dtype float32 --engine dask --jobs 8`
-    `granular-id extract fleet -o features --model kitchen.safetensors --engine dask --scheduler tcp://10.0.0.7:8786`
+    `granular-id extract fleet -o features --space raw+hfmh --dtype float32 --jobs 8`
+    `granular-id extract fleet -o features --model kitchen.safetensors --scheduler tcp://10.0.0.7:8786`
     """
     if space is not None and model is not None:
         raise ValueError("--space and --model both say which features: give one of them")
@@ -516,7 +479,7 @@ def extract(
 
     with working_on(archive, partial(say_features, output)):
         done = extract_features(
-            archive, output, space, model=model, dtype=dtype, progress=not quiet, **engine.given()
+            archive, output, space, model=model, dtype=dtype, progress=not quiet, **workers.given()
         )
     say_features(output, done)
 

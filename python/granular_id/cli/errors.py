@@ -30,17 +30,15 @@ FOUND_ERRORS = 3
 P = ParamSpec("P")
 
 _SAME = (
-    "array axes begin_at bin_range block_weights C checkpoint coding cutoff_hz direction dtype duration_s engine "
+    "array axes begin_at bin_range block_weights C checkpoint coding cutoff_hz direction dtype duration_s "
     "false_alarm_rate hold_out hop_s initial label lead_s max_force_n max_gap max_gap_s max_torque_n_m n_bins "
     "n_samples on_error on_gap on_short on_time_error order posterior pre_s protocol rate_hz rest_s robot "
     "scheduler sensor_range session space spaces speed_m_s tare_s target_error threads threshold_n time_unit "
-    "tls_cert tls_key topic trigger units window_s"
+    "topic trigger units window_s"
 )
 OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "format": "--to",
-    "dashboard_address": "--dashboard",
     "n_jobs": "--jobs",
-    "tls_ca_file": "--tls-ca",
     "overrule": "--onset-at",
     "on_missing": "--on-short",
     "n_partitions": "--partitions",

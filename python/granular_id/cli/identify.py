@@ -10,7 +10,7 @@ import typer
 
 from granular_id._files import MODELS, check_source, write_json
 from granular_id._text import counted
-from granular_id.cli.archive import EngineOptions, check_is_archive, typed_reader, working_on
+from granular_id.cli.archive import WorkerOptions, check_is_archive, typed_reader, working_on
 from granular_id.cli.errors import words_of
 from granular_id.cli.options import FORCE, as_typed, command, option, positive
 from granular_id.cli.outputs import (
@@ -195,7 +195,7 @@ def _say_how_little(data: Dataset, identifier: Identifier, *, quiet: bool) -> No
 def identify(
     recordings: Recordings,
     fitting: Fitting,
-    engine: EngineOptions,
+    workers: WorkerOptions,
     *,
     output: Path | None = option(
         OUTPUT, "Of an archive: folder to write the answers into, or to go on with.", "--output", "-o"
@@ -221,7 +221,7 @@ def identify(
     same under another name.
 
     With -o PATH is an archive of any size: its answers become Parquet files in that folder, each recording
-    exactly once, by the engine that is asked for (see `granular-id extract`). After a Ctrl-C or a crash the same
+    exactly once, by threads or a Dask cluster (see `granular-id extract`). After a Ctrl-C or a crash the same
     command does what is missing.
 
     Examples:
@@ -230,13 +230,13 @@ def identify(
     `granular-id identify -m kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`
     `granular-id identify kitchen.safetensors bags --rate-hz 500 --begin-at onset --lead-s 0.1`
     `granular-id identify grounds.safetensors drive.csv --hop-s 0.5 --figure answers.png`
-    `granular-id identify kitchen.safetensors fleet -o answers --engine dask --jobs 8`
+    `granular-id identify kitchen.safetensors fleet -o answers --jobs 8`
     """
     if output is not None:
         _refuse_beside_output(recordings, fitting, json=json, csv=csv, figure=figure, force=force)
-        _answer_archive(recordings, fitting, engine, output, quiet=quiet)
+        _answer_archive(recordings, fitting, workers, output, quiet=quiet)
         return
-    if words := as_typed(engine):
+    if words := as_typed(workers):
         raise ValueError(f"{words[0]} is about archives: add -o OUT, a folder for the answers")
     if figure is not None and fitting.hop_s is None:
         raise ValueError("--figure draws answers over time: add --hop-s")
@@ -274,7 +274,7 @@ def _refuse_beside_output(recordings: Recordings, fitting: Fitting, **others: Pa
 
 
 def _answer_archive(
-    recordings: Recordings, fitting: Fitting, engine: EngineOptions, output: Path, *, quiet: bool
+    recordings: Recordings, fitting: Fitting, workers: WorkerOptions, output: Path, *, quiet: bool
 ) -> None:
     """Write one answer for each recording of an archive, and print what they are in all."""
     (path,) = recordings.paths
@@ -305,7 +305,7 @@ def _answer_archive(
             lead_s=fitting.lead_s,
             on_short=fitting.on_short,
             progress=not quiet,
-            **engine.given(),
+            **workers.given(),
         )
     if answers.extraction is not None:
         say(answers.extraction)

@@ -39,8 +39,8 @@ class Sensing:
 
     source: str = option(
         SOURCE,
-        "rdt://HOST, replay:PATH, sim:MATERIAL, sim:unknown, or with granular-id-contrib ur://HOST, franka://HOST, "
-        "bota:FILE and ros2://TOPIC; options as in sim:rice?seed=1.",
+        "rdt://HOST, replay:PATH, sim:MATERIAL, sim:unknown, or with granular-id-contrib ur://HOST, bota:FILE "
+        "and ros2://TOPIC; options as in sim:rice?seed=1.",
         "--source",
         "-s",
         default=...,
@@ -90,7 +90,7 @@ class Moving:
     robot: str = option(
         MOTION,
         "auto: the simulated robot of a simulated sensor, else nobody. none: nobody. manual: you push, and are told "
-        "when. source: the arm that the source is part of, which WILL MOVE. ur://HOST or franka://HOST, with "
+        "when. source: the arm that the source is part of, which WILL MOVE. ur://HOST, with "
         "granular-id-contrib: that arm, which WILL MOVE.",
         default="auto",
     )

@@ -57,9 +57,6 @@ class RdtSource:
         Samples per second within the sensor, which records are stamped with; only where the page does not tell.
     buffered : bool, default False
         Ask for up to 40 records per datagram: fewer datagrams, later samples.
-    resume : bool, default False
-        Ask for the stream again after each second of silence. Two clients that both do so take it from each other for
-        ever.
 
     Raises
     ------
@@ -88,7 +85,6 @@ class RdtSource:
         rate_hz: float | None = None,
         tick_hz: float | None = None,
         buffered: bool = False,
-        resume: bool = False,
     ) -> None:
         if variant not in VARIANTS:
             raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
@@ -113,7 +109,7 @@ class RdtSource:
             limits=tuple(_BEYOND_SENSE * value for value in full_scale),
             rate_hz=self._info.rate_hz,
             buffered=buffered,
-            resume=resume,
+            resume=False,
         )
         # also when the interpreter ends: a box goes on sending until it is told to stop
         self._finalizer = weakref.finalize(self, self._receiver.stop)
@@ -185,22 +181,13 @@ class RdtSource:
         """
         self._receiver.bias()
 
-    def reset_threshold_latch(self) -> None:
-        """Make the box forget which of its thresholds were exceeded.
-
-        Raises
-        ------
-        RuntimeError
-            The source does not run.
-        """
-        self._receiver.reset_threshold_latch()
-
 
 def open_url(url: SourceUrl) -> RdtSource:
-    """Make a source of ``rdt://HOST[:PORT][?http_port=80&variant=auto&rate_hz=&tick_hz=&buffered=0&resume=0]``."""
-    url.allow("http_port", "variant", "rate_hz", "tick_hz", "buffered", "resume")
+    """Make a source of ``rdt://HOST[:PORT][?http_port=80&variant=auto&rate_hz=&tick_hz=&buffered=0]``."""
+    url.allow("http_port", "variant", "rate_hz", "tick_hz", "buffered")
     if url.path not in ("", "/"):
         raise ValueError(f"url {url.text!r} has the path {url.path!r}; wanted rdt://HOST[:PORT][?OPTIONS]")
+    buffered = url.options.get("buffered", False)
     variant: Variant = url.choice("variant", "auto", VARIANTS)  # type: ignore[assignment]
     return RdtSource(
         url.need_host(),
@@ -209,14 +196,8 @@ def open_url(url: SourceUrl) -> RdtSource:
         variant=variant,
         rate_hz=url.number("rate_hz", 500.0) if "rate_hz" in url.options else None,
         tick_hz=url.number("tick_hz", 7000.0) if "tick_hz" in url.options else None,
-        buffered=_switch(url, "buffered"),
-        resume=_switch(url, "resume"),
+        buffered=buffered if isinstance(buffered, bool) else url.choice("buffered", "0", ("0", "1")) == "1",
     )
-
-
-def _switch(url: SourceUrl, name: str) -> bool:
-    value = url.options.get(name, "0")
-    return value if isinstance(value, bool) else url.choice(name, "0", ("0", "1")) == "1"
 
 
 def _on_robot(host: str, rate_hz: float, tick_hz: float | None) -> SourceInfo:

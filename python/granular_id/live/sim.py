@@ -10,12 +10,12 @@ import secrets
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import finite_number, positive_number, sampling_rate, whole_number
+from granular_id._checks import positive_number, sampling_rate, whole_number
 from granular_id._core import host_ns
 from granular_id._text import known_label
 from granular_id.live.robot import Pose, checked_move
@@ -38,7 +38,7 @@ from granular_id.synthetic import (
     simulate_push,
 )
 
-__all__ = ["Fault", "SimMotion", "SimRobot", "SimSource", "SimWorld", "open_url"]
+__all__ = ["SimMotion", "SimRobot", "SimSource", "SimWorld", "open_url"]
 
 UNKNOWN = "unknown"
 """Name of the source that draws its materials."""
@@ -56,45 +56,6 @@ LEAD_S = 0.5
 _LIVE, _REST, _CHOICE, _PHASE = 10, 0, 1, 2
 # Pushes through unknown materials are others than those through named ones, under the same seed too.
 _FIRST_UNKNOWN = 1_000_000
-
-FaultKind = Literal["gap", "saturation", "restart", "stall", "death"]
-
-
-@dataclass(frozen=True)
-class Fault:
-    """One fault of a simulated sensor.
-
-    Parameters
-    ----------
-    kind : {"gap", "saturation", "restart", "stall", "death"}
-        Samples are lost; samples stand at the end of the range; the sensor's time begins anew; nothing comes
-        for a while and then everything at once; the source dies.
-    after_s : float, optional
-        Device time from the start of the next motion; may be negative. None: now.
-    rows : int, default 1
-        How many samples a gap or saturation takes.
-    stall_s : float, default 0
-        How long a stall takes, seconds of the host.
-
-    Examples
-    --------
-    >>> from granular_id.live.sim import Fault
-    >>> Fault("gap", after_s=1.0, rows=3).rows
-    3
-    """
-
-    kind: FaultKind
-    after_s: float | None = None
-    rows: int = 1
-    stall_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.kind not in get_args(FaultKind):
-            raise ValueError(f"kind must be one of {', '.join(get_args(FaultKind))}, got {self.kind!r}")
-        if self.after_s is not None:
-            finite_number("after_s", self.after_s)
-        whole_number("rows", self.rows)
-        finite_number("stall_s", self.stall_s, least=0)
 
 
 @dataclass
@@ -138,7 +99,6 @@ class SimWorld:
         self._nuisance = nuisance or Nuisance()
         self._lock = threading.Lock()
         self._n_pushes = 0
-        self._faults: list[tuple[float | None, Fault]] = []  # with their samples, None: told by the next push
         self.tick = 0  # number of the next sample
         self.push: PlannedPush | None = None  # that is commanded or under way
         self.truth: str | None = None  # material of the latest push
@@ -165,10 +125,6 @@ class SimWorld:
         with self._lock:
             self._refuse_while_moving()
             start_tick = self.tick + lead_s * self.rate_hz
-            self._faults = [
-                (start_tick + (fault.after_s or 0.0) * self.rate_hz if tick is None else tick, fault)
-                for tick, fault in self._faults
-            ]
             self.push = PlannedPush(self.tick, start_tick, self.tick + len(wrench), wrench, meta)
             self.truth = material.name
             return self.push
@@ -183,20 +139,6 @@ class SimWorld:
             if self.push is push:
                 push.end_tick = self.tick
                 self._finish()
-
-    def inject(self, fault: Fault) -> None:
-        """Let something go wrong, now or after the start of the next push; from any thread."""
-        with self._lock:
-            self._faults.append((self.tick if fault.after_s is None else None, fault))
-
-    def fault_before(self, tick: int) -> tuple[float, Fault] | None:
-        """Return the first fault due before a sample, and when it is; forget it where it is due now."""
-        with self._lock:
-            due = [(at, fault) for at, fault in self._faults if at is not None and at < tick]
-            first = min(due, key=lambda item: item[0], default=None)
-            if first is not None and first[0] <= self.tick:
-                self._faults.remove(first)
-            return first
 
     def advance(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
         """Return the next `n` samples: wrench (n, 6) and flags (n,)."""
@@ -297,7 +239,6 @@ class SimSource(ThreadedSource):
             )
         )
         self._start_ns: int | None = None
-        self._zero_tick = 0
 
     @property
     def truth(self) -> str | None:
@@ -308,17 +249,13 @@ class SimSource(ThreadedSource):
         """Return the robot that moves the tool of this sensor."""
         return SimRobot(self)
 
-    def inject(self, fault: Fault) -> None:
-        """Let something go wrong, see `Fault`."""
-        self.world.inject(fault)
-
     def push(self, speed_m_s: float, duration_s: float) -> PlannedPush:
         """Command a push; what `SimRobot` does."""
         return self.world.plan(speed_m_s, duration_s)
 
-    def device_time_s(self, tick: float) -> float:
-        """Return the sensor's time of a sample."""
-        return (tick - self._zero_tick) / self.info.rate_hz
+    def device_time_s(self, tick: Any) -> Any:
+        """Return the sensor's time of a sample, or of an array of them."""
+        return tick / self.info.rate_hz
 
     def host_ns_at(self, tick: float) -> int:
         """Return the host's time of a sample."""
@@ -339,38 +276,13 @@ class SimSource(ThreadedSource):
         while not stopping.wait(period_s):
             due = int(1e-9 * (host_ns() - self.host_ns_at(0)) * self.info.speed * self.info.rate_hz)
             while self.world.tick < due and not stopping.is_set():
-                self._write(buffer, min(due - self.world.tick, longest), stopping)
+                self._write(buffer, min(due - self.world.tick, longest))
 
-    def _write(self, buffer: WrenchSink, n: int, stopping: threading.Event) -> None:
-        """Write the next samples: `n` of them, or as many as come before the next fault, or that fault."""
-        first = self.world.tick
-        due_tick, fault = self.world.fault_before(first + n) or (first + n, None)
-        if fault is not None and due_tick <= first:
-            self._go_wrong(buffer, fault, stopping)
-            return
-        n = math.ceil(due_tick) - first
+    def _write(self, buffer: WrenchSink, n: int) -> None:
+        """Write the next `n` samples."""
+        ticks = np.arange(self.world.tick, self.world.tick + n)
         wrench, flags = self.world.advance(n)
-        buffer.push_block(wrench, self._times_s(first, n), flags=flags)
-
-    def _go_wrong(self, buffer: WrenchSink, fault: Fault, stopping: threading.Event) -> None:
-        first = self.world.tick
-        if fault.kind == "gap":
-            self.world.advance(fault.rows)
-        elif fault.kind == "saturation":
-            wrench, _ = self.world.advance(fault.rows)
-            wrench[:, 0] = self.world.sensor.full_scale[0]
-            flags = np.full(fault.rows, SampleFlag.SATURATED, np.uint8)
-            buffer.push_block(wrench, self._times_s(first, fault.rows), flags=flags)
-        elif fault.kind == "restart":
-            buffer.new_epoch()
-            self._zero_tick = first
-        elif fault.kind == "stall":
-            stopping.wait(fault.stall_s)
-        else:
-            raise ConnectionError("the simulated sensor was told to die")
-
-    def _times_s(self, first: int, n: int) -> NDArray[np.float64]:
-        return (np.arange(first, first + n) - self._zero_tick) / self.info.rate_hz
+        buffer.push_block(wrench, self.device_time_s(ticks), flags=flags)
 
 
 class SimMotion:

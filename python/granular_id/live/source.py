@@ -52,7 +52,7 @@ Other packages bring more as entry points: scheme -> function that makes a sourc
 
 _SOURCES, _ROBOTS = "granular_id.sources", "granular_id.robots"
 
-_CONTRIBUTED = {_SOURCES: ("bota", "franka", "ros2", "ur"), _ROBOTS: ("franka", "ur")}
+_CONTRIBUTED = {_SOURCES: ("bota", "ros2", "ur"), _ROBOTS: ("ur",)}
 """Schemes of ``contrib/`` in the repository: known, installed or not."""
 
 _STOP_S = 5.0
@@ -322,7 +322,7 @@ def open_source(url: str, **options: object) -> WrenchSource:
     ----------
     url : str
         ``sim:rice?speed=10``, ``replay:recordings``, ``rdt://192.168.1.1``, or what other packages bring as entry
-        points of the group ``granular_id.sources``: ``ur://HOST``, ``franka://HOST``, ``bota:config.json``,
+        points of the group ``granular_id.sources``: ``ur://HOST``, ``bota:config.json``,
         ``ros2://ft_sensor/wrench?rate_hz=500`` from ``contrib/`` in the repository. A ``?`` or ``%`` that belongs to
         a path is written ``%3F`` or ``%25``.
     **options
@@ -350,7 +350,7 @@ def open_source(url: str, **options: object) -> WrenchSource:
     >>> open_source("simm:rice")
     Traceback (most recent call last):
     ...
-    ValueError: url 'simm:rice' has the scheme 'simm'; known: bota, franka, rdt, replay, ros2, sim, ur
+    ValueError: url 'simm:rice' has the scheme 'simm'; known: bota, rdt, replay, ros2, sim, ur
     """
     parsed = SourceUrl.parse(url, options)
     if parsed.scheme in SCHEMES:
@@ -363,8 +363,8 @@ def open_source(url: str, **options: object) -> WrenchSource:
 def open_robot(url: str, **options: object) -> Robot:
     """Connect to a robot by its URL; nothing moves.
 
-    Robots come from other packages, as entry points of the group ``granular_id.robots``: ``ur://HOST`` and
-    ``franka://HOST`` from ``contrib/`` in the repository.
+    Robots come from other packages, as entry points of the group ``granular_id.robots``: ``ur://HOST``
+    from ``contrib/`` in the repository.
 
     Parameters
     ----------
@@ -390,7 +390,7 @@ def open_robot(url: str, **options: object) -> Robot:
     >>> open_robot("gantry://here")
     Traceback (most recent call last):
     ...
-    ValueError: robot 'gantry://here' has the scheme 'gantry'; known: franka, ur
+    ValueError: robot 'gantry://here' has the scheme 'gantry'; known: ur
     """
     robot: Robot = _opened_plugin(_ROBOTS, "robot", SourceUrl.parse(url, options))
     return robot

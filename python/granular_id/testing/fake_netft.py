@@ -19,7 +19,6 @@ from contextlib import suppress
 from dataclasses import asdict
 from fractions import Fraction
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from itertools import count
 from pathlib import Path
 from types import TracebackType
 from xml.sax.saxutils import escape
@@ -33,15 +32,22 @@ from granular_id.live.netft_page import FORCE_UNITS, PATH, SYNTHETIC_FIELD, TORQ
 from granular_id.live.replay import common_rate
 from granular_id.recording import AXES
 from granular_id.synthetic import synthesize
-from granular_id.testing.faults import Datagram, Faults, Injected, RecordStream
+from granular_id.testing.faults import Faults, Injected
 
 __all__ = ["FakeNetft"]
 
 HOST = "127.0.0.1"
-_CHUNK = 256
-"""Records made at once."""
 _IDLE_S = 0.02
 _STOP, _START, _START_BUFFERED, _BIAS = 0x0000, 0x0002, 0x0003, 0x0042
+_BAD_STATUS = 0x8000_0001
+"""Status word of a Net F/T: supply voltage."""
+
+_RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", (6,))])
+"""A record as it is sent, 36 bytes."""
+
+_PROTECTED = 3
+"""Datagrams left alone at the beginning and end of a stream: what is lost at its end, nobody can count."""
+
 _FIRST_FT = 1_000_000
 """A box is never asked in its first moment."""
 _AFTER_S = 0.5
@@ -134,10 +140,9 @@ class FakeNetft:
         self._bias = np.zeros(6, dtype=np.int64)
         self._ft = _FIRST_FT
         self._client: tuple[str, int] | None = None
-        self._stream: Iterator[tuple[float, Datagram]] = iter(())
-        self._next: tuple[float, Datagram] | None = None
+        self._stream: Iterator[tuple[float, bytes]] = iter(())
+        self._next: tuple[float, bytes] | None = None
         self._done, self._stopping = threading.Event(), threading.Event()
-        self._deaf = self.faults.deaf
         told = {
             "runrate": f"{self.tick_hz:g}",
             "comrdtrate": f"{round(self.rate_hz)}",
@@ -211,7 +216,7 @@ class FakeNetft:
         while self._next is not None and self._client is not None and self._next[0] <= time.monotonic():
             self.send_stamps.append(time.monotonic_ns())
             try:
-                self._socket.sendto(self._next[1].data, self._client)
+                self._socket.sendto(self._next[1], self._client)
             except OSError:  # as a network: what cannot be sent is lost, and the client's business
                 self.injected.lost += 1
             self._advance()
@@ -238,48 +243,60 @@ class FakeNetft:
         if command == _STOP:
             self._client, self._next = None, None
         elif command in (_START, _START_BUFFERED):
-            if self._deaf:
-                self._deaf -= 1
-                return
             limit = self.n_records if not number else min(number, self.n_records or number)
             self._client = sender
-            self._stream = self._timed(self.per_datagram if command == _START_BUFFERED else 1, limit)
+            self._stream = self._datagrams(self.per_datagram if command == _START_BUFFERED else 1, limit)
             self._advance()
         elif command == _BIAS:
             at = len(self.send_stamps) % len(self._counts)
             self._bias = self._counts[at].astype(np.int64)
 
-    def _timed(self, per_datagram: int, limit: int | None) -> Iterator[tuple[float, Datagram]]:
-        """Yield each datagram with the time at which it is to be sent."""
-        faults = self.faults
-        stream = RecordStream(
-            faults,
-            step=self._step,
-            first_ft=self._ft,
-            per_datagram=per_datagram,
-            n_records=limit,
-            seed=self._seed,
-            injected=self.injected,
+    def _datagrams(self, per_datagram: int, limit: int | None) -> Iterator[tuple[float, bytes]]:
+        """Yield each datagram, faults and all, with the time at which it is to be sent."""
+        faults, made, rng = self.faults, self.injected, np.random.default_rng(self._seed)
+        fates = np.cumsum([faults.loss, faults.duplicate, faults.reorder])
+        start_s, margin = time.monotonic(), _PROTECTED * per_datagram
+        held: bytes | None = None
+        first = 0
+        while limit is None or first < limit:
+            n = per_datagram if limit is None else min(per_datagram, limit - first)
+            bad = rng.random(n) < faults.bad_status
+            data = self._records(first, bad)
+            is_protected = first < margin or (limit is not None and first + n > limit - margin)
+            first += n
+            drawn = int(np.searchsorted(fates, rng.random(), side="right"))
+            fate = "" if is_protected else ("loss", "duplicate", "reorder", "")[drawn]
+            if fate == "loss":
+                made.lost += n
+                continue
+            made.sent += n
+            made.bad_status += int(bad.sum())
+            if fate == "reorder" and held is None:
+                made.reordered += n
+                held = data
+                continue
+            when = start_s + first / self.rate_hz
+            yield when, data
+            if held is not None:
+                yield when, held
+                held = None
+            if fate == "duplicate":
+                made.duplicates += n
+                yield when, data
+
+    def _records(self, first: int, bad: NDArray[np.bool_]) -> bytes:
+        """Return records of a stream, from its number `first` on, as they are sent."""
+        n = len(bad)
+        numbers = first + np.arange(n)
+        records = np.zeros(n, _RECORD)
+        records["rdt"] = (1 + numbers) % 2**32
+        records["ft"] = (self._ft + self._step * np.arange(n)) % 2**32
+        records["status"] = np.where(bad, _BAD_STATUS, 0)
+        records["counts"] = np.clip(
+            self._counts[numbers % len(self._counts)] - self._bias, -(2**31), 2**31 - 1
         )
-        period_s = 1 / (self.rate_hz * (1 + faults.drift))
-        start, latest = time.monotonic(), 0.0
-        for chunk in count():
-            first = chunk * _CHUNK * per_datagram
-            n = _CHUNK * per_datagram if limit is None else min(_CHUNK * per_datagram, limit - first)
-            if n <= 0:
-                return
-            rows = np.arange(first, first + n) % len(self._counts)
-            counts = np.clip(self._counts[rows] - self._bias, -(2**31), 2**31 - 1).astype(np.int32)
-            for datagram in stream.datagrams(counts):
-                if faults.second_client and datagram.due >= faults.second_client:
-                    return
-                when = start + (datagram.due + 1) * period_s + datagram.delay_s
-                if faults.stall and datagram.due >= faults.stall:
-                    self.injected.stalls += datagram.due == faults.stall
-                    when = max(when, start + (faults.stall + 1) * period_s + faults.stall_s)
-                latest = max(latest, when)
-                self._ft = stream.next_ft  # what the next stream begins with
-                yield latest, datagram
+        self._ft += n * self._step  # the next stream goes on from there
+        return records.tobytes()
 
 
 def _unit(page: Mapping[str, str | None], name: str, units: Mapping[str, Fraction]) -> float:
@@ -403,9 +420,7 @@ def _parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="NAME=NUMBER",
-        help="may be repeated: shares of datagrams (loss=0.01 duplicate reorder stale garbage forged absurd) or of "
-        "records (bad_status saturation warning); after so many records (wrap=100 restart stall second_client); "
-        "jitter_s, stall_s, drift, deaf",
+        help="may be repeated: shares of datagrams (loss=0.01 duplicate reorder) or of records (bad_status)",
     )
     add(
         "--page",

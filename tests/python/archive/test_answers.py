@@ -239,8 +239,6 @@ def test_metadata_that_nobody_stated_are_read(model, tmp_path):
 
 def test_what_is_refused_blocks_no_folder(model, trained, tmp_path):
     archive = saved(pushes(3), tmp_path / "archive")
-    with pytest.raises(ValueError, match="engine='dsk'; wanted 'local' or 'dask'"):
-        identify(archive, model, tmp_path / "out", engine="dsk")
     with pytest.raises(ValueError, match=r"out=.* is or lies in the archive"):
         identify(archive, model, archive / "out", progress=False)
     assert not (tmp_path / "out").exists()

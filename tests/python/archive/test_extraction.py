@@ -376,14 +376,8 @@ def test_work_that_an_archive_does_not_suit_makes_no_folder(tmp_path, out):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"engine": "spark"}, "engine"),
         ({"n_jobs": 0}, "n_jobs"),
-        ({"scheduler": "tcp://host:8786"}, "scheduler.* needs engine='dask'"),
-        (
-            {"njobs": 2},
-            "njobs is no option; those of Dask are dashboard_address, tls_ca_file, tls_cert, tls_key",
-        ),
-        ({"dashboard_address": ":8787"}, "dashboard_address is an option of engine='dask'"),
+        ({"scheduler": "tcp://host:8786", "n_jobs": 2}, "n_jobs must be None with a scheduler"),
     ],
 )
 def test_options_are_checked_first(archive, out, options, said):

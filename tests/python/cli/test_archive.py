@@ -420,7 +420,7 @@ def test_what_stopped_goes_on_with_the_same_command(archive, model, tmp_path, mo
     def stopped(*_args, **_options):
         raise full
 
-    monkeypatch.setattr("granular_id.archive.extraction.run_local", stopped)
+    monkeypatch.setattr("granular_id.archive.extraction.run_tasks", stopped)
     for words in (
         ("extract", archive, "-o", tmp_path / "a"),
         ("identify", model, archive, "-o", tmp_path / "b"),
@@ -437,20 +437,11 @@ def test_what_stopped_goes_on_with_the_same_command(archive, model, tmp_path, mo
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler is about Dask: add --engine dask"),
-        (("--dashboard", ":0"), "--dashboard is about Dask: add --engine dask"),
-        (
-            ("--engine", "dask", "--tls-ca", "x"),
-            "TLS needs --tls-ca, --tls-cert and --tls-key: add --tls-cert",
-        ),
-        (
-            ("--engine", "dask", "--scheduler", "tcp://h:1", "--jobs", 2),
-            "--jobs is for workers on this machine",
-        ),
+        (("--scheduler", "tcp://h:1", "--jobs", 2), "--jobs are threads of this machine"),
         (("--jobs", 0), "--jobs must be at least 1, got 0"),
     ],
 )
-def test_engines_are_refused_alike(archive, model, tmp_path, words, said):
+def test_workers_are_refused_alike(archive, model, tmp_path, words, said):
     assert said in refused("extract", archive, "-o", tmp_path / "out", *words)
     assert said in refused("identify", model, archive, "-o", tmp_path / "out", *words)
     assert not (tmp_path / "out").exists()
@@ -490,23 +481,17 @@ def test_the_way_out_of_other_rates_axes_and_leads_is_another_archive(folder, mo
     assert trigger.endswith(f"granular-id archive add NEW {tmp_path / 'long'} --window-s SECONDS")
 
 
-def test_engines_reach_the_work(archive, model, tmp_path, monkeypatch):
+def test_workers_reach_the_work(archive, tmp_path, monkeypatch):
     given = []
     monkeypatch.setattr("granular_id.archive.extract", lambda *_, **more: given.append(more) or "done")
-    for name in ("ca", "cert", "key"):
-        (tmp_path / name).touch()
-    tls = [word for name in ("ca", "cert", "key") for word in (f"--tls-{name}", tmp_path / name)]
     ended_well("extract", archive, "-o", "x")
-    ended_well("extract", archive, "-o", "x", "--engine", "dask", "--jobs", 3, "--dashboard", ":0")
-    ended_well("extract", archive, "-o", "x", "--engine", "dask", "--scheduler", "tls://h:1", *tls, "-q")
-    kept = [{name: one[name] for name in ("engine", "n_jobs", "scheduler", "progress")} for one in given]
-    assert kept == [
-        {"engine": "local", "n_jobs": -1, "scheduler": None, "progress": True},
-        {"engine": "dask", "n_jobs": 3, "scheduler": None, "progress": True},
-        {"engine": "dask", "n_jobs": None, "scheduler": "tls://h:1", "progress": False},
+    ended_well("extract", archive, "-o", "x", "--jobs", 3)
+    ended_well("extract", archive, "-o", "x", "--scheduler", "tcp://h:1", "-q")
+    assert [{name: one[name] for name in ("n_jobs", "scheduler", "progress")} for one in given] == [
+        {"n_jobs": -1, "scheduler": None, "progress": True},
+        {"n_jobs": 3, "scheduler": None, "progress": True},
+        {"n_jobs": None, "scheduler": "tcp://h:1", "progress": False},
     ]
-    assert given[1]["dashboard_address"] == ":0"
-    assert [given[2][name].name for name in ("tls_ca_file", "tls_cert", "tls_key")] == ["ca", "cert", "key"]
 
 
 def test_identify_answers_an_archive_as_it_does_in_memory(archive, model, tmp_path):
@@ -543,5 +528,5 @@ def test_identify_says_what_is_no_archive(folder, model, tmp_path):
     assert said.startswith(f"error: {folder} is no archive; granular-id archive add ARCHIVE ")
 
 
-def test_identify_refuses_an_engine_without_a_folder(archive, model):
-    assert "--engine is about archives: add -o OUT" in refused("identify", model, archive, "--engine", "dask")
+def test_identify_refuses_workers_without_a_folder(archive, model):
+    assert "--jobs is about archives: add -o OUT" in refused("identify", model, archive, "--jobs", 2)

@@ -216,7 +216,7 @@ def test_record_refuses_what_cannot_be(tmp_path, words, said):
         ("--pre-s 0.1", "--pre-s is 0.1, but the model was trained with 0.25 s of rest: leave it out"),
         ("--speed-m-s 0.8", "into the wall, a lower --speed-m-s is wanted"),
         ("--robot none --timeout-s 1", "nothing triggered within 1 s"),
-        ("--source simm:rice", "'simm'; known: bota, franka, rdt"),
+        ("--source simm:rice", "'simm'; known: bota, rdt"),
         ("--source sim:rice?sped=2", "no option 'sped'; known:"),
         ("--source replay:nowhere", "nowhere"),
         ("--source sim:rice?rate_hz=100", "the model is for 500 Hz, simulated rice delivers 100 Hz"),

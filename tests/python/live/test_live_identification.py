@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import granular_id as gid
+from faulty_sim import Fault, FaultySource
 from granular_id.identifier import N_CHECKPOINTS, Decision
 from granular_id.live import (
     CaptureError,
@@ -20,7 +21,6 @@ from granular_id.live import (
     setup_of,
 )
 from granular_id.live.replay import ReplaySource
-from granular_id.live.sim import Fault
 from granular_id.recording import Dataset
 from live_view_cases import pushes_and_model
 
@@ -57,7 +57,7 @@ class Kept:
 
 
 def simulated(*faults, materials="rice", seed=3, speed=10):
-    source = SimSource(materials, seed=seed, speed=speed)
+    source = FaultySource(materials, seed=seed, speed=speed)
     for fault in faults:
         source.inject(fault)
     return source

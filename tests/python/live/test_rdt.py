@@ -14,15 +14,15 @@ from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS, NetftPageErro
 from granular_id.live.rdt import RdtSource
 from granular_id.live.source import WrenchSource, open_source
 from granular_id.live.stream import opened
-from granular_id.testing import FakeNetft, Faults
-from rdt_cases import BIAS, BUFFERED, LATCH, START, STOP, buffer_of, n_rows, run, signal, source_of, streaming
+from granular_id.testing import FakeNetft
+from rdt_cases import BIAS, BUFFERED, START, STOP, buffer_of, n_rows, signal, source_of, streaming
 from sink_cases import eventually
 
 
 def test_a_url_is_enough():
     with (
         FakeNetft(signal()) as box,
-        opened(box.url + "&variant=axia&rate_hz=500&buffered=1&resume=0") as stream,
+        opened(box.url + "&variant=axia&rate_hz=500&buffered=1") as stream,
     ):
         eventually(lambda: stream.buffer.stats()["written"] >= 50)
         assert stream.buffer.window(10).wrench.shape == (10, 6)
@@ -66,28 +66,41 @@ def test_units_become_newton_and_newton_metre(force, torque):
 def test_bias_is_sent_when_asked_for_and_never_else():
     with FakeNetft(np.full((10, 6), 2.0)) as box:
         source = source_of(box)
-        for ask in (source.bias, source.reset_threshold_latch):
-            with pytest.raises(RuntimeError, match="start it first"):
-                ask()
+        with pytest.raises(RuntimeError, match="start it first"):
+            source.bias()
         with streaming(box, source=source) as (_, buffer):
             eventually(lambda: n_rows(source) > 10)
             assert set(box.requests) == {START}
             assert buffer.latest().wrench[0, 0] == 2.0
             source.bias()
             eventually(lambda: buffer.latest().wrench[0, 0] == 0.0)
-            source.reset_threshold_latch()
         eventually(lambda: box.requests[-1] == STOP)
-    assert [request for request in box.requests if request not in (START, STOP)] == [BIAS, LATCH]
+    assert [request for request in box.requests if request not in (START, STOP)] == [BIAS]
+
+
+class Deaf(FakeNetft):
+    """A box that does not hear the first requests for its stream."""
+
+    def __init__(self, n, **options):
+        super().__init__(**options)
+        self.left = n
+
+    def _obey(self, command, number, sender):
+        if command == START[3] and self.left:
+            self.left -= 1
+        else:
+            super()._obey(command, number, sender)
 
 
 def test_requests_may_be_lost():
-    source, _, _, box = run(Faults(deaf=3), n_records=100)
-    assert source.health().counters["requests"] == box.requests.count(START) == 4
-    assert n_rows(source) == 100
+    with Deaf(3, n_records=100) as box, streaming(box) as (source, _):
+        assert box.wait(20)
+        eventually(lambda: n_rows(source) == 100)
+        assert source.health().counters["requests"] == box.requests.count(START) == 4
 
 
 def test_a_box_that_never_answers_is_left_and_others_may_ask_for_its_health_meanwhile():
-    with FakeNetft(faults=Faults(deaf=1000)) as box:
+    with Deaf(1000) as box:
         source, failed = source_of(box), []
         buffer = buffer_of(source)
 
@@ -152,17 +165,7 @@ def test_a_second_client_takes_the_stream_and_that_is_told():
             assert "another client may own the stream" in source.health().error
             assert source.health().running
             other.send(STOP)
-        # without `resume` nothing was asked for again
         assert source.health().counters["requests"] == asked
-
-
-def test_a_stream_can_be_asked_for_again():
-    with FakeNetft(faults=Faults(second_client=50)) as box, streaming(box, resume=True) as (source, _):
-        eventually(lambda: n_rows(source) > 80)
-        counters = source.health().counters
-    assert counters["requests"] >= 2
-    assert counters["restarts"] >= 1
-    assert (counters["lost"], counters["implausible"]) == (0, 0)
 
 
 def test_others_cannot_send_into_the_stream():
@@ -259,7 +262,7 @@ def test_rates_and_kinds_that_are_refused(page, options, error, words):
     [
         ("rdt://box?variant=atii", "one of auto, netft, axia, onrobot"),
         ("rdt://box?rate_hz=fast", "a number above 0"),
-        ("rdt://box?resume=yes", "one of 0, 1"),
+        ("rdt://box?buffered=yes", "one of 0, 1"),
         ("rdt:?variant=onrobot", "no host"),
         ("rdt://box/x", "the path '/x'"),
         ("rdt://box?variant=onrobot&rate_hz=300", "whole number of milliseconds"),

@@ -13,7 +13,6 @@ from rdt_cases import (
     STOP,
     TICK_HZ,
     counted,
-    every_fault,
     injected,
     run,
     signal,
@@ -30,13 +29,9 @@ def blocks(reader):
     return found
 
 
-@pytest.mark.parametrize(
-    ("faults", "buffered"),
-    [(Faults(), False), (Faults(), True), (Faults(jitter_s=0.02), False), (Faults(drift=0.5), False)],
-    ids=repr,
-)
-def test_values_and_times_are_those_of_the_box(faults, buffered):
-    source, buffer, reader, box = run(faults, options={"buffered": buffered})
+@pytest.mark.parametrize("buffered", [False, True])
+def test_values_and_times_are_those_of_the_box(buffered):
+    source, buffer, reader, box = run(options={"buffered": buffered})
     (block,) = blocks(reader)
     np.testing.assert_array_equal(block.wrench, signal())
     # device time is the sensor's own, whatever the host's clock says of it
@@ -48,23 +43,20 @@ def test_values_and_times_are_those_of_the_box(faults, buffered):
     assert buffer.stats()["written"] == 700
     assert box.requests == [BUFFERED if buffered else START, STOP]
     assert source.health().counters["datagrams"] == (18 if buffered else 700)
-    assert box.injected.delayed == (700 if faults.jitter_s else 0)
     assert not source.health().running
     assert source.health().error is None
 
 
 @pytest.mark.parametrize(("seed", "buffered"), [(0, False), (1, True)])
 def test_every_fault_is_counted_exactly(seed, buffered):
+    faults = Faults(loss=0.04, duplicate=0.04, reorder=0.04, bad_status=0.04)
     source, buffer, reader, box = run(
-        every_fault(0.04), n_records=1000, seed=seed, options={"buffered": buffered}, per_datagram=5
+        faults, n_records=1000, seed=seed, options={"buffered": buffered}, per_datagram=5
     )
     made = injected(box)
     assert counted(source) == made
-    assert [name for name, n in made.items() if not n] == ["restarts"], "all the others happened"
-    assert len(set(made.values())) > 8, "nor can they be taken for one another"
-    counters = source.health().counters
-    dropped = ("duplicates", "stale", "implausible", "out_of_range")
-    assert counters["records"] == made["rows"] + sum(made[name] for name in dropped)
+    assert all(made.values()), "all of them happened"
+    assert source.health().counters["records"] == made["rows"] + made["duplicates"]
     # every row is the sample that its time says
     found = blocks(reader)
     ticks = np.concatenate([block.ticks for block in found]).astype(np.int64)
@@ -74,12 +66,10 @@ def test_every_fault_is_counted_exactly(seed, buffered):
     assert len(ticks) == buffer.stats()["written"] == made["rows"]
     flags = np.concatenate([block.flags for block in found])
     assert np.count_nonzero(flags & SAMPLE_FLAGS["BAD_STATUS"]) == made["bad_status"]
-    assert np.count_nonzero(flags & SAMPLE_FLAGS["SATURATED"]) == made["saturated"]
-    missing = sum(int(block.missing_before.sum()) for block in found)
-    assert missing == made["lost"] + made["stale"]
+    assert sum(int(block.missing_before.sum()) for block in found) == made["lost"]
 
 
-@pytest.mark.parametrize(("share", "buffered", "least"), [(0.1, False, 1), (0.3, True, 40)])
+@pytest.mark.parametrize(("share", "buffered", "least"), [(0.1, False, 1), (0.5, True, 40)])
 def test_late_rows_without_patience_are_dropped_by_the_buffer_alone(share, buffered, least):
     faults, options = Faults(reorder=share), {"buffered": buffered}
     source, buffer, _, box = run(faults, n_records=1000, reorder_depth=0, options=options)
@@ -88,34 +78,24 @@ def test_late_rows_without_patience_are_dropped_by_the_buffer_alone(share, buffe
     assert buffer.stats()["epochs"] == 0
 
 
-def test_both_numbers_wrap():
-    source, _, reader, box = run(Faults(wrap=300, loss=0.05))
-    assert counted(source) == injected(box)
-    (block,) = blocks(reader)
-    ticks = block.ticks.astype(np.int64)
-    assert ticks[0] < 2**32 < ticks[-1] == ticks[0] + 4 * 699
-    assert (np.diff(ticks) > 0).all()
+class Stalling(FakeNetft):
+    """A box that may hold back what is due, and then sends everything at once."""
 
+    stalls = False
 
-@pytest.mark.parametrize("first", [40, 250])
-def test_a_restarted_box_is_a_new_epoch(first):
-    source, buffer, reader, box = run(Faults(restart=first, loss=0.05, duplicate=0.05, reorder=0.05))
-    assert box.injected.restarts == 699 // first
-    assert counted(source) == injected(box)
-    found = blocks(reader)
-    assert len({block.epoch for block in found}) == len(found) == 1 + box.injected.restarts
-    assert all((np.diff(block.ticks.astype(np.int64)) > 0).all() for block in found)
-    assert buffer.stats()["epochs"] == box.injected.restarts
+    def _send_due(self):
+        if not self.stalls:
+            super()._send_due()
 
 
 def test_the_alarm_fires_when_packets_stall():
-    with (
-        FakeNetft(rate_hz=500, faults=Faults(stall=50, stall_s=0.6)) as box,
-        streaming(box) as (source, buffer),
-    ):
-        eventually(lambda: buffer.lag_s() > 0.3)
+    with Stalling(rate_hz=500) as box, streaming(box) as (source, buffer):
+        eventually(lambda: buffer.stats()["written"] > 50)
+        box.stalls = True
+        eventually(lambda: buffer.lag_s() > 0.6)
         assert source.health().counters["stalls"] >= 1
-        # afterwards everything comes at once: nothing was lost, and the lag is gone
+        box.stalls = False
+        # everything comes at once: nothing was lost, and the lag is gone
         eventually(lambda: buffer.stats()["written"] > 350)
         eventually(lambda: buffer.lag_s() < 0.3)
         assert source.health().counters["lost"] == 0

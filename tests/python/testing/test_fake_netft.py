@@ -7,7 +7,6 @@ import signal as signals
 import socket
 import subprocess
 import sys
-from itertools import islice
 
 import numpy as np
 import pytest
@@ -17,26 +16,25 @@ from granular_id.live import opened
 from granular_id.synthetic import synthesize
 from granular_id.testing import FakeNetft, Faults, Injected
 from granular_id.testing.fake_netft import counts_of, main, played
-from granular_id.testing.faults import RecordStream
-
-NOTHING = np.zeros((500, 6), dtype=np.int32)
 
 
-def test_the_same_seed_makes_the_same_faults():
-    def sent(seed):
-        faults = Faults(loss=0.2, duplicate=0.2, reorder=0.2, garbage=0.2, jitter_s=0.1)
-        stream = RecordStream(faults, step=14, first_ft=0, n_records=500, seed=seed)
-        return list(stream.datagrams(NOTHING)), stream.injected
-
-    assert sent(1) == sent(1)
-    assert sent(1) != sent(2)
+def sent(faults, seed=0):
+    """All datagrams of a box that is asked for a stream of 500 records, and what went wrong."""
+    with FakeNetft(faults=faults, seed=seed) as box:
+        return [data for _, data in box._datagrams(1, 500)], box.injected
 
 
-def test_first_and_last_records_are_left_alone():
-    stream = RecordStream(Faults(loss=1.0), step=14, first_ft=0, n_records=500)
-    sent = [datagram.due for datagram in stream.datagrams(NOTHING)]
-    assert sent == [0, 1, 2, 497, 498, 499]
-    assert stream.injected == Injected(sent=6, lost=494)
+def test_faults_same_seed_is_the_same_stream():
+    faults = Faults(loss=0.2, duplicate=0.2, reorder=0.2, bad_status=0.2)
+    assert sent(faults, 1) == sent(faults, 1)
+    assert sent(faults, 1) != sent(faults, 2)
+
+
+def test_faults_leave_first_and_last_records_alone():
+    datagrams, injected = sent(Faults(loss=1.0))
+    numbers = [int.from_bytes(data[:4], "big") for data in datagrams]
+    assert numbers == [1, 2, 3, 498, 499, 500]
+    assert injected == Injected(sent=6, lost=494)
 
 
 @pytest.mark.parametrize(
@@ -45,8 +43,6 @@ def test_first_and_last_records_are_left_alone():
         ("loss", "fault 'loss' has no number; wanted loss=NUMBER"),
         ("loss=2", "loss must be from 0 to 1, got 2"),
         ("loss=nan", "loss must be finite"),
-        ("drift=0.6", "drift must be from -0.5 to 0.5"),
-        ("wrap=1.5", "wrap must be a whole number of at least 0, got 1.5"),
         ("loss=0.6 duplicate=0.6", "must add up to 1 at most, got 1.2"),
         ("lost=0.1", "fault 'lost=0.1' is none; known: loss, "),
     ],
@@ -105,12 +101,6 @@ def test_requests_of_another_kind_are_noted_and_ignored():
         assert box.wait(20)
         assert numbers == [1, 2, 3, 4, 5]
         assert len(box.requests) == 5
-
-
-def test_the_clock_of_the_box_drifts():
-    with FakeNetft(rate_hz=500, faults=Faults(drift=0.25)) as box:
-        when = [when for when, _ in islice(box._timed(1, None), 1000)]
-    np.testing.assert_allclose(np.diff(when), 1 / (500 * 1.25), rtol=1e-6)
 
 
 def command(module, *arguments):
