@@ -34,7 +34,7 @@ from granular_id.recording import Dataset, Recording, common_units, unit_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular_id.evaluation import HighPass, ReportData
+    from granular_id.evaluation import ReportData
 _FLAG_COLOUR = "#CC3311"
 _NO_LABEL = "no label"
 _MOST_LINES = 6  # of one recording
@@ -200,7 +200,7 @@ def plot_mean_forces(
     >>> [panel.get_title() for panel in figure.axes]
     ['rice', 'fine sugar']
     """
-    units = common_units(dataset) if isinstance(dataset, Dataset) else units_of(dataset)
+    units = common_units(dataset) if isinstance(dataset, Dataset) else dataset.units
     unit = None if axes is None else _chosen(axes, dataset.axes, units)[1]
     of_axes = dataset.axes if axes is None else axes
     curves = curves_of(dataset, of_axes) if isinstance(dataset, Dataset) else curves_in(dataset, of_axes)
@@ -272,11 +272,6 @@ def telling_curves(curves: Sequence[Curves], units: Mapping[str, str]) -> tuple[
     return own, units[kept[0]]
 
 
-def units_of(report_data: ReportData) -> tuple[str, ...]:
-    """Return the unit of each axis; results of before are of a wrench."""
-    return report_data.units or tuple(map(unit_of, report_data.axes))
-
-
 def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
     """Draw one material; return the lines for a legend."""
     lines = []
@@ -339,8 +334,6 @@ def plot_hfmh(report_data: ReportData, *, path: str | os.PathLike[str] | None = 
     ------
     ImportError
         Without matplotlib, saying what to install.
-    ValueError
-        Without a high-pass: the sampling rate was too low for the cut-off.
 
     Examples
     --------
@@ -356,9 +349,9 @@ def plot_hfmh(report_data: ReportData, *, path: str | os.PathLike[str] | None = 
 
 def draw_hfmh(panel: Any, report_data: ReportData, axis: int) -> None:
     """Draw the heat map of one axis, by its number."""
-    part = high_pass_of(report_data)
+    part = report_data.high_pass
     values, (low, high) = part.hfmh[:, axis], part.bin_range[axis].tolist()
-    units = units_of(report_data)
+    units = report_data.units
     alike = [
         other
         for other, unit in enumerate(units)
@@ -402,8 +395,6 @@ def plot_residual(report_data: ReportData, *, path: str | os.PathLike[str] | Non
     ------
     ImportError
         Without matplotlib, saying what to install.
-    ValueError
-        Without a high-pass: the sampling rate was too low for the cut-off.
 
     Examples
     --------
@@ -419,7 +410,7 @@ def plot_residual(report_data: ReportData, *, path: str | os.PathLike[str] | Non
 
 def draw_residual(panel: Any, report_data: ReportData, axis: int) -> None:
     """Draw the heat map of one axis, by its number."""
-    part = high_pass_of(report_data)
+    part = report_data.high_pass
     values = part.residual[:, axis]
     draw_heat(
         panel,
@@ -427,18 +418,9 @@ def draw_residual(panel: Any, report_data: ReportData, axis: int) -> None:
         across=(0.0, report_data.n_samples / report_data.rate_hz),
         labels=report_data.labels,
         limits=shared_limits(values, share=_SHARE),
-        key=with_unit("RMS", units_of(report_data)[axis]),
+        key=with_unit("RMS", report_data.units[axis]),
     )
     panel.set_xlabel("time, s", fontsize=8, color=INK)
-
-
-def high_pass_of(report_data: ReportData) -> HighPass:
-    """Return the high-pass part, or say why there is none."""
-    if report_data.high_pass is None:
-        raise ValueError(
-            f"report_data has no high-pass: its {report_data.rate_hz:g} Hz are too low for the cut-off of the filter"
-        )
-    return report_data.high_pass
 
 
 # Dark to light in an order that survives any colour vision and a grey print.
@@ -504,7 +486,7 @@ def _axis_panels(
     path: str | os.PathLike[str] | None,
 ) -> Figure:
     """Lay out one panel an axis, three in a row, each filled by ``draw(panel, report_data, axis number)``."""
-    cutoff_hz = high_pass_of(report_data).settings["cutoff_hz"]
+    cutoff_hz = report_data.high_pass.settings["cutoff_hz"]
     n_axes = len(report_data.axes)
     across = min(3, n_axes)
     down = math.ceil(n_axes / across)
