@@ -31,7 +31,6 @@ from granular_id.cli.outputs import (
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 if TYPE_CHECKING:
-    from granular_id._progress import ProgressCallback
     from granular_id.evaluation import EvaluationResult
     from granular_id.recording import Dataset
     from granular_id.spaces import FeatureSpace
@@ -70,8 +69,8 @@ class Outputs:
                 ("--csv", self.csv, PREDICTIONS),
                 *(("--figures", path, PICTURE) for path in self._figures_there()),
             ]
-            of_command = [(name or option, path, kind) for option, path, kind in outputs]
-            check_outputs(*of_command, source=source, force=self.force)
+            named = [(name or option, path, kind) for option, path, kind in outputs]
+            check_outputs(*named, source=source, force=self.force)
             yield
 
     def _figures_there(self) -> list[Path]:
@@ -109,7 +108,6 @@ def evaluate_and_show(
     *,
     confusion: str | None = None,
     quiet: bool = False,
-    progress: bool | ProgressCallback = True,
     **arguments: Any,
 ) -> None:
     """Evaluate, print the tables, write the files, say where they are; when quiet print accuracies only.
@@ -118,8 +116,7 @@ def evaluate_and_show(
     """
     from granular_id.evaluation import evaluate as evaluate_spaces
 
-    progress = not quiet and progress
-    result = evaluate_spaces(data, spaces, protocol, progress=progress, **arguments)
+    result = evaluate_spaces(data, spaces, protocol, progress=not quiet, **arguments)
     result = replace(result, command=repeated_command())
     _print_findings(result)
     _print_result(result, confusion, brief=quiet)

@@ -3,7 +3,6 @@
 from granular_id.evaluation.controls import Control
 from granular_id.evaluation.outcome import Prediction, SpaceSummary
 from granular_id.evaluation.report_data import (
-    HighPass as HighPass,
     ReportData as ReportData,
     most_different as most_different,
     window_starts as window_starts,

@@ -282,7 +282,7 @@ class Payload:
             check_form(document, _FORM, what="the file")
             given = {one.name: document[one.name] for one in fields(cls) if one.name in document}
             if (fit := given.get("fit")) is not None:
-                parts = {
+                parts: dict[str, Any] = {
                     name: tuple(fit[name]) if isinstance(fit[name], list) else fit[name] for name in _FIT
                 }
                 given["fit"] = PayloadFit(**parts)
