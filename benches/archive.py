@@ -131,9 +131,9 @@ def ours(folder: Path, out: Path, call: Call, where: str) -> float:
     if where == "cluster":
         with cluster() as client:
             address = client.scheduler.address
-            return timed(lambda: call(folder, out=out, engine="dask", scheduler=address, progress=False))
+            return timed(lambda: call(folder, out=out, scheduler=address, progress=False))
     n_jobs = 1 if where == "1 thread" else CORES
-    return timed(lambda: call(folder, out=out, n_jobs=n_jobs, engine="local", progress=False))
+    return timed(lambda: call(folder, out=out, n_jobs=n_jobs, progress=False))
 
 
 def arrays(path: Path) -> Iterator[np.ndarray]:

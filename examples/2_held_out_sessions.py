@@ -25,8 +25,7 @@ print(data.summary())
 #
 # Two feature spaces: the paper's samples and histograms, and multi-band features. The number to
 # count on is the first, *held-out sessions*. Below the table stand the controls: the rest before the
-# motion, the time of the recording and shuffled labels should be near chance. The means of the axes
-# and samples in random order are simple baselines.
+# motion and the time of the recording should be near chance.
 
 result = gid.evaluate(data, ["raw+hfmh", "multiband"], progress=False)
 print(result)

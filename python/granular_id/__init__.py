@@ -14,7 +14,7 @@ from granular_id.features import FeatureSpec, extract_features, feature_names
 if TYPE_CHECKING:
     from granular_id import confidence, signal
     from granular_id.ecoc import ECOCClassifier
-    from granular_id.evaluation import EvaluationResult, Selection, evaluate, select
+    from granular_id.evaluation import EvaluationResult, evaluate
     from granular_id.explanation import Explanation, explain
     from granular_id.identifier import Decision, Identifier, StreamingIdentifier, accuracy_over_time
     from granular_id.io import RecordingFileError, load, save
@@ -78,7 +78,6 @@ __all__ = [
     "Recording",
     "RecordingFileError",
     "SampleFlag",
-    "Selection",
     "StepReport",
     "StreamingExtractor",
     "StreamingIdentifier",
@@ -99,7 +98,6 @@ __all__ = [
     "identify",
     "load",
     "save",
-    "select",
     "signal",
     "synthesize",
 ]
@@ -129,7 +127,6 @@ _LAZY = {
     "Recording": "recording",
     "RecordingFileError": "io",
     "SampleFlag": "recording",
-    "Selection": "evaluation",
     "StepReport": "recording",
     "StreamingIdentifier": "identifier",
     "Summary": "recording",
@@ -145,7 +142,6 @@ _LAZY = {
     "identify": "live",
     "load": "io",
     "save": "io",
-    "select": "evaluation",
     "synthesize": "synthetic",
 }
 

@@ -20,12 +20,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import MISSING, fields, is_dataclass
-from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
-
-import numpy as np
-
-T = TypeVar("T")
+from typing import Any
 
 EACH = "*"
 """In a form: every value of an object, whatever its name."""
@@ -105,58 +100,3 @@ def _has_type(value: Any, form: type) -> bool:
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
         return is_number and abs(value) <= sys.float_info.max  # false for NaN; huge integers are no floats
     return isinstance(value, form) and (form is bool or not isinstance(value, bool))
-
-
-def from_json(kind: type[T], value: Any, *, what: str = "the document") -> T:
-    """Make a dataclass of the JSON that `granular_id._files.json_value` made of one; see `check_form` for the errors.
-
-    Its fields may be texts, numbers, arrays, other dataclasses, tuples and mappings of these, or None.
-    """
-    check_form(value, form_of(kind), what=what)
-    return cast("T", _made(kind, value))
-
-
-def _origin_and_parts(kind: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Of a generic type; ``NDArray[np.float64]`` is an alias in its own right from numpy 2.5 on."""
-    alias = get_origin(kind)
-    if hasattr(alias, "__value__"):
-        kind = alias.__value__[get_args(kind)]
-    return get_origin(kind), get_args(kind)
-
-
-def form_of(kind: Any) -> Any:
-    """Return the form of the JSON that holds a value of this type; a field with a default may be missing."""
-    origin, parts = _origin_and_parts(kind)
-    if is_dataclass(kind):
-        hints = get_type_hints(kind)
-        optional = {
-            one.name for one in fields(kind) if (one.default, one.default_factory) != (MISSING, MISSING)
-        }
-        return {f"{name}?" if name in optional else name: form_of(hint) for name, hint in hints.items()}
-    if type(None) in parts:
-        return (form_of(parts[0]), None)
-    if origin is tuple:
-        return [form_of(parts[0]), ...]
-    if origin is Mapping:
-        return {} if parts[1] is Any else {EACH: form_of(parts[1])}
-    return list if origin is np.ndarray else kind
-
-
-def _made(kind: Any, value: Any) -> Any:
-    origin, parts = _origin_and_parts(kind)
-    if value is None:
-        return None
-    if is_dataclass(kind):
-        hints, make = get_type_hints(kind), cast("Any", kind)
-        return make(**{name: _made(hint, value[name]) for name, hint in hints.items() if name in value})
-    if type(None) in parts:
-        return _made(parts[0], value)
-    if origin is tuple:
-        return tuple(_made(parts[0], part) for part in value)
-    if origin is np.ndarray:
-        (dtype,) = get_args(parts[1])
-        array = np.array(value)
-        if array.dtype.kind == "b":
-            raise TypeError("wanted numbers, got true or false")
-        return array.astype(dtype, casting="same_kind")
-    return value

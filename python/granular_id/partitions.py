@@ -132,7 +132,7 @@ def random_partition(y: ArrayLike, seed: int) -> Partition:
 def kfold_partitions(y: ArrayLike, *, n_folds: int = 5, seed: int = 0) -> list[Partition]:
     """Draw stratified random folds: sizes differ by at most one recording, in all and within each class."""
     rows = splittable_rows(y, "kfold")
-    n_folds = check_folds(n_folds, rows)
+    n_folds = _checked_folds(n_folds, rows)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2, n_folds)))
     # Dealt like cards, class after class: no fold gets two of a class before each other has one.
     dealt = np.concatenate([rng.permutation(own) for own in rows.values()])
@@ -162,7 +162,7 @@ def chronological_partitions(y: ArrayLike, order: ArrayLike) -> list[Partition]:
 def block_partitions(y: ArrayLike, order: ArrayLike, *, n_folds: int = 5) -> list[Partition]:
     """Hold out contiguous blocks in time: partition j tests the j-th block of each class; all are of like size."""
     rows = splittable_rows(y, "session")
-    n_folds = check_folds(n_folds, rows)
+    n_folds = _checked_folds(n_folds, rows)
     rank = np.argsort(np.asarray(order, dtype=np.intp), kind="stable")
     fold_of = np.empty(rank.size, dtype=np.intp)
     for own in rows.values():
@@ -291,17 +291,13 @@ def condition_partitions(
     return drawn, notes
 
 
-def check_folds(n_folds: int, rows: dict[Any, Rows], argument: str = "n_folds", where: str = "") -> int:
+def _checked_folds(n_folds: int, rows: dict[Any, Rows]) -> int:
     """Return a number of random folds or blocks, or refuse one below 2 or above the size of the largest class."""
-    n_folds = whole_number(argument, n_folds, least=2)
+    n_folds = whole_number("n_folds", n_folds, least=2)
     label, own = max(rows.items(), key=lambda item: item[1].size)
     if n_folds > own.size:
-        raise argument_error(
-            ValueError,
-            argument,
-            f"must not exceed the {own.size} recordings of the largest class, {label!r},{where} "
-            f"got {n_folds}",
-        )
+        largest = f"the {own.size} recordings of the largest class, {label!r}"
+        raise argument_error(ValueError, "n_folds", f"must not exceed {largest}, got {n_folds}")
     return n_folds
 
 

@@ -27,7 +27,6 @@ from granular_id.partitions import (
     Rows,
     Sessions,
     block_partitions,
-    check_folds,
     chronological_partitions,
     condition_partitions,
     kfold_partitions,
@@ -47,7 +46,7 @@ AUTO = "auto"
 N_FOLDS = 5
 MANY_RECORDINGS, FOLDS_OF_MANY = 2000, 3  # fewer folds: time grows faster than the number of recordings
 
-SESSIONS, HALVES, BLOCKS, RANDOM = "sessions", "halves in time", "blocks in time", "random recordings"
+SESSIONS, BLOCKS, RANDOM = "sessions", "blocks in time", "random recordings"
 CONDITIONS = "conditions"
 """What a fold is, for those who take the strictest folds that there are."""
 
@@ -487,65 +486,3 @@ def choice_folds(
     tested = [several[part.test] for part in parts]
     folds = tuple((np.setdiff1d(np.arange(len(codes)), test), test) for test in tested)
     return ChoiceFolds(folds, held_out, note)
-
-
-class NestedFold(NamedTuple):
-    """One outer fold, whose tested rows judge a choice, and the inner folds of its training rows, which make it."""
-
-    outer: Partition
-    inner: tuple[Partition, ...]
-
-
-class Folds(NamedTuple):
-    """Nested folds, what an outer one holds out, and lines on the kind of folds at each level and why no stricter."""
-
-    nested: tuple[NestedFold, ...]
-    held_out: str
-    notes: tuple[str, ...]
-
-
-def nested_folds(data: Dataset, n_outer: int, n_inner: int, seed: int) -> Folds:
-    """Split recordings into outer folds, and the training rows of each into inner folds.
-
-    The rule of `strict_partitions` at both levels, among the rows to be split; else stratified random folds. Inner
-    folds are halves of the half that trains: a choice that was made on blocks between their neighbours in time would be
-    made by another question than the one that judges it. `n_outer` and `n_inner` are of random folds, and the most of
-    sessions.
-    """
-    y, groups = data.y, groups_of(data)
-    for label, rows in rows_of_class(y).items():
-        if rows.size < 3:
-            raise ValueError(
-                f"class {label!r} has {counted(rows.size)}; choosing holds out "
-                "twice, one fold inside the other, and needs at least 3 of each class"
-            )
-
-    def split(rows: Rows, argument: str, n_folds: int, where: str = "") -> tuple[list[Partition], str, str]:
-        n_folds = whole_number(argument, n_folds, least=2)
-        folds, why = strict_partitions(y[rows], groups.take(rows), max_folds=n_folds)
-        if not why:
-            held_out, note = SESSIONS, f"{len(folds)} folds of whole sessions"
-        elif folds:
-            halves = f"the earlier and the later half of each class in time, {groups.basis}"
-            held_out, note = HALVES, f"{halves} ({why})"
-        else:
-            check_folds(n_folds, rows_of_class(y[rows]), argument, where)
-            folds = kfold_partitions(y[rows], n_folds=n_folds, seed=seed)
-            held_out, note = RANDOM, f"{n_folds} random folds ({why})"
-        folds = [replace(fold, train=rows[fold.train], test=rows[fold.test]) for fold in folds]
-        return folds, held_out, note
-
-    outer, held_out, outer_note = split(np.arange(len(data)), "n_outer", n_outer)
-    nested, inner_notes = [], []
-    for fold in outer:
-        for label, rows in rows_of_class(y[fold.train]).items():
-            if rows.size < 2:
-                raise ValueError(
-                    f"class {label!r} keeps 1 recording to train on in the outer fold {fold.description!r}; "
-                    "choosing holds out once more inside it, and needs at least 2"
-                )
-        inner, _, note = split(fold.train, "n_inner", n_inner, " that an outer fold leaves,")
-        nested.append(NestedFold(fold, tuple(inner)))
-        inner_notes.append(f"inner folds (make the choice): {note}")
-    notes = (f"outer folds (judge the choice): {outer_note}", *dict.fromkeys(inner_notes))
-    return Folds(tuple(nested), held_out, notes)

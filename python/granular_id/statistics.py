@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,9 +15,6 @@ from scipy import stats
 from sklearn.metrics import confusion_matrix
 
 FloatArray = NDArray[np.float64]
-
-ROPE = 0.01
-"""Accuracies closer than this count as equivalent: one recording in a hundred (Corani & Benavoli's choice)."""
 
 MIN_PARTITIONS = 3
 """Below this nothing but differences is given. Two partitions leave one degree of freedom: a 95 % interval
@@ -28,26 +24,8 @@ is then +- 12.7 standard errors."""
 _NO_SPREAD = 1e-12
 
 
-class CorrectedT(NamedTuple):
-    """Mean difference, its corrected standard error, and the two-sided test of Student's t with `df`."""
-
-    mean: float
-    standard_error: float
-    statistic: float
-    df: int
-    p_value: float
-
-
-class Posterior(NamedTuple):
-    """Probabilities that the first method is worse, equivalent, better: they add up to 1, or are NaN."""
-
-    worse: float
-    equivalent: float
-    better: float
-
-
-def corrected_resampled_t(differences: ArrayLike, n_train: float, n_test: float) -> CorrectedT:
-    """Test whether a mean difference (J,) over overlapping partitions is zero.
+def corrected_resampled_t(differences: ArrayLike, n_train: float, n_test: float) -> float:
+    """Two-sided p-value of the test whether a mean difference (J,) over overlapping partitions is zero.
 
     ``t = mean(d) / sqrt((1/J + n_test/n_train) var(d))`` with J - 1 degrees of freedom; the plain paired t-test has 1/J
     alone, as if each partition had brought recordings of its own. Differences that are all zero give p = 1. A single
@@ -55,57 +33,28 @@ def corrected_resampled_t(differences: ArrayLike, n_train: float, n_test: float)
     "Inference for the generalization error", Machine Learning 52 (2003), section 3.
     """
     d = np.asarray(differences, dtype=np.float64)
-    mean, df, error = float(d.mean()), d.size - 1, _standard_error(d, n_test / n_train)
     if np.abs(d).max() <= _NO_SPREAD:
-        return CorrectedT(0.0, error, 0.0, df, 1.0)
-    statistic = mean / error
-    return CorrectedT(mean, error, statistic, df, float(2 * stats.t.sf(abs(statistic), df)))
-
-
-def bayesian_correlated_t(differences: ArrayLike, rho: float, rope: float = ROPE) -> Posterior:
-    """Return the probabilities that the mean difference (J,) is below, within and above +- `rope`.
-
-    Its posterior, with a flat prior, is Student with J - 1 degrees of freedom around ``mean(d)`` with scale
-    ``sqrt((1/J + rho / (1 - rho)) var(d))``. `rho` is the correlation of two partitions' differences; at
-    ``n_test / n`` this is the sampling distribution of `corrected_resampled_t`, and NaN as there. Corani & Benavoli,
-    "A Bayesian approach for comparing cross-validated algorithms on multiple data sets", Machine Learning 100 (2015),
-    section 2.
-    """
-    d = np.asarray(differences, dtype=np.float64)
-    if np.abs(d).max() <= _NO_SPREAD:
-        return Posterior(0.0, 1.0, 0.0)
-    scale = _standard_error(d, rho / (1 - rho))
-    if math.isnan(scale):
-        return Posterior(math.nan, math.nan, math.nan)
-    posterior = stats.t(d.size - 1, loc=float(d.mean()), scale=scale)
-    worse, better = float(posterior.cdf(-rope)), float(posterior.sf(rope))
-    return Posterior(worse, max(0.0, 1.0 - worse - better), better)
-
-
-def corrected_interval(
-    accuracies: ArrayLike, n_train: float, n_test: float, confidence: float = 0.95
-) -> tuple[float, float]:
-    """Confidence interval of a mean accuracy (J,) over overlapping partitions, inside [0, 1].
-
-    ``mean +- t * sqrt((1/J + n_test/n_train) var)``, the interval that belongs to `corrected_resampled_t`. NaN for a
-    single partition and where all agree (all at 100 %, for instance): their spread says nothing about new recordings.
-    """
-    shares = np.asarray(accuracies, dtype=np.float64)
-    error = _standard_error(shares, n_test / n_train)
-    if math.isnan(error):
-        return math.nan, math.nan
-    reach = float(stats.t.ppf((1 + confidence) / 2, shares.size - 1)) * error
-    mean = float(shares.mean())
-    return max(0.0, mean - reach), min(1.0, mean + reach)
+        return 1.0
+    statistic = float(d.mean()) / _standard_error(d, n_test / n_train)
+    return float(2 * stats.t.sf(abs(statistic), d.size - 1))
 
 
 def mean_interval(
-    accuracies: FloatArray, n_train: float | Sequence[float], n_test: float | Sequence[float]
+    accuracies: ArrayLike, n_train: float | Sequence[float], n_test: float | Sequence[float]
 ) -> tuple[float, float]:
-    """Return `corrected_interval` for the mean sizes of partitions; NaN where they are fewer than three."""
-    if len(accuracies) < MIN_PARTITIONS:
+    """95 % confidence interval of a mean accuracy (J,) over overlapping partitions, inside [0, 1].
+
+    ``mean +- t * sqrt((1/J + n_test/n_train) var)``, the interval that belongs to `corrected_resampled_t`; of sizes
+    that differ the means count. NaN for fewer than three partitions and where all agree (all at 100 %, for instance):
+    their spread says nothing about new recordings.
+    """
+    shares = np.asarray(accuracies, dtype=np.float64)
+    error = _standard_error(shares, float(np.mean(n_test)) / float(np.mean(n_train)))
+    if shares.size < MIN_PARTITIONS or math.isnan(error):
         return math.nan, math.nan
-    return corrected_interval(accuracies, float(np.mean(n_train)), float(np.mean(n_test)))
+    reach = float(stats.t.ppf(0.975, shares.size - 1)) * error
+    mean = float(shares.mean())
+    return max(0.0, mean - reach), min(1.0, mean + reach)
 
 
 def mann_whitney(first: ArrayLike, second: ArrayLike) -> float:

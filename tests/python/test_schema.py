@@ -2,16 +2,10 @@
 
 import json
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, make_dataclass
-from typing import Any, TypeVar
 
-import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from granular_id._files import json_value
-from granular_id._schema import EACH, check_form, form_of, from_json
+from granular_id._schema import EACH, check_form
 
 FORM = {
     "format": "rule 1",
@@ -73,59 +67,3 @@ def test_the_document_itself_has_a_name():
     ):
         with pytest.raises((TypeError, ValueError), match=f"^the rule {message}"):
             check_form(document, FORM, what="the rule", closed=closed)
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    names: tuple[str, ...]
-    values: NDArray[np.float64]
-    codes: NDArray[np.intp]
-
-
-@dataclass(frozen=True, eq=False)
-class Whole:
-    parts: tuple[Part, ...]
-    other: Part | None
-    shares: Mapping[str, float]
-    settings: Mapping[str, Any]
-    note: str = "none"
-
-
-def test_a_dataclass_is_read_back_as_it_was():
-    part = Part(("a", "b"), np.array([[0.1, 2.0]]), np.array([3, 4]))
-    whole = Whole((part, part), None, {"rice": 0.5}, {"cutoff_hz": 23.0}, "some")
-    saved = json.loads(json.dumps(json_value(whole)))
-    again = from_json(Whole, saved)
-    assert json_value(again) == json_value(whole) == saved
-    assert again.parts[1].names == part.names
-    assert [array.dtype for array in (again.parts[0].values, again.parts[0].codes)] == [np.float64, np.intp]
-    del saved["note"]
-    assert from_json(Whole, saved).note == "none"
-
-
-def test_a_named_alias_is_what_it_stands_for():
-    """As NDArray is from numpy 2.5 on; typing has them from Python 3.12 on."""
-    aliases = pytest.importorskip("typing_extensions")
-    kind = TypeVar("kind", bound=np.generic)
-    named = aliases.TypeAliasType("named", np.ndarray[Any, np.dtype[kind]], type_params=(kind,))
-    assert (form_of(named[np.float64]), form_of(named[np.intp] | None)) == (list, (list, None))
-    holder = make_dataclass("Holder", [("values", named[np.float64])])
-    assert from_json(holder, {"values": [1, 2]}).values.dtype == np.float64
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"parts": [{"names": [], "values": []}]}, r"parts\[0\] must hold 'codes'"),
-        ({"parts": [{"names": [1], "values": [], "codes": []}]}, r"parts\[0\].names\[0\] must be text"),
-        ({"parts": [{"names": [], "values": 1, "codes": []}]}, r"parts\[0\].values must be a list"),
-        ({"parts": [{"names": [], "values": [], "codes": [0.5]}]}, "Cannot cast"),
-        ({"other": 1}, "other must be an object"),
-        ({"shares": {"rice": "much"}}, "shares.rice must be a finite number"),
-    ],
-)
-def test_a_dataclass_is_not_made_of_another_form(change, message):
-    good = {"parts": [], "other": None, "shares": {}, "settings": {}}
-    from_json(Whole, good)
-    with pytest.raises((TypeError, ValueError), match=message):
-        from_json(Whole, {**good, **change})

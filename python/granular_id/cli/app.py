@@ -13,7 +13,7 @@ from granular_id.cli.confidence import confidence
 from granular_id.cli.data import data
 from granular_id.cli.demo import demo
 from granular_id.cli.errors import OneLineUsage
-from granular_id.cli.evaluate import evaluate, report, select
+from granular_id.cli.evaluate import evaluate
 from granular_id.cli.explain import explain
 from granular_id.cli.identify import identify
 from granular_id.cli.live import live, record
@@ -33,7 +33,7 @@ app = typer.Typer(
     help=PURPOSE,
 )
 for command in (
-    *(evaluate, select, explain, confidence, record, live, report, train, identify, adapt),
+    *(evaluate, explain, confidence, record, live, train, identify, adapt),
     *(extract, demo),
 ):
     app.command()(command)

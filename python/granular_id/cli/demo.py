@@ -48,10 +48,9 @@ def demo(
         json=output / "result.json",
         csv=output / "predictions.csv",
         figures=output,
-        checkpoint=None,
         force=force,
     )
-    with outputs.ready(named=dict.fromkeys(("--report", "--json", "--csv", "--figures"), "--output")):
+    with outputs.ready(name="--output"):
         from granular_id.evaluation import USUAL_SPACES
         from granular_id.spaces import feature_spaces
         from granular_id.synthetic import PAPER_MATERIALS, synthesize

@@ -30,7 +30,7 @@ FOUND_ERRORS = 3
 P = ParamSpec("P")
 
 _SAME = (
-    "array axes begin_at bin_range block_weights C checkpoint coding cutoff_hz direction dtype duration_s "
+    "array axes begin_at bin_range block_weights C coding cutoff_hz direction dtype duration_s "
     "false_alarm_rate hold_out hop_s initial label lead_s max_force_n max_gap max_gap_s max_torque_n_m n_bins "
     "n_samples on_error on_gap on_short on_time_error order posterior pre_s protocol rate_hz rest_s robot "
     "scheduler sensor_range session space spaces speed_m_s tare_s target_error threads threshold_n time_unit "
@@ -46,8 +46,6 @@ OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "test_per_class": "--test",
     "random_state": "--seed",
     "n_folds": "--folds",
-    "n_outer": "--outer",
-    "n_inner": "--inner",
 }
 """The option that sets an argument of the library."""
 

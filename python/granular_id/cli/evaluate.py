@@ -1,23 +1,21 @@
-"""``granular-id evaluate``, ``report``, ``select``: how well materials are told apart, in which space."""
+"""``granular-id evaluate``: how well materials are told apart, in which space."""
 
 from __future__ import annotations
 
 import importlib.util
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import typer
-from rich.console import Console
-from rich.text import Text
 
 from granular_id._files import made_folder
 from granular_id._text import install
 from granular_id.cli.errors import FOUND_ERRORS
-from granular_id.cli.method import Features, Method, chosen_spaces
-from granular_id.cli.options import FORCE, as_typed, command, count, option, with_defaults
+from granular_id.cli.method import Method, chosen_spaces
+from granular_id.cli.options import FORCE, command, count, option
 from granular_id.cli.outputs import (
     JSON_FILE,
     PAGE,
@@ -29,22 +27,15 @@ from granular_id.cli.outputs import (
     repeated_command,
     say_written,
     show,
-    typed_command,
-    write_files,
 )
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
-from granular_id.cli.train import ModelOptions
 
 if TYPE_CHECKING:
-    from granular_id._progress import ProgressCallback
-    from granular_id.evaluation import EvaluationResult, Training
+    from granular_id.evaluation import EvaluationResult
     from granular_id.recording import Dataset
     from granular_id.spaces import FeatureSpace
 
 SPLIT, METHOD, OUTPUT = "Partitions", "Method", "Output"
-
-CHECKPOINT = "Keep each finished partition in this folder; after Ctrl-C the same command goes on from there."
-"""Help of ``--checkpoint``."""
 
 
 @dataclass(kw_only=True)
@@ -55,15 +46,14 @@ class Outputs:
     json: Path | None = option(OUTPUT, "Write figures, settings and predictions.")
     csv: Path | None = option(OUTPUT, "Write every prediction.")
     figures: Path | None = option(OUTPUT, "Write the figures of the report into this folder.")
-    checkpoint: Path | None = option(OUTPUT, CHECKPOINT)
     force: bool = FORCE
 
     @contextmanager
-    def ready(self, source: Path | None = None, named: Mapping[str, str] | None = None) -> Iterator[None]:
+    def ready(self, source: Path | None = None, name: str | None = None) -> Iterator[None]:
         """Refuse what could not be written, before any time is spent on it.
 
-        The folders for figures and for the checkpoint are made, and removed again when the block raises and left them
-        empty. `source`: what is read. `named`: options of commands that name them otherwise than ``evaluate``.
+        The folder for figures is made, and removed again when the block raises and left it empty. `source`: what is
+        read. `name`: the one option for all of them, of commands that have no others.
         """
         for wanted, module, path in (
             ("figures need", "matplotlib", self.figures),
@@ -72,19 +62,15 @@ class Outputs:
         ):
             if path is not None and importlib.util.find_spec(module) is None:
                 raise ImportError(f"{wanted} {module}: {install('app')}")
-        with ExitStack() as folders:
-            for folder in (self.figures, self.checkpoint):
-                if folder is not None:
-                    folders.enter_context(made_folder(folder))
+        with nullcontext() if self.figures is None else made_folder(self.figures):
             outputs = [
                 ("--report", self.report, PAGE),
                 ("--json", self.json, JSON_FILE),
                 ("--csv", self.csv, PREDICTIONS),
                 *(("--figures", path, PICTURE) for path in self._figures_there()),
             ]
-            of_command = [((named or {}).get(name, name), path, kind) for name, path, kind in outputs]
-            check_outputs(*of_command, source=source, force=self.force)
-            self._refuse_other_folder()
+            named = [(name or option, path, kind) for option, path, kind in outputs]
+            check_outputs(*named, source=source, force=self.force)
             yield
 
     def _figures_there(self) -> list[Path]:
@@ -95,18 +81,6 @@ class Outputs:
 
         paths = (self.figures / f"{name}.png" for name in FIGURES)
         return [path for path in paths if path.exists()]
-
-    def _refuse_other_folder(self) -> None:
-        if self.checkpoint is None:
-            return
-        there = sorted(path.name for path in self.checkpoint.iterdir() if not path.name.startswith("."))
-        if there:
-            from granular_id.evaluation import RUN
-
-            if RUN not in there:
-                raise ValueError(
-                    f"--checkpoint {self.checkpoint} holds {there[0]!r} and is no checkpoint: give a new folder"
-                )
 
     def write(self, result: EvaluationResult, space: str | None) -> list[Path]:
         """Write everything that was asked for; return the paths."""
@@ -134,7 +108,6 @@ def evaluate_and_show(
     *,
     confusion: str | None = None,
     quiet: bool = False,
-    progress: bool | ProgressCallback = True,
     **arguments: Any,
 ) -> None:
     """Evaluate, print the tables, write the files, say where they are; when quiet print accuracies only.
@@ -143,10 +116,7 @@ def evaluate_and_show(
     """
     from granular_id.evaluation import evaluate as evaluate_spaces
 
-    progress = not quiet and progress
-    result = evaluate_spaces(
-        data, spaces, protocol, checkpoint=outputs.checkpoint, progress=progress, **arguments
-    )
+    result = evaluate_spaces(data, spaces, protocol, progress=not quiet, **arguments)
     result = replace(result, command=repeated_command())
     _print_findings(result)
     _print_result(result, confusion, brief=quiet)
@@ -171,26 +141,6 @@ def _print_findings(result: EvaluationResult) -> None:
             f"Do not rely on the figures below before this is settled; where it is known: {known}",
             "bold red",
         )
-
-
-@contextmanager
-def _saying_how_to_go_on(checkpoint: Path | None) -> Iterator[None]:
-    """Say after Ctrl-C how many partitions the checkpoint keeps."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        finished = 0
-        if checkpoint is not None:
-            from granular_id.evaluation import RUN
-
-            finished = sum(path.name != RUN for path in checkpoint.glob("*.json"))
-        if finished:
-            how = f"{finished} finished partitions are kept in {checkpoint}; the same command goes on from there."
-        elif checkpoint is not None:
-            how = "no partition was finished."
-        else:
-            how = "no file was left half-written. A run with --checkpoint FOLDER can be continued."
-        raise KeyboardInterrupt(f"Interrupted: {how}") from None
 
 
 def _print_result(result: EvaluationResult, space: str | None, *, brief: bool) -> None:
@@ -289,7 +239,7 @@ def evaluate(
     parts: Partitions,
     outputs: Outputs,
     *,
-    controls: bool = option(SPLIT, "What the rest, the means, the clock alone would give.", default=True),
+    controls: bool = option(SPLIT, "What the rest and the clock alone would give.", default=True),
     spaces: str = option(
         METHOD,
         "Feature spaces separated by commas; paper: the paper's; all. Default: raw+hfmh,multiband,best.",
@@ -322,27 +272,24 @@ def evaluate(
 
     Exit code 3: the checks of `granular-id data check` found what spoils the figures, such as a clock that
     names the label; `--accept NAME` says that it is known.
-
-    `--checkpoint FOLDER` keeps what is finished: after Ctrl-C the same command goes on from there.
     """
     method.refuse_impossible(steps.rate_hz)
     from granular_id.evaluation import USUAL_SPACES
 
     chosen = chosen_spaces(spaces or ("paper" if parts.paper else ",".join(USUAL_SPACES)), confusion)
-    with outputs.ready(reading.path), _saying_how_to_go_on(outputs.checkpoint):
+    with outputs.ready(reading.path):
         reading.refuse_absent()
         notes = method.unused_in(chosen)
         data = equal_recordings(reading, steps, quiet=quiet)
 
         from granular_id.ecoc import ECOCClassifier
-        from granular_id.evaluation import in_paper_order
 
         for note in [] if quiet else notes:
             show(f"note: {note}")
         known = method.spaces(data.rate_hz)
         evaluate_and_show(
             data,
-            {name: known[name] for name in chosen or in_paper_order(known)},
+            {name: known[name] for name in chosen},
             parts.protocol,
             outputs,
             confusion=confusion,
@@ -358,115 +305,3 @@ def evaluate(
             n_jobs=method.n_jobs,
             random_state=parts.seed,
         )
-
-
-@command
-def report(
-    *,
-    result: Path = typer.Argument(metavar="RESULT", help="JSON file of an evaluation."),
-    output: Path | None = typer.Option(None, "--output", "-o", help="HTML file. Default: RESULT as .html."),
-    figures: Path | None = typer.Option(None, help="Write the figures into this folder, too."),
-    force: bool = FORCE,
-) -> None:
-    """Turn the JSON of `granular-id evaluate --json` into the HTML report, without computing anything again.
-
-    Examples:
-
-    `granular-id report result.json`
-    `granular-id report result.json -o for_the_boss.html --figures figures`
-    """
-    page = result.with_suffix(".html") if output is None else output
-    if output is None and page == result:
-        raise ValueError(f"{result} is no JSON file of an evaluation; evaluate --json writes one")
-    if page == result:
-        raise ValueError(f"--output {page} is the result itself: give another file")
-    outputs = with_defaults(Outputs, report=page, figures=figures, force=force)
-    with outputs.ready(named={"--report": "--output"}):
-        from granular_id.evaluation import EvaluationResult
-
-        written = outputs.write(EvaluationResult.from_json(result), None)
-    say_written(written)
-
-
-CHOICE = "Choice"
-
-
-@command
-def select(
-    reading: Reading,
-    steps: Steps,
-    method: Features,
-    *,
-    spaces: str = option(CHOICE, "Candidates, by commas. Default: those that run live.", default=""),
-    outer: int = option(
-        CHOICE, "Folds that judge the choice. Halves in time are 2.", default=5, callback=count(2)
-    ),
-    inner: int = option(CHOICE, "Folds that choose, within each outer fold.", default=4, callback=count(2)),
-    seed: int = option(CHOICE, "Same seed, same choice.", default=0, callback=count(0)),
-    json: Path | None = option(OUTPUT, "Write everything the choice rests on."),
-    force: bool = FORCE,
-    quiet: bool = option(OUTPUT, "Print the choice only.", "--quiet", default=False),
-) -> None:
-    """Choose a feature space, the weights of its blocks and C, and say how sure the choice is.
-
-    Cross-validation inside cross-validation: what is chosen is judged on recordings that had no say in the
-    choice. Whole sessions are held out where the recordings have several of each material; else halves in
-    time order; else random folds. The output says which, and ends with the command that trains the choice.
-
-    The candidates are the spaces that run live; others can be named, and are marked in the table. Where one
-    of them is chosen the command trains the best of those that run live.
-
-    Examples:
-
-    `granular-id select recordings`
-    `granular-id select recordings --spaces raw,hfmh,raw+hfmh --json choice.json`
-    `granular-id select irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest`
-    """
-    method.refuse_impossible(steps.rate_hz)
-    chosen = chosen_spaces(spaces) or _every_space() if spaces else None
-    check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
-    from granular_id.evaluation import DEFAULT_SPACES, select as select_space
-
-    notes = method.unused_in(chosen or DEFAULT_SPACES)
-    data = equal_recordings(reading, steps, quiet=quiet)
-
-    for note in [] if quiet else notes:
-        show(f"note: {note}")
-    known = method.spaces(data.rate_hz)
-    selection = select_space(
-        data,
-        spaces={name: known[name] for name in chosen or DEFAULT_SPACES},
-        n_outer=outer,
-        n_inner=inner,
-        random_state=seed,
-        n_jobs=method.n_jobs,
-        progress=not quiet,
-    )
-    Console(highlight=False).print(Text(f"\n{selection.verdict()}"))
-    if not quiet:
-        print_table(selection.table(), strong=selection.synthetic)
-    write_files((json, selection.to_json), repeat=not quiet)
-    if selection.to_train is not None:
-        show(f"\ntrain it with: {_command_to_train(reading, steps, method, selection.to_train, seed)}")
-
-
-def _every_space() -> list[str]:
-    from granular_id.evaluation import in_paper_order
-    from granular_id.spaces import feature_spaces
-
-    return in_paper_order(feature_spaces())
-
-
-def _command_to_train(reading: Reading, steps: Steps, method: Features, chosen: Training, seed: int) -> str:
-    """Return the words that train what was chosen on the same recordings: options that the space has no use for go."""
-    of_method = {name: value for name, value in vars(method).items() if name not in ("settings", "threads")}
-    weights = {} if chosen.block_weights is None else {"block_weights": chosen.block_weights}
-    cost = {} if chosen.C is None else {"c": chosen.C}
-    wanted = with_defaults(ModelOptions, **of_method, **weights, **cost, space=chosen.space)
-    usual = with_defaults(ModelOptions)
-    idle = {name: getattr(usual, name) for name in wanted.without_use()}
-    words = as_typed(reading, steps, replace(wanted, **idle))
-    if chosen.space == usual.space:
-        words += ["--space", chosen.space]  # to be read, though it is the default
-    seeded = ["--seed", seed] if seed else []
-    return typed_command("train", reading.path, *words, *seeded, "-o", "model.safetensors")

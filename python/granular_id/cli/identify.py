@@ -12,7 +12,7 @@ from granular_id._files import MODELS, check_source, write_json
 from granular_id._text import counted
 from granular_id.cli.archive import WorkerOptions, check_is_archive, typed_reader, working_on
 from granular_id.cli.errors import words_of
-from granular_id.cli.options import FORCE, as_typed, command, option, positive
+from granular_id.cli.options import FORCE, command, given_flags, option, positive
 from granular_id.cli.outputs import (
     ANSWERS,
     JSON_FILE,
@@ -236,8 +236,8 @@ def identify(
         _refuse_beside_output(recordings, fitting, json=json, csv=csv, figure=figure, force=force)
         _answer_archive(recordings, fitting, workers, output, quiet=quiet)
         return
-    if words := as_typed(workers):
-        raise ValueError(f"{words[0]} is about archives: add -o OUT, a folder for the answers")
+    if flags := given_flags(workers):
+        raise ValueError(f"{flags[0]} is about archives: add -o OUT, a folder for the answers")
     if figure is not None and fitting.hop_s is None:
         raise ValueError("--figure draws answers over time: add --hop-s")
     outputs = ("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), ("--figure", figure, PICTURE)
@@ -265,11 +265,11 @@ def _refuse_beside_output(recordings: Recordings, fitting: Fitting, **others: Pa
     for name, value in others.items():
         if value:
             raise ValueError(f"--{name} does not go with -o, whose folder holds the answers: leave it out")
-    for word in as_typed(recordings, fitting):
-        if word.startswith("--") and word not in _OF_ARCHIVES:
+    for flag in given_flags(recordings, fitting):
+        if flag not in _OF_ARCHIVES:
             as_they_are = "recordings of an archive are answered as they are"
             raise ValueError(
-                f"{word} does not go with -o: {as_they_are}; granular-id archive add prepares them"
+                f"{flag} does not go with -o: {as_they_are}; granular-id archive add prepares them"
             )
 
 

@@ -18,7 +18,16 @@ from granular_id._files import check_source, made_folder
 from granular_id._text import counted, known_label
 from granular_id.cli.errors import in_options
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
-from granular_id.cli.options import FORCE, as_typed, at_least, command, names_in, numbers_in, option, positive
+from granular_id.cli.options import (
+    FORCE,
+    at_least,
+    command,
+    given_flags,
+    names_in,
+    numbers_in,
+    option,
+    positive,
+)
 from granular_id.cli.outputs import LIVE_ANSWERS, check_outputs, show, warn_of_setups
 from granular_id.cli.recordings import ACCEPT, Difference
 
@@ -330,8 +339,7 @@ def live(
 def _refuse_with_hop(moving: Moving, *, early: bool, pre_s: float | None) -> None:
     """Refuse what is about pushes, where answers go on."""
     given = ["--early"] * early + ["--pre-s"] * (pre_s is not None)
-    given += [word for word in as_typed(moving) if word.startswith("--")]
-    for word in given:
+    for word in given + given_flags(moving):
         if word not in ("--max-gap", "--max-lag-s"):
             raise ValueError(f"{word} is about pushes; with --hop-s answers go on: leave it out")
 

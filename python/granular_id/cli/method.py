@@ -21,8 +21,8 @@ ONE_VS_ONE = "onevsone"
 
 
 @dataclass(kw_only=True)
-class Features:
-    """What features are made of."""
+class Method:
+    """Features, and what is done with them."""
 
     cutoff_hz: float = option(PANEL, "High-pass cut-off of the histogram.", default=23.0, callback=above_zero)
     order: int = option(PANEL, "High-pass order.", default=8)
@@ -39,6 +39,18 @@ class Features:
     threads: int | None = option(
         PANEL, "The numbers do not depend on it. Default: all cores.", callback=count(1)
     )
+    block_weights: Literal["plain", "unit"] = option(
+        PANEL,
+        "Blocks side by side as they are (the paper), or each of unit mean norm.",
+        default="plain",
+    )
+    c: float = option(
+        PANEL,
+        "Box constraint of the support vector machines; of multiband a share of the spread of its rows. Not of best.",
+        "--C",
+        default=1.0,
+        callback=above_zero,
+    )
 
     def __post_init__(self) -> None:
         self.settings: dict[str, Any] = {
@@ -48,6 +60,7 @@ class Features:
             "bin_range": _bin_range_of(self.bin_range),
             "initial": self.initial,
             "tare_s": self.tare_s,
+            "block_weights": None if self.block_weights == "plain" else "unit",
         }
 
     @property
@@ -71,10 +84,10 @@ class Features:
 
         return feature_spaces(rate_hz=rate_hz, threads=self.threads, **self.settings)
 
-    def unused_in(self, names: Sequence[str] | None) -> list[str]:
+    def unused_in(self, names: Sequence[str]) -> list[str]:
         """Refuse what would change nothing in any of several feature spaces; say where else it changes nothing.
 
-        `names`: None is all. Returns one note for each option that only some of the spaces have a use for.
+        Returns one note for each option that only some of the spaces have a use for.
         """
         unused = self._unused(names)
         notes = []
@@ -90,42 +103,17 @@ class Features:
 
     def given(self) -> dict[str, Any]:
         """Return the settings that are not the usual ones."""
-        without = with_defaults(Features).settings
-        return {name: value for name, value in self.settings.items() if value != without.get(name)}
+        usual = with_defaults(Method).settings
+        given = {name: value for name, value in self.settings.items() if value != usual[name]}
+        return given if self.c == 1 else given | {"C": self.c}
 
-    def _unused(self, names: Sequence[str] | None) -> dict[str, dict[str, str]]:
+    def _unused(self, names: Sequence[str]) -> dict[str, dict[str, str]]:
         """Find options that were given and would change nothing: for each feature space names, and why."""
         given = self.given()
         if not given:
-            return {space: {} for space in names or ()}
+            return {name: {} for name in names}
         known = self.spaces(500.0)
-        return {name: _without_use(name, known[name], given) for name in names or known}
-
-
-@dataclass(kw_only=True)
-class Method(Features):
-    """Features, and what is done with them."""
-
-    block_weights: Literal["plain", "unit"] = option(
-        PANEL,
-        "Blocks side by side as they are (the paper), or each of unit mean norm.",
-        default="plain",
-    )
-    c: float = option(
-        PANEL,
-        "Box constraint of the support vector machines; of multiband a share of the spread of its rows. Not of best.",
-        "--C",
-        default=1.0,
-        callback=above_zero,
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.settings["block_weights"] = None if self.block_weights == "plain" else "unit"
-
-    def given(self) -> dict[str, Any]:
-        """Return the settings that are not the usual ones."""
-        return super().given() | ({} if self.c == 1 else {"C": self.c})
+        return {name: _without_use(name, known[name], given) for name in names}
 
 
 @dataclass(kw_only=True)
@@ -144,10 +132,6 @@ class OneSpace(Method):
         known_spaces(self.space)
         for name, reason in self._unused((self.space,))[self.space].items():
             raise ValueError(f"{OPTIONS[name]} must be left out with --space {self.space}, which {reason}")
-
-    def without_use(self) -> list[str]:
-        """Name the options given that would change nothing in the feature space."""
-        return [name.replace("C", "c") for name in self._unused((self.space,))[self.space]]
 
     def pipeline(self, rate_hz: float) -> Pipeline:
         """Return the feature space with its own classifier, or the paper's, unfitted."""
@@ -197,14 +181,17 @@ def known_spaces(*names: str) -> None:
             raise ValueError(f"there is no feature space {name!r}; there are {', '.join(known)}")
 
 
-def chosen_spaces(spaces: str, confusion: str | None = None) -> list[str] | None:
-    """Read ``--spaces`` and ``--confusion``: names in the order given; None is all."""
-    if spaces == "all" and confusion is None:
-        return None
-    chosen = None if spaces == "all" else _spaces_of_paper() if spaces == "paper" else names_in(spaces)
-    known_spaces(*(chosen or ()), *([] if confusion is None else [confusion]))
-    if chosen is None:
-        return None
+def chosen_spaces(spaces: str, confusion: str | None = None) -> list[str]:
+    """Read ``--spaces`` and ``--confusion``: names in the order given."""
+    from granular_id.spaces import feature_spaces, in_paper_order, paper_spaces
+
+    if spaces == "all":
+        chosen = in_paper_order(feature_spaces())
+    elif spaces == "paper":
+        chosen = paper_spaces(feature_spaces())
+    else:
+        chosen = names_in(spaces)
+    known_spaces(*chosen, *([] if confusion is None else [confusion]))
     if not chosen:
         raise ValueError(f"--spaces must name at least one feature space, got {spaces!r}")
     if len(set(chosen)) < len(chosen):
@@ -212,12 +199,3 @@ def chosen_spaces(spaces: str, confusion: str | None = None) -> list[str] | None
     if confusion is not None and confusion not in chosen:
         raise ValueError(f"--confusion {confusion} is not among the spaces evaluated: {', '.join(chosen)}")
     return chosen
-
-
-def _spaces_of_paper() -> list[str]:
-    """Names of the feature spaces of the paper's table, the best there first."""
-    from granular_id.evaluation import in_paper_order
-    from granular_id.spaces import feature_spaces
-
-    known = feature_spaces()
-    return [name for name in in_paper_order(known) if known[name].paper_accuracy is not None]

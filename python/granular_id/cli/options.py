@@ -101,28 +101,18 @@ def with_defaults(group: Callable[..., Group], **given: Any) -> Group:
     return group(**{each.name: each.default.default for each in _options_of(group)} | given)
 
 
-def as_typed(*groups: Any) -> list[str]:
-    """Return the words that give options of groups the values that they have, those at their defaults left out."""
-    words: list[str] = []
+def given_flags(*groups: Any) -> list[str]:
+    """Name the options of groups that were given other values than their defaults, as they are typed."""
+    flags = []
     for group in groups:
         kind: Callable[..., Any] = type(group)
         for each in _options_of(kind):
             value, known = getattr(group, each.name), each.default
-            if value == known.default or not isinstance(known, OptionInfo):
-                continue
-            flags = [word for word in known.param_decls or () if word.startswith("--")]
-            flag = flags[0] if flags else f"--{each.name.replace('_', '-')}"
-            if isinstance(value, bool):
-                words.append(flag if value else flag.replace("--", "--no-", 1))
-                continue
-            for one in value if isinstance(value, list) else [value]:
-                plain = (
-                    repr(one).removesuffix(".0")
-                    if isinstance(one, float)
-                    else str(getattr(one, "value", one))
-                )
-                words += [flag, plain]
-    return words
+            if isinstance(known, OptionInfo) and value != known.default:
+                named = [word for word in known.param_decls or () if word.startswith("--")]
+                flag = named[0] if named else f"--{each.name.replace('_', '-')}"
+                flags.append(flag if value is not False else flag.replace("--", "--no-", 1))
+    return flags
 
 
 # Values of options, checked before any file is read.

@@ -1,4 +1,4 @@
-"""What `evaluate` and `select` are asked: the data set, the feature spaces and the seed, checked."""
+"""What `evaluate` is asked: the data set, the feature spaces and the seed, checked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from granular_id._checks import argument_error, whole_number
 from granular_id._estimators import with_rate
 from granular_id.ecoc import ECOCClassifier
 from granular_id.recording import Dataset
-from granular_id.spaces import FeatureSpace, feature_spaces, in_paper_order
+from granular_id.spaces import FeatureSpace, feature_spaces, in_paper_order, paper_spaces
 
 
 def check_dataset(data: Dataset) -> None:
@@ -57,7 +57,7 @@ def _names(spaces: str | Sequence[str], known: Mapping[str, FeatureSpace]) -> li
     if spaces == "all":
         return in_paper_order(known)
     if spaces == "paper":
-        return [name for name in in_paper_order(known) if known[name].paper_accuracy is not None]
+        return paper_spaces(known)
     names = [spaces] if isinstance(spaces, str) else list(spaces)
     for name in names:
         if name not in known:

@@ -91,11 +91,11 @@ class Outcome:
     settings: Mapping[str, Any]
     data: Mapping[str, Any]
     versions: Mapping[str, str]
+    report_data: ReportData
     notes: tuple[str, ...] = ()
     synthetic: bool = False
     command: str = ""
     controls: tuple[Control, ...] = ()
-    report_data: ReportData | None = None
     chosen: Mapping[tuple[str, str], tuple[Chosen, ...]] = field(default_factory=dict)
     wall_s: float = math.nan
     findings: tuple[Finding, ...] = ()
@@ -258,11 +258,9 @@ class Outcome:
         ValueError
             A protocol that did not run, or a single space.
         """
-        names = [space.name for space in self.spaces]
-        partitions, _ = self._runs(names[0], protocol)
-        accuracies = {name: self.accuracies(name, protocol) for name in names}
-        run = partitions[0].protocol
-        return compare(names, accuracies, *_sizes(partitions), protocol=run, drawn=self.protocol_name(run))
+        partitions, _ = self._runs(self.spaces[0].name, protocol)
+        accuracies = {space.name: self.accuracies(space.name, protocol) for space in self.spaces}
+        return compare(accuracies, *_sizes(partitions), self.protocol_name(partitions[0].protocol))
 
     def confusion(self, space: str | None = None, protocol: str | None = None) -> NDArray[np.int64]:
         """Confusion matrix summed over the partitions of a protocol.

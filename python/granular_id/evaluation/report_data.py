@@ -1,4 +1,4 @@
-"""What a report draws beside accuracies: forces, what is left above the cut-off, histograms, weights."""
+"""What a report draws beside accuracies: forces, what is left above the cut-off, histograms."""
 
 from __future__ import annotations
 
@@ -10,35 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
-from sklearn.pipeline import Pipeline
 
-from granular_id._estimators import describe_estimator, real_steps
+from granular_id._estimators import describe_estimator
 from granular_id._memory import spans
-from granular_id._parallel import single_threaded_blas
-from granular_id.evaluation.features import by_columns, features_of, plan_for, seeded
-from granular_id.evaluation.weights import (
-    WeightBlock,
-    downsampled,
-    is_traceable,
-    rounded,
-    weight_blocks,
-    window_starts,
-)
+from granular_id.evaluation.features import by_columns
 from granular_id.recording import AXES, Dataset, common_units
-from granular_id.spaces import (
-    HFMH,
-    Chosen,
-    FeatureSpace,
-    RecordingTransformer,
-    block_sizes,
-    tell_blocks,
-)
-from granular_id.splits import groups_of
+from granular_id.spaces import HFMH
 
 Floats = NDArray[np.float64]
 
 MOST_AXES = 6
 """Most axes that figures show: of more, those in which the materials differ most."""
+
+POINTS = 200
+"""Most points of a curve: a panel is a few hundred pixels wide."""
 
 _WINDOWS = 40  # of the residual: 80 ms in the paper's 3.2 s, in which the tool moves a seventh of its width
 
@@ -70,10 +55,7 @@ class HighPass:
 
 @dataclass(frozen=True, eq=False)
 class ReportData:
-    """How the recordings look, material by material, and what a linear model weighs.
-
-    Numbers are rounded to five digits, and curves downsampled to at most
-    `granular_id.evaluation.weights.POINTS` points, each the mean over a window.
+    """How the recordings look, material by material; curves are means over at most `POINTS` windows.
 
     Parameters
     ----------
@@ -95,13 +77,7 @@ class ReportData:
     mean, sd : (K, C, P) float arrays
         Mean and standard deviation (divisor n) over the recordings of a material, in the unit of the axis.
     high_pass : HighPass
-        The signal above the cut-off.
-    looked_at : str or None
-        Feature space of the model; None where the features of none belong to a time, axis and bin.
-    weights : tuple of WeightBlock
-        Of one linear model, fitted on all recordings in that space; nothing was held out.
-    looked_with : str
-        What that model chose, where it is of a classifier that chooses.
+        The same above the cut-off.
     units : tuple of C str
         Unit of each axis, "" where not known.
     n_axes : int
@@ -118,9 +94,6 @@ class ReportData:
     mean: Floats
     sd: Floats
     high_pass: HighPass
-    looked_at: str | None
-    weights: tuple[WeightBlock, ...]
-    looked_with: str
     units: tuple[str, ...]
     n_axes: int
 
@@ -138,55 +111,36 @@ def most_different(mean: Floats, sd: Floats) -> list[int]:
     return ranked
 
 
-def report_data_of(
-    data: Dataset,
-    spaces: Sequence[FeatureSpace],
-    accuracies: Mapping[str, float],
-    classifier: BaseEstimator,
-    seed: int,
-    has_weights: Mapping[str, bool],
-) -> ReportData:
-    """Gather the report data of an evaluation: weights in the most accurate space whose features are not mixed."""
-    best_first = sorted(spaces, key=lambda space: -accuracies[space.name])
-    unmixed = {
-        space.name: space.transformer
-        for space in best_first
-        if (plan := plan_for(space.transformer)) is None or not plan.after
-    }
-    own = {
-        space.name: seeded(space.classifier, seed) if has_weights[space.name] else None
-        for space in spaces
-        if space.classifier is not None
-    }
-    return gather_report_data(data, unmixed, classifier=clone(classifier), own=own)
+def window_starts(n: int, most: int = POINTS) -> NDArray[np.intp]:
+    """First index of each of at most `most` adjoining windows over `n` points, as equal as can be."""
+    return np.arange(min(n, most)) * n // min(n, most)
 
 
-def gather_report_data(
-    data: Dataset,
-    spaces: Mapping[str, BaseEstimator],
-    *,
-    classifier: BaseEstimator | None = None,
-    own: Mapping[str, BaseEstimator | None] | None = None,
-) -> ReportData:
+def _downsampled(values: Floats) -> Floats:
+    """Mean over each of at most `POINTS` windows along the last axis; shorter input is returned as it is."""
+    n = values.shape[-1]
+    starts = window_starts(n)
+    means: Floats = np.add.reduceat(values, starts, axis=-1) / np.diff(starts, append=n)
+    return means
+
+
+def report_data_of(data: Dataset, transformers: Sequence[BaseEstimator]) -> ReportData:
     """Gather what a report draws from recordings of equal length and rate.
 
-    The first of `spaces` whose features belong to instants, bins, frequencies or bands gives the weights: those of
-    `classifier` (see `weight_blocks`) or, where `own` has one for the space, of that, trained here; None there means
-    that it has no weights. The first space that holds an `HFMH` says how to high-pass; else the paper's settings do,
-    with a cut-off of at most a quarter of the rate and, for axes other than a wrench's, bins over what each axis has.
+    The first of the `transformers` that holds an `HFMH` says how to high-pass; else the paper's settings do, with a
+    cut-off of at most a quarter of the rate and, for axes other than a wrench's, bins over what each axis has.
     """
     X, y, rate_hz = data.X, data.y, data.rate_hz
     labels = np.unique(y)
     groups = [np.flatnonzero(y == label) for label in labels]
     mean, sd = (
-        rounded(downsampled(np.stack([by_columns(statistic, X, rows).T for rows in groups])))
+        _downsampled(np.stack([by_columns(statistic, X, rows).T for rows in groups]))
         for statistic in (np.mean, np.std)
     )
     shown = sorted(most_different(mean, sd)[:MOST_AXES])
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="cutoff_hz")  # the evaluation said so
-        looked_at, weights, looked_with = _weights(data, spaces, classifier, own or {})
-        high_pass = _high_pass(X, groups, _histogram_of(spaces, data), shown)
+        high_pass = _high_pass(X, groups, _histogram_of(transformers, data), shown)
     return ReportData(
         labels=tuple(labels.tolist()),
         counts=tuple(map(len, groups)),
@@ -194,22 +148,19 @@ def gather_report_data(
         axes=tuple(data.axes[axis] for axis in shown),
         rate_hz=float(rate_hz),
         n_samples=X.shape[1],
-        time_s=rounded(downsampled(np.arange(X.shape[1]) / rate_hz)),
+        time_s=_downsampled(np.arange(X.shape[1]) / rate_hz),
         mean=mean[:, shown],
         sd=sd[:, shown],
         high_pass=high_pass,
-        looked_at=looked_at,
-        weights=weights,
-        looked_with=looked_with,
         units=tuple(common_units(data)[axis] for axis in shown),
         n_axes=len(data.axes),
     )
 
 
-def _histogram_of(spaces: Mapping[str, BaseEstimator], data: Dataset) -> HFMH:
+def _histogram_of(transformers: Sequence[BaseEstimator], data: Dataset) -> HFMH:
     """Return the first histogram in use, else the paper's, fitted to what the rate carries and the axes hold."""
-    for space in spaces.values():
-        for part in (space, *space.get_params().values()):
+    for transformer in transformers:
+        for part in (transformer, *transformer.get_params().values()):
             if isinstance(part, HFMH):
                 # RawHFMH is one too and has more parameters; only its counts are wanted here.
                 return HFMH(**{name: getattr(part, name) for name in HFMH().get_params()})
@@ -238,35 +189,8 @@ def _high_pass(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH, shown
             residual[k, place] = np.sqrt(power[rows].mean(axis=0))
     return HighPass(
         settings=describe_estimator(histogram),
-        time_s=rounded((starts + (sizes - 1) / 2) / fitted.spec_.rate_hz),
-        residual=rounded(residual),
+        time_s=(starts + (sizes - 1) / 2) / fitted.spec_.rate_hz,
+        residual=residual,
         bin_range=np.array(fitted.bin_range_[shown], dtype=np.float64),
-        hfmh=rounded(np.stack([counts[rows].mean(axis=0) for rows in groups])),
+        hfmh=np.stack([counts[rows].mean(axis=0) for rows in groups]),
     )
-
-
-def _weights(
-    data: Dataset,
-    spaces: Mapping[str, BaseEstimator],
-    classifier: BaseEstimator | None,
-    own: Mapping[str, BaseEstimator | None],
-) -> tuple[str | None, tuple[WeightBlock, ...], str]:
-    """Return the space, the weights, and what a classifier of the space's own chose."""
-    X, y = data.X, data.y
-    for name, space in spaces.items():
-        if name in own and own[name] is None:
-            continue
-        first = real_steps(space)[0] if isinstance(space, Pipeline) else space
-        fitted = clone(space).fit(data if isinstance(first, RecordingTransformer) else X, y)  # axes by name
-        if not is_traceable(fitted):
-            continue
-        if name not in own:
-            return name, weight_blocks(X, y, fitted, classifier), ""
-        trained = clone(own[name])
-        tell_blocks(trained, block_sizes(fitted))
-        groups = groups_of(data).fit_arguments(trained, np.arange(len(data)))
-        with single_threaded_blas():  # as the partitions do: bits must not depend on the number of threads
-            trained.fit(features_of(name, fitted, X), y, **groups)
-        chosen = Chosen.of(trained)
-        return name, weight_blocks(X, y, fitted, trained), "" if chosen is None else chosen.words
-    return None, (), ""

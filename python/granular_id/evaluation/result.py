@@ -1,31 +1,18 @@
-"""`EvaluationResult`: what an evaluation measured, as tables, JSON, CSV and HTML, and read back from JSON."""
+"""`EvaluationResult`: what an evaluation measured, as tables, JSON, CSV and HTML."""
 
 from __future__ import annotations
 
 import csv
-import json
-import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from granular_id._files import TABLES, json_value, refuse_other_kind, whole_file, write_json
-from granular_id._schema import EACH, check_form, from_json
 from granular_id._text import Table, counted, percent
-from granular_id.evaluation.controls import Control
-from granular_id.evaluation.features import STAGES
 from granular_id.evaluation.outcome import Outcome, Prediction, SpaceSummary
-from granular_id.evaluation.report_data import ReportData
 from granular_id.evaluation.tables import hold_out_table, plain_text
-from granular_id.partitions import CONDITION, PROTOCOLS, Partition
-from granular_id.recording import Finding
-from granular_id.spaces import Chosen
+from granular_id.partitions import CONDITION
 
 FORMAT = "granular_id.evaluation/1"
 CSV_COLUMNS = (*(field.name for field in fields(Prediction)), "correct")
@@ -56,6 +43,8 @@ class EvaluationResult(Outcome):
         Summary of the recordings and the history of the steps that prepared them.
     versions : mapping of str to str
         Versions of what computed the numbers.
+    report_data : ReportData
+        How the recordings look, for a report.
     notes : tuple of str
         What a reader has to know, one line each.
     synthetic : bool
@@ -64,12 +53,10 @@ class EvaluationResult(Outcome):
         What to type to repeat it.
     controls : tuple of Control
         What could have been answered without the method; empty when they were not asked for.
-    report_data : ReportData or None
-        How the recordings look, for a report.
     chosen : mapping of (str, str) to tuple of Chosen
         (protocol, space) to what the classifier of the space chose in each partition, of spaces that choose.
     wall_s : float
-        Seconds that passed from start to end, controls included; after a resumed run, those of its last part.
+        Seconds that passed from start to end, controls included.
     findings : tuple of Finding
         What the checks found that spoils an evaluation. `spoiling` are those that ``evaluate(accept=...)`` did not
         name.
@@ -130,7 +117,10 @@ class EvaluationResult(Outcome):
             "controls": json_value(self.controls),
             "partitions": {
                 protocol: [
-                    {name: json_value(getattr(partition, name)) for name in _PARTITION}
+                    {
+                        name: json_value(getattr(partition, name))
+                        for name in ("index", "description", "train", "test")
+                    }
                     for partition in partitions
                 ]
                 for protocol, partitions in self.partitions.items()
@@ -139,41 +129,11 @@ class EvaluationResult(Outcome):
                 {"name": name, "session": session, "label": self.labels[code]}
                 for name, session, code in zip(self.names, self.sessions, self.truth.tolist(), strict=True)
             ],
-            "portrait": json_value(self.report_data),
         }
 
     def to_json(self, path: str | os.PathLike[str]) -> None:
         """Write figures, settings, partitions and predictions as one JSON file; whole or not at all."""
         write_json(path, self.to_dict())
-
-    @classmethod
-    def from_json(cls, path: str | os.PathLike[str]) -> EvaluationResult:
-        """Read what `to_json` wrote.
-
-        Figures are computed from the predictions; those in the file are for other programs.
-
-        Raises
-        ------
-        OSError
-            The file cannot be read.
-        ValueError
-            Naming the file: it is no evaluation, is of another version, or lacks a part.
-        """
-        try:
-            saved = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (ValueError, RecursionError):
-            raise ValueError(
-                f"{path} is no JSON of an evaluation, as granular-id evaluate --json writes it"
-            ) from None
-        form = saved.get("format") if isinstance(saved, dict) else None
-        if form != FORMAT:
-            raise ValueError(
-                f"{path} has format {form!r}, wanted {FORMAT!r}, as EvaluationResult.to_json writes it"
-            )
-        try:
-            return cls(**_fields(saved))
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{path} does not hold a whole evaluation: {error}") from None
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write one line per prediction of every partition, space and protocol; whole or not at all.
@@ -238,148 +198,3 @@ def _of_held_out(result: Outcome, space: str, protocol: str) -> dict[str, Any]:
         figures["adapted"] = json_value(result.adapted[space])
         figures["adapted_accuracies"] = json_value(result.adapted_accuracies(space))
     return figures
-
-
-_PARTITION = {"index": int, "description": str, "train": list, "test": list}
-_FINDING = {
-    "severity": {"error", "warning", "info"},
-    **{"code": str, "message": str, "recordings": [str, ...], "indices": [int, ...], "values": {}},
-}
-
-
-def _form(protocols: Iterable[str]) -> dict[str, Any]:
-    """Return the form of a file, as far as it is read: other programs may read the other entries."""
-    return {
-        "synthetic": bool,
-        "command": str,
-        "notes": [str, ...],
-        "findings?": [_FINDING, ...],
-        "versions": {"granular_id": str},
-        "settings": {"seed": int, "hold_out?": str},
-        "data": {
-            **{"n_recordings": int, "n_samples": int, "n_axes": int, "rate_hz": float},
-            "summary": {"rows": [{}, ...]},
-            "history": [{}, ...],
-        },
-        "labels": [str, ...],
-        "wall_s": (float, None),
-        "spaces": [
-            {
-                "name": str,
-                "accuracy_in_the_paper_on_its_own_data": (float, None),
-                "fitted_on_training_rows": bool,
-                "n_features": int,
-                "settings": {},
-                "seconds": dict.fromkeys(STAGES, float),
-                "protocols": {
-                    name: {"predicted": [list, ...], "chosen?": [{}, ...], "adapted?": [list, ...]}
-                    for name in protocols
-                },
-            },
-            ...,
-        ],
-        "controls": [{}, ...],
-        "partitions": {EACH: [_PARTITION, ...]},
-        "recordings": [{"name": str, "session": str, "label": str}, ...],
-        "portrait": ({}, None),
-    }
-
-
-def _fields(saved: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `EvaluationResult`."""
-    check_form(saved, {"partitions": {}})
-    if unknown := set(saved["partitions"]) - set(PROTOCOLS):
-        raise ValueError(f"there is no protocol {min(unknown)!r}")
-    check_form(saved, _form(saved["partitions"]))
-    labels, recordings = tuple(saved["labels"]), saved["recordings"]
-    condition = saved["settings"].get("hold_out", "")
-    partitions = {
-        protocol: tuple(
-            _partition(protocol, index, one, len(recordings), condition if protocol == CONDITION else "")
-            for index, one in enumerate(drawn)
-        )
-        for protocol, drawn in saved["partitions"].items()
-    }
-    if not (saved["spaces"] and partitions and all(partitions.values())):
-        raise ValueError("no space or no partition")
-    predicted, chosen, adapted = {}, {}, {}
-    for space in saved["spaces"]:
-        for protocol, drawn in partitions.items():
-            key, figures = (protocol, space["name"]), space["protocols"][protocol]
-            place = f"predictions of {space['name']!r}, {protocol}"
-            predicted[key] = _named(place, figures["predicted"], drawn, len(labels))
-            if "adapted" in figures:
-                adapted[space["name"]] = _named(f"{place}, adapted", figures["adapted"], drawn, len(labels))
-            if figures.get("chosen"):
-                chosen[key] = tuple(map(Chosen.from_dict, figures["chosen"]))
-                if len(chosen[key]) != len(drawn):
-                    raise ValueError(f"choices of {space['name']!r}, {protocol}, do not fit the partitions")
-    for one in recordings:
-        if one["label"] not in labels:
-            raise ValueError(f"label {one['label']!r} of a recording is not among the labels")
-    return {
-        "spaces": tuple(
-            SpaceSummary(
-                name=space["name"],
-                paper_accuracy=space["accuracy_in_the_paper_on_its_own_data"],
-                learns=space["fitted_on_training_rows"],
-                n_features=space["n_features"],
-                seconds={stage: space["seconds"][stage] for stage in STAGES},
-                settings=space["settings"],
-            )
-            for space in saved["spaces"]
-        ),
-        "partitions": partitions,
-        "predicted": predicted,
-        "labels": labels,
-        "truth": np.array([labels.index(one["label"]) for one in recordings], dtype=np.intp),
-        "names": tuple(one["name"] for one in recordings),
-        "sessions": tuple(one["session"] for one in recordings),
-        **{name: saved[name] for name in ("settings", "data", "versions", "synthetic", "command")},
-        "notes": tuple(saved["notes"]),
-        "findings": tuple(map(_finding, saved.get("findings", ()))),
-        "controls": tuple(map(Control.from_dict, saved["controls"])),
-        "report_data": None
-        if saved["portrait"] is None
-        else from_json(ReportData, saved["portrait"], what="portrait"),
-        "chosen": chosen,
-        "adapted": adapted,
-        "wall_s": math.nan if saved["wall_s"] is None else saved["wall_s"],
-    }
-
-
-def _finding(saved: Mapping[str, Any]) -> Finding:
-    given = {name: saved[name] for name in _FINDING}
-    return Finding(**given | {name: tuple(saved[name]) for name in ("recordings", "indices")})
-
-
-def _partition(protocol: str, index: int, saved: Mapping[str, Any], n_rows: int, condition: str) -> Partition:
-    place = f"{protocol} partition {index}"
-    if saved["index"] != index:
-        raise ValueError(f"{place} has index {saved['index']!r}")
-    train, test = (_codes(f"{place}, {part}", saved[part], n_rows) for part in ("train", "test"))
-    if np.unique(np.concatenate([train, test])).size < train.size + test.size:
-        raise ValueError(f"{place} has a recording twice")
-    return Partition(protocol, index, saved["description"], train, test, condition)
-
-
-def _named(
-    place: str, saved: Sequence[Any], drawn: Sequence[Partition], n_classes: int
-) -> tuple[NDArray[np.intp], ...]:
-    """Read class numbers of the tested rows of each partition."""
-    named = tuple(_codes(place, codes, n_classes) for codes in saved)
-    if [codes.size for codes in named] != [partition.test.size for partition in drawn]:
-        raise ValueError(f"{place}, do not fit the partitions")
-    return named
-
-
-def _codes(place: str, values: Any, below: int) -> NDArray[np.intp]:
-    codes = np.array(values)
-    if (
-        codes.ndim != 1
-        or codes.dtype.kind != "i"
-        or codes.min(initial=0) < 0
-        or codes.max(initial=0) >= below
-    ):
-        raise ValueError(f"{place}: wanted whole numbers from 0 to {below - 1}")
-    return codes.astype(np.intp)

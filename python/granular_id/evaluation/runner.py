@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -16,10 +15,9 @@ from sklearn.base import BaseEstimator
 
 from granular_id._checks import argument_error, checked_flag
 from granular_id._estimators import describe_estimator, versions
-from granular_id._progress import ProgressCallback, check_progress
+from granular_id._progress import ProgressCallback, Ticker, check_progress, displaying
 from granular_id._text import percent
 from granular_id.evaluation.arguments import check_dataset, plan_classifier, plan_seed, plan_spaces
-from granular_id.evaluation.checkpoint import Answer, Checkpoint, fingerprint
 from granular_id.evaluation.controls import (
     MOST_PARTITIONS,
     Control,
@@ -32,13 +30,12 @@ from granular_id.evaluation.findings import accepted_names, refuse_copies, spoil
 from granular_id.evaluation.outcome import SpaceSummary, strictest_of
 from granular_id.evaluation.report_data import report_data_of
 from granular_id.evaluation.result import EvaluationResult
-from granular_id.evaluation.scoring import Task, answers_of
-from granular_id.evaluation.telling import Run, Teller
+from granular_id.evaluation.scoring import Answer, Task, answers_of
 from granular_id.features import FeatureSpec
 from granular_id.partitions import CONDITION, PROTOCOLS, Partition, protocol_name
 from granular_id.recording import Dataset, Finding, common_units, condition_of, data_warnings, describe_data
 from granular_id.spaces import FeatureSpace
-from granular_id.splits import AUTO, MANY_RECORDINGS, groups_of, plan_held_out, plan_protocols
+from granular_id.splits import AUTO, groups_of, plan_held_out, plan_protocols
 
 USUAL_SPACES = ("raw+hfmh", "multiband", "best")
 """The paper's best space and this package's two."""
@@ -57,7 +54,6 @@ def evaluate(
     classifier: BaseEstimator | None = None,
     controls: bool = True,
     accept: str | Sequence[str] = (),
-    checkpoint: str | os.PathLike[str] | None = None,
     n_jobs: int | None = None,
     random_state: int | None = 0,
     progress: bool | ProgressCallback = True,
@@ -69,10 +65,11 @@ def evaluate(
     data : Dataset
         Recordings of equal length and rate with a label each.
     spaces : str, sequence of str or mapping
-        Names such as ``["raw", "raw+hfmh"]``; ``"paper"``: those of the paper's table; ``"all"``: these, then
-        ``"multiband"`` and ``"best"`` of this package; or ``{name: transformer}`` for other settings (see
-        `feature_spaces`) or one's own. A transformer that learns from data is fitted on the training rows of
-        each partition. Default: the paper's best, ``"multiband"`` and ``"best"``, which together take a minute or so.
+        Names such as ``["raw", "raw+hfmh"]``; ``"paper"``: those of the paper's table, then its control
+        ``"time-permuted"``; ``"all"``: those of the table, then ``"multiband"`` and ``"best"`` of this package; or
+        ``{name: transformer}`` for other settings (see `feature_spaces`) or one's own. A transformer that learns from
+        data is fitted on the training rows of each partition. Default: the paper's best, ``"multiband"`` and
+        ``"best"``, which together take a minute or so.
     protocol : str or sequence of str
         ``"auto"``: the strictest that the data allow, and beside it as many recordings of each class drawn at random,
         fold by fold, so that the gap compares equals. The strictest are whole sessions held out of every class that has
@@ -95,17 +92,13 @@ def evaluate(
     classifier : estimator, optional
         Any scikit-learn classifier; default `ECOCClassifier`, the paper's. ``"best"`` has its own.
     controls : bool
-        Whether to measure what could be answered without the method: from the rest before the motion, from
-        means, from the clock, with shuffled labels, with samples in random order. Default True, as they are
-        cheap and accuracies without them may mislead. They run last, under the strictest protocol.
+        Whether to measure what could be answered without the method: from the rest before the motion, and from the
+        clock. Default True, as they are cheap and accuracies without them may mislead. They run last, under the
+        strictest protocol.
     accept : str or sequence of str
         Findings of `Dataset.check` that are known, by their code, such as ``"leak-clock"``. Findings that spoil an
         evaluation (errors, clocks that name the label, copies on both sides of a split) stand above the table, and in
         `EvaluationResult.spoiling` unless they are accepted; copies on both sides of the headline's split stop it.
-    checkpoint : path-like, optional
-        Folder that keeps each space and partition as it is finished; the same call goes on from there after an
-        interrupt. A folder of another evaluation is refused; of a transformer or classifier of one's own only the
-        parameters can be compared, not the code.
     n_jobs : int, optional
         Threads over partitions, as in joblib: None is 1, -1 all cores. The numbers do not depend on it.
     random_state : int or None
@@ -113,8 +106,7 @@ def evaluate(
         draws a fresh seed; either way the result records it.
     progress : bool or callable
         True prints each accuracy as soon as it is known, and draws a bar on a terminal (with rich installed), elsewhere
-        a line at most every 30 s; the time left is told by what the partitions took so far. A callable is called as
-        ``progress(done, total, what)``.
+        a line at most every 30 s. A callable is called as ``progress(done, total, what)``.
 
     Returns
     -------
@@ -129,10 +121,8 @@ def evaluate(
         Lengths or rates differ, a recording has no label (or, for ``"session"``, some have no session), there is
         one class only, a class has too few recordings, no order in time exists, a name is unknown, recordings hold
         the same samples and one trains while the other is tested, features are not finite, a transformer is for
-        another rate, `hold_out` is a condition that is not known of all recordings, has one value, or one value for
-        each material, or `checkpoint` belongs to something else.
-    OSError
-        `checkpoint` cannot be made or written.
+        another rate, or `hold_out` is a condition that is not known of all recordings, has one value, or one value for
+        each material.
 
     Notes
     -----
@@ -158,7 +148,7 @@ def evaluate(
     >>> result.mean_accuracy("raw")
     1.0
     >>> [control.name for control in result.controls]
-    ['rest', 'means', 'clock', 'shuffled', 'permuted']
+    ['rest', 'clock']
     """
     start = time.perf_counter()
     check_dataset(data)
@@ -200,24 +190,15 @@ def evaluate(
     for space in planned:
         if space.classifier is not None:
             transformers[space.name]["own_classifier"] = describe_estimator(space.classifier)
-    kept = None
-    if checkpoint is not None:
-        described = {"settings": settings, "transformers": transformers, "versions": versions()}
-        every = list(chain.from_iterable(partitions.values()))
-        kept = Checkpoint(checkpoint, fingerprint(data, described, every), len(data.labels))
-
     labels, truth = np.unique(data.y, return_inverse=True)
     bank, groups = GramBank(X), replace(groups_of(data), conditions=conditions)
     tasks = [Task(space, space.classifier or model, bank, groups) for space in planned]
-    checks = plan_controls(data, planned, model, bank) if controls else []
-    ask = partial(answers_of, labels=labels, truth=truth, seed=seed, n_jobs=n_jobs, checkpoint=kept)
-    answered, not_converged, verdicts = _run(tasks, checks, partitions, judged, truth, ask, progress)
+    checks = plan_controls(data, model) if controls else []
+    ask = partial(answers_of, labels=labels, truth=truth, seed=seed, n_jobs=n_jobs)
+    answered, not_converged, measured = _run(tasks, checks, partitions, judged, truth, ask, progress)
     summaries = [_summary(space, answered[space.name], transformers[space.name]) for space in planned]
-    has_weights = {
-        space.name: all(own[-1].has_weights for own in answered[space.name].values()) for space in planned
-    }
     predicted, chosen, adapted = _gathered(answered)
-    result = EvaluationResult(
+    return EvaluationResult(
         spaces=tuple(summaries),
         partitions=partitions,
         predicted=predicted,
@@ -230,23 +211,18 @@ def evaluate(
         settings=settings,
         data=describe_data(data),
         versions=versions(),
+        report_data=report_data_of(data, [space.transformer for space in planned]),
         notes=(
             *notes,
             *data_warnings(data, [finding for finding in checked if finding not in findings]),
             *dict.fromkeys(not_converged),
-            *(kept.notes() if kept is not None else ()),
         ),
         synthetic=data.is_synthetic,
         command=_call(settings, classifier),
-        controls=verdicts,
+        controls=measured,
         findings=findings,
+        wall_s=time.perf_counter() - start,
     )
-    # A choice among many recordings takes as long as a fold: then one model that does not choose shows its weights.
-    plain = [space for space in planned if (judged, space.name) not in chosen]
-    shown = plain if plain and len(data) > MANY_RECORDINGS else planned
-    accuracies = {space.name: result.mean_accuracy(space.name) for space in shown}
-    report_data = report_data_of(data, shown, accuracies, model, seed, has_weights)
-    return replace(result, report_data=report_data, wall_s=time.perf_counter() - start)
 
 
 def _partitions(
@@ -300,44 +276,41 @@ def _run(
     partitions: Mapping[str, Sequence[Partition]],
     judged: str,
     truth: NDArray[np.intp],
-    ask: Callable[..., tuple[dict[str, list[Answer]], list[str]]],
+    ask: Callable[..., tuple[list[Answer], list[str]]],
     progress: bool | ProgressCallback,
 ) -> tuple[dict[str, dict[str, list[Answer]]], list[str], tuple[Control, ...]]:
-    """Answer every space under one protocol after the other, then the controls under `judged`; tell each at once.
+    """Answer every space under one protocol after the other, then the controls under `judged`; show each at once.
 
     Returns answers by space and protocol, lines on what did not converge, and the controls.
     """
     # The cheapest first, so that an accuracy is known soon: classifiers that choose take longest.
     in_turn = sorted(tasks, key=lambda task: (task.space.classifier is not None, task.space.learns))
-    to_control = {judged: partitions[judged][:MOST_PARTITIONS]}
-    runs = [Run(task.space.name, name, len(drawn)) for name, drawn in partitions.items() for task in in_turn]
-    of_controls = [Run(check.name, "", len(to_control[judged])) for check in checks if check.task is not None]
-    widest = max(len(run.name) for run in [*runs, *of_controls])
+    to_control = partitions[judged][:MOST_PARTITIONS]
+    n_controls = sum(check.task is not None for check in checks)
+    n_steps = len(tasks) * sum(map(len, partitions.values())) + n_controls * len(to_control)
+    widest = max(map(len, [*(task.space.name for task in tasks), *(check.name for check in checks)]))
     answered: dict[str, dict[str, list[Answer]]] = {task.space.name: {} for task in tasks}
     not_converged: list[str] = []
-    verdicts = []
-    with Teller([*runs, *of_controls]).shown(progress) as teller:
-        for run, (name, task) in zip(runs, product(partitions, in_turn), strict=True):
-            drawn = partitions[name]
-            teller.begin(run)
-            answers, lines = ask(task, partitions={name: drawn}, ticker=teller)
-            answered[run.name] |= answers
+    controls = []
+    with displaying(progress) as display:
+        ask = partial(ask, ticker=Ticker(n_steps, display.step))
+        for (protocol, drawn), task in product(partitions.items(), in_turn):
+            begun = time.perf_counter()
+            answers, lines = ask(task, drawn)
+            answered[task.space.name][protocol] = answers
             not_converged += lines
-            hits = [
-                np.mean(truth[p.test] == one.predicted) for p, one in zip(drawn, answers[name], strict=True)
-            ]
-            place = f"{protocol_name(name, drawn):<{_WIDEST}}  {run.name:<{widest}}"
-            teller.tell(f"{place}  {percent(float(np.mean(hits))):>7}  ({run.seconds:.0f} s)")
-        begun = iter(of_controls)
+            hits = [np.mean(truth[p.test] == one.predicted) for p, one in zip(drawn, answers, strict=True)]
+            place = f"{protocol_name(protocol, drawn):<{_WIDEST}}  {task.space.name:<{widest}}"
+            seconds = f"({time.perf_counter() - begun:.0f} s)"
+            display.line(f"{place}  {percent(float(np.mean(hits))):>7}  {seconds}")
         for check in checks:
+            control = run_control(check, partial(ask, partitions=to_control), to_control, truth)
+            controls.append(control)
             if check.task is not None:
-                teller.begin(next(begun))
-            asked = partial(ask, partitions=to_control, ticker=teller)
-            verdicts.append(run_control(check, asked, to_control, truth))
-            if check.task is not None:
-                accuracy = percent(verdicts[-1].accuracies.get(judged))
-                teller.tell(f"{'control':<{_WIDEST}}  {check.name:<{widest}}  {accuracy:>7}")
-    return answered, not_converged, tuple(verdicts)
+                display.line(
+                    f"{'control':<{_WIDEST}}  {check.name:<{widest}}  {percent(control.accuracy):>7}"
+                )
+    return answered, not_converged, tuple(controls)
 
 
 _WIDEST = max(map(len, PROTOCOLS.values()))

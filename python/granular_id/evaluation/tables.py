@@ -9,9 +9,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from granular_id._text import Table, counted, percent, short, whole_percent
+from granular_id._text import Table, counted, listed, percent, short, whole_percent
 from granular_id.evaluation.features import STAGES
-from granular_id.evaluation.gap import gap_lines
 from granular_id.evaluation.outcome import Outcome
 from granular_id.partitions import CONDITION
 from granular_id.recording import labelled_check_note
@@ -34,6 +33,18 @@ def finding_lines(result: Outcome) -> tuple[str, ...]:
         *(f"SPOILED by {finding.code}: {finding.message}" for finding in spoiling),
         *(f"accepted: {finding.code}: {finding.message}" for finding in known),
     )
+
+
+def headline(result: Outcome) -> str:
+    """Say what the best space names rightly under the strictest protocol, and at random where as many were drawn."""
+    space = result.best_space(result.headline)
+    strict = percent(result.mean_accuracy(space, result.headline))
+    text = f"{space} names {strict} of recordings rightly with {result.protocol_name(result.headline)}"
+    if result.exceptions:
+        text += f" (but for {listed(list(result.exceptions))}: one session only)"
+    if result.random is not None and result.gap(space) is not None:
+        text += f", {percent(result.mean_accuracy(space, result.random))} with {result.protocol_name(result.random)}"
+    return text
 
 
 def plain_text(result: Outcome) -> str:
@@ -72,11 +83,11 @@ def accuracy_table(result: Outcome) -> Table:
         f"Accuracy on {kind} ({counts})",
         header,
         tuple(zip(*cells, strict=True)),
-        (*((PAPER_NOTE,) if papers else ()), *gap_lines(result), *map(brief_note, result.notes)),
+        (*((PAPER_NOTE,) if papers else ()), headline(result), *map(_brief_note, result.notes)),
     )
 
 
-def brief_note(note: str) -> str:
+def _brief_note(note: str) -> str:
     """Cut a note of a result to `LONGEST_NOTE`, and say whose it is."""
     return textwrap.shorten(labelled_check_note(note), LONGEST_NOTE, placeholder=" ...")
 
@@ -161,22 +172,16 @@ def _points(share: float) -> str:
 
 
 def controls_table(result: Outcome, space: str | None = None) -> Table:
-    """Accuracy of each control below that of the method, under the protocols that it ran; verdicts in the notes.
+    """Accuracy of each control below that of the method, under the headline's protocol; verdicts in the notes.
 
-    The method is `space`, by default the best under the headline's protocol.
+    The method is `space`, by default the best under that protocol.
     """
     method = space or result.best_space(result.headline)
-    ran = {protocol for control in result.controls for protocol in control.accuracies}
-    protocols = [protocol for protocol in result.protocols if protocol in ran]
-    first = (method, *(percent(result.mean_accuracy(method, protocol)) for protocol in protocols))
-    rows = (
-        (control.name, *(percent(control.accuracies.get(protocol)) for protocol in protocols))
-        for control in result.controls
-    )
+    first = (method, percent(result.mean_accuracy(method, result.headline)))
     return Table(
         f"Controls beside the method, {method} (chance {percent(result.chance)}){_mark(result)}",
-        ("control", *(result.protocol_name(protocol) for protocol in protocols)),
-        (first, *rows),
+        ("control", result.protocol_name(result.headline)),
+        (first, *((control.name, percent(control.accuracy)) for control in result.controls)),
         tuple(f"{control.name}: {control.what}; {control.verdict}" for control in result.controls),
     )
 

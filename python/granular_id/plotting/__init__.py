@@ -14,13 +14,7 @@ from granular_id.plotting.evaluation import (
     plot_over_time,
     plot_recall,
 )
-from granular_id.plotting.explanation import (
-    blocks_with_weight as blocks_with_weight,
-    draw_weights as draw_weights,
-    plot_explanation,
-    plot_weights,
-    rows_of_weights as rows_of_weights,
-)
+from granular_id.plotting.explanation import plot_explanation
 from granular_id.plotting.onset import plot_onsets
 from granular_id.plotting.recordings import (
     curves_in as curves_in,
@@ -58,5 +52,4 @@ __all__ = [
     "plot_recall",
     "plot_recordings",
     "plot_residual",
-    "plot_weights",
 ]

@@ -1,8 +1,7 @@
-"""Figures of what decides: explanations of two materials, and the weights of a linear model."""
+"""Figures of what decides between two materials."""
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._core import AXES
-from granular_id._text import fixed, short
+from granular_id._text import short
 from granular_id.evaluation import window_starts
 from granular_id.plotting.style import (
     FAINT,
@@ -31,15 +30,12 @@ from granular_id.plotting.style import (
     quiet,
     row_names,
     save,
-    synthetic_mark,
     with_unit,
 )
-from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular_id.evaluation import ReportData, WeightBlock
     from granular_id.explanation import BandExplanation, ExplainedBlock, Explanation
 # Orange against purple: told apart with any colour vision. In a grey print signs and numbers tell.
 _COLOURS = "PuOr_r"
@@ -329,142 +325,3 @@ def _draw_along(figure: Any, parts: list[ExplainedBlock], scale: float, unit: st
         tallest = f"{largest:.2g} {'%' if unit.startswith('%') else unit}"
         heading(column[0], f"{block.name.capitalize()}: tallest {tallest}", 9)
         column[-1].set_xlabel(with_unit(block.kind, block.unit), fontsize=8, color=INK)
-
-
-_MOST_ROWS = 6
-_ACROSS = {"time": "time", "magnitude": "bin", "frequency": "frequency", "band": "bands"}
-
-
-def plot_weights(report_data: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
-    """Plot which instants, axes, bins and bands weigh in the decisions of a linear model fitted on all recordings.
-
-    Parameters
-    ----------
-    report_data : ReportData
-        Summary of the data set that an evaluation keeps: ``result.report_data``.
-    path : path-like, optional
-        As in `granular_id.plotting.plot_mean_forces`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One column a block of features, two of them side by side, one row an axis. Heights are the size of a
-        weight times the standard deviation of its feature, mean over the binary learners, on one scale within a
-        block; bars of bands add up all features of a band. The per cent are the share of an axis in all decisions; of
-        more than six axes those with the largest share are shown. A block that the model does not use, as `level`
-        where it was not chosen, is left out.
-
-    Raises
-    ------
-    ImportError
-        Without matplotlib, saying what to install.
-    ValueError
-        Without weights: no feature space kept a link to time, axis and bin.
-
-    Examples
-    --------
-    >>> from granular_id import evaluate, synthesize
-    >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
-    >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
-    >>> len(plot_weights(result.report_data).axes)
-    12
-    """
-    if not report_data.weights:
-        raise ValueError("report_data has no weights: no feature space kept a link to time, axis and bin")
-    blocks = blocks_with_weight(report_data)
-    across = min(2, len(blocks))
-    down = math.ceil(len(blocks) / across)
-    rows = max(len(rows_of_weights(block)) for block in blocks)
-    figure = new_figure(0.4 + 4.2 * across, 0.4 + down * (0.5 + 0.62 * rows))
-    cells = figure.subfigures(down, across, squeeze=False).ravel()
-    for block, cell in zip(blocks, cells, strict=False):
-        column = cell.subplots(rows, 1, squeeze=False)[:, 0]
-        draw_weights(column, block)
-        heading(column[0], block.name, 10)
-    mark = synthetic_mark(report_data.n_synthetic)
-    heading(figure, f"Where the linear model of {report_data.looked_at} looks{mark}")
-    save(figure, path)
-    return figure
-
-
-def blocks_with_weight(report_data: ReportData) -> tuple[WeightBlock, ...]:
-    """Blocks that the model uses; all of them where it uses none."""
-    return tuple(block for block in report_data.weights if block.influence.any()) or report_data.weights
-
-
-def rows_of_weights(block: WeightBlock) -> list[int]:
-    """Numbers of the axes of a block that are drawn, in their own order: those with the largest share of many."""
-    return sorted(np.argsort(-block.shares, kind="stable")[:_MOST_ROWS].tolist())
-
-
-def draw_weights(panels: Any, block: WeightBlock) -> None:
-    """Draw one block into a column of panels, one for each of `rows_of_weights`; panels left over are removed."""
-    top = float(block.influence.max()) or 1.0
-    bands = block.kind == "band"
-    left, right = _reach(block, top)
-    rows = rows_of_weights(block)
-    for number, panel in zip(rows, panels, strict=False):
-        colour = AXIS_COLOURS[number % len(AXIS_COLOURS)]
-        if bands:
-            panel.bar(_places(block), block.influence[number], 0.94, color=colour, alpha=0.75, linewidth=0)
-        else:
-            panel.fill_between(
-                block.coordinates, block.influence[number], color=colour, alpha=0.75, linewidth=0
-            )
-        panel.set_xlim(left, right if right > left else left + 1.0)
-        panel.set_ylim(0.0, top)
-        quiet(panel, "left")
-        panel.set_yticks([])
-        name_row(panel, f"{pretty(block.axes[number])}\n{100 * float(block.shares[number]):.1f} %")
-        last = number == rows[-1]
-        if bands:
-            _name_edges(panel, block)
-        elif _is_geometric(block):
-            log_axis(panel, left, right)
-        panel.tick_params(labelbottom=last, length=3 if last else 0, colors=INK)
-    for unused in panels[len(rows) :]:
-        unused.remove()
-    what = _ACROSS.get(block.kind, block.kind)
-    panels[len(rows) - 1].set_xlabel(with_unit(what, block.unit), fontsize=8, color=INK)
-
-
-def _reach(block: WeightBlock, top: float) -> tuple[float, float]:
-    """Return the first and the last coordinate to show."""
-    if block.kind == "band":
-        places = _places(block)
-        return float(places[0]) - 0.5, float(places[-1]) + 0.5
-    left, right = float(block.coordinates.min()), float(block.coordinates.max())
-    used = np.flatnonzero(block.influence.max(axis=0) > 0.01 * top)
-    if block.kind != "time" and used.size > 1:  # most bins of a wide range stay empty, most bands silent
-        left, right = block.coordinates[[used[0], used[-1]]].tolist()
-    return left, right
-
-
-def _is_geometric(block: WeightBlock) -> bool:
-    """Whether frequencies lie closer below than above, as pooled ones do."""
-    if block.kind != "frequency" or len(block.coordinates) < 3 or block.coordinates[0] <= 0:
-        return False
-    steps = np.diff(block.coordinates)
-    return bool(steps[-1] > 2 * steps[0])
-
-
-def _places(block: WeightBlock) -> NDArray[np.float64]:
-    """Octaves side by side, and the whole signal half a place in front of them."""
-    places = np.arange(len(block.coordinates), dtype=np.float64)
-    places[block.coordinates == 0] -= 0.5
-    return places
-
-
-def _name_edges(panel: Any, block: WeightBlock) -> None:
-    places, octaves = _places(block), block.coordinates > 0
-    middles = block.coordinates[octaves]
-    edges = [*(middles / np.sqrt(2)), *(middles[-1:] * np.sqrt(2))]
-    at = [*(places[octaves] - 0.5), *(places[octaves][-1:] + 0.5)]
-    panel.set_xticks(
-        [*places[~octaves], *at],
-        [
-            *("all" for _ in places[~octaves]),
-            *(fixed(edge, 0) if edge >= 9.5 else f"{edge:.2g}" for edge in edges),
-        ],
-        fontsize=7.5,
-    )

@@ -6,7 +6,7 @@ import json
 import os
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from granular_id._checks import FloatArray, argument_error, as_floats, checked_text, finite_number
 from granular_id._files import check_source, json_value, write_json
-from granular_id._schema import check_form, from_json
+from granular_id._schema import check_form
 from granular_id._text import counted
 from granular_id.recording.gravity import directions, gravity_of, items, stated_gravity
 from granular_id.recording.recording import Recording
@@ -35,6 +35,14 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 """Standard gravity (CGPM 1901). Directions of any length are given: a kilogram is what weighs so many newton."""
 
 FORMAT = "granular-id payload 1"
+_FIT: dict[str, Any] = {
+    **{"n_rests": int, "mass_interval_kg": [float, ...], "centre_of_mass_margin_m": [float, ...]},
+    **{"bias_margin": [float, ...], "residual": [float, ...], "scatter": [float, ...], "condition": float},
+}
+_FORM = {
+    **{"format": FORMAT, "mass_kg": float, "centre_of_mass_m": [float, ...], "bias?": [float, ...]},
+    **{"frame?": (str, None), "fit?": (_FIT, None), "sign?": (str, None)},
+}
 
 _WAY_OUT = "turn the tool by 30 degrees or more about two axes; from one orientation only a tare is possible"
 # Gravity that lies within a cone of some four degrees around one direction, or as close to one line.
@@ -236,8 +244,14 @@ class Payload:
         source = check_source(path)
         try:
             document = json.loads(source.read_text(encoding="utf-8"))
-            check_form(document, {"format": FORMAT}, what="the file")
-            return from_json(cls, document, what="the file")
+            check_form(document, _FORM, what="the file")
+            given = {one.name: document[one.name] for one in fields(cls) if one.name in document}
+            if (fit := given.get("fit")) is not None:
+                parts: dict[str, Any] = {
+                    name: tuple(fit[name]) if isinstance(fit[name], list) else fit[name] for name in _FIT
+                }
+                given["fit"] = PayloadFit(**parts)
+            return cls(**given)
         except (ValueError, TypeError, RecursionError) as error:
             raise ValueError(f"{os.fspath(path)}: no payload: {error}") from error
 

@@ -18,7 +18,7 @@ from granular_id.evaluation import (
     comparison_tables,
     controls_table,
     finding_lines,
-    gap_of,
+    headline,
     hold_out_tables,
     mistakes_table,
     recall_table,
@@ -74,12 +74,11 @@ def html(result: EvaluationResult) -> str:
     space = result.best_space(result.headline)
     warnings, notes = split_notes(result)
     accuracies = accuracy_table(result)
-    judged = result.headline
     return str(
         template.render(
             result=result,
             style=files("granular_id").joinpath("_style.css").read_text(encoding="utf-8"),
-            gap=gap_of(result, space),
+            headline=headline(result),
             space=space,
             warnings=warnings,
             notes=notes,
@@ -90,14 +89,14 @@ def html(result: EvaluationResult) -> str:
             controls=controls_table(result, space),
             comparisons=comparison_tables(result, space),
             choices=choice_tables(result),
-            mistakes=mistakes_table(result, space, judged),
+            mistakes=mistakes_table(result, space, result.headline),
             recalls=recall_table(result, space),
             seconds=seconds_table(result),
             summary="\n".join(text_table(result.data["summary"]["rows"])),
             history=[str(StepReport(**step)) for step in result.data["history"]],
             settings=json.dumps(result.settings, ensure_ascii=False, indent=2),
             report_data=result.report_data,
-            means=None if result.report_data is None else mean_lines(result.report_data),
+            means=mean_lines(result.report_data),
         )
     )
 

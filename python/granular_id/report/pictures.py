@@ -23,13 +23,11 @@ from granular_id.plotting import (
     INK,
     as_percent,
     axis_line,
-    blocks_with_weight,
     curves_in,
     draw_confusion,
     draw_hfmh,
     draw_mean_forces,
     draw_residual,
-    draw_weights,
     new_figure,
     plot_accuracy,
     plot_confusion,
@@ -38,9 +36,7 @@ from granular_id.plotting import (
     plot_mean_forces,
     plot_recall,
     plot_residual,
-    plot_weights,
     quantity_of,
-    rows_of_weights,
     telling_curves,
 )
 from granular_id.recording import AXES, AXIS_COLOURS
@@ -50,7 +46,7 @@ if TYPE_CHECKING:
 
 FIGURES = (
     *("accuracy", "gap", "recall", *(f"confusion_{protocol}" for protocol in PROTOCOLS)),
-    *("mean_forces", "residual", "hfmh", "weights"),
+    *("mean_forces", "residual", "hfmh"),
 )
 """Names of all figures that there may be, without their endings."""
 
@@ -77,8 +73,7 @@ def figures(
     Returns
     -------
     list of Path
-        What was written: accuracy, gap, recall, ``confusion_PROTOCOL`` and, as far as the result knows the
-        recordings (`EvaluationResult.report_data`), mean_forces, residual, hfmh and weights.
+        What was written: accuracy, gap, recall, ``confusion_PROTOCOL``, mean_forces, residual and hfmh.
 
     Raises
     ------
@@ -125,12 +120,9 @@ def _plots(result: EvaluationResult, space: str) -> dict[str, Callable[..., Figu
         title = f"{space}, {result.protocol_name(protocol)}{mark}"
         counts = result.confusion(space, protocol)
         plots[f"confusion_{protocol}"] = partial(plot_confusion, counts, result.labels, title=title)
-    if result.report_data is not None:
-        plots["mean_forces"] = partial(plot_mean_forces, result.report_data)
-        plots["residual"] = partial(plot_residual, result.report_data)
-        plots["hfmh"] = partial(plot_hfmh, result.report_data)
-        if result.report_data.weights:
-            plots["weights"] = partial(plot_weights, result.report_data)
+    plots["mean_forces"] = partial(plot_mean_forces, result.report_data)
+    plots["residual"] = partial(plot_residual, result.report_data)
+    plots["hfmh"] = partial(plot_hfmh, result.report_data)
     return plots
 
 
@@ -195,11 +187,7 @@ class Picture:
 
 def pictures(result: EvaluationResult, space: str) -> list[Picture]:
     """Draw all figures in the order of the page: gap, confusion and recall of one space, then the recordings."""
-    drawn = [*_of_results(result, space)]
-    if result.report_data is not None:
-        for draw in (_of_means, _of_high_pass, _of_weights):
-            drawn += draw(result.report_data)
-    return drawn
+    return [*_of_results(result, space), *_of_means(result.report_data), *_of_high_pass(result.report_data)]
 
 
 def _of_results(result: EvaluationResult, space: str) -> Iterator[Picture]:
@@ -291,14 +279,3 @@ def _of_high_pass(report_data: ReportData) -> Iterator[Picture]:
             draw(figure.subplots(), report_data, number)
             alt = f"{_titled(axis)}: {what}, one row a material"
             yield Picture(group, _titled(axis), figure, alt, 0.75)
-
-
-def _of_weights(report_data: ReportData) -> Iterator[Picture]:
-    for block in blocks_with_weight(report_data):
-        rows = rows_of_weights(block)
-        figure = new_figure(4.4, 0.5 + 0.52 * len(rows))
-        draw_weights(figure.subplots(len(rows), 1, squeeze=False)[:, 0], block)
-        shares = ", ".join(f"{_titled(block.axes[row])} {100 * block.shares[row]:.1f} %" for row in rows)
-        share = 100 * float(block.shares.sum())
-        title = f"{block.name}: {share:.0f} % of the influence"
-        yield Picture("weights", title, figure, f"Influence in {block.name} by axis: {shares}", 0.75)

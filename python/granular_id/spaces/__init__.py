@@ -47,6 +47,7 @@ from granular_id.spaces.presets import (
     fit_on_features as fit_on_features,
     fit_pipeline as fit_pipeline,
     in_paper_order as in_paper_order,
+    paper_spaces as paper_spaces,
 )
 from granular_id.spaces.raw import RangeNormalizer, RawSignal, Tare, TimePermutation
 from granular_id.spaces.scaling import (

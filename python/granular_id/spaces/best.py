@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import asdict, dataclass
 from itertools import groupby, product
@@ -19,7 +19,6 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from granular_id._checks import checked_n_jobs, named, positive_number
 from granular_id._estimators import LabelledClassifier, labels_of, origin_for_fit, origin_of
 from granular_id._parallel import in_threads, single_threaded_blas
-from granular_id._schema import check_form
 from granular_id._text import Table, percent
 from granular_id.ecoc import LOSSES, ECOCClassifier, class_indices, decode, line_scores, onevsone
 from granular_id.gram import linear_gram, spread
@@ -446,20 +445,6 @@ class Chosen:
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and text."""
         return asdict(self)
-
-    @classmethod
-    def from_dict(cls, saved: Mapping[str, Any]) -> Chosen:
-        """Make one from JSON of what `to_dict` gave; refuse parts that are missing, or do not fit together."""
-        form = {"machines": [str, ...], "chosen": [int, ...], "accuracies": [float, ...]}
-        check_form(saved, {**form, "together": (float, None), "note": str}, what="a choice")
-        machines, chosen, accuracies = (tuple(saved[name]) for name in form)
-        if not chosen or not set(chosen) <= set(range(len(machines))):
-            raise ValueError(f"chosen must be among the {len(machines)} candidate models, got {chosen}")
-        if len(accuracies) not in (0, len(machines)):
-            raise ValueError(
-                f"wanted an accuracy of each of {len(machines)} candidate models, got {len(accuracies)}"
-            )
-        return cls(machines, chosen, accuracies, saved["together"], saved["note"])
 
 
 @dataclass(frozen=True)

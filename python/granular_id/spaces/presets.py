@@ -172,6 +172,12 @@ def in_paper_order(known: Mapping[str, FeatureSpace]) -> list[str]:
     return sorted(names, key=lambda name: -(known[name].paper_accuracy or 0.0))
 
 
+def paper_spaces(known: Mapping[str, FeatureSpace]) -> list[str]:
+    """Name the feature spaces of the paper's table, best first, then its control."""
+    controls = [name for name, space in known.items() if space.control]
+    return [*(name for name in in_paper_order(known) if known[name].paper_accuracy is not None), *controls]
+
+
 def _tared(space: FeatureSpace, tare_s: float, rate_hz: float) -> FeatureSpace:
     plain = space.transformer
     steps = plain.steps if isinstance(plain, Pipeline) else [("features", plain)]

@@ -27,8 +27,6 @@ OUTPUTS = [
     (("evaluate", "nowhere", "--report"), "r.html"),
     (("evaluate", "nowhere", "--json"), "r.json"),
     (("evaluate", "nowhere", "--csv"), "predicted.csv"),
-    (("report", "nowhere.json", "-o"), "r.html"),
-    (("select", "nowhere", "--json"), "r.json"),
     (("train", "nowhere", "-o"), "m.safetensors"),
     (("train", "nowhere", "-o", "m", "--figure"), "f.png"),
     (("train", "nowhere", "-o", "m", "--json"), "r.json"),
@@ -79,9 +77,9 @@ def test_what_is_there_is_kept_before_anything_is_read(words, name, tmp_path, mo
     ("words", "name"),
     [
         (("demo", "-o", "."), "report.html"),
-        (("demo", "-o", "."), "weights.png"),
+        (("demo", "-o", "."), "hfmh.png"),
         (("evaluate", "nowhere", "--figures", "."), "accuracy.png"),
-        (("report", "nowhere.json", "--figures", "."), "confusion_session.png"),
+        (("evaluate", "nowhere", "--figures", "."), "confusion_session.png"),
     ],
 )
 def test_what_lies_in_a_folder_is_kept(words, name, tmp_path, monkeypatch):

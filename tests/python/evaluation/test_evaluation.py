@@ -109,12 +109,11 @@ def test_what_learns_is_fitted_on_training_rows_and_the_rest_once(data):
 
     Memory.fitted_on.clear()
     result = evaluate(data, {"mine": Memory()}, "paper", **SMALL)
-    for_report = total(slice(None))
-    assert Memory.fitted_on == [*(total(p.train) for p in result.partitions["paper"]), for_report]
+    assert Memory.fitted_on == [total(p.train) for p in result.partitions["paper"]]
     assert result.space("mine").learns
     Memory.fitted_on.clear()
     same = evaluate(data, {"mine": Memory(learns=False)}, "paper", **SMALL)
-    assert Memory.fitted_on == [total(slice(None)), for_report]
+    assert Memory.fitted_on == [total(slice(None))]
     assert [p.predicted for p in same.predictions()] == [p.predicted for p in result.predictions()]
 
 
@@ -171,12 +170,10 @@ def test_seed_none_draws_one_and_records_it(data):
 def test_progress_is_told_step_by_step(data):
     steps = []
     settings = {**SMALL, "progress": lambda *step: steps.append(step)}
-    result = evaluate(data, ["raw", "hfmh"], "paper", n_jobs=2, **settings)
-    assert [done for done, _, _ in steps] == list(range(1, 9))
-    assert {total for _, total, _ in steps} == {8}
-    told = [what for _, _, what in steps]
-    assert "hfmh: partition 3" in told
-    assert told[3].split()[:4] == ["random", "partitions", "raw", f"{100 * result.mean_accuracy('raw'):.1f}"]
+    evaluate(data, ["raw", "hfmh"], "paper", n_jobs=2, **settings)
+    assert [done for done, _, _ in steps] == list(range(1, 7))
+    assert {total for _, total, _ in steps} == {6}
+    assert "hfmh: partition 3" in [what for _, _, what in steps]
 
 
 @pytest.mark.parametrize("terminal", [False, True])

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from granular_id.evaluation import evaluate, in_paper_order, select
+from granular_id.evaluation import evaluate
 from granular_id.io import load
-from granular_id.spaces import feature_spaces
+from granular_id.spaces import feature_spaces, in_paper_order
 from robot_failures import RATE_HZ, load_failures
 
 pytestmark = pytest.mark.data
@@ -42,14 +42,12 @@ def at_random(sliding):
     return evaluate(sliding, "raw", "paper", **counts, progress=False)
 
 
-@pytest.mark.parametrize(
-    ("name", "others"), [("clock", 1.0), ("rest", 0.97), ("means", 0.97), ("shuffled", 1 / 20)]
-)
+@pytest.mark.parametrize(("name", "others"), [("clock", 1.0), ("rest", 0.97)])
 def test_controls_reach_without_the_method_what_others_found(at_random, name, others):
     """Each material was recorded in one session, so the clock alone, or the first 0.3 s, tells nearly all."""
     control = next(control for control in at_random.controls if control.name == name)
-    assert control.accuracies["paper"] == pytest.approx(others, abs=0.04)
-    assert ("random partitions" in control.verdict) == (name != "shuffled")
+    assert control.accuracy == pytest.approx(others, abs=0.04)
+    assert "random partitions" in control.verdict
 
 
 def test_the_usual_evaluation_of_sliding_recordings_leads_with_halves_in_time(sliding):
@@ -59,21 +57,6 @@ def test_the_usual_evaluation_of_sliding_recordings_leads_with_halves_in_time(sl
     assert result.spoiling == ()
     assert "held-out sessions left out: no recording says which session it is from" in result.notes
     assert result.gap("raw") is not None
-
-
-def test_sliding_recordings_prefer_the_raw_signal_to_the_histogram(sliding):
-    """Others measured 99.3 % from raw and 86.8 % from plain raw + HFMH on random partitions."""
-    few = sliding.select(labels=[f"mat{k:02d}" for k in range(1, 21, 3)])
-    spaces = ["raw+hfmh", "raw", "hfmh"]
-    selection = select(few, spaces=spaces, block_weights=[None], relative_costs=(1, 100), progress=False)
-    assert selection.best.space == "raw"
-    assert selection.held_out == "halves in time"
-    assert selection.votes["hfmh"] == selection.votes["raw+hfmh"] == 0
-    means = selection.comparison.means
-    assert means["raw"] > means["hfmh"] + 0.2
-    plain = evaluate(few, spaces, "chronological", controls=False, progress=False)
-    accuracies = {name: plain.mean_accuracy(name, "chronological") for name in spaces}
-    assert sorted(spaces, key=means.get) == sorted(spaces, key=accuracies.get)
 
 
 COPIES = ("duplicates", "near-duplicates")
@@ -116,5 +99,4 @@ def test_all_spaces_and_controls_over_folds(data_dir):
     controls = {control.name: control for control in result.controls}
     assert controls["rest"].verdict == "left out: 0.3 s are 14 of 15 samples"
     assert controls["clock"].verdict == "left out: no recording carries a start time"
-    assert controls["shuffled"].chance == pytest.approx(majority, abs=0.02)
-    assert controls["shuffled"].verdict == "not above chance, as it must be"
+    assert controls["clock"].chance == pytest.approx(majority, abs=0.02)

@@ -10,9 +10,9 @@ from sklearn.preprocessing import StandardScaler
 from evaluation_cases import SMALL
 from granular_id._estimators import convergence_warnings
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation import evaluate, features, in_paper_order
+from granular_id.evaluation import evaluate, features
 from granular_id.rica import RICA
-from granular_id.spaces import PrincipalComponents, RawHFMH, RawSignal, feature_spaces
+from granular_id.spaces import PrincipalComponents, RawHFMH, RawSignal, feature_spaces, in_paper_order
 
 PRESETS = feature_spaces()
 SPACES = {

@@ -314,7 +314,7 @@ def test_without_matplotlib_the_extra_is_named(monkeypatch, synthetic, plot):
 
 def test_measuring_imports_no_plotting_importing_is_cheap_and_no_global_state_is_touched():
     code = (
-        "import sys, granular_id.evaluation, granular_id.evaluation.selection\n"
+        "import sys, granular_id.evaluation\n"
         "assert not [name for name in sys.modules if name.startswith('granular_id.plotting')]\n"
         "import granular_id.plotting as p\n"
         "assert not any(m.startswith('matplotlib') for m in sys.modules)\n"

@@ -1,4 +1,4 @@
-"""Figures of results and portraits: what they show, and what is refused."""
+"""Figures of results: what they show, and what is refused."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from granular_id.plotting import (
     plot_mean_forces,
     plot_recall,
     plot_residual,
-    plot_weights,
 )
 from granular_id.plotting.recordings import shared_limits
 from report_cases import HOSTILE, result_of, small_result
@@ -144,19 +143,6 @@ def test_histograms_of_other_bins_share_nothing(report_data):
     assert panels[0].get_xlim() == panels[1].get_xlim()
 
 
-def test_weights_show_the_share_of_each_axis_and_leave_out_blocks_without_any(report_data):
-    figure = plot_weights(report_data)
-    (block,) = report_data.weights
-    labels = [panel.get_ylabel() for panel in figure.axes]
-    assert labels[0] == f"$F_x$\n{100 * block.shares[0]:.1f} %"
-    assert len(labels) == 6
-    assert f"linear model of {report_data.looked_at}" in figure.get_suptitle()
-    silent = replace(block, name="level", influence=np.zeros_like(block.influence))
-    some = plot_weights(replace(report_data, weights=(silent, block)))
-    assert [panel.get_title() for panel in some.axes] == [block.name, *[""] * 5]
-    assert len(plot_weights(replace(report_data, weights=(silent,))).axes) == 6  # of data that tell nothing
-
-
 def test_mean_forces_of_report_data_are_those_of_the_report_data(report_data):
     figure = plot_mean_forces(report_data, axes=("ty",))
     assert [panel.get_title() for panel in figure.axes] == list(report_data.labels)
@@ -167,15 +153,9 @@ def test_mean_forces_of_report_data_are_those_of_the_report_data(report_data):
     assert plot_mean_forces(some).get_suptitle().startswith("3 of 40 recordings synthetic")
 
 
-def test_what_report_data_does_not_hold_is_said(report_data):
-    bare = replace(report_data, weights=(), looked_at=None)
-    with pytest.raises(ValueError, match="report_data has no weights"):
-        plot_weights(bare)
-
-
 def test_figures_of_simulated_recordings_say_so(result, report_data):
     synthetic = replace(report_data, n_synthetic=40)
-    for figure in (plot_residual(synthetic), plot_hfmh(synthetic), plot_weights(synthetic)):
+    for figure in (plot_residual(synthetic), plot_hfmh(synthetic)):
         assert "synthetic" in figure.get_suptitle().lower()
     assert "SYNTHETIC" in plot_gap(replace(result, synthetic=True)).axes[0].get_title()
 

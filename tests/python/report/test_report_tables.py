@@ -6,11 +6,11 @@ import pytest
 
 from evaluation_cases import changed, make_data
 from granular_id._text import percent
-from granular_id.evaluation.gap import gap_lines
 from granular_id.evaluation.tables import (
     accuracy_table,
     comparison_tables,
     controls_table,
+    headline,
     plain_text,
     recall_table,
 )
@@ -47,14 +47,17 @@ def test_every_protocol_has_its_columns_the_strictest_first(every):
 
 def test_of_several_spaces_only_the_best_is_put_into_words():
     result = small_result(spaces=("raw", "hfmh", "raw+hfmh", "raw-histogram"), controls=False)
-    (line,) = gap_lines(result)
-    assert line.startswith(f"{result.best_space('chronological')} names ")
+    space = result.best_space("chronological")
+    assert headline(result) == (
+        f"{space} names {percent(result.mean_accuracy(space, 'chronological'))} of recordings rightly "
+        f"with halves in time order, {percent(result.mean_accuracy(space, 'paper'))} with random partitions"
+    )
 
 
 def test_without_random_draws_there_is_no_gap_and_without_a_second_space_no_comparison():
     result = small_result(spaces=["raw"], protocol=["chronological"], controls=False)
     assert "gap" not in accuracy_table(result).header
-    assert len(gap_lines(result)) == 1
+    assert headline(result).endswith(" % of recordings rightly with halves in time order")
     assert comparison_tables(small_result(spaces=["raw"], protocol=["paper"], controls=False)) == ()
 
 
@@ -63,7 +66,7 @@ def test_controls_stand_below_the_method(every):
     assert [row[0] for row in table.rows] == ["hfmh", *(control.name for control in every.controls)]
     assert table.rows[0][1] == f"{100 * every.mean_accuracy('hfmh', 'session'):.1f} %"
     for row, control in zip(table.rows[1:], every.controls, strict=True):
-        assert row[1] == percent(control.accuracies.get("session"))
+        assert row[1] == percent(control.accuracy)
     assert all(control.verdict in " ".join(table.notes) for control in every.controls)
 
 
@@ -110,5 +113,5 @@ def test_sessions_that_are_called_blocks_are_sessions_and_blocks_in_time_are_not
     assert recall_table(result, "raw").header[1] == "held-out sessions"
     result = evaluated(lambda r: f"{r.label} day")
     assert "blocks in time order (3)" in accuracy_table(result).header
-    assert "with blocks in time order" in gap_lines(result)[0]
+    assert "with blocks in time order" in headline(result)
     assert recall_table(result, "raw").header == ("class", "blocks in time order", "random partitions")
