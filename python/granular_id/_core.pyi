@@ -173,7 +173,6 @@ class StreamingIdentifier:
         float,
         bool,
         bool,
-        bool,
         int,
         int,
         _Floats,

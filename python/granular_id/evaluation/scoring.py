@@ -56,8 +56,8 @@ class Answer:
     shared_seconds: Mapping[str, float]
     """By stage, of what all partitions share."""
     chosen: Chosen | None
-    adapted: Mapping[str, Codes]
-    """What it names after it was adapted to the tested recordings without their labels, by how that was done."""
+    adapted: Codes | None
+    """What it names after it was adapted to the tested recordings, declared to hold all materials."""
 
 
 def answers_of(

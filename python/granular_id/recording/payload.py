@@ -35,10 +35,7 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 """Standard gravity (CGPM 1901). Directions of any length are given: a kilogram is what weighs so many newton."""
 
 FORMAT = "granular-id payload 1"
-_FIT: dict[str, Any] = {
-    **{"n_rests": int, "mass_interval_kg": [float, ...], "centre_of_mass_margin_m": [float, ...]},
-    **{"bias_margin": [float, ...], "residual": [float, ...], "scatter": [float, ...], "condition": float},
-}
+_FIT = {"n_rests": int, "residual": [float, ...], "condition": float}
 _FORM = {
     **{"format": FORMAT, "mass_kg": float, "centre_of_mass_m": [float, ...], "bias?": [float, ...]},
     **{"frame?": (str, None), "fit?": (_FIT, None), "sign?": (str, None)},
@@ -247,10 +244,7 @@ class Payload:
             check_form(document, _FORM, what="the file")
             given = {one.name: document[one.name] for one in fields(cls) if one.name in document}
             if (fit := given.get("fit")) is not None:
-                parts: dict[str, Any] = {
-                    name: tuple(fit[name]) if isinstance(fit[name], list) else fit[name] for name in _FIT
-                }
-                given["fit"] = PayloadFit(**parts)
+                given["fit"] = PayloadFit(fit["n_rests"], tuple(fit["residual"]), fit["condition"])
             return cls(**given)
         except (ValueError, TypeError, RecursionError) as error:
             raise ValueError(f"{os.fspath(path)}: no payload: {error}") from error
