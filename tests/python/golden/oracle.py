@@ -186,16 +186,13 @@ def evaluation() -> Figures:
     return figures
 
 
-def choices() -> Figures:
-    """What select, confidence and explain say."""
+def confidence() -> Figures:
+    """What the study of confidence finds."""
     figures = {}
     for name, data in sets():
-        spaces = ["raw", "hfmh", "raw+hfmh"]
-        figures |= parts(f"{name} select", gid.select(data, spaces=spaces, progress=False).to_dict())
         space = gid.feature_spaces(rate_hz=data.rate_hz)["multiband"]
         model = make_pipeline(space.transformer, space.classifier)
-        confidence = gid.confidence.assess(data, model, n_seeds=2)
-        figures |= parts(f"{name} confidence", confidence.to_dict())
+        figures |= parts(name, gid.confidence.assess(data, model, n_seeds=2).to_dict())
     return figures
 
 
@@ -260,7 +257,8 @@ def files() -> Figures:
 
 
 SECTIONS: dict[str, Callable[[], Figures]] = {
-    section.__name__: section for section in (api, features, evaluation, choices, identifier, commands, files)
+    section.__name__: section
+    for section in (api, features, evaluation, confidence, identifier, commands, files)
 }
 
 
