@@ -219,9 +219,9 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95) -> Unknown
     """
     from granular_id.ecoc import decode, onevsone
 
-    own, binary = scored.scores.values, scored.scores.binary
+    own, binary, coding = scored.scores.values, scored.scores.binary, scored.scores.coding
     pairs = onevsone(len(scored.classes))
-    of_pairs = binary is not None and np.array_equal(scored.scores.coding, pairs)
+    of_pairs = coding is not None and np.array_equal(coding, pairs)
     if binary is not None and of_pairs:
         own = decode(binary, pairs)
     rule = UnknownRule(
