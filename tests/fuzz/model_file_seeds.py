@@ -15,7 +15,7 @@ sys.path.insert(0, str(HERE.parent / "python"))
 
 from granular_id._core import FeatureSpec  # noqa: E402
 from model_bad_files import BAD, GOOD, without_raw  # noqa: E402  # only now can they be found
-from model_cases import banded_model, random_model, rules_of_both_inputs, small_model, without_digest  # noqa: E402
+from model_cases import banded_model, random_model, rules_of_all_kinds, small_model, without_digest  # noqa: E402
 
 CORPUS = HERE / "corpus" / "model_file"
 LONGEST = 4096
@@ -27,7 +27,7 @@ CORPUS.mkdir(parents=True, exist_ok=True)
 good = [GOOD, without_raw(7), random_model(1, 2, 1, 1, PLAIN).to_bytes()]
 good += [small_model(loss=loss, decoding="loss_based").to_bytes() for loss in LOSSES]
 good += [banded_model(*sizes).to_bytes() for sizes in BANDED]
-for rules in rules_of_both_inputs():
+for rules in rules_of_all_kinds():
     trained = {"trained": json.dumps({"confidence": rules})}
     good.append(random_model(7, 3, 5, 2, FeatureSpec(n_bins=4, order=2), metadata=trained).to_bytes())
 good += [without_digest(data) for data in good]

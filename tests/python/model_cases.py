@@ -71,7 +71,7 @@ def banded_model(blocks=("quantiles", "level"), n_samples=8, n_axes=1, **keyword
     return Model(extractor, coef, intercept, onevsone(3), ["rice", "salt", "peas"], **keywords)
 
 
-def rules_of_both_inputs(labels=("material 0", "material 1", "material 2")):
+def rules_of_all_kinds(labels=("material 0", "material 1", "material 2")):
     """Return what may stand under "confidence" for a model of three classes, one-vs-one: refusal by both inputs."""
     unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     return [
