@@ -11,14 +11,7 @@ import numpy as np
 from granular_id._progress import ProgressCallback
 from granular_id._text import Table, percent
 from granular_id.confidence.conformal import ConformalRule, conformal_rule, rank_of
-from granular_id.confidence.held_out import (
-    FloatArray,
-    IntArray,
-    Rows,
-    StudyResult,
-    cross_fit,
-    for_each,
-)
+from granular_id.confidence.held_out import FloatArray, IntArray, Rows, StudyResult, cross_fit, for_each
 from granular_id.partitions import RANDOM_TEST_SHARE, Partition, random_partition
 
 

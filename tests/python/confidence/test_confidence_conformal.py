@@ -11,12 +11,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from granular_id.confidence import ConformalRule, HeldOutScores, conformal_rule
-from granular_id.confidence.conformal import (
-    conformal_quantile,
-    nonconformity,
-    rank_of,
-    rows_needed,
-)
+from granular_id.confidence.conformal import conformal_quantile, nonconformity, rank_of, rows_needed
 from granular_id.confidence.held_out import Scores
 
 
