@@ -226,7 +226,7 @@ impl Model {
         let candidates = self.classes.len() * size_of::<usize>();
         let per_answer = size_of::<Answer>() + numbers * size_of::<f64>() + candidates;
         room(n_recordings.saturating_mul(per_answer))?;
-        let mut verdict = self.rules.verdict();
+        let mut verdict = self.rules.verdict(self.classes.len());
         let answers = scores.chunks_exact(self.n_learners()).map(|scores| {
             let mut losses = vec![0.0; self.classes.len()];
             self.decode(scores, &mut losses)?;

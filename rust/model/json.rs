@@ -9,7 +9,7 @@ use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::{json, Map, Value};
 
 use super::decoding::Codes;
-use super::rules::{ConformalRule, Nonconformity, Novelty, UnknownRule};
+use super::rules::{ConformalRule, UnknownRule};
 use super::{ModelError, NearestMean, Rules};
 use crate::dsp::Outside;
 use crate::error::shown;
@@ -312,59 +312,26 @@ pub(super) fn read_rules(trained: &str, classes: &[String], codes: &Codes) -> Re
 
 fn read_conformal(mut rule: Object, classes: &[String]) -> Result<ConformalRule, ModelError> {
     begin(&mut rule, CONFORMAL, classes)?;
-    let nonconformity = rule.choice("kind", &Nonconformity::NAMED)?;
     let levels = rule.take("levels", "rising numbers between 0 and 1", |value| {
         let levels = list(value, Value::as_f64)?;
         let within = levels.iter().all(|level| 0.0 < *level && *level < 1.0);
         (within && !levels.is_empty() && levels.is_sorted_by(|a, b| a < b)).then_some(levels)
     })?;
-    let n_classes = classes.len();
-    let wanted = format!("rows of 1 or {n_classes} numbers or null, one for each level");
-    let mut rows = rule.take("thresholds", &wanted, |value| {
-        let rows = list(value, |row| list(row, limit))?;
-        let width = rows.first().map(Vec::len).filter(|width| *width == 1 || *width == n_classes)?;
-        (rows.len() == levels.len() && rows.iter().all(|row| row.len() == width)).then_some(rows)
+    let thresholds = rule.take("thresholds", "numbers or null, one for each level", |value| {
+        list(value, limit).filter(|limits| limits.len() == levels.len())
     })?;
-    // The largest level is the one that is promised.
-    let mut limits = rows.pop().unwrap_or_default();
-    let wanted = format!("{} whole numbers, one for each threshold of a level", limits.len());
-    rule.take("n_calibration", &wanted, |value| {
-        list(value, count).filter(|counts| counts.len() == limits.len())
-    })?;
-    let temperature =
-        rule.take("temperature", "a positive number", |value| value.as_f64().filter(|number| *number > 0.0))?;
+    rule.count("n_calibration")?;
     rule.text("held_out")?;
     rule.end()?;
-    if let [alone] = limits[..] {
-        limits = vec![alone; n_classes];
-    }
-    Ok(ConformalRule { nonconformity, temperature, limits })
+    // The largest level is the one that is promised.
+    Ok(ConformalRule { limit: thresholds[thresholds.len() - 1] })
 }
 
 fn read_unknown(mut rule: Object, classes: &[String], codes: &Codes) -> Result<UnknownRule, ModelError> {
-    /// What a stored rule goes by.
-    #[derive(Clone, Copy, PartialEq)]
-    enum Kind {
-        HingeDistance,
-        ValueDistance,
-        LearnerDistance,
-        Learners,
-        Value,
-        Margin,
-    }
-    const KINDS: [(&str, Kind); 6] = [
-        ("hinge_distance", Kind::HingeDistance),
-        ("value_distance", Kind::ValueDistance),
-        ("learner_distance", Kind::LearnerDistance),
-        ("learners", Kind::Learners),
-        ("value", Kind::Value),
-        ("margin", Kind::Margin),
-    ];
     begin(&mut rule, UNKNOWN, classes)?;
-    let (n_classes, n_learners) = (classes.len(), codes.n_learners());
-    let kind = rule.choice("kind", &KINDS)?;
-    if kind == Kind::HingeDistance && !codes.is_of_pairs() {
-        return Err(rule.error("'hinge_distance' is for one learner for each pair of classes".to_owned()));
+    let of_pairs = rule.flag("of_pairs")?;
+    if of_pairs && !codes.is_of_pairs() {
+        return Err(rule.error("'of_pairs' is for one learner for each pair of classes".to_owned()));
     }
     let threshold = rule.take("threshold", "a number or null", limit)?;
     rule.take("share_known", "a number between 0 and 1", |value| {
@@ -372,32 +339,13 @@ fn read_unknown(mut rule: Object, classes: &[String], codes: &Codes) -> Result<U
     })?;
     rule.count("n_calibration")?;
     rule.text("held_out")?;
-    let width = match kind {
-        Kind::HingeDistance | Kind::ValueDistance => n_classes,
-        Kind::LearnerDistance => n_learners,
-        Kind::Learners | Kind::Value | Kind::Margin => 0,
-    };
-    let means = rule.matrix("means", if width > 0 { n_classes } else { 0 }, width)?;
-    let whitener = rule.matrix("whitener", width, width)?;
-    let (rows, columns) = if kind == Kind::Learners { (n_classes, n_learners) } else { (0, 0) };
-    let sides = rule.matrix("coding", rows, columns)?;
-    let own = (0..sides.len()).map(|place| f64::from(codes.code(place / columns, place % columns)));
-    if !sides.iter().copied().eq(own) {
-        return Err(rule.error("'coding' must be the coding matrix of the model".to_owned()));
-    }
-    let nearest = |make: fn(&[f64], &[f64]) -> crate::Result<NearestMean>| {
-        make(&means, &whitener).map_err(|error| rule.error(error.to_string()))
-    };
-    let novelty = match kind {
-        Kind::HingeDistance => Novelty::OfScores(nearest(NearestMean::of_pairs)?),
-        Kind::LearnerDistance => Novelty::OfScores(nearest(NearestMean::new)?),
-        Kind::ValueDistance => Novelty::OfLosses(nearest(NearestMean::new)?),
-        Kind::Learners => Novelty::LeastClear,
-        Kind::Value => Novelty::LeastLoss,
-        Kind::Margin => Novelty::Margin,
-    };
+    let n_classes = classes.len();
+    let means = rule.matrix("means", n_classes, n_classes)?;
+    let whitener = rule.matrix("whitener", n_classes, n_classes)?;
+    let make = if of_pairs { NearestMean::of_pairs } else { NearestMean::new };
+    let nearest = make(&means, &whitener).map_err(|error| rule.error(error.to_string()))?;
     rule.end()?;
-    Ok(UnknownRule { novelty, threshold })
+    Ok(UnknownRule { nearest, threshold })
 }
 
 /// Takes what both kinds of rules begin with.

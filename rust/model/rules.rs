@@ -2,58 +2,25 @@
 //! none.
 //!
 //! The rules are made elsewhere, from recordings that did not train, and stand in the file of a model. Sources: Vovk,
-//! Gammerman, Shafer, "Algorithmic learning in a random world" (2005) for sets of classes; Romano, Sesia, Candes,
-//! "Classification with valid and adaptive coverage" (2020) for the cumulative one; [`NearestMean`] for the distance.
+//! Gammerman, Shafer, "Algorithmic learning in a random world" (2005) for sets of classes; [`NearestMean`] for the distance.
 
 use super::decoding::{best_and_margin, pairs, rank, Loss};
 use super::Model;
 use crate::error::{Error, Result};
 use crate::memory::{collected, filled, reserved};
 
-/// How badly a class fits a recording.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Nonconformity {
-    /// By how much its loss exceeds the least of the others.
-    Margin,
-    /// Minus its probability: shares of the exponentials of minus the losses.
-    Probability,
-    /// The probability of all classes down to it, the likeliest first.
-    Cumulative,
-}
-
-impl Nonconformity {
-    pub(super) const NAMED: [(&'static str, Self); 3] =
-        [("margin", Self::Margin), ("probability", Self::Probability), ("cumulative", Self::Cumulative)];
-}
-
 /// Which classes a recording may be.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ConformalRule {
-    pub(super) nonconformity: Nonconformity,
-    /// Losses are divided by it before they become probabilities.
-    pub(super) temperature: f64,
-    /// For each class how badly a candidate may fit.
-    pub(super) limits: Vec<f64>,
+    /// How far the loss of a candidate may exceed the least of the others.
+    pub(super) limit: f64,
 }
 
-/// How unlike all classes a recording is.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Novelty {
-    /// Distance of the scores of the learners to those of the nearest class.
-    OfScores(NearestMean),
-    /// Distance of the losses of the classes, negated.
-    OfLosses(NearestMean),
-    /// How clearly the least clear learner of the best class speaks for it, negated.
-    LeastClear,
-    LeastLoss,
-    /// The least loss minus the second.
-    Margin,
-}
-
-/// Beyond what a recording is like no class.
+/// Beyond what distance to the nearest class a recording is like none.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct UnknownRule {
-    pub(super) novelty: Novelty,
+    /// Of the scores of the learners, or of the losses of the classes, negated.
+    pub(super) nearest: NearestMean,
     pub(super) threshold: f64,
 }
 
@@ -79,18 +46,15 @@ impl Rules {
     }
 
     /// Memory for what they say, taken once.
-    pub(crate) fn verdict(&self) -> Verdict {
-        let n_classes = self.conformal.as_ref().map_or(0, |rule| rule.limits.len());
-        let nearest = match self.unknown.as_ref().map(|rule| &rule.novelty) {
-            Some(Novelty::OfScores(nearest) | Novelty::OfLosses(nearest)) => nearest.n_values,
-            _ => 0,
-        };
+    pub(crate) fn verdict(&self, n_classes: usize) -> Verdict {
+        let n_candidates = if self.conformal.is_some() { n_classes } else { 0 };
+        let n_values = if self.unknown.is_some() { n_classes } else { 0 };
         Verdict {
-            order: vec![0; n_classes],
+            order: vec![0; n_candidates],
             n_candidates: 0,
             unknown: None,
-            values: vec![0.0; nearest.max(n_classes)],
-            white: vec![0.0; nearest],
+            values: vec![0.0; n_values],
+            white: vec![0.0; n_values],
         }
     }
 }
@@ -147,7 +111,7 @@ impl Model {
     #[doc(hidden)]
     pub fn verdicts(&self, scores: &[f64]) -> Result<Verdicts> {
         let losses = self.losses(scores)?;
-        let mut verdict = self.rules().verdict();
+        let mut verdict = self.rules().verdict(self.classes().len());
         let rows = losses.chunks_exact(self.classes().len()).zip(scores.chunks_exact(self.n_learners()));
         let mut all = Verdicts { candidates: Vec::new(), rows: reserved(rows.len())? };
         for (losses, scores) in rows {
@@ -165,30 +129,17 @@ impl Model {
     pub(crate) fn judge(&self, losses: &[f64], scores: &[f64], verdict: &mut Verdict) {
         let Rules { conformal, unknown } = &self.rules;
         if let Some(rule) = conformal {
-            verdict.n_candidates = rule.within(losses, &mut verdict.order, &mut verdict.values);
+            verdict.n_candidates = rule.within(losses, &mut verdict.order);
         }
-        verdict.unknown = unknown.as_ref().map(|UnknownRule { novelty, threshold }| {
+        verdict.unknown = unknown.as_ref().map(|UnknownRule { nearest, threshold }| {
             let Verdict { values, white, .. } = verdict;
-            let novelty = match novelty {
-                Novelty::OfScores(nearest) => {
-                    nearest.distance(scores, &mut values[..nearest.n_values], white)
+            let novelty = if nearest.of_pairs {
+                nearest.distance(scores, values, white)
+            } else {
+                for (value, loss) in values.iter_mut().zip(losses) {
+                    *value = -loss;
                 }
-                Novelty::OfLosses(nearest) => {
-                    for (value, loss) in values.iter_mut().zip(losses) {
-                        *value = -loss;
-                    }
-                    nearest.distance(&values[..losses.len()], &mut [], white)
-                }
-                Novelty::LeastClear => {
-                    let best = best_and_margin(losses).0;
-                    let sides =
-                        scores.iter().enumerate().map(|(learner, score)| (self.code(best, learner), score));
-                    let clear =
-                        sides.filter(|(side, _)| *side != 0).map(|(side, score)| f64::from(side) * score);
-                    -clear.fold(f64::INFINITY, f64::min)
-                }
-                Novelty::LeastLoss => losses.iter().copied().fold(f64::INFINITY, f64::min),
-                Novelty::Margin => -best_and_margin(losses).1,
+                nearest.distance(values, &mut [], white)
             };
             // What is no number is like nothing.
             novelty.is_nan() || novelty > *threshold
@@ -198,31 +149,15 @@ impl Model {
 
 impl ConformalRule {
     /// Puts the classes that a recording may be first in `order`, the likeliest first, and gives their number: the best one
-    /// alone where none fits well enough. `order` and `shares` have a place for each class.
-    fn within(&self, losses: &[f64], order: &mut [usize], shares: &mut [f64]) -> usize {
+    /// alone where none fits well enough. `order` has a place for each class.
+    fn within(&self, losses: &[f64], order: &mut [usize]) -> usize {
         let (best, margin) = best_and_margin(losses);
         rank(losses, order);
-        let mut sum = 0.0;
-        if self.nonconformity != Nonconformity::Margin {
-            let largest = -losses[best] / self.temperature;
-            for (share, loss) in shares.iter_mut().zip(losses) {
-                *share = libm::exp(-loss / self.temperature - largest);
-                sum += *share;
-            }
-        }
-        let (mut n_within, mut seen) = (0, 0.0);
+        let mut n_within = 0;
         for place in 0..order.len() {
             let class = order[place];
-            let nonconformity = match self.nonconformity {
-                Nonconformity::Margin if class == best => -margin,
-                Nonconformity::Margin => losses[class] - losses[best],
-                Nonconformity::Probability => -(shares[class] / sum),
-                Nonconformity::Cumulative => {
-                    seen += shares[class] / sum;
-                    seen
-                }
-            };
-            if nonconformity <= self.limits[class] {
+            let excess = if class == best { -margin } else { losses[class] - losses[best] };
+            if excess <= self.limit {
                 order[n_within] = class;
                 n_within += 1;
             }
@@ -377,33 +312,17 @@ fn hinge_values(scores: &[f64], values: &mut [f64]) {
 mod tests {
     use super::*;
 
-    fn within(nonconformity: Nonconformity, limits: [f64; 3], losses: [f64; 3]) -> Vec<usize> {
-        let rule = ConformalRule { nonconformity, temperature: 0.5, limits: limits.to_vec() };
-        let (mut order, mut shares) = ([0; 3], [0.0; 3]);
-        let n = rule.within(&losses, &mut order, &mut shares);
-        order[..n].to_vec()
-    }
-
     #[test]
     fn candidates_by_their_distance_from_the_best_other() {
-        let of = |limits, losses| within(Nonconformity::Margin, limits, losses);
-        assert_eq!(of([0.25; 3], [0.5, 0.25, 1.0]), [1, 0]);
-        assert_eq!(of([f64::INFINITY; 3], [0.5, 0.25, 0.25]), [1, 2, 0]);
+        let of = |limit, losses: [f64; 3]| {
+            let mut order = [0; 3];
+            let n = ConformalRule { limit }.within(&losses, &mut order);
+            order[..n].to_vec()
+        };
+        assert_eq!(of(0.25, [0.5, 0.25, 1.0]), [1, 0]);
+        assert_eq!(of(f64::INFINITY, [0.5, 0.25, 0.25]), [1, 2, 0]);
         // The best one alone, though it is not clear enough.
-        assert_eq!(of([-0.5; 3], [0.5, 0.25, 1.0]), [1]);
-        assert_eq!(of([0.3, -0.5, 0.0], [0.5, 0.25, 1.0]), [0]);
-    }
-
-    #[test]
-    fn candidates_by_their_probability() {
-        // Shares of 1, 1/4 and 1/2.
-        let losses = [0.0, 2.0_f64.ln(), 2.0_f64.ln() / 2.0];
-        let of = |nonconformity, limit| within(nonconformity, [limit; 3], losses);
-        assert_eq!(of(Nonconformity::Probability, -0.2), [0, 2]);
-        assert_eq!(of(Nonconformity::Probability, -0.1), [0, 2, 1]);
-        assert_eq!(of(Nonconformity::Probability, -0.9), [0]);
-        assert_eq!(of(Nonconformity::Cumulative, 0.9), [0, 2]);
-        assert_eq!(of(Nonconformity::Cumulative, 0.1), [0]);
+        assert_eq!(of(-0.5, [0.5, 0.25, 1.0]), [1]);
     }
 
     const UNIT: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];

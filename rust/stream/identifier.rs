@@ -87,7 +87,7 @@ impl StreamingIdentifier {
             scores: filled(0.0, model.n_learners())?,
             losses: vec![0.0; model.classes().len()],
             is_judged: false,
-            verdict: model.rules().verdict(),
+            verdict: model.rules().verdict(model.classes().len()),
             model,
         })
     }

@@ -70,25 +70,14 @@ def banded_model(blocks=("quantiles", "level"), n_samples=8, n_axes=1, **keyword
 
 
 def rules_of_all_kinds(labels=("material 0", "material 1", "material 2")):
-    """Return what may stand under "confidence" for a model of three classes, one-vs-one: each kind of rule once."""
+    """Return what may stand under "confidence" for a model of three classes, one-vs-one: refusal by both inputs."""
     unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    distance = {"means": unit, "whitener": unit}
-    sides = tuple(map(tuple, onevsone(3).astype(float).tolist()))
-    kinds = {
-        "hinge_distance": distance,
-        "value_distance": distance,
-        "learner_distance": distance,
-        "learners": {"coding": sides},
-        "value": {},
-        "margin": {},
-    }
-    misfits = 2 * ("margin", "probability", "cumulative")
     return [
         {
-            "conformal": ConformalRule(labels, misfit, (0.8, 0.9), ((0.1,), (0.2,)), (9,)).to_dict(),
-            "unknown": UnknownRule(labels, kind, 0.5, 0.9, 9, **parts).to_dict(),
+            "conformal": ConformalRule(labels, (0.8, 0.9), (0.1, 0.2), 9).to_dict(),
+            "unknown": UnknownRule(labels, 0.5, 0.9, 9, unit, unit, of_pairs=of_pairs).to_dict(),
         }
-        for (kind, parts), misfit in zip(kinds.items(), misfits, strict=True)
+        for of_pairs in (True, False)
     ]
 
 

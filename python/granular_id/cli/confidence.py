@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from granular_id.cli.method import OneSpace
 from granular_id.cli.options import FORCE, a_share, command, count, numbers_in, option
@@ -25,14 +25,7 @@ def confidence(
     method: OneSpace,
     *,
     levels: str = option(SURE, "Coverages of the sets, separated by commas.", default="0.8,0.9,0.95"),
-    sets: Literal["margin", "probability", "cumulative"] = option(
-        SURE, "What a material is judged by.", default="margin"
-    ),
-    per_class: bool = option(
-        SURE, "Cover each material as often as asked for, not all together.", "--per-class", default=False
-    ),
     known: float = option(SURE, "Share of known recordings to be accepted.", default=0.95, callback=a_share),
-    compare: bool = option(SURE, "Also compare other ways to see the unknown.", "--compare", default=False),
     seeds: int = option(SURE, "Random partitions.", default=20, callback=count(1)),
     seed: int = option(SURE, "Same seed, same figures.", default=0, callback=count(0)),
     figure: Path | None = option(OUTPUT, "Draw it: png, svg or pdf."),
@@ -64,21 +57,13 @@ def confidence(
     method.refuse_unused()
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.confidence import assess, count_trainings
+    from granular_id.confidence import assess
 
-    if not quiet:
-        effort = f"{method.space}: up to {count_trainings(data, n_seeds=seeds)} models are trained"
-        if method.space == "best":
-            effort += ", each of which chooses among several: --space multiband or fewer --seeds are quicker"
-        show(effort)
     found = assess(
         data,
         _model(method, data),
         levels=wanted,
-        kind=sets,
-        per_class=per_class,
         share_known=known,
-        compare=compare,
         n_seeds=seeds,
         seed=seed,
         n_jobs=method.n_jobs,

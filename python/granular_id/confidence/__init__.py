@@ -10,11 +10,11 @@ from granular_id.confidence.conformal import ConformalRule, conformal_rule
 from granular_id.confidence.unknown import UnknownRule, unknown_rule
 
 if TYPE_CHECKING:
-    from granular_id.confidence.assessment import Confidence, assess, count_trainings as count_trainings
-    from granular_id.confidence.calibration import Reliability, reliability
-    from granular_id.confidence.coverage import CoverageResult, coverage_study
+    from granular_id.confidence.assessment import Confidence, assess
+    from granular_id.confidence.calibration import Reliability
+    from granular_id.confidence.coverage import CoverageResult
     from granular_id.confidence.held_out import HeldOutScores, Scores as Scores, held_out_scores
-    from granular_id.confidence.open_set import OpenSetResult, leave_one_material_out
+    from granular_id.confidence.open_set import OpenSetResult
 
 __all__ = [
     "Confidence",
@@ -26,10 +26,7 @@ __all__ = [
     "UnknownRule",
     "assess",
     "conformal_rule",
-    "coverage_study",
     "held_out_scores",
-    "leave_one_material_out",
-    "reliability",
     "unknown_rule",
 ]
 
@@ -41,11 +38,7 @@ _LAZY = {
     "Reliability": "calibration",
     "Scores": "held_out",
     "assess": "assessment",
-    "count_trainings": "assessment",
-    "coverage_study": "coverage",
     "held_out_scores": "held_out",
-    "leave_one_material_out": "open_set",
-    "reliability": "calibration",
 }
 
 

@@ -7,19 +7,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 
+from granular_id._checks import whole_number
 from granular_id._estimators import versions, with_rate
 from granular_id._files import write_json
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id._text import Table
 from granular_id.confidence.calibration import Reliability, probabilities_of, reliability
-from granular_id.confidence.conformal import LEVELS, ConformalRule, conformal_rule
+from granular_id.confidence.conformal import LEVELS, ConformalRule, checked_levels, conformal_rule
 from granular_id.confidence.coverage import CoverageResult, coverage_study
-from granular_id.confidence.held_out import N_FOLDS, Rows, held_out_scores, rows_of, without_fixed_steps
+from granular_id.confidence.held_out import Rows, held_out_scores, rows_of, without_fixed_steps
 from granular_id.confidence.open_set import OpenSetResult, leave_one_material_out
-from granular_id.confidence.unknown import UnknownRule, available_kinds, unknown_rule
+from granular_id.confidence.unknown import UnknownRule, unknown_rule
 from granular_id.recording import Dataset, describe_data
 
 
@@ -64,8 +66,6 @@ class Confidence:
         found = [self.reliability.table(), self.coverage.table()]
         if self.open_set is not None:
             found.append(self.open_set.table())
-            if len(self.open_set.kinds) > 1:
-                found.append(self.open_set.comparison())
         return tuple(replace(one, title=f"{self.name}: {one.title}") if self.name else one for one in found)
 
     def __str__(self) -> str:
@@ -100,13 +100,8 @@ def assess(
     sessions: Sequence[str | None] | None = None,
     in_time_order: bool = False,
     levels: Sequence[float] = LEVELS,
-    kind: str = "margin",
-    per_class: bool = False,
     share_known: float = 0.95,
-    unknown_kind: str | None = None,
-    compare: bool = False,
     n_seeds: int = 20,
-    n_folds: int | None = None,
     seed: int = 0,
     n_jobs: int | None = None,
     progress: bool | ProgressCallback = False,
@@ -122,16 +117,13 @@ def assess(
         ``sessions`` and ``order``, or a pipeline that ends in one, is told those of its training rows.
     y, sessions, in_time_order
         Of arrays only: the label and the session of each row, and whether rows stand in the order of recording.
-    levels, kind, per_class
+    levels
         Of the prediction sets, see `conformal_rule`.
-    share_known, unknown_kind
+    share_known
         Of the refusal, see `unknown_rule`.
-    compare : bool, default False
-        Also measure the other kinds of novelty score.
     n_seeds : int, default 20
-        Random partitions of `coverage_study`.
-    n_folds : int, optional
-        Of the cross-fits. Default: 5 of whole sessions or blocks in time, 10 of random rows.
+        Random partitions on which the coverage of the sets is measured, of 70 % training rows each. 100 tell it to a
+        fraction of a point.
     seed : int, default 0
         Of random partitions and folds.
     n_jobs : int, optional
@@ -164,36 +156,32 @@ def assess(
     rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
     if isinstance(data, Dataset):
         model = with_rate(model, data.rate_hz)
-    rows.refuse_few(n_folds)
+    levels, n_seeds = checked_levels(levels), whole_number("n_seeds", n_seeds)
+    rows.refuse_few()
     name = _name_of(model) if name is None else name
     model, rows = without_fixed_steps(model, rows)  # once for all that follows
-    folds, held_out = rows.folds(n_folds, seed=seed)
+    folds, held_out = rows.folds(seed=seed)
     with showing(progress) as callback:
         tick = Ticker(len(folds), callback).tick
         scored = held_out_scores(rows, model, partitions=folds, n_jobs=n_jobs, held_out=held_out, done=tick)
-    sets: dict[str, Any] = {"levels": levels, "kind": kind, "per_class": per_class}
-    conformal = conformal_rule(scored, **sets)
-    unknown = unknown_rule(scored, share_known=share_known, kind=unknown_kind)
+    conformal = conformal_rule(scored, levels)
+    unknown = unknown_rule(scored, share_known=share_known)
     probabilities, source = probabilities_of(scored)
     seen = reliability(
         probabilities,
         scored.truth,
-        groups=scored.groups if scored.groups.max() > 0 else None,
+        scored.groups if scored.groups.max() > 0 else np.arange(len(scored.truth)),
         seed=seed,
         source=source,
         held_out=scored.held_out,
         synthetic=rows.synthetic,
     )
     shared: dict[str, Any] = {"seed": seed, "n_jobs": n_jobs, "progress": progress}
-    coverage = coverage_study(rows, model, n_seeds=n_seeds, n_folds=n_folds, **sets, **shared)
+    coverage = coverage_study(rows, model, levels, n_seeds=n_seeds, **shared)
     notes = [*conformal.notes, *unknown.notes]
     open_set = None
     if len(rows.classes) > 2:
-        others = [kind for kind in available_kinds(scored) if compare and kind != unknown.kind]
-        kinds = [unknown.kind, *others]
-        open_set = leave_one_material_out(
-            rows, model, share_known=share_known, kinds=kinds, n_folds=n_folds or N_FOLDS, **shared
-        )
+        open_set = leave_one_material_out(rows, model, share_known=share_known, **shared)
     else:
         notes.append(
             "two materials only: none can be left out, so nothing is known of how the unknown is refused"
@@ -210,20 +198,6 @@ def assess(
         rows.synthetic,
         name,
     )
-
-
-def count_trainings(data: Dataset | Rows, *, n_seeds: int = 20, n_folds: int | None = None) -> int:
-    """Count the models that `assess` trains at most with the same arguments, to say beforehand how long it may take."""
-    rows = rows_of(data)
-    rows.refuse_few(n_folds)
-    once, drawn = (len(rows.folds(n_folds, strict=strict)[0]) for strict in (True, False))
-    strictest = rows.partitions(n_folds)[0]
-    strictly = 0 if strictest[0].protocol == "kfold" else len(strictest) * (1 + once)
-    left_out = 0
-    if len(rows.classes) > 2:
-        outer, inner = rows.partitions(n_folds or N_FOLDS)[0], rows.folds(n_folds or N_FOLDS)[0]
-        left_out = len(rows.classes) * len(outer) * (1 + len(inner))
-    return once + n_seeds * (1 + drawn) + strictly + left_out
 
 
 def _name_of(model: Any) -> str:

@@ -7,22 +7,25 @@ Smith, "Increasing the reliability of reliability diagrams" (2007) for what a ca
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import minimize_scalar
 from scipy.special import softmax
 
-from granular_id._checks import whole_number
 from granular_id._text import Table, percent
-from granular_id.confidence.conformal import fit_temperature
 from granular_id.confidence.held_out import FloatArray, HeldOutScores, IntArray, StudyResult
 
-N_BINS = 15
+_N_BINS = 15  # the number usual since Guo et al. (2017)
+_N_BOOTSTRAP = 1000
 _MOST_BY_CHANCE = 0.2  # where calibrated models reach further, probabilities that are 20 points off go unseen
 _LEAST = 1e-15  # a probability of 0 for what happened would make the log loss infinite
+_LEAST_SHARE = 1e-300  # the same where a temperature is fitted
+_LOG_RANGE = 12.0  # temperatures from e^-12 to e^12 of the spread of the values
 _SUM_TOLERANCE = 1e-6
 
 
@@ -124,8 +127,11 @@ def probabilities_of(scored: HeldOutScores) -> tuple[FloatArray, str]:
     Those of the model where it gives any (`ECOCClassifier` with ``posterior``); else its class values through a
     softmax, whose one temperature for each fold is fitted on the other folds.
     """
-    if scored.scores.probabilities is not None:
-        return scored.scores.probabilities, "predict_proba of the model"
+    given = scored.scores.probabilities
+    if given is not None:
+        if not ((given >= 0).all() and (np.abs(given.sum(axis=1) - 1) <= _SUM_TOLERANCE).all()):
+            raise ValueError("predict_proba of model must not be negative, and sum to 1 in each row")
+        return given, "predict_proba of the model"
     values, truth = scored.scores.values, scored.truth
     found = np.empty_like(values)
     folds = np.unique(scored.folds)
@@ -136,116 +142,70 @@ def probabilities_of(scored: HeldOutScores) -> tuple[FloatArray, str]:
     return found, "softmax of the class values, its temperature fitted on the other folds"
 
 
+def fit_temperature(values: FloatArray, truth: IntArray) -> float:
+    """Temperature that makes class values (n, K) the likeliest logarithms of probabilities.
+
+    Source: Guo, Pleiss, Sun, Weinberger, "On calibration of modern neural networks" (ICML 2017), section 4.2.
+    """
+    spread = float(values.std()) or 1.0
+    rows = np.arange(len(truth))
+
+    def loss(log_temperature: float) -> float:
+        shares = softmax(values / (spread * math.exp(log_temperature)), axis=-1)[rows, truth]
+        return -float(np.log(np.maximum(shares, _LEAST_SHARE)).mean())
+
+    found = minimize_scalar(loss, bounds=(-_LOG_RANGE, _LOG_RANGE), method="bounded")
+    return spread * math.exp(float(found.x))
+
+
 def reliability(
-    probabilities: npt.ArrayLike,
-    truth: npt.ArrayLike,
+    probabilities: FloatArray,
+    truth: IntArray,
+    groups: IntArray,
     *,
-    groups: npt.ArrayLike | None = None,
-    n_bins: int = N_BINS,
-    n_bootstrap: int = 1000,
     seed: int = 0,
     source: str = "",
     held_out: str = "",
     synthetic: bool = False,
 ) -> Reliability:
-    """Compare probabilities with what happened.
-
-    Parameters
-    ----------
-    probabilities : array-like, shape (n, K)
-        Of rows that did not train; rows sum to 1.
-    truth : array-like of int, shape (n,)
-        True class of each row, in ``range(K)``.
-    groups : array-like of int, shape (n,), optional
-        Rows of a session share a number: the bootstrap then draws sessions.
-    n_bins : int, default 15
-        Equal bins of the probability of the likeliest class, the number usual since Guo et al. (2017).
-    n_bootstrap, seed : int
-        Draws of each interval; same seed, same intervals.
-    source, held_out, synthetic : str, str, bool
-        For the reader of the result.
-
-    Returns
-    -------
-    Reliability
-
-    Raises
-    ------
-    TypeError, ValueError
-        Shapes that do not fit, probabilities that are none, a true class that is none.
-
-    Examples
-    --------
-    >>> from granular_id.confidence import reliability
-    >>> seen = reliability([[0.9, 0.1]] * 90 + [[0.1, 0.9]] * 10, [0] * 80 + [1] * 20)
-    >>> round(seen.ece, 3), round(seen.brier, 3), seen.verdict
-    (0.0, 0.18, 'no sign of being off')
-    """
-    given, codes = _checked(probabilities, truth)
-    n_bins = whole_number("n_bins", n_bins)
-    n_bootstrap = whole_number("n_bootstrap", n_bootstrap)
-    rows = np.arange(len(codes))
-    sure, right = given.max(axis=1), given.argmax(axis=1) == codes
-    places = np.clip(np.ceil(sure * n_bins).astype(np.intp) - 1, 0, n_bins - 1)
+    """Compare probabilities (n, K) of rows that did not train with what happened; the bootstrap draws whole groups."""
+    rows = np.arange(len(truth))
+    sure, right = probabilities.max(axis=1), probabilities.argmax(axis=1) == truth
+    places = np.clip(np.ceil(sure * _N_BINS).astype(np.intp) - 1, 0, _N_BINS - 1)
 
     def error(chosen: IntArray, hits: npt.NDArray[np.bool_]) -> float:
-        gaps = np.bincount(places[chosen], weights=hits[chosen] - sure[chosen], minlength=n_bins)
+        gaps = np.bincount(places[chosen], weights=hits[chosen] - sure[chosen], minlength=_N_BINS)
         return float(np.abs(gaps).sum() / len(chosen))
 
     rng = np.random.default_rng(seed)
-    members = _members(rows, groups)
+    members = [np.flatnonzero(groups == group) for group in np.unique(groups)]
     drawn = (
         np.concatenate([members[k] for k in rng.integers(len(members), size=len(members))])
-        for _ in range(n_bootstrap)
+        for _ in range(_N_BOOTSTRAP)
     )
     bootstrap = [error(chosen, right) for chosen in drawn]
-    calibrated = [error(rows, rng.random(len(rows)) < sure) for _ in range(n_bootstrap)]
-    wanted = np.zeros_like(given)
-    wanted[rows, codes] = 1.0
+    calibrated = [error(rows, rng.random(len(rows)) < sure) for _ in range(_N_BOOTSTRAP)]
+    wanted = np.zeros_like(probabilities)
+    wanted[rows, truth] = 1.0
     bins = tuple(
-        Bin(k / n_bins, (k + 1) / n_bins, int(own.sum()), float(sure[own].mean()), float(right[own].mean()))
-        for k in range(n_bins)
+        Bin(k / _N_BINS, (k + 1) / _N_BINS, int(own.sum()), float(sure[own].mean()), float(right[own].mean()))
+        for k in range(_N_BINS)
         if (own := places == k).any()
     )
     return Reliability(
-        n=len(codes),
+        n=len(truth),
         accuracy=float(right.mean()),
         confidence=float(sure.mean()),
         ece=error(rows, right),
         ece_interval=_middle(bootstrap),
         ece_if_calibrated=_middle(calibrated),
-        brier=float(((given - wanted) ** 2).sum(axis=1).mean()),
-        log_loss=float(np.log(1.0 / np.clip(given[rows, codes], _LEAST, 1.0)).mean()),  # never -0
+        brier=float(((probabilities - wanted) ** 2).sum(axis=1).mean()),
+        log_loss=float(np.log(1.0 / np.clip(probabilities[rows, truth], _LEAST, 1.0)).mean()),  # never -0
         bins=bins,
         source=source,
         held_out=held_out,
-        synthetic=bool(synthetic),
+        synthetic=synthetic,
     )
-
-
-def _checked(probabilities: npt.ArrayLike, truth: npt.ArrayLike) -> tuple[FloatArray, IntArray]:
-    given = np.asarray(probabilities, dtype=np.float64)
-    codes = np.asarray(truth)
-    if given.ndim != 2 or given.shape[1] < 2 or codes.shape != (len(given),) or len(given) == 0:
-        raise ValueError(
-            f"probabilities (n, K) and truth (n,) must fit, n >= 1 and K >= 2, got {given.shape} and {codes.shape}"
-        )
-    if not np.issubdtype(codes.dtype, np.integer):
-        raise TypeError(f"truth must hold class numbers, got {codes.dtype}")
-    if not ((given >= 0).all() and (np.abs(given.sum(axis=1) - 1) <= _SUM_TOLERANCE).all()):
-        raise ValueError("probabilities must not be negative, and sum to 1 in each row")
-    if codes.min() < 0 or codes.max() >= given.shape[1]:
-        raise ValueError(f"truth must be in 0 to {given.shape[1] - 1}, got {codes.min()} to {codes.max()}")
-    return given, codes.astype(np.intp)
-
-
-def _members(rows: IntArray, groups: npt.ArrayLike | None) -> Sequence[IntArray]:
-    if groups is None:
-        return list(rows[:, None])
-    own = np.asarray(groups)
-    if own.shape != rows.shape:
-        raise ValueError(f"groups must have shape {rows.shape}, got {own.shape}")
-    return [np.flatnonzero(own == group) for group in np.unique(own)]
 
 
 def _middle(values: Sequence[float]) -> tuple[float, float]:

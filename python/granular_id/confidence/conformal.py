@@ -1,25 +1,19 @@
 """Sets of materials that hold the right one as often as was asked for.
 
-Sources: Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random World" (2005); Romano, Sesia, Candes,
-"Classification with valid and adaptive coverage" (NeurIPS 2020) for the cumulative score; Sadinle, Lei, Wasserman,
-"Least ambiguous set-valued classifiers with bounded error levels" (JASA 2019) for the probability score.
+Source: Vovk, Gammerman, Shafer, "Algorithmic Learning in a Random World" (2005).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from types import MappingProxyType
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from granular_id._checks import named
 from granular_id._schema import check_form
-
-# scipy is loaded where it is used: whoever reads a stored rule does not wait for it.
 
 if TYPE_CHECKING:
     from granular_id.confidence.held_out import HeldOutScores
@@ -30,63 +24,44 @@ IntArray = npt.NDArray[np.intp]
 _FORM = {
     "format": "granular-id conformal rule 1",
     "classes": [str, ...],
-    "kind": str,
     "levels": [float, ...],
-    "thresholds": [[(float, None), ...], ...],
-    "n_calibration": [int, ...],
-    "temperature": float,
+    "thresholds": [(float, None), ...],
+    "n_calibration": int,
     "held_out": str,
 }
 
 LEVELS = (0.8, 0.9, 0.95)
 """Default coverages: the usual ones; 0.95 needs 19 calibration rows."""
 
-KINDS: Mapping[str, str] = MappingProxyType(
-    {
-        "margin": "the best other value minus the own",
-        "probability": "minus the own probability",
-        "cumulative": "the probability of all classes down to the own, the likeliest first",
-    }
-)
-"""How badly a class fits a row, by name."""
-
-_NAMED = 3
 _ROUNDING = 1e-9  # (n + 1) * 0.9 may come out a hair above a whole number
-_LOG_RANGE = 12.0  # temperatures from e^-12 to e^12 of the spread of the values
-_LEAST = 1e-300
 
 
 @dataclass(frozen=True)
 class ConformalRule:
     """Thresholds that turn the class values of one row into a set of classes.
 
-    A class is in the set of a level when its score (see `kind`) is at most the threshold of that level. Where
-    calibration rows and the new row are exchangeable, the set holds the true class with at least the probability
+    A class is in the set of a level when the best other value exceeds its own by at most the threshold of that level.
+    Where calibration rows and the new row are exchangeable, the set holds the true class with at least the probability
     that was asked for, whatever the model. No randomness is involved.
 
     Attributes
     ----------
     classes : tuple of str
         In the order of the class values.
-    kind : str
-        How badly a class fits: ``"margin"`` (the best other value minus its own), ``"probability"`` (minus its own
-        probability) or ``"cumulative"`` (the probability of all classes down to it, the likeliest first).
     levels : tuple of float
         Wanted coverages in (0, 1), ascending.
-    thresholds : tuple of tuple of float
-        For each level one number, or one for each class; infinite where there were too few calibration rows for the
-        level: every class is then in the set.
-    n_calibration : tuple of int
-        Rows behind the threshold, or behind that of each class.
-    temperature : float
-        Class values are divided by it before they become probabilities; of no effect on ``"margin"``.
+    thresholds : tuple of float
+        One for each level; infinite where there were too few calibration rows for the level: every class is then in
+        the set.
+    n_calibration : int
+        Rows behind the thresholds.
     held_out : str
         What the calibration rows were to the models that scored them, such as ``"5 folds of whole sessions"``.
 
     Examples
     --------
     >>> from granular_id.confidence import ConformalRule
-    >>> rule = ConformalRule(("oat", "rice", "salt"), "margin", (0.8, 0.95), ((-0.1,), (0.3,)), (62,))
+    >>> rule = ConformalRule(("oat", "rice", "salt"), (0.8, 0.95), (-0.1, 0.3), 62)
     >>> rule.names([-0.5, -0.2, -0.9], 0.8), rule.names([-0.5, -0.2, -0.9], 0.95)
     (('rice',), ('rice', 'oat'))
     >>> ConformalRule.from_dict(rule.to_dict()) == rule
@@ -94,59 +69,34 @@ class ConformalRule:
     """
 
     classes: tuple[str, ...]
-    kind: str
     levels: tuple[float, ...]
-    thresholds: tuple[tuple[float, ...], ...]
-    n_calibration: tuple[int, ...]
-    temperature: float = 1.0
+    thresholds: tuple[float, ...]
+    n_calibration: int
     held_out: str = ""
-    _limits: dict[float, tuple[float, ...]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        n_classes = len(self.classes)
         check_classes(self.classes)
-        named(KINDS, "kind", self.kind)
         checked_levels(self.levels)
         if list(self.levels) != sorted(self.levels):
             raise ValueError(f"levels must ascend, got {self.levels}")
-        widths = {len(row) for row in self.thresholds}
-        if len(self.thresholds) != len(self.levels) or widths not in ({1}, {n_classes}):
+        if len(self.thresholds) != len(self.levels):
             raise ValueError(
-                f"thresholds must hold 1 or {n_classes} numbers for each of {len(self.levels)} levels, got "
-                f"{[len(row) for row in self.thresholds]}"
+                f"thresholds must hold a number for each of {len(self.levels)} levels, got {len(self.thresholds)}"
             )
-        if any(math.isnan(limit) or limit == -math.inf for row in self.thresholds for limit in row):
+        if any(math.isnan(limit) or limit == -math.inf for limit in self.thresholds):
             raise ValueError("thresholds must be numbers or infinite, got NaN or minus infinity")
-        if {len(self.n_calibration)} != widths or min(self.n_calibration) < 0:
-            raise ValueError(f"n_calibration must hold {widths.pop()} counts, got {self.n_calibration}")
-        if not 0 < self.temperature < math.inf:
-            raise ValueError(f"temperature must be positive and finite, got {self.temperature}")
-        repeat = n_classes if widths == {1} else 1
-        limits = {level: row * repeat for level, row in zip(self.levels, self.thresholds, strict=True)}
-        object.__setattr__(self, "_limits", limits)
-
-    @property
-    def per_class(self) -> bool:
-        """Whether each class has a threshold, and its own coverage, of its own (Mondrian)."""
-        return len(self.n_calibration) > 1
+        if self.n_calibration < 0:
+            raise ValueError(f"n_calibration must not be negative, got {self.n_calibration}")
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Say for which levels, and classes, there were too few calibration rows."""
-        lines = []
-        for level, limits in zip(self.levels, self.thresholds, strict=True):
-            short = [k for k, limit in enumerate(limits) if limit == math.inf]
-            if not short:
-                continue
-            more = f" and {len(short) - _NAMED} more" if len(short) > _NAMED else ""
-            names = ", ".join(self.classes[k] for k in short[:_NAMED])
-            who = f" for {names}{more}" if self.per_class else ""
-            have = min(self.n_calibration[k] for k in short)
-            what = "always in the set" if self.per_class else "every set is full"
-            lines.append(
-                f"{100 * level:g} % needs {rows_needed(level)} calibration rows, there are {have}{who}: {what}"
-            )
-        return tuple(lines)
+        """Say for which levels there were too few calibration rows."""
+        return tuple(
+            f"{100 * level:g} % needs {rows_needed(level)} calibration rows, there are {self.n_calibration}: "
+            "every set is full"
+            for level, limit in zip(self.levels, self.thresholds, strict=True)
+            if limit == math.inf
+        )
 
     def sets(self, values: npt.ArrayLike, level: float | None = None) -> npt.NDArray[np.bool_]:
         """Tell which classes are in the set of a level.
@@ -168,9 +118,11 @@ class ConformalRule:
         ValueError
             A level that is not stored, values of another shape, NaN.
         """
-        limits = self.limits_of(level)
+        level = self.levels[-1] if level is None else level
+        if level not in self.levels:
+            raise ValueError(f"level must be one of {', '.join(map(str, self.levels))}, got {level!r}")
         given = checked_scores("values", values, len(self.classes))
-        inside: npt.NDArray[np.bool_] = nonconformity(given, self.kind, self.temperature) <= limits
+        inside: npt.NDArray[np.bool_] = nonconformity(given) <= self.thresholds[self.levels.index(level)]
         return inside
 
     def names(
@@ -195,13 +147,6 @@ class ConformalRule:
         if not found and at_least_one:
             found = [listed.index(max(listed))]
         return tuple(self.classes[k] for k in found)
-
-    def limits_of(self, level: float | None = None) -> tuple[float, ...]:
-        """Return the threshold of each class (K,) for one of `levels`; default: the largest."""
-        limits = self._limits.get(self.levels[-1] if level is None else level)
-        if limits is None:
-            raise ValueError(f"level must be one of {', '.join(map(str, self.levels))}, got {level!r}")
-        return limits
 
     def to_dict(self) -> dict[str, Any]:
         """Return the rule in types that JSON knows; an infinite threshold becomes None."""
@@ -285,13 +230,7 @@ def rows_needed(level: float) -> int:
     return n
 
 
-def conformal_rule(
-    scored: HeldOutScores,
-    levels: Sequence[float] = LEVELS,
-    *,
-    kind: str = "margin",
-    per_class: bool = False,
-) -> ConformalRule:
+def conformal_rule(scored: HeldOutScores, levels: Sequence[float] = LEVELS) -> ConformalRule:
     """Set the thresholds of prediction sets.
 
     Parameters
@@ -301,11 +240,6 @@ def conformal_rule(
         guaranteed; where by models of a cross-fit, it comes close, see :doc:`/guide/confidence`.
     levels : sequence of float, default (0.8, 0.9, 0.95)
         Wanted coverages in (0, 1).
-    kind : str, default "margin"
-        As `ConformalRule.kind`. The margin gives the smallest sets with a linear model, and needs no probabilities.
-    per_class : bool, default False
-        A threshold for each class (Mondrian): each material alone is covered as often as wanted. Each class then
-        needs as many rows as otherwise all have together.
 
     Returns
     -------
@@ -324,21 +258,10 @@ def conformal_rule(
     >>> float(covered.mean()) >= 0.9
     True
     """
-    named(KINDS, "kind", kind)
     wanted = checked_levels(levels)
-    values, truth = scored.scores.values, scored.truth
-    temperature = 1.0 if kind == "margin" else fit_temperature(values, truth)
-    own = nonconformity(values, kind, temperature)[np.arange(len(truth)), truth]
-    parts = [own[truth == k] for k in range(len(scored.classes))] if per_class else [own]
-    return ConformalRule(
-        scored.classes,
-        kind,
-        wanted,
-        tuple(tuple(conformal_quantile(part, level) for part in parts) for level in wanted),
-        tuple(len(part) for part in parts),
-        temperature,
-        scored.held_out,
-    )
+    own = nonconformity(scored.scores.values)[np.arange(len(scored.truth)), scored.truth]
+    thresholds = tuple(conformal_quantile(own, level) for level in wanted)
+    return ConformalRule(scored.classes, wanted, thresholds, len(own), scored.held_out)
 
 
 def conformal_quantile(scores: FloatArray, level: float) -> float:
@@ -347,40 +270,10 @@ def conformal_quantile(scores: FloatArray, level: float) -> float:
     return math.inf if rank > len(scores) else float(np.partition(scores, rank - 1)[rank - 1])
 
 
-def fit_temperature(values: FloatArray, truth: IntArray) -> float:
-    """Temperature that makes class values (n, K) the likeliest logarithms of probabilities.
-
-    Source: Guo, Pleiss, Sun, Weinberger, "On calibration of modern neural networks" (ICML 2017), section 4.2.
-    """
-    from scipy.optimize import minimize_scalar
-    from scipy.special import softmax
-
-    spread = float(values.std()) or 1.0
-    rows = np.arange(len(truth))
-
-    def loss(log_temperature: float) -> float:
-        shares = softmax(values / (spread * math.exp(log_temperature)), axis=-1)[rows, truth]
-        return -float(np.log(np.maximum(shares, _LEAST)).mean())
-
-    found = minimize_scalar(loss, bounds=(-_LOG_RANGE, _LOG_RANGE), method="bounded")
-    return spread * math.exp(float(found.x))
-
-
-def nonconformity(values: FloatArray, kind: str, temperature: float) -> FloatArray:
-    """How badly each class fits, by a kind of `KINDS`, for class values (..., K)."""
-    if kind == "margin":
-        order = np.argpartition(values, -2, axis=-1)[..., -2:]
-        two = np.take_along_axis(values, order, axis=-1)
-        margins: FloatArray = two[..., 1:] - values
-        np.put_along_axis(margins, order[..., 1:], two[..., :1] - two[..., 1:], axis=-1)
-        return margins
-    from scipy.special import softmax
-
-    shares: FloatArray = softmax(values / temperature, axis=-1)
-    if kind == "probability":
-        return -shares
-    order = np.argsort(-shares, axis=-1, kind="stable")
-    cumulative = np.empty_like(shares)
-    sums = np.take_along_axis(shares, order, axis=-1).cumsum(axis=-1)
-    np.put_along_axis(cumulative, order, sums, axis=-1)
-    return cumulative
+def nonconformity(values: FloatArray) -> FloatArray:
+    """How badly each class fits: the best other value minus its own, for class values (..., K)."""
+    order = np.argpartition(values, -2, axis=-1)[..., -2:]
+    two = np.take_along_axis(values, order, axis=-1)
+    margins: FloatArray = two[..., 1:] - values
+    np.put_along_axis(margins, order[..., 1:], two[..., :1] - two[..., 1:], axis=-1)
+    return margins

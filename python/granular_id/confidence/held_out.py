@@ -6,7 +6,6 @@ that was trained on the other folds instead.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,9 +16,7 @@ import numpy.typing as npt
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
-from granular_id._checks import whole_number
 from granular_id._estimators import learns
-from granular_id._files import write_json
 from granular_id._parallel import in_threads
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id._text import Table
@@ -78,16 +75,15 @@ class Rows:
         return clone(model).fit(self.X, self.labels, **known)
 
     def folds(
-        self, n_folds: int | None = None, *, seed: int = 0, strict: bool = True
+        self, *, n_random: int = N_RANDOM_FOLDS, seed: int = 0, strict: bool = True
     ) -> tuple[list[Partition], str]:
         """Folds in which every row is tested once, and a line on what they hold out.
 
         Whole sessions where every class has two or more; else contiguous blocks in time of each class; else, or
-        when not `strict`, stratified random folds. Default: `N_FOLDS`, or `N_RANDOM_FOLDS` random ones.
+        when not `strict`, `n_random` stratified random folds.
         """
         largest = max(own.size for own in splittable_rows(self.labels, "cross-fitting").values())
-        n_random = min(N_RANDOM_FOLDS if n_folds is None else n_folds, largest)
-        n_folds = min(N_FOLDS if n_folds is None else n_folds, largest)
+        n_random, n_folds = min(n_random, largest), min(N_FOLDS, largest)
         why = ""
         if strict:
             blocks = partial(block_partitions, n_folds=n_folds)
@@ -99,29 +95,26 @@ class Rows:
             why = f" ({why_no_sessions(self.codes, self.groups.sessions)}; {self.groups.basis})"
         return kfold_partitions(self.codes, n_folds=n_random, seed=seed), f"{n_random} random folds{why}"
 
-    def partitions(self, n_folds: int | None = None, *, seed: int = 0) -> tuple[list[Partition], str]:
+    def partitions(self, *, seed: int = 0) -> tuple[list[Partition], str]:
         """Partitions to judge by: sessions, else halves in time order both ways, else random folds."""
-        most = N_FOLDS if n_folds is None else n_folds
-        drawn, _ = strict_partitions(self.codes, self.groups, max_folds=most)
-        drawn = drawn or self.folds(n_folds, seed=seed, strict=False)[0]
+        drawn, _ = strict_partitions(self.codes, self.groups, max_folds=N_FOLDS)
+        drawn = drawn or self.folds(n_random=N_FOLDS, seed=seed, strict=False)[0]
         return drawn, protocol_name(drawn[0].protocol, drawn)
 
-    def refuse_few(self, n_folds: int | None = None) -> None:
+    def refuse_few(self) -> None:
         """Refuse materials of which `partitions` or random ones would train on a single row.
 
         Nothing could be held out within such a part, and a fit long after others would say so.
         """
-        if n_folds is not None:
-            whole_number("n_folds", n_folds, least=2)
         in_sessions = not why_no_sessions(self.codes, self.groups.sessions)
         in_halves = not in_sessions and self.groups.rank is not None
         counts = np.bincount(self.codes)
-        needed = 4 if in_halves or n_folds == 2 else 3
+        needed = 4 if in_halves else 3
         few = counts < needed
         reason = "either half in time order holds 2" if in_halves else "2 train while others are held out"
         why = f"at least {needed} of each are needed, so that {reason}"
         if in_sessions and not few.any():
-            trained = [self.codes[part.train] for part in self.partitions(n_folds)[0]]
+            trained = [self.codes[part.train] for part in self.partitions()[0]]
             few = np.min([np.bincount(codes, minlength=len(counts)) for codes in trained], axis=0) < 2
             why = "at least 2 of each must train while whole sessions are held out"
         if few.any():
@@ -232,7 +225,6 @@ def held_out_scores(
     sessions: Sequence[str | None] | npt.NDArray[Any] | None = None,
     in_time_order: bool = False,
     partitions: Sequence[Partition] | None = None,
-    n_folds: int | None = None,
     seed: int = 0,
     n_jobs: int | None = None,
     held_out: str = "",
@@ -251,9 +243,7 @@ def held_out_scores(
         Of arrays only: the label and the session of each row, and whether rows stand in the order of recording.
     partitions : sequence of Partition, optional
         Each row tested at most once, every class in every training part. Default: folds of whole sessions where
-        every class has several; else blocks in time; else stratified random folds.
-    n_folds : int, optional
-        Of the default. Default: 5, or 10 random ones.
+        every class has several, or blocks in time, 5 at most; else 10 stratified random folds.
     seed : int, default 0
         Of random folds.
     n_jobs : int, optional
@@ -286,7 +276,7 @@ def held_out_scores(
     """
     rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
     if partitions is None:
-        partitions, held_out = rows.folds(n_folds, seed=seed)
+        partitions, held_out = rows.folds(seed=seed)
     tested = np.concatenate([partition.test for partition in partitions])
     if np.unique(tested).size < tested.size:
         raise ValueError("partitions must test each row at most once")
@@ -367,12 +357,12 @@ def cross_fit(
     train: Rows,
     X: npt.NDArray[Any],
     *,
-    n_folds: int | None,
     seed: int,
+    n_random: int = N_RANDOM_FOLDS,
     strict: bool = True,
 ) -> tuple[HeldOutScores, Scores]:
     """Score training rows by models of their folds, to set a rule on, and other rows by a model of all, to judge it."""
-    folds, held_out = train.folds(n_folds, seed=seed, strict=strict)
+    folds, held_out = train.folds(n_random=n_random, seed=seed, strict=strict)
     crossed = held_out_scores(train, model, partitions=folds, held_out=held_out)
     return crossed, scores_of(train.trained(model), X, train.classes)
 
@@ -397,18 +387,13 @@ def for_each(
 
 
 class StudyResult:
-    """Figures that can be printed and saved."""
+    """Figures that can be printed."""
 
     synthetic: bool
     table: Callable[[], Table]
-    to_dict: Callable[[], dict[str, Any]]
 
     def __str__(self) -> str:
         return str(self.table())
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write `to_dict` as one JSON file; whole or not at all."""
-        write_json(path, self.to_dict())
 
     @property
     def _mark(self) -> str:

@@ -12,29 +12,18 @@ from scipy.stats import rankdata
 
 from granular_id._progress import ProgressCallback
 from granular_id._text import Table, percent
-from granular_id.confidence.held_out import (
-    N_FOLDS,
-    Rows,
-    Scores,
-    StudyResult,
-    cross_fit,
-    for_each,
-    rows_of,
-    without_fixed_steps,
-)
-from granular_id.confidence.unknown import NOVELTY, UnknownRule, available_kinds, unknown_rule
+from granular_id.confidence.held_out import N_FOLDS, Rows, Scores, StudyResult, cross_fit, for_each
+from granular_id.confidence.unknown import UnknownRule, unknown_rule
 from granular_id.partitions import Partition
-from granular_id.recording import Dataset
 
 FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class OpenSetRow:
-    """One kind of novelty score with one material left out, mean over the partitions; rows are tested ones."""
+    """One material left out, mean over the partitions; rows are tested ones."""
 
     material: str  # unknown to the models
-    kind: str
     auroc: float  # probability that a row of the unknown material is more novel than a known one
     fpr95: float  # share of the unknown accepted at the limit, not known in practice, that accepts 95 % of the known
     accepted: float  # share of the known that the stored limit accepts
@@ -56,23 +45,20 @@ class OpenSetResult(StudyResult):
     Attributes
     ----------
     rows : tuple of OpenSetRow
-        Kinds of novelty score and materials.
-    kind : str
-        The kind of first interest.
+        One for each material.
     share_known : float
         Share of known rows that was to be accepted.
     held_out : str
         What separated training rows from tested ones.
     synthetic : bool
     novelty : tuple of two ndarrays
-        Of tested known and of unknown rows, by the first kind, for figures: 0 is the median known row of a
+        Of tested known and of unknown rows, for figures: 0 is the median known row of a
         partition, 1 its limit; rows of models without one are left out.
     n_unlimited : int
         Models that had too few rows of known materials for a limit, and refuse nothing.
     """
 
     rows: tuple[OpenSetRow, ...]
-    kind: str
     share_known: float
     held_out: str
     synthetic: bool = False
@@ -81,25 +67,19 @@ class OpenSetResult(StudyResult):
     )
     n_unlimited: int = 0
 
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds that were compared."""
-        return tuple(dict.fromkeys(row.kind for row in self.rows))
-
-    def mean(self, figure: str, kind: str | None = None) -> float:
+    def mean(self, figure: str) -> float:
         """Mean over the materials of a figure, an attribute of `OpenSetRow`."""
-        wanted = self.kind if kind is None else kind
-        return float(np.mean([getattr(row, figure) for row in self.rows if row.kind == wanted]))
+        return float(np.mean([getattr(row, figure) for row in self.rows]))
 
     def table(self) -> Table:
-        """One row per left-out material, for the kind of first interest."""
-        own = sorted((row for row in self.rows if row.kind == self.kind), key=lambda row: row.auroc)
+        """One row per left-out material, the least AUROC first."""
+        own = sorted(self.rows, key=lambda row: row.auroc)
         rows = [_cells(row.material, [getattr(row, figure) for figure in _FIGURES]) for row in own]
         rows.append(_cells("mean", [self.mean(figure) for figure in _FIGURES]))
         notes: tuple[str, ...] = (
             "known tested rows: accepted, and accepted with the right name; unknown: refused. open set: mean of named "
             "and refused",
-            f"limit of {self.kind!r} set to accept {percent(self.share_known)} of cross-fitted known rows",
+            f"limit set to accept {percent(self.share_known)} of cross-fitted known rows",
             f"held out: {self.held_out}",
         )
         if self.n_unlimited:
@@ -109,20 +89,10 @@ class OpenSetResult(StudyResult):
             )
         return Table(f"Each material left out{self._mark}", _HEADER, tuple(rows), notes)
 
-    def comparison(self) -> Table:
-        """One row per kind of novelty score, means over the materials, the best AUROC first."""
-        kinds = sorted(self.kinds, key=lambda kind: -self.mean("auroc", kind))
-        rows = tuple(_cells(kind, [self.mean(figure, kind) for figure in _FIGURES]) for kind in kinds)
-        return Table(f"Ways to see the unknown{self._mark}", ("kind", *_HEADER[1:]), rows)
-
-    def __str__(self) -> str:
-        return str(self.table()) if len(self.kinds) == 1 else f"{self.table()}\n\n{self.comparison()}"
-
     def to_dict(self) -> dict[str, Any]:
         """Return everything but the single rows' novelty scores in types that JSON knows."""
         return {
             "synthetic": self.synthetic,
-            "kind": self.kind,
             "share_known": self.share_known,
             "held_out": self.held_out,
             "n_unlimited": self.n_unlimited,
@@ -139,80 +109,33 @@ def _cells(name: str, figures: Sequence[float]) -> tuple[str, ...]:
 
 
 def leave_one_material_out(
-    data: Dataset | Rows | npt.ArrayLike,
+    rows: Rows,
     model: Any,
-    y: npt.ArrayLike | None = None,
     *,
-    sessions: Sequence[str | None] | None = None,
-    in_time_order: bool = False,
-    share_known: float = 0.95,
-    kinds: Sequence[str] | None = None,
-    n_folds: int = N_FOLDS,
+    share_known: float,
     seed: int = 0,
     n_jobs: int | None = None,
     progress: bool | ProgressCallback = False,
 ) -> OpenSetResult:
-    """Train without a material, and see whether its rows are refused; one material after the other.
+    """Train without a material, and see whether its rows are refused; one of at least three after the other.
 
     Rows of known materials are tested by models that did not train on them either, as strictly as the data allow:
     whole sessions held out, else halves in time order both ways, else random folds. The limit comes from a cross-fit
     within the training rows, so that nothing tested has a say in it.
-
-    Parameters
-    ----------
-    data, model, y, sessions, in_time_order, n_folds, seed, n_jobs, progress
-        As in `granular_id.confidence.assess`.
-    share_known : float, default 0.95
-        Share of known rows that is to be accepted.
-    kinds : sequence of str, optional
-        Kinds of novelty score (`UnknownRule.kind`) to compare, the first is the one of interest. Default: that of
-        `unknown_rule`, and all others that the model allows.
-
-    Returns
-    -------
-    OpenSetResult
-
-    Raises
-    ------
-    TypeError, ValueError
-        As `assess` and `unknown_rule`; fewer than three materials.
-
-    Examples
-    --------
-    >>> from sklearn.datasets import load_iris
-    >>> from granular_id.confidence import leave_one_material_out
-    >>> from granular_id import ECOCClassifier
-    >>> X, y = load_iris(return_X_y=True)
-    >>> result = leave_one_material_out(X, ECOCClassifier(), y, kinds=["value_distance"])
-    >>> [row.material for row in result.rows]
-    ['0', '1', '2']
     """
-    rows = rows_of(data, y, sessions=sessions, in_time_order=in_time_order)
-    if len(rows.classes) < 3:
-        raise ValueError(f"leaving a material out needs at least 3, to keep 2; got {len(rows.classes)}")
-    kinds = tuple(kinds or ())
-    for kind in kinds:
-        if kind not in NOVELTY:
-            raise ValueError(f"kinds must be among {', '.join(map(repr, NOVELTY))}, got {kind!r}")
-    rows.refuse_few(n_folds)
-    partitions, held_out = rows.partitions(n_folds, seed=seed)
-    model, rows = without_fixed_steps(model, rows)
+    partitions, held_out = rows.partitions(seed=seed)
 
-    def judged(task: tuple[int, Partition]) -> dict[str, _Judged]:
-        """Judge each kind; none where the partition does not test the material, or nothing else."""
+    def judged(task: tuple[int, Partition]) -> _Judged | None:
+        """Judge one model; None where the partition does not test the material, or nothing else."""
         unknown, partition = task
         is_known = rows.codes[partition.test] != unknown
         if is_known.all() or not is_known.any():
-            return {}
+            return None
         train = rows.take(partition.train[rows.codes[partition.train] != unknown])
-        crossed, scores = cross_fit(model, train, rows.X[partition.test], n_folds=n_folds, seed=seed)
+        crossed, scores = cross_fit(model, train, rows.X[partition.test], n_random=N_FOLDS, seed=seed)
         named = np.array(train.classes)[scores.values.argmax(axis=1)]
         right = named == rows.labels[partition.test]
-        rules = {
-            kind: unknown_rule(crossed, share_known=share_known, kind=kind)
-            for kind in kinds or available_kinds(crossed)
-        }
-        return {kind: _judged(rule, scores, is_known, right) for kind, rule in rules.items()}
+        return _judged(unknown_rule(crossed, share_known=share_known), scores, is_known, right)
 
     tasks = [(unknown, partition) for unknown in range(len(rows.classes)) for partition in partitions]
     outcomes = for_each(
@@ -226,23 +149,20 @@ def leave_one_material_out(
     if not found:
         raise ValueError("no partition tests both the material that is left out and others")
     table = [
-        _row(material, kind, own)
-        for kind in found[0][1]
+        _row(material, own)
         for material in rows.classes
-        if (own := [one[kind] for left_out, one in found if left_out == material])
+        if (own := [one for left_out, one in found if left_out == material])
     ]
-    first = table[0].kind
-    of_first = [one[first] for _, one in found]
-    drawn = [np.concatenate([getattr(one, part) for one in of_first]) for part in ("known", "unknown")]
+    drawn = [np.concatenate([getattr(one, part) for _, one in found]) for part in ("known", "unknown")]
     known, unknown = (values[np.isfinite(values)] for values in drawn)
-    unlimited = sum(bool(np.isnan(one.known).any()) for one in of_first)
+    unlimited = sum(bool(np.isnan(one.known).any()) for _, one in found)
     return OpenSetResult(
-        tuple(table), first, float(share_known), held_out, rows.synthetic, (known, unknown), unlimited
+        tuple(table), float(share_known), held_out, rows.synthetic, (known, unknown), unlimited
     )
 
 
 class _Judged(NamedTuple):
-    """What one model says, by one kind, of tested known rows and of those of the material that it does not know."""
+    """What one model says of tested known rows and of those of the material that it does not know."""
 
     shares: tuple[float, ...]  # figures of `OpenSetRow`, from its AUROC on
     known: FloatArray  # novelty: 0 is the median known row, 1 the limit; NaN without one
@@ -269,11 +189,11 @@ def _judged(
     return _Judged(shares, (known - middle) / scale, (unknown - middle) / scale)
 
 
-def _row(material: str, kind: str, judged: Sequence[_Judged]) -> OpenSetRow:
+def _row(material: str, judged: Sequence[_Judged]) -> OpenSetRow:
     shares = np.array([one.shares for one in judged]).mean(axis=0).tolist()
     counts = [sum(len(getattr(one, part)) for one in judged) for part in ("known", "unknown")]
     figures: list[Any] = [*shares, *counts]
-    return OpenSetRow(material, kind, *figures)
+    return OpenSetRow(material, *figures)
 
 
 def area_under_roc(known: FloatArray, unknown: FloatArray) -> float:

@@ -1,9 +1,8 @@
 """Refusing what is none of the known materials, by the novelty of the scores of a row.
 
-Sources: Hendrycks & Gimpel, "A baseline for detecting misclassified and out-of-distribution examples" (ICLR 2017) for
-the largest value; Lee, Lee, Lee, Shin, "A simple unified framework for detecting out-of-distribution samples"
-(NeurIPS 2018) for the Mahalanobis distance to the nearest class; Scheirer et al., "Toward open set recognition" (IEEE
-TPAMI 2013) for the task.
+Sources: Lee, Lee, Lee, Shin, "A simple unified framework for detecting out-of-distribution samples" (NeurIPS 2018) for
+the Mahalanobis distance to the nearest class; Scheirer et al., "Toward open set recognition" (IEEE TPAMI 2013) for the
+task.
 """
 
 from __future__ import annotations
@@ -11,14 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
-from granular_id._checks import argument_error, named
 from granular_id.confidence.conformal import (
     check_classes,
     checked_scores,
@@ -39,31 +36,14 @@ _MATRIX = [[float, ...], ...]
 _FORM = {
     "format": "granular-id unknown rule 1",
     "classes": [str, ...],
-    "kind": str,
     "threshold": (float, None),
     "share_known": float,
     "n_calibration": int,
-    "held_out": str,
     "means": _MATRIX,
     "whitener": _MATRIX,
-    "coding": _MATRIX,
+    "of_pairs": bool,
+    "held_out": str,
 }
-
-NOVELTY: Mapping[str, str] = MappingProxyType(
-    {
-        "hinge_distance": "Mahalanobis distance of the class values under the hinge to those of the nearest class",
-        "value_distance": "the same under the loss that decides",
-        "learner_distance": "Mahalanobis distance of the learners' scores to those of the nearest class",
-        "learners": "how clearly the least clear learner of the winning class speaks for it, negated",
-        "value": "minus the largest class value",
-        "margin": "the second largest class value minus the largest",
-    }
-)
-"""Novelty scores by name; larger is more novel."""
-
-_OF_LEARNERS = ("hinge_distance", "learner_distance", "learners")
-_OF_DISTANCE = ("hinge_distance", "value_distance", "learner_distance")
-_OF_CLASSES = ("hinge_distance", "value_distance")
 
 _LEAST_VARIANCE = 1e-12
 """Share of the largest variance below which a direction is rounding."""
@@ -77,30 +57,27 @@ class UnknownRule:
     ----------
     classes : tuple of str
         In the order of the class values.
-    kind : str
-        The novelty score: ``"hinge_distance"`` (Mahalanobis distance of the class values under the hinge to those of
-        the nearest class), ``"value_distance"`` (the same under the loss that decides), ``"learner_distance"`` (the
-        same of the learners' scores), ``"learners"`` (how clearly the least clear learner of the winning class speaks
-        for it, negated), ``"value"`` (minus the largest class value) or ``"margin"`` (the second largest minus it).
     threshold : float
         Rows with a larger novelty score are rejected; infinite, so that none is, with too few calibration rows.
     share_known : float
         Share of rows of known materials that was to be accepted, in (0, 1).
     n_calibration : int
         Rows of known materials behind the threshold.
-    held_out : str
-        What these rows were to the models that scored them.
     means : tuple of tuple of float
-        Of the distances: mean scores of each class (K, S), S = K classes or L learners; else empty.
+        Mean class values of each class (K, K).
     whitener : tuple of tuple of float
-        Of the distances: matrix (S, S) whose product with a score has the unit matrix as covariance within a class.
-    coding : tuple of tuple of float
-        Of ``"learners"``: side -1, 0, +1 of each class in each learner (K, L); else empty.
+        Matrix (K, K) whose product with class values has the unit matrix as covariance within a class.
+    of_pairs : bool
+        Whether the class values are those under the hinge, made of the scores of one learner for each pair of classes;
+        else they are those that decide.
+    held_out : str
+        What the rows behind the threshold were to the models that scored them.
 
     Examples
     --------
     >>> from granular_id.confidence import UnknownRule
-    >>> rule = UnknownRule(("oat", "rice"), "margin", -0.1, 0.95, 60)
+    >>> near = ((-0.2, -0.8), (-0.8, -0.2))
+    >>> rule = UnknownRule(("oat", "rice"), 0.3, 0.95, 60, near, ((1.0, 0.0), (0.0, 1.0)), of_pairs=False)
     >>> rule.knows([-0.2, -0.9]), rule.knows([-0.50, -0.55])
     (True, False)
     >>> UnknownRule.from_dict(rule.to_dict()) == rule
@@ -108,46 +85,26 @@ class UnknownRule:
     """
 
     classes: tuple[str, ...]
-    kind: str
     threshold: float
     share_known: float
     n_calibration: int
+    means: tuple[tuple[float, ...], ...] = field(repr=False)
+    whitener: tuple[tuple[float, ...], ...] = field(repr=False)
+    of_pairs: bool
     held_out: str = ""
-    means: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
-    whitener: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
-    coding: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
-    _nearest: _core.NearestMean | None = field(init=False, repr=False, compare=False)
-    _coding: FloatArray = field(init=False, repr=False, compare=False)
+    _nearest: _core.NearestMean = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        n_classes = len(self.classes)
         check_classes(self.classes)
-        named(NOVELTY, "kind", self.kind)
         if math.isnan(self.threshold) or self.threshold == -math.inf:
             raise ValueError(f"threshold must be a number or infinite, got {self.threshold}")
         if not 0 < self.share_known < 1:
             raise ValueError(f"share_known must lie between 0 and 1, got {self.share_known}")
         if self.n_calibration < 0:
             raise ValueError(f"n_calibration must not be negative, got {self.n_calibration}")
-        of_distance, of_learners = self.kind in _OF_DISTANCE, self.kind == "learners"
-        for name, wanted in (("means", of_distance), ("whitener", of_distance), ("coding", of_learners)):
-            if bool(getattr(self, name)) != wanted:
-                raise ValueError(f"{name} must {'be given' if wanted else 'be empty'} for kind {self.kind!r}")
-        nearest, coding = None, np.empty((0, 0))
-        if of_distance:
-            means, whitener = _matrix("means", self.means, n_classes), _matrix("whitener", self.whitener)
-            size = means.shape[1]
-            if whitener.shape != (size, size):
-                raise ValueError(f"whitener must have shape ({size}, {size}), got {whitener.shape}")
-            if self.kind in _OF_CLASSES and size != n_classes:
-                raise ValueError(f"means must have {n_classes} values a class, got {size}")
-            nearest = _core.NearestMean(means, whitener, of_pairs=self.kind == "hinge_distance")
-        if of_learners:
-            coding = _matrix("coding", self.coding, n_classes)
-            if not (coding != 0).any(axis=1).all():
-                raise argument_error(ValueError, "coding", "must show each class to at least one learner")
-        object.__setattr__(self, "_nearest", nearest)
-        object.__setattr__(self, "_coding", coding)
+        size = len(self.classes)
+        means, whitener = _matrix("means", self.means, size), _matrix("whitener", self.whitener, size)
+        object.__setattr__(self, "_nearest", _core.NearestMean(means, whitener, of_pairs=self.of_pairs))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -167,8 +124,7 @@ class UnknownRule:
         values : array-like, shape (K,) or (n, K)
             Class values of the fitted model, larger for what is likelier.
         binary : array-like, shape (L,) or (n, L), optional
-            Scores of its learners, which the kinds ``"hinge_distance"``, ``"learner_distance"`` and ``"learners"``
-            need.
+            Scores of its learners, needed where the rule is `of_pairs`.
 
         Returns
         -------
@@ -180,28 +136,17 @@ class UnknownRule:
             Another shape than the rule knows, or scores of learners that are missing.
         """
         given = checked_scores("values", values, len(self.classes))
-        if self.kind == "value":
-            return np.asarray(-given.max(axis=-1))
-        if self.kind == "margin":
-            two = np.partition(given, -2, axis=-1)
-            return np.asarray(two[..., -2] - two[..., -1])
-        if self.kind in _OF_LEARNERS:
+        scores: npt.ArrayLike = given
+        if self.of_pairs:
             if binary is None:
-                raise ValueError(
-                    f"binary must hold the scores of the learners for kind {self.kind!r}, got None"
-                )
-            if self.kind == "learners":
-                binary = checked_scores("binary", binary, self._coding.shape[1])
+                raise ValueError("binary must hold the scores of the learners of pairs, got None")
             if np.shape(binary)[:-1] != given.shape[:-1]:
                 raise ValueError(
                     f"values and binary must hold the same rows, got shapes {given.shape} and {np.shape(binary)}"
                 )
-        if self._nearest is None:
-            sides = self._coding[given.argmax(axis=-1)]
-            return np.asarray(-np.where(sides == 0, np.inf, sides * np.asarray(binary)).min(axis=-1))
-        of_values = binary is None or self.kind not in _OF_LEARNERS
-        distances = self._nearest.distances(*((given, "values") if of_values else (binary, "binary")))
-        return distances.reshape(given.shape[:-1])
+            scores = binary
+        name = "binary" if self.of_pairs else "values"
+        return self._nearest.distances(scores, name).reshape(given.shape[:-1])
 
     def knows(self, values: npt.ArrayLike, binary: npt.ArrayLike | None = None) -> Any:
         """Whether rows are of a known material: a bool, or an array (n,) of them; see `novelty`."""
@@ -227,29 +172,22 @@ class UnknownRule:
         return cls(**rule_from_dict(stored, _FORM, "the unknown rule"))
 
 
-def _matrix(name: str, rows: tuple[tuple[float, ...], ...], height: int | None = None) -> FloatArray:
-    if len({len(row) for row in rows}) != 1 or not rows[0] or height not in (None, len(rows)):
-        of_them = "" if height is None else f", {height} of them"
-        raise ValueError(f"{name} must be rows of one length{of_them}")
+def _matrix(name: str, rows: tuple[tuple[float, ...], ...], size: int) -> FloatArray:
+    if [len(row) for row in rows] != [size] * size:
+        raise ValueError(f"{name} must be {size} rows of {size} numbers")
     found = np.array(rows, dtype=np.float64)
     if not np.isfinite(found).all():
         raise ValueError(f"{name} must be finite")
     return found
 
 
-def available_kinds(scored: HeldOutScores) -> tuple[str, ...]:
-    """Kinds of `NOVELTY` that the scores suffice for."""
-    from granular_id.ecoc import onevsone
-
-    coding = scored.scores.coding
-    if coding is None:
-        return tuple(kind for kind in NOVELTY if kind not in _OF_LEARNERS)
-    of_pairs = np.array_equal(coding, onevsone(len(coding)))
-    return tuple(kind for kind in NOVELTY if of_pairs or kind != "hinge_distance")
-
-
-def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str | None = None) -> UnknownRule:
+def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95) -> UnknownRule:
     """Set the limit so that a wanted share of the rows of known materials is accepted.
+
+    The novelty score is the Mahalanobis distance of the class values to those of the nearest class. Where a model has a
+    learner for each pair of classes, class values are those under the hinge, whatever loss decides. The covariance
+    within classes is shrunken after Ledoit & Wolf (2004), "A well-conditioned estimator for large-dimensional
+    covariance matrices".
 
     Parameters
     ----------
@@ -258,11 +196,6 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
     share_known : float, default 0.95
         In (0, 1). The threshold is the ceil((n + 1) share)-th smallest novelty score, so that a new row of a known
         material, recorded as the others were, is accepted at least so often.
-    kind : str, optional
-        As `UnknownRule.kind`. Default: ``"hinge_distance"`` where a model has a learner for each pair of classes,
-        else ``"value_distance"``; these did best where one material after the other was left out, see
-        :doc:`/guide/confidence`. The covariance within classes is shrunken after Ledoit & Wolf (2004), "A
-        well-conditioned estimator for large-dimensional covariance matrices".
 
     Returns
     -------
@@ -271,7 +204,7 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
     Raises
     ------
     ValueError
-        An unknown kind, one that needs learners where there are none, a share outside (0, 1).
+        A share outside (0, 1).
 
     Examples
     --------
@@ -286,37 +219,23 @@ def unknown_rule(scored: HeldOutScores, *, share_known: float = 0.95, kind: str 
     """
     from granular_id.ecoc import decode, onevsone
 
-    available = available_kinds(scored)
-    kind = available[0] if kind is None else kind
-    named(NOVELTY, "kind", kind)
-    if kind not in available:
-        of_pairs = " with a learner for each pair of classes" if kind == "hinge_distance" else ""
-        raise ValueError(
-            f"kind {kind!r} needs a model that ends in ECOCClassifier{of_pairs}, with one coding matrix for all folds; "
-            f"{', '.join(map(repr, available))} do not"
-        )
-    values, binary, coding = scored.scores.values, scored.scores.binary, scored.scores.coding
-    own: FloatArray | None = None  # scores of which distances are taken
-    if kind == "value_distance":
-        own = values
-    elif binary is not None and kind in _OF_DISTANCE:
-        own = binary if kind == "learner_distance" else decode(binary, onevsone(len(scored.classes)))
-    parts: dict[str, Any] = {}
-    if own is not None:
-        parts = _distances(own, scored.truth)
-    elif kind == "learners" and coding is not None:
-        parts = {"coding": _plain(coding.astype(np.float64))}
+    own, binary, coding = scored.scores.values, scored.scores.binary, scored.scores.coding
+    pairs = onevsone(len(scored.classes))
+    of_pairs = coding is not None and np.array_equal(coding, pairs)
+    if binary is not None and of_pairs:
+        own = decode(binary, pairs)
     rule = UnknownRule(
         classes=scored.classes,
-        kind=kind,
         threshold=np.inf,
         share_known=float(share_known),
         n_calibration=len(scored.truth),
+        of_pairs=of_pairs,
         held_out=scored.held_out,
-        **parts,
+        **_distances(own, scored.truth),
     )
-    strange = rule.novelty(values, binary) if own is None else _held_out_distances(rule, own, scored)
-    return replace(rule, threshold=conformal_quantile(strange, rule.share_known))
+    return replace(
+        rule, threshold=conformal_quantile(_held_out_distances(rule, own, scored), rule.share_known)
+    )
 
 
 def _held_out_distances(rule: UnknownRule, own: FloatArray, scored: HeldOutScores) -> FloatArray:

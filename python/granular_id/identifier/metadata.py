@@ -69,7 +69,7 @@ _CHOICE = {
     "in_partitions": [{"chosen": [str, ...]}, ...],
 }
 _CONFIDENCE = {  # the core has found that these rules fit the model, and takes 3.0 for a whole number
-    "conformal?": ({"n_calibration": [int, ...]}, None),
+    "conformal?": ({"n_calibration": int}, None),
     "unknown?": ({"n_calibration": int}, None),
 }
 _TRAINED = {

@@ -11,9 +11,9 @@ from sklearn.datasets import load_iris
 from sklearn.pipeline import make_pipeline
 
 from cli_cases import ended_well, make, refused, saved
-from granular_id.confidence import ConformalRule, UnknownRule, assess, coverage_study, leave_one_material_out
-from granular_id.confidence.assessment import count_trainings
-from granular_id.confidence.coverage import CoverageResult, Covered
+from granular_id.confidence import ConformalRule, CoverageResult, UnknownRule, assess
+from granular_id.confidence.conformal import LEVELS
+from granular_id.confidence.coverage import Covered, coverage_study
 from granular_id.confidence.held_out import rows_of
 from granular_id.ecoc import ECOCClassifier
 from granular_id.partitions import random_partition
@@ -27,14 +27,14 @@ X, Y = load_iris(return_X_y=True)
 
 @pytest.fixture(scope="module")
 def found():
-    return assess(X, ECOCClassifier(), Y, n_seeds=4, in_time_order=True, compare=True)
+    return assess(X, ECOCClassifier(), Y, n_seeds=4, in_time_order=True)
 
 
 def test_coverage_over_100_random_partitions_is_within_two_points():
     """Tested 45 rows at a time: half a point of noise, and steps of 1 / 106."""
     rng = np.random.default_rng(0)
     noisy = X + rng.normal(scale=0.5, size=X.shape)
-    study = coverage_study(noisy, ECOCClassifier(), Y, n_seeds=100)
+    study = coverage_study(rows_of(noisy, Y), ECOCClassifier(), LEVELS, n_seeds=100)
     for row in study.rows:
         assert row.mean == pytest.approx(row.attainable, abs=0.02)
         assert len(row.coverage) == 100
@@ -43,7 +43,7 @@ def test_coverage_over_100_random_partitions_is_within_two_points():
 
 def test_levels_keep_their_digits_and_no_minus_stands_before_zero():
     row = Covered("random", True, 0.975, 0.975, (0.9749, 0.975), 1.0, 0.0)
-    (cells,) = CoverageResult((row,), "margin", per_class=False, n_classes=3).table().rows
+    (cells,) = CoverageResult((row,), n_classes=3).table().rows
     assert (cells[1], cells[4]) == ("97.5 %", "+0.0")
 
 
@@ -52,7 +52,7 @@ def test_drift_shows():
     rng = np.random.default_rng(0)
     y = np.tile([0, 1, 2], 60)
     wandering = 3 * np.eye(3)[y] + rng.normal(size=(180, 3)) + np.linspace(0, 5, 180)[:, None] * [1, -1, 0]
-    study = coverage_study(wandering, ECOCClassifier(), y, in_time_order=True, levels=[0.9], n_seeds=20)
+    study = coverage_study(rows_of(wandering, y, in_time_order=True), ECOCClassifier(), [0.9], n_seeds=20)
     random, halves = study.rows
     assert (random.random, halves.random) == (True, False)
     assert random.mean == pytest.approx(0.9, abs=0.04)
@@ -60,14 +60,10 @@ def test_drift_shows():
     assert len(halves.coverage) == 2
 
 
-@pytest.mark.parametrize("kind", ["margin", "probability", "cumulative"])
-def test_every_kind_and_threads(kind):
-    one, two = (
-        coverage_study(X, ECOCClassifier(), Y, kind=kind, n_seeds=3, per_class=True, n_jobs=jobs)
-        for jobs in (1, 2)
-    )
+def test_assess_in_threads_gives_the_same():
+    one, two = (assess(X, ECOCClassifier(), Y, n_seeds=3, n_jobs=jobs).to_dict() for jobs in (1, 2))
     assert one == two
-    assert one.rows[0].attainable == pytest.approx(29 / 36)  # of 35 rows of each class
+    assert one["coverage"]["rows"][0]["attainable"] == pytest.approx(85 / 106)  # of 105 rows
 
 
 def test_random_partitions_keep_rows_of_every_class():
@@ -83,16 +79,14 @@ def test_everything_in_one_call(found, tmp_path):
         "Probabilities of 150 rows",
         "Coverage of prediction",
         "Each material left out",
-        "Ways to see",
     ):
         assert part in text
     found.save(tmp_path / "c.json")
     stored = json.loads((tmp_path / "c.json").read_text())
     assert ConformalRule.from_dict(stored["conformal"]) == found.conformal
     assert UnknownRule.from_dict(stored["unknown"]) == found.unknown
-    for part in (found.coverage, found.open_set):
-        part.save(tmp_path / "p.json")
-        assert json.loads((tmp_path / "p.json").read_text()) == part.to_dict()
+    for part in ("coverage", "open_set"):
+        assert stored[part] == getattr(found, part).to_dict()
     assert not found.notes
 
 
@@ -173,7 +167,6 @@ class Untrained(ECOCClassifier):
         raise AssertionError("nothing must be trained")
 
 
-@pytest.mark.parametrize("ask", [assess, coverage_study, leave_one_material_out])
 @pytest.mark.parametrize(
     ("counts", "known", "message"),
     [
@@ -194,10 +187,10 @@ class Untrained(ECOCClassifier):
         ),
     ],
 )
-def test_too_few_recordings_are_refused_before_anything_is_trained(ask, counts, known, message):
+def test_too_few_recordings_are_refused_before_anything_is_trained(counts, known, message):
     X, y = few(*counts)
     with pytest.raises(ValueError, match=re.escape(f"too few recordings {message}")):
-        ask(X, Untrained(), y, **known)
+        assess(X, Untrained(), y, **known)
 
 
 @pytest.mark.parametrize(
@@ -233,40 +226,22 @@ class Told(ECOCClassifier):
         return super().fit(X, y)
 
 
-@pytest.mark.parametrize("known", [{}, {"sessions": list("xxyyzz") * 5}, {"in_time_order": True}])
-def test_one_fold_is_refused_by_its_name(known):
-    X, y = few(15, 15)
-    with pytest.raises(ValueError, match="n_folds must be at least 2, got 1"):
-        assess(X, Untrained(), y, n_folds=1, **known)
-
-
 def test_a_classifier_that_asks_is_told_sessions_and_order_of_its_training_rows():
     Told.seen.clear()
     days = np.repeat(["mon", "tue", "wed"], 9)
     X, y = np.arange(27.0)[:, np.newaxis] * [1.0, -1.0], list("abc") * 9
     rows = rows_of(X, y, sessions=days, in_time_order=True)
     assess(rows, make_pipeline("passthrough", Told()), n_seeds=1)
-    most = count_trainings(rows, n_seeds=1)  # without a session there is one less to hold out within
-    assert 0.7 * most < len(Told.seen) < most
+    assert Told.seen
     for seen, sessions, order in Told.seen:
         places = seen[:, 0].astype(int)  # the features are the places in time
         assert sessions.tolist() == days[places].tolist()
         assert places[order].tolist() == sorted(places)
 
 
-@pytest.mark.parametrize("n_folds", [2, 4])
-def test_no_more_models_are_trained_than_were_counted(n_folds):
-    Told.seen.clear()
-    rows = rows_of(np.arange(27.0)[:, np.newaxis] * [1.0, -1.0], list("abc") * 9)
-    assess(rows, Told(), n_seeds=1, n_folds=n_folds)
-    most = count_trainings(rows, n_seeds=1, n_folds=n_folds)
-    assert 0.8 * most < len(Told.seen) <= most
-
-
 def test_the_command_takes_what_train_takes(tmp_path):
     folder = saved(make(4), tmp_path / "set")
     output = ended_well("confidence", folder, "--seeds", "1", "--levels", "0.5")
-    assert "models are trained, each of which chooses among several: --space multiband" in output
     assert "best: Coverage of prediction sets" in output
 
 

@@ -13,10 +13,9 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.svm import LinearSVC
 
 from granular_id._core import NearestMean
-from granular_id.confidence import UnknownRule, held_out_scores, leave_one_material_out, unknown_rule
+from granular_id.confidence import UnknownRule, held_out_scores, unknown_rule
 from granular_id.confidence.held_out import rows_of
-from granular_id.confidence.open_set import area_under_roc, false_positives
-from granular_id.confidence.unknown import NOVELTY
+from granular_id.confidence.open_set import area_under_roc, false_positives, leave_one_material_out
 from granular_id.ecoc import ECOCClassifier
 from granular_id.ecoc.codings import decode, onevsone
 
@@ -33,30 +32,19 @@ def crossed():
     return held_out_scores(rows_of(*clouds()), ECOCClassifier())
 
 
-def test_novelty_by_its_words(crossed):
-    values, binary, coding = crossed.scores.values, crossed.scores.binary, crossed.scores.coding
-    strange = {kind: unknown_rule(crossed, kind=kind).novelty(values, binary) for kind in NOVELTY}
-    for i, (row, learners) in enumerate(zip(values, binary, strict=True)):
-        ranked = sorted(row, reverse=True)
-        assert strange["value"][i] == -ranked[0]
-        assert strange["margin"][i] == ranked[1] - ranked[0]
-        best = coding[row.argmax()]
-        assert strange["learners"][i] == -min(s * b for s, b in zip(learners, best, strict=True) if b)
-    own = {
-        "hinge_distance": values,
-        "value_distance": values,
-        "learner_distance": binary,
-    }  # the hinge decides
-    for kind, scores in own.items():
-        rule = unknown_rule(crossed, kind=kind)
-        whitener = np.array(rule.whitener)
-        squares = [[d @ whitener @ whitener.T @ d for d in score - np.array(rule.means)] for score in scores]
-        assert strange[kind] == pytest.approx(np.sqrt(np.min(squares, axis=1)), rel=1e-9)
+def test_novelty_follows_its_definition(crossed):
+    rule = unknown_rule(crossed)
+    assert rule.of_pairs
+    strange = rule.novelty(crossed.scores.values, crossed.scores.binary)
+    whitener, means = np.array(rule.whitener), np.array(rule.means)
+    squares = [  # the hinge decides, so class values are those under the hinge
+        [d @ whitener @ whitener.T @ d for d in score - means] for score in crossed.scores.values
+    ]
+    assert strange == pytest.approx(np.sqrt(np.min(squares, axis=1)), rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", NOVELTY)
-def test_one_row_alone_is_judged_as_in_the_batch(crossed, kind):
-    rule = unknown_rule(crossed, kind=kind)
+def test_one_row_alone_is_judged_as_in_the_batch(crossed):
+    rule = unknown_rule(crossed)
     values, binary = crossed.scores.values, crossed.scores.binary
     each = [float(rule.novelty(v, b)) for v, b in zip(values, binary, strict=True)]
     assert rule.novelty(values, binary) == pytest.approx(each, rel=1e-12)
@@ -79,31 +67,30 @@ def many():
     return made
 
 
-@pytest.mark.parametrize("kind", NOVELTY)
 @pytest.mark.parametrize("share", [0.8, 0.95])
-def test_the_share_of_known_rows_is_kept_on_new_ones(many, kind, share):
+def test_the_share_of_known_rows_is_kept_on_new_ones(many, share):
     accepted = [
-        unknown_rule(held, share_known=share, kind=kind).knows(values, binary).mean()
-        for held, values, binary in many
+        unknown_rule(held, share_known=share).knows(values, binary).mean() for held, values, binary in many
     ]
     # a little more than asked for: the models of the cross-fit have trained on fewer rows than the final one
-    assert np.mean(accepted) > share - 0.02
-    # the covariance of learners has more numbers than the folds have rows: it errs on this side
-    assert np.mean(accepted) < share + 0.06 or kind == "learner_distance"
+    assert share - 0.02 < np.mean(accepted) < share + 0.06
+
+
+def left_out(X, y, model=None, n_jobs=None, **known):
+    """Leave each material out, with 95 % of the known to be accepted."""
+    model = ECOCClassifier() if model is None else model
+    return leave_one_material_out(rows_of(X, y, **known), model, share_known=0.95, n_jobs=n_jobs)
 
 
 def test_a_cloud_apart_is_refused_when_it_is_left_out():
     X, y = clouds(n_classes=4, distance=10.0)
     X[y == "d", :4] += np.array([5.0, 5.0, 0.0, -10.0])  # between the first two
-    result = leave_one_material_out(X, make_pipeline(StandardScaler(), ECOCClassifier()), y)
-    assert set(result.kinds) == set(NOVELTY)
-    assert result.kind == "hinge_distance"
-    rows = {row.material: row for row in result.rows if row.kind == "hinge_distance"}
+    result = left_out(X, y, make_pipeline(StandardScaler(), ECOCClassifier()))
+    rows = {row.material: row for row in result.rows}
     assert rows["d"].auroc > 0.95
     assert (rows["d"].n_unknown, rows["d"].n_known) == (40, 120)
     assert 0.85 < result.mean("accepted") <= 1.0
     assert "random folds" in str(result)
-    assert "Ways to see the unknown" in str(result)
 
 
 def test_left_out_rows_train_nowhere():
@@ -116,34 +103,30 @@ def test_left_out_rows_train_nowhere():
             return super().fit(X, y, sample_weight)
 
     X, y = clouds(n_classes=3, n_each=12)
-    leave_one_material_out(X, Spy(), y, kinds=["value"])
+    left_out(X, y, Spy())
     assert {frozenset(labels) for labels in seen} == {frozenset("ab"), frozenset("ac"), frozenset("bc")}
 
 
 def test_sessions_are_held_out_whole():
     X, y = clouds(n_classes=3, n_each=12)
     sessions = [f"day {k % 3}" for k in range(len(y))]
-    tested = leave_one_material_out(X, ECOCClassifier(), y, sessions=sessions, kinds=["margin"])
+    tested = left_out(X, y, sessions=sessions)
     assert tested.held_out == "held-out sessions"
-    in_time = leave_one_material_out(X, ECOCClassifier(), y, in_time_order=True, kinds=["margin"])
+    in_time = left_out(X, y, in_time_order=True)
     assert in_time.held_out == "halves in time order"
 
 
 def test_seeds_and_threads_make_no_difference():
     X, y = clouds(n_classes=3, n_each=15)
-    first = leave_one_material_out(X, ECOCClassifier(), y)
-    assert leave_one_material_out(X, ECOCClassifier(), y, n_jobs=2) == first
+    assert left_out(X, y, n_jobs=2) == left_out(X, y)
 
 
 def test_two_classes_are_one_number():
     """Their two class values are one number twice: no direction of no variance may make rows strange."""
     X, y = clouds(n_classes=2)
-    crossed = held_out_scores(X, ECOCClassifier(), y)
-    for kind in ("hinge_distance", "value_distance"):
-        rule = unknown_rule(crossed, kind=kind)
-        assert rule.knows(crossed.scores.values, crossed.scores.binary).mean() > 0.9
-    with pytest.raises(ValueError, match="at least 3, to keep 2"):
-        leave_one_material_out(X, ECOCClassifier(), y)
+    for model in (ECOCClassifier(), LinearSVC()):
+        crossed = held_out_scores(X, model, y)
+        assert unknown_rule(crossed).knows(crossed.scores.values, crossed.scores.binary).mean() > 0.9
 
 
 def test_scores_that_are_all_the_same_are_all_known():
@@ -153,24 +136,14 @@ def test_scores_that_are_all_the_same_are_all_known():
     assert rule.knows(crossed.scores.values, crossed.scores.binary).all()
 
 
-def test_models_without_learners():
-    crossed = held_out_scores(rows_of(*clouds()), LinearSVC())
-    assert crossed.scores.binary is None
-    assert unknown_rule(crossed).knows(crossed.scores.values).mean() > 0.9
-    with pytest.raises(ValueError, match="ends in ECOCClassifier"):
-        unknown_rule(crossed, kind="learners")
-    result = leave_one_material_out(clouds()[0], LinearSVC(), clouds()[1])
-    assert set(result.kinds) == {"value_distance", "value", "margin"}
-
-
-def test_other_codings_have_no_pairs():
+@pytest.mark.parametrize("model", [LinearSVC(), ECOCClassifier(coding="onevsall")])
+def test_unknown_rule_without_pairs_takes_class_values(model):
     X, y = clouds()
-    crossed = held_out_scores(X, ECOCClassifier(coding="onevsall"), y)
-    assert unknown_rule(crossed).kind == "value_distance"
-    with pytest.raises(ValueError, match="ECOCClassifier with a learner for each pair of classes"):
-        unknown_rule(crossed, kind="hinge_distance")
-    result = leave_one_material_out(X, ECOCClassifier(coding="onevsall"), y)
-    assert set(result.kinds) == set(NOVELTY) - {"hinge_distance"}
+    crossed = held_out_scores(X, model, y)
+    rule = unknown_rule(crossed)
+    assert not rule.of_pairs
+    assert rule.knows(crossed.scores.values).mean() > 0.9
+    assert len(left_out(X, y, model).rows) == 4
 
 
 @pytest.mark.parametrize("n_classes", [2, 3, 11])
@@ -201,13 +174,13 @@ def test_nearest_mean_refuses():
 
 
 def test_models_without_a_limit_are_counted_and_not_drawn():
-    X, y = clouds(n_classes=3, n_each=8)
-    few = leave_one_material_out(X, ECOCClassifier(), y, n_folds=2)
+    X, y = clouds(n_classes=3, n_each=10)
+    few = left_out(X, y, in_time_order=True)
     assert few.n_unlimited == 6
     assert [len(values) for values in few.novelty] == [0, 0]
     assert "6 models had too few rows" in str(few.table())
     X, y = clouds(n_classes=3)
-    many = leave_one_material_out(X, ECOCClassifier(), y, n_folds=2)
+    many = left_out(X, y, in_time_order=True)
     assert many.n_unlimited == 0
     assert all(np.isfinite(values).all() and len(values) for values in many.novelty)
 
@@ -232,31 +205,25 @@ def test_figures_are_those_of_others():
 
 GOOD = UnknownRule(
     ("a", "b"),
-    "value_distance",
     3.0,
     0.95,
     50,
     means=((0.0, 1.0), (1.0, 0.0)),
     whitener=((1.0, 0.0), (0.0, 1.0)),
+    of_pairs=False,
 )
-BY_LEARNERS = {"kind": "learners", "means": (), "whitener": ()}
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"kind": "votes"}, "kind must be one of"),
         ({"classes": ("a", "a")}, "different names"),
         ({"threshold": math.nan}, "threshold"),
         ({"share_known": 1.0}, "share_known"),
         ({"n_calibration": -1}, "n_calibration"),
-        ({"means": ()}, "means must be given"),
-        ({"means": ((0.0, 1.0),)}, "means must be rows"),
-        ({"means": ((0.0, 1.0, 2.0), (1.0, 0.0, 2.0))}, "whitener must have shape"),
-        ({"means": ((0.0,), (1.0,)), "whitener": ((1.0,),)}, "means must have 2 values"),
+        ({"means": ((0.0, 1.0),)}, "means must be 2 rows of 2 numbers"),
+        ({"whitener": ((1.0,), (1.0,))}, "whitener must be 2 rows of 2 numbers"),
         ({"means": ((0.0, math.inf), (1.0, 0.0))}, "finite"),
-        ({"coding": ((1.0,), (-1.0,))}, "coding must be empty"),
-        ({**BY_LEARNERS, "coding": ((1.0,), (0.0,))}, "at least one learner"),
     ],
 )
 def test_a_rule_that_cannot_be_is_refused(change, message):
@@ -270,6 +237,7 @@ def test_a_rule_that_cannot_be_is_refused(change, message):
         {"format": "other"},
         {"threshold": "3"},
         {"n_calibration": True},
+        {"of_pairs": 1},
         {"means": [[0.0, 1.0], [1.0]]},
         {"means": [[0.0, None], [1.0, 0.0]]},
         {"more": 1},
@@ -281,8 +249,7 @@ def test_a_damaged_rule_is_refused(change):
 
 
 def test_bad_questions(crossed):
-    X, y = clouds()
-    by_pairs, values = unknown_rule(crossed, kind="hinge_distance"), [1.0, 2.0, 3.0, 4.0]
+    by_pairs, values = unknown_rule(crossed), [1.0, 2.0, 3.0, 4.0]
     for ask, message in (
         (lambda: GOOD.knows([1.0, 2.0, 3.0]), r"values must have shape \(2,\)"),
         (lambda: GOOD.knows([1.0, math.nan]), "finite"),
@@ -290,8 +257,6 @@ def test_bad_questions(crossed):
         (lambda: by_pairs.knows(values, np.zeros((2, 6))), "same rows"),
         (lambda: by_pairs.knows(values, np.zeros(4)), r"binary must have shape \(6,\)"),
         (lambda: unknown_rule(crossed, share_known=0.0), "share_known"),
-        (lambda: unknown_rule(crossed, kind="votes"), "kind must be one of"),
-        (lambda: leave_one_material_out(X, ECOCClassifier(), y, kinds=["votes"]), "kinds must be among"),
     ):
         with pytest.raises(ValueError, match=message):
             ask()

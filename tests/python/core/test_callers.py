@@ -268,7 +268,7 @@ TOO_LARGE = {
     "a file of a model": "file = Path(tempfile.mkdtemp(), 'model');"
     "file.write_bytes(model(np.ones((1, 1 << 22)), 1 << 20, 4).to_bytes()); limit(10);"
     "_core.Model.read(file, max_file_bytes=1 << 30)",
-    "verdicts": "rule = ConformalRule(('a', 'b'), 'margin', (0.9,), ((0.1,),), (9,)).to_dict();"
+    "verdicts": "rule = ConformalRule(('a', 'b'), (0.9,), (0.1,), 9).to_dict();"
     "metadata = {'trained': json.dumps({'confidence': {'conformal': rule}})};"
     "judge = _core.Model(SPEC, [[1.0]], [0.0], [[1], [-1]], list('ab'), n_samples=1, n_axes=1, metadata=metadata);"
     "S = np.ones((10**6, 1)); limit(50); judge.verdicts(S)",

@@ -13,9 +13,7 @@ import pytest
 from evaluation_cases import LABELS
 from granular_id._core import Model, ModelFileError
 from granular_id.confidence import ConformalRule, HeldOutScores, UnknownRule, conformal_rule, unknown_rule
-from granular_id.confidence.conformal import KINDS
 from granular_id.confidence.held_out import Scores
-from granular_id.confidence.unknown import NOVELTY
 from granular_id.identifier import (
     Identifier,
     StreamingIdentifier,
@@ -72,7 +70,7 @@ def of_unknown(**changes):
 
 def test_rules_are_set_on_the_recordings_held_out_and_come_back(identifier, tmp_path):
     conformal, unknown = rules = confidence_rules(identifier.core)
-    assert (conformal.levels, conformal.n_calibration) == ((0.8,), (32,))
+    assert (conformal.levels, conformal.n_calibration) == ((0.8,), 32)
     assert unknown.share_known == 0.9
     assert conformal.classes == unknown.classes == LABELS
     assert conformal.held_out == "held-out sessions"
@@ -104,19 +102,16 @@ def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier,
     assert batch.to_dict()["recordings"][0]["candidates"] == list(batch.each[0].candidates)
 
 
-@pytest.mark.parametrize("unknown", NOVELTY)
-@pytest.mark.parametrize("conformal", KINDS)
-def test_the_core_applies_rules_of_every_kind(identifier, data, conformal, unknown):
+@pytest.mark.parametrize("of_pairs", [True, False])
+def test_core_rules_judge_as_numpy_does(identifier, data, of_pairs):
     """The answers of streams, recordings and batches are those of the rules in plain numpy."""
     values, scores = identifier.decision_function(data.X), identifier.scores(data.X)
     truth = np.array([LABELS.index(label) for label in data.y])
     rows = np.arange(truth.size)
-    each = Scores(values, scores, None, identifier.core.coding_matrix)
+    each = Scores(values, scores, None, identifier.core.coding_matrix) if of_pairs else Scores(values)
     held = HeldOutScores(LABELS, truth, each, rows=rows, folds=rows % 4, groups=rows, held_out="nothing")
-    rule = conformal_rule(held, [0.8], kind=conformal, per_class=True)
-    # off the very values of these rows: exponentials of two libraries differ in the last bit
-    rule = replace(rule, thresholds=tuple(tuple(limit + 1e-9 for limit in row) for row in rule.thresholds))
-    other = unknown_rule(held, share_known=0.6, kind=unknown)
+    rule = conformal_rule(held, [0.8])
+    other = unknown_rule(held, share_known=0.6)
     core = changed(identifier.core, {KEY: {"conformal": rule.to_dict(), "unknown": other.to_dict()}})
     known = other.knows(values, scores)
     assert {True, False} == set(known.tolist())
@@ -195,17 +190,18 @@ def test_a_model_without_rules_says_nothing(data):
         (of_conformal(format="2"), "conformal: 'format' must be 'granular-id conformal rule 1'"),
         (of_conformal(levels=["0.9"]), "conformal: 'levels' must be rising numbers"),
         (of_conformal(classes=["a", "b", "c", "d"]), "conformal: 'classes' must be the labels of the model"),
-        (of_conformal(thresholds=[[0.1, 0.2]]), "conformal: 'thresholds' must be rows of 1 or 4 numbers"),
-        (of_conformal(n_calibration=[3, 4]), "conformal: 'n_calibration' must be 1 whole numbers"),
-        (of_conformal(temperature=0.0), "conformal: 'temperature' must be a positive number"),
-        (of_conformal(kind="other"), "conformal: 'kind' must be 'margin' or"),
+        (
+            of_conformal(thresholds=[0.1, 0.2]),
+            "conformal: 'thresholds' must be numbers or null, one for each",
+        ),
+        (of_conformal(n_calibration=0.5), "conformal: 'n_calibration' must be a whole number"),
+        (of_conformal(more=1), "conformal: has an unknown entry 'more'"),
         (of_unknown(more=1), "unknown: has an unknown entry 'more'"),
-        (of_unknown(kind="other"), "unknown: 'kind' must be 'hinge_distance' or"),
+        (of_unknown(of_pairs=1), "unknown: 'of_pairs' must be true or false"),
         (of_unknown(threshold="1"), "unknown: 'threshold' must be a number or null, got a text"),
         (of_unknown(share_known=1.0), "unknown: 'share_known' must be a number between 0 and 1"),
         (of_unknown(means=np.eye(4, 3).tolist()), "unknown: 'means' must be 4 rows of 4 numbers"),
         (of_unknown(whitener=np.eye(3).tolist()), "unknown: 'whitener' must be 4 rows of 4 numbers"),
-        (of_unknown(coding=[[1.0]]), "unknown: 'coding' must be 0 rows"),
         (of_unknown(n_calibration=0.5), "unknown: 'n_calibration' must be a whole number"),
     ],
 )
@@ -220,19 +216,11 @@ def test_rules_that_are_none_are_refused_when_the_file_is_read(identifier, tmp_p
         changed(identifier.core, trained)
 
 
-@pytest.mark.parametrize("kind", ["hinge_distance", "learner_distance", "learners"])
-def test_a_refusal_by_other_learners_than_the_model_has_is_refused(data, identifier, kind):
-    classes = tuple(identifier.classes)
-    scores = identifier.scores(data.X)
-    parts = {"coding": identifier.core.coding_matrix.tolist()}
-    if kind != "learners":
-        means = identifier.decision_function(data.X) if kind == "hinge_distance" else scores
-        parts = {"means": means[: len(classes)].tolist(), "whitener": np.eye(means.shape[1]).tolist()}
-    rule = UnknownRule(classes, kind, 1.0, 0.95, 60, **{k: tuple(map(tuple, v)) for k, v in parts.items()})
-    trained = {KEY: {"unknown": rule.to_dict()}}
-    assert changed(identifier.core, trained).verdicts(scores)[0][1] is not None
+def test_refusal_of_pairs_without_pairs_is_refused(data, identifier):
     others = Identifier.fit(data, "hfmh", coding="onevsall", estimate=False)
-    with pytest.raises(ModelFileError, match=r"unknown: '(hinge_|means|coding)"):
+    trained = {KEY: {"unknown": identifier.trained[KEY]["unknown"]}}
+    assert trained[KEY]["unknown"]["of_pairs"]
+    with pytest.raises(ModelFileError, match=r"unknown: 'of_pairs' is for one learner for each pair"):
         Model.from_bytes(file_of(others.core, trained))
 
 
@@ -250,8 +238,8 @@ def test_a_refusal_by_other_learners_than_the_model_has_is_refused(data, identif
         ({"choice": {**CHOICE, "machines": []}}, "choice.machines must hold at least one"),
         ({"choice": {**CHOICE, "machines": [{"name": "a"}]}}, r"choice.machines\[0\] must hold 'chosen'"),
         (
-            of_conformal(n_calibration=[32.0]),
-            r"conformal.n_calibration\[0\] must be a whole number, got 32.0",
+            of_conformal(n_calibration=32.0),
+            "conformal.n_calibration must be a whole number, got 32.0",
         ),
         (of_unknown(n_calibration=32.0), "unknown.n_calibration must be a whole number, got 32.0"),
     ],
