@@ -293,8 +293,7 @@ def live(
         )
     if early and identifier.core.early is None:
         show(
-            "note: the model has no early rule (see granular-id model info): it answers before the end of a push only "
-            "where the answer can no longer change"
+            "note: the model has no early rule (see granular-id model info): it answers at the end of a push"
         )
     with ExitStack() as stack:
         stream = stack.enter_context(opened(source, sensing.buffer_s))

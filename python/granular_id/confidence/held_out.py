@@ -343,7 +343,7 @@ def _joined(each: Sequence[Scores]) -> Scores:
         return None if any(part is None for part in parts) else np.concatenate(parts)
 
     coding, binary = each[0].coding, together("binary")
-    # Random codings without a seed differ from fold to fold: their scores cannot be compared.
+    # Scores of learners that differ from fold to fold cannot be compared.
     if binary is None or not all(np.array_equal(coding, one.coding) for one in each):  # type: ignore[arg-type]
         coding = binary = None
     return Scores(together("values"), binary, together("probabilities"), coding)

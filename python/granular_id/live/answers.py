@@ -49,7 +49,7 @@ def identify(
     robot, trigger
         Who moves and what starts a capture, see `granular_id.live.setup_of`; not with `hop_s`.
     early : bool, default False
-        Answer as soon as the answer can no longer change or the model is sure enough.
+        Answer as soon as the model's early rule is met.
     on_failure : {"raise", "skip"}, default "raise"
         A push that could not be captured (a gap, saturation ...): raise CaptureError, or go on with the next.
         Always raised: a limit of force or torque that was passed, a source or robot that fails, a signal (see

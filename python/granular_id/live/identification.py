@@ -81,9 +81,8 @@ class LiveIdentifier:
     setup : Setup, optional
         Who moves and what starts a capture; default: as the source suggests, see `setup_of`.
     early : bool, default False
-        End a push as soon as the answer can no longer change or the model's early rule is met. The rule is looked at
-        as often as when it was calibrated, 160 times in a whole push: who
-        looks more often finds more answers that are early and wrong.
+        End a push as soon as the model's early rule is met. The rule is looked at as often as when it was calibrated,
+        160 times in a whole push: who looks more often finds more answers that are early and wrong.
     pre_s : float, optional
         Rest before the trigger that belongs to a recording. Default: what the model was trained with.
     hop_s : float, optional
