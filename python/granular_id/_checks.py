@@ -54,14 +54,13 @@ def real_number(name: str, value: object, wanted: str = "a number") -> float:
 def finite_number(
     name: str,
     value: object,
-    wanted: str = "a number",
     *,
     positive: bool = False,
     least: float = -math.inf,
     most: float = math.inf,
 ) -> float:
     """Return a finite float within bounds."""
-    number = real_number(name, value, wanted)
+    number = real_number(name, value)
     if not math.isfinite(number):
         raise argument_error(ValueError, name, f"must be finite, got {number:g}")
     if positive and number <= 0:

@@ -34,7 +34,7 @@ def column_names(value: object, argument: str = "wrench") -> tuple[str, ...] | N
 
 
 def by_name(
-    table: Any, names: Sequence[str], argument: str, wanted: Sequence[str] | None = None
+    table: Any, names: Sequence[str], argument: str, wanted: Sequence[str] | None
 ) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
     """Take columns by their names: those wanted; else the six of a wrench in their order, or all as they stand."""
     have = " ".join(names)
@@ -72,9 +72,7 @@ def by_name(
     return np.column_stack(columns), tuple(axis for axis, _ in chosen)
 
 
-def samples_of(
-    value: Any, argument: str, wanted: Sequence[str] | None = None
-) -> tuple[Any, tuple[str, ...] | None]:
+def samples_of(value: Any, argument: str, wanted: Sequence[str] | None) -> tuple[Any, tuple[str, ...] | None]:
     """Take a table, or a list of tables, by the names of its columns; what has no names comes back as it is."""
     names = column_names(value, argument)
     if names is not None:
@@ -115,17 +113,15 @@ def _refuse_ragged(recordings: Iterable[Any], argument: str) -> None:
         )
 
 
-def wrench_of(
-    value: Any, argument: str, wanted: Sequence[str] | None = None
-) -> tuple[Any, tuple[str, ...] | None]:
-    """Do as `samples_of`, and refuse six named columns that are no wrench: their features would be named after one."""
-    samples, axes = samples_of(value, argument, wanted)
-    if wanted is None and axes is not None and len(axes) == len(AXES) and axes != AXES:
+def wrench_of(value: Any) -> Any:
+    """Take samples, and refuse six named columns that are no wrench: their features would be named after one."""
+    samples, axes = samples_of(value, "wrench", None)
+    if axes is not None and len(axes) == len(AXES) and axes != AXES:
         raise ValueError(
-            f"{argument} has the columns {' '.join(axes)}; six axes are {' '.join(AXES)}: name them so, or pass "
+            f"wrench has the columns {' '.join(axes)}; six axes are {' '.join(AXES)}: name them so, or pass "
             "an array without names (to_numpy()), whose columns count as these"
         )
-    return samples, axes
+    return samples
 
 
 def _axis(name: str) -> str:

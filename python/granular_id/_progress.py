@@ -33,12 +33,9 @@ class Ticker:
     def tick(self, what: str) -> None:
         """Count one finished step."""
         with self._lock:
-            self._pass_on(what)
-
-    def _pass_on(self, what: str) -> None:
-        self._done += 1
-        if self._callback is not None:
-            self._callback(self._done, self._total, what)
+            self._done += 1
+            if self._callback is not None:
+                self._callback(self._done, self._total, what)
 
 
 def check_progress(progress: bool | ProgressCallback) -> None:

@@ -12,7 +12,6 @@ A form is written in plain Python values, and looks like what it admits::
         "interval": [float, float],  # a list of two
         "steps": [{"step": str}, ...],  # a list of any length
         "parameters": {},  # any object
-        "rows": list,  # any list
     }
 """
 
@@ -25,7 +24,7 @@ from typing import Any
 EACH = "*"
 """In a form: every value of an object, whatever its name."""
 
-_WORDS = {str: "text", int: "a whole number", float: "a finite number", bool: "true or false", list: "a list"}
+_WORDS = {str: "text", int: "a whole number", float: "a finite number", bool: "true or false"}
 
 
 def check_form(document: Any, form: Any, *, what: str = "the document", closed: bool = False) -> None:

@@ -15,12 +15,12 @@ def counted(number: int, noun: str = "recording") -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def fixed(value: float, decimals: int = 0, sign: str = "") -> str:
+def fixed(value: float, decimals: int = 0) -> str:
     """Return a number with so many decimals, or in powers of ten where that were a row of digits."""
     if abs(value) < 1e12 and decimals <= 15:
-        return f"{value:{sign}.{decimals}f}"
+        return f"{value:.{decimals}f}"
     # A whole number may be beyond float64.
-    return f"{Decimal(value) if isinstance(value, int) else value:{sign}.4g}"
+    return f"{Decimal(value) if isinstance(value, int) else value:.4g}"
 
 
 def listed(words: Sequence[str]) -> str:

@@ -131,8 +131,7 @@ def extract_features(
         raise TypeError(
             f"wrench must be an array, got a {type(wrench).__name__}: pass recording.wrench, or dataset.X for a batch"
         )
-    wrench, _ = wrench_of(wrench, "wrench")
-    return _core.extract_features(wrench, _spec(spec, keywords), threads, out, dtype)
+    return _core.extract_features(wrench_of(wrench), _spec(spec, keywords), threads, out, dtype)
 
 
 def feature_names(

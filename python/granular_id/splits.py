@@ -228,7 +228,7 @@ def plan_protocols(
 
 
 def plan_held_out(
-    data: Dataset, name: str, values: NDArray[np.object_], *, seed: int = 0
+    data: Dataset, name: str, values: NDArray[np.object_], *, seed: int
 ) -> tuple[dict[str, tuple[Partition, ...]], list[str]]:
     """Hold out one value (n,) of a condition after the other, and as many recordings at random; lines on how."""
     drawn, notes = condition_partitions(data.y, name, values)

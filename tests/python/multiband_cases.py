@@ -16,9 +16,9 @@ def band_noise(random, low_hz, high_hz, shape):
     return noise / np.sqrt(np.mean(noise**2))
 
 
-def two_materials(n_each=12, n_samples=512, n_axes=6, seed=0):
+def two_materials(n_each=12, n_samples=512, n_axes=6):
     """The same noise for both; `y` says oat, rice, oat, rice ..."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     y = np.tile(["oat", "rice"], n_each)
     return random.normal(scale=0.1, size=(2 * n_each, n_samples, n_axes)), y, random
 
@@ -35,7 +35,7 @@ def louder():
     return X, y
 
 
-def coupled(sign=1.0, lag=0):
+def coupled(sign, lag):
     """As much energy on fx and tz in 61-122 Hz in both; in rice they move together, tz `lag` samples earlier."""
     X, y, random = two_materials()
     for label in ("oat", "rice"):

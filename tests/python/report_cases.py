@@ -15,9 +15,10 @@ HOSTILE = {
 }
 
 
-def hostile_data(k=12):
-    """K materials, each of a level of its own, with names that are markup, mathematics or much too long."""
-    labels = [*HOSTILE.values(), *(f"material number {i:02d}" for i in range(k - len(HOSTILE)))]
+def hostile_data():
+    """Twelve materials, each of a level of its own, with names that are markup, mathematics or much too long."""
+    labels = [*HOSTILE.values(), *(f"material number {i:02d}" for i in range(12 - len(HOSTILE)))]
+    k = len(labels)
     return Dataset(
         [
             Recording(

@@ -13,7 +13,6 @@ from granular_id._text import counted, fixed, known_label, listed, percent, shor
         (counted(1), "1 recording"),
         (counted(3, "label"), "3 labels"),
         (fixed(12.345, 1), "12.3"),
-        (fixed(2, 0, "+"), "+2"),
         (fixed(1e300, 1), "1e+300"),
         (fixed(10**400), "1.000e+400"),
         (listed([]), ""),

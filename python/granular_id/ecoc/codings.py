@@ -23,7 +23,7 @@ CodingMatrix = npt.NDArray[np.int8]
 FloatArray = npt.NDArray[np.float64]
 
 MAX_LEARNERS = 100_000
-"""A design of more columns than this is refused."""
+"""Of more pairs of classes than this one-vs-one is refused."""
 
 # Losses are made for as many rows at a time.
 _BLOCK_BYTES = 10_000_000

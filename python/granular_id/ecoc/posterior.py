@@ -21,7 +21,7 @@ from scipy.sparse import csr_array
 from scipy.special import expit
 from sklearn.exceptions import ConvergenceWarning
 
-from granular_id._checks import argument_error, named
+from granular_id._checks import argument_error
 from granular_id._parallel import single_threaded_blas
 from granular_id.ecoc.codings import CodingMatrix
 from granular_id.ecoc.learners import Task
@@ -89,9 +89,8 @@ class Posterior:
         return couple_kullback_leibler(of_learners, coding_matrix, self.weights)
 
 
-def check_posterior(method: object, coding_matrix: CodingMatrix) -> None:
-    """Raise a ValueError for an unknown method, or one that does not serve the coding."""
-    named(POSTERIORS, "posterior", method)
+def check_posterior(method: str, coding_matrix: CodingMatrix) -> None:
+    """Raise a ValueError for a method of `POSTERIORS` that does not serve the coding."""
     if method == "wu_lin_weng" and pairs_of(coding_matrix) is None:
         raise argument_error(
             ValueError,

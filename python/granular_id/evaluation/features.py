@@ -127,19 +127,18 @@ def check_disk(X: Floats, transformers: Iterable[Any], n_jobs: int | None) -> No
     check_room(need, "the features of all recordings")
 
 
-def by_columns(statistic: Callable[..., Floats], values: Floats, rows: Rows | None = None) -> Floats:
-    """Take a statistic over the rows of an array (n, ...), or some of them, for a few columns at a time where large.
+def by_columns(statistic: Callable[..., Floats], values: Floats, rows: Rows) -> Floats:
+    """Take a statistic over some rows of an array (n, ...), for a few columns at a time where large.
 
     Numpy adds row to row: the bits do not depend on how many columns there are, from two on.
     """
-    n = len(values) if rows is None else len(rows)
     flat = values.reshape(len(values), -1)
     n_columns = flat.shape[1]
     n_parts = 1
-    if is_large(8 * n * n_columns):
-        n_parts = min(max(1, n_columns // 2), math.ceil(32 * n * n_columns / large_bytes()))
+    if is_large(8 * len(rows) * n_columns):
+        n_parts = min(max(1, n_columns // 2), math.ceil(32 * len(rows) * n_columns / large_bytes()))
     edges = [n_columns * part // n_parts for part in range(n_parts + 1)]
-    parts = (flat[:, low:high] if rows is None else flat[rows, low:high] for low, high in pairwise(edges))
+    parts = (flat[rows, low:high] for low, high in pairwise(edges))
     return np.concatenate([statistic(part, axis=0) for part in parts]).reshape(values.shape[1:])
 
 

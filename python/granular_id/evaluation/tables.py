@@ -24,6 +24,9 @@ PAPER_NOTE = "* the paper's accuracy on the paper's own recordings (arXiv 2403.1
 LONGEST_NOTE = 120
 """Characters of a note below a table; `EvaluationResult.notes` and the report have all of it."""
 
+MOST_MISTAKES = 10
+"""Rows of the table of the most frequent mistakes."""
+
 
 def finding_lines(result: Outcome) -> tuple[str, ...]:
     """Say what spoils the figures, for above them, and how to state that it is known; then what is known already."""
@@ -245,12 +248,12 @@ def recall_table(result: Outcome, space: str) -> Table:
     return Table(f"Recall of {space}{_mark(result)}", ("class", *names), tuple(rows), notes)
 
 
-def mistakes_table(result: Outcome, space: str, protocol: str, limit: int = 10) -> Table:
+def mistakes_table(result: Outcome, space: str, protocol: str) -> Table:
     """List the most frequent mistakes, for when the whole matrix would not fit."""
     counts = result.confusion(space, protocol)
     tested = counts.sum(axis=1)
     wrong = counts - np.diag(np.diag(counts))
-    order = np.argsort(-wrong, axis=None, kind="stable")[:limit]
+    order = np.argsort(-wrong, axis=None, kind="stable")[:MOST_MISTAKES]
     rows = tuple(
         (
             result.labels[k],

@@ -181,7 +181,7 @@ def refuse_large(recipe: Recipe, n_classes: int, shape: tuple[int, int], most: i
         n_raw = n_values if "raw" in recipe.space else 0
         n_features = n_raw + (n_counts if "hfmh" in recipe.space else 0)
     n_learners = design(recipe.coding, n_classes).shape[1]
-    size = 8 * (n_learners * (n_features + n_classes + 4) + 3 * n_raw) + _HEADER_BYTES
+    size = 8 * (n_learners * (n_features + n_classes + 4) + n_raw) + _HEADER_BYTES
     if size <= most:
         return
     ways = [f"the space 'hfmh' ({n_counts} features)"] if n_raw or is_banded else []

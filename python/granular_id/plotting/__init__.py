@@ -34,8 +34,6 @@ from granular_id.plotting.style import (
     axis_line as axis_line,
     file_format as file_format,
     new_figure as new_figure,
-    pretty as pretty,
-    with_unit as with_unit,
 )
 
 __all__ = [

@@ -467,15 +467,13 @@ def _ticks(limits: tuple[float, float]) -> list[float]:
     return inside
 
 
-def shared_limits(
-    values: NDArray[np.float64], decades: float = 4.0, share: float = 1.0
-) -> tuple[float, float]:
-    """Limits of the colours: the value that this share does not exceed, and at most so many decades below it."""
+def shared_limits(values: NDArray[np.float64], share: float = 1.0) -> tuple[float, float]:
+    """Limits of the colours: the value that this share does not exceed, and at most four decades below it."""
     top = float(np.quantile(values, share))
     if top <= 0:
         return 0.1, 1.0
     smallest = float(values[values > 0].min())
-    return max(min(smallest, 0.5 * top), top * 10.0**-decades), top
+    return max(min(smallest, 0.5 * top), top * 1e-4), top
 
 
 def _axis_panels(

@@ -174,7 +174,7 @@ def number_text(value: float, digits: int) -> str:
     return fixed(round(value, digits) + 0.0, digits).replace("-", "\N{MINUS SIGN}")
 
 
-def axis_line(axis: str, place: int = 0) -> dict[str, Any]:
+def axis_line(axis: str, place: int) -> dict[str, Any]:
     """Return colour and dashes of an axis, for ``plot``: those of a wrench have their own in every figure."""
     number = AXES.index(axis) if axis in AXES else place % len(AXIS_COLOURS)
     return {"color": AXIS_COLOURS[number], "linestyle": AXIS_DASHES[number]}

@@ -68,7 +68,7 @@ def figures(
     formats : str or sequence of str
         Endings that matplotlib knows: png, svg, pdf, ...
     space : str, optional
-        Whose gap, confusion and recall are shown; default: the best under random draws.
+        Whose gap, confusion and recall are shown; default: the best by the protocol of the headline.
 
     Returns
     -------

@@ -202,7 +202,7 @@ def fit_on_features(
     pipeline: Pipeline,
     values: npt.NDArray[np.float64],
     y: npt.NDArray[np.str_],
-    groups: Groups | None = None,
+    groups: Groups | None,
 ) -> None:
     """Fit in place what follows a fitted feature space, on its values (n, D)."""
     features, *steps = (step for _, step in pipeline.steps)

@@ -131,18 +131,18 @@ def test_the_clock_is_left_out_where_it_says_nothing(data, start_time, why):
     assert (clock.task, clock.why_not) == (None, why)
 
 
-def judged(name, partitions, truth, said, above=""):
-    return judge(PlannedControl(name, "w", task=object(), above=above), said, partitions, truth)
+def judged(partitions, truth, said, above=""):
+    return judge(PlannedControl("clock", "w", task=object(), above=above), said, partitions, truth)
 
 
 def test_chance_is_that_of_naming_the_most_frequent_class():
     truth = np.repeat([0, 1], [30, 10])
     partitions = kfold_partitions(truth, n_folds=5)
-    always = judged("clock", partitions, truth, [np.zeros(p.test.size, dtype=int) for p in partitions])
+    always = judged(partitions, truth, [np.zeros(p.test.size, dtype=int) for p in partitions])
     assert always.chance == always.accuracy == pytest.approx(0.75)
     assert always.verdict == "not above chance"
     right = [truth[p.test] for p in partitions]
-    assert judged("clock", partitions, truth, right, "can be").verdict == "random folds can be"
+    assert judged(partitions, truth, right, "can be").verdict == "random folds can be"
 
 
 @pytest.mark.parametrize(("share", "above"), [(0.10, False), (0.30, True)])
@@ -155,14 +155,14 @@ def test_above_chance_takes_three_standard_errors_of_the_recordings_tested(share
     for p in partitions:
         lucky = rng.random(p.test.size) < share
         said.append(np.where(lucky, truth[p.test], (truth[p.test] + rng.integers(0, 4, p.test.size)) % 4))
-    assert (judged("clock", partitions, truth, said, "yes").verdict == "random partitions yes") == above
+    assert (judged(partitions, truth, said, "yes").verdict == "random partitions yes") == above
 
 
 def test_what_few_recordings_cannot_tell_is_said():
     truth = np.repeat([0, 1], 4)
     partitions = paper_partitions(truth, n_partitions=2, train_per_class=2, test_per_class=2)
     right = [truth[p.test] for p in partitions]
-    verdict = judged("clock", partitions, truth, right).verdict
+    verdict = judged(partitions, truth, right).verdict
     assert verdict.startswith("too few partitions of random partitions to tell")
 
 

@@ -1,4 +1,4 @@
-"""Feature spaces that bring their own classifier: evaluated, stored, reported."""
+"""Feature spaces that bring their own classifier: evaluated, written, reported."""
 
 from __future__ import annotations
 

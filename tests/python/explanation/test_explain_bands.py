@@ -23,8 +23,8 @@ def sizes_of(space):
     return {block: columns.of(block=block).size for block in columns.blocks}
 
 
-def model_of(X, y, *, blocks=ALL, whitened=False):
-    space = MultiBand(blocks=blocks).fit(X)
+def model_of(X, y, *, whitened=False):
+    space = MultiBand(blocks=ALL).fit(X)
     after = [BlockScaler(sizes_of(space)), *([WithinClassWhitening(0.01)] if whitened else [])]
     return make_pipeline(clone(space), *after, ECOCClassifier()).fit(as_wrench(X), y)
 

@@ -302,8 +302,7 @@ def test_rest_that_is_not_known_is_not_called_unequal(data, triggers, said):
     assert lead.endswith(f"rest ahead of the motion: {said}")
 
 
-def test_of_an_older_model_it_is_not_known_which(identifier):
-    trained = {name: value for name, value in identifier.trained.items() if name != "n_triggers"}
-    said = describe_model(Identifier(changed(identifier.core, trained)))
+def test_rest_of_a_model_that_knows_no_training_is_not_known(identifier):
+    said = describe_model(Identifier(changed(identifier.core, {})))
     lead = next(line for line in said if "rest" in line)
     assert lead.endswith("not known, or not the same in all recordings")

@@ -23,9 +23,9 @@ def synthetic():
     return synthesize(materials, n_per_class=3, duration_s=0.5)
 
 
-def _real(n_samples=40, label="sand", value=1.0):
-    wrench = np.zeros((n_samples, 6)) + value * np.arange(1, 7)
-    return Recording(wrench, rate_hz=100.0, label=label, name=f"{label} {value}")
+def _real(n_samples=40, label="sand"):
+    wrench = np.zeros((n_samples, 6)) + np.arange(1.0, 7.0)
+    return Recording(wrench, rate_hz=100.0, label=label, name=label)
 
 
 def _bands(panel):

@@ -31,9 +31,9 @@ IMU = ("wx", "wy", "wz", "ax", "ay", "az")
 IMU_UNITS = ("rad/s",) * 3 + ("m/s2",) * 3
 
 
-def data_set(n=6, n_samples=300, axes=AXES, units=(), rate_hz=500.0, seed=0):
+def data_set(n=6, n_samples=300, axes=AXES, units=(), rate_hz=500.0):
     """The same with names of axes, in three sessions of two labels that differ in their size."""
-    X = recordings(n, n_samples, len(axes), seed)
+    X = recordings(n, n_samples, len(axes))
     meta = {"units": dict(zip(axes, units, strict=True))} if units else {}
     return Dataset(
         [
