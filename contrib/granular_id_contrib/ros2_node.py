@@ -307,3 +307,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--n", "-n", type=int, help="stop after so many answers")
     add("ros_args", nargs="*", metavar="ARGS", help="behind --, for ROS: -- -r __ns:=/left")
     return parser
+
+
+if __name__ == "__main__":
+    main()

@@ -46,7 +46,7 @@ enum Place {
 impl PyRdtReceiver {
     #[new]
     #[pyo3(signature = (
-        host, port, *, variant, counts_per_newton, counts_per_newton_metre, limits, rate_hz, buffered, resume
+        host, port, *, variant, counts_per_newton, counts_per_newton_metre, limits, rate_hz, buffered
     ))]
     #[allow(clippy::too_many_arguments)] // called from one place, by keyword
     fn new(
@@ -58,7 +58,6 @@ impl PyRdtReceiver {
         limits: [f64; 6],
         rate_hz: f64,
         buffered: bool,
-        resume: bool,
     ) -> PyResult<Self> {
         let variant = word(variant, "variant", &Variant::NAMED)?;
         let scale = Scale::new(counts_per_newton, counts_per_newton_metre).or_raise()?;
@@ -67,8 +66,7 @@ impl PyRdtReceiver {
             .with_variant(variant)
             .with_limits(limits)
             .with_rate_hz(rate_hz)
-            .with_buffered(buffered)
-            .with_resume(resume);
+            .with_buffered(buffered);
         settings.check().or_raise()?;
         Ok(Self { settings, place: Mutex::new(Place::Idle { counters: Vec::new() }) })
     }
@@ -115,11 +113,6 @@ impl PyRdtReceiver {
     /// Make the present load the new zero, for every client of the box.
     fn bias(&self) -> PyResult<()> {
         self.ask(Receiver::bias)
-    }
-
-    /// Forget which thresholds were exceeded.
-    fn reset_threshold_latch(&self) -> PyResult<()> {
-        self.ask(Receiver::reset_threshold_latch)
     }
 
     /// What was counted, up to now or until the end; nothing before the start.

@@ -109,7 +109,6 @@ class RdtSource:
             limits=tuple(_BEYOND_SENSE * value for value in full_scale),
             rate_hz=self._info.rate_hz,
             buffered=buffered,
-            resume=False,
         )
         # also when the interpreter ends: a box goes on sending until it is told to stop
         self._finalizer = weakref.finalize(self, self._receiver.stop)

@@ -276,7 +276,7 @@ def test_urls_that_are_refused(url, words):
 def test_the_receiver_checks_by_itself():
     good = {
         "variant": "netft", "counts_per_newton": 1e6, "counts_per_newton_metre": 1e6, "limits": [1.0] * 6,
-        "rate_hz": 500.0, "buffered": False, "resume": False,
+        "rate_hz": 500.0, "buffered": False,
     }  # fmt: skip
     RdtReceiver("127.0.0.1", 49152, **good)
     for name, value, words in [
