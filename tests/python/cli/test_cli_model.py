@@ -92,7 +92,7 @@ def test_a_model_too_large_names_ways_out(tmp_path):
     data = Dataset([recording(rng, k % 3, 0, samples=1600, label=f"m{k:02d}") for k in range(24)])
     save(data, tmp_path / "many.npz")
     line = refused("train", tmp_path / "many.npz", "-o", tmp_path / "m", "--space", "raw+hfmh")
-    assert "the model would take 21.8 MiB, more than the 16 MiB of a model file" in line
+    assert "the model would take 21.7 MiB, more than the 16 MiB of a model file" in line
     assert (
         "ways out: the space 'hfmh' (600 features); shorter recordings, or a lower rate; the coding" in line
     )
