@@ -73,12 +73,12 @@ def say_written(written: Sequence[Path | None], *, repeat: bool = False) -> None
         show(f"repeat with: {command}{' --force' if paths and '--force' not in sys.argv else ''}")
 
 
-def write_files(*outputs: tuple[Path | None, Callable[[Path], object]], repeat: bool = False) -> None:
+def write_files(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:
     """Write the files that were asked for, each by its function, and name them."""
     for path, write in outputs:
         if path is not None:
             write(path)
-    say_written([path for path, _ in outputs], repeat=repeat)
+    say_written([path for path, _ in outputs])
 
 
 def repeated_command() -> str:

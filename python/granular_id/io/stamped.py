@@ -49,17 +49,17 @@ def stamped_recording(
     options: LoadOptions,
     *,
     scales: tuple[float, ...] | None = None,
-    stamps: NDArray[np.float64] | None = None,
-    start_time: float | None = None,
+    stamps: NDArray[np.float64] | None,
+    start_time: float | None,
     flags: NDArray[np.uint8] | None = None,
     trigger: int | None = None,
     label: str | None = None,
     session: str | None = None,
-    axes: tuple[str, ...] = (),
-    meta: Mapping[str, Any] | None = None,
-    locate: Locate | None = None,
+    axes: tuple[str, ...],
+    meta: Mapping[str, Any] | None,
+    locate: Locate,
     clock: str = "time",
-    time_unit: str | None = None,
+    time_unit: str | None,
     file_rate_hz: float | None = None,
 ) -> tuple[Recording, dict[str, Any]]:
     """Make a recording of samples (T, C) and, where there are any, their stamps (T,).
@@ -74,9 +74,7 @@ def stamped_recording(
         trigger = source.trigger_index
     if scales is not None:
         wrench = wrench * scales
-    found = _Stamped(
-        wrench, stamps, flags, trigger, source, options, locate or (lambda _: {}), clock, file_rate_hz
-    )
+    found = _Stamped(wrench, stamps, flags, trigger, source, options, locate, clock, file_rate_hz)
     if stamps is not None:
         found.to_seconds(time_unit)
         found.order_time()

@@ -97,7 +97,7 @@ def transform(
     [0.0, 0.0, -3.0, 0.0, 0.30000000000000004, 0.0]
     """
     matrix = rotation_matrix(rotation)
-    p = _vector("translation", translation)
+    p = _checked_translation(translation)
     sign = -1.0 if checked_flag("reverse", reverse) else 1.0
     return _transformed(wrench_array(wrench), matrix, p, sign)
 
@@ -161,10 +161,10 @@ def rotation_matrix(rotation: RotationLike | None, name: str = "rotation") -> Fl
     return array
 
 
-def _vector(name: str, value: ArrayLike) -> FloatArray:
-    array = float_array(name, value)
+def _checked_translation(translation: ArrayLike) -> FloatArray:
+    array = float_array("translation", translation)
     if array.shape != (3,) or not np.isfinite(array).all():
-        raise argument_error(ValueError, name, f"={value!r:.60}; wanted three finite numbers")
+        raise argument_error(ValueError, "translation", f"={translation!r:.60}; wanted three finite numbers")
     return array
 
 
@@ -213,7 +213,7 @@ def transform_recordings(
     sign: str | None,
 ) -> tuple[list[Recording], StepReport]:
     """Turn the wrench of each recording; see :meth:`Dataset.transform`, which calls this."""
-    matrix, p = rotation_matrix(rotation), _vector("translation", translation)
+    matrix, p = rotation_matrix(rotation), _checked_translation(translation)
     meta: dict[str, str] = {"frame": checked_text(frame, "frame", spaced=False)}
     if checked_flag("reverse", reverse) != (sign is not None):
         problem = "is given, and reverse=True is not" if sign is not None else "is wanted with reverse=True"

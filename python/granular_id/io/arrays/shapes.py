@@ -47,7 +47,7 @@ class Known:
 
 
 def order_of(
-    shape: tuple[int, ...], known: Known, name: str, origin: Origin, *, sensor_last: bool = False
+    shape: tuple[int, ...], known: Known, name: str, origin: Origin, *, sensor_last: bool
 ) -> tuple[int, ...]:
     """Find the order ([recordings,] samples, sensor axes) of a shape, for ``array.transpose(...)``.
 
@@ -167,7 +167,7 @@ def pairs_of(halves: tuple[str, str], others: Mapping[str, Any], origin: Origin)
     return list(zip(*lists, strict=True))
 
 
-def in_parts(items: Mapping[str, Any], axes: Sequence[str] | None = None) -> bool:
+def in_parts(items: Mapping[str, Any], axes: Sequence[str] | None) -> bool:
     """Tell whether a struct or group holds a wrench, or the axes named, in parts, going by names and shapes alone."""
     vectors = [key for key, node in items.items() if is_leaf(node)]
     if axes is not None:
@@ -181,9 +181,7 @@ def only_halves(samples: Mapping[str, Any]) -> bool:
     return bool(forces and torques) and set(samples) <= {*forces, *torques}
 
 
-def axis_arrays(
-    others: Mapping[str, Any], origin: Origin, axes: Sequence[str] | None = None
-) -> dict[str, Any]:
+def axis_arrays(others: Mapping[str, Any], origin: Origin, axes: Sequence[str] | None) -> dict[str, Any]:
     """Return the arrays called as the axes are, by default fx ... tz, in this order, also with units; else nothing."""
     if axes is not None:
         vectors = [key for key, node in others.items() if is_leaf(node)]

@@ -222,7 +222,7 @@ class Archive:
         return content
 
     def pieces(
-        self, source: FileSource, unreadable: list[RecordingFileError] | None = None
+        self, source: FileSource, unreadable: list[RecordingFileError] | None
     ) -> Iterator[FileContent]:
         """Read the same a row group at a time; notes come with the first, the history with each.
 

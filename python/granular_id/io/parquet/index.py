@@ -75,9 +75,7 @@ class Index:
     read go into `unreadable`; without such a list, or if that are all, the first of them is raised.
     """
 
-    def __init__(
-        self, folder: Path, max_bytes: int, unreadable: list[RecordingFileError] | None = None
-    ) -> None:
+    def __init__(self, folder: Path, max_bytes: int, unreadable: list[RecordingFileError] | None) -> None:
         self._folder, self._max_bytes = folder, max_bytes
         found: list[_Part] = []
         problems: list[RecordingFileError] = []
