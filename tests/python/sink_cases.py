@@ -40,9 +40,9 @@ class Sink:
         return np.array([row[2] for row in self.rows])
 
 
-def eventually(condition, timeout_s=20.0):
+def eventually(condition):
     """Wait until something is true."""
-    deadline_s = time.monotonic() + timeout_s
+    deadline_s = time.monotonic() + 20
     while not condition():
         assert time.monotonic() < deadline_s, "it did not happen"
         time.sleep(0.002)

@@ -53,8 +53,8 @@ def model(trained):
     return Identifier.fit(trained, "hfmh", posterior="wu_lin_weng", n_folds=3, coverage=0.8)
 
 
-def saved(data, folder, per_group=5):
-    return save_parquet(data, folder, recordings_per_group=per_group)
+def saved(data, folder):
+    return save_parquet(data, folder, recordings_per_group=5)
 
 
 def rows_of(answers):

@@ -13,6 +13,7 @@ from granular_id_contrib.bota import BotaSource
 from adapter_fakes import FakeBota, FakeUR
 from granular_id.live import Robot, WrenchSource, open_robot, open_source, opened, setup_of
 from granular_id.recording import SampleFlag
+from sink_cases import eventually
 
 
 @pytest.fixture
@@ -30,13 +31,6 @@ def config(tmp_path):
     path = tmp_path / "sensor.json"
     path.write_text("{}")
     return path
-
-
-def eventually(condition):
-    deadline_s = time.monotonic() + 20
-    while not condition():
-        assert time.monotonic() < deadline_s, "it did not happen"
-        time.sleep(0.002)
 
 
 def watched(source, n_rows):

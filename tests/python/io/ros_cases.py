@@ -23,8 +23,8 @@ def samples(n=20, seed=0):
     return np.random.default_rng(seed).normal(size=(n, 6))
 
 
-def even_stamps(n=20, step_ns=2_000_000):
-    return [START_NS + i * step_ns for i in range(n)]
+def even_stamps(n=20):
+    return [START_NS + i * 2_000_000 for i in range(n)]
 
 
 def message(store, row, stamp_ns=None, frame="ft_link"):

@@ -332,12 +332,12 @@ def test_other_axes_and_units_than_the_model_are_refused(models):
         assert LiveIdentifier(stream, models["three"], hop_s=0.5, accept="units").differences
 
 
-def block(first, n, *, epoch=0, missed=0, missing=0, flags=0):
+def block(first, n, *, epoch=0, missed=0, missing=0):
     rows = Rows(
         np.arange(first, first + n)[:, None] * np.ones(2),
         np.arange(first, first + n) / RATE,
         np.zeros(n, np.int64),
-        np.full(n, flags, np.uint8),
+        np.zeros(n, np.uint8),
         np.concatenate([[missing], np.zeros(n - 1, np.int64)]),
     )
     object.__setattr__(rows, "epoch", epoch)

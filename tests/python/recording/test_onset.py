@@ -116,9 +116,9 @@ def n_found(block, rate_hz, rest, rate):
     return sum(onset.index is not None for onset in onsets)
 
 
-def held(rng, shape, lasts=8):
+def held(rng, shape):
     """A sensor that is slower than its messages: all axes repeat their reading."""
-    reading = (rng.integers(lasts) + np.arange(shape[1])) // lasts
+    reading = (rng.integers(8) + np.arange(shape[1])) // 8
     return rng.standard_normal((shape[0], reading[-1] + 1, shape[2]))[:, reading]
 
 
