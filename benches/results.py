@@ -28,6 +28,7 @@ PACKAGES = ("numpy", "scipy", "numba", "scikit-learn")
 UNITS = ("baseline", "avx2", "avx512")
 RUNS = 3
 QUIET = 0.5  # load per core at most
+MINUTES = 10  # of waiting for it, at most
 EXTRACTION = "import numpy, granular_id; granular_id.extract_features(numpy.zeros((9, 6)))"
 
 
@@ -92,10 +93,10 @@ def measure() -> dict[str, Any]:
     return results | {name: figures(name, told) for name in ("decision", "ecoc")}
 
 
-def wait_for_quiet(minutes: int = 10) -> None:
+def wait_for_quiet() -> None:
     """Wait until the machine has little else to do, such as after a build."""
     limit = QUIET * (os.cpu_count() or 1)
-    for left in range(6 * minutes, 0, -1):
+    for left in range(6 * MINUTES, 0, -1):
         if not hasattr(os, "getloadavg") or os.getloadavg()[0] <= limit:
             return
         print(
