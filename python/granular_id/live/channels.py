@@ -56,7 +56,7 @@ class ChannelBuffer:
         self._capacity = max(1, round(seconds * rate_hz))
         self._blocks: deque[_Block] = deque()
         self._changed = threading.Condition()
-        self._epoch = self._gaps = self._missing = self._epochs = 0
+        self._epoch = self._gaps = self._missing = 0
         self._last_s: float | None = None  # device time of the newest row of this epoch
         self._offset_ns = float("inf")  # of the row that came soonest after its device time
         self.n_written = 0
