@@ -96,9 +96,9 @@ def _options_of(group: Callable[..., Any]) -> list[Parameter]:
     ]
 
 
-def with_defaults(group: Callable[..., Group], **given: Any) -> Group:
-    """Return a group of options, at their defaults where none is given."""
-    return group(**{each.name: each.default.default for each in _options_of(group)} | given)
+def with_defaults(group: Callable[..., Group]) -> Group:
+    """Return a group of options at their defaults."""
+    return group(**{each.name: each.default.default for each in _options_of(group)})
 
 
 def given_flags(*groups: Any) -> list[str]:

@@ -1,5 +1,7 @@
 """`explain`: in the space that is asked for, with the classifier that belongs to it, on recordings held out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.pipeline import Pipeline
@@ -105,7 +107,7 @@ def test_what_is_explained_is_held_out_as_strictly_as_the_two_materials_allow(se
 
 
 def test_classifiers_are_the_papers_with_the_given_cost_or_that_of_the_space_with_sessions_held_out(data):
-    classifier = with_defaults(OneSpace, space="hfmh", c=3.0).pipeline(500.0)[-1]
+    classifier = replace(with_defaults(OneSpace), space="hfmh", c=3.0).pipeline(500.0)[-1]
     assert isinstance(classifier, ECOCClassifier)
     assert classifier.C == 3.0
     pipeline = Pipeline([("features", feature_spaces()["multiband"].transformer), ("own", BestClassifier())])
