@@ -237,7 +237,7 @@ def test_metadata_that_nobody_stated_are_read(model, tmp_path):
     assert len(identify(folder, model, tmp_path / "out", progress=False)) == 3
 
 
-def test_what_is_refused_blocks_no_folder(model, trained, tmp_path):
+def test_what_is_refused_blocks_no_folder(model, tmp_path):
     archive = saved(pushes(3), tmp_path / "archive")
     with pytest.raises(ValueError, match=r"out=.* is or lies in the archive"):
         identify(archive, model, archive / "out", progress=False)

@@ -194,7 +194,7 @@ def test_workers_that_do_not_see_the_archive_are_refused(client, tasks, work, tm
     assert not begun
 
 
-def test_workers_of_another_version_are_refused(tasks, tmp_path):
+def test_workers_of_another_version_are_refused(tasks):
     versions = {**engines._versions(), "granular_id": "0.0.0"}
     said = engines._unfit(tasks[0].archive, tasks[0].out, tasks[0].out, versions)
     assert said.endswith("wanted 0.0.0 as the caller has: install the same version there")

@@ -481,7 +481,7 @@ def test_the_way_out_of_other_rates_axes_and_leads_is_another_archive(folder, mo
     assert trigger.endswith(f"granular-id archive add NEW {tmp_path / 'long'} --window-s SECONDS")
 
 
-def test_workers_reach_the_work(archive, tmp_path, monkeypatch):
+def test_workers_reach_the_work(archive, monkeypatch):
     given = []
     monkeypatch.setattr("granular_id.archive.extract", lambda *_, **more: given.append(more) or "done")
     ended_well("extract", archive, "-o", "x")

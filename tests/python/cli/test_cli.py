@@ -169,7 +169,7 @@ def test_what_spoils_the_figures_stands_above_them_and_ends_with_3_unless_accept
     assert "accepted: leak-clock: " in ended_well(*words, "--accept", "leak-clock")
 
 
-def test_copies_across_a_split_are_refused_with_the_option_that_accepts_them(folder, tmp_path):
+def test_copies_across_a_split_are_refused_with_the_option_that_accepts_them(tmp_path):
     data = make()
     twin = replace(data[0], name="oat/twin.csv", start_time=2e9)
     copies = saved(Dataset([*data, twin]), tmp_path / "x")

@@ -54,7 +54,7 @@ def test_several_recordings_have_a_line_each(model, tmp_path):
     assert "--figure draws one recording, got 2" in line
 
 
-def test_labels_and_windows_of_the_training_are_told_of_several_recordings(model, folder, tmp_path):
+def test_labels_and_windows_of_the_training_are_told_of_several_recordings(model, folder):
     out = ended_well("identify", model, folder, "--hop-s", 0.48)
     each = [Identifier.load(model).predict_over(one, 0.48) for one in load(folder)]
     n_right = sum(one.n_right for one in each)

@@ -106,7 +106,7 @@ def test_a_name_that_two_recordings_have(data):
         (data + data[:1]).find_onsets(overrule={"rice_00": 0.1})
 
 
-def test_irregular_recordings_must_be_resampled_or_overruled(data):
+def test_irregular_recordings_must_be_resampled_or_overruled():
     times = np.arange(900) / RATE_HZ
     times[5] += 0.0005
     irregular = Dataset([Recording(noise(1, 900), time_s=times, name="irregular")])
