@@ -145,4 +145,6 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
         raise ValueError(f"{os.fspath(path)} ends like another format; for format={name!r} name it otherwise")
     if chosen.save is None:
         raise ValueError(f"{chosen.what} can only be read; what can be written: {writable}")
+    if by_ending is None and not chosen.saves_folder:  # `load` knows a file by its ending
+        raise ValueError(f"{os.fspath(path)} must end in .{chosen.name} for format={chosen.name!r}")
     return chosen.save

@@ -104,6 +104,7 @@ def test_nothing_is_left_when_writing_fails(tmp_path, name, error, pushes):
         ("set.csv", None, "name a folder and give format='csv'"),
         ("set.npz", "parquet", "ends like another format"),
         ("set", "excel", "format='excel'; wanted one of csv"),
+        ("set", "npz", "set must end in .npz for format='npz'"),
         ("set.mcap", None, r"ROS bags and MCAP .* can only be read"),
     ],
 )
