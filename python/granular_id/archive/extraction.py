@@ -44,11 +44,12 @@ _MOST_SAMPLES = 1 << 22
 """Samples of a partition of long recordings."""
 
 _DRAFT = re.compile(
-    r"\.[0-9a-f]{32}\.parquet\.[0-9a-f]{16}\.tmp|\._(manifest|model)-[0-9a-f]{16}\.(json|safetensors)"
+    r"\.([0-9a-f]{32}\.parquet\.)?[0-9a-f]{16}\.tmp|\._(manifest|model)-[0-9a-f]{16}\.(json|safetensors)"
 )
-_PROBE = re.compile(r"\.[0-9a-f]{16}\.tmp")
-_PROBE_LASTS_S = 60.0
-"""Empty files by which a driver sees whether workers have the folder: another driver's may be in use."""
+"""Temporary files: of partitions, of what stands beside them, and those that show whether workers see the folder."""
+
+_LONGEST_DRAFT_S = 86_400.0
+"""Nothing is written to a temporary file for so long: its writer is dead, and no other driver still needs it."""
 
 
 @dataclass(frozen=True)
@@ -337,11 +338,10 @@ def _as_listed(task: Task, path: Path, known: Mapping[str, Any]) -> Outcome | No
 
 
 def _remove_drafts(folder: Path) -> None:
-    """Remove temporary files, whoever left them; a driver that is still writing one begins it anew."""
+    """Remove temporary files of dead writers; those that another driver is writing are left alone."""
     for path in folder.iterdir():
         with suppress(FileNotFoundError):
-            old = _PROBE.fullmatch(path.name) and time() - path.stat().st_mtime > _PROBE_LASTS_S
-            if old or _DRAFT.fullmatch(path.name):
+            if _DRAFT.fullmatch(path.name) and time() - path.stat().st_mtime > _LONGEST_DRAFT_S:
                 path.unlink()
 
 

@@ -50,14 +50,8 @@ def write_manifest(
         ],
     }
     text = json.dumps(manifest, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
-    for attempt in range(3):  # another driver that comes to its end removes all temporary files
-        try:
-            with durable_file(folder / MANIFEST) as draft:
-                draft.write_text(text, encoding="utf-8")
-            break
-        except FileNotFoundError:
-            if attempt == 2:
-                raise
+    with durable_file(folder / MANIFEST) as draft:
+        draft.write_text(text, encoding="utf-8")
     return sha256
 
 

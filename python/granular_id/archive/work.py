@@ -32,7 +32,6 @@ INDEX_COLUMNS = ("name", "label", "session", "start_time", "digest")
 
 MARK, VERSION = "granular_id", 1
 
-_ATTEMPTS = 3
 _KEPT_ARCHIVES = 4
 
 _LEAST_ROWS = 128
@@ -94,18 +93,8 @@ def process_partition(task: Task) -> Outcome:
     OSError
         The file cannot be written. What cannot be read or computed is an `Outcome` with a problem instead.
     """
-    target = Path(task.out, task.name)
     there = finished(task)
-    for attempt in range(_ATTEMPTS):
-        if there is not None:
-            return there
-        try:
-            return _made(task, target)
-        except FileNotFoundError as error:  # another driver came to its end, and removed all temporary files
-            there = finished(task)
-            if there is None and (attempt == _ATTEMPTS - 1 or not target.parent.is_dir()):
-                raise cannot_write(target, error) from error
-    raise AssertionError
+    return _made(task, Path(task.out, task.name)) if there is None else there
 
 
 def finished(task: Task) -> Outcome | None:
@@ -164,8 +153,6 @@ def _made(task: Task, target: Path) -> Outcome:
             file.sync()
         draft.replace(target)
         sync_folder(target.parent)
-    except FileNotFoundError:
-        raise
     except OSError as error:
         raise cannot_write(target, error) from error
     finally:

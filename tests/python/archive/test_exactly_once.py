@@ -23,6 +23,8 @@ pa = pytest.importorskip("pyarrow")
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="kills by signal")
 
+LONGEST_DRAFT_S = "granular_id.archive.extraction._LONGEST_DRAFT_S"
+
 KILLS_ONCE, KILLS_ALWAYS = 5, 9
 """Row groups at which a deadly work dies: in the third partition of six, and in the fifth."""
 
@@ -112,6 +114,7 @@ def test_two_threads_make_the_same_files(archive, wanted, tmp_path):
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="there is no SIGKILL here")
 def test_a_driver_that_was_killed_is_taken_up(archive, wanted, tmp_path, monkeypatch, deaths, n_finished):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(LONGEST_DRAFT_S, 0.0)
     out = tmp_path / "out"
     assert driver(archive, out, **deaths).wait(60) == -signal.SIGKILL
     finished = {name: (out / name).stat().st_ino for name in partitions_in(out)}
@@ -132,7 +135,8 @@ def test_two_drivers_at_once_make_the_same_files(archive, wanted, tmp_path):
     assert files_in(out) == wanted
 
 
-def test_a_cluster_whose_workers_die_makes_the_same_files(archive, wanted, tmp_path):
+def test_a_cluster_whose_workers_die_makes_the_same_files(archive, wanted, tmp_path, monkeypatch):
+    monkeypatch.setattr(LONGEST_DRAFT_S, 0.0)
     out = tmp_path / "out"
     # The first death ends the first attempt, so that few workers have to die.
     with (

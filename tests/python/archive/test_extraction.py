@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import time
 from typing import Any
 
 import pytest
@@ -243,27 +245,34 @@ def test_workers_open_an_archive_again_that_is_another_one_by_now(archive, out, 
     forget(str(archive))
 
 
-def test_temporary_files_of_the_dead_are_removed(archive, out):
+@pytest.mark.parametrize("age_s", [0, 3_600, 90_000])
+def test_run_removes_drafts_only_of_dead_writers(archive, out, age_s):
     whole = quietly(archive, out)
-    for name in (f".{partitions_in(out)[0]}.{'0' * 16}.tmp", f"._manifest-{'0' * 16}.json"):
+    partition, when_s = partitions_in(out)[0], time() - age_s
+    drafts = [f".{partition}.{'0' * 16}.tmp", f".{'0' * 16}.tmp", f"._manifest-{'0' * 16}.json"]
+    for name in (*drafts, "notes.txt"):
         (out / name).write_bytes(b"half")
-    (out / "notes.txt").write_text("mine")
+        os.utime(out / name, (when_s, when_s))
     assert quietly(archive, out).sha256 == whole.sha256
-    assert sorted(files_in(out)) == sorted([*partitions_in(out), "_manifest.json", "notes.txt"])
+    left = [] if age_s > 86_400 else drafts
+    assert sorted(files_in(out)) == sorted([*partitions_in(out), "_manifest.json", "notes.txt", *left])
 
 
-def test_a_temporary_file_that_another_driver_removed_is_written_again(archive, out, tmp_path):
-    removed = []
+def test_driver_that_fails_leaves_drafts_of_others(archive, out, tmp_path):
+    calls, n_drafts = [], []
 
-    def remove(_):
-        drafts = list(out.glob(".*.tmp"))
-        if len(removed) < 2:
-            removed.extend(drafts)
-            for path in drafts:
-                path.unlink()
+    def no_memory(_):
+        raise MemoryError
 
-    assert quietly(archive, out, Sums(before=remove)).sha256 == quietly(archive, tmp_path / "other").sha256
-    assert removed
+    def fail_beside(group):
+        calls.append(group.row_group)
+        with pytest.raises(PartitionError):
+            quietly(archive, out, Sums(before=no_memory), n_jobs=1)
+        n_drafts.append(len(list(out.glob(".*.tmp"))))
+
+    done = quietly(archive, out, Sums(before=fail_beside), n_jobs=1)
+    assert done.sha256 == quietly(archive, tmp_path / "other").sha256
+    assert (sorted(calls), set(n_drafts)) == (list(range(12)), {1})
 
 
 def test_two_drivers_at_once_write_the_same_and_nothing_twice(archive, out, tmp_path):
