@@ -123,7 +123,7 @@ fn live() {
     count("ring, a row pushed and read", || {
         n += 1;
         writer.push(&Row { ticks: 2_000_000 * n, host_ns: 2_000_000 * n, wrench: [0.25; 6], flags: 0 });
-        reader.read(black_box(&mut place));
+        reader.read(black_box(&mut place)).unwrap();
     });
     let scale = Scale::new(1e6, 1e6).unwrap();
     let mut decoder = Decoder::new(Variant::NetFt, scale, [2000.0; 6]);

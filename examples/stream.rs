@@ -36,7 +36,7 @@ fn main() -> Result<()> {
     let mut lost = 0;
     loop {
         let ended = sensor.is_finished();
-        let taken = reader.read(&mut rows);
+        let taken = reader.read(&mut rows)?;
         // Overwritten before they were read: a reader that is too slow for the buffer.
         lost += taken.missed;
         for BufferedRow { row, missing_before, .. } in &rows[..taken.n_rows] {

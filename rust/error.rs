@@ -351,6 +351,13 @@ pub enum Error {
         /// The depth asked for.
         reorder_depth: usize,
     },
+    /// A buffer of no axes, or of too many.
+    #[cfg(feature = "buffer")]
+    #[error("n_axes must be from 1 to {}, got {n_axes}", crate::buffer::MAX_AXES)]
+    BufferAxes {
+        /// The number asked for.
+        n_axes: usize,
+    },
     /// A buffer of no rows, or of too many.
     #[cfg(feature = "buffer")]
     #[error("seconds must be positive and give at most {} rows, got {} at rate_hz = {}", crate::buffer::MAX_ROWS, brief(*.seconds), brief(*.rate_hz))]

@@ -54,7 +54,7 @@ fn buffer() {
                 };
                 writer.push(&row);
                 if n % 50 == 0 {
-                    let taken = reader.read(&mut rows);
+                    let taken = reader.read(&mut rows).unwrap();
                     seen += taken.n_rows;
                     assert!(reader.latest().is_some() && reader.lag_ns(row.host_ns).is_some());
                 }

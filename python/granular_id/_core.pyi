@@ -357,6 +357,7 @@ class WrenchBuffer:
         rate_hz: float = 500.0,
         tick_hz: float = 1e9,
         reorder_depth: SupportsIndex = 0,
+        n_axes: SupportsIndex = 6,
     ) -> Self: ...
     def push(
         self,
@@ -399,6 +400,8 @@ class WrenchBuffer:
     def tick_hz(self) -> float: ...
     @property
     def reorder_depth(self) -> int: ...
+    @property
+    def n_axes(self) -> int: ...
 
 @final
 class RdtReceiver:

@@ -1,4 +1,5 @@
-//! The streaming wrench buffer: one writer, any number of readers, the oldest overwritten.
+//! The streaming buffer of a wrench, or of any other number of axes: one writer, any number of readers, the oldest
+//! overwritten.
 //!
 //! All memory is taken when a buffer is made. The [`Writer`] never blocks, whatever readers do; each [`Reader`] has a
 //! place of its own and learns exactly how many rows it missed. Rows are never torn and never silently joined: a read and
@@ -13,7 +14,7 @@
 //!     assert_eq!(writer.push(&row), Pushed::Written);
 //! }
 //! let mut rows = [BufferedRow::EMPTY; 100];
-//! let taken = reader.read(&mut rows);
+//! let taken = reader.read(&mut rows)?;
 //! assert_eq!((taken.n_rows, taken.missed), (4, 0));
 //! assert_eq!(rows[3].missing_before, 1);
 //! let refused = reader.window(&WindowSpec::whole(4)).unwrap_err();
@@ -36,13 +37,14 @@ pub use writer::{Pushed, Writer};
 
 use crate::error::{Error, Result};
 use crate::specs::setters;
+use crate::wrench::AXES;
 use clock::{ClockLine, CLOCK_WORDS};
-use ring::Ring;
+use ring::{Ring, Values};
 
 /// A new buffer: its one writer, and a reader from the first row on.
 ///
 /// # Errors
-/// When a rate is not positive and finite, ticks come more slowly than rows, or the size is out of range.
+/// When a rate is not positive and finite, ticks come more slowly than rows, or the size or number of axes is out of range.
 pub fn wrench_buffer(spec: BufferSpec) -> Result<(Writer, Reader)> {
     let buffer = Arc::new(Buffer::new(spec)?);
     Ok((Writer::new(Arc::clone(&buffer)), Reader::new(buffer)))
@@ -53,6 +55,9 @@ pub const MAX_ROWS: usize = 1 << 24;
 
 /// Largest number of rows that may wait for a late one.
 pub const MAX_REORDER_DEPTH: usize = 1024;
+
+/// Axes that a row may have: those of ten wrenches.
+pub const MAX_AXES: usize = 64;
 
 /// What a buffer is to hold.
 ///
@@ -73,11 +78,13 @@ pub struct BufferSpec {
     pub tick_hz: f64,
     /// Rows that wait for a late one at most. 0: a row that comes late is dropped and counted, and nothing ever waits.
     pub reorder_depth: usize,
+    /// Values of a row, from 1 to [`MAX_AXES`]: 6 of a wrench.
+    pub n_axes: usize,
 }
 
 impl Default for BufferSpec {
     fn default() -> Self {
-        Self { rate_hz: 500.0, seconds: 10.0, tick_hz: 1e9, reorder_depth: 0 }
+        Self { rate_hz: 500.0, seconds: 10.0, tick_hz: 1e9, reorder_depth: 0, n_axes: AXES.len() }
     }
 }
 
@@ -87,12 +94,13 @@ setters! {
     with_seconds seconds f64,
     with_tick_hz tick_hz f64,
     with_reorder_depth reorder_depth usize,
+    with_n_axes n_axes usize,
 }
 
 impl BufferSpec {
     /// Rows the buffer holds: seconds times rate, rounded up.
     fn capacity(&self) -> Result<usize> {
-        let Self { rate_hz, seconds, tick_hz, reorder_depth } = *self;
+        let Self { rate_hz, seconds, tick_hz, reorder_depth, n_axes } = *self;
         if !(rate_hz.is_finite() && rate_hz > 0.0) {
             return Err(Error::Rate { rate_hz });
         }
@@ -101,6 +109,9 @@ impl BufferSpec {
         }
         if reorder_depth > MAX_REORDER_DEPTH {
             return Err(Error::ReorderDepth { reorder_depth });
+        }
+        if !(1..=MAX_AXES).contains(&n_axes) {
+            return Err(Error::BufferAxes { n_axes });
         }
         let rows = (seconds * rate_hz).ceil();
         // NaN is in no range.
@@ -124,24 +135,33 @@ impl BufferSpec {
     }
 }
 
-/// One measurement with its two time stamps.
+/// One measurement with its two time stamps. `W` holds its values: an array, or a slice where their number is not known
+/// before the program runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
+pub struct Row<W = [f64; 6]> {
     /// Device time, never wrapped; the unit is `1 / tick_hz` seconds.
     pub ticks: u64,
     /// When it arrived, by [`host_ns`].
     pub host_ns: u64,
-    /// Forces in N, then torques in N m, in the order of [`AXES`](crate::wrench::AXES).
-    pub wrench: [f64; 6],
+    /// A value for each axis. Of six: forces in N, then torques in N m, in the order of [`AXES`].
+    pub wrench: W,
     /// Bits of [`SAMPLE_FLAGS`](crate::wrench::SAMPLE_FLAGS).
     pub flags: u8,
 }
 
+impl<W> Row<W> {
+    /// The same with these values.
+    pub fn with<V>(&self, wrench: V) -> Row<V> {
+        let &Self { ticks, host_ns, flags, .. } = self;
+        Row { ticks, host_ns, wrench, flags }
+    }
+}
+
 /// A row as a reader gets it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BufferedRow {
+pub struct BufferedRow<W = [f64; 6]> {
     /// What was pushed.
-    pub row: Row,
+    pub row: Row<W>,
     /// Instants without a row between this one and the one before it in its epoch; `u32::MAX` stands for that many or
     /// more.
     pub missing_before: u32,
@@ -149,26 +169,33 @@ pub struct BufferedRow {
     pub epoch: u32,
 }
 
-/// Words of a row in a slot.
-const WORDS: usize = 10;
+/// Words of a row in a slot, in front of its values.
+const ROW_WORDS: usize = 4;
 
 impl BufferedRow {
     /// A row of any content, to be overwritten: room for [`Reader::read`](Reader::read).
     pub const EMPTY: Self =
         Self { row: Row { ticks: 0, host_ns: 0, wrench: [0.0; 6], flags: 0 }, missing_before: 0, epoch: 0 };
+}
 
-    fn to_words(self) -> [u64; WORDS] {
-        let [fx, fy, fz, tx, ty, tz] = self.row.wrench.map(f64::to_bits);
+impl<W> BufferedRow<W> {
+    /// The same with these values.
+    pub fn with<V>(&self, wrench: V) -> BufferedRow<V> {
+        BufferedRow { row: self.row.with(wrench), missing_before: self.missing_before, epoch: self.epoch }
+    }
+}
+
+/// A row without its values.
+impl BufferedRow<()> {
+    fn to_words(self) -> [u64; ROW_WORDS] {
         let place = u64::from(self.epoch) << 32 | u64::from(self.missing_before);
-        [self.row.ticks, self.row.host_ns, fx, fy, fz, tx, ty, tz, place, self.row.flags.into()]
+        [self.row.ticks, self.row.host_ns, place, self.row.flags.into()]
     }
 
-    fn from_words(words: &[u64; WORDS]) -> Self {
-        let [ticks, host_ns, wrench @ .., place, flags] = *words;
+    fn from_words([ticks, host_ns, place, flags]: [u64; ROW_WORDS]) -> Self {
         let [missing_before, epoch] = halves(place);
         let [flags, ..] = flags.to_le_bytes();
-        let row = Row { ticks, host_ns, wrench: wrench.map(f64::from_bits), flags };
-        Self { row, missing_before, epoch }
+        Self { row: Row { ticks, host_ns, wrench: (), flags }, missing_before, epoch }
     }
 }
 
@@ -214,7 +241,7 @@ pub(crate) use counters;
 
 counters! {
     /// Counts since the buffer was made. Each row pushed is in exactly one of `written`, `held`, `duplicates`, `late` and
-    /// `non_finite`.
+    /// `non_finite`, unless it has a wrong number of values.
     #[non_exhaustive]
     Stats, Counters:
     /// Rows that readers got, or could have got.
@@ -268,7 +295,7 @@ const CLOCK_LINES: usize = 8;
 /// What the writer and the readers share.
 struct Buffer {
     spec: BufferSpec,
-    rows: Ring<WORDS>,
+    rows: Ring<ROW_WORDS>,
     /// The relation of device and host time, as it was last changed.
     clock: Ring<CLOCK_WORDS>,
     counters: Counters,
@@ -276,24 +303,25 @@ struct Buffer {
 
 impl Buffer {
     fn new(spec: BufferSpec) -> Result<Self> {
-        let (rows, clock) = (Ring::new(spec.capacity()?)?, Ring::new(CLOCK_LINES)?);
+        let (rows, clock) = (Ring::new(spec.capacity()?, spec.n_axes)?, Ring::new(CLOCK_LINES, 0)?);
         Ok(Self { spec, rows, clock, counters: Counters::default() })
     }
 
+    /// Row `n`, while it is there, and its values.
     #[inline]
-    fn row(&self, n: u64) -> Option<BufferedRow> {
-        self.rows.read(n).map(|words| BufferedRow::from_words(&words))
+    fn row(&self, n: u64, values: &mut (impl Values + ?Sized)) -> Option<BufferedRow<()>> {
+        self.rows.read(n, values).map(BufferedRow::from_words)
     }
 
-    /// The newest row and its number.
-    fn newest(&self) -> Option<(u64, BufferedRow)> {
-        self.rows.newest().map(|(n, words)| (n, BufferedRow::from_words(&words)))
+    /// The same of the newest row, and its number.
+    fn newest(&self, values: &mut (impl Values + ?Sized)) -> Option<(u64, BufferedRow<()>)> {
+        self.rows.newest(values).map(|(n, words)| (n, BufferedRow::from_words(words)))
     }
 
     /// The relation of device and host time in an epoch, while it is one of the last few that were published.
     fn clock_line(&self, epoch: u32) -> Option<ClockLine> {
         let head = self.clock.head();
-        let lines = (self.clock.oldest(head)..head).rev().filter_map(|n| self.clock.read(n));
+        let lines = (self.clock.oldest(head)..head).rev().filter_map(|n| self.clock.read(n, &mut ()));
         lines.map(|words| ClockLine::from_words(&words)).find(|line| line.epoch == epoch)
     }
 }
@@ -317,10 +345,9 @@ mod tests {
         #[test]
         fn words_give_the_row_back(
             (ticks, host_ns, flags, missing_before, epoch) in any::<(u64, u64, u8, u32, u32)>(),
-            wrench in proptest::array::uniform6(proptest::num::f64::NORMAL),
         ) {
-            let row = BufferedRow { row: Row { ticks, host_ns, wrench, flags }, missing_before, epoch };
-            prop_assert_eq!(BufferedRow::from_words(&row.to_words()), row);
+            let row = BufferedRow { row: Row { ticks, host_ns, wrench: (), flags }, missing_before, epoch };
+            prop_assert_eq!(BufferedRow::from_words(row.to_words()), row);
         }
     }
 }

@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use super::clock::ClockLine;
+use super::ring::Values;
 use super::{Buffer, BufferSpec, BufferedRow, Row, Stats};
 use crate::error::Error;
-use crate::memory::reserved;
+use crate::memory::{filled, reserved};
 use crate::specs::{choices, setters};
 use crate::wrench::{GAP_FILLED, SATURATED};
 
@@ -26,23 +27,26 @@ pub struct Reader {
     buffer: Arc<Buffer>,
     /// Number of the next row to read.
     next: u64,
+    /// Values of the row that was read last.
+    values: Box<[f64]>,
 }
 
 impl Reader {
     pub(super) fn new(buffer: Arc<Buffer>) -> Self {
-        Self { buffer, next: 0 }
+        let values = vec![0.0; buffer.spec.n_axes].into_boxed_slice();
+        Self { buffer, next: 0, values }
     }
 
     /// Another reader that gets the rows to come.
     #[must_use]
     pub fn from_now(&self) -> Self {
-        Self { buffer: Arc::clone(&self.buffer), next: self.buffer.rows.head() }
+        Self { next: self.buffer.rows.head(), ..self.clone() }
     }
 
     /// Another reader that gets every row still there, oldest first, and then those to come.
     #[must_use]
     pub fn from_oldest(&self) -> Self {
-        Self { buffer: Arc::clone(&self.buffer), next: self.buffer.rows.oldest(self.buffer.rows.head()) }
+        Self { next: self.buffer.rows.oldest(self.buffer.rows.head()), ..self.clone() }
     }
 
     /// Rows written and not yet read, overwritten ones included.
@@ -52,17 +56,37 @@ impl Reader {
     }
 
     /// Reads the oldest rows not yet read, as many as there are and fit. Ends early at the border of an epoch.
-    pub fn read(&mut self, rows: &mut [BufferedRow]) -> Taken {
+    ///
+    /// # Errors
+    /// [`Error::Length`] where rows have another number of values than the buffer has axes.
+    pub fn read<const N: usize>(&mut self, rows: &mut [BufferedRow<[f64; N]>]) -> Result<Taken, Error> {
+        let n_axes = self.buffer.spec.n_axes;
+        if N != n_axes {
+            return Err(Error::Length { what: "wrench", expected: n_axes, got: N });
+        }
         let mut places = rows.iter_mut();
-        self.read_each(places.len(), |row| {
+        Ok(self.read_rows(places.len(), &mut [0.0; N], |row, wrench| {
             if let Some(place) = places.next() {
-                *place = *row;
+                *place = row.with(*wrench);
             }
-        })
+        }))
     }
 
-    /// The same for rows that go elsewhere, one by one.
-    pub fn read_each(&mut self, max_rows: usize, mut take: impl FnMut(&BufferedRow)) -> Taken {
+    /// The same for rows of any number of axes that go elsewhere, one by one.
+    pub fn read_each(&mut self, max_rows: usize, mut take: impl FnMut(&BufferedRow<&[f64]>)) -> Taken {
+        let mut values = std::mem::take(&mut self.values);
+        let taken = self.read_rows(max_rows, &mut *values, |row, wrench| take(&row.with(wrench)));
+        self.values = values;
+        taken
+    }
+
+    #[inline]
+    fn read_rows<V: Values + ?Sized>(
+        &mut self,
+        max_rows: usize,
+        values: &mut V,
+        mut take: impl FnMut(&BufferedRow<()>, &V),
+    ) -> Taken {
         let mut taken = Taken::default();
         if max_rows == 0 {
             return taken;
@@ -73,10 +97,10 @@ impl Reader {
             let oldest = self.buffer.rows.oldest(head);
             // Rows that no longer count are missed, even where their slots are still whole: what is missed must depend
             // on how far behind a reader is, not on how many slots there are to spare.
-            let row = if self.next < oldest { None } else { self.buffer.row(self.next) };
+            let row = if self.next < oldest { None } else { self.buffer.row(self.next, values) };
             match row {
                 Some(row) if *epoch.get_or_insert(row.epoch) == row.epoch => {
-                    take(&row);
+                    take(&row, values);
                     taken.n_rows += 1;
                     self.next += 1;
                 }
@@ -94,9 +118,9 @@ impl Reader {
     }
 
     /// The newest row.
-    #[must_use]
-    pub fn latest(&self) -> Option<BufferedRow> {
-        Some(self.buffer.newest()?.1)
+    pub fn latest(&mut self) -> Option<BufferedRow<&[f64]>> {
+        let (_, row) = self.buffer.newest(&mut *self.values)?;
+        Some(row.with(&*self.values))
     }
 
     /// The last instants, up to the newest row, as one array: a copy.
@@ -104,7 +128,8 @@ impl Reader {
         if spec.n > self.capacity() {
             return Err(WindowError::TooLong { n: spec.n, capacity: self.capacity() as u64 });
         }
-        assemble(&newest_first(&self.buffer, spec)?, spec)
+        let (rows, values) = newest_first(&self.buffer, spec)?;
+        assemble(&rows, &values, spec, self.buffer.spec.n_axes)
     }
 
     /// Counts since the buffer was made.
@@ -145,9 +170,9 @@ impl Reader {
     }
 
     /// The newest row and the clock of its epoch.
-    fn newest_on_line(&self) -> Option<(ClockLine, BufferedRow)> {
+    fn newest_on_line(&self) -> Option<(ClockLine, BufferedRow<()>)> {
         loop {
-            let (_, newest) = self.buffer.newest()?;
+            let (_, newest) = self.buffer.newest(&mut ())?;
             // The writer publishes a line before the first row on it, so one is there unless it was replaced meanwhile.
             if let Some(line) = self.buffer.clock_line(newest.epoch) {
                 return Some((line, newest));
@@ -210,8 +235,8 @@ pub struct Window {
     pub ticks: Vec<u64>,
     /// Host time of arrival; interpolated where a row is filled in.
     pub host_ns: Vec<u64>,
-    /// Forces and torques.
-    pub wrench: Vec<[f64; 6]>,
+    /// Values of the axes, row by row.
+    pub wrench: Vec<f64>,
     /// Flags of the samples.
     pub flags: Vec<u8>,
 }
@@ -265,17 +290,19 @@ pub enum WindowError {
     Memory(#[from] Error),
 }
 
-/// Rows from the newest back to the first of the window; if that begins inside a gap, the row before the gap too.
-fn newest_first(buffer: &Buffer, spec: &WindowSpec) -> Result<Vec<BufferedRow>, WindowError> {
-    let n = spec.n;
+/// Rows from the newest back to the first of the window, and their values; if that begins inside a gap, the row before the
+/// gap too.
+fn newest_first(buffer: &Buffer, spec: &WindowSpec) -> Result<(Vec<BufferedRow<()>>, Vec<f64>), WindowError> {
+    let (n, n_axes) = (spec.n, buffer.spec.n_axes);
     let wanted = n as u64;
-    let mut rows: Vec<BufferedRow> = reserved(n.saturating_add(1))?;
+    let mut rows: Vec<BufferedRow<()>> = reserved(n.saturating_add(1))?;
+    let mut values = filled(0.0, n.saturating_add(1).saturating_mul(n_axes))?;
     let mut have = 0_u64;
     if wanted == 0 {
-        return Ok(rows);
+        return Ok((rows, values));
     }
     let too_few = |have| WindowError::TooFew { n, have };
-    let (mut number, mut row) = buffer.newest().ok_or(too_few(0))?;
+    let (mut number, mut row) = buffer.newest(&mut values[..n_axes]).ok_or(too_few(0))?;
     let oldest = buffer.rows.oldest(number + 1);
     loop {
         if rows.last().is_some_and(|later| later.epoch != row.epoch) {
@@ -288,11 +315,11 @@ fn newest_first(buffer: &Buffer, spec: &WindowSpec) -> Result<Vec<BufferedRow>, 
         }
         rows.push(row);
         if begins_in_gap {
-            return Ok(rows);
+            return Ok((rows, values));
         }
         have += 1;
         if have == wanted {
-            return Ok(rows);
+            return Ok((rows, values));
         }
         let missing = row.missing_before;
         if missing > spec.max_gap {
@@ -301,15 +328,22 @@ fn newest_first(buffer: &Buffer, spec: &WindowSpec) -> Result<Vec<BufferedRow>, 
         let measured = have;
         have += u64::from(missing);
         number = number.checked_sub(1).filter(|number| *number >= oldest).ok_or(too_few(measured))?;
-        row = buffer.row(number).ok_or(too_few(measured))?;
+        row = buffer.row(number, &mut values[rows.len() * n_axes..][..n_axes]).ok_or(too_few(measured))?;
     }
 }
 
 /// Puts rows, newest first, and what stands for the missing ones into arrays, oldest first.
-fn assemble(newest_first: &[BufferedRow], spec: &WindowSpec) -> Result<Window, WindowError> {
-    let mut window = Window::with_room(spec.n)?;
+fn assemble(
+    newest_first: &[BufferedRow<()>],
+    values: &[f64],
+    spec: &WindowSpec,
+    n_axes: usize,
+) -> Result<Window, WindowError> {
+    let mut window = Window::with_room(spec.n, n_axes)?;
+    let row = |place: usize| newest_first[place].with(&values[place * n_axes..][..n_axes]);
     let spans: u64 = newest_first.iter().map(|row| 1 + u64::from(row.missing_before)).sum();
-    let Some(oldest) = newest_first.last() else { return Ok(window) };
+    let Some(last) = newest_first.len().checked_sub(1) else { return Ok(window) };
+    let oldest = row(last);
     // What is missing before the oldest row lies before the window; the last gap may begin before it as well.
     let spans = spans - u64::from(oldest.missing_before);
     let begins_in_gap = spans > spec.n as u64;
@@ -317,13 +351,13 @@ fn assemble(newest_first: &[BufferedRow], spec: &WindowSpec) -> Result<Window, W
         window.push(&oldest.row);
     }
     let mut outside = spans - spec.n as u64;
-    for pair in newest_first.windows(2).rev() {
-        let [later, earlier] = [&pair[0], &pair[1]];
+    for place in (0..last).rev() {
+        let (later, earlier) = (row(place), row(place + 1));
         // The row before the gap is outside too.
         let first = if outside > 0 { outside } else { 1 };
         outside = 0;
         for place in first..=u64::from(later.missing_before) {
-            window.push_missing(&earlier.row, later, place, spec.fill);
+            window.push_missing(&earlier.row, &later, place, spec.fill);
         }
         window.push(&later.row);
     }
@@ -332,47 +366,38 @@ fn assemble(newest_first: &[BufferedRow], spec: &WindowSpec) -> Result<Window, W
 
 impl Window {
     /// An empty window with memory for `n` instants.
-    fn with_room(n: usize) -> Result<Self, Error> {
+    fn with_room(n: usize, n_axes: usize) -> Result<Self, Error> {
         Ok(Self {
             mask: reserved(n)?,
             ticks: reserved(n)?,
             host_ns: reserved(n)?,
-            wrench: reserved(n)?,
+            wrench: reserved(n.saturating_mul(n_axes))?,
             flags: reserved(n)?,
         })
     }
 
-    fn push(&mut self, row: &Row) {
+    fn push(&mut self, row: &Row<&[f64]>) {
         self.mask.push(true);
-        self.push_values(row);
-    }
-
-    fn push_values(&mut self, row: &Row) {
         self.ticks.push(row.ticks);
         self.host_ns.push(row.host_ns);
-        self.wrench.push(row.wrench);
+        self.wrench.extend_from_slice(row.wrench);
         self.flags.push(row.flags);
     }
 
     /// The instant `place`, from 1, of the gap between two rows.
-    fn push_missing(&mut self, earlier: &Row, later: &BufferedRow, place: u64, fill: Fill) {
+    fn push_missing(&mut self, earlier: &Row<&[f64]>, later: &BufferedRow<&[f64]>, place: u64, fill: Fill) {
         self.mask.push(false);
+        if fill == Fill::None {
+            return;
+        }
         let steps = u64::from(later.missing_before) + 1;
         let later = &later.row;
-        let part = place as f64 / steps as f64;
-        let row = Row {
-            ticks: between(earlier.ticks, later.ticks, place, steps),
-            host_ns: between(earlier.host_ns, later.host_ns, place, steps),
-            wrench: std::array::from_fn(|axis| {
-                earlier.wrench[axis] + (later.wrench[axis] - earlier.wrench[axis]) * part
-            }),
-            flags: GAP_FILLED,
-        };
-        match fill {
-            Fill::None => {}
-            Fill::Nan => self.push_values(&Row { wrench: [f64::NAN; 6], flags: 0, ..row }),
-            Fill::Linear => self.push_values(&row),
-        }
+        let (part, is_linear) = (place as f64 / steps as f64, fill == Fill::Linear);
+        let value = |(a, b): (&f64, &f64)| if is_linear { a + (b - a) * part } else { f64::NAN };
+        self.ticks.push(between(earlier.ticks, later.ticks, place, steps));
+        self.host_ns.push(between(earlier.host_ns, later.host_ns, place, steps));
+        self.wrench.extend(earlier.wrench.iter().zip(later.wrench).map(value));
+        self.flags.push(if is_linear { GAP_FILLED } else { 0 });
     }
 }
 

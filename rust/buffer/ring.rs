@@ -1,4 +1,4 @@
-//! The ring itself: items of a few words in slots that the newest overwrite, read without locks and never torn.
+//! The ring itself: items of some words in slots that the newest overwrite, read without locks and never torn.
 //!
 //! Each slot is a sequence lock made of atomics alone: the state of a slot says which item it holds and whether it is
 //! complete, and a reader that finds another state after its copy than before throws the copy away. All words are
@@ -21,43 +21,69 @@ use std::{
 use crate::error::Result;
 use crate::memory::reserved;
 
-/// One item of `WORDS` words and the state that guards it.
-struct Slot<const WORDS: usize> {
-    /// `2 n + 1` while item `n` is being written, `2 n + 2` once it is complete, 0 before the first.
-    state: AtomicU64,
-    words: [AtomicU64; WORDS],
-}
-
 /// Slots beyond the capacity, an eighth of it within these bounds: the oldest item that counts is not the one that is being
 /// overwritten, and a reader of it has a while, more than a second of a sensor at 7000 Hz.
 const SPARE_SLOTS: (usize, usize) = if cfg!(all(loom, test)) { (1, 1) } else { (16, 1 << 13) };
 
 /// Items numbered from 0, of which the newest `capacity` count; item `n` takes the slot of item `n - slots`.
 ///
-/// One thread at a time may publish; any number may read.
-pub(super) struct Ring<const WORDS: usize> {
-    slots: Box<[Slot<WORDS>]>,
+/// An item is `FIXED` words and as many values as the ring is made for. One thread at a time may publish; any number may
+/// read.
+pub(super) struct Ring<const FIXED: usize> {
+    /// Slot after slot: its state, then the words of its item, then the values. The state is `2 n + 1` while item `n` is
+    /// being written, `2 n + 2` once it is complete, 0 before the first.
+    words: Box<[AtomicU64]>,
+    slot_len: usize,
+    n_slots: u64,
     capacity: usize,
     head: Head,
+}
+
+/// Where values of an item are read to; no values to `()`.
+pub(super) trait Values {
+    /// Takes what the words of a slot hold at this moment.
+    fn load(&mut self, words: &[AtomicU64]);
+}
+
+impl Values for () {
+    fn load(&mut self, _: &[AtomicU64]) {}
+}
+
+impl Values for [f64] {
+    #[inline]
+    fn load(&mut self, words: &[AtomicU64]) {
+        for (value, word) in self.iter_mut().zip(words) {
+            *value = f64::from_bits(word.load(Relaxed));
+        }
+    }
+}
+
+/// Without a loop and by way of registers: twice as fast as a slice.
+impl<const N: usize> Values for [f64; N] {
+    #[inline]
+    fn load(&mut self, words: &[AtomicU64]) {
+        if let Some(words) = words.first_chunk::<N>() {
+            *self = words.each_ref().map(|word| f64::from_bits(word.load(Relaxed)));
+        }
+    }
 }
 
 /// The number of items published, on a cache line of its own: readers poll it while slots are written.
 #[repr(align(128))]
 struct Head(AtomicU64);
 
-impl<const WORDS: usize> Ring<WORDS> {
-    pub(super) fn new(capacity: usize) -> Result<Self> {
-        Self::with_spare(capacity, (capacity / 8).clamp(SPARE_SLOTS.0, SPARE_SLOTS.1))
+impl<const FIXED: usize> Ring<FIXED> {
+    pub(super) fn new(capacity: usize, n_values: usize) -> Result<Self> {
+        Self::with_spare(capacity, (capacity / 8).clamp(SPARE_SLOTS.0, SPARE_SLOTS.1), n_values)
     }
 
-    fn with_spare(capacity: usize, spare: usize) -> Result<Self> {
-        let n_slots = capacity.saturating_add(spare);
-        let mut slots = reserved(n_slots)?;
-        slots.resize_with(n_slots, || Slot {
-            state: AtomicU64::new(0),
-            words: std::array::from_fn(|_| AtomicU64::new(0)),
-        });
-        Ok(Self { slots: slots.into_boxed_slice(), capacity, head: Head(AtomicU64::new(0)) })
+    fn with_spare(capacity: usize, spare: usize, n_values: usize) -> Result<Self> {
+        let (n_slots, slot_len) = (capacity.saturating_add(spare), 1 + FIXED + n_values);
+        let n_words = n_slots.saturating_mul(slot_len);
+        let mut words = reserved(n_words)?;
+        words.resize_with(n_words, || AtomicU64::new(0));
+        let (words, n_slots, head) = (words.into_boxed_slice(), n_slots as u64, Head(AtomicU64::new(0)));
+        Ok(Self { words, slot_len, n_slots, capacity, head })
     }
 
     /// Items published so far: the number of the next.
@@ -78,39 +104,45 @@ impl<const WORDS: usize> Ring<WORDS> {
 
     /// Writes the next item over the oldest.
     #[inline]
-    pub(super) fn publish(&self, item: &[u64; WORDS]) {
+    pub(super) fn publish(&self, fixed: &[u64; FIXED], values: &[f64]) {
         let n = self.head.0.load(Relaxed);
-        let slot = self.slot(n);
-        slot.state.store(2 * n + 1, Relaxed);
+        let Some((state, fixed_words, value_words)) = self.slot(n) else { return };
+        state.store(2 * n + 1, Relaxed);
         // No word below may be seen before the state above.
         fence(Release);
-        for (word, value) in slot.words.iter().zip(item) {
+        for (word, value) in fixed_words.iter().zip(fixed) {
             word.store(*value, Relaxed);
         }
-        slot.state.store(2 * n + 2, Release);
+        // As long as the values: an array of them is stored without a loop.
+        for (word, value) in value_words[..values.len()].iter().zip(values) {
+            word.store(value.to_bits(), Relaxed);
+        }
+        state.store(2 * n + 2, Release);
         self.head.0.store(n + 1, Release);
     }
 
-    /// Item `n`, or `None` when it is overwritten, being overwritten or not there yet.
+    /// Item `n`, or `None` when it is overwritten, being overwritten or not there yet: its words, and its
+    /// values, which are to be used only where it is there.
     #[inline]
-    pub(super) fn read(&self, n: u64) -> Option<[u64; WORDS]> {
-        let slot = self.slot(n);
+    pub(super) fn read(&self, n: u64, values: &mut (impl Values + ?Sized)) -> Option<[u64; FIXED]> {
+        let (state, fixed_words, value_words) = self.slot(n)?;
         let complete = 2 * n + 2;
-        if slot.state.load(Acquire) != complete {
+        if state.load(Acquire) != complete {
             return None;
         }
-        let item = std::array::from_fn(|word| slot.words[word].load(Relaxed));
+        let fixed = fixed_words.each_ref().map(|word| word.load(Relaxed));
+        values.load(value_words);
         // No word above may be read after the state below.
         fence(Acquire);
-        (slot.state.load(Relaxed) == complete).then_some(item)
+        (state.load(Relaxed) == complete).then_some(fixed)
     }
 
-    /// The newest item and its number.
-    pub(super) fn newest(&self) -> Option<(u64, [u64; WORDS])> {
+    /// The newest item, as [`read`](Self::read) gives it, and its number.
+    pub(super) fn newest(&self, values: &mut (impl Values + ?Sized)) -> Option<(u64, [u64; FIXED])> {
         loop {
             let n = self.head().checked_sub(1)?;
-            if let Some(item) = self.read(n) {
-                return Some((n, item));
+            if let Some(fixed) = self.read(n, values) {
+                return Some((n, fixed));
             }
             // Overwritten meanwhile: all slots were, and a newer item is there.
             spin_loop();
@@ -118,11 +150,14 @@ impl<const WORDS: usize> Ring<WORDS> {
     }
 
     #[inline]
-    fn slot(&self, n: u64) -> &Slot<WORDS> {
+    fn slot(&self, n: u64) -> Option<(&AtomicU64, &[AtomicU64; FIXED], &[AtomicU64])> {
         // Less than the number of slots.
         #[allow(clippy::cast_possible_truncation)]
-        let index = (n % self.slots.len() as u64) as usize;
-        &self.slots[index]
+        let index = (n % self.n_slots) as usize;
+        let slot = &self.words[index * self.slot_len..][..self.slot_len];
+        let (state, words) = slot.split_first()?;
+        let (fixed, values) = words.split_first_chunk()?;
+        Some((state, fixed, values))
     }
 }
 
@@ -132,25 +167,34 @@ mod tests {
 
     #[test]
     fn holds_as_many_items_as_slots() {
-        let ring = Ring::<2>::with_spare(3, 2).unwrap(); // five slots: no power of two
-        assert_eq!(ring.read(0), None);
-        for n in 0..9 {
-            assert_eq!(ring.head(), n);
-            ring.publish(&[n, !n]);
+        for n_values in [0, 1, 7] {
+            let ring = Ring::<2>::with_spare(3, 2, n_values).unwrap(); // five slots: no power of two
+            let read = |n| {
+                let mut values = vec![0.0; n_values];
+                ring.read(n, values.as_mut_slice()).map(|fixed| (fixed, values))
+            };
+            let item = |n: u64| ([n, !n], vec![n as f64; n_values]);
+            assert_eq!(read(0), None);
+            for n in 0..9 {
+                assert_eq!(ring.head(), n);
+                let (fixed, values) = item(n);
+                ring.publish(&fixed, &values);
+            }
+            assert_eq!(read(3), None);
+            for n in 4..9 {
+                assert_eq!(read(n), Some(item(n)));
+            }
+            assert_eq!(read(9), None);
+            assert_eq!(ring.read(8, &mut ()), Some([8, !8]));
         }
-        assert_eq!(ring.read(3), None);
-        for n in 4..9 {
-            assert_eq!(ring.read(n), Some([n, !n]));
-        }
-        assert_eq!(ring.read(9), None);
     }
 
     #[test]
     fn an_item_half_written_is_not_read() {
-        let ring = Ring::<1>::with_spare(1, 0).unwrap();
-        ring.publish(&[7]);
-        ring.slot(1).state.store(3, Relaxed);
-        assert_eq!((ring.read(0), ring.read(1)), (None, None));
+        let ring = Ring::<1>::with_spare(1, 0, 1).unwrap();
+        ring.publish(&[7], &[7.0]);
+        ring.slot(1).unwrap().0.store(3, Relaxed);
+        assert_eq!([0, 1].map(|n| ring.read(n, &mut [0.0])), [None, None]);
     }
 }
 
@@ -194,54 +238,66 @@ mod model {
         all.iter().cloned().collect()
     }
 
-    /// Two words that belong together.
+    /// A word and the bits of a value that belong together.
     fn item(n: u64) -> [u64; 2] {
-        [n + 1, !n]
+        [n + 1, (n as f64).to_bits()]
+    }
+
+    fn read(ring: &Ring<1>, n: u64) -> Option<[u64; 2]> {
+        let mut value = [0.0];
+        ring.read(n, &mut value).map(|[word]| [word, value[0].to_bits()])
+    }
+
+    fn newest(ring: &Ring<1>) -> Option<(u64, [u64; 2])> {
+        let mut value = [0.0];
+        ring.newest(&mut value).map(|(n, [word])| (n, [word, value[0].to_bits()]))
     }
 
     /// The same for a ring of so many slots, which all count, and items.
     fn of_ring<T: Clone + Ord + Send + 'static>(
         n_slots: usize,
         n_items: u64,
-        read: fn(Arc<Ring<2>>) -> T,
+        read: fn(Arc<Ring<1>>) -> T,
     ) -> Vec<T> {
         let new = move || {
-            let ring = Arc::new(Ring::with_spare(n_slots, 0).unwrap());
+            let ring = Arc::new(Ring::with_spare(n_slots, 0, 1).unwrap());
             (Arc::clone(&ring), ring)
         };
-        outcomes(new, move |ring| (0..n_items).for_each(|n| ring.publish(&item(n))), read)
+        let publish = |ring: &Ring<1>, n: u64| ring.publish(&[n + 1], &[n as f64]);
+        outcomes(new, move |ring| (0..n_items).for_each(|n| publish(&ring, n)), read)
     }
 
     #[test]
     fn an_item_is_whole_or_absent() {
-        let of_two = of_ring(1, 3, |ring| [0, 1].map(|n| ring.read(n)));
+        let of_two = of_ring(1, 3, |ring| [0, 1].map(|n| read(&ring, n)));
         let whole = [0, 1].map(|n| Some(item(n)));
         assert_eq!(of_two, [[None; 2], [None, whole[1]], [whole[0], None], whole]);
     }
 
     #[test]
     fn what_the_head_announces_is_there() {
-        let found = of_ring(2, 2, |ring| (0..ring.head()).map(|n| ring.read(n)).collect::<Vec<_>>());
+        let found = of_ring(2, 2, |ring| (0..ring.head()).map(|n| read(&ring, n)).collect::<Vec<_>>());
         let whole = vec![Some(item(0)), Some(item(1))];
         assert_eq!(found, [vec![], whole[..1].to_vec(), whole]);
     }
 
     #[test]
     fn the_newest_is_never_older_than_one_seen_before() {
-        let pairs = of_ring(1, 3, |ring| [0, 1].map(|_| ring.newest()));
+        let pairs = of_ring(1, 3, |ring| [0, 1].map(|_| newest(&ring)));
         let known: Vec<_> = std::iter::once(None).chain((0..3).map(|n| Some((n, item(n))))).collect();
         let wanted: Vec<_> =
             known.iter().enumerate().flat_map(|(i, a)| known[i..].iter().map(move |b| [*a, *b])).collect();
         assert_eq!(pairs, wanted);
     }
 
-    /// A buffer of one row, with one slot to spare.
+    /// A buffer of one row of two axes, with one slot to spare.
     fn buffer() -> (Writer, Reader) {
-        wrench_buffer(BufferSpec { seconds: 1.0, rate_hz: 1.0, tick_hz: 1.0, reorder_depth: 0 }).unwrap()
+        wrench_buffer(BufferSpec { seconds: 1.0, rate_hz: 1.0, tick_hz: 1.0, reorder_depth: 0, n_axes: 2 })
+            .unwrap()
     }
 
-    fn row(ticks: u64, host_s: u64) -> Row {
-        Row { ticks, host_ns: 1_000_000_000 * host_s, wrench: [ticks as f64; 6], flags: 0 }
+    fn row(ticks: u64, host_s: u64) -> Row<[f64; 2]> {
+        Row { ticks, host_ns: 1_000_000_000 * host_s, wrench: [ticks as f64; 2], flags: 0 }
     }
 
     #[test]
@@ -254,8 +310,8 @@ mod model {
         let reads = outcomes(buffer, push, |mut reader| {
             let mut number = 0;
             [0, 1].map(|_| {
-                let mut rows = [BufferedRow::EMPTY];
-                let taken = reader.read(&mut rows);
+                let mut rows = [BufferedRow { row: row(0, 0), missing_before: 0, epoch: 0 }];
+                let taken = reader.read(&mut rows).unwrap();
                 number += taken.missed;
                 for got in &rows[..taken.n_rows] {
                     assert_eq!(got.row, row(number, number));

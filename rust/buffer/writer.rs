@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::clock::{ClockLine, LowerEnvelope};
-use super::{Buffer, BufferedRow, Row};
+use super::{Buffer, BufferSpec, BufferedRow, Row};
 use crate::wrench::{BAD_STATUS, SATURATED};
 
 /// A row so much older than the newest is no late packet: the device has started again.
@@ -26,6 +26,8 @@ pub enum Pushed {
     Late,
     /// Dropped: a value is NaN or infinite.
     NonFinite,
+    /// Dropped and not counted: it has another number of values than the buffer has axes.
+    WrongLength,
 }
 
 /// Who says that a device has started again.
@@ -48,7 +50,9 @@ enum Restarts {
 pub struct Writer {
     buffer: Arc<Buffer>,
     /// Rows that wait for a late one before them, in order of device time; never more than it has room for.
-    held: Vec<Row>,
+    held: Vec<Row<()>>,
+    /// Their values, row by row.
+    held_values: Vec<f64>,
     /// The epoch of rows to come.
     epoch: u32,
     /// What the epoch has so far; nothing before its first row.
@@ -73,6 +77,7 @@ impl Writer {
         Self {
             // One more than may wait: a row goes in before the first goes out.
             held: Vec::with_capacity(spec.reorder_depth + 1),
+            held_values: Vec::with_capacity((spec.reorder_depth + 1) * spec.n_axes),
             epoch: 0,
             written: None,
             late_in_a_row: 0,
@@ -82,13 +87,13 @@ impl Writer {
     }
 
     /// Takes the next row as it came. Of two rows with the same device time the second is a duplicate.
-    pub fn push(&mut self, row: &Row) -> Pushed {
+    pub fn push(&mut self, row: &Row<impl AsRef<[f64]>>) -> Pushed {
         self.take(row, Restarts::Guessed)
     }
 
     /// The same from a sender that knows when its device starts again, and calls [`new_epoch`](Self::new_epoch) then: a
     /// row before the newest is late, however old it is and however many come in a row.
-    pub fn push_in_epoch(&mut self, row: &Row) -> Pushed {
+    pub fn push_in_epoch(&mut self, row: &Row<impl AsRef<[f64]>>) -> Pushed {
         self.take(row, Restarts::Told)
     }
 
@@ -111,6 +116,12 @@ impl Writer {
         self.count_held();
     }
 
+    /// What the buffer was made for.
+    #[must_use]
+    pub fn spec(&self) -> &BufferSpec {
+        &self.buffer.spec
+    }
+
     /// Device time of the newest row of the present epoch, waiting ones included.
     #[must_use]
     pub fn newest_ticks(&self) -> Option<u64> {
@@ -124,8 +135,12 @@ impl Writer {
         self.epoch
     }
 
-    fn take(&mut self, row: &Row, restarts: Restarts) -> Pushed {
-        if !row.wrench.iter().all(|value| value.is_finite()) {
+    fn take(&mut self, row: &Row<impl AsRef<[f64]>>, restarts: Restarts) -> Pushed {
+        let wrench = row.wrench.as_ref();
+        if wrench.len() != self.buffer.spec.n_axes {
+            return Pushed::WrongLength;
+        }
+        if !wrench.iter().all(|value| value.is_finite()) {
             self.buffer.counters.non_finite.add(1);
             return Pushed::NonFinite;
         }
@@ -149,7 +164,7 @@ impl Writer {
     }
 
     /// A row that nothing is missing before.
-    fn take_next(&mut self, row: &Row) -> Pushed {
+    fn take_next(&mut self, row: &Row<impl AsRef<[f64]>>) -> Pushed {
         if !self.held.is_empty() {
             self.buffer.counters.reordered.add(1);
         }
@@ -159,12 +174,15 @@ impl Writer {
     }
 
     /// A row with a gap before it that a late row may fill yet.
-    fn hold(&mut self, row: &Row) -> Pushed {
+    fn hold(&mut self, row: &Row<impl AsRef<[f64]>>) -> Pushed {
         match self.held.binary_search_by_key(&row.ticks, |row| row.ticks) {
             Ok(_) => return self.duplicate(),
             Err(place) => {
                 self.buffer.counters.reordered.add(u64::from(place < self.held.len()));
-                self.held.insert(place, *row);
+                let wrench = row.wrench.as_ref();
+                self.held.insert(place, row.with(()));
+                self.held_values.extend_from_slice(wrench);
+                self.held_values[place * wrench.len()..].rotate_right(wrench.len());
             }
         }
         self.release();
@@ -187,7 +205,7 @@ impl Writer {
     }
 
     /// A row at or before the newest one written.
-    fn take_late(&mut self, row: &Row, restarts: Restarts) -> Pushed {
+    fn take_late(&mut self, row: &Row<impl AsRef<[f64]>>, restarts: Restarts) -> Pushed {
         let Some(written) = &self.written else { return Pushed::Late };
         let guessed = restarts == Restarts::Guessed;
         // Asked first: a device that starts again may repeat the very times it had before.
@@ -206,7 +224,7 @@ impl Writer {
     }
 
     /// The first row of a device that has started again.
-    fn restart(&mut self, row: &Row) -> Pushed {
+    fn restart(&mut self, row: &Row<impl AsRef<[f64]>>) -> Pushed {
         self.new_epoch();
         self.write(row);
         Pushed::Written
@@ -223,7 +241,7 @@ impl Writer {
         let (mut low, mut high) = (begin.max(self.buffer.rows.oldest(head)), head);
         while low < high {
             let middle = low + (high - low) / 2;
-            let Some(found) = self.buffer.row(middle) else { return false };
+            let Some(found) = self.buffer.row(middle, &mut ()) else { return false };
             match found.row.ticks.cmp(&ticks) {
                 std::cmp::Ordering::Less => low = middle + 1,
                 std::cmp::Ordering::Greater => high = middle,
@@ -235,37 +253,40 @@ impl Writer {
 
     /// Writes the first of the rows that wait.
     fn write_first(&mut self) {
-        let row = self.held.remove(0);
-        self.write(&row);
+        let (row, n_axes) = (self.held.remove(0), self.buffer.spec.n_axes);
+        let mut values = std::mem::take(&mut self.held_values);
+        self.write(&row.with(&values[..n_axes]));
+        values.drain(..n_axes);
+        self.held_values = values;
     }
 
-    fn write(&mut self, row: &Row) {
+    fn write(&mut self, row: &Row<impl AsRef<[f64]>>) {
         let missing_before = self.advance(row);
         self.count(row, missing_before);
-        let row = BufferedRow { row: *row, missing_before, epoch: self.epoch };
-        self.buffer.rows.publish(&row.to_words());
+        let place = BufferedRow { row: row.with(()), missing_before, epoch: self.epoch };
+        self.buffer.rows.publish(&place.to_words(), row.wrench.as_ref());
     }
 
     /// Moves device time on to a row, the clock's line with it; the instants that are missing before it.
-    fn advance(&mut self, row: &Row) -> u32 {
+    fn advance<W>(&mut self, row: &Row<W>) -> u32 {
         let Self { buffer, epoch, written, .. } = self;
         if let Some(written) = written {
             let missing = buffer.spec.missing_between(written.newest, row.ticks);
             written.newest = row.ticks;
             if written.envelope.add(row.ticks, row.host_ns) {
-                buffer.clock.publish(&written.envelope.line().to_words());
+                buffer.clock.publish(&written.envelope.line().to_words(), &[]);
             }
             missing
         } else {
             let line = ClockLine::new(*epoch, 1e9 / buffer.spec.tick_hz, row.ticks, row.host_ns);
-            buffer.clock.publish(&line.to_words());
+            buffer.clock.publish(&line.to_words(), &[]);
             let (begin, envelope) = (buffer.rows.head(), LowerEnvelope::new(line));
             *written = Some(Written { begin, newest: row.ticks, envelope });
             0
         }
     }
 
-    fn count(&self, row: &Row, missing_before: u32) {
+    fn count<W>(&self, row: &Row<W>, missing_before: u32) {
         let counters = &self.buffer.counters;
         counters.written.add(1);
         if missing_before > 0 {

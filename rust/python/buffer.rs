@@ -11,13 +11,14 @@ use pyo3::types::{IntoPyDict, PyDict};
 
 use self::rows::{flags_of_one, host_time, number_of_ticks, one_wrench, Rows};
 use crate::arguments::{count, flag, number, whole, word, OrRaise};
+use crate::arrays::contiguous_real;
 use granular_id::buffer::{
-    self, wrench_buffer, BufferSpec, DeviceClock, Fill, Pushed, Reader, Writer, MAX_REORDER_DEPTH,
+    self, wrench_buffer, BufferSpec, DeviceClock, Fill, Pushed, Reader, Writer, MAX_AXES, MAX_REORDER_DEPTH,
 };
 
 pub(super) use reader::{PyBlock, PyWindow, PyWrenchReader, WindowError};
 
-/// The newest seconds of a 6-axis wrench: one writer, any number of readers, the oldest rows overwritten.
+/// The newest seconds of a sensor, of six axes or of others: one writer, any number of readers, the oldest rows overwritten.
 ///
 /// Parameters
 /// ----------
@@ -32,6 +33,8 @@ pub(super) use reader::{PyBlock, PyWindow, PyWrenchReader, WindowError};
 /// reorder_depth : int, default 0
 ///     Rows that wait for a late one at most. With 0 nothing ever waits, and a row that comes after a later one is dropped
 ///     and counted.
+/// n_axes : int, default 6
+///     Values of a row, from 1 to 64. Six are a wrench.
 ///
 /// Raises
 /// ------
@@ -85,14 +88,15 @@ impl Input {
 impl PyWrenchBuffer {
     #[new]
     #[pyo3(
-        signature = (seconds=None, *, rate_hz=None, tick_hz=None, reorder_depth=None),
-        text_signature = "(seconds=10.0, *, rate_hz=500.0, tick_hz=1e9, reorder_depth=0)"
+        signature = (seconds=None, *, rate_hz=None, tick_hz=None, reorder_depth=None, n_axes=None),
+        text_signature = "(seconds=10.0, *, rate_hz=500.0, tick_hz=1e9, reorder_depth=0, n_axes=6)"
     )]
     fn new(
         seconds: Option<&Bound<'_, PyAny>>,
         rate_hz: Option<&Bound<'_, PyAny>>,
         tick_hz: Option<&Bound<'_, PyAny>>,
         reorder_depth: Option<&Bound<'_, PyAny>>,
+        n_axes: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let mut spec = BufferSpec::default();
         for (field, value, name) in [
@@ -105,6 +109,9 @@ impl PyWrenchBuffer {
         if let Some(value) = reorder_depth {
             spec.reorder_depth = whole(value, "reorder_depth", MAX_REORDER_DEPTH)?;
         }
+        if let Some(value) = n_axes {
+            spec.n_axes = count(value, "n_axes", MAX_AXES)?;
+        }
         let (writer, reader) = wrench_buffer(spec).or_raise()?;
         let input = Input { writer: Some(writer), clock: DeviceClock::new(&spec) };
         Ok(Self { reader, input: Mutex::new(input) })
@@ -114,8 +121,8 @@ impl PyWrenchBuffer {
     ///
     /// Parameters
     /// ----------
-    /// wrench : array_like of shape (6,)
-    ///     Forces in N, then torques in N m.
+    /// wrench : array_like of shape (n_axes,)
+    ///     Of six axes: forces in N, then torques in N m.
     /// t : float, optional
     ///     Device time in seconds, not negative. One period after the last row by default; 0 for the first of an epoch.
     /// flags : int, default 0
@@ -146,11 +153,14 @@ impl PyWrenchBuffer {
         flags: Option<&Bound<'_, PyAny>>,
         host_ns: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<bool> {
-        // Everything from Python is read before the lock is taken: it may run code that pushes too.
-        let wrench = one_wrench(wrench)?;
+        // Everything from Python is read before the lock is taken: it may run code that pushes too. The array comes last: that
+        // code could change it.
+        let array = contiguous_real(wrench, "wrench")?;
         let flags = flags.map_or(Ok(0), flags_of_one)?;
         let host_ns = host_time(host_ns, "host_ns")?;
         let ticks = t.map(|t| number_of_ticks(number(t, "t")?, self.tick_hz(), None)).transpose()?;
+        let array = one_wrench(&array, self.n_axes())?;
+        let wrench = array.as_slice()?;
         let mut input = self.input();
         let (writer, clock) = input.writing()?;
         let ticks = clock.ticks(ticks, writer);
@@ -164,8 +174,8 @@ impl PyWrenchBuffer {
     ///
     /// Parameters
     /// ----------
-    /// wrench : array_like of shape (n, 6)
-    ///     Forces in N, then torques in N m, row by row. Any layout and width; C-ordered float64 is read in place.
+    /// wrench : array_like of shape (n, n_axes)
+    ///     Of six axes: forces in N, then torques in N m, row by row. Any layout and width; C-ordered float64 is read in place.
     /// t : array_like of shape (n,), optional
     ///     Device times in seconds, not negative. One period apart after the last row by default.
     /// flags : int or array_like of shape (n,), optional
@@ -192,7 +202,7 @@ impl PyWrenchBuffer {
         flags: Option<&Bound<'_, PyAny>>,
         host_ns: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<u64> {
-        let rows = Rows::new(wrench, t, flags, host_ns, self.tick_hz())?;
+        let rows = Rows::new(wrench, t, flags, host_ns, self.reader.spec())?;
         let mut input = self.input();
         let (writer, clock) = input.writing()?;
         let before = self.reader.stats().written;
@@ -217,7 +227,7 @@ impl PyWrenchBuffer {
 
     /// The newest row as a block of one, or None before the first.
     fn latest(&self, py: Python<'_>) -> PyResult<Option<PyBlock>> {
-        self.reader.latest().map(|row| PyBlock::one(py, &row, self.tick_hz())).transpose()
+        self.reader.clone().latest().map(|row| PyBlock::one(py, &row, self.tick_hz())).transpose()
     }
 
     /// The last instants up to the newest row, as a copy.
@@ -262,7 +272,7 @@ impl PyWrenchBuffer {
             .with_max_gap(max_gap.map_or(Ok(0), |value| whole(value, "max_gap", u32::MAX))?)
             .with_allow_saturated(allow_saturated.map_or(Ok(false), |value| flag(value, "allow_saturated"))?);
         let window = py.detach(|| self.reader.window(&spec)).or_raise()?;
-        PyWindow::new(py, window, self.tick_hz())
+        PyWindow::new(py, window, self.reader.spec())
     }
 
     /// A reader with a place of its own.
@@ -336,9 +346,16 @@ impl PyWrenchBuffer {
         self.reader.spec().reorder_depth
     }
 
+    /// Values of a row.
+    #[getter]
+    fn n_axes(&self) -> usize {
+        self.reader.spec().n_axes
+    }
+
     fn __repr__(&self) -> String {
-        let BufferSpec { rate_hz, seconds, tick_hz, reorder_depth, .. } = self.reader.spec();
-        format!("WrenchBuffer({seconds:?}, rate_hz={rate_hz:?}, tick_hz={tick_hz:?}, reorder_depth={reorder_depth})")
+        let BufferSpec { rate_hz, seconds, tick_hz, reorder_depth, n_axes, .. } = self.reader.spec();
+        let rates = format!("rate_hz={rate_hz:?}, tick_hz={tick_hz:?}");
+        format!("WrenchBuffer({seconds:?}, {rates}, reorder_depth={reorder_depth}, n_axes={n_axes})")
     }
 }
 

@@ -3,7 +3,7 @@
 
 use granular_id::buffer::{
     host_ns, wrench_buffer, BufferSpec, BufferedRow, DeviceClock, Fill, Pushed, Reader, Row, WindowError,
-    WindowSpec, Writer, MAX_REORDER_DEPTH, MAX_ROWS,
+    WindowSpec, Writer, MAX_AXES, MAX_REORDER_DEPTH, MAX_ROWS,
 };
 use granular_id::wrench::{KNOWN_FLAGS, SAMPLE_FLAGS, SATURATED};
 use granular_id::Error;
@@ -50,6 +50,9 @@ fn sizes_and_rates_out_of_range_are_refused() {
     }
     let reorder_depth = MAX_REORDER_DEPTH + 1;
     assert_eq!(refused(&|spec| spec.reorder_depth = reorder_depth), Error::ReorderDepth { reorder_depth });
+    for n_axes in [0, MAX_AXES + 1] {
+        assert_eq!(refused(&|spec| spec.n_axes = n_axes), Error::BufferAxes { n_axes });
+    }
     for message in [
         refused(&|spec| spec.rate_hz = f64::NAN),
         refused(&|spec| spec.tick_hz = f64::NAN),
@@ -73,12 +76,38 @@ fn readers_get_the_newest_capacity_rows() {
     let mut twin = reader.clone();
     push(&mut writer, 0..12);
     let mut rows = [BufferedRow::EMPTY; 9];
-    let taken = reader.read(&mut rows);
+    let taken = reader.read(&mut rows).unwrap();
     assert_eq!((taken.n_rows, taken.missed), (5, 7));
     assert_eq!(rows.map(|row| row.row.ticks)[..5], [7, 8, 9, 10, 11]);
     assert_eq!(read(&mut twin), [7, 8, 9, 10, 11], "a clone has a place of its own");
     assert_eq!(reader.from_now().n_ahead(), 0);
     assert_eq!(read(&mut reader.from_oldest()), [7, 8, 9, 10, 11]);
+}
+
+#[test]
+fn rows_may_have_any_number_of_axes() {
+    for n_axes in [1, 3, 12, MAX_AXES] {
+        let spec = BufferSpec::default().with_seconds(0.01).with_tick_hz(500.0).with_reorder_depth(2);
+        let (mut writer, mut reader) = wrench_buffer(spec.with_n_axes(n_axes)).unwrap();
+        let values =
+            |ticks: u64| (0..n_axes).map(|axis| (100 * ticks) as f64 + axis as f64).collect::<Vec<_>>();
+        for ticks in [0, 2, 3, 1, 5, 6, 7, 8] {
+            writer.push(&row(ticks).with(values(ticks)));
+        }
+        let mut got = Vec::new();
+        let taken = reader.read_each(9, |row| got.push((row.row.ticks, row.row.wrench.to_vec())));
+        assert_eq!((taken.missed, got), (3, [3, 5, 6, 7, 8].map(|ticks| (ticks, values(ticks))).to_vec()));
+        assert_eq!(reader.latest().map(|row| row.row.wrench.to_vec()), Some(values(8)));
+        let spec = WindowSpec::whole(5).with_fill(Fill::Linear).with_max_gap(1);
+        assert_eq!(reader.window(&spec).unwrap().wrench, (4..9).flat_map(values).collect::<Vec<_>>());
+        assert_eq!(writer.push(&row(9).with(vec![0.0; n_axes + 1])), Pushed::WrongLength);
+        let error = Error::Length { what: "wrench", expected: n_axes, got: 6 };
+        assert_eq!(reader.read(&mut [BufferedRow::EMPTY]), Err(error));
+    }
+    let (mut writer, mut reader) = wrench_buffer(BufferSpec::default().with_n_axes(2)).unwrap();
+    writer.push(&row(0).with([1.0, 2.0]));
+    let mut rows = [BufferedRow::EMPTY.with([0.0; 2])];
+    assert_eq!((reader.read(&mut rows).unwrap().n_rows, rows[0].row.wrench), (1, [1.0, 2.0]));
 }
 
 #[test]
@@ -173,7 +202,7 @@ fn windows_refuse_with_the_reason() {
     let filled = WindowSpec::whole(5).with_fill(Fill::Linear).with_max_gap(2);
     let window = reader.window(&filled).unwrap();
     assert_eq!(window.mask, [true, false, false, true, true]);
-    assert_eq!(window.wrench.iter().map(|row| row[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0, 5.0]);
+    assert_eq!(window.wrench.chunks(6).map(|row| row[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 4.0, 5.0]);
     assert_eq!(refused(filled.with_n(7)), WindowError::TooFew { n: 7, have: 6 });
     writer.push(&Row { flags: SATURATED, ..row(6) });
     push(&mut writer, [7]);
@@ -187,7 +216,7 @@ fn windows_refuse_with_the_reason() {
 
 #[test]
 fn a_gap_longer_than_can_be_counted_stays_a_gap() {
-    let (mut writer, reader) = buffer(20, 0);
+    let (mut writer, mut reader) = buffer(20, 0);
     push(&mut writer, [0, u64::MAX]);
     assert_eq!(reader.latest().unwrap().missing_before, u32::MAX);
     let all = WindowSpec::whole(20).with_max_gap(u32::MAX).with_fill(Fill::Linear);

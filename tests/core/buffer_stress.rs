@@ -41,7 +41,7 @@ struct Account {
 impl Account {
     /// Reads whatever is there and checks every row against its number.
     fn read(&mut self, reader: &mut Reader, rows: &mut [BufferedRow]) -> usize {
-        let taken = reader.read(rows);
+        let taken = reader.read(rows).unwrap();
         self.missed += taken.missed;
         self.reads_with_loss += u64::from(taken.missed > 0);
         for got in &rows[..taken.n_rows] {
@@ -74,7 +74,7 @@ fn two_readers_lose_nothing_uncounted() {
                 let n_rows = account.read(&mut reader, &mut rows);
                 if let Ok(window) = reader.window(&WindowSpec::whole(8).with_allow_saturated(true)) {
                     let whole = window.ticks.windows(2).all(|pair| pair[1] == pair[0] + 1);
-                    let same = window.ticks.iter().map(|ticks| row(*ticks).wrench).eq(window.wrench);
+                    let same = window.ticks.iter().flat_map(|ticks| row(*ticks).wrench).eq(window.wrench);
                     account.torn += u64::from(!whole || !same);
                     windows += 1;
                 }

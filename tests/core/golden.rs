@@ -234,7 +234,7 @@ fn buffer(digests: &mut Digests) {
         }
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // up to 0.2 ms
         let late_ns = (2e5 * (noise() + 0.5)) as u64;
-        let wrench = std::array::from_fn(|_| noise());
+        let wrench: [f64; 6] = std::array::from_fn(|_| noise());
         writer.push(&Row {
             ticks: 2_000_000 * place,
             host_ns: 2_001_000 * place + late_ns,
@@ -243,7 +243,7 @@ fn buffer(digests: &mut Digests) {
         });
         reader.read_each(usize::MAX, |row| {
             words.extend([row.row.ticks, row.row.host_ns, u64::from(row.missing_before)]);
-            words.extend(bits(&row.row.wrench));
+            words.extend(bits(row.row.wrench));
         });
         if n % 50 == 49 {
             let line = [reader.lag_ns(2_001_000 * n), reader.host_ns_at(2_000_000 * n)];
@@ -254,7 +254,7 @@ fn buffer(digests: &mut Digests) {
     digests.words("ring, rows and clock", words);
     let spec = WindowSpec::whole(size(900) - 4).with_fill(Fill::Linear).with_max_gap(3);
     let window = reader.window(&spec).unwrap();
-    digests.add("ring, window with filled gaps", window.wrench.as_flattened());
+    digests.add("ring, window with filled gaps", &window.wrench);
 }
 
 fn packets(digests: &mut Digests) {

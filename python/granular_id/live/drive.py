@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import argument_error, freeze, thaw
-from granular_id._core import host_ns
+from granular_id._core import WrenchReader, host_ns
 from granular_id.live.capture import Capture, CaptureError, CaptureState, FailureReason
-from granular_id.live.channels import AnyReader
 from granular_id.live.priority import at_once, reading_threads
 from granular_id.live.robot import Motion, Robot, checked_motion
 from granular_id.live.rows import BlockLike, Rows
@@ -150,7 +149,7 @@ def drive(
     direction: Sequence[float] = (1.0, 0.0, 0.0),
     speed_m_s: float = 0.03,
     rows_timeout_s: float = 1.0,
-    reader: AnyReader | None = None,
+    reader: WrenchReader | None = None,
     may_move: Callable[[], bool] = lambda: True,
     back_first: bool = False,
 ) -> Generator[Step, None, None]:
@@ -265,7 +264,7 @@ def _within_a_while(may_move: Callable[[], bool]) -> Callable[[], bool]:
 class _Standing:
     """What comes after the last row of a capture, until the robot stands: at its start, where it can go back."""
 
-    reader: AnyReader
+    reader: WrenchReader
     capture: Capture
     moving: InMotion
     robot: Robot | None
@@ -348,7 +347,7 @@ def _set_in_motion(
     return motion
 
 
-def _stop(moving: InMotion, capture: Capture, reader: AnyReader) -> None:
+def _stop(moving: InMotion, capture: Capture, reader: WrenchReader) -> None:
     """Stop the robot, and wait until it stands: what comes in meanwhile is none of the next push's rest."""
     try:
         moving.end()

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from granular_id._checks import argument_error, positive_number
+from granular_id._core import WrenchBuffer
 from granular_id._text import counted, verb
-from granular_id.live.channels import AnyBuffer, buffer_for
 from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
 
 __all__ = ["Stream", "checked_stream", "left_out", "opened"]
@@ -23,10 +23,9 @@ class Stream:
     ----------
     source : WrenchSource
     buffer : WrenchBuffer
-        Or one with the same methods, where rows have other than six axes.
     """
 
-    def __init__(self, source: WrenchSource, buffer: AnyBuffer) -> None:
+    def __init__(self, source: WrenchSource, buffer: WrenchBuffer) -> None:
         self.source = source
         self.buffer = buffer
         self._opened_utc_s = time.time()
@@ -117,12 +116,12 @@ def opened(
         )
     info = chosen.info
     try:
-        buffer = buffer_for(
+        buffer = WrenchBuffer(
             seconds * info.speed,
-            info.rate_hz,
-            len(info.axes),
+            rate_hz=info.rate_hz,
             tick_hz=info.tick_hz,
             reorder_depth=reorder_depth,
+            n_axes=len(info.axes),
         )
         first = buffer.reader(from_oldest=True)
         chosen.start(buffer)

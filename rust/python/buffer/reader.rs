@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 
 use crate::arguments::{count, number, OrRaise, Raise};
 use granular_id::bindings::{brief, collected, reserved};
-use granular_id::buffer::{self, BufferedRow, Reader};
+use granular_id::buffer::{self, BufferSpec, BufferedRow, Reader};
 
 create_exception!(
     granular_id.live,
@@ -49,7 +49,6 @@ const BETWEEN_SIGNALS: Duration = Duration::from_millis(50);
 #[pyclass(frozen, name = "WrenchReader", module = "granular_id.live")]
 pub(crate) struct PyWrenchReader {
     reader: Mutex<Reader>,
-    tick_hz: f64,
     /// Time between two looks while waiting: an eighth of a period.
     pause: Duration,
 }
@@ -71,8 +70,11 @@ impl PyWrenchReader {
     #[pyo3(signature = (max_rows=None))]
     fn read(&self, py: Python<'_>, max_rows: Option<&Bound<'_, PyAny>>) -> PyResult<PyBlock> {
         let max_rows = max_rows.map(|value| count(value, "max_rows", usize::MAX)).transpose()?;
-        let columns = Columns::read(&mut self.reader(), max_rows).or_raise()?;
-        PyBlock::new(py, columns, self.tick_hz)
+        let mut reader = self.reader();
+        let &BufferSpec { tick_hz, n_axes, .. } = reader.spec();
+        let columns = Columns::read(&mut reader, max_rows).or_raise()?;
+        drop(reader);
+        PyBlock::new(py, columns, tick_hz, n_axes)
     }
 
     /// Wait until there is a row to read.
@@ -129,10 +131,8 @@ impl PyWrenchReader {
 
 impl PyWrenchReader {
     pub(super) fn new(reader: Reader) -> Self {
-        let spec = reader.spec();
-        let pause_s = (0.125 / spec.rate_hz).clamp(50e-6, 1e-3);
-        let (tick_hz, pause) = (spec.tick_hz, Duration::from_secs_f64(pause_s));
-        Self { reader: Mutex::new(reader), tick_hz, pause }
+        let pause_s = (0.125 / reader.spec().rate_hz).clamp(50e-6, 1e-3);
+        Self { reader: Mutex::new(reader), pause: Duration::from_secs_f64(pause_s) }
     }
 
     /// Locked for moments only and never without the GIL. Nothing that runs under this lock panics half-way.
@@ -145,8 +145,8 @@ impl PyWrenchReader {
 ///
 /// Attributes
 /// ----------
-/// wrench : ndarray of shape (n, 6)
-///     Forces in N, then torques in N m.
+/// wrench : ndarray of shape (n, n_axes)
+///     Of six axes: forces in N, then torques in N m.
 /// time_s : ndarray of shape (n,)
 ///     Device time in seconds, strictly increasing.
 /// ticks : ndarray of shape (n,), uint64
@@ -194,7 +194,7 @@ impl Columns {
         let ahead = usize::try_from(reader.n_ahead()).unwrap_or(usize::MAX).min(reader.capacity());
         let n_rows = max_rows.map_or(ahead, |max_rows| max_rows.min(ahead));
         let mut columns = Self {
-            wrench: reserved(6 * n_rows)?,
+            wrench: reserved(n_rows.saturating_mul(reader.spec().n_axes))?,
             ticks: reserved(n_rows)?,
             host_ns: reserved(n_rows)?,
             flags: reserved(n_rows)?,
@@ -210,8 +210,8 @@ impl Columns {
         Ok(columns)
     }
 
-    fn push(&mut self, row: &BufferedRow) {
-        self.wrench.extend_from_slice(&row.row.wrench);
+    fn push(&mut self, row: &BufferedRow<&[f64]>) {
+        self.wrench.extend_from_slice(row.row.wrench);
         self.ticks.push(row.row.ticks);
         self.host_ns.push(row.row.host_ns);
         self.flags.push(row.row.flags);
@@ -221,17 +221,17 @@ impl Columns {
 }
 
 impl PyBlock {
-    pub(super) fn one(py: Python<'_>, row: &BufferedRow, tick_hz: f64) -> PyResult<Self> {
+    pub(super) fn one(py: Python<'_>, row: &BufferedRow<&[f64]>, tick_hz: f64) -> PyResult<Self> {
         let mut columns = Columns::default();
         columns.push(row);
-        Self::new(py, columns, tick_hz)
+        Self::new(py, columns, tick_hz, row.row.wrench.len())
     }
 
-    fn new(py: Python<'_>, mut columns: Columns, tick_hz: f64) -> PyResult<Self> {
+    fn new(py: Python<'_>, mut columns: Columns, tick_hz: f64, n_axes: usize) -> PyResult<Self> {
         let n_rows = columns.ticks.len();
         columns.time_s.extend(columns.ticks.iter().map(|ticks| *ticks as f64 / tick_hz));
         Ok(Self {
-            wrench: PyArray1::from_vec(py, columns.wrench).reshape([n_rows, 6])?.unbind(),
+            wrench: PyArray1::from_vec(py, columns.wrench).reshape([n_rows, n_axes])?.unbind(),
             time_s: PyArray1::from_vec(py, columns.time_s).unbind(),
             ticks: PyArray1::from_vec(py, columns.ticks).unbind(),
             host_ns: PyArray1::from_vec(py, columns.host_ns).unbind(),
@@ -259,8 +259,8 @@ impl PyBlock {
 ///
 /// Attributes
 /// ----------
-/// wrench : ndarray of shape (m, 6)
-///     Forces in N, then torques in N m; m is n with a fill, and the number of rows measured without.
+/// wrench : ndarray of shape (m, n_axes)
+///     Of six axes: forces in N, then torques in N m; m is n with a fill, and the number of rows measured without.
 /// mask : ndarray of shape (n,), bool
 ///     Whether a row was measured at each instant.
 /// time_s : ndarray of shape (m,)
@@ -283,10 +283,10 @@ pub(crate) struct PyWindow {
 }
 
 impl PyWindow {
-    pub(super) fn new(py: Python<'_>, window: buffer::Window, tick_hz: f64) -> PyResult<Self> {
+    pub(super) fn new(py: Python<'_>, window: buffer::Window, spec: &BufferSpec) -> PyResult<Self> {
         let n_rows = window.ticks.len();
-        let time_s = collected(window.ticks.iter().map(|ticks| *ticks as f64 / tick_hz)).or_raise()?;
-        let wrench = PyArray1::from_vec(py, window.wrench.into_flattened()).reshape([n_rows, 6])?;
+        let time_s = collected(window.ticks.iter().map(|ticks| *ticks as f64 / spec.tick_hz)).or_raise()?;
+        let wrench = PyArray1::from_vec(py, window.wrench).reshape([n_rows, spec.n_axes])?;
         Ok(Self {
             wrench: wrench.unbind(),
             mask: PyArray1::from_vec(py, window.mask).unbind(),

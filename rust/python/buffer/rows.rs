@@ -1,7 +1,7 @@
 //! Rows as Python gives them.
 
 use numpy::{
-    get_array_module, PyArrayDescrMethods, PyReadonlyArray1, PyReadonlyArrayDyn, PyUntypedArray,
+    get_array_module, PyArrayDescrMethods, PyArrayDyn, PyReadonlyArray1, PyReadonlyArrayDyn, PyUntypedArray,
     PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -10,15 +10,15 @@ use pyo3::prelude::*;
 use crate::arguments::{shown, whole, OrRaise};
 use crate::arrays::{contiguous_real, readable, wrong_shape};
 use granular_id::bindings::{brief, collected, reserved};
-use granular_id::buffer;
+use granular_id::buffer::{self, BufferSpec};
 use granular_id::wrench::KNOWN_FLAGS;
 
 /// Ticks that a time may reach.
 const MOST_TICKS: f64 = (1_u64 << 63) as f64;
 
 /// One row before its time is settled.
-pub(super) struct GivenRow {
-    pub(super) wrench: [f64; 6],
+pub(super) struct GivenRow<'a> {
+    pub(super) wrench: &'a [f64],
     pub(super) ticks: Option<u64>,
     pub(super) flags: u8,
     pub(super) host_ns: u64,
@@ -27,6 +27,7 @@ pub(super) struct GivenRow {
 /// Several rows, checked, which nothing else may write to.
 pub(super) struct Rows<'py> {
     wrench: PyReadonlyArrayDyn<'py, f64>,
+    n_axes: usize,
     ticks: Option<Vec<u64>>,
     flags: Each<u8>,
     host_ns: Each<u64>,
@@ -53,11 +54,13 @@ impl<'py> Rows<'py> {
         t: Option<&Bound<'py, PyAny>>,
         flags: Option<&Bound<'py, PyAny>>,
         host_ns: Option<&Bound<'py, PyAny>>,
-        tick_hz: f64,
+        spec: &BufferSpec,
     ) -> PyResult<Self> {
         let wrench = contiguous_real(wrench, "wrench")?;
-        let &[n_rows, 6] = wrench.shape() else {
-            return Err(wrong_shape("wrench", "(n, 6)", wrench.shape()));
+        let &BufferSpec { tick_hz, n_axes, .. } = spec;
+        let n_rows = match *wrench.shape() {
+            [n_rows, n] if n == n_axes => n_rows,
+            ref shape => return Err(wrong_shape("wrench", format_args!("(n, {n_axes})"), shape)),
         };
         let ticks = t.map(|t| times(t, n_rows, tick_hz)).transpose()?;
         let flags = flags.map_or(Ok(Each::All(0)), |flags| flags_of_rows(flags, n_rows))?;
@@ -67,13 +70,13 @@ impl<'py> Rows<'py> {
         };
         let wrench = readable(&wrench, "wrench")?;
         check_length(&wrench.shape()[..1], n_rows, "wrench")?;
-        Ok(Self { wrench, ticks, flags, host_ns })
+        Ok(Self { wrench, n_axes, ticks, flags, host_ns })
     }
 
-    pub(super) fn given(&self) -> PyResult<impl Iterator<Item = GivenRow> + '_> {
-        let Self { wrench, ticks, flags, host_ns } = self;
-        Ok(wrench.as_slice()?.as_chunks().0.iter().enumerate().map(move |(row, wrench)| GivenRow {
-            wrench: *wrench,
+    pub(super) fn given(&self) -> PyResult<impl Iterator<Item = GivenRow<'_>> + '_> {
+        let Self { wrench, n_axes, ticks, flags, host_ns } = self;
+        Ok(wrench.as_slice()?.chunks_exact(*n_axes).enumerate().map(move |(row, wrench)| GivenRow {
+            wrench,
             ticks: ticks.as_ref().map(|ticks| ticks[row]),
             flags: flags.at(row),
             host_ns: host_ns.at(row),
@@ -81,14 +84,16 @@ impl<'py> Rows<'py> {
     }
 }
 
-/// The six values of one row.
-pub(super) fn one_wrench(wrench: &Bound<'_, PyAny>) -> PyResult<[f64; 6]> {
-    let array = contiguous_real(wrench, "wrench")?;
-    let array = readable(&array, "wrench")?;
-    match (array.shape(), array.as_slice()?.as_chunks().0) {
-        ([6], [row]) => Ok(*row),
-        (shape, _) => Err(wrong_shape("wrench", "(6,)", shape)),
+/// The values of one row, in an array of [`contiguous_real`].
+pub(super) fn one_wrench<'py>(
+    array: &Bound<'py, PyArrayDyn<f64>>,
+    n_axes: usize,
+) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+    let array = readable(array, "wrench")?;
+    if array.shape() == [n_axes] {
+        return Ok(array);
     }
+    Err(wrong_shape("wrench", format_args!("({n_axes},)"), array.shape()))
 }
 
 /// A time in seconds as ticks; `row` names it where there are several.

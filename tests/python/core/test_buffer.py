@@ -52,6 +52,30 @@ def test_what_goes_in_comes_out():
     assert len(reader.read()) == 0
 
 
+@pytest.mark.parametrize("n_axes", [1, 3, 12, 64])
+def test_rows_of_any_number_of_axes_come_out_as_they_went_in(n_axes):
+    buffer, rows = WrenchBuffer(0.02, n_axes=n_axes), np.random.default_rng(2).normal(size=(25, n_axes))
+    reader = buffer.reader()
+    assert (buffer.n_axes, buffer.capacity, buffer.latest()) == (n_axes, 10, None)
+    assert reader.read().wrench.shape == (0, n_axes)
+    rows[3, -1] = np.nan
+    assert buffer.push_block(rows[:5], T[:5]) == 4
+    assert buffer.push(rows[5], T[5])
+    block = reader.read()
+    np.testing.assert_array_equal(block.wrench, rows[[0, 1, 2, 4, 5]])
+    assert (block.missing_before.tolist(), block.missed) == ([0, 0, 0, 1, 0], 0)
+    np.testing.assert_array_equal(buffer.latest().wrench, rows[5:6])
+    window = buffer.window(4, fill="linear", max_gap=1).wrench
+    np.testing.assert_allclose(window, [rows[2], (rows[2] + rows[4]) / 2, rows[4], rows[5]])
+    buffer.new_epoch()
+    buffer.push_block(rows[6:], T[: 25 - 6])
+    block = reader.read()
+    np.testing.assert_array_equal(block.wrench, rows[15:])
+    assert (block.epoch, block.missed) == (1, 9)
+    wanted = {"written": 24, "non_finite": 1, "gaps": 1, "missing": 1, "epochs": 1}
+    assert wanted.items() <= buffer.stats().items()
+
+
 def test_rows_one_by_one_are_the_same_as_a_block():
     one, many = WrenchBuffer(), WrenchBuffer()
     for row, t in zip(X, T, strict=True):
@@ -223,7 +247,8 @@ def test_a_signal_ends_a_wait():
 
 
 def test_what_it_was_made_for():
-    buffer = WrenchBuffer(2.5, rate_hz=100, tick_hz=1000, reorder_depth=np.int64(2))
+    buffer = WrenchBuffer(2.5, rate_hz=100, tick_hz=1000, reorder_depth=np.int64(2), n_axes=9)
+    assert (buffer.n_axes, eval(repr(buffer)).n_axes) == (9, 9)
     assert (buffer.seconds, buffer.rate_hz, buffer.tick_hz, buffer.reorder_depth) == (2.5, 100.0, 1000.0, 2)
     assert buffer.capacity == eval(repr(buffer)).capacity == 250
     assert "0 rows" in repr(buffer.reader().read())

@@ -117,11 +117,30 @@ def test_bad_input_is_one_clear_error_and_nothing_is_taken(method, error, messag
         (ValueError, "tick_hz must be finite and at least rate_hz = 500, got 100", {"tick_hz": 100}),
         (ValueError, "reorder_depth must be an integer from 0 to 1024, got 1025", {"reorder_depth": 1025}),
         (TypeError, "reorder_depth must be an integer, got 1.5", {"reorder_depth": 1.5}),
+        (ValueError, "n_axes must be an integer from 1 to 64, got 0", {"n_axes": 0}),
+        (ValueError, "n_axes must be an integer from 1 to 64, got 65", {"n_axes": 65}),
+        (TypeError, "n_axes must be an integer, got 3.0", {"n_axes": 3.0}),
     ],
 )
 def test_buffers_that_are_refused(error, message, options):
     with pytest.raises(error, match=message):
         WrenchBuffer(**options)
+
+
+@pytest.mark.parametrize(
+    ("method", "shape", "wanted"),
+    [
+        ("push", (6,), r"\(3,\), got \(6,\)"),
+        ("push", (1, 3), r"\(3,\), got \(1, 3\)"),
+        ("push_block", (2, 4), r"\(n, 3\), got \(2, 4\)"),
+        ("push_block", (3,), r"\(n, 3\), got \(3,\)"),
+    ],
+)
+def test_rows_of_another_number_of_axes_are_refused(method, shape, wanted):
+    buffer = WrenchBuffer(n_axes=3)
+    with pytest.raises(ValueError, match=f"wrench must have shape {wanted}"):
+        getattr(buffer, method)(np.zeros(shape))
+    assert buffer.stats()["written"] == 0
 
 
 @pytest.mark.parametrize(
