@@ -59,9 +59,6 @@ pub struct Settings {
     pub rate_hz: f64,
     /// Whether to ask for several records per datagram.
     pub buffered: bool,
-    /// Whether to ask for the stream again after a second of silence. Off by default: two clients that both do so
-    /// would take it from each other for ever.
-    pub resume: bool,
 }
 
 setters! {
@@ -71,11 +68,10 @@ setters! {
     with_limits limits [f64; 6],
     with_rate_hz rate_hz f64,
     with_buffered buffered bool,
-    with_resume resume bool,
 }
 
 impl Settings {
-    /// Settings of a Net F/T at its usual rate of 500 Hz: real time, no limits, no resuming.
+    /// Settings of a Net F/T at its usual rate of 500 Hz: real time, no limits.
     #[must_use]
     pub fn new(host: &str, scale: Scale) -> Self {
         Self {
@@ -86,7 +82,6 @@ impl Settings {
             limits: [f64::INFINITY; 6],
             rate_hz: 500.0,
             buffered: false,
-            resume: false,
         }
     }
 

@@ -80,8 +80,6 @@ pub enum Request {
     StartRealTime,
     /// Records without end, several per datagram.
     StartBuffered,
-    /// Forget which thresholds were exceeded.
-    ResetThresholdLatch,
     /// Make the present load the new zero, for every client of the box.
     Bias,
     /// The same for boxes of `OnRobot`, which want a number with it.
@@ -107,7 +105,6 @@ impl Request {
             Self::Stop => (0x0000, 0),
             Self::StartRealTime => (0x0002, 0),
             Self::StartBuffered => (0x0003, 0),
-            Self::ResetThresholdLatch => (0x0041, 0),
             Self::Bias => (0x0042, 0),
             Self::BiasOnRobot => (0x0042, 255),
             Self::PeriodOnRobot { period_ms } => (0x0082, period_ms),
@@ -260,7 +257,6 @@ mod tests {
         assert_eq!(Request::Stop.bytes(), *b"\x12\x34\x00\x00\x00\x00\x00\x00");
         assert_eq!(Request::StartRealTime.bytes(), *b"\x12\x34\x00\x02\x00\x00\x00\x00");
         assert_eq!(Request::StartBuffered.bytes(), *b"\x12\x34\x00\x03\x00\x00\x00\x00");
-        assert_eq!(Request::ResetThresholdLatch.bytes(), *b"\x12\x34\x00\x41\x00\x00\x00\x00");
         assert_eq!(Request::Bias.bytes(), *b"\x12\x34\x00\x42\x00\x00\x00\x00");
         assert_eq!(Request::BiasOnRobot.bytes(), *b"\x12\x34\x00\x42\x00\x00\x00\xff");
         let period = Request::PeriodOnRobot { period_ms: 0x0102 };

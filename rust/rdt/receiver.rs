@@ -12,6 +12,7 @@ use socket2::{Domain, Protocol, Socket, Type};
 use super::{Cells, Counts, Decoded, Decoder, RdtError, Request, Settings, MAX_RECORDS, RECORD_BYTES};
 use crate::buffer::{host_ns, Counter, Writer};
 use crate::specs::choices;
+use crate::wrench::AXES;
 
 /// Asked of the system for datagrams that wait: half a minute at 500 Hz, five seconds at 7000 Hz.
 const RECEIVE_BUFFER: usize = 4 << 20;
@@ -120,6 +121,10 @@ impl Receiver {
         let mut decoder = Decoder::new(settings.variant, settings.scale, settings.limits);
         let mut connect = || {
             settings.check()?;
+            let n_axes = writer.spec().n_axes;
+            if n_axes != AXES.len() {
+                return Err(RdtError::Setting { what: "n_axes", wanted: "6", value: n_axes as f64 });
+            }
             let (socket, receive_buffer) = connected(&settings)?;
             let incoming =
                 socket.try_clone().map_err(|error| failed("sharing a socket to", &settings, &error))?;
@@ -134,16 +139,14 @@ impl Receiver {
         progress.requests.set(u64::from(requests));
         progress.counts.store(decoder.counts());
         progress.newest_host_ns.set(host_ns());
-        let now = Instant::now();
         let receiver_loop = ReceiverLoop {
             socket: incoming,
             decoder,
             settings: settings.clone(),
             progress: Arc::clone(&progress),
             writer,
-            newest: now,
+            newest: Instant::now(),
             stalled: false,
-            asked: now,
         };
         let thread = Some(spawn(receiver_loop, &settings)?);
         Ok(Self { progress, socket, settings, thread, process: std::process::id(), receive_buffer })
@@ -166,11 +169,6 @@ impl Receiver {
     /// Makes the present load the new zero, for every client of the box. The box does not answer.
     pub fn bias(&self) -> Result<(), RdtError> {
         self.send(self.settings.bias_request())
-    }
-
-    /// Forgets which thresholds were exceeded.
-    pub fn reset_threshold_latch(&self) -> Result<(), RdtError> {
-        self.send(Request::ResetThresholdLatch)
     }
 
     /// How the receiver is.
@@ -251,7 +249,6 @@ struct ReceiverLoop {
     writer: Writer,
     newest: Instant,
     stalled: bool,
-    asked: Instant,
 }
 
 impl ReceiverLoop {
@@ -304,19 +301,6 @@ impl ReceiverLoop {
         }
         if silent > SILENCE.max(self.settings.alarm()) {
             self.progress.set_state(State::Silent);
-            if self.settings.resume && self.asked.elapsed() > SILENCE {
-                self.asked = Instant::now();
-                self.ask();
-            }
-        }
-    }
-
-    fn ask(&self) {
-        for request in self.settings.start_requests() {
-            match self.socket.send(&request.bytes()) {
-                Ok(_) => self.progress.requests.add(1),
-                Err(_) => self.progress.socket_errors.add(1),
-            }
         }
     }
 

@@ -288,5 +288,7 @@ def test_the_receiver_checks_by_itself():
     ]:
         with pytest.raises(ValueError, match=words):
             RdtReceiver("127.0.0.1", 49152, **{**good, name: value})
+    with pytest.raises(ValueError, match="n_axes must be 6, got 3"):
+        RdtReceiver("127.0.0.1", 49152, **good).start(WrenchBuffer(n_axes=3))
     with pytest.raises(ConnectionError, match="no address"):
         RdtReceiver("no-such-host.invalid", 1, **good).start(WrenchBuffer())
