@@ -17,13 +17,13 @@ import numpy as np
 import rerun as rr
 
 from granular_id import Identifier
-from granular_id.live import BackgroundView, LiveIdentifier, Snapshot, Stream, Views, opened, stop_on_signals
+from granular_id.live import LiveIdentifier, Snapshot, Stream, Views, opened, stop_on_signals
 from granular_id.recording import AXES
 
 TIMELINE = "device_time"
 
 
-class RerunLog(BackgroundView):
+class RerunLog:
     """Logs what is new in each snapshot, and all rows of the stream, which it reads for itself."""
 
     def __init__(self, stream: Stream, path: str) -> None:
@@ -35,7 +35,6 @@ class RerunLog(BackgroundView):
         self._said: set[str] = set()
         if stream.info.synthetic:
             self._say("WARN", "SYNTHETIC: no sensor measures here")
-        super().__init__("Rerun log", max_hz=10.0, waiting=300, patience_s=15.0)
 
     def show(self, snapshot: Snapshot) -> None:
         """Log one snapshot, and the rows that have come since the last one."""
@@ -52,7 +51,7 @@ class RerunLog(BackgroundView):
         for axis, counts in zip(AXES, snapshot.counts, strict=True):
             self._log.log(f"histogram/{axis}", rr.BarChart(counts))
 
-    def finish(self) -> None:
+    def close(self) -> None:
         """Log the rest and close the file."""
         self._log_rows()
         self._log.flush()

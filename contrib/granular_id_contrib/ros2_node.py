@@ -120,7 +120,7 @@ class Ros2Node:
         values |= {"lag_s": live.stream.lag_s(), "push": live.n_pushes}
         self._send(self._answers, level, "answer", said, values)
 
-    def publish(self, snapshot: Snapshot) -> None:
+    def show(self, snapshot: Snapshot) -> None:
         """Publish how the stream is, on each change and once a second: the node is a view."""
         armed, now_s = self._trigger is None or self._trigger.is_armed, time.monotonic()
         said = snapshot.state if armed or snapshot.state != "armed" else "waits for ~/arm"
@@ -221,7 +221,7 @@ def ros2_node(
     try:
         node = Ros2Node(source, trigger, rest_s)
         # Later than the source itself gives up: it knows why.
-        with opened(source, first_row_s=3 * WAIT_S) as stream, Views([node], max_hz=10) as views:
+        with opened(source, first_row_s=3 * WAIT_S) as stream, Views([node]) as views:
             chosen = "force" if trigger is None else lambda: trigger
             setup = setup_of(source, None, chosen, threshold_n=threshold_n)
             settings: dict[str, Any] = {"timeout_s": _FOR_EVER_S, "accept": accept, "views": views} | limits

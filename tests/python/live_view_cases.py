@@ -6,7 +6,8 @@ from functools import cache
 import numpy as np
 
 from granular_id import Decision, Identifier
-from granular_id.live import Push, SnapshotBuilder
+from granular_id._core import AXES, UNITS
+from granular_id.live import FailureReason, Push, SnapshotBuilder
 from granular_id.synthetic import PAPER_MATERIALS, synthesize
 
 CLASSES = tuple(material.name for material in PAPER_MATERIALS)
@@ -49,6 +50,14 @@ def push(material="rice", seed=0, rest=400):
     return np.vstack([still, wrench]), wrench
 
 
+def new_builder(rate_hz=RATE_HZ, spec=None, classes=(), **session):
+    """A builder for a wrench, unless `session` says otherwise."""
+    whole = {"n_samples": 1600, "source": "a bench", "synthetic": False, "max_lag_s": 0.02}
+    return SnapshotBuilder(
+        rate_hz, spec, classes, **(whole | {"axes": AXES, "units": UNITS, "hop_s": None} | session)
+    )
+
+
 def answer(seconds, *, final=False, classes=CLASSES, **options):
     """Losses that part as the signal grows, the truth being the third class."""
     seen = min(1.0, seconds / 3.2)
@@ -67,7 +76,7 @@ def answer(seconds, *, final=False, classes=CLASSES, **options):
 def listening(seconds=3.2, *, step=25, classes=CLASSES, **options):
     """A builder and the last snapshot of a capture that went on for so long; after 3.2 s it is over."""
     rows, wrench = push()
-    builder = SnapshotBuilder(RATE_HZ, classes=classes, source="sim:rice", synthetic=True)
+    builder = new_builder(classes=classes, source="sim:rice", synthetic=True)
     rest, n = len(rows) - len(wrench), round(seconds * RATE_HZ)
     builder.rows(block(rows[:rest]))
     builder.begin_capture()
@@ -86,3 +95,13 @@ def listening(seconds=3.2, *, step=25, classes=CLASSES, **options):
             **({"lag_s": 0.0012, "counters": {"written": n}, "n_captures": 12, "n_correct": 12} | options),
         )
     return builder, snapshot
+
+
+def session(n=12):
+    """A builder behind `n` pushes: every third one is like none, every fourth one failed; the last is like none."""
+    builder, _ = listening(0.1)
+    for k in range(n):
+        decision = answer(3.2, final=True, warnings=("gap",), unknown=k % 3 == 2)
+        failed = Push(None, FailureReason.GAP, "12 rows are missing")
+        builder.end_capture(failed if k % 4 == 2 else Push(decision, truth=CLASSES[2]))
+    return builder

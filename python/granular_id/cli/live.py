@@ -330,8 +330,8 @@ def live(
             raise
         finally:
             views.close()
-            for complaint in views.complaints:
-                show(f"a view ended: {complaint}", "yellow")
+            for error in views.errors:
+                show(error, "yellow")
             show(f"{in_options(identifying.summary())}{'; the source came to its end' * over}")
 
 

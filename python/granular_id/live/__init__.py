@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from granular_id.live.robot import CallbackRobot, ManualRobot, Motion, Pose, Robot, checked_move
     from granular_id.live.setup import setup_of
     from granular_id.live.sim import SimRobot, SimSource
-    from granular_id.live.snapshot import Snapshot
-    from granular_id.live.snapshot_builder import SnapshotBuilder
+    from granular_id.live.snapshot import Snapshot, SnapshotBuilder
     from granular_id.live.source import (
         Health,
         SourceInfo,
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     from granular_id.live.stream import Stream, opened
     from granular_id.live.terminal import TerminalView
     from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger
-    from granular_id.live.view import BackgroundView, Views
+    from granular_id.live.view import Views
 
 _HOMES = {
     "_core": ("Block", "Window", "WindowError", "WrenchBuffer", "WrenchReader", "host_ns"),
@@ -52,8 +51,7 @@ _HOMES = {
     "live.robot": ("CallbackRobot", "ManualRobot", "Motion", "Pose", "Robot", "checked_move"),
     "live.setup": ("setup_of",),
     "live.sim": ("SimRobot", "SimSource"),
-    "live.snapshot": ("Snapshot",),
-    "live.snapshot_builder": ("SnapshotBuilder",),
+    "live.snapshot": ("Snapshot", "SnapshotBuilder"),
     "live.source": (
         "Health",
         "SourceInfo",
@@ -68,12 +66,11 @@ _HOMES = {
     "live.stream": ("Stream", "opened"),
     "live.terminal": ("TerminalView",),
     "live.trigger": ("ForceTrigger", "ManualTrigger", "MotionTrigger"),
-    "live.view": ("BackgroundView", "Views"),
+    "live.view": ("Views",),
 }
 _LAZY = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
-    "BackgroundView",
     "Block",
     "CallbackRobot",
     "Capture",

@@ -34,7 +34,7 @@ from granular_id.live.recorder import utc_stamp
 from granular_id.live.robot import Motion, checked_move
 from granular_id.live.rows import HoppingWindows, Rows
 from granular_id.live.setup import Setup, setup_of, starts_exactly
-from granular_id.live.snapshot_builder import SnapshotBuilder
+from granular_id.live.snapshot import SnapshotBuilder
 from granular_id.live.stream import Stream, checked_stream, left_out
 from granular_id.live.trigger import ManualTrigger
 from granular_id.live.view import Views
@@ -211,7 +211,7 @@ class LiveIdentifier:
             max_lag_s=max_lag_s,
             axes=info.axes,
             # Nobody states what the samples are in: they were taken for those of the training.
-            units=[now or of for now, of in zip(info.units, model.units, strict=True)],
+            units=tuple(now or of for now, of in zip(info.units, model.units, strict=True)),
             hop_s=self._n_hop / info.rate_hz if self._n_hop else None,
         )
         self._max_lag_s = max_lag_s
@@ -266,8 +266,6 @@ class LiveIdentifier:
             capture,
             robot=self._setup.robot,
             reader=self._reader,
-            # A view that draws keeps Python's lock from the look at the limits.
-            may_move=lambda: not watched or self._views.are_idle,
             back_first=back_first,
             **self._move,
         )

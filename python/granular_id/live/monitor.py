@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 import secrets
 import socket
 import sys
-import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Iterator
 from contextlib import closing
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -19,33 +19,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular_id._checks import checked_index
+from granular_id._checks import argument_error
 from granular_id._text import fixed
-from granular_id.live.snapshot import SYNTHETIC, Snapshot
-from granular_id.live.view import MAX_HZ, BackgroundView, checked_max_hz
+from granular_id.live.snapshot import SYNTHETIC, VIEW_S, Snapshot
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import NDArray
 
 __all__ = ["MonitorServer", "frame"]
 
 _LOOPBACK = "127.0.0.1"
-_HOSTS = frozenset((_LOOPBACK, "localhost"))
-"""Names under which a browser may think that it reached this machine; with any port, as tunnels change it."""
-
+_HOSTS = frozenset((_LOOPBACK, "localhost"))  # with any port, as tunnels change it
 _QUIET_S = 1.0  # after this long without a snapshot, pages are told so
 _END_S = 0.5  # at the end; who has not taken the last frame by then is not waited for
-# A few frames: a browser that comes back must not first see old ones for seconds.
-_SEND_BUFFER_BYTES = 256 * 1024
+_SEND_BUFFER_BYTES = 256 * 1024  # a few frames: a browser that comes back must not see old ones for seconds
 
-_PACKAGE = files("granular_id")
-_FILES: Mapping[str, tuple[bytes, str]] = {
-    "": (_PACKAGE.joinpath("live/web/page.html").read_bytes(), "text/html"),
-    "page.css": (_PACKAGE.joinpath("live/web/page.css").read_bytes(), "text/css"),
-    "page.js": (_PACKAGE.joinpath("live/web/page.js").read_bytes(), "text/javascript"),
-    "style.css": (_PACKAGE.joinpath("_style.css").read_bytes(), "text/css"),
+_WEB = files("granular_id").joinpath("live/web")
+# All that is served. A name is looked up here and never becomes a path.
+_FILES = {
+    "": (_WEB.joinpath("page.html").read_bytes(), "html"),
+    "page.css": (_WEB.joinpath("page.css").read_bytes(), "css"),
+    "page.js": (_WEB.joinpath("page.js").read_bytes(), "javascript"),
+    "style.css": (files("granular_id").joinpath("_style.css").read_bytes(), "css"),
 }
-"""All there is to be had. A name is looked up here and never becomes a path."""
 
 _SECURITY = {
     "Content-Security-Policy": (
@@ -62,119 +58,79 @@ _SECURITY = {
 }
 
 
-class MonitorServer(BackgroundView):
-    """Shows snapshots in browsers on this machine.
+class MonitorServer(ThreadingHTTPServer):
+    """Shows snapshots in browsers on this machine: a view for `Views`.
 
-    Publishing leaves the snapshot for a thread, which encodes the newest one at most `max_hz` times a second. Each
-    browser has a thread of its own, which sends the newest frame once the one before is taken: a browser that does not
-    read holds up neither the session nor the others, and costs the memory of one frame.
-
-    Parameters
-    ----------
-    port : int, default 0
-        Port on 127.0.0.1, the only interface served. 0: a free one.
-    max_hz : float, default 30
-        Updates per second, at most 30. Fewer for a slow tunnel: a frame takes about 50 kB.
-
-    Attributes
-    ----------
-    url : str
-        Address to open. It holds a random token: who has it can watch, and nobody else.
-    port : int
-
-    Raises
-    ------
-    OSError
-        The port is taken.
+    It serves `port` of 127.0.0.1 (0: a free one) from a thread of its own. Each browser has another, which sends the
+    newest frame once the one before is taken: a browser that does not read holds up nobody. `url` holds a random
+    token: who has it can watch, and nobody else.
 
     Examples
     --------
-    >>> from granular_id.live import MonitorServer, Snapshot
-    >>> with MonitorServer() as monitor:
-    ...     monitor.publish(Snapshot("idle"))
+    >>> from granular_id.live import MonitorServer, Views
+    >>> with Views([monitor := MonitorServer()]):
     ...     print(monitor.url.split(":")[:2])
     ['http', '//127.0.0.1']
     """
 
-    def __init__(self, port: int = 0, *, max_hz: float = MAX_HZ) -> None:
-        checked_max_hz(max_hz)
-        if not 0 <= checked_index(port, "port") <= 65535:
-            raise ValueError(f"port must be between 0 and 65535, got {fixed(port)}")
-        try:
-            self._server = _Server(port)
-        except OSError as error:
-            raise type(error)(f"cannot serve the monitor on port {port}: {error.strerror}") from error
-        self.port: int = self._server.server_address[1]
-        self.url = f"http://{_LOOPBACK}:{self.port}/{self._server.token}/"
-        self._number = 0
-        Thread(target=self._server.serve_forever, args=(0.05,), name="monitor", daemon=True).start()
-        super().__init__("monitor", max_hz=max_hz, patience_s=10.0)
-
-    def show(self, snapshot: Snapshot) -> None:
-        """Encode a snapshot for the browsers, which take it when they can."""
-        self._number += 1
-        self._server.offer(self._number, frame(snapshot, self._number))
-
-    def finish(self) -> None:
-        """Tell the pages that the session has ended, once they have its last snapshot; then close."""
-        self._server.end(_event("end", {}) if self.failure is None else b"")
-
-
-class _Server(ThreadingHTTPServer):
-    """One thread a connection; what all of them share is the newest frame."""
-
     daemon_threads = True
     request_queue_size = 64
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int = 0) -> None:
+        if not 0 <= port <= 65535:
+            raise argument_error(ValueError, "port", f"must be between 0 and 65535, got {fixed(port)}")
+        try:
+            super().__init__((_LOOPBACK, port), _Handler)
+        except OSError as error:
+            raise type(error)(f"cannot serve the monitor on port {port}: {error.strerror}") from error
         self.token = secrets.token_urlsafe(24)
+        self.port: int = self.server_address[1]
+        self.url = f"http://{_LOOPBACK}:{self.port}/{self.token}/"
         self._changed = Condition()
-        self._number, self._frame, self._since_s = 0, b"", time.monotonic()
-        self._farewell: bytes | None = None
-        self.n_streams = 0
-        super().__init__((_LOOPBACK, port), _Handler)
+        self._number, self._frame, self._is_over = 0, b"", False
+        self._n_browsers = 0
+        Thread(target=self.serve_forever, args=(0.05,), name="granular_id monitor", daemon=True).start()
 
     def server_bind(self) -> None:
-        TCPServer.server_bind(self)  # the other one asks the network for the name of this machine
+        """Leave the network alone, which the derived class asks for the name of this machine."""
+        TCPServer.server_bind(self)
 
-    def offer(self, number: int, data: bytes) -> None:
+    def show(self, snapshot: Snapshot) -> None:
+        """Encode a snapshot for the browsers, which take it when they can."""
+        data = frame(snapshot, self._number + 1)
         with self._changed:
-            self._number, self._frame, self._since_s = number, data, time.monotonic()
+            self._number, self._frame = self._number + 1, data
             self._changed.notify_all()
 
-    def end(self, farewell: bytes) -> None:
-        """Send the last frame, and this after it, to all that take them soon; then close."""
+    def close(self) -> None:
+        """Tell the pages that the session has ended, once they have its last snapshot."""
         with self._changed:
-            self._farewell = farewell
+            self._is_over = True
             self._changed.notify_all()
-            self._changed.wait_for(lambda: not self.n_streams, _END_S)
+            self._changed.wait_for(lambda: not self._n_browsers, _END_S)
         self.shutdown()
         self.server_close()
 
-    def frames(self) -> Generator[bytes, None, None]:
+    def frames(self) -> Iterator[bytes]:
         """Yield the newest frame whenever there is another, until the end; now and then, that there is none."""
-        seen, farewell = 0, None
+        seen, is_over = 0, False
         with self._changed:
-            self.n_streams += 1
+            self._n_browsers += 1
         try:
-            while farewell is None:
+            while not is_over:
                 with self._changed:
-                    self._changed.wait_for(self._has_news(seen), _QUIET_S)
-                    number, data, farewell = self._number, self._frame, self._farewell
-                if number == seen:
-                    data = _event("quiet", {"for_s": round(time.monotonic() - self._since_s, 1)})
-                seen = number
-                yield data + (farewell or b"")
+                    self._changed.wait_for(lambda: self._number != seen or self._is_over, _QUIET_S)  # noqa: B023
+                    data = self._frame if self._number != seen else _event("quiet")
+                    seen, is_over = self._number, self._is_over
+                yield data + _event("end") * is_over
         finally:
             with self._changed:
-                self.n_streams -= 1
+                self._n_browsers -= 1
                 self._changed.notify_all()
 
-    def _has_news(self, seen: int) -> Callable[[], bool]:
-        return lambda: self._number != seen or self._farewell is not None
-
     def handle_error(self, request: Any, client_address: Any) -> None:
-        if not isinstance(sys.exc_info()[1], OSError):  # a browser that goes away is none
+        """Print what went wrong, unless a browser went away."""
+        if not isinstance(sys.exc_info()[1], OSError):
             super().handle_error(request, client_address)
 
 
@@ -184,59 +140,45 @@ class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     timeout = 5.0  # for a request; a browser needs milliseconds
     stalled_s = 30.0  # a browser that has not taken a frame for so long is dropped
-    server: _Server
+    server: MonitorServer
 
     def do_GET(self) -> None:
         hosts = self.headers.get_all("Host", [])
+        token, slash, name = self.path[1:].partition("?")[0].partition("/")
         if len(hosts) != 1 or hosts[0].strip().rsplit(":", 1)[0].lower() not in _HOSTS:
-            self._refuse(HTTPStatus.FORBIDDEN, "This page is for the machine it runs on.")
-            return
-        token = self.server.token
-        given, slash, name = self.path[1:].partition("?")[0].partition("/")
-        if not secrets.compare_digest(given.encode(), token.encode()):
-            why = "The address lacks its secret: open the one that was printed when the session began."
-            self._refuse(HTTPStatus.UNAUTHORIZED, why, **{"WWW-Authenticate": "Bearer"})
-        elif not slash:
-            why = "The address ends with a slash."
-            self._refuse(HTTPStatus.PERMANENT_REDIRECT, why, Location=f"/{token}/")
+            self._answer(HTTPStatus.FORBIDDEN, b"This page is for the machine it runs on.\n")
+        elif not secrets.compare_digest(token.encode(), self.server.token.encode()):
+            why = b"The address lacks its secret: open the one that was printed when the session began.\n"
+            self._answer(HTTPStatus.UNAUTHORIZED, why, **{"WWW-Authenticate": "Bearer"})
         elif name == "events":
             self._stream()
-        elif name in _FILES:
-            self._answer(HTTPStatus.OK, _FILES[name][1], _FILES[name][0])
+        elif slash and name in _FILES:
+            self._answer(HTTPStatus.OK, *_FILES[name])
         else:
-            self._refuse(HTTPStatus.NOT_FOUND, "There is no such page.")
-
-    do_HEAD = do_GET  # noqa: N815
+            self._answer(HTTPStatus.NOT_FOUND, b"There is no such page.\n")
 
     def _stream(self) -> None:
         self.connection.settimeout(self.stalled_s)
         self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
-        self._answer(HTTPStatus.OK, "text/event-stream")
-        if self.command == "HEAD":
-            return
+        self._answer(HTTPStatus.OK, None, "event-stream")
         with closing(self.server.frames()) as frames:
             for data in frames:
                 self.wfile.write(data)
 
-    def _refuse(self, status: HTTPStatus, why: str, **headers: str) -> None:
-        self._answer(status, "text/plain", f"{why}\n".encode(), **headers)
-
-    def _answer(self, status: HTTPStatus, kind: str, body: bytes | None = None, **headers: str) -> None:
+    def _answer(self, status: HTTPStatus, body: bytes | None, kind: str = "plain", **headers: str) -> None:
         self.send_response_only(status)
         length = {} if body is None else {"Content-Length": str(len(body))}
-        fields = {"Content-Type": f"{kind}; charset=utf-8", **length, **_SECURITY, **headers}
+        fields = {"Content-Type": f"text/{kind}; charset=utf-8", **length, **_SECURITY, **headers}
         for name, value in fields.items():
             self.send_header(name, value)
         self.end_headers()
-        if body is not None and self.command != "HEAD":
-            self.wfile.write(body)
+        self.wfile.write(body or b"")
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:  # noqa: ARG002
         if code == HTTPStatus.NOT_IMPLEMENTED:
-            why = "This page is for reading only."
-            self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, why, Allow="GET, HEAD")
+            self._answer(HTTPStatus.METHOD_NOT_ALLOWED, b"This page is for reading only.\n", Allow="GET")
         else:
-            self._refuse(HTTPStatus(code), "This is no request that a browser would send.")
+            self._answer(HTTPStatus(code), b"This is no request that a browser would send.\n")
 
     def log_message(self, *_: object) -> None:
         """Nobody reads it."""
@@ -245,49 +187,100 @@ class _Handler(BaseHTTPRequestHandler):
 def frame(snapshot: Snapshot, number: int) -> bytes:
     """Encode a snapshot as a server-sent event.
 
-    Traces are float32 in base64, axis by axis: written as decimal numbers they would be four times as long and
-    take the interpreter lock for milliseconds, thirty times a second.
+    Curves are shares of their scales, float32 in base64: decimal numbers would be four times as long and hold the
+    interpreter lock for milliseconds.
     """
-    words = snapshot.words
-    times, losses = snapshot.ranking_history
+    words, now = snapshot.words, snapshot.decision
+    names = ("state", "score", "source", "spoken", "warnings", "figures")
+    so_far = 0.0 if now is None else min(1.0, now.seconds / snapshot.capture_s)
     return _event(
         "snapshot",
-        {
-            "number": number,
-            "complete": snapshot.state == "complete",
-            "state": words.state,
-            "answer": words.answer._asdict(),
-            "history": [entry._asdict() for entry in words.history],
-            "spoken": words.spoken,
-            "figures": words.figures,
-            "score": words.score,
-            "warnings": words.warnings,
-            "source": words.source,
-            "synthetic": SYNTHETIC if snapshot.synthetic else "",
-            "ranking": words.ranking,
-            "values": words.values,
-            "axes": snapshot.axes,
-            "units": snapshot.units,
-            "cutoff_hz": snapshot.cutoff_hz,
-            "capture_s": snapshot.ranking_s,
-            "ago": snapshot.hop_s is not None,
-            "age_s": _packed(snapshot.row_age_s),
-            "wrench": _packed(snapshot.wrench.T),
-            "residual": _packed(snapshot.residual.T),
-            "bins": [[float(edges[0]), float(edges[-1])] for edges in snapshot.bin_edges],
-            "counts": _packed(snapshot.counts),
-            "classes": snapshot.classes,
-            "history_s": _packed(times),
-            "history_losses": _packed(losses.T),
+        number=number,
+        **{name: getattr(words, name) for name in names},
+        answer=words.answer._asdict(),
+        history=[entry._asdict() for entry in words.history],
+        synthetic=SYNTHETIC if snapshot.synthetic else "",
+        progress=so_far if words.answer.kind == "provisional" else float(snapshot.state == "complete"),
+        captions={
+            "wrench": f"last {VIEW_S:g} s",
+            "residual": f"the same above {snapshot.cutoff_hz:g} Hz",
+            "bins": "histogram since start" if snapshot.hop_s is None else "its histogram",
         },
+        at=_packed(1 - snapshot.row_age_s / VIEW_S),
+        axes=[_axis(snapshot, i) for i in range(len(snapshot.axes))],
+        ranking=_ranking(snapshot) if len(snapshot.ranking_history[0]) else None,
     )
 
 
-def _event(kind: str, data: dict[str, Any]) -> bytes:
+def _axis(snapshot: Snapshot, i: int) -> dict[str, Any]:
+    unit, wrench, residual = snapshot.units[i], snapshot.wrench[:, i], snapshot.residual[:, i]
+    least, (low, high) = 0.05 if unit == "N" else 0.002, _extremes(wrench)
+    step = _rounded_up(max(high - low, least)) / 10  # round ends: the scale must not tremble with the noise
+    low = math.floor(low / step) * step
+    end = _rounded_up(max(*map(abs, _extremes(residual)), least))
+    counts, edges = snapshot.counts[i], snapshot.bin_edges[i]
+    middle, most = len(counts) / 2, int(counts.max())
+    # The part with counts, at least ten bins on either side of the middle.
+    reach = min(middle, max([10, *np.ceil(abs(np.flatnonzero(counts) + 0.5 - middle))]))
+    first, last = math.floor(middle - reach), math.ceil(middle + reach)
+    return {
+        "name": snapshot.axes[i],
+        "unit": unit,
+        "value": snapshot.words.values[i],
+        "wrench": _curve(wrench, low, max(math.ceil(high / step) * step, low + step)),
+        "residual": _curve(residual, -end, end),
+        "bins": {
+            # The root, so that the few large values that tell materials apart are not lost beside the many small ones.
+            "shares": _packed(np.sqrt(counts[first:last] / max(most, 1))),
+            "most": f"{most:,} max" if most else "",
+            "low": _label(edges[first]),
+            "high": f"{_label(edges[last])} {unit}",
+        },
+    }
+
+
+def _curve(values: NDArray[np.float64], low: float, high: float) -> dict[str, Any]:
+    zero = min(max(-low / (high - low), 0.0), 1.0)
+    shares = _packed((values - low) / (high - low))
+    return {"shares": shares, "zero": zero, "low": _label(low), "high": _label(high)}
+
+
+def _ranking(snapshot: Snapshot) -> dict[str, Any]:
+    times, losses = snapshot.ranking_history
+    until, (low, high) = max(snapshot.span_s, times[-1]), _extremes(losses)
+    zero = 0.0 if snapshot.hop_s is None else until  # where answers go on, times are before now
+    step = next((step for step in (0.2, 1, 2, 10, 60) if until <= 8 * step), 600)
+    shares = (losses - low) / max(high - low, 1e-6)
+    return {
+        "at": _packed(times / until),
+        "lines": [
+            (snapshot.classes[k], fixed(losses[-1, k], 3), _packed(shares[:, k]))
+            for k in np.argsort(losses[-1])
+        ],
+        "levels": [fixed(level, 2) for level in (low, (low + high) / 2, high)],
+        "ticks": [(tick / until, _label(tick - zero)) for tick in np.arange(0, until * 1.0001, step)],
+    }
+
+
+def _extremes(values: NDArray[np.float64]) -> tuple[float, float]:
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+
+
+def _rounded_up(value: float) -> float:
+    """Return the next number of the series 1, 2, 5, 10, ..."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(factor * power for factor in (1, 2, 5, 10) if factor * power >= value * (1 - 1e-9))
+
+
+def _label(value: float) -> str:
+    return f"{float(f'{value + 0.0:.3g}'):g}".replace("-", "\u2212")
+
+
+def _event(kind: str, **data: Any) -> bytes:
     """Encode one server-sent event; JSON has no line breaks of its own, so one ``data`` line holds it."""
     return f"event: {kind}\ndata: {json.dumps(data, allow_nan=False)}\n\n".encode()
 
 
-def _packed(values: ArrayLike) -> str:
-    with np.errstate(over="ignore"):  # beyond float32 nothing is drawn
-        return base64.b64encode(np.asarray(values).astype("<f4").tobytes()).decode()
+def _packed(shares: NDArray[np.float64]) -> str:
+    return base64.b64encode(shares.astype("<f4").tobytes()).decode()

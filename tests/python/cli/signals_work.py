@@ -70,7 +70,7 @@ def swallow(step, capture):
 class NotingView:
     """Notes provisional answers."""
 
-    def publish(self, snapshot):
+    def show(self, snapshot):
         if snapshot.decision is not None and not snapshot.decision.final:
             note("provisional answer")
 

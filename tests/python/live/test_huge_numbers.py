@@ -67,7 +67,7 @@ def test_forces_and_losses_of_any_size_fit_a_screen():
     decision = replace(answer(1.0), ranking=ranking, margin=1e300)
     shown = replace(seen, decision=decision, latest=np.full(6, 1e300), lag_s=1e300, time_s=1e300)
     console = Console(file=io.StringIO(), width=100, height=40, color_system=None)
-    console.print(screen(shown, 100, 40))
+    console.print(screen(shown, 100))
     text = console.file.getvalue()
     for drawn in (text, shown.words.line, str(gid.Decision("rice", ranking, 1e300, seconds=1e300))):
         assert "1e+300" in drawn

@@ -16,7 +16,6 @@ from granular_id.live import (
     LiveIdentifier,
     Recorder,
     SimSource,
-    Views,
     opened,
     setup_of,
 )
@@ -49,11 +48,11 @@ class Kept:
     def __init__(self):
         self.snapshots = []
 
+    def wants_snapshot(self):
+        return True
+
     def publish(self, snapshot):
         self.snapshots.append(snapshot)
-
-    def close(self):
-        pass
 
 
 def simulated(*faults, materials="rice", seed=3, speed=10):
@@ -102,7 +101,7 @@ def test_limits_that_there_are_none_of_are_refused(model, name):
 def test_provisional_answers_grow_into_the_final_one_which_is_right_and_views_see_them(model):
     seen, kept = [], Kept()
     with opened(simulated(materials=MATERIALS, speed=5)) as stream:
-        live = LiveIdentifier(stream, model, views=Views([kept]))
+        live = LiveIdentifier(stream, model, views=kept)
         pushes = [live.push(seen.append), live.push()]
     assert [push.truth for push in pushes] == [push.decision.label for push in pushes]
     assert (live.n_pushes, live.n_answered, live.n_right) == (2, 2, 2)
@@ -170,7 +169,7 @@ def test_recorded_and_live_windows_are_the_same_rows(model, tmp_path):
 def test_faults_fail_the_push_and_the_next_one_is_named(model, kind, reason):
     kept = Kept()
     with opened(simulated(Fault(kind, after_s=0.3))) as stream:
-        live = LiveIdentifier(stream, model, views=Views([kept]))
+        live = LiveIdentifier(stream, model, views=kept)
         failed = live.push()
         assert (failed.decision, failed.reason) == (None, reason)
         assert failed.text
@@ -199,7 +198,7 @@ def test_every_answer_stands_in_all_views_until_the_next_push_is_triggered(model
     kept, pushes = Kept(), []
     source = simulated(materials=(*MATERIALS, "macaroni"), speed=4)
     with opened(source) as stream:
-        live = LiveIdentifier(stream, model, views=Views([kept]))
+        live = LiveIdentifier(stream, model, views=kept)
         for k in range(5):
             if k == 2:
                 source.inject(Fault("gap", after_s=0.3))
@@ -221,7 +220,7 @@ def test_every_answer_stands_in_all_views_until_the_next_push_is_triggered(model
 def test_without_a_number_it_waits_however_long_nobody_pushes_and_the_answer_stands(strict):
     kept, source = Kept(), simulated(speed=20)
     with opened(source) as stream:
-        live = LiveIdentifier(stream, strict, views=Views([kept]))
+        live = LiveIdentifier(stream, strict, views=kept)
         assert live.push().decision.unknown
         live._setup, live._limits = setup_of(source, None), {"timeout_s": 0.5}
         waited = [push.reason for push, _ in zip(live.pushes(), range(3), strict=False)]
@@ -324,7 +323,7 @@ def test_a_model_of_simulated_recordings_is_called_so_on_every_view_of_a_real_se
     kept = Kept()
     with opened(Arm(speed=20)) as stream:
         setup = setup_of(stream.source, "source")
-        LiveIdentifier(stream, model, setup, views=Views([kept])).push()
+        LiveIdentifier(stream, model, setup, views=kept).push()
     assert kept.snapshots
     for snapshot in kept.snapshots:
         assert not snapshot.synthetic
@@ -352,7 +351,7 @@ class Breaking(ReplaySource):
 def test_a_replay_that_is_over_is_shown_as_ended_and_a_broken_source_as_failed(model, pushes, kind, state):
     kept = Kept()
     with opened(kind(Dataset([pushes[0]]), speed=5, pause_s=0.5)) as stream:
-        live = LiveIdentifier(stream, model, views=Views([kept]))
+        live = LiveIdentifier(stream, model, views=kept)
         if state == "ended":
             assert len(list(live.pushes())) == live.n_pushes == 1, "the end of the source is no push"
         else:

@@ -1,124 +1,97 @@
-"""No view holds up a capture, and one that breaks is not missed in silence."""
+"""No view holds up a capture, and one that breaks is left out and named."""
 
-import threading
+from dataclasses import replace
+from threading import Event
 
 import pytest
 
-from granular_id.live import BackgroundView, Snapshot, Views
-from granular_id.live.view import MAX_HZ
+from granular_id.live import Snapshot, Views, view as view_module
 
 
-class Remembering(BackgroundView):
+class Remembering:
     """Keeps what it shows; may be held, and may break."""
 
-    def __init__(self, *, broken=False, **options):
-        self.shown, self.finished, self.broken = [], 0, broken
-        self.reached, self.released = threading.Event(), threading.Event()
+    def __init__(self, error=None):
+        self.shown, self.n_closed, self.error = [], 0, error
+        self.reached, self.released = Event(), Event()
         self.released.set()
-        super().__init__("remembering view", **options)
 
     def show(self, snapshot):
         self.reached.set()
-        self.released.wait(30)
-        if self.broken:
-            raise OSError("the disk is full")
+        assert self.released.wait(30)
+        if self.error is not None:
+            raise self.error
         self.shown.append(snapshot)
 
-    def finish(self):
-        self.finished += 1
+    def close(self):
+        self.n_closed += 1
 
 
-def held(**options):
-    """Return a view that has taken one snapshot, and will not come back."""
-    view = Remembering(**options)
+def states(view):
+    return [(snapshot.state, snapshot.time_s) for snapshot in view.shown]
+
+
+def test_publish_slow_view_returns_and_newest_of_each_state_is_shown():
+    view = Remembering()
     view.released.clear()
-    view.publish(Snapshot("idle"))
-    assert view.reached.wait(10)
-    return view
-
-
-def snapshots(n):
-    return [Snapshot("triggered", time_s=float(i)) for i in range(n)]
-
-
-def test_the_last_snapshot_is_shown_before_closing_and_none_after_it():
-    with Remembering(waiting=2000) as view:
-        for snapshot in snapshots(1000):
-            view.publish(snapshot)
-    assert [snapshot.time_s for snapshot in view.shown] == list(range(1000))
-    view.close()
-    assert (view.finished, view.dropped) == (1, 0)
-    with pytest.raises(RuntimeError, match="is closed"):
-        view.publish(Snapshot("idle"))
-
-
-def test_a_stuck_view_takes_nothing_of_the_publisher_and_drops_are_counted():
-    view = held(waiting=3)
-    for snapshot in snapshots(1000):
-        view.publish(snapshot)
-    view.released.set()
-    view.close()
-    assert [snapshot.time_s for snapshot in view.shown] == [None, 997.0, 998.0, 999.0]
-    assert view.dropped == 997
-
-
-def test_a_view_that_stays_stuck_is_left_behind_and_told():
-    view = held(patience_s=0.05)
     with Views([view]) as views:
-        pass
-    assert views.complaints == ("the remembering view was stuck, and not waited for after 0.05 s",)
-    view.released.set()
-    view._thread.join(10)
-    assert view.finished == 1
+        views.publish(Snapshot("idle"))
+        assert view.reached.wait(30)
+        for state in ("armed", "triggered", "complete"):
+            for k in range(1000):
+                views.publish(Snapshot(state, time_s=float(k)))
+        assert view.shown == []
+        view.released.set()
+    assert states(view) == [("idle", None), ("armed", 999.0), ("triggered", 999.0), ("complete", 999.0)]
+    assert (view.n_closed, views.errors) == (1, ())
 
 
-def test_a_broken_view_is_left_out_and_closed_at_the_end_and_the_others_say_so():
-    why = ("the remembering view has stopped: the disk is full",)
-    broken, whole = Remembering(broken=True), Remembering(waiting=1000)
+def test_view_that_raises_is_left_out_closed_and_named_to_others():
+    broken, whole = Remembering(OSError("the disk is full")), Remembering()
     with Views([broken]) as views:
         views.add(whole)
-        views.publish(Snapshot("idle"))
-        broken._thread.join(10)
-        for snapshot in snapshots(2):
-            views.publish(snapshot)
-        assert views.complaints == why
-    assert views.complaints == whole.shown[-1].warnings == why
-    assert broken.finished == whole.finished == 1
-    with pytest.raises(RuntimeError, match="the disk is full"):
-        broken.close()
+        views.publish(Snapshot("armed", warnings=("gap",)))
+        views.publish(Snapshot("complete", warnings=("gap",)))
+    why = "Remembering has stopped: the disk is full"
+    assert views.errors == (why,)
+    assert whole.shown[-1].warnings == ("gap", why)
+    assert (broken.n_closed, whole.n_closed) == (1, 1)
 
 
-def test_what_breaks_at_the_end_is_told():
-    with Views([Remembering(broken=True)]) as views:
-        views.publish(Snapshot("idle"))
-    assert views.complaints == ("the remembering view has stopped: the disk is full",)
-
-
-def test_snapshots_are_wanted_at_most_thirty_times_a_second(monkeypatch):
-    now = 100.0
-    monkeypatch.setattr("granular_id.live.view.time.monotonic", lambda: now)
-    with Views([Remembering(waiting=1000)]) as views:
-        wanted = 0
-        for step in range(2000):  # two seconds of a loop that turns every millisecond
-            now = 100.0 + step / 1000
-            if views.wants_snapshot():
-                wanted += 1
-                views.publish(Snapshot("idle"))
-    assert 55 <= wanted <= 2 * MAX_HZ
-    assert not views.wants_snapshot()  # nobody is left
-
-
-@pytest.mark.parametrize("rate", [0, -1, 31, float("nan"), "10"])
-def test_no_view_is_faster(rate):
-    for make in (Remembering, lambda **options: Views([], **options)):
-        with pytest.raises((ValueError, TypeError), match="max_hz must be"):
-            make(max_hz=rate)
-
-
-def test_views_are_idle_when_all_is_shown_not_while_one_draws():
-    view = held()
+def test_view_that_is_stuck_at_the_end_is_left_behind_and_named(monkeypatch):
+    monkeypatch.setattr(view_module, "_PATIENCE_S", 0.01)
+    view = Remembering()
+    view.released.clear()
     with Views([view]) as views:
-        assert not views.are_idle
-        view.released.set()
-        view.close()
-        assert views.are_idle
+        views.publish(Snapshot("idle"))
+        assert view.reached.wait(30)
+    assert views.errors == ("Remembering is stuck",)
+    view.released.set()
+    views._thread.join(30)
+
+
+def test_close_raising_is_named_and_missing_is_fine():
+    class Bad(Remembering):
+        def close(self):
+            raise OSError("no space")
+
+    class Plain:
+        show = print
+
+    with Views([Bad(), Plain()]) as views:
+        pass
+    assert views.errors == ("Bad has stopped: no space",)
+
+
+@pytest.mark.parametrize("n_views", [0, 1])
+def test_snapshots_are_wanted_ten_times_a_second_by_somebody(monkeypatch, n_views):
+    now_s = 100.0
+    monkeypatch.setattr(view_module.time, "monotonic", lambda: now_s)
+    views, n_wanted = Views([Remembering()] * n_views), 0
+    monkeypatch.setattr(views, "_wake", lambda: None)
+    for step in range(2048):
+        now_s = 100.0 + step / 1024
+        if views.wants_snapshot():
+            n_wanted += 1
+            views.publish(replace(Snapshot("idle")))
+    assert n_wanted == 20 * n_views

@@ -156,10 +156,10 @@ def test_a_live_trigger_and_speed_are_compared(data):
 
 
 def test_every_view_is_told_from_the_start(data, model):
-    view = Mock(spec=["publish", "close"])
+    view = Mock(spec=["publish", "wants_snapshot"])
     changed = with_meta(data, **{**FLANGE, "tool": "spoon"})
     with opened(ReplaySource(changed, speed=20)) as stream:
-        LiveIdentifier(stream, model, views=gid.live.Views([view])).push()
+        LiveIdentifier(stream, model, views=view).push()
     shown = [call.args[0].warnings for call in view.publish.call_args_list]
     assert shown
     assert all("tool 'spoon', in training 'cylinder'" in warnings for warnings in shown)
