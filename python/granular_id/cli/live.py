@@ -330,8 +330,8 @@ def live(
             raise
         finally:
             views.close()
-            for error in views.errors:
-                show(error, "yellow")
+            for problem in views.errors:
+                show(problem, "yellow")
             show(f"{in_options(identifying.summary())}{'; the source came to its end' * over}")
 
 

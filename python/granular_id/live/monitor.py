@@ -8,7 +8,7 @@ import math
 import secrets
 import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import closing
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -111,7 +111,7 @@ class MonitorServer(ThreadingHTTPServer):
         self.shutdown()
         self.server_close()
 
-    def frames(self) -> Iterator[bytes]:
+    def frames(self) -> Generator[bytes, None, None]:
         """Yield the newest frame whenever there is another, until the end; now and then, that there is none."""
         seen, is_over = 0, False
         with self._changed:

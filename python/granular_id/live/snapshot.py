@@ -103,6 +103,11 @@ class Outcome:
     utc_s: float
     push: Push
 
+    @property
+    def clock(self) -> str:
+        """Time of day."""
+        return time.strftime("%H:%M:%S", time.localtime(self.utc_s))
+
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
@@ -187,9 +192,13 @@ class Words:
                 line = f"{self.state}: {self.answer.title} ({', '.join(filter(None, self.answer[2:]))})"
         else:
             answer, self.state = self._outcome(held), line
-            self.answer = answer._replace(stage=f"{answer.stage}, at {_clock(held)}")
+            self.answer = answer._replace(stage=f"{answer.stage}, at {held.clock}")
         self.history = [self._entry(outcome) for outcome in reversed(now.history)]
-        self.spoken = _spoken(self.history[0]) if self.history else ""
+        self.spoken = ""  # by a screen reader
+        if self.history:
+            number, _, kind, title, detail, warnings = self.history[0]
+            begin = f"Push {number}. {'Final answer: ' * (kind in GIVEN)}"
+            self.spoken = begin + ", ".join(filter(None, [title, detail, *warnings]))
         self.source = " · ".join(filter(None, [now.source, *mark, f"{now.rate_hz:g} Hz"]))
         self.values = [
             "-" if math.isnan(value) else fixed(value, 4 if unit == "N m" else 3)
@@ -205,10 +214,8 @@ class Words:
         self.figures = self._figures()
         health = ", ".join(f"{name} {value}{' (!)' * alarm}" for name, value, alarm in self.figures)
         time_s = [] if now.time_s is None else [f"{fixed(now.time_s, 3)} s"]
-        warnings = (f"warning: {text}" for text in self.warnings)
-        self.line = "  |  ".join(
-            filter(None, ["  ".join([*mark, *time_s, line]), health, self.score, *warnings])
-        )
+        parts = ["  ".join([*mark, *time_s, line]), health, self.score]
+        self.line = "  |  ".join(filter(None, [*parts, *(f"warning: {text}" for text in self.warnings)]))
 
     def _figures(self) -> list[tuple[str, str, bool]]:
         """Return names and values about the stream, and whether they should worry somebody."""
@@ -270,18 +277,7 @@ class Words:
         if decision is not None and not decision.final:
             detail.append(answer.stage)
         text = ", ".join(filter(None, [*detail, answer.detail]))
-        return Entry(outcome.number, _clock(outcome), answer.kind, answer.title, text, _sentences(decision))
-
-
-def _spoken(entry: Entry) -> str:
-    begin = "Final answer: " * (entry.kind in GIVEN)
-    return (
-        f"Push {entry.number}. {begin}{', '.join(filter(None, [entry.title, entry.detail, *entry.warnings]))}"
-    )
-
-
-def _clock(outcome: Outcome) -> str:
-    return time.strftime("%H:%M:%S", time.localtime(outcome.utc_s))
+        return Entry(outcome.number, outcome.clock, answer.kind, answer.title, text, _sentences(decision))
 
 
 def _sentences(decision: Decision | None, others: Sequence[str] = ()) -> list[str]:

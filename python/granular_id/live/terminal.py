@@ -110,9 +110,9 @@ def screen(snapshot: Snapshot, width: int) -> RenderableType:
     )
 
 
-def _text(text: str, style: str = "", justify: str | None = None) -> Text:
+def _text(text: str, style: str = "") -> Text:
     """Return text in which nothing steers the terminal."""
-    return Text("".join(c if c.isprintable() else "\ufffd" for c in text), style=style, justify=justify)
+    return Text("".join(c if c.isprintable() else "\ufffd" for c in text), style=style)
 
 
 def _table(*heads: str, right: int, wide: tuple[int, ...]) -> Table:
@@ -131,8 +131,8 @@ def _answer(words: Words) -> RenderableType:
     strong = style if provisional else f"bold reverse {style}" if kind in GIVEN else f"bold {style}"
     lines = Group(
         Align.center(_text(f"{title} so far ..." if provisional else f"  {title.upper()}  ", strong)),
-        _text(stage, "bold", "center"),
-        _text(detail, justify="center"),
+        Align.center(_text(stage, "bold")),
+        Align.center(_text(detail)),
     )
     edge = box.SQUARE if provisional else box.HEAVY
     return Panel(lines, title=_text(words.state), border_style=style, box=edge, padding=(0, 1))

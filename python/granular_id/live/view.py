@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
 from threading import Condition, Thread
 from typing import TYPE_CHECKING, Any
@@ -81,27 +81,24 @@ class Views:
 
     def _run(self) -> None:
         while (snapshot := self._next()) is not None:
+            snapshot = replace(snapshot, warnings=(*snapshot.warnings, *self.errors))
             for view in tuple(self._views):
-                shown = replace(snapshot, warnings=(*snapshot.warnings, *self.errors))
-                if not self._call(view, view.show, shown if self.errors else snapshot):
+                if not self._call(view, "show", snapshot):
                     self._views.remove(view)
-                    self._close(view)
+                    self._call(view, "close")
         for view in self._views:
-            self._close(view)
+            self._call(view, "close")
 
     def _next(self) -> Snapshot | None:
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._is_closed)
             return self._waiting.popleft() if self._waiting else None
 
-    def _close(self, view: Any) -> None:
-        if hasattr(view, "close"):
-            self._call(view, view.close)
-
-    def _call(self, view: Any, method: Callable[..., object], *arguments: object) -> bool:
+    def _call(self, view: Any, name: str, *arguments: object) -> bool:
         self._busy = type(view).__name__
         try:
-            method(*arguments)
+            if hasattr(view, name):
+                getattr(view, name)(*arguments)
         except Exception as error:  # a broken view must not end a capture
             self.errors += (f"{self._busy} has stopped: {error}",)
             return False

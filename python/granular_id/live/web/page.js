@@ -62,10 +62,12 @@ function path(x, y) {
   return d;
 }
 
-function addPath(svg, kind) {
+// The first is drawn last, on top.
+function addPath(svg, kind, d) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", "path");
   made.setAttribute("class", kind);
-  return svg.appendChild(made);
+  made.setAttribute("d", d);
+  svg.firstElementChild.after(made);
 }
 
 // Names keep their order and a line's distance, and stay as near to their lines as that allows.
@@ -82,20 +84,15 @@ function ranking(sent) {
   list("levels", levels, (text) => node("span", {}, text));
   list("ticks", ticks, ([, text]) => node("span", {}, text));
   ticks.forEach(([at], i) => { $("ticks").children[i].style.left = `${100 * at}%`; });
+  list("ranking", lines.map(() => 0), () => node("li", {}, node("bdi"), node("span")));
   names.parentNode.style.setProperty("--n", lines.length);
-  if (names.children.length !== lines.length) {
-    svg.querySelectorAll(".tie, .loss").forEach((one) => one.remove());
-    names.replaceChildren(...lines.map(() => node("li", {}, node("bdi"), node("span"))));
-    lines.forEach((_, k) => addPath(svg, `tie tie-${k}`));
-    lines.forEach((_, k) => addPath(svg, `loss loss-${lines.length - 1 - k}`));  // the best is drawn last, on top
-  }
-  if (!lines.length) return;
-  const { width, height } = svg.getBoundingClientRect(), x = floats(sent.at);
+  svg.querySelectorAll(".tie, .loss").forEach((one) => one.remove());
+  const { width, height } = svg.getBoundingClientRect(), x = floats(sent?.at ?? "");
   const curves = lines.map(([, , shares]) => floats(shares)), ends = curves.map((y) => y.at(-1));
   const places = spread(ends.map((end) => end * height), height);
   lines.forEach(([name, loss], k) => {
-    svg.querySelector(`.loss-${k}`).setAttribute("d", path(x, curves[k]));
-    svg.querySelector(`.tie-${k}`).setAttribute("d", `M${x.at(-1)},${ends[k]}H1L${1 + 10 / width},${places[k] / height}`);
+    addPath(svg, `loss loss-${k}`, path(x, curves[k]));
+    addPath(svg, "tie", `M${x.at(-1)},${ends[k]}H1L${1 + 10 / width},${places[k] / height}`);
     const one = names.children[k];
     one.style.top = `${places[k]}px`;
     write(one.firstChild, name);
