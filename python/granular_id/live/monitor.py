@@ -206,7 +206,7 @@ def frame(snapshot: Snapshot, number: int) -> bytes:
             "residual": f"the same above {snapshot.cutoff_hz:g} Hz",
             "bins": "histogram since start" if snapshot.hop_s is None else "its histogram",
         },
-        at=_packed(1 - snapshot.row_age_s / VIEW_S),
+        at=_packed(1 - snapshot.row_age_s / np.max(snapshot.row_age_s, initial=VIEW_S)),
         axes=[_axis(snapshot, i) for i in range(len(snapshot.axes))],
         ranking=_ranking(snapshot) if len(snapshot.ranking_history[0]) else None,
     )

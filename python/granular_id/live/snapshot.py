@@ -217,18 +217,18 @@ class Words:
         parts = ["  ".join([*mark, *time_s, line]), health, self.score]
         self.line = "  |  ".join(filter(None, [*parts, *(f"warning: {text}" for text in self.warnings)]))
 
-    def _figures(self) -> list[tuple[str, str, bool]]:
+    def _figures(self) -> tuple[tuple[str, str, bool], ...]:
         """Return names and values about the stream, and whether they should worry somebody."""
         now, counters = self._now, self._now.counters
         lag = "-" if math.isnan(now.lag_s) else f"{fixed(1e3 * now.lag_s, 1)} ms"
         counts = [(key, counters.get(key, 0)) for key in _ALARMS + _NOTES]
         timing = now.history[-1].push.timing if now.history else None  # of the last push
-        return [
+        return (
             ("lag", lag, now.lag_s > now.max_lag_s),
             ("lost", f"{now.lost:,}", now.lost > 0),
             *((key.replace("_", " "), f"{n:,}", key in _ALARMS) for key, n in counts if n),
             *((name, value, False) for name, value in timing_in_words(timing)),
-        ]
+        )
 
     def _current(self) -> Answer:
         state, hint, decision = self._now.state, self._now.hint, self._now.decision

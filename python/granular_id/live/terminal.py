@@ -43,8 +43,7 @@ class TerminalView:
     Examples
     --------
     >>> import io
-    >>> from rich.columns import Columns
-    from rich.console import Console
+    >>> from rich.console import Console
     >>> from granular_id.live import Snapshot, TerminalView
     >>> output = io.StringIO()
     >>> TerminalView(Console(file=output)).show(Snapshot("armed", time_s=1.5, hint="push now"))

@@ -122,18 +122,6 @@ def test_other_files_are_not_served(served, name):
     assert ask(served, name)[0] == 404
 
 
-@pytest.mark.parametrize(
-    ("head", "why"),
-    [(b"GET", b"no request"), (b"\x16\x03\x01\x02\x00", b"no request"), (b"GET / HTTP/1.1", b"machine it runs on"),
-     (b"GET / HTTP/1.1\r\nHost: localhost\r\nHost: localhost", b"machine it runs on"),
-     (b"GET http://x/ HTTP/1.1\r\nHost: localhost", b"lacks its secret")],
-)  # fmt: skip
-def test_request_no_browser_sends_is_refused(served, head, why):
-    with socket.create_connection(("127.0.0.1", served.port), timeout=10) as browser:
-        browser.sendall(head + b"\r\n\r\n")
-        assert why in b"".join(iter(lambda: browser.recv(4096), b""))
-
-
 def test_only_loopback_listens(served):
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.2", served.port), timeout=10)

@@ -15,8 +15,7 @@ from live_view_cases import CLASSES, answer, block, listening, new_builder, push
 ROWS, WRENCH = push()
 SPECS = {
     "paper": FeatureSpec(),
-    "clipped, steady": FeatureSpec(outside="clip", initial="steady", bin_range=(-0.1, 0.1), n_bins=7),
-    "ranges by axis": FeatureSpec(bin_range=[(-1, 1)] * 3 + [(-0.1, 0.2)] * 3, order=3, cutoff_hz=40),
+    "other": FeatureSpec(outside="clip", bin_range=[(-1, 1)] * 3 + [(-0.1, 0.2)] * 3, order=3, n_bins=7),
 }
 
 
@@ -169,7 +168,7 @@ def test_line_has_all_that_matters():
 
 
 def test_figures_name_troubles_and_alarms():
-    assert Snapshot("armed").words.figures == [("lag", "-", False), ("lost", "0", False)]
+    assert Snapshot("armed").words.figures == (("lag", "-", False), ("lost", "0", False))
     worrying = ["gaps", "late", "saturated", "bad_status", "non_finite"]
     harmless = ["stale", "duplicates", "reordered"]
     seen = replace(END, lag_s=0.021, counters=dict.fromkeys(["missed", *worrying, *harmless], 1234))

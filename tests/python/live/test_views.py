@@ -1,6 +1,5 @@
 """No view holds up a capture, and one that breaks is left out and named."""
 
-from dataclasses import replace
 from threading import Event
 
 import pytest
@@ -70,19 +69,6 @@ def test_view_that_is_stuck_at_the_end_is_left_behind_and_named(monkeypatch):
     views._thread.join(30)
 
 
-def test_close_raising_is_named_and_missing_is_fine():
-    class Bad(Remembering):
-        def close(self):
-            raise OSError("no space")
-
-    class Plain:
-        show = print
-
-    with Views([Bad(), Plain()]) as views:
-        pass
-    assert views.errors == ("Bad has stopped: no space",)
-
-
 @pytest.mark.parametrize("n_views", [0, 1])
 def test_snapshots_are_wanted_ten_times_a_second_by_somebody(monkeypatch, n_views):
     now_s = 100.0
@@ -93,5 +79,5 @@ def test_snapshots_are_wanted_ten_times_a_second_by_somebody(monkeypatch, n_view
         now_s = 100.0 + step / 1024
         if views.wants_snapshot():
             n_wanted += 1
-            views.publish(replace(Snapshot("idle")))
+            views.publish(Snapshot("idle"))
     assert n_wanted == 20 * n_views
