@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import numpy as np
@@ -12,9 +13,12 @@ class Sink:
 
     def __init__(self):
         self.rows, self.epochs = [], []
+        self._came = threading.Condition()
 
     def push(self, wrench, t=None, *, flags=0, host_ns=None):
-        self.rows.append((t, np.array(wrench, dtype=float), int(flags)))
+        with self._came:
+            self.rows.append((t, np.array(wrench, dtype=float), int(flags)))
+            self._came.notify_all()
 
     def push_block(self, wrench, t=None, *, flags=None, host_ns=None):
         for row, at, flag in zip(wrench, t, [0] * len(wrench) if flags is None else flags, strict=True):
@@ -25,7 +29,8 @@ class Sink:
 
     def wait(self, n):
         """Wait for n rows."""
-        eventually(lambda: len(self.rows) >= n)
+        with self._came:
+            assert self._came.wait_for(lambda: len(self.rows) >= n, timeout=20)
 
     @property
     def time_s(self):

@@ -1,7 +1,7 @@
 """Scale, units and rate of a Net F/T box, from the XML page that it serves: small, soon, or not at all.
 
-A record holds counts; what they mean is told by ``http://HOST/netftapi2.xml``. Scale and units are never
-assumed: a page that does not give them, or gives what no sensor has, is refused.
+A record holds counts; ``http://HOST/netftapi2.xml`` says what they mean. Scale and units are never assumed: a page
+that does not give them, or gives what no sensor has, is refused.
 """
 
 from __future__ import annotations
@@ -16,15 +16,8 @@ from http.client import HTTPConnection, HTTPException, HTTPResponse
 from granular_id._core import RDT_SCALE_LIMITS
 
 __all__ = [
-    "FORCE_UNITS",
-    "PATH",
-    "SYNTHETIC_FIELD",
-    "TORQUE_UNITS",
-    "NetftPage",
-    "NetftPageError",
-    "parse_page",
-    "read_page",
-]
+    "FORCE_UNITS", "PATH", "SYNTHETIC_FIELD", "TORQUE_UNITS", "NetftPage", "NetftPageError", "parse_page", "read_page",
+]  # fmt: skip
 
 PATH = "/netftapi2.xml"
 MAX_PAGE_BYTES = 64 * 1024  # a page has some 4 KiB
@@ -39,32 +32,20 @@ KEPT = (
 )  # fmt: skip
 """Fields that a recording should keep, where they are there."""
 
-_LBF = Fraction("4.4482216152605")
 _KGF = Fraction("9.80665")
-_INCH, _FOOT = Fraction("0.0254"), Fraction("0.3048")
+_LBF = Fraction("0.45359237") * _KGF
+_INCH = Fraction("0.0254")
 
 FORCE_UNITS: Mapping[str, Fraction] = {
-    "N": Fraction(1),
-    "kN": Fraction(1000),
-    "lbf": _LBF,
-    "klbf": 1000 * _LBF,
-    "kgf": _KGF,
-    "g": _KGF / 1000,
-}
+    "N": Fraction(1), "kN": Fraction(1000), "lbf": _LBF, "klbf": 1000 * _LBF, "kgf": _KGF, "g": _KGF / 1000,
+}  # fmt: skip
 """Newton per unit of force, exact by definition of the units (``g`` is gram-force)."""
 
 TORQUE_UNITS: Mapping[str, Fraction] = {
-    "Nm": Fraction(1),
-    "N-m": Fraction(1),
-    "Nmm": Fraction(1, 1000),
-    "N-mm": Fraction(1, 1000),
-    "kg-cm": _KGF / 100,
-    "kgf-cm": _KGF / 100,
-    "lbf-in": _LBF * _INCH,
-    "lbf-ft": _LBF * _FOOT,
-    "kN-m": Fraction(1000),
-    "kNm": Fraction(1000),
-}
+    "Nm": Fraction(1), "N-m": Fraction(1), "Nmm": Fraction(1, 1000), "N-mm": Fraction(1, 1000),
+    "kN-m": Fraction(1000), "kNm": Fraction(1000), "kg-cm": _KGF / 100, "kgf-cm": _KGF / 100,
+    "lbf-in": _LBF * _INCH, "lbf-ft": _LBF * 12 * _INCH,
+}  # fmt: skip
 """Newton metre per unit of torque, exact."""
 
 # Internal rates that are believed: Net F/T 7000 Hz, Axia 488 to 7912 Hz. Some firmware gives a mere index there.
@@ -87,7 +68,7 @@ class NetftPage:
     rate_hz: float
     """Records per second that the box is set to send."""
     tick_hz: float | None
-    """Samples per second within the sensor, which `ft_sequence` counts; None: not told."""
+    """Samples per second within the sensor, which `ft_sequence` counts; None: not on the page."""
     full_scale: tuple[float, ...] | None
     """Range of the calibration, N and N m."""
 
@@ -98,8 +79,8 @@ class NetftPage:
     @property
     def is_axia(self) -> bool:
         """Whether it is an Ethernet Axia, whose status word has other bits."""
-        known = self.fields
-        return "axia" in self.text("prodname").lower() or ("setrate" in known and "runrate" not in known)
+        axia_rate = "setrate" in self.fields and "runrate" not in self.fields
+        return axia_rate or "axia" in self.text("prodname").lower()
 
 
 def read_page(host: str, port: int = 80, *, timeout_s: float = TIMEOUT_S) -> NetftPage:
@@ -156,22 +137,19 @@ def parse_page(text: bytes, url: str) -> NetftPage:
             raise refused(name, "one of " + ", ".join(units))
         return units[fields[name]]
 
-    def scale(name: str, value: Fraction, of: str, limits: tuple[float, float]) -> float:
-        low, high = limits
-        if not low <= value <= high:
-            raise refused(name, f"{low:g} to {high:g} counts per {of}, got {float(value):g}")
+    def scale(name: str, unit: Fraction, of: str, limits: tuple[float, float]) -> float:
+        value = positive(name, f"counts per unit of {'force' if of == 'newton' else 'torque'}") / unit
+        if not limits[0] <= value <= limits[1]:
+            raise refused(name, f"{limits[0]:g} to {limits[1]:g} counts per {of}, got {float(value):g}")
         return float(value)
 
-    force_counts = positive("cfgcpf", "counts per unit of force")
-    torque_counts = positive("cfgcpt", "counts per unit of torque")
     force, torque = unit("scfgfu", FORCE_UNITS), unit("scfgtu", TORQUE_UNITS)
-    force_limits, torque_limits = RDT_SCALE_LIMITS
     ticks = (_number(fields.get(name, "")) for name in ("runrate", "setrate"))
     return NetftPage(
         url,
         fields,
-        scale("cfgcpf", force_counts / force, "newton", force_limits),
-        scale("cfgcpt", torque_counts / torque, "newton metre", torque_limits),
+        scale("cfgcpf", force, "newton", RDT_SCALE_LIMITS[0]),
+        scale("cfgcpt", torque, "newton metre", RDT_SCALE_LIMITS[1]),
         rate_hz=float(positive("comrdtrate", "records per second")),
         tick_hz=next((float(n) for n in ticks if n is not None and _TICK_HZ[0] <= n <= _TICK_HZ[1]), None),
         full_scale=_full_scale(fields.get("cfgmr", ""), [force] * 3 + [torque] * 3),
@@ -192,7 +170,7 @@ def _fields(text: bytes, url: str) -> dict[str, str]:
 
 
 def _full_scale(text: str, units: list[Fraction]) -> tuple[float, ...] | None:
-    """Return the range of the six axes, if it is told: numbers divided by semicolons, commas or blanks."""
+    """Return the range of the six axes, if it is there: numbers divided by semicolons, commas or blanks."""
     parts = text.replace(";", " ").replace(",", " ").split()
     numbers = [_number(part) for part in parts]
     known = [n * unit for n, unit in zip(numbers, units, strict=False) if n is not None and n > 0]

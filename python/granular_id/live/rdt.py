@@ -9,28 +9,29 @@ import math
 import weakref
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
-from granular_id._checks import argument_error, finite_number
+from granular_id._checks import argument_error, positive_number
 from granular_id._core import RDT_PORT, RdtReceiver, WrenchBuffer
 from granular_id.live.netft_page import KEPT, SYNTHETIC_FIELD, NetftPage, NetftPageError, read_page
-from granular_id.live.source import Health, SourceInfo, WrenchSink
+from granular_id.live.source import Health, SourceInfo
 from granular_id.live.source_url import SourceUrl
 
 __all__ = ["RdtSource", "open_url"]
 
 Variant = Literal["auto", "netft", "axia", "onrobot"]
-VARIANTS = ("auto", "netft", "axia", "onrobot")
+VARIANTS: tuple[Variant, ...] = get_args(Variant)
 
+# What the core calls the thread that receives; the system keeps 15 characters of a name.
 _THREAD = "granular-id-rdt"
-"""What the core calls the thread that receives; the system keeps 15 characters of a name."""
-
 # Times the range of the calibration: a sensor breaks before it reads so much.
 _BEYOND_SENSE = 10.0
 # Per newton and newton metre; OnRobot boxes have no page, and no other scale.
 _ON_ROBOT_COUNTS = (10_000.0, 100_000.0)
 # Cut-off by the number of ``setuserfilter``, Net F/T manual; none for 0.
-_NET_FT_FILTER_HZ = (838, 326, 152, 73, 35, 18, 8, 5, 1500, 2000, 2500, 3000)
+_NET_FT_FILTER_HZ = {
+    str(n): float(hz) for n, hz in enumerate((838, 326, 152, 73, 35, 18, 8, 5, 1500, 2000, 2500, 3000), 1)
+}
 
 
 class RdtSource:
@@ -48,13 +49,12 @@ class RdtSource:
     http_port : int, default 80
         Where the page is.
     variant : {"auto", "netft", "axia", "onrobot"}
-        What kind of box it is: they share the framing, not the status word. "auto" tells Net F/T and Axia apart by the
-        page.
+        Kind of box: they share the framing, not the status word. "auto" tells Net F/T and Axia apart by the page.
     rate_hz : float, optional
-        Records per second. ATI boxes tell their own, and a different one here is refused; OnRobot boxes are asked
+        Records per second. The page of ATI boxes has it, and another one here is refused; OnRobot boxes are asked
         for it (default 500).
     tick_hz : float, optional
-        Samples per second within the sensor, which records are stamped with; only where the page does not tell.
+        Samples per second within the sensor, which records are stamped with; only where the page does not say.
     buffered : bool, default False
         Ask for up to 40 records per datagram: fewer datagrams, later samples.
 
@@ -88,17 +88,18 @@ class RdtSource:
     ) -> None:
         if variant not in VARIANTS:
             raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
-        stated = None if rate_hz is None else finite_number("rate_hz", rate_hz, positive=True)
-        ticks = None if tick_hz is None else finite_number("tick_hz", tick_hz, positive=True)
+        for name, value in (("rate_hz", rate_hz), ("tick_hz", tick_hz)):
+            if value is not None:
+                positive_number(name, value)
         self._place = f"{host}:{port}"
         if variant == "onrobot":
-            kind, self._info = "onrobot", _on_robot(host, stated or 500.0, ticks)
-            force, torque = _ON_ROBOT_COUNTS
+            kind, (force, torque) = "onrobot", _ON_ROBOT_COUNTS
+            self._info = _on_robot(host, rate_hz or 500.0, tick_hz)
         else:
             page = read_page(host, http_port)
             kind = variant if variant != "auto" else "axia" if page.is_axia else "netft"
-            self._info = _of_page(page, host, kind, stated, ticks)
             force, torque = page.counts_per_newton, page.counts_per_newton_metre
+            self._info = _of_page(page, host, kind, rate_hz, tick_hz)
         full_scale = self._info.full_scale or (math.inf,) * 6
         self._receiver = RdtReceiver(
             host,
@@ -118,29 +119,25 @@ class RdtSource:
         """What the box measures."""
         return self._info
 
-    def start(self, buffer: WrenchSink) -> None:
+    def start(self, buffer: WrenchBuffer) -> None:
         """Ask for the stream; from then on rows arrive in `buffer`, which nobody else may push into.
 
         Raises
         ------
         TypeError, ValueError
-            `buffer` is no `WrenchBuffer`, or its clock is not the sensor's.
+            `buffer` is no `WrenchBuffer`, or its `tick_hz` is not the sensor's.
         RuntimeError
             The source runs already, or another sensor has the buffer.
-        ConnectionError
-            Nobody listens there.
-        TimeoutError
-            No record within a second: another client may own the stream.
+        ConnectionError, TimeoutError
+            Nobody listens there; no record within a second: another client may own the stream.
         """
         if not isinstance(buffer, WrenchBuffer):
-            raise TypeError(
-                f"buffer must be a WrenchBuffer, which the core can write into, got {type(buffer).__name__}"
-            )
+            raise argument_error(TypeError, "buffer", f"must be a WrenchBuffer, got {type(buffer).__name__}")
         if buffer.tick_hz != self._info.tick_hz:
-            raise ValueError(
-                f"buffer.tick_hz is {buffer.tick_hz:g}, the sensor counts {self._info.tick_hz:g} samples per second; "
-                "make the buffer with tick_hz=info.tick_hz"
+            problem = (
+                f"must have tick_hz={self._info.tick_hz:g}, as info.tick_hz says, got {buffer.tick_hz:g}"
             )
+            raise argument_error(ValueError, "buffer", problem)
         self._receiver.start(buffer)
 
     def stop(self) -> None:
@@ -148,7 +145,7 @@ class RdtSource:
         self._receiver.stop()
 
     def health(self) -> Health:
-        """Tell how the stream is. Silence of a second is an error, which ends when records come again."""
+        """Say how the stream is. Silence of a second is an error, which ends when records come again."""
         state, silent_s = self._receiver.state()
         error = {
             "silent": f"no record from {self._place} for {silent_s:.1f} s: another client may own the stream, or the "
@@ -160,7 +157,7 @@ class RdtSource:
 
     @property
     def threads(self) -> list[int]:
-        """Native ids of the threads that receive, also those of other boxes; none where the system does not tell."""
+        """Native ids of the threads that receive, also those of other boxes; none where the system does not list them."""
         found = []
         for task in Path("/proc/self/task").glob("*/comm"):
             with suppress(OSError):  # a thread that has ended
@@ -172,11 +169,7 @@ class RdtSource:
         """Make the present load the new zero, for every client of the box; it does not answer.
 
         Never done unless you call this: what the sensor carries at that moment disappears from all samples that follow.
-
-        Raises
-        ------
-        RuntimeError
-            The source does not run.
+        A source that does not run raises RuntimeError.
         """
         self._receiver.bias()
 
@@ -186,16 +179,14 @@ def open_url(url: SourceUrl) -> RdtSource:
     url.allow("http_port", "variant", "rate_hz", "tick_hz", "buffered")
     if url.path not in ("", "/"):
         raise ValueError(f"url {url.text!r} has the path {url.path!r}; wanted rdt://HOST[:PORT][?OPTIONS]")
-    buffered = url.options.get("buffered", False)
-    variant: Variant = url.choice("variant", "auto", VARIANTS)  # type: ignore[assignment]
     return RdtSource(
         url.need_host(),
         RDT_PORT if url.port is None else url.port,
-        http_port=int(url.whole("http_port", 80) or 0),
-        variant=variant,
-        rate_hz=url.number("rate_hz", 500.0) if "rate_hz" in url.options else None,
-        tick_hz=url.number("tick_hz", 7000.0) if "tick_hz" in url.options else None,
-        buffered=buffered if isinstance(buffered, bool) else url.choice("buffered", "0", ("0", "1")) == "1",
+        http_port=url.whole("http_port", 80),
+        variant=url.choice("variant", "auto", VARIANTS),
+        rate_hz=url.number("rate_hz", None),
+        tick_hz=url.number("tick_hz", None),
+        buffered=url.choice("buffered", "0", (False, True, "0", "1")) in (True, "1"),
     )
 
 
@@ -204,14 +195,9 @@ def _on_robot(host: str, rate_hz: float, tick_hz: float | None) -> SourceInfo:
     if not math.isclose(1000 / period_ms, rate_hz, rel_tol=1e-9):
         problem = f"must be 1000 Hz over a whole number of milliseconds for an OnRobot box, got {rate_hz:g}"
         raise argument_error(ValueError, "rate_hz", problem)
-    return SourceInfo(
-        f"OnRobot {host}",
-        rate_hz,
-        # its second counter has no documented unit: taken as one per record unless stated
-        tick_hz=rate_hz if tick_hz is None else tick_hz,
-        device_clock=True,
-        meta={"variant": "onrobot"},
-    )
+    # its second counter has no documented unit: taken as one per record unless stated
+    ticks, meta = rate_hz if tick_hz is None else tick_hz, {"variant": "onrobot"}
+    return SourceInfo(f"OnRobot {host}", rate_hz, tick_hz=ticks, device_clock=True, meta=meta)
 
 
 def _of_page(
@@ -224,7 +210,9 @@ def _of_page(
             "state it: tick_hz=7000 for a Net F/T, for an Axia the ADC rate of its web page"
         )
     if tick_hz not in (None, ticks):
-        raise ValueError(f"tick_hz={tick_hz:g} was stated, {page.url} says {ticks:g}; leave it out")
+        raise argument_error(
+            ValueError, "tick_hz", f"={tick_hz:g} was stated, {page.url} says {ticks:g}; leave it out"
+        )
     # The page rounds: a box sends every k-th sample, and 2333 is 7000 / 3. Other boxes send samples of uneven
     # distance: then what the page says is the mean.
     nearest = ticks / max(1, round(ticks / page.rate_hz))
@@ -235,18 +223,15 @@ def _of_page(
             "own web page, or leave it out"
         )
         raise argument_error(ValueError, "rate_hz", problem)
-    filters = {str(number): float(hz) for number, hz in enumerate(_NET_FT_FILTER_HZ, 1)}
+    number = page.fields.get("setuserfilter", "")
     return SourceInfo(
         f"{page.text('prodname') or 'Net F/T'} {host}",
         rate_hz,
         tick_hz=ticks,
         device_clock=True,
-        filter_hz=filters.get(page.fields.get("setuserfilter", "")) if variant == "netft" else None,
+        filter_hz=_NET_FT_FILTER_HZ.get(number) if variant == "netft" else None,
         full_scale=page.full_scale,
         serial=page.text("cfgcalsn") or None,
         synthetic=bool(page.text(SYNTHETIC_FIELD)),
-        meta={
-            "variant": variant,
-            "page": {name: page.fields[name] for name in KEPT if page.fields.get(name)},
-        },
+        meta={"variant": variant, "page": {name: page.text(name) for name in KEPT if page.fields.get(name)}},
     )

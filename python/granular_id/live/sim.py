@@ -5,21 +5,20 @@ The samples come from `granular_id.synthetic`; nothing they show is evidence abo
 
 from __future__ import annotations
 
-import math
 import secrets
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import positive_number, sampling_rate, whole_number
-from granular_id._core import host_ns
+from granular_id._core import WrenchBuffer
 from granular_id._text import known_label
-from granular_id.live.robot import Pose, checked_move
-from granular_id.live.source import SourceInfo, ThreadedSource, WrenchSink
+from granular_id.live.robot import checked_move
+from granular_id.live.source import Pace, SourceInfo, ThreadedSource
 from granular_id.live.source_url import SourceUrl
 from granular_id.recording import SampleFlag
 from granular_id.synthetic import (
@@ -38,16 +37,10 @@ from granular_id.synthetic import (
     simulate_push,
 )
 
-__all__ = ["SimMotion", "SimRobot", "SimSource", "SimWorld", "open_url"]
+__all__ = ["SimRobot", "SimSource", "open_url"]
 
 UNKNOWN = "unknown"
 """Name of the source that draws its materials."""
-
-_PERIOD_S = 0.004
-"""How often samples are handed over, seconds of the host: two at a time at 500 Hz, as packets come."""
-
-_LONGEST_S = 1.0
-"""Samples handed over at once at most, device seconds, after the computer was suspended."""
 
 LEAD_S = 0.5
 """From a command to the motion: a robot plans that long, and a recording's rest fits into it."""
@@ -60,12 +53,13 @@ _FIRST_UNKNOWN = 1_000_000
 
 @dataclass
 class PlannedPush:
-    """A push that has been commanded, with its samples from the command on; the motion begins between two of them."""
+    """A push with its samples from the command on; the motion begins between two of them."""
 
     first_tick: int
     start_tick: float
     end_tick: int
     wrench: NDArray[np.float64]
+    rig: Rig
     meta: dict[str, Any]
 
 
@@ -82,21 +76,12 @@ class SimWorld:
         materials: Sequence[Material],
         rate_hz: float,
         seed: int,
-        *,
         session: int = 0,
         unknown: bool = False,
-        rig: Rig | None = None,
-        nuisance: Nuisance | None = None,
-        sensor: Sensor | None = None,
     ) -> None:
-        self.rate_hz = rate_hz
-        self.sensor = sensor or Sensor()
-        self._materials = tuple(materials)
-        self._seed = random_stream(seed, _LIVE)
-        self._session = session
-        self._unknown = unknown
-        self._rig = rig or Rig()
-        self._nuisance = nuisance or Nuisance()
+        self.rate_hz, self.sensor = rate_hz, Sensor()
+        self._materials, self._unknown = tuple(materials), unknown
+        self._seed, self._session = random_stream(seed, _LIVE), session
         self._lock = threading.Lock()
         self._n_pushes = 0
         self.tick = 0  # number of the next sample
@@ -108,7 +93,7 @@ class SimWorld:
         """Command a push, which begins about half a second after the next sample; refuse one that cannot be."""
         self._refuse_while_moving()
         material, conditions, stream = self._material, self._conditions, self._stream
-        rig = replace(self._rig, speed_m_s=speed_m_s)
+        rig = Rig(speed_m_s=speed_m_s)
         lead_s = (round(LEAD_S * self.rate_hz) - self._phase) / self.rate_hz
         # Takes some milliseconds: outside the lock, so that samples go on meanwhile.
         wrench = simulate_push(
@@ -125,13 +110,23 @@ class SimWorld:
         with self._lock:
             self._refuse_while_moving()
             start_tick = self.tick + lead_s * self.rate_hz
-            self.push = PlannedPush(self.tick, start_tick, self.tick + len(wrench), wrench, meta)
+            self.push = PlannedPush(self.tick, start_tick, self.tick + len(wrench), wrench, rig, meta)
             self.truth = material.name
             return self.push
 
     def _refuse_while_moving(self) -> None:
         if self.push is not None:
             raise RuntimeError("the simulated robot is still moving: wait for the motion, or stop it")
+
+    def travel_m(self) -> float:
+        """Return how far the tool is from its start."""
+        with self._lock:
+            push = self.push
+            return (
+                0.0
+                if push is None
+                else float(push.rig.travel_m((self.tick - push.start_tick) / self.rate_hz))
+            )
 
     def cut(self, push: PlannedPush) -> None:
         """Stop a push where it is: the tool leaves the bed."""
@@ -168,7 +163,7 @@ class SimWorld:
         which = int(self._rng(_CHOICE).integers(len(self._materials))) if self._unknown else 0
         self._material = self._materials[which]
         number = self._n_pushes + _FIRST_UNKNOWN * self._unknown
-        drawn = draw_push(self._material, number, self._session, self._seed, self._nuisance)
+        drawn = draw_push(self._material, number, self._session, self._seed, Nuisance())
         self._conditions: Conditions = drawn[0]
         self._stream: np.random.SeedSequence = drawn[2]
         self._phase = float(self._rng(_PHASE).uniform())
@@ -185,16 +180,14 @@ class SimSource(ThreadedSource):
     ----------
     materials : str, Material, or sequence of these
         What lies under the tool; names are those of `PAPER_MATERIALS`. With several, or with ``"unknown"`` (all
-        of them), each push meets one drawn by chance, and `truth` tells which.
+        of them), each push meets one drawn by chance; `truth` says which.
     rate_hz : float, default 500
     speed : float, default 1
         Device seconds per second: 20 makes 20 recordings in the time of one.
     seed : int, optional
-        Same seed, same samples of each push. Default: another one each time, told in ``info.meta["seed"]``.
+        Same seed, same samples of each push. Default: another one each time, see ``info.meta["seed"]``.
     session : int, default 0
         Set-up of bed and sensor; the same seed and session is the same set-up.
-    rig, nuisance, sensor : optional
-        As in `synthesize`.
 
     Examples
     --------
@@ -211,9 +204,6 @@ class SimSource(ThreadedSource):
         speed: float = 1.0,
         seed: int | None = None,
         session: int = 0,
-        rig: Rig | None = None,
-        nuisance: Nuisance | None = None,
-        sensor: Sensor | None = None,
     ) -> None:
         unknown = materials == UNKNOWN
         chosen = resolve_materials(PAPER_MATERIALS if unknown else materials)
@@ -221,9 +211,7 @@ class SimSource(ThreadedSource):
         rate_hz, speed = sampling_rate("rate_hz", rate_hz), positive_number("speed", speed)
         seed = secrets.randbits(48) if seed is None else whole_number("seed", seed, least=0)
         session = whole_number("session", session, least=0)
-        self.world = SimWorld(
-            chosen, rate_hz, seed, session=session, unknown=unknown, rig=rig, nuisance=nuisance, sensor=sensor
-        )
+        self.world = SimWorld(chosen, rate_hz, seed, session, unknown)
         super().__init__(
             SourceInfo(
                 f"simulated {UNKNOWN if unknown else chosen[0].name}",
@@ -238,7 +226,7 @@ class SimSource(ThreadedSource):
                 meta={"seed": seed, "session": session},
             )
         )
-        self._start_ns: int | None = None
+        self._pace: Pace | None = None
 
     @property
     def truth(self) -> str | None:
@@ -259,26 +247,19 @@ class SimSource(ThreadedSource):
 
     def host_ns_at(self, tick: float) -> int:
         """Return the host's time of a sample."""
-        if self._start_ns is None:
+        if self._pace is None:
             raise RuntimeError(f"{self.info.name} is not started")
-        return self._start_ns + round(1e9 * tick / (self.info.rate_hz * self.info.speed))
+        return self._pace.start_ns + round(1e9 * tick / self._pace.rows_per_s)
 
-    def start(self, buffer: WrenchSink) -> None:
-        """Begin to write rows into `buffer`; time 0 is now."""
-        if self._start_ns is None:
-            self._start_ns = host_ns()
-        super().start(buffer)
-
-    def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
+    def deliver(self, buffer: WrenchBuffer, stopping: threading.Event) -> None:
         """Write samples as they fall due."""
-        period_s = max(_PERIOD_S, 1.0 / (self.info.rate_hz * self.info.speed))
-        longest = math.ceil(_LONGEST_S * self.info.rate_hz)
-        while not stopping.wait(period_s):
-            due = int(1e-9 * (host_ns() - self.host_ns_at(0)) * self.info.speed * self.info.rate_hz)
-            while self.world.tick < due and not stopping.is_set():
-                self._write(buffer, min(due - self.world.tick, longest))
+        pace = self._pace = Pace(self.info)
+        while not stopping.wait(pace.period_s):
+            until = self.world.tick + pace.due(self.world.tick)
+            while self.world.tick < until:
+                self._write(buffer, until - self.world.tick)
 
-    def _write(self, buffer: WrenchSink, n: int) -> None:
+    def _write(self, buffer: WrenchBuffer, n: int) -> None:
         """Write the next `n` samples."""
         ticks = np.arange(self.world.tick, self.world.tick + n)
         wrench, flags = self.world.advance(n)
@@ -291,13 +272,16 @@ class SimMotion:
     error: str | None = None
 
     def __init__(self, source: SimSource, planned: PlannedPush) -> None:
-        self._source = source
-        self._planned = planned
+        self._source, self._planned = source, planned
         self.start_time_s: float | None = source.device_time_s(planned.start_tick)
-        self.start_host_ns = source.host_ns_at(planned.start_tick)
+
+    @property
+    def start_host_ns(self) -> int:
+        """When it begins, by the host's clock: later, where the simulation is slower than its speed."""
+        return self._source.host_ns_at(self._planned.start_tick)
 
     def finished(self) -> bool:
-        """Tell whether the tool stands again."""
+        """Say whether the tool stands again."""
         return self._source.world.push is not self._planned
 
     def report(self) -> Mapping[str, Any]:
@@ -325,10 +309,12 @@ class SimRobot:
     def __init__(self, source: SimSource) -> None:
         self._source = source
         self._motion: SimMotion | None = None
+        self._ahead = (1.0, 0.0, 0.0)
 
-    def tcp_pose(self) -> Pose:
-        """Return the start of the next push."""
-        return (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    def tcp_pose(self) -> tuple[float, ...]:
+        """Return where the tool is: on its way while it pushes, else at its start, the origin."""
+        x, y, z = (self._source.world.travel_m() * part for part in self._ahead)
+        return (x, y, z, 0.0, 0.0, 0.0)
 
     def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> SimMotion:
         """Push, about half a second of device time from now.
@@ -340,9 +326,10 @@ class SimRobot:
         ValueError, TypeError
             An argument is wrong, or the push would run into the wall.
         """
-        _, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
+        ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
         self._source.host_ns_at(0)  # refuses where no clock runs yet
         self._motion = SimMotion(self._source, self._source.push(speed_m_s, duration_s))
+        self._ahead = ahead
         return self._motion
 
     def stop(self) -> None:
@@ -362,10 +349,6 @@ def open_url(url: SourceUrl) -> SimSource:
         raise ValueError(f"option materials of url {url.text!r} is for sim:{UNKNOWN} only")
     if url.host:
         raise ValueError(f"url {url.text!r} names a host, and a simulation has none; wanted sim:{url.host}")
-    if not url.path.strip("/ "):
-        raise ValueError(
-            f"url {url.text!r} names no material; wanted something like sim:rice or sim:{UNKNOWN}"
-        )
     known = [material.name for material in PAPER_MATERIALS]
     names = [known_label(name.strip(), known) for name in among or url.path.split(",")]
     try:
@@ -374,7 +357,7 @@ def open_url(url: SourceUrl) -> SimSource:
             rate_hz=url.number("rate_hz", 500.0),
             speed=url.number("speed", 1.0),
             seed=url.whole("seed", None),
-            session=url.whole("session", 0) or 0,
+            session=url.whole("session", 0),
         )
     except ValueError as error:
         raise ValueError(f"url {url.text!r}: {error}") from error

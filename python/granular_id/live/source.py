@@ -1,12 +1,13 @@
 """What a source of wrenches is, and how a URL becomes one, or a robot.
 
-A sensor, a file played again and a simulation are all the same to the rest of the program: something that says
-what it measures (`SourceInfo`), writes rows into a buffer from `start` to `stop`, and tells how it is (`Health`).
+A sensor, a file played again and a simulation are the same to the rest of the program: they say what they measure
+(`SourceInfo`), write rows into a buffer from `start` to `stop`, and say how they are (`Health`).
 """
 
 from __future__ import annotations
 
 import threading
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, fields
@@ -14,49 +15,28 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, Protocol, runtime_checkable
 
-from numpy.typing import ArrayLike
-
-from granular_id._checks import (
-    argument_error,
-    checked_text,
-    finite_number,
-    freeze,
-    items_of,
-    positive_number,
-    thaw,
-)
-from granular_id._core import AXES, UNITS
+from granular_id._checks import argument_error, checked_text, freeze, items_of, positive_number, thaw
+from granular_id._core import AXES, UNITS, WrenchBuffer, host_ns
 from granular_id.live.robot import Robot
 from granular_id.live.source_url import SourceUrl
 
-__all__ = [
-    "SCHEMES",
-    "Health",
-    "SourceInfo",
-    "ThreadedSource",
-    "WrenchSink",
-    "WrenchSource",
-    "open_robot",
-    "open_source",
-]
+__all__ = ["SCHEMES", "Health", "SourceInfo", "ThreadedSource", "WrenchSource", "open_robot", "open_source"]
 
 SCHEMES: Mapping[str, tuple[str, str]] = {
     "rdt": ("granular_id.live.rdt", "rdt://HOST[:PORT], an ATI Net F/T or OnRobot box"),
     "replay": ("granular_id.live.replay", "replay:PATH[?speed=10], recordings played again"),
     "sim": ("granular_id.live.sim", "sim:MATERIAL[?speed=10&seed=1] or sim:unknown, a simulated sensor"),
 }
-"""Scheme of a URL -> module with ``open_url(url: SourceUrl) -> WrenchSource``, loaded when asked for, and its form.
+"""Scheme of a URL -> module with ``open_url(url: SourceUrl) -> WrenchSource``, loaded when asked for, and its form."""
 
-Other packages bring more as entry points: scheme -> function that makes a source, or a robot, of a `SourceUrl`.
-"""
-
+# Groups of entry points by which other packages bring more: scheme -> function of a `SourceUrl`.
 _SOURCES, _ROBOTS = "granular_id.sources", "granular_id.robots"
-
+# Schemes of ``contrib/`` in the repository: known, installed or not.
 _CONTRIBUTED = {_SOURCES: ("bota", "ros2", "ur"), _ROBOTS: ("ur",)}
-"""Schemes of ``contrib/`` in the repository: known, installed or not."""
 
-_STOP_S = 5.0
-"""How long `stop` waits for the thread: longer than any driver call should take to return."""
+_STOP_S = 1.0
+# How often samples without a sensor are handed over, two at a time at 500 Hz as packets come, and how much of them.
+_PERIOD_S, _MOST_S = 0.004, 0.1
 
 
 @dataclass(frozen=True)
@@ -70,13 +50,11 @@ class SourceInfo:
     rate_hz : float
         Samples per second of device time.
     tick_hz : float, default 1e9
-        Unit of its device time: ticks per second.
+        Ticks per second of its device time.
     device_clock : bool
         Whether samples carry the sensor's own time; False: they are counted, and times follow from the rate.
-    frame : str, optional
-        Axes and origin that the wrench refers to.
-    sign : str, optional
-        Whose force on whom.
+    frame, sign : str, optional
+        Axes and origin that the wrench refers to; whose force on whom.
     compensated : bool, optional
         Whether the tool's weight is taken off; None: not known.
     filter_hz : float, optional
@@ -91,10 +69,11 @@ class SourceInfo:
         Device seconds per second: another number for simulations and replays that run faster or slower.
     meta : mapping, optional
         Whatever else is known, JSON-like.
-    axes : tuple of str, default fx fy fz tx ty tz
-        Names of the columns of its rows.
-    units : tuple of str, optional
-        Unit of each axis, empty where it is not known. Default: N and N m of a wrench, else not known.
+    axes, units : tuple of str
+        Names of the columns of its rows and their units, "" where not known. Default: those of a wrench, N and N m.
+    repeats : bool, default False
+        True where rows may be equal to the one before for long: a bus that holds its last value, a sensor coarser
+        than its noise. Elsewhere a sensor whose rows repeat has failed.
 
     Examples
     --------
@@ -119,43 +98,33 @@ class SourceInfo:
     meta: Mapping[str, Any] = field(default_factory=dict)
     axes: tuple[str, ...] = AXES
     units: tuple[str, ...] = ()
+    repeats: bool = False
 
     def __post_init__(self) -> None:
         checked_text(self.name, "name")
         axes = items_of("axes", self.axes, str)
         units = items_of("units", self.units, str) or (UNITS if axes == AXES else ("",) * len(axes))
-        if len(units) != len(axes):
-            raise argument_error(
-                ValueError, "units", f"must be one for each of {len(axes)} axes, got {len(units)}"
-            )
-        object.__setattr__(self, "axes", axes)
-        object.__setattr__(self, "units", units)
-        object.__setattr__(self, "rate_hz", finite_number("rate_hz", self.rate_hz, positive=True))
-        object.__setattr__(self, "tick_hz", finite_number("tick_hz", self.tick_hz, positive=True))
-        if self.full_scale is not None:
-            full_scale = tuple(positive_number("full_scale", value) for value in self.full_scale)
-            if len(full_scale) != len(axes):
-                raise ValueError(
-                    f"full_scale must hold {len(axes)} numbers, one an axis, got {len(full_scale)}"
-                )
-            object.__setattr__(self, "full_scale", full_scale)
-        object.__setattr__(self, "speed", positive_number("speed", self.speed))
-        object.__setattr__(self, "meta", freeze(self.meta, "meta"))
+        scale = self.full_scale
+        if scale is not None:
+            scale = tuple(positive_number("full_scale", value) for value in scale)
+        for name, each in (("units", units), ("full_scale", scale)):
+            if each is not None and len(each) != len(axes):
+                problem = f"must be one for each of {len(axes)} axes, got {len(each)}"
+                raise argument_error(ValueError, name, problem)
+        checked = {"axes": axes, "units": units, "full_scale": scale, "meta": freeze(self.meta, "meta")}
+        for name in ("rate_hz", "tick_hz", "speed"):
+            checked[name] = positive_number(name, getattr(self, name))
+        for name, value in checked.items():
+            object.__setattr__(self, name, value)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything that is known as plain JSON-like values; what is unknown (None) is left out.
-
-        So are the axes of a wrench and their units.
-        """
-        known = ((f.name, thaw(getattr(self, f.name))) for f in fields(self))
-        usual = {"axes"} | ({"units"} if self.units == UNITS else set()) if self.axes == AXES else set()
-        return {
-            name: value for name, value in known if value is not None and value != {} and name not in usual
-        }
+        """Return what is known as JSON-like values; what is None is left out."""
+        known = ((each.name, thaw(getattr(self, each.name))) for each in fields(self))
+        return {name: value for name, value in known if value is not None}
 
     @property
     def units_of_axes(self) -> dict[str, str]:
-        """Unit of each axis that is not as in a wrench, by its name, as recordings keep them."""
+        """Unit of each axis that is not as in a wrench, by its name."""
         of_wrench = dict(zip(AXES, UNITS, strict=True))
         each = zip(self.axes, self.units, strict=True)
         return {axis: unit for axis, unit in each if unit and unit != of_wrench.get(axis)}
@@ -183,64 +152,47 @@ class Health:
     counters: Mapping[str, int] = field(default_factory=dict)
 
 
-class WrenchSink(Protocol):
-    """Where a source writes its rows: a `WrenchBuffer`, or anything with these three methods."""
-
-    def push(
-        self, wrench: ArrayLike, t: float | None = None, *, flags: int = 0, host_ns: int | None = None
-    ) -> Any:
-        """Write one row (C,); `t` is device time in seconds, None: one period after the last row."""
-
-    def push_block(
-        self,
-        wrench: ArrayLike,
-        t: ArrayLike | None = None,
-        *,
-        flags: ArrayLike | None = None,
-        host_ns: ArrayLike | None = None,
-    ) -> Any:
-        """Write rows (n, C) with their times (n,)."""
-
-    def new_epoch(self) -> Any:
-        """Say that device time begins anew: nothing that follows joins what came before."""
-
-
 @runtime_checkable
 class WrenchSource(Protocol):
-    """Anything that delivers wrenches.
-
-    :doc:`/sensors/own_sensor` shows how to write one in a few lines.
-    """
+    """Anything that delivers wrenches, as `ThreadedSource` does."""
 
     @property
     def info(self) -> SourceInfo:
         """What it measures; known before `start`."""
 
-    def start(self, buffer: WrenchSink) -> None:
-        """Begin to write rows into `buffer`, from a thread of its own; returns at once, or raises."""
+    def start(self, buffer: WrenchBuffer) -> None:
+        """Begin to write rows, from a thread of its own; return at once, or raise."""
 
     def stop(self) -> None:
-        """End it; after that no row is written. Safe to call twice."""
+        """End it: no row is written after that. Safe to call twice."""
 
     def health(self) -> Health:
-        """Tell how it is; never raises, never waits."""
+        """Say how it is; never raise, never wait."""
 
 
 class ThreadedSource(ABC):
     """A source that writes rows from one Python thread.
 
-    Subclasses implement `deliver`; start, stop, errors and health are kept here. What `deliver` raises ends the
-    source and becomes the error in `health`; when it returns by itself, the source has finished.
+    Subclasses implement `deliver`. What it raises ends the source and becomes the error in `health`; when it returns
+    by itself, the source has finished. :doc:`/sensors/own_sensor` shows how to write one in a few lines.
 
     Parameters
     ----------
     info : SourceInfo
 
+    Attributes
+    ----------
+    replays : bool
+        True for a class whose rows are recordings of its own: they are looked at from the oldest on. Those of a
+        sensor (False) count from the moment at which a push is asked for.
+
     Notes
     -----
     A Python thread shares the interpreter with everything else, and can be late by tens of milliseconds when
-    others compute: good enough for drivers that queue, for simulations and replays. `rdt` has a thread in Rust.
+    others compute: good enough for drivers that queue, for simulations and replays. `RdtSource` has a thread in Rust.
     """
+
+    replays = False
 
     def __init__(self, info: SourceInfo) -> None:
         self._info = info
@@ -256,63 +208,75 @@ class ThreadedSource(ABC):
 
     @property
     def threads(self) -> list[int]:
-        """Native ids of the threads that read the sensor: they may get real-time priority, see `drive`."""
+        """Native ids of the threads that read the sensor: they get real-time priority while a robot moves."""
         native = None if self._thread is None else self._thread.native_id
         return [] if native is None else [native]
 
     @abstractmethod
-    def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
-        """Write rows until there are no more or `stopping` is set; runs in the source's own thread."""
+    def deliver(self, buffer: WrenchBuffer, stopping: threading.Event) -> None:
+        """Push rows into `buffer` until there are no more or `stopping` is set; runs in the source's own thread."""
 
     def counters(self) -> dict[str, int]:
-        """Return what `health` is to tell beside; nothing by default."""
+        """Return what `health` shows beside; nothing by default."""
         return {}
 
-    def start(self, buffer: WrenchSink) -> None:
-        """Begin to write rows into `buffer`.
-
-        Raises
-        ------
-        RuntimeError
-            It has been started or stopped before: every source runs once.
-        """
+    def start(self, buffer: WrenchBuffer) -> None:
+        """Begin to write rows into `buffer`; every source runs once, else RuntimeError."""
         if self._thread is not None or self._stopping.is_set():
-            how = "stopped" if self._thread is None else "started"
-            raise RuntimeError(f"{self._info.name} was {how} before; open the source anew")
-        self._thread = threading.Thread(
-            target=self._work, args=(buffer,), name=f"source {self._info.name}", daemon=True
-        )
+            raise RuntimeError(f"{self._info.name} runs once: open the source anew")
+        name = f"source {self._info.name}"
+        self._thread = threading.Thread(target=self._work, args=(buffer,), name=name, daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread and wait for it.
+        """End the source; safe to call again.
 
-        Raises
-        ------
-        RuntimeError
-            The thread does not end within 5 s: a driver hangs.
+        Waits 1 s at most for the thread. One that still runs then, because the driver hangs, is left behind with a
+        RuntimeWarning: it ends with the program.
         """
         self._stopping.set()
         if self._thread is None or self._thread is threading.current_thread():
             return
         self._thread.join(_STOP_S)
         if self._thread.is_alive():
-            raise RuntimeError(f"{self._info.name} did not stop within {_STOP_S:g} s: its driver hangs")
+            text = f"{self._info.name} did not stop within {_STOP_S:g} s: its driver hangs"
+            warnings.warn(text, RuntimeWarning, stacklevel=2)
 
     def health(self) -> Health:
-        """Tell how the source is."""
+        """Say how the source is; never raises, never waits."""
         error, finished = self._error, self._finished
         over = finished or error is not None or self._stopping.is_set()
         alive = self._thread is not None and self._thread.is_alive()
         return Health(alive and not over, error, finished, self.counters())
 
-    def _work(self, buffer: WrenchSink) -> None:
+    def _work(self, buffer: WrenchBuffer) -> None:
         try:
             self.deliver(buffer, self._stopping)
-        except Exception as error:  # whatever a driver raises: `health` tells it
+        except Exception as error:  # whatever a driver raises: `health` shows it
             self._error = f"{type(error).__name__}: {error}"
         else:
             self._finished = not self._stopping.is_set()
+
+
+class Pace:
+    """Which samples of a source without a sensor are due, a tenth of a second of them at most at a time.
+
+    At speed 1 what is late is made up for. At another speed, which a computer may not reach, the clock waits instead.
+    """
+
+    def __init__(self, info: SourceInfo) -> None:
+        self.start_ns = host_ns()
+        self.rows_per_s = info.rate_hz * info.speed
+        self.period_s = max(_PERIOD_S, 1 / self.rows_per_s)
+        self._may_wait = info.speed != 1
+        self._most = max(1, round(_MOST_S * self.rows_per_s))
+
+    def due(self, n_done: int) -> int:
+        """Return how many samples are due after the first `n_done`."""
+        late = 1e-9 * (host_ns() - self.start_ns) * self.rows_per_s + 1 - n_done
+        if late > self._most and self._may_wait:
+            self.start_ns += round(1e9 * (late - self._most) / self.rows_per_s)
+        return max(0, min(int(late), self._most))
 
 
 def open_source(url: str, **options: object) -> WrenchSource:
@@ -328,15 +292,10 @@ def open_source(url: str, **options: object) -> WrenchSource:
     **options
         The same options as after the ``?``, as values of Python.
 
-    Returns
-    -------
-    WrenchSource
-
     Raises
     ------
     ValueError, TypeError
-        No URL, an unknown scheme (the known ones are listed), an unknown option (the scheme's are listed) or a
-        value that is none.
+        No URL, an unknown scheme or option (the known ones are listed), or a value that is none.
     ImportError
         The package of that sensor, or its library, is not installed; says which.
     OSError
@@ -353,36 +312,21 @@ def open_source(url: str, **options: object) -> WrenchSource:
     ValueError: url 'simm:rice' has the scheme 'simm'; known: bota, rdt, replay, ros2, sim, ur
     """
     parsed = SourceUrl.parse(url, options)
-    if parsed.scheme in SCHEMES:
-        source: WrenchSource = import_module(SCHEMES[parsed.scheme][0]).open_url(parsed)
-    else:
-        source = _opened_plugin(_SOURCES, "url", parsed)
-    return source
+    if parsed.scheme not in SCHEMES:
+        return _opened_plugin(_SOURCES, "url", parsed)  # type: ignore[no-any-return]
+    return import_module(SCHEMES[parsed.scheme][0]).open_url(parsed)  # type: ignore[no-any-return]
 
 
 def open_robot(url: str, **options: object) -> Robot:
     """Connect to a robot by its URL; nothing moves.
 
-    Robots come from other packages, as entry points of the group ``granular_id.robots``: ``ur://HOST``
-    from ``contrib/`` in the repository.
-
     Parameters
     ----------
     url : str
-        ``ur://192.168.0.3``.
+        ``ur://192.168.0.3``, from ``contrib/`` in the repository, or what other packages bring as entry points of the
+        group ``granular_id.robots``.
     **options
-        The same options as after the ``?``, as values of Python.
-
-    Returns
-    -------
-    Robot
-
-    Raises
-    ------
-    ValueError, TypeError
-        No URL, an unknown scheme (the known ones are listed), or options that the robot does not have.
-    ImportError
-        The package of that robot, or its library, is not installed; says which.
+        As in `open_source`, which raises the same errors.
 
     Examples
     --------
@@ -392,8 +336,7 @@ def open_robot(url: str, **options: object) -> Robot:
     ...
     ValueError: robot 'gantry://here' has the scheme 'gantry'; known: ur
     """
-    robot: Robot = _opened_plugin(_ROBOTS, "robot", SourceUrl.parse(url, options))
-    return robot
+    return _opened_plugin(_ROBOTS, "robot", SourceUrl.parse(url, options))  # type: ignore[no-any-return]
 
 
 def _opened_plugin(group: str, argument: str, url: SourceUrl) -> Any:

@@ -14,10 +14,9 @@ import sys
 import threading
 import time
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
-from fractions import Fraction
+from dataclasses import asdict, dataclass, fields
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import TracebackType
@@ -26,32 +25,21 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id._checks import as_floats, finite_number
-from granular_id.io import load
-from granular_id.live.netft_page import FORCE_UNITS, PATH, SYNTHETIC_FIELD, TORQUE_UNITS
-from granular_id.live.replay import common_rate
-from granular_id.recording import AXES
+from granular_id._checks import argument_error, as_floats, finite_number, positive_number
+from granular_id.live.netft_page import FORCE_UNITS, PATH, SYNTHETIC_FIELD, TORQUE_UNITS, parse_page
 from granular_id.synthetic import synthesize
-from granular_id.testing.faults import Faults, Injected
 
-__all__ = ["FakeNetft"]
+__all__ = ["FakeNetft", "Faults", "Injected"]
 
 HOST = "127.0.0.1"
 _IDLE_S = 0.02
 _STOP, _START, _START_BUFFERED, _BIAS = 0x0000, 0x0002, 0x0003, 0x0042
-_BAD_STATUS = 0x8000_0001
-"""Status word of a Net F/T: supply voltage."""
+_BAD_STATUS = 0x8000_0001  # of a Net F/T: supply voltage
 
 _RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", (6,))])
-"""A record as it is sent, 36 bytes."""
-
-_PROTECTED = 3
-"""Datagrams left alone at the beginning and end of a stream: what is lost at its end, nobody can count."""
-
-_FIRST_FT = 1_000_000
-"""A box is never asked in its first moment."""
-_AFTER_S = 0.5
-"""Clients get so long to say that they are done."""
+_PROTECTED = 3  # datagrams at both ends of a stream: what is lost at its end, nobody can count
+_FIRST_FT = 1_000_000  # a box is never asked in its first moment
+_AFTER_S = 0.5  # clients get so long to say that they are done
 
 _FACTORY = {
     "prodname": "Net F/T", "runstat": "0x00000000", "runrate": "7000", "cfgnam": "Fake box", "cfgcalsel": "0",
@@ -60,7 +48,63 @@ _FACTORY = {
     "setbias": "0;0;0;0;0;0", "setuserfilter": "0", "comrdte": "Enabled", "comrdtrate": "500", "comrdtbsiz": "40",
     "mfgdigsn": "FAKE", "mfgdigver": "0.0.0",
 }  # fmt: skip
-"""What a Net F/T fresh from the factory tells, as far as clients may want it."""
+"""What the page of a Net F/T fresh from the factory says, as far as clients may want it."""
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What is to go wrong; all off by default.
+
+    Parameters
+    ----------
+    loss, duplicate, reorder : float
+        Share of datagrams that are lost, sent twice, or sent after the next one. At most one of these happens to a
+        datagram; the first three and the last three of a stream are left alone.
+    bad_status : float
+        Share of records whose status word tells an error.
+
+    Raises
+    ------
+    ValueError
+        A number outside its range, or shares of datagrams that add up to more than 1.
+
+    Examples
+    --------
+    >>> from granular_id.testing import Faults
+    >>> Faults(loss=0.01)
+    Faults(loss=0.01, duplicate=0.0, reorder=0.0, bad_status=0.0)
+    """
+
+    loss: float = 0.0
+    duplicate: float = 0.0
+    reorder: float = 0.0
+    bad_status: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            finite_number(field.name, getattr(self, field.name), least=0, most=1)
+        finite_number("loss + duplicate + reorder", self.loss + self.duplicate + self.reorder, most=1)
+
+
+@dataclass
+class Injected:
+    """What was sent and what went wrong, in the words of the client's counters.
+
+    Attributes
+    ----------
+    sent : int
+        Records that were sent at least once.
+    lost, duplicates, reordered : int
+        Records of the datagrams with the faults loss, duplicate and reorder of `Faults`.
+    bad_status : int
+        Records whose status word told an error.
+    """
+
+    sent: int = 0
+    lost: int = 0
+    duplicates: int = 0
+    reordered: int = 0
+    bad_status: int = 0
 
 
 class FakeNetft:
@@ -87,8 +131,6 @@ class FakeNetft:
         ``scfgtu`` (N and Nm), and counts per unit, ``cfgcpf`` and ``cfgcpt`` (1e6).
     seed : int, default 0
         Of the faults.
-    port, http_port : int, default 0
-        Where it listens; 0: any that is free.
 
     Attributes
     ----------
@@ -103,8 +145,6 @@ class FakeNetft:
     ------
     ValueError
         An unknown unit, a rate that is not above 0, or a signal of another shape.
-    OSError
-        A port is taken.
 
     Examples
     --------
@@ -126,11 +166,9 @@ class FakeNetft:
         synthetic: bool = True,
         page: Mapping[str, str | None] | None = None,
         seed: int = 0,
-        port: int = 0,
-        http_port: int = 0,
     ) -> None:
-        self.tick_hz = finite_number("tick_hz", tick_hz, positive=True)
-        self._step = max(1, round(self.tick_hz / finite_number("rate_hz", rate_hz, positive=True)))
+        self.tick_hz = positive_number("tick_hz", tick_hz)
+        self._step = max(1, round(self.tick_hz / positive_number("rate_hz", rate_hz)))
         self.rate_hz = self.tick_hz / self._step
         self.faults = Faults() if faults is None else faults
         self.n_records, self.per_datagram, self._seed = n_records, per_datagram, seed
@@ -143,26 +181,22 @@ class FakeNetft:
         self._stream: Iterator[tuple[float, bytes]] = iter(())
         self._next: tuple[float, bytes] | None = None
         self._done, self._stopping = threading.Event(), threading.Event()
-        told = {
+        shown = {
             "runrate": f"{self.tick_hz:g}",
             "comrdtrate": f"{round(self.rate_hz)}",
             "comrdtbsiz": str(per_datagram),
             SYNTHETIC_FIELD: "1" if synthetic else None,
             **(page or {}),
         }
-        force, torque = (_unit(told, *of) for of in (("scfgfu", FORCE_UNITS), ("scfgtu", TORQUE_UNITS)))
-        counts = [_counts(told, name) for name in ("cfgcpf", "cfgcpt")]
-        self._counts = counts_of(signal, counts[0] / force, counts[1] / torque)
+        read = parse_page(page_text(shown), "page")
+        self._counts = counts_of(signal, read.counts_per_newton, read.counts_per_newton_metre)
         # an ATI Mini45 SI-290-10, in the units of the page
+        force, torque = FORCE_UNITS[read.fields["scfgfu"]], TORQUE_UNITS[read.fields["scfgtu"]]
         full_scale = [290 / force, 290 / force, 580 / force, 10 / torque, 10 / torque, 10 / torque]
-        text = page_text({"cfgmr": ";".join(f"{value:.9g}" for value in full_scale), **told})
+        text = page_text({"cfgmr": ";".join(f"{float(value):.9g}" for value in full_scale), **shown})
+        self._page = _page_server(text)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((HOST, port))
-            self._page = _page_server(text, http_port)
-        except OSError:
-            self._socket.close()
-            raise
+        self._socket.bind((HOST, 0))
         self._socket.setblocking(False)
         self._threads = [
             threading.Thread(target=self._page.serve_forever, args=(_IDLE_S,), daemon=True),
@@ -211,6 +245,7 @@ class FakeNetft:
             if select.select([self._socket], [], [], wait_s)[0]:
                 self._hear()
             self._send_due()
+        self._hear()  # what was asked for before the end is noted
 
     def _send_due(self) -> None:
         while self._next is not None and self._client is not None and self._next[0] <= time.monotonic():
@@ -299,21 +334,6 @@ class FakeNetft:
         return records.tobytes()
 
 
-def _unit(page: Mapping[str, str | None], name: str, units: Mapping[str, Fraction]) -> float:
-    unit = page.get(name) or _FACTORY[name]
-    if unit not in units:
-        raise ValueError(f"page[{name!r}] must be one of {', '.join(units)}, got {unit!r}")
-    return float(units[unit])
-
-
-def _counts(page: Mapping[str, str | None], name: str) -> float:
-    told = page.get(name) or _FACTORY[name]
-    try:
-        return float(told)
-    except ValueError:
-        raise ValueError(f"page[{name!r}] must be a number of counts, got {told!r}") from None
-
-
 def counts_of(signal: ArrayLike | None, per_newton: float, per_newton_metre: float) -> NDArray[np.int32]:
     """Turn wrenches (n, 6) into counts, rounded and held at the ends of 32 bits; None: slow sines."""
     if signal is None:
@@ -321,11 +341,10 @@ def counts_of(signal: ArrayLike | None, per_newton: float, per_newton_metre: flo
         signal = np.array([3, 1, 5, 0.1, 0.3, 0.02]) * np.sin(phase * np.arange(1, 7))
     wrench = as_floats(signal, "signal", "a real array of shape (n, 6), N and N m")
     if wrench.ndim != 2 or wrench.shape[1] != 6 or not len(wrench):
-        raise ValueError(f"signal has shape {wrench.shape}; wanted (n, 6), N and N m")
+        raise argument_error(ValueError, "signal", f"has shape {wrench.shape}; wanted (n, 6), N and N m")
     exact = np.rint(wrench * np.repeat([per_newton, per_newton_metre], 3))
     limits = np.iinfo(np.int32)
-    counts: NDArray[np.int32] = np.clip(exact, limits.min, limits.max).astype(np.int32)
-    return counts
+    return np.clip(exact, limits.min, limits.max).astype(np.int32)
 
 
 def page_text(changes: Mapping[str, str | None]) -> bytes:
@@ -335,7 +354,7 @@ def page_text(changes: Mapping[str, str | None]) -> bytes:
     return "\n".join(['<?xml version="1.0"?>', "<netft>", *lines, "</netft>", ""]).encode()
 
 
-def _page_server(text: bytes, port: int) -> ThreadingHTTPServer:
+def _page_server(text: bytes) -> ThreadingHTTPServer:
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             if self.path != PATH:
@@ -350,92 +369,59 @@ def _page_server(text: bytes, port: int) -> ThreadingHTTPServer:
         def log_message(self, *_: object) -> None:
             """Nobody reads it."""
 
-    server = ThreadingHTTPServer((HOST, port), Handler)
+    server = ThreadingHTTPServer((HOST, 0), Handler)
     server.daemon_threads = True
     return server
 
 
-def played(path: str | Path, rate_hz: float | None) -> tuple[NDArray[np.float64], float, bool]:
-    """Read recordings to be sent one after the other, their rate, and whether any of them is synthetic."""
-    data = load(Path(path))
-    try:
-        own_hz, axes = common_rate(data), data.axes
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    if axes != AXES:
-        raise ValueError(f"{path}: recordings have the axes {' '.join(axes)}; wanted {' '.join(AXES)}")
-    wrench = np.concatenate([recording.wrench for recording in data])
-    return wrench, own_hz if rate_hz is None else rate_hz, data.is_synthetic
+def faults_of(texts: Iterable[str]) -> Faults:
+    """Read ``name=value`` texts, as the command line gives them."""
+    given = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        known = [field.name for field in fields(Faults)]
+        if name not in known:
+            raise ValueError(f"fault {text!r} is none; known: {', '.join(known)}")
+        with suppress(ValueError):
+            given[name] = float(value)
+            continue
+        raise ValueError(f"fault {text!r} has no number; wanted {name}=NUMBER")
+    return Faults(**given)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command: print the URL first, and what was injected last."""
-    options = _parser().parse_args(arguments)
-    try:
-        box = _box(options)
-    except (ValueError, OSError, OverflowError) as error:
-        sys.exit(f"fake_netft: {error}")
-    with box, suppress(KeyboardInterrupt):
-        print(box.url, flush=True)
-        if box.wait(options.seconds):
-            time.sleep(_AFTER_S)
-    if options.stamps is not None:
-        np.save(options.stamps, np.asarray(box.send_stamps, dtype=np.uint64))
-    print(json.dumps(asdict(box.injected)), flush=True)
-
-
-def _box(options: argparse.Namespace) -> FakeNetft:
-    rate_hz = 500.0 if options.rate_hz is None else options.rate_hz
-    signal, synthetic = None, True
-    if options.play is not None:
-        signal, rate_hz, synthetic = played(options.play, options.rate_hz)
-    elif options.material is not None:  # four pushes, again and again
-        data = synthesize(options.material, 4, rate_hz=rate_hz, seed=options.seed)
-        signal = np.concatenate([recording.wrench for recording in data])
-    page = dict(field.partition("=")[::2] for field in options.page)
-    return FakeNetft(
-        signal,
-        rate_hz=rate_hz,
-        faults=Faults.parse(options.fault),
-        n_records=options.records,
-        synthetic=synthetic,
-        page=page,
-        **{name: getattr(options, name) for name in ("tick_hz", "seed", "port", "http_port")},
-    )
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m granular_id.testing.fake_netft",
         description="A fake Net F/T box on this machine: RDT over UDP and netftapi2.xml over HTTP.",
     )
     add = parser.add_argument
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--play", type=Path, metavar="PATH", help="recordings to send, one after the other")
-    what.add_argument("--material", help="material to simulate; default: slow sines")
-    add("--rate-hz", type=float, help="records per second (default 500, or that of the recordings)")
-    add("--tick-hz", type=float, default=7000.0, help="samples per second within the sensor (7000)")
-    add(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="NAME=NUMBER",
-        help="may be repeated: shares of datagrams (loss=0.01 duplicate reorder) or of records (bad_status)",
+    add("--material", help="material to simulate; default: slow sines")
+    add("--rate-hz", type=float, default=500.0, help="records per second (500)")
+    fault_help = (
+        "may be repeated: shares of datagrams (loss=0.01 duplicate reorder) or of records (bad_status)"
     )
-    add(
-        "--page",
-        action="append",
-        default=[],
-        metavar="FIELD=VALUE",
-        help="may be repeated: a field of the page, as in prodname=Axia, scfgfu=lbf, cfgcpf=1e4",
-    )
+    add("--fault", action="append", default=[], metavar="NAME=NUMBER", help=fault_help)
     add("--records", type=int, help="end after so many")
-    add("--seconds", type=float, help="end after so long")
-    add("--port", type=int, default=0, help="UDP port (any)")
-    add("--http-port", type=int, default=0, help="TCP port of the page (any)")
     add("--seed", type=int, default=0)
     add("--stamps", type=Path, metavar="FILE.npy", help="where to store the time of each datagram")
-    return parser
+    options = parser.parse_args(arguments)
+    signal, rate_hz, seed = None, options.rate_hz, options.seed
+    try:
+        if options.material is not None:  # four pushes, again and again
+            pushes = synthesize(options.material, 4, rate_hz=rate_hz, seed=seed)
+            signal = np.concatenate([recording.wrench for recording in pushes])
+        faults = faults_of(options.fault)
+        box = FakeNetft(signal, rate_hz=rate_hz, faults=faults, n_records=options.records, seed=seed)
+    except ValueError as error:
+        sys.exit(f"fake_netft: {error}")
+    with box, suppress(KeyboardInterrupt):
+        print(box.url, flush=True)
+        box.wait()
+        time.sleep(_AFTER_S)
+    if options.stamps is not None:
+        np.save(options.stamps, np.asarray(box.send_stamps, dtype=np.uint64))
+    print(json.dumps(asdict(box.injected)), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,12 @@
-"""Starting, stopping and losing a stream; what the source tells; what it refuses."""
+"""Starting, stopping and losing a stream; what the source knows; what it refuses; how programs end."""
 
 from __future__ import annotations
 
+import signal as signals
 import socket
 import struct
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -12,20 +15,19 @@ import pytest
 from granular_id._core import RdtReceiver, WrenchBuffer
 from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS, NetftPageError
 from granular_id.live.rdt import RdtSource
-from granular_id.live.source import WrenchSource, open_source
+from granular_id.live.source import WrenchSource
 from granular_id.live.stream import opened
 from granular_id.testing import FakeNetft
-from rdt_cases import BIAS, BUFFERED, START, STOP, buffer_of, n_rows, signal, source_of, streaming
+from rdt_cases import BIAS, BUFFERED, START, STOP, buffer_of, signal, source_of, streaming, taken
 from sink_cases import eventually
 
 
-def test_a_url_is_enough():
+def test_rdt_url_is_enough():
     with (
         FakeNetft(signal()) as box,
         opened(box.url + "&variant=axia&rate_hz=500&buffered=1") as stream,
     ):
-        eventually(lambda: stream.buffer.stats()["written"] >= 50)
-        assert stream.buffer.window(10).wrench.shape == (10, 6)
+        assert taken(stream.buffer, 50).shape == (50, 6)
         health = stream.health()
         assert (health.running, health.error) == (True, None)
         assert isinstance(stream.source, WrenchSource)
@@ -34,7 +36,7 @@ def test_a_url_is_enough():
     assert not stream.health().running
 
 
-def test_what_the_page_tells_is_kept():
+def test_rdt_info_holds_what_the_page_says():
     changes = {"setuserfilter": "4", "cfgcalsn": "FT12345", "setbias": "1;2;3;4;5;6"}
     with FakeNetft(page=changes) as box:
         info = source_of(box).info
@@ -47,8 +49,7 @@ def test_what_the_page_tells_is_kept():
 
 
 @pytest.mark.parametrize(("force", "torque"), [("N", "Nm"), ("klbf", "lbf-in"), ("g", "kg-cm")])
-def test_units_become_newton_and_newton_metre(force, torque):
-    """Exactly so, as the tests of the page show; here, that it is the page's units which are taken."""
+def test_rdt_rows_are_in_newton_and_newton_metre(force, torque):
     page = {
         "scfgfu": force,
         "scfgtu": torque,
@@ -56,26 +57,28 @@ def test_units_become_newton_and_newton_metre(force, torque):
         "cfgcpt": repr(1e6 * float(TORQUE_UNITS[torque])),
     }
     with FakeNetft(signal(4), page=page, n_records=4) as box, streaming(box) as (source, buffer):
-        eventually(lambda: n_rows(source) == 4)
+        rows = taken(buffer, 4)
     assert source.info.full_scale == pytest.approx((290, 290, 580, 10, 10, 10))
     # as near as whole counts allow
     step = np.array([0.51e-5] * 3 + [0.51e-6] * 3)
-    assert (abs(buffer.window(4).wrench - signal(4)) < step).all()
+    assert (abs(rows - signal(4)) < step).all()
 
 
-def test_bias_is_sent_when_asked_for_and_never_else():
+def test_rdt_bias_is_sent_only_when_asked_for():
     with FakeNetft(np.full((10, 6), 2.0)) as box:
         source = source_of(box)
         with pytest.raises(RuntimeError, match="start it first"):
             source.bias()
         with streaming(box, source=source) as (_, buffer):
-            eventually(lambda: n_rows(source) > 10)
+            assert (taken(buffer, 10) == 2.0).all()
             assert set(box.requests) == {START}
-            assert buffer.latest().wrench[0, 0] == 2.0
             source.bias()
-            eventually(lambda: buffer.latest().wrench[0, 0] == 0.0)
-        eventually(lambda: box.requests[-1] == STOP)
+            reader, value = buffer.reader(), 2.0
+            while value:
+                assert reader.wait(20)
+                value = reader.read().wrench[-1, 0]
     assert [request for request in box.requests if request not in (START, STOP)] == [BIAS]
+    assert box.requests[-1] == STOP
 
 
 class Deaf(FakeNetft):
@@ -92,14 +95,13 @@ class Deaf(FakeNetft):
             super()._obey(command, number, sender)
 
 
-def test_requests_may_be_lost():
-    with Deaf(3, n_records=100) as box, streaming(box) as (source, _):
-        assert box.wait(20)
-        eventually(lambda: n_rows(source) == 100)
+def test_rdt_lost_requests_are_repeated():
+    with Deaf(3, n_records=100) as box, streaming(box) as (source, buffer):
+        taken(buffer, 100)
         assert source.health().counters["requests"] == box.requests.count(START) == 4
 
 
-def test_a_box_that_never_answers_is_left_and_others_may_ask_for_its_health_meanwhile():
+def test_rdt_box_that_never_answers_is_left():
     with Deaf(1000) as box:
         source, failed = source_of(box), []
         buffer = buffer_of(source)
@@ -112,23 +114,19 @@ def test_a_box_that_never_answers_is_left_and_others_may_ask_for_its_health_mean
 
         thread = threading.Thread(target=start)
         thread.start()
-        asked = 0
-        while thread.is_alive():
+        while thread.is_alive():  # nobody has to wait for its health
             assert not source.health().running
             source.stop()
-            asked += 1
             thread.join(0.001)
-        assert asked > 10
-        eventually(lambda: box.requests[-1] == STOP)
-        assert box.requests.count(START) == 10
-        assert buffer.push([0] * 6)  # the buffer is free again
+        assert buffer.push([0] * 6), "the buffer is free again"
+    assert box.requests.count(START) == 10
+    assert box.requests[-1] == STOP
     assert "of 10 requests" in failed[0]
     assert "another client may own the stream" in failed[0]
 
 
 @pytest.mark.parametrize("n_real", [0, 3])
-def test_a_first_datagram_of_junk_is_no_stream(n_real):
-    """What a box sends first may have the length of a record and be none; no row is lost by making sure."""
+def test_rdt_first_datagram_of_junk_is_no_stream(n_real):
     records = [struct.pack(">3I6i", i, 14 * i, 0, *[1000 * i] * 6) for i in range(1, n_real + 1)]
 
     def answer(box):
@@ -148,41 +146,38 @@ def test_a_first_datagram_of_junk_is_no_stream(n_real):
                 source.start(buffer_of(source))
             return
         with streaming(box, source=source) as (_, buffer):
-            eventually(lambda: n_rows(source) == n_real)
+            assert taken(buffer, n_real)[:, 0].tolist() == [0.1, 0.2, 0.3]
         counters = source.health().counters
         assert (counters["implausible"], counters["lost"], counters["restarts"]) == (1, 0, 0)
-        assert buffer.reader(from_oldest=True).read().wrench[:, 0].tolist() == [0.1, 0.2, 0.3]
 
 
-def test_a_second_client_takes_the_stream_and_that_is_told():
-    with FakeNetft() as box, streaming(box) as (source, _):
-        eventually(lambda: n_rows(source) > 10)
+def test_rdt_second_client_takes_the_stream():
+    with FakeNetft() as box, streaming(box) as (source, buffer):
+        taken(buffer, 10)
         asked = source.health().counters["requests"]
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.connect(("127.0.0.1", box.port))
             other.send(START)
             eventually(lambda: source.health().error is not None)
-            assert "another client may own the stream" in source.health().error
-            assert source.health().running
-            other.send(STOP)
+        assert "another client may own the stream" in source.health().error
+        assert source.health().running
         assert source.health().counters["requests"] == asked
 
 
-def test_others_cannot_send_into_the_stream():
-    with FakeNetft() as box, streaming(box) as (source, _):
-        eventually(lambda: n_rows(source) > 10)
+def test_rdt_others_cannot_send_into_the_stream():
+    with FakeNetft() as box, streaming(box) as (source, buffer):
+        taken(buffer, 10)
         # the box's client is the socket of ours: its port is open to the box alone
         port = box._client[1]
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
             for _ in range(50):
                 stranger.sendto(bytes(36), ("127.0.0.1", port))
-        before = n_rows(source)
-        eventually(lambda: n_rows(source) > before + 50)
+        taken(buffer, 60)
     counters = source.health().counters
     assert counters["datagrams"] == counters["rows"]
 
 
-def test_a_source_runs_once_at_a_time_and_again():
+def test_rdt_source_runs_once_at_a_time_and_again():
     with FakeNetft() as box:
         source = source_of(box)
         source.stop()
@@ -193,38 +188,37 @@ def test_a_source_runs_once_at_a_time_and_again():
                 source_of(box).start(buffer)
             with pytest.raises(RuntimeError, match="a sensor is writing"):
                 buffer.push([0] * 6)
-        source.stop()
-        with streaming(box, source=source):
-            eventually(lambda: n_rows(source) > 10)
+        with streaming(box, source=source) as (_, buffer):
+            taken(buffer, 10)
 
 
-def test_nobody_listens_and_buffers_that_do_not_fit():
+def test_rdt_start_without_box_or_fitting_buffer_is_refused():
     with FakeNetft() as box:
         source = source_of(box)
     with pytest.raises(ConnectionRefusedError, match=r"nobody listens at 127\.0\.0\.1:\d+"):
         source.start(buffer_of(source))
-    with pytest.raises(ValueError, match=r"buffer\.tick_hz is 1e"):
+    with pytest.raises(ValueError, match="buffer must have tick_hz=7000"):
         source.start(WrenchBuffer(1.0, rate_hz=500))
-    with pytest.raises(TypeError, match="must be a WrenchBuffer"):
+    with pytest.raises(TypeError, match="buffer must be a WrenchBuffer"):
         source.start([])
 
 
-def test_on_robot_has_a_fixed_scale_and_its_own_requests():
+def test_rdt_on_robot_has_a_fixed_scale_and_its_own_requests():
     scale = {"cfgcpf": "1e4", "cfgcpt": "1e5"}
     with FakeNetft(signal(50), tick_hz=500, n_records=50, page=scale) as box:
         source = RdtSource("127.0.0.1", box.port, variant="onrobot")
         with streaming(box, source=source) as (_, buffer):
             source.bias()
             assert box.wait(20)
+            scaled = taken(buffer, 1)[0] * [1e4, 1e4, 1e4, 1e5, 1e5, 1e5]
     assert source.info.name == "OnRobot 127.0.0.1"
     assert box.requests[:2] == [b"\x12\x34\0\x82\0\0\0\x02", START]
     assert b"\x12\x34\0\x42\0\0\0\xff" in box.requests
-    scaled = buffer.reader(from_oldest=True).read(1).wrench[0] * [1e4, 1e4, 1e4, 1e5, 1e5, 1e5]
     np.testing.assert_allclose(scaled, np.rint(scaled), atol=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("page", "options", "told"),
+    ("page", "options", "wanted"),
     [
         ({}, {"rate_hz": 500}, ("netft", 500, 7000)),
         ({"prodname": "Ethernet Axia80-M20"}, {}, ("axia", 500, 7000)),
@@ -235,10 +229,10 @@ def test_on_robot_has_a_fixed_scale_and_its_own_requests():
         ({"runrate": "7812"}, {}, ("netft", 500, 7812)),  # no divisor: the mean
     ],
 )
-def test_what_page_and_options_say_of_kind_and_rates(page, options, told):
+def test_rdt_kind_and_rates_follow_from_page_and_options(page, options, wanted):
     with FakeNetft(page=page) as box:
         info = source_of(box, **options).info
-    assert (info.meta["variant"], info.rate_hz, info.tick_hz) == told
+    assert (info.meta["variant"], info.rate_hz, info.tick_hz) == wanted
 
 
 @pytest.mark.parametrize(
@@ -252,28 +246,12 @@ def test_what_page_and_options_say_of_kind_and_rates(page, options, told):
         ({}, {"variant": "ati"}, ValueError, "variant must be one of"),
     ],
 )
-def test_rates_and_kinds_that_are_refused(page, options, error, words):
+def test_rdt_contradicting_rate_or_kind_is_refused(page, options, error, words):
     with FakeNetft(page=page) as box, pytest.raises(error, match=words):
         source_of(box, **options)
 
 
-@pytest.mark.parametrize(
-    ("url", "words"),
-    [
-        ("rdt://box?variant=atii", "one of auto, netft, axia, onrobot"),
-        ("rdt://box?rate_hz=fast", "a number above 0"),
-        ("rdt://box?buffered=yes", "one of 0, 1"),
-        ("rdt:?variant=onrobot", "no host"),
-        ("rdt://box/x", "the path '/x'"),
-        ("rdt://box?variant=onrobot&rate_hz=300", "whole number of milliseconds"),
-    ],
-)
-def test_urls_that_are_refused(url, words):
-    with pytest.raises(ValueError, match=words):
-        open_source(url)
-
-
-def test_the_receiver_checks_by_itself():
+def test_rdt_receiver_bad_argument_is_refused():
     good = {
         "variant": "netft", "counts_per_newton": 1e6, "counts_per_newton_metre": 1e6, "limits": [1.0] * 6,
         "rate_hz": 500.0, "buffered": False,
@@ -292,3 +270,66 @@ def test_the_receiver_checks_by_itself():
         RdtReceiver("127.0.0.1", 49152, **good).start(WrenchBuffer(n_axes=3))
     with pytest.raises(ConnectionError, match="no address"):
         RdtReceiver("no-such-host.invalid", 1, **good).start(WrenchBuffer())
+
+
+BEGIN = """
+import os, signal, sys, time
+from granular_id._core import WrenchBuffer
+from granular_id.live.source import open_source
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in what a shell starts in the background
+source = open_source(sys.argv[1])
+buffer = WrenchBuffer(5, rate_hz=source.info.rate_hz, tick_hz=source.info.tick_hz)
+source.start(buffer)
+"""
+
+FORK = """
+child = os.fork()
+if not child:
+    health = source.health()
+    assert not health.running and "forked" in health.error, health
+    source.stop()
+    try:
+        source.start(buffer)
+    except RuntimeError as error:
+        assert "a sensor is writing" in str(error), error
+    else:
+        raise AssertionError("the buffer is the parent's")
+    sys.exit(7)  # with all that runs at the end of an interpreter
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+reader = buffer.reader()
+assert reader.wait(20) and source.health().running
+print("ready", flush=True)
+sys.stdin.readline()
+"""
+
+WAIT = "print('ready', flush=True)\nsignal.pause()"
+
+
+@pytest.mark.parametrize(
+    ("text", "interrupt", "code", "printed"),
+    [
+        ("raise ValueError('mine')", False, 1, "ValueError: mine"),
+        ("import gc; source = None; gc.collect()", False, 0, ""),
+        (WAIT, True, -signals.SIGINT, "KeyboardInterrupt"),
+        (FORK, False, 0, ""),
+    ],
+    ids=["an exception", "forgotten", "Ctrl-C", "after a fork"],
+)
+def test_rdt_box_is_stopped_however_a_program_ends(text, interrupt, code, printed):
+    with FakeNetft() as box:
+        process = subprocess.Popen(
+            [sys.executable, "-W", "ignore", "-c", BEGIN + text, box.url],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        if "ready" in text:
+            assert process.stdout.readline() == "ready\n"
+            assert set(box.requests) == {START}, "a forked child asks for nothing"
+        if interrupt:
+            process.send_signal(signals.SIGINT)
+        _, errors = process.communicate("\n", timeout=60)
+    assert process.returncode == code, errors
+    assert printed in errors
+    assert (box.requests[0], box.requests[-1]) == (START, STOP)

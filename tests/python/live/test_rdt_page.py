@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
 from contextlib import suppress
 from fractions import Fraction
 
 import pytest
 
+from granular_id.live import netft_page
 from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS, NetftPageError, parse_page, read_page
 from granular_id.testing import FakeNetft
 from granular_id.testing.fake_netft import page_text
@@ -22,8 +22,8 @@ def page(**changes):
     return parse_page(page_text(changes), URL)
 
 
-def server(*chunks, pause_s=0.0):
-    """Answer one question with these bytes, whatever it is; returns the port."""
+def server(*chunks):
+    """Answer one question with these bytes, whatever it is, and wait where a chunk is None; returns the port."""
     listening = socket.create_server(("127.0.0.1", 0))
 
     def answer():
@@ -31,17 +31,19 @@ def server(*chunks, pause_s=0.0):
         with listening, client, suppress(OSError):  # the client may have heard enough
             client.recv(1024)
             for chunk in chunks:
-                client.sendall(chunk)
-                time.sleep(pause_s)
+                if chunk is None:
+                    client.recv(1)  # until it goes
+                else:
+                    client.sendall(chunk)
 
     threading.Thread(target=answer, daemon=True).start()
     return listening.getsockname()[1]
 
 
-def test_units_are_exact():
+def test_page_units_are_exact():
     kgf, inch = Fraction("9.80665"), Fraction("0.0254")
     lbf = Fraction("0.45359237") * kgf
-    force = {"N": 1, "kN": 1000, "lbf": lbf, "klbf": 1000 * lbf, "kgf": kgf, "g": kgf / 1000}
+    assert {"N": 1, "kN": 1000, "lbf": lbf, "klbf": 1000 * lbf, "kgf": kgf, "g": kgf / 1000} == FORCE_UNITS
     metric = {
         "Nm": 1,
         "N-m": 1,
@@ -51,11 +53,10 @@ def test_units_are_exact():
         "kNm": 1000,
     }
     others = {"kg-cm": kgf / 100, "kgf-cm": kgf / 100, "lbf-in": lbf * inch, "lbf-ft": 12 * lbf * inch}
-    assert force == FORCE_UNITS
     assert metric | others == TORQUE_UNITS
 
 
-def test_the_scale_takes_units_into_account():
+def test_page_scale_takes_units_into_account():
     assert page().counts_per_newton == page().counts_per_newton_metre == 1e6
     assert page(scfgfu="lbf").counts_per_newton == float(Fraction(10**6) / FORCE_UNITS["lbf"])
     assert page(scfgtu="Nmm", cfgcpt="1000.5").counts_per_newton_metre == 1_000_500
@@ -66,7 +67,7 @@ NO_NUMBERS = (None, "", "0", "-1e6", "nan", "inf", "1e400", "1/2", "1_0", "abc",
 
 
 @pytest.mark.parametrize("field", ["cfgcpf", "cfgcpt", "scfgfu", "scfgtu", "comrdtrate"])
-def test_what_is_missing_or_no_value_is_refused_with_address_and_field(field):
+def test_page_missing_or_bad_field_is_refused(field):
     for value in NO_NUMBERS:
         with pytest.raises(NetftPageError, match=rf"^{URL}: field {field} is .*; wanted ") as caught:
             page(**{field: value})
@@ -94,12 +95,12 @@ def test_what_is_missing_or_no_value_is_refused_with_address_and_field(field):
         (b'<?xml version="1.0" encoding="no-such"?><a/>', "is no XML"),
     ],
 )
-def test_absurd_scales_contradictions_and_other_texts_are_refused(text, words):
+def test_page_absurd_scale_or_other_text_is_refused(text, words):
     with pytest.raises(NetftPageError, match=f"^{URL}.*{words}"):
         parse_page(text, URL)
 
 
-def test_what_may_be_missing():
+def test_page_without_optional_fields_is_read():
     bare = page(prodname=None, cfgcalsn=None, cfgmr=None, runrate=None, setuserfilter=None)
     assert (bare.text("prodname"), bare.full_scale, bare.tick_hz) == ("", None, None)
     assert page(cfgmr="1;2;3;4;5").full_scale is None
@@ -108,21 +109,13 @@ def test_what_may_be_missing():
     assert page(cfgcalsn="FT\x7f1").text("cfgcalsn") == "FT1"
 
 
-def test_reading_over_http():
+def test_read_page_of_a_box():
     with FakeNetft(rate_hz=1000) as box:
         read = read_page("127.0.0.1", box.http_port)
     assert (read.rate_hz, read.tick_hz) == (1000, 7000)
     assert read.url == f"http://127.0.0.1:{box.http_port}/netftapi2.xml"
-    assert read.fields["scfgfu"] == "N"
-
-
-def test_nobody_serves():
-    with FakeNetft() as box:
-        port = box.http_port
-    with pytest.raises(ConnectionError, match=rf"http://127\.0\.0\.1:{port}/netftapi2\.xml cannot be read"):
-        read_page("127.0.0.1", port)
-    with pytest.raises(ConnectionError, match=r"http://no-such-box\.invalid/netftapi2\.xml cannot be read"):
-        read_page("no-such-box.invalid")
+    with pytest.raises(ConnectionError, match=rf"{read.url} cannot be read"):
+        read_page("127.0.0.1", box.http_port)
 
 
 @pytest.mark.parametrize(
@@ -133,19 +126,24 @@ def test_nobody_serves():
         (b"HTTP/1.0 404 Not Found\r\n\r\n", NetftPageError, "answers 404 Not Found"),
         (b"HTTP/1.0 301 Moved\r\nLocation: /x\r\n\r\n", NetftPageError, "answers 301"),
         (OK + b"x" * (1 << 22), NetftPageError, "longer than 65536 bytes"),
-        (OK + b"<html></html>", NetftPageError, "field cfgcpf is missing"),
+        (OK + b"<html></html>", NetftPageError, "field scfgfu is missing"),
     ],
 )
-def test_other_servers(answer, kind, words):
+def test_read_page_of_another_server_is_refused(answer, kind, words):
     with pytest.raises(kind, match=words):
         read_page("127.0.0.1", server(answer))
 
 
-@pytest.mark.parametrize(
-    ("chunks", "pause_s"),
-    # each byte comes in time: only the whole takes too long
-    [([b""], 1.0), ([OK, *[b"X"] * 100], 0.02)],
-)
-def test_a_server_that_says_nothing_or_drips_is_left(chunks, pause_s):
-    with pytest.raises(TimeoutError, match=r"did not answer within 0\.3 s"):
-        read_page("127.0.0.1", server(*chunks, pause_s=pause_s), timeout_s=0.3)
+@pytest.mark.parametrize("chunks", [[None], [OK, b"X", None]], ids=["silent", "stops"])
+def test_read_page_silent_server_is_left(chunks):
+    with pytest.raises(TimeoutError, match=r"did not answer within 0\.1 s"):
+        read_page("127.0.0.1", server(*chunks), timeout_s=0.1)
+
+
+def test_read_page_server_that_drips_is_left(monkeypatch):
+    clock = iter(
+        range(1000)
+    )  # each look at the time is a second later: each byte comes in time, the whole does not
+    monkeypatch.setattr(netft_page.time, "monotonic", lambda: next(clock))
+    with pytest.raises(TimeoutError, match=r"did not answer within 2 s"):
+        read_page("127.0.0.1", server(OK, *[b"X"] * 100, None))

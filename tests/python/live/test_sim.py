@@ -8,17 +8,16 @@ from hypothesis import given, settings, strategies as st
 
 from granular_id.live.robot import Motion, Robot
 from granular_id.live.sim import LEAD_S, SimSource, SimWorld
-from granular_id.live.source import open_source
 from granular_id.recording import SampleFlag
-from granular_id.synthetic import PAPER_MATERIALS, Nuisance, Sensor, simulate_push, synthesize
-from sink_cases import Sink, eventually
+from granular_id.synthetic import PAPER_MATERIALS, Rig, Sensor, simulate_push, synthesize
+from sink_cases import Sink
 
 RICE = PAPER_MATERIALS[1]
 RATE_HZ = 500.0
 
 
-def world(seed=1, **options):
-    return SimWorld([RICE], RATE_HZ, seed, **options)
+def world(seed=1):
+    return SimWorld([RICE], RATE_HZ, seed)
 
 
 def played(bench, push, chunk=10_000):
@@ -31,7 +30,7 @@ def played(bench, push, chunk=10_000):
 
 @settings(max_examples=8)
 @given(rests=st.lists(st.integers(0, 300), min_size=2, max_size=3), chunk=st.integers(1, 500))
-def test_a_push_does_not_depend_on_when_it_is_commanded(rests, chunk):
+def test_sim_push_does_not_depend_on_when_it_is_commanded(rests, chunk):
     bench, other = world(), world()
     for rest in rests:
         bench.advance(rest)
@@ -40,7 +39,7 @@ def test_a_push_does_not_depend_on_when_it_is_commanded(rests, chunk):
         assert np.array_equal(one, two)
 
 
-def test_pushes_differ_and_seeds_differ_and_none_is_one_of_synthesize():
+def test_sim_pushes_differ_from_each_other_and_synthesize():
     bench, other = world(0), world(2)
     one, two = bench.plan(0.03, 0.5), other.plan(0.03, 0.5)
     made = {r.meta["conditions"]["depth_offset_m"] for r in synthesize(["rice"], n_per_class=4, seed=0)}
@@ -53,7 +52,7 @@ def test_pushes_differ_and_seeds_differ_and_none_is_one_of_synthesize():
     assert len({push.meta["conditions"]["depth_offset_m"] for push in pushes} | made) == 3 + len(made)
 
 
-def test_a_push_is_that_of_the_physics_but_for_its_lead():
+def test_sim_push_is_that_of_simulate_push():
     bench = world()
     push = bench.plan(0.03, 1.0)
     lead_s = push.meta["lead_s"]
@@ -62,13 +61,9 @@ def test_a_push_is_that_of_the_physics_but_for_its_lead():
     assert np.array_equal(played(bench, push), again)
     assert push.start_tick - push.first_tick == pytest.approx(LEAD_S * RATE_HZ, abs=1)
     assert push.end_tick - push.first_tick == pytest.approx((LEAD_S + 1.0) * RATE_HZ, abs=1.5)
-    still = world(nuisance=Nuisance().scaled(0), sensor=Sensor(noise_rms=(0,) * 6))
-    calm = played(still, still.plan(0.03, 1.0))
-    assert (calm[:100] == 0).all(), "nominal zero point, no noise"
-    assert calm[int(LEAD_S * RATE_HZ) + 50 :, 0].mean() > 1.0
 
 
-def test_rest_reads_zero_point_and_noise_in_any_pieces():
+def test_sim_rest_reads_zero_point_and_noise():
     bench, other = world(), world()
     rest, flags = bench.advance(5000)
     assert np.array_equal(rest, np.concatenate([other.advance(n)[0] for n in (1, 2, 97, 4900)]))
@@ -81,8 +76,9 @@ def test_rest_reads_zero_point_and_noise_in_any_pieces():
     assert np.allclose(push.wrench[:200].mean(axis=0), tare, atol=0.02)
 
 
-def test_saturation_is_flagged():
-    weak = world(sensor=Sensor(full_scale=(1.0, 145, 290, 5, 5, 5)))
+def test_sim_saturation_is_flagged():
+    weak = world()
+    weak.sensor = Sensor(full_scale=(1.0, 145, 290, 5, 5, 5))
     push = weak.plan(0.03, 1.0)
     wrench, flags = weak.advance(push.end_tick)
     assert wrench[:, 0].max() == 1.0
@@ -90,7 +86,7 @@ def test_saturation_is_flagged():
 
 
 @pytest.mark.parametrize("materials", ["unknown", ["rice", "fine sugar"]])
-def test_materials_are_drawn_and_told(materials):
+def test_sim_materials_are_drawn(materials):
     source = SimSource(materials, seed=4)
     assert source.truth is None
     seen = set()
@@ -104,7 +100,7 @@ def test_materials_are_drawn_and_told(materials):
     assert seen <= known
 
 
-def test_unknown_pushes_are_others_than_named_ones():
+def test_sim_unknown_pushes_are_others_than_named_ones():
     named, unknown = SimSource("rice", seed=4), SimSource("unknown", seed=4)
     push = unknown.world.plan(0.03, 0.1)
     while unknown.truth != "rice":
@@ -116,7 +112,7 @@ def test_unknown_pushes_are_others_than_named_ones():
     assert [push.meta["conditions"][n] for n in set_up] == [first.meta["conditions"][n] for n in set_up]
 
 
-def test_refusals():
+def test_sim_push_that_cannot_be_is_refused():
     bench = world()
     bench.plan(0.03, 0.5)
     with pytest.raises(RuntimeError, match="still moving"):
@@ -127,7 +123,7 @@ def test_refusals():
         SimSource("rice", seed=1).robot().move_line((1, 0, 0), 0.03, 1.0)
 
 
-def test_source_and_robot_share_a_clock():
+def test_sim_source_and_robot_share_a_clock():
     source, sink = SimSource("rice", seed=1, speed=20), Sink()
     source.start(sink)
     sink.wait(100)
@@ -135,7 +131,9 @@ def test_source_and_robot_share_a_clock():
     assert isinstance(robot, Robot)
     motion = robot.move_line((1, 0, 0), 0.03, 1.0)
     assert isinstance(motion, Motion)
-    eventually(motion.finished)
+    end = source.world.push.end_tick
+    sink.wait(end + 1)
+    assert motion.finished()
     source.stop()
     time_s, wrench = sink.time_s, sink.wrench
     assert np.allclose(np.diff(time_s), 1 / RATE_HZ)
@@ -147,22 +145,29 @@ def test_source_and_robot_share_a_clock():
     assert motion.report()["material"]["name"] == "rice"
 
 
-def test_stop_takes_the_tool_out():
-    source, sink = SimSource("rice", seed=1, speed=2), Sink()  # slow: it must still move when it is stopped
-    source.start(sink)
+@pytest.fixture
+def pushing():
+    """A robot 0.5 s into a push along y, at a clock that stands."""
+    source = SimSource("rice", seed=1)
+    source.host_ns_at = lambda tick: 0
     robot = source.robot()
-    motion = robot.move_line((1, 0, 0), 0.03, 2.9)
-    eventually(lambda: len(sink.rows) and sink.time_s[-1] > motion.start_time_s + 0.5)
+    motion = robot.move_line((0, 2, 0), 0.03, 2.9)
+    source.world.advance(round((motion.start_time_s + 0.5) * RATE_HZ))
+    return source, robot, motion
+
+
+def test_sim_robot_pose_is_on_its_way_then_at_its_start(pushing):
+    source, robot, motion = pushing
+    way_m = Rig(speed_m_s=0.03).travel_m(np.array(0.5))
+    assert robot.tcp_pose() == pytest.approx((0, way_m, 0, 0, 0, 0), abs=0.03 / RATE_HZ)
+    source.world.advance(3000)
+    assert motion.finished()
+    assert robot.tcp_pose() == (0, 0, 0, 0, 0, 0)
+
+
+def test_sim_robot_stop_takes_the_tool_out(pushing):
+    source, robot, motion = pushing
+    assert source.world.advance(20)[0][:, 0].mean() > 1.0
     robot.stop()
     assert motion.finished()
-    n = len(sink.rows)
-    sink.wait(n + 100)
-    source.stop()
-    assert abs(sink.wrench[-50:, 0]).max() < 1.0 < sink.wrench[n - 20 : n, 0].mean()
-
-
-def test_a_url_with_a_host_is_refused_with_the_one_that_is_meant():
-    with pytest.raises(ValueError, match=r"url 'sim://rice' names a host.*wanted sim:rice"):
-        open_source("sim://rice")
-    with pytest.raises(ValueError, match=r"url 'sim://' names no material; wanted something like sim:rice"):
-        open_source("sim://")
+    assert abs(source.world.advance(50)[0][:, 0]).max() < 1.0
