@@ -15,13 +15,7 @@ NOT_RUN = "written against the library's documented interface, not run on hardwa
 
 
 def library(module: str, how: str) -> Any:
-    """Import the library of a sensor or robot, or say how to get it.
-
-    Raises
-    ------
-    ImportError
-        It is not there.
-    """
+    """Import the library of a sensor or robot; an ImportError says how to get it."""
     try:
         return import_module(module)
     except ImportError as error:

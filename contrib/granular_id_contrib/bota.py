@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from granular_id.live import SourceInfo, SourceUrl, ThreadedSource, WrenchSink
+from granular_id.live import SourceInfo, SourceUrl, ThreadedSource, WrenchBuffer
 from granular_id.recording import SampleFlag
 from granular_id_contrib import NOT_RUN, library
 
@@ -30,10 +30,8 @@ class BotaSource(ThreadedSource):
 
     Raises
     ------
-    FileNotFoundError
-        There is no such file.
-    ConnectionError
-        The sensor cannot be configured.
+    FileNotFoundError, ConnectionError
+        There is no such file; the sensor cannot be configured.
 
     Notes
     -----
@@ -59,47 +57,43 @@ class BotaSource(ThreadedSource):
                 frame="the sensor's own",
                 sign="as the sensor tells it",
                 compensated=False,
-                meta={
-                    "status": NOT_RUN,
-                    "driver": f"{_PACKAGE} {self._driver.get_driver_version_string()}",
-                },
+                meta={"status": NOT_RUN, "driver": f"{_PACKAGE} {self._driver.get_driver_version_string()}"},
             )
         )
 
-    def start(self, buffer: WrenchSink) -> None:
-        """Activate the sensor, and begin to write rows.
-
-        Raises
-        ------
-        ConnectionError
-            It does not become active.
-        """
+    def start(self, buffer: WrenchBuffer) -> None:
+        """Activate the sensor, and begin to write rows; ConnectionError where it does not become active."""
         if not self._driver.activate():
             raise ConnectionError("the Bota sensor could not be activated: see what its driver printed")
         super().start(buffer)
 
     def stop(self) -> None:
-        """End the thread and shut the driver down."""
+        """End the thread, which shuts the driver down: a driver that hangs cannot hold up the program."""
         super().stop()
-        if self._driver is not None:
-            self._driver.deactivate()
-            self._driver.shutdown()
-            self._driver = None
+        if self._thread is None:
+            self._shut_down()
+
+    def _shut_down(self) -> None:
+        driver, self._driver = self._driver, None
+        if driver is not None:
+            driver.deactivate()
+            driver.shutdown()
 
     def counters(self) -> dict[str, int]:
         """Return how many frames said that others were left out."""
         return {"throttled": self._n_throttled}
 
-    def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
+    def deliver(self, buffer: WrenchBuffer, stopping: threading.Event) -> None:
         """Write every frame as it comes."""
-        while not stopping.is_set():
-            frame = self._driver.read_frame_blocking()
-            status = frame.status
-            flags = (SampleFlag.BAD_STATUS if status.invalid else 0) | (
-                SampleFlag.SATURATED if status.overrange else 0
-            )
-            self._n_throttled += bool(status.throttled)
-            buffer.push([*frame.force, *frame.torque], frame.timestamp / _TICK_HZ, flags=int(flags))
+        try:
+            while not stopping.is_set():
+                frame = self._driver.read_frame_blocking()
+                status = frame.status
+                flags = SampleFlag.BAD_STATUS * status.invalid | SampleFlag.SATURATED * status.overrange
+                self._n_throttled += bool(status.throttled)
+                buffer.push([*frame.force, *frame.torque], frame.timestamp / _TICK_HZ, flags=int(flags))
+        finally:
+            self._shut_down()
 
 
 def open_url(url: SourceUrl) -> BotaSource:

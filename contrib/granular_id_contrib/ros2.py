@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from granular_id.live import SourceInfo, SourceUrl, ThreadedSource, WrenchSink
+from granular_id.live import SourceInfo, SourceUrl, ThreadedSource, WrenchBuffer
 from granular_id.recording import transform
 from granular_id_contrib import NOT_RUN, library
 
@@ -23,24 +23,20 @@ __all__ = ["Ros2Source", "StampLine", "open_url", "ros"]
 
 _TYPE = "geometry_msgs/msg/WrenchStamped"
 
+# Messages that ROS holds while Python is late: 1 s at 500 Hz.
 _DEPTH = 500
-"""Messages that ROS holds while Python is late: 1 s at 500 Hz."""
-
+# How long to wait for a message at a time; how often to look whether topic and frames are as they should be.
 _SPIN_S, _LOOK_S = 0.05, 0.5
-"""How long to wait for a message at a time; how often to look whether topic and frames are as they should be."""
 
 WAIT_S = 4.0
 """How long the first message, and then tf, may take: a stream waits for 5 s and does not know the reason."""
 
-# A rate further off than the line through the stamps can follow would lose rows, or double them.
+# So many stamps tell the rate, grossly: one further off than the line through the stamps can follow would lose rows.
 _N_STAMPS, _LAG, _RATE_OFF = 1000, 50, 0.003
-"""So many stamps tell the rate, grossly: a capture measures it to a thousandth."""
-
+# So much of its distance from a stamp does the line through the stamps follow: clocks drift by less in a period.
 _FOLLOWED = 1 / 128
-"""So much of its distance from a stamp does the line through the stamps follow: clocks drift by less in a period."""
-
+# Frames that are further from where they were are not fixed to each other: 1 mm; 1 - |q . q'| of 1 mrad.
 _MOVED_M, _TURNED = 1e-3, 1e-7
-"""Frames that are further from where they were are not fixed to each other: 1 mm; 1 - |q . q'| of 1 mrad."""
 
 
 def ros(module: str) -> Any:
@@ -72,10 +68,8 @@ class Ros2Source(ThreadedSource):
 
     Raises
     ------
-    ImportError
-        ROS 2 is not there; says how to source it.
-    ValueError
-        The node cannot be made: an odd name of a topic, or arguments that ROS does not take.
+    ImportError, ValueError
+        ROS 2 is not there; the node cannot be made: an odd name of a topic, or arguments that ROS does not take.
 
     Notes
     -----
@@ -91,7 +85,7 @@ class Ros2Source(ThreadedSource):
         ros_args: Sequence[str] = (),
     ) -> None:
         self._frame_for = frame_for
-        self._sink: WrenchSink | None = None
+        self._sink: WrenchBuffer | None = None
         self._frame_id: str | None = None  # of the messages
         self._target: str | None = None  # that they are turned into
         self._tf: Any = None
@@ -120,7 +114,7 @@ class Ros2Source(ThreadedSource):
         super().stop()
         self._opened.close()
 
-    def deliver(self, buffer: WrenchSink, stopping: threading.Event) -> None:
+    def deliver(self, buffer: WrenchBuffer, stopping: threading.Event) -> None:
         """Spin the node, and look now and then whether topic and frames are as they should be."""
         self._sink = buffer
         executor = ros("rclpy.executors").SingleThreadedExecutor(context=self.node.context)

@@ -10,8 +10,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,8 +23,6 @@ from granular_id.live import (
     ForceTrigger,
     LiveIdentifier,
     Push,
-    Snapshot,
-    Views,
     WindowError,
     opened,
     setup_of,
@@ -35,21 +32,22 @@ from granular_id.live.rows import Rows
 from granular_id.recording import Setup, setup_mismatch
 from granular_id_contrib.ros2 import WAIT_S, Ros2Source, ros
 
-__all__ = ["ArmedTrigger", "Ros2Node", "main", "ros2_node"]
+__all__ = ["ArmedTrigger", "main"]
 
-_REST_S, _FOR_EVER_S = 0.25, 1e6
+_REST_S, _ARM_S, _FOR_EVER_S = 0.25, 30.0, 1e6
+_LATE_S, _DIAGNOSE_S = 0.02, 1.0
 
 _LOSSES = ("missing", "missed")
 """Counters: samples that never came, by their stamps; samples that came and were read too late."""
 
 
 class ArmedTrigger(ForceTrigger):
-    """A force trigger that fires only after `allow`, once, and within `arm_s`; the same one for every capture."""
+    """A force trigger that fires only after `allow`, once, and within 30 s; the same one for every capture."""
 
-    def __init__(self, threshold_n: float, arm_s: float) -> None:
+    def __init__(self, threshold_n: float) -> None:
         super().__init__(threshold_n)
         self.is_busy = False
-        self._arm_s, self._until_s, self._from_s = arm_s, -np.inf, 0.0
+        self._from_s, self._until_s = 0.0, -np.inf
 
     @property
     def is_armed(self) -> bool:
@@ -60,11 +58,15 @@ class ArmedTrigger(ForceTrigger):
         """Let the next change from the force of this rest be the push; where it is none, return why."""
         refusal = super().arm(rest)
         if refusal is None:
-            self._from_s, self._until_s = rest.time_s[0], time.monotonic() + self._arm_s
+            self._from_s, self._until_s = rest.time_s[0], time.monotonic() + _ARM_S
         return refusal
 
     def arm(self, _rest: Rows, /) -> str | None:
         """Take any rows: `allow` looks whether they rest."""
+        return None
+
+    def refuse(self, _row: Rows, /) -> str | None:
+        """Refuse nothing: whoever armed has said that the next motion is the push."""
         return None
 
     def index(self, rows: Rows) -> int | None:
@@ -77,78 +79,67 @@ class ArmedTrigger(ForceTrigger):
         return n_before + found
 
 
-class Ros2Node:
-    """What a node publishes and serves; made by `ros2_node`, which sets `live`."""
+class _Node:
+    """What the node publishes and serves, from the thread of its source; `live` comes last."""
 
-    live: LiveIdentifier
+    live: LiveIdentifier | None = None
 
     def __init__(self, source: Ros2Source, trigger: ArmedTrigger | None, rest_s: float) -> None:
-        self.source, self._trigger, self._rest_s = source, trigger, rest_s
-        self._node = node = source.node
-        self.is_ready = False
-        self._said, self._next_s = "", -np.inf
-        self._msg, qos = ros("diagnostic_msgs.msg"), ros("rclpy.qos")
-        kept = qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
-        self._answers = node.create_publisher(self._msg.DiagnosticArray, "~/answer", kept)
+        self._source, self._trigger, self._n_lost = source, trigger, 0
+        self._n_rest = round(rest_s * source.info.rate_hz)
+        self._msg, node = ros("diagnostic_msgs.msg"), source.node
+        qos = ros("rclpy.qos")
+        lasting = qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
+        self._answers = node.create_publisher(self._msg.DiagnosticArray, "~/answer", lasting)
         self._diagnostics = node.create_publisher(self._msg.DiagnosticArray, "/diagnostics", 10)
+        node.create_timer(_DIAGNOSE_S, self._diagnose)
         if trigger is not None:
             node.create_service(ros("std_srvs.srv").Trigger, "~/arm", self._arm)
 
-    def pushes(self) -> Iterator[Push]:
-        """Publish and yield what came of each push; `CaptureError` is published, too."""
-        try:
-            for push in self.live.pushes():
-                if self._trigger is not None:
-                    self._trigger.is_busy = False
-                if push.reason is not FailureReason.NO_TRIGGER:
-                    self._answer(push)
-                    yield push
-        except CaptureError as error:
-            self._answer(Push(None, error.reason, str(error)))
-            raise
-
-    def _answer(self, push: Push) -> None:
+    def answer(self, push: Push) -> None:
+        """Publish what came of a push."""
+        if self._trigger is not None:
+            self._trigger.is_busy = False
         decision, live = push.decision, self.live
+        assert live is not None
         if decision is None:
-            level, said = "ERROR", push.text
+            level, text = "ERROR", push.text
             values: dict[str, Any] = {"failure": "" if push.reason is None else push.reason.value}
         else:
-            level, said = "WARN" if decision.unknown or decision.warnings else "OK", decision.sentence()
+            level, text = "WARN" if decision.unknown or decision.warnings else "OK", decision.sentence()
             values = decision.to_dict() | {"synthetic_model": live.model.synthetic}
         counts = live.stream.health().counters
         values |= {name: counts.get(name, 0) for name in _LOSSES}
         values |= {"lag_s": live.stream.lag_s(), "push": live.n_pushes}
-        self._send(self._answers, level, "answer", said, values)
+        self._publish(self._answers, level, "answer", text, values)
 
-    def show(self, snapshot: Snapshot) -> None:
-        """Publish how the stream is, on each change and once a second: the node is a view."""
-        armed, now_s = self._trigger is None or self._trigger.is_armed, time.monotonic()
-        said = snapshot.state if armed or snapshot.state != "armed" else "waits for ~/arm"
-        if said == self._said and now_s < self._next_s:
+    def _diagnose(self) -> None:
+        if self.live is None:
             return
-        self._said, self._next_s = said, now_s + 1.0
-        well = snapshot.lag_s <= snapshot.max_lag_s and not snapshot.lost
-        values = {"armed": armed, "lag_s": snapshot.lag_s}
-        values |= {name: snapshot.counters.get(name, 0) for name in _LOSSES}
-        self._send(self._diagnostics, "OK" if well else "WARN", "stream", said, values)
+        stream, armed = self.live.stream, self._trigger is None or self._trigger.is_armed
+        counts, lag_s = stream.health().counters, stream.lag_s()
+        values = {name: counts.get(name, 0) for name in _LOSSES}
+        n_before, self._n_lost = self._n_lost, sum(values.values())
+        level = "OK" if lag_s <= _LATE_S and self._n_lost == n_before else "WARN"
+        text = "armed" if armed else "waits for ~/arm"
+        self._publish(self._diagnostics, level, "stream", text, {"armed": armed, "lag_s": lag_s} | values)
 
-    def close(self) -> None:
-        """Leave the rest to `ros2_node`."""
-
-    def _send(self, publisher: Any, level: str, name: str, message: str, values: dict[str, Any]) -> None:
+    def _publish(self, publisher: Any, level: str, name: str, message: str, values: dict[str, Any]) -> None:
+        node, pair = self._source.node, self._msg.KeyValue
+        pairs = [
+            pair(key=key, value=value if isinstance(value, str) else json.dumps(value))
+            for key, value in values.items()
+        ]
         status = self._msg.DiagnosticStatus(
             level=getattr(self._msg.DiagnosticStatus, level),
-            name=f"{self._node.get_name()}: {name}",
+            name=f"{node.get_name()}: {name}",
             message=message,
-            hardware_id=self.source.info.name,
-            values=[
-                self._msg.KeyValue(key=key, value=value if isinstance(value, str) else json.dumps(value))
-                for key, value in values.items()
-            ],
+            hardware_id=self._source.info.name,
+            values=pairs,
         )
         array = self._msg.DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
-        array.header.frame_id = self.source.info.frame or ""
+        array.header.stamp = node.get_clock().now().to_msg()
+        array.header.frame_id = self._source.info.frame or ""
         publisher.publish(array)
 
     def _arm(self, _request: Any, response: Any) -> Any:
@@ -159,81 +150,19 @@ class Ros2Node:
 
     def _refusal(self) -> str | None:
         """Arm where the newest rows rest, else say why not."""
-        if self._trigger is None or not self.is_ready:
+        if self._trigger is None or self.live is None:
             return "the model is still being compared with the topic"
         if self._trigger.is_busy:
             return "a push is being captured"
-        try:
-            buffer: Any = self.live.stream.buffer
-            n = round(self._rest_s * self.source.info.rate_hz)
-            window = buffer.window(n, fill="linear", max_gap=n)  # gaps are for the capture to judge
+        try:  # gaps are for the capture to judge
+            window = self.live.stream.buffer.window(self._n_rest, fill="linear", max_gap=self._n_rest)
         except WindowError as error:
             return str(error)
         return self._trigger.allow(replace(Rows.none(), wrench=window.wrench, time_s=window.time_s))
 
 
-@contextmanager
-def ros2_node(
-    model: Identifier,
-    topic: str,
-    *,
-    always: bool = False,
-    threshold_n: float = 0.5,
-    arm_s: float = 30.0,
-    ros_args: Sequence[str] = (),
-    accept: Sequence[str] = (),
-    **limits: Any,
-) -> Iterator[Ros2Node]:
-    """Run a node that names pushes, for the length of a block.
-
-    Parameters
-    ----------
-    model : Identifier
-        Its rate is that of the topic. Where it knows one frame, messages of another one are turned into it by tf.
-    topic : str
-        Of ``geometry_msgs/WrenchStamped``.
-    always : bool, default False
-        Take every push, as `LiveIdentifier` does. Default: the one after each call of the service ``~/arm``.
-    threshold_n : float, default 0.5
-        Change of force that is a motion, N.
-    arm_s : float, default 30
-        So long after the call may the push begin.
-    ros_args : sequence of str
-        See `Ros2Source`.
-    accept, **limits
-        See `LiveIdentifier`; with "frame" nothing is turned.
-
-    Yields
-    ------
-    Ros2Node
-
-    Raises
-    ------
-    ImportError
-        ROS 2 is not there; says how to source it.
-    ConnectionError, ValueError
-        Nobody publishes; another type, rate or frame; another set-up than the model's.
-    """
-    trigger = None if always else ArmedTrigger(threshold_n, arm_s)
-    rest_s = max(_REST_S, limits.get("pre_s") or model.lead_s or 0.0)
-    frame_for = (lambda _: None) if "frame" in accept else _frame_for(model)
-    source = Ros2Source(topic, model.rate_hz, frame_for=frame_for, ros_args=ros_args)
-    try:
-        node = Ros2Node(source, trigger, rest_s)
-        # Later than the source itself gives up: it knows why.
-        with opened(source, first_row_s=3 * WAIT_S) as stream, Views([node]) as views:
-            chosen = "force" if trigger is None else lambda: trigger
-            setup = setup_of(source, None, chosen, threshold_n=threshold_n)
-            settings: dict[str, Any] = {"timeout_s": _FOR_EVER_S, "accept": accept, "views": views} | limits
-            node.live = LiveIdentifier(stream, model, setup, **settings)
-            node.is_ready = True
-            yield node
-    finally:
-        source.stop()
-
-
 def _frame_for(model: Identifier) -> Callable[[str], str | None]:
-    """Return what tells the one frame that a model knows, where it is another one than that of messages."""
+    """Return a function of the frame of messages: the one frame that the model knows, where that is another one."""
     compared = setup_comparison(model.core)
 
     def wanted(frame_id: str) -> str | None:
@@ -243,70 +172,63 @@ def _frame_for(model: Identifier) -> Callable[[str], str | None]:
     return wanted
 
 
+def _run(options: argparse.Namespace) -> None:
+    model, threshold_n = Identifier.load(options.model), options.threshold_n
+    trigger = None if options.always else ArmedTrigger(threshold_n)
+    frame_for = (lambda _: None) if "frame" in options.accept else _frame_for(model)
+    source = Ros2Source(options.topic, model.rate_hz, frame_for=frame_for, ros_args=options.ros_args)
+    node = _Node(source, trigger, max(_REST_S, options.pre_s or model.lead_s or 0.0))
+    # Later than the source itself gives up: it knows why.
+    with stop_on_signals(), opened(source, first_row_s=3 * WAIT_S) as stream:
+        setup = setup_of(
+            source, None, "force" if trigger is None else lambda: trigger, threshold_n=threshold_n
+        )
+        names = ("accept", "max_gap", "pre_s")
+        settings = {name: getattr(options, name) for name in names}
+        node.live = live = LiveIdentifier(stream, model, setup, timeout_s=_FOR_EVER_S, **settings)
+        for difference in live.differences:
+            print(f"warning: {setup_mismatch(difference)}")
+        if live.model.synthetic:
+            print("warning: the model was trained on SYNTHETIC recordings: its answers mean nothing")
+        print(f"{source.info.name}: ready", flush=True)
+        try:
+            for push in live.pushes():
+                if push.reason is not FailureReason.NO_TRIGGER:
+                    node.answer(push)
+                    print(push, flush=True)
+                if live.n_answered == options.n:
+                    break
+        except CaptureError as error:
+            node.answer(Push(None, error.reason, str(error)))
+            raise
+        finally:
+            print(live.summary(), flush=True)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command until Ctrl-C, or until so many answers are given."""
-    options = vars(_parser().parse_args(arguments))
-    n, path, topic = options.pop("n"), options.pop("model"), options.pop("topic")
+    parser = argparse.ArgumentParser(
+        prog="granular-id-ros2",
+        description="Name the material of each push, as a node of ROS 2. It moves nothing: with the tool at rest, call "
+        "the service ~/arm; where it answers with success, push. Options are those of `granular-id live`.",
+    )
+    add = parser.add_argument
+    add("--topic", required=True, help="topic of geometry_msgs/WrenchStamped, at the rate of the model")
+    add("--model", "-m", required=True)
+    add("--always", action="store_true", help="take every push, without the service ~/arm")
+    add("--threshold-n", type=float, default=0.5)
+    add("--pre-s", type=float)
+    add("--max-gap", type=int, default=0)
+    add("--accept", action="append", default=[])
+    add("--n", "-n", type=int)
+    add("ros_args", nargs="*", metavar="ARGS", help="behind --, for ROS: -- -r __ns:=/left")
     try:
-        model = Identifier.load(path)
-        with stop_on_signals(), ros2_node(model, topic, **options) as node:
-            _show_answers(node, n)
+        _run(parser.parse_args(arguments))
     except (ValueError, TypeError, OSError, ImportError, CaptureError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)
-
-
-def _show_answers(node: Ros2Node, n: int | None) -> None:
-    live = node.live
-    warnings = [setup_mismatch(difference) for difference in live.differences]
-    if live.model.synthetic:
-        warnings.append(
-            "the model was trained on SYNTHETIC recordings: its answers about real materials mean nothing"
-        )
-    if node.source.info.frame is None:
-        warnings.append("messages name no frame: it is not compared with that of the training")
-    for warning in warnings:
-        print(f"warning: {warning}")
-    print(f"{node.source.info.name}: ready", flush=True)
-    try:
-        for push in node.pushes():
-            print(push, flush=True)
-            if live.n_answered == n:
-                break
-    finally:
-        print(live.summary(), flush=True)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="granular-id-ros2",
-        description="Name the material of each push, as a node of ROS 2. It moves nothing: with the tool at rest, call "
-        "the service ~/arm; where it answers with success, push.",
-    )
-    add = parser.add_argument
-    add("--topic", required=True, help="topic of geometry_msgs/WrenchStamped: /ft_sensor/wrench")
-    add(
-        "--model",
-        "-m",
-        required=True,
-        help="model file, from `granular-id train`; its rate is that of the topic",
-    )
-    add("--always", action="store_true", help="take every push, without the service ~/arm")
-    add("--arm-s", type=float, default=30.0, help="so long after ~/arm may the push begin (30)")
-    add("--threshold-n", type=float, default=0.5, help="change of force that is a motion, newton (0.5)")
-    add("--pre-s", type=float, help="rest before the motion; needed where the model does not know it")
-    add("--max-gap", type=int, default=0, help="missing samples in a row that are filled in, flagged (0)")
-    add(
-        "--accept",
-        action="append",
-        default=[],
-        help="set-up that may differ: frame, transform, sign or units",
-    )
-    add("--n", "-n", type=int, help="stop after so many answers")
-    add("ros_args", nargs="*", metavar="ARGS", help="behind --, for ROS: -- -r __ns:=/left")
-    return parser
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ class SourceUrl:
         except ValueError as error:
             wanted = "wanted scheme://HOST:PORT/PATH?name=value&name=value, or scheme:PATH?..."
             raise ValueError(f"url {url!r} cannot be read: {error}; {wanted}") from error
-        if not split.scheme or not (split.netloc or split.path):
+        if not split.scheme or not url.partition(":")[2]:
             raise ValueError(
                 f"url {url!r} names no source; wanted one like 'sim:rice' or 'rdt://192.168.1.1'"
             )

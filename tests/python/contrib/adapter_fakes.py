@@ -42,8 +42,10 @@ class FakeUR(Fake):
     """A controller with a clock of 2 ms: both of ur-rtde's modules look at it."""
 
     refuse = moving = False
+    hangs = release = None  # events: a call of stopL hangs; it may go on
     connected = True
     began_s = 100.0
+    pose = (0.4, -0.1, 0.2, 0.0, 3.1, 0.0)
 
     def _receive(self, hostname, frequency=-1.0):
         assert isinstance(hostname, str)
@@ -52,7 +54,7 @@ class FakeUR(Fake):
             isConnected=lambda: self.connected,
             getTimestamp=lambda: self.began_s + 0.002 * self.ticks(500),
             getActualTCPForce=lambda: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3],
-            getActualTCPPose=lambda: [0.4, -0.1, 0.2, 0.0, 3.1, 0.0],
+            getActualTCPPose=lambda: list(self.pose),
             disconnect=self.note("receive disconnect"),
         )
 
@@ -72,7 +74,10 @@ class FakeUR(Fake):
         return not self.refuse
 
     def _stop(self, a=10.0, asynchronous=False):
-        self.calls.append(("stopL", a))
+        self.calls.append(("stopL", a, asynchronous))
+        if self.hangs is not None and not self.hangs.is_set():
+            self.hangs.set()
+            self.release.wait(20)
         self.moving = False
 
     def modules(self):

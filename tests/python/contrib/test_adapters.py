@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import sys
-import time
+import threading
 
 import numpy as np
 import pytest
-from granular_id_contrib import NOT_RUN
+from granular_id_contrib import NOT_RUN, ur as ur_module
 from granular_id_contrib.bota import BotaSource
 
 from adapter_fakes import FakeBota, FakeUR
 from granular_id.live import Robot, WrenchSource, open_robot, open_source, opened, setup_of
 from granular_id.recording import SampleFlag
-from sink_cases import eventually
 
 
 @pytest.fixture
@@ -34,17 +33,20 @@ def config(tmp_path):
 
 
 def watched(source, n_rows):
-    """Run a source until so many rows are there; nothing is written after its stop. Returns the rows."""
+    """Run a source until so many rows are there; return them."""
     with opened(source) as stream:
-        reader = stream.buffer.reader(from_oldest=True)
-        eventually(lambda: stream.buffer.stats()["written"] >= n_rows)
+        reader, blocks = stream.buffer.reader(from_oldest=True), []
+        while sum(map(len, blocks)) < n_rows:
+            assert reader.wait(20)
+            blocks.append(reader.read())
         assert source.health().running
-    source.stop()
     assert (source.health().running, source.health().error) == (False, None)
-    written = stream.buffer.stats()["written"]
-    time.sleep(0.01)
-    assert stream.buffer.stats()["written"] == written
-    return reader.read()
+    assert not source._thread.is_alive()
+    return blocks
+
+
+def joined(blocks, name):
+    return np.concatenate([getattr(block, name) for block in blocks])
 
 
 def test_ur_source(ur):
@@ -54,34 +56,39 @@ def test_ur_source(ur):
     assert ur.calls == [], "nothing is connected before the start"
     rows = watched(source, 30)
     assert ur.calls == [("receive", "192.168.0.3", 500.0), ("receive disconnect",)]
-    assert rows.wrench[0].tolist() == [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
-    steps = np.diff(rows.time_s) / 0.002
+    assert joined(rows, "wrench")[0].tolist() == [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
+    steps = np.diff(joined(rows, "time_s")) / 0.002
     assert steps.min() > 0.9, "each sample once"
     assert np.allclose(steps, np.rint(steps))
 
 
-def test_ur_controller_that_starts_anew_and_one_that_is_lost(ur):
+def test_ur_controller_that_is_lost_ends_the_source(ur):
     with opened("ur://arm") as stream:
-        ur.began_s = 1.0
-        eventually(lambda: stream.health().counters["epochs"] == 1)
+        ur.began_s = 1.0  # it was started anew
+        reader = stream.buffer.reader()
+        while not stream.health().counters["epochs"]:
+            assert reader.wait(20)
+            reader.read()
         ur.connected = False
-        eventually(lambda: stream.health().error is not None)
+        stream.source._thread.join(20)
         assert "ConnectionError: the connection to arm is lost" in stream.health().error
-        assert not stream.health().running
+    assert ur.calls[-1] == ("receive disconnect",)
 
 
-def test_ur_robot(ur):
+def test_ur_robot_pushes_and_goes_back(ur):
     robot = open_source("ur://arm").robot()
+    assert robot.move_back() is None, "nothing was pushed"
     motion = robot.move_line((0, 2, 0), 0.03, 3.0)
     name, target, speed, acceleration, asynchronous = ur.calls[-1]
     assert (name, speed, acceleration, asynchronous) == ("moveL", 0.03, 1.2, True)
-    assert target[:3] == pytest.approx([0.4, -0.1 + 0.03 * (3.0 - 0.03 / 1.2), 0.2])
-    assert target[3:] == [0.0, 3.1, 0.0]
+    assert target == pytest.approx([0.4, -0.1 + 0.03 * (3.0 - 0.03 / 1.2), 0.2, 0.0, 3.1, 0.0])
     assert not motion.finished()
-    robot.stop()
-    assert ur.calls[-1] == ("stopL", 1.2)
-    assert motion.finished()
     assert motion.report()["robot"] == "ur"
+    start, ur.pose, ur.moving = ur.pose, tuple(target), False
+    assert motion.finished()
+    back = robot.move_back()
+    assert ur.calls[-1] == ("moveL", list(start), 0.03, 1.2, True)
+    assert (back.finished(), back.report()["start"]) == (False, target)
     robot.close()
     assert [call[0] for call in ur.calls[-3:]] == ["stopScript", "control disconnect", "receive disconnect"]
     ur.refuse = True
@@ -89,7 +96,22 @@ def test_ur_robot(ur):
         open_robot("ur://arm").move_line((1, 0, 0), 0.03, 3.0)
 
 
-def test_the_clock_of_an_arm_is_that_of_its_own_source_only(ur):
+def test_ur_robot_stops_again_beside_a_call_that_hangs(ur, monkeypatch):
+    monkeypatch.setattr(ur_module, "_CROSSING_S", 0.0)
+    robot = open_robot("ur://arm")
+    motion = robot.move_line((1, 0, 0), 0.03, 3.0)
+    ur.hangs, ur.release = threading.Event(), threading.Event()
+    hanging = threading.Thread(target=robot.stop)
+    hanging.start()
+    assert ur.hangs.wait(20)
+    robot.stop()
+    assert motion.finished()
+    assert ur.calls[-2:] == [("stopL", 10.0, True)] * 2
+    ur.release.set()
+    hanging.join(20)
+
+
+def test_ur_robot_shares_the_clock_of_its_own_source_only(ur):
     source = open_source("ur://arm")
     own, other = setup_of(source, "source").robot, setup_of(source, "ur://arm").robot
     assert isinstance(own, Robot)
@@ -100,32 +122,16 @@ def test_the_clock_of_an_arm_is_that_of_its_own_source_only(ur):
     assert alone.start_host_ns > 0
 
 
-def test_an_arm_does_not_push_on_from_where_it_ended(ur):
-    robot, at = open_robot("ur://arm"), [0.4]
-    robot.tcp_pose = lambda: (at[0], 0.0, 0.2, 0.0, 0.0, 0.0)
-    robot.move_line((1, 0, 0), 0.03, 3.0)
-    n, at[0] = len(ur.calls), 0.487
-    with pytest.raises(RuntimeError, match="stands 87 mm ahead of where the last push began: bring it back"):
-        robot.move_line((1, 0, 0), 0.03, 3.0)
-    assert len(ur.calls) == n, "nothing was commanded"
-    robot.move_line((-1, 0, 0), 0.03, 3.0)
-    for at[0] in (0.4, 0.407):
-        robot.move_line((1, 0, 0), 0.03, 3.0)
-    at[0] = 0.411
-    with pytest.raises(RuntimeError, match="11 mm ahead"):
-        robot.move_line((1, 0, 0), 0.03, 3.0)
-
-
 def test_bota(bota, config):
     source = open_source(f"bota:{config}")
     assert bota.calls == [("config", str(config))]
     assert (source.info.rate_hz, source.info.tick_hz) == (1000.0, 1e6)
     rows = watched(source, 80)
     assert bota.calls[1:] == [("activate",), ("deactivate",), ("shutdown",)]
-    assert rows.wrench[7].tolist() == [1.0, 2.0, 7.0, 0.1, 0.2, 0.3]
-    assert rows.time_s[:3] == pytest.approx([5.0, 5.001, 5.002])
-    assert np.flatnonzero(rows.flags == SampleFlag.SATURATED)[0] == 49
-    assert np.flatnonzero(rows.flags == SampleFlag.BAD_STATUS)[0] == 69
+    assert joined(rows, "wrench")[7].tolist() == [1.0, 2.0, 7.0, 0.1, 0.2, 0.3]
+    assert joined(rows, "time_s")[:3] == pytest.approx([5.0, 5.001, 5.002])
+    assert np.flatnonzero(joined(rows, "flags") == SampleFlag.SATURATED)[0] == 49
+    assert np.flatnonzero(joined(rows, "flags") == SampleFlag.BAD_STATUS)[0] == 69
     assert source.health().counters == {"throttled": 1}
 
 
@@ -134,6 +140,7 @@ def test_bota_that_does_not_start(bota, config, fails):
     setattr(bota, fails, False)
     with pytest.raises(ConnectionError, match=f"could not be {fails[:-1]}d"), opened(f"bota:{config}"):
         pass
+    assert (("shutdown",) in bota.calls) == (fails == "activates")
 
 
 def test_bota_dummy_of_the_real_driver():
@@ -147,9 +154,8 @@ def test_bota_dummy_of_the_real_driver():
     config.genA_sensor_operation_params.app_submode = 1
     source = BotaSource(config)
     assert source.info.rate_hz == 20
-    rows = watched(source, 10)
-    assert rows.wrench.shape[1] == 6
-    assert (rows.time_s[-1] - rows.time_s[1]) / (len(rows) - 2) == pytest.approx(0.05, rel=0.1)
+    time_s = joined(watched(source, 10), "time_s")
+    assert (time_s[-1] - time_s[1]) / (len(time_s) - 2) == pytest.approx(0.05, rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -165,7 +171,7 @@ def test_bota_dummy_of_the_real_driver():
         ("ros2://t?rate_hz=1", ImportError, "first `source /opt/ros"),
     ],
 )
-def test_what_cannot_be_opened(url, error, match, bota, monkeypatch):
+def test_open_source_bad_url_of_contrib_is_refused(url, error, match, bota, monkeypatch):
     for missing in ("rtde_receive", "rclpy"):
         monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(error, match=match):

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from granular_id_contrib import NOT_RUN, ros2
+from granular_id_contrib import NOT_RUN, ros2, ros2_node
 from granular_id_contrib.ros2_node import ArmedTrigger, main
 
 import granular_id as gid
@@ -55,7 +55,7 @@ class FakeRos(Fake):
         self.script = iter(())
         self.types, self.rate_hz, self.frame_ids = ["geometry_msgs/msg/WrenchStamped"], 500.0, repeat("tool0")
         self.pose = None
-        self.published, self.services = {}, {}
+        self.published, self.services, self.timers = {}, {}, []
         self._n = count()
 
     def modules(self):
@@ -89,6 +89,7 @@ class FakeRos(Fake):
             get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(to_msg=lambda: "now")),
             create_publisher=self._publisher,
             create_subscription=self._subscribe,
+            create_timer=lambda period_s, call: self.timers.append(call),
             create_service=lambda kind, name, answer: self.services.update({name: answer}),
             get_publishers_info_by_topic=lambda topic: [
                 SimpleNamespace(topic_type=one) for one in self.types
@@ -110,7 +111,9 @@ class FakeRos(Fake):
         return SimpleNamespace(add_node=lambda node: None, spin_once=self._spin, shutdown=shutdown)
 
     def _spin(self, timeout_sec):
-        time.sleep(0.001)
+        time.sleep(0.001)  # as a spin waits for its messages
+        for call in self.timers:
+            call()
         for _ in range(5):
             row = next(self.script, self)
             if row is self:
@@ -251,21 +254,12 @@ def test_node_lost_message_fails_the_push_unless_filled(ros, run):
 
 
 def test_node_diagnostics_say_whether_it_is_armed(ros, run):
-    def said():
-        every = [array.status[0] for array in ros.published["/diagnostics"]]
-        return {one.message: {v.key: v.value for v in one.values} for one in every}
-
-    def script():
-        for _ in range(1000):
-            if "waits for ~/arm" in said():
-                break
-            yield from rest(25)
-        yield from pushes(ros)
-
-    ros.script = script()
+    ros.script = chain(rest(300), pushes(ros))
     run("--n", "1")
-    assert said()["waits for ~/arm"]["armed"] == "false"
-    assert "complete" in said()
+    every = [array.status[0] for array in ros.published["/diagnostics"]]
+    values = {one.message: {v.key: v.value for v in one.values} for one in every}
+    assert (values["waits for ~/arm"]["armed"], values["armed"]["armed"]) == ("false", "true")
+    assert values["armed"]["missing"] == "0"
 
 
 TURNED = ((0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)), (0.0, 0.0, -0.1))
@@ -367,14 +361,15 @@ def rows_of(force_n, from_s=0.0):
     return Rows(wrench, from_s + np.arange(len(force_n)), numbers, numbers.astype(np.uint8), numbers)
 
 
-def test_armed_trigger_runs_out():
-    trigger = ArmedTrigger(0.5, arm_s=0.0)
+def test_armed_trigger_runs_out(monkeypatch):
+    trigger = ArmedTrigger(0.5)
     assert trigger.allow(rows_of([0.0] * 10)) is None
+    monkeypatch.setattr(ros2_node.time, "monotonic", lambda: trigger._until_s)
     assert trigger.index(rows_of([1.0] * 10)) is None
 
 
 def test_armed_trigger_motion_before_the_rest_is_no_push():
-    trigger = ArmedTrigger(0.5, arm_s=30.0)
+    trigger = ArmedTrigger(0.5)
     assert trigger.allow(rows_of([0.0] * 10, from_s=5.0)) is None
     assert trigger.index(rows_of([3.0] * 5 + [0.0] * 10 + [1.0])) == 15
 
