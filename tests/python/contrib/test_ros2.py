@@ -250,7 +250,8 @@ def test_node_lost_message_fails_the_push_unless_filled(ros, run):
     ros.script = pushes(ros, lost={300, 301})
     run("--n", "1", "--max-gap", "2")
     [(level, _, values)] = ros.answers()
-    assert (level, json.loads(values["warnings"])[0]) == (DiagnosticStatus.WARN, "gap")
+    assert level == DiagnosticStatus.WARN
+    assert "gap" in json.loads(values["warnings"])
 
 
 def test_node_diagnostics_say_whether_it_is_armed(ros, run):
