@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal as signals
 import socket
-import struct
 import subprocess
 import sys
 import threading
@@ -12,8 +11,8 @@ import threading
 import numpy as np
 import pytest
 
-from granular_id._core import RdtReceiver, WrenchBuffer
-from granular_id.live.netft_page import FORCE_UNITS, TORQUE_UNITS, NetftPageError
+from granular_id._core import WrenchBuffer
+from granular_id.live.netft_page import NetftPageError
 from granular_id.live.rdt import RdtSource
 from granular_id.live.source import WrenchSource
 from granular_id.live.stream import opened
@@ -46,22 +45,6 @@ def test_rdt_info_holds_what_the_page_says():
     assert info.full_scale == (290, 290, 580, 10, 10, 10)
     assert info.meta["variant"] == "netft"
     assert info.meta["page"]["setbias"] == "1;2;3;4;5;6"
-
-
-@pytest.mark.parametrize(("force", "torque"), [("N", "Nm"), ("klbf", "lbf-in"), ("g", "kg-cm")])
-def test_rdt_rows_are_in_newton_and_newton_metre(force, torque):
-    page = {
-        "scfgfu": force,
-        "scfgtu": torque,
-        "cfgcpf": repr(1e5 * float(FORCE_UNITS[force])),
-        "cfgcpt": repr(1e6 * float(TORQUE_UNITS[torque])),
-    }
-    with FakeNetft(signal(4), page=page, n_records=4) as box, streaming(box) as (source, buffer):
-        rows = taken(buffer, 4)
-    assert source.info.full_scale == pytest.approx((290, 290, 580, 10, 10, 10))
-    # as near as whole counts allow
-    step = np.array([0.51e-5] * 3 + [0.51e-6] * 3)
-    assert (abs(rows - signal(4)) < step).all()
 
 
 def test_rdt_bias_is_sent_only_when_asked_for():
@@ -123,32 +106,6 @@ def test_rdt_box_that_never_answers_is_left():
     assert box.requests[-1] == STOP
     assert "of 10 requests" in failed[0]
     assert "another client may own the stream" in failed[0]
-
-
-@pytest.mark.parametrize("n_real", [0, 3])
-def test_rdt_first_datagram_of_junk_is_no_stream(n_real):
-    records = [struct.pack(">3I6i", i, 14 * i, 0, *[1000 * i] * 6) for i in range(1, n_real + 1)]
-
-    def answer(box):
-        asked = 0
-        while asked < 2:  # the period, then the stream
-            request, client = box.recvfrom(8)
-            asked += request[2:4] in (b"\0\x82", b"\0\x02")
-        for datagram in (b"\xde\xad\xbe\xef" * 9, *records):
-            box.sendto(datagram, client)
-
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as box:
-        box.bind(("127.0.0.1", 0))
-        threading.Thread(target=answer, args=(box,), daemon=True).start()
-        source = RdtSource("127.0.0.1", box.getsockname()[1], variant="onrobot")
-        if not n_real:
-            with pytest.raises(TimeoutError, match=r"no stream .* \(1 datagrams made none\)"):
-                source.start(buffer_of(source))
-            return
-        with streaming(box, source=source) as (_, buffer):
-            assert taken(buffer, n_real)[:, 0].tolist() == [0.1, 0.2, 0.3]
-        counters = source.health().counters
-        assert (counters["implausible"], counters["lost"], counters["restarts"]) == (1, 0, 0)
 
 
 def test_rdt_second_client_takes_the_stream():
@@ -249,27 +206,6 @@ def test_rdt_kind_and_rates_follow_from_page_and_options(page, options, wanted):
 def test_rdt_contradicting_rate_or_kind_is_refused(page, options, error, words):
     with FakeNetft(page=page) as box, pytest.raises(error, match=words):
         source_of(box, **options)
-
-
-def test_rdt_receiver_bad_argument_is_refused():
-    good = {
-        "variant": "netft", "counts_per_newton": 1e6, "counts_per_newton_metre": 1e6, "limits": [1.0] * 6,
-        "rate_hz": 500.0, "buffered": False,
-    }  # fmt: skip
-    RdtReceiver("127.0.0.1", 49152, **good)
-    for name, value, words in [
-        ("variant", "ati", "variant must be 'netft'"),
-        ("counts_per_newton", 0.0, "counts_per_newton must be from 1 to 1e9, got 0"),
-        ("counts_per_newton_metre", float("nan"), "counts_per_newton_metre must be from 1 to 1e12, got NaN"),
-        ("limits", [1.0] * 5 + [float("nan")], "limits must be positive"),
-        ("rate_hz", float("inf"), "rate_hz must be positive"),
-    ]:
-        with pytest.raises(ValueError, match=words):
-            RdtReceiver("127.0.0.1", 49152, **{**good, name: value})
-    with pytest.raises(ValueError, match="n_axes must be 6, got 3"):
-        RdtReceiver("127.0.0.1", 49152, **good).start(WrenchBuffer(n_axes=3))
-    with pytest.raises(ConnectionError, match="no address"):
-        RdtReceiver("no-such-host.invalid", 1, **good).start(WrenchBuffer())
 
 
 BEGIN = """

@@ -100,18 +100,6 @@ def test_sim_materials_are_drawn(materials):
     assert seen <= known
 
 
-def test_sim_unknown_pushes_are_others_than_named_ones():
-    named, unknown = SimSource("rice", seed=4), SimSource("unknown", seed=4)
-    push = unknown.world.plan(0.03, 0.1)
-    while unknown.truth != "rice":
-        unknown.world.cut(push)
-        push = unknown.world.plan(0.03, 0.1)
-    first = named.world.plan(0.03, 0.1)
-    assert not np.array_equal(push.wrench, first.wrench)
-    set_up = ("gain_log", "off_axis_x_m")
-    assert [push.meta["conditions"][n] for n in set_up] == [first.meta["conditions"][n] for n in set_up]
-
-
 def test_sim_push_that_cannot_be_is_refused():
     bench = world()
     bench.plan(0.03, 0.5)
