@@ -157,7 +157,7 @@ class RdtSource:
 
     @property
     def threads(self) -> list[int]:
-        """Native ids of the threads that receive, also those of other boxes; none where the system does not list them."""
+        """Native ids of the threads that receive, also those of other boxes; none where nobody lists them."""
         found = []
         for task in Path("/proc/self/task").glob("*/comm"):
             with suppress(OSError):  # a thread that has ended

@@ -65,13 +65,15 @@ class ReplaySource(ThreadedSource):
         # What all that know it agree in; `setups` has each.
         self.setups = tuple(dict.fromkeys(setups_in(recordings)))
         known = {name: values[0] for name, values in values_in(self.setups).items() if len(values) == 1}
-        common = {name: known.pop(name, None) for name in ("frame", "sign", "serial")}
         labels = sorted({str(r.label) for r in self._recordings if r.label})
         super().__init__(
             SourceInfo(
                 f"replay of {counted(len(recordings))}",
                 rate_hz,
                 device_clock=True,
+                frame=known.pop("frame", None),
+                sign=known.pop("sign", None),
+                serial=known.pop("serial", None),
                 synthetic=recordings.is_synthetic,
                 speed=positive_number("speed", speed),
                 meta={
@@ -82,7 +84,6 @@ class ReplaySource(ThreadedSource):
                 axes=recordings.axes,
                 units=tuple(common_units(recordings)),
                 repeats=True,
-                **common,
             )
         )
 

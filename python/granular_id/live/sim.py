@@ -121,12 +121,10 @@ class SimWorld:
     def travel_m(self) -> float:
         """Return how far the tool is from its start."""
         with self._lock:
-            push = self.push
-            return (
-                0.0
-                if push is None
-                else float(push.rig.travel_m((self.tick - push.start_tick) / self.rate_hz))
-            )
+            if self.push is None:
+                return 0.0
+            time_s = (self.tick - self.push.start_tick) / self.rate_hz
+            return float(self.push.rig.travel_m(np.array(time_s)))
 
     def cut(self, push: PlannedPush) -> None:
         """Stop a push where it is: the tool leaves the bed."""

@@ -105,7 +105,7 @@ class SourceUrl:
         value = self.options.get(name, default)
         if value not in known:
             raise self._refused(name, "one of " + ", ".join(map(str, known)))
-        return known[known.index(value)]  # type: ignore[arg-type]  # of another type it is not among them
+        return known[known.index(value)]
 
     def words(self, name: str) -> tuple[str, ...] | None:
         """Return an option that is a list, in a URL divided by commas; None where it is not given."""

@@ -344,7 +344,8 @@ def counts_of(signal: ArrayLike | None, per_newton: float, per_newton_metre: flo
         raise argument_error(ValueError, "signal", f"has shape {wrench.shape}; wanted (n, 6), N and N m")
     exact = np.rint(wrench * np.repeat([per_newton, per_newton_metre], 3))
     limits = np.iinfo(np.int32)
-    return np.clip(exact, limits.min, limits.max).astype(np.int32)
+    counts: NDArray[np.int32] = np.clip(exact, limits.min, limits.max).astype(np.int32)
+    return counts
 
 
 def page_text(changes: Mapping[str, str | None]) -> bytes:

@@ -2,7 +2,6 @@
 
 import _thread
 import json
-import sys
 import time
 from dataclasses import replace
 from itertools import chain, count, repeat
@@ -322,13 +321,6 @@ def test_node_silent_topic_is_published_as_a_failure(ros, run):
     assert "ROS 2 topic /ft delivered nothing for 1 s" in run(code=2)
     [(level, _, values)] = ros.answers()
     assert (level, values["failure"]) == (DiagnosticStatus.ERROR, "no rows")
-
-
-def test_node_without_ros_says_how_to_source_it(run, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rclpy", None)
-    assert "rclpy is needed for this sensor or robot: first `source /opt/ros/DISTRO/setup.bash`" in run(
-        code=2
-    )
 
 
 def test_node_ctrl_c_ends_it_with_the_summary(ros, run, heeding_interrupts):

@@ -56,13 +56,6 @@ def test_page_units_are_exact():
     assert metric | others == TORQUE_UNITS
 
 
-def test_page_scale_takes_units_into_account():
-    assert page().counts_per_newton == page().counts_per_newton_metre == 1e6
-    assert page(scfgfu="lbf").counts_per_newton == float(Fraction(10**6) / FORCE_UNITS["lbf"])
-    assert page(scfgtu="Nmm", cfgcpt="1000.5").counts_per_newton_metre == 1_000_500
-    assert page(scfgfu=" N\n").counts_per_newton == 1e6
-
-
 NO_NUMBERS = (None, "", "0", "-1e6", "nan", "inf", "1e400", "1/2", "1_0", "abc", "x" * 500, "Ⅷ")
 
 
