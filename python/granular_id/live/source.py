@@ -118,9 +118,10 @@ class SourceInfo:
             object.__setattr__(self, name, value)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what is known as JSON-like values; what is None is left out."""
+        """Return what is known as JSON-like values, without what is None and the axes of a wrench."""
         known = ((each.name, thaw(getattr(self, each.name))) for each in fields(self))
-        return {name: value for name, value in known if value is not None}
+        usual = () if self.axes != AXES else ("axes", "units") if self.units == UNITS else ("axes",)
+        return {name: value for name, value in known if value is not None and name not in usual}
 
     @property
     def units_of_axes(self) -> dict[str, str]:
