@@ -57,7 +57,7 @@ def main() -> None:
     load_before = os.getloadavg()
     with tempfile.TemporaryDirectory() as folder:
         stamps = Path(folder, "stamps.npy")
-        command = [sys.executable, "-m", "granular_id.testing.fake_netft", "--rate-hz", str(options.rate_hz)]
+        command = [sys.executable, "-m", "granular_id.testing", "--rate-hz", str(options.rate_hz)]
         command += ["--records", str(n_records), "--stamps", str(stamps)]
         box = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert box.stdout is not None

@@ -17,7 +17,9 @@ import numpy as np
 import rerun as rr
 
 from granular_id import Identifier
-from granular_id.live import LiveIdentifier, Snapshot, Stream, Views, opened, stop_on_signals
+from granular_id.live import LiveIdentifier, Views, opened, stop_on_signals
+from granular_id.live.snapshot import Snapshot
+from granular_id.live.stream import Stream
 from granular_id.recording import AXES
 
 TIMELINE = "device_time"

@@ -47,7 +47,6 @@ class BotaSource(ThreadedSource):
         self._driver = driver.BotaDriver(config)
         if not self._driver.configure():
             raise ConnectionError("the Bota sensor could not be configured: see what its driver printed")
-        self._n_throttled = 0
         super().__init__(
             SourceInfo(
                 "Bota sensor",
@@ -79,10 +78,6 @@ class BotaSource(ThreadedSource):
             driver.deactivate()
             driver.shutdown()
 
-    def counters(self) -> dict[str, int]:
-        """Return how many frames said that others were left out."""
-        return {"throttled": self._n_throttled}
-
     def deliver(self, buffer: WrenchBuffer, stopping: threading.Event) -> None:
         """Write every frame as it comes."""
         try:
@@ -90,7 +85,6 @@ class BotaSource(ThreadedSource):
                 frame = self._driver.read_frame_blocking()
                 status = frame.status
                 flags = SampleFlag.BAD_STATUS * status.invalid | SampleFlag.SATURATED * status.overrange
-                self._n_throttled += bool(status.throttled)
                 buffer.push([*frame.force, *frame.torque], frame.timestamp / _TICK_HZ, flags=int(flags))
         finally:
             self._shut_down()

@@ -85,7 +85,7 @@ class Ros2Source(ThreadedSource):
         ros_args: Sequence[str] = (),
     ) -> None:
         self._frame_for = frame_for
-        self._sink: WrenchBuffer | None = None
+        self._sink: WrenchBuffer  # from the start on: no message is taken before
         self._frame_id: str | None = None  # of the messages
         self._target: str | None = None  # that they are turned into
         self._tf: Any = None
@@ -137,7 +137,7 @@ class Ros2Source(ThreadedSource):
         frame_id, stamp = message.header.frame_id, message.header.stamp
         if frame_id != self._frame_id:
             self._begin(frame_id)
-        if self._sink is None or (self._target is not None and self._pose is None):
+        if self._target is not None and self._pose is None:
             return  # tf is still to come
         force, torque = message.wrench.force, message.wrench.torque
         wrench = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
@@ -236,9 +236,8 @@ class StampLine:
 def open_url(url: SourceUrl) -> Ros2Source:
     """Make the source of ``ros2://TOPIC?rate_hz=500``."""
     url.allow("rate_hz")
-    if "rate_hz" not in url.options:
-        raise ValueError(f"url {url.text!r} needs the rate of the topic: ?rate_hz=500")
-    topic = "/" + (url.host + url.path).strip("/")
-    if topic == "/":
-        raise ValueError(f"url {url.text!r} has no topic; wanted ros2://ft_sensor/wrench?rate_hz=500")
-    return Ros2Source(topic, url.number("rate_hz", 500.0))
+    topic, rate_hz = (url.host + url.path).strip("/"), url.number("rate_hz", None)
+    for name, given in (("rate of the topic", rate_hz), ("topic", topic)):
+        if not given:
+            raise ValueError(f"there is no {name}; wanted ros2://ft_sensor/wrench?rate_hz=500")
+    return Ros2Source("/" + topic, rate_hz)

@@ -16,14 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from granular_id._core import WindowError
 from granular_id.identifier import Identifier, setup_comparison
 from granular_id.live import (
     CaptureError,
-    FailureReason,
     ForceTrigger,
     LiveIdentifier,
     Push,
-    WindowError,
     opened,
     setup_of,
     stop_on_signals,
@@ -36,9 +35,6 @@ __all__ = ["ArmedTrigger", "main"]
 
 _REST_S, _ARM_S, _FOR_EVER_S = 0.25, 30.0, 1e6
 _LATE_S, _DIAGNOSE_S = 0.02, 1.0
-
-_LOSSES = ("missing", "missed")
-"""Counters: samples that never came, by their stamps; samples that came and were read too late."""
 
 
 class ArmedTrigger(ForceTrigger):
@@ -108,21 +104,20 @@ class _Node:
         else:
             level, text = "WARN" if decision.unknown or decision.warnings else "OK", decision.sentence()
             values = decision.to_dict() | {"synthetic_model": live.model.synthetic}
-        counts = live.stream.health().counters
-        values |= {name: counts.get(name, 0) for name in _LOSSES}
-        values |= {"lag_s": live.stream.lag_s(), "push": live.n_pushes}
+        values |= self._stream(live) | {"push": live.n_pushes}
         self._publish(self._answers, level, "answer", text, values)
+
+    def _stream(self, live: LiveIdentifier) -> dict[str, Any]:
+        """Return how many samples never came, by their stamps, and how late the newest is."""
+        return {"missing": live.stream.health().counters["missing"], "lag_s": live.stream.lag_s()}
 
     def _diagnose(self) -> None:
         if self.live is None:
             return
-        stream, armed = self.live.stream, self._trigger is None or self._trigger.is_armed
-        counts, lag_s = stream.health().counters, stream.lag_s()
-        values = {name: counts.get(name, 0) for name in _LOSSES}
-        n_before, self._n_lost = self._n_lost, sum(values.values())
-        level = "OK" if lag_s <= _LATE_S and self._n_lost == n_before else "WARN"
-        text = "armed" if armed else "waits for ~/arm"
-        self._publish(self._diagnostics, level, "stream", text, {"armed": armed, "lag_s": lag_s} | values)
+        values, armed = self._stream(self.live), self._trigger is None or self._trigger.is_armed
+        n_before, self._n_lost = self._n_lost, values["missing"]
+        level = "OK" if values["lag_s"] <= _LATE_S and self._n_lost == n_before else "WARN"
+        self._publish(self._diagnostics, level, "stream", "armed" if armed else "waits for ~/arm", values)
 
     def _publish(self, publisher: Any, level: str, name: str, message: str, values: dict[str, Any]) -> None:
         node, pair = self._source.node, self._msg.KeyValue
@@ -183,8 +178,7 @@ def _run(options: argparse.Namespace) -> None:
         setup = setup_of(
             source, None, "force" if trigger is None else lambda: trigger, threshold_n=threshold_n
         )
-        names = ("accept", "max_gap", "pre_s")
-        settings = {name: getattr(options, name) for name in names}
+        settings = {name: getattr(options, name) for name in ("accept", "max_gap", "pre_s")}
         node.live = live = LiveIdentifier(stream, model, setup, timeout_s=_FOR_EVER_S, **settings)
         for difference in live.differences:
             print(f"warning: {setup_mismatch(difference)}")
@@ -193,9 +187,8 @@ def _run(options: argparse.Namespace) -> None:
         print(f"{source.info.name}: ready", flush=True)
         try:
             for push in live.pushes():
-                if push.reason is not FailureReason.NO_TRIGGER:
-                    node.answer(push)
-                    print(push, flush=True)
+                node.answer(push)
+                print(push, flush=True)
                 if live.n_answered == options.n:
                     break
         except CaptureError as error:

@@ -102,23 +102,17 @@ class URSource(ThreadedSource):
 
 
 class URMotion:
-    """A motion that runs in the controller."""
+    """A motion that runs in the controller, until the next one is commanded."""
+
+    error: str | None = None
 
     def __init__(self, control: Any, start_time_s: float | None, report: Mapping[str, Any]) -> None:
-        self.start_time_s = start_time_s
-        self.start_host_ns = host_ns()
-        self.error: str | None = None
+        self.start_time_s, self.start_host_ns = start_time_s, host_ns()
         self._control, self._report = control, report
-        self._done = False
 
     def finished(self) -> bool:
-        """Return whether the motion has ended; where the controller cannot be asked, it counts as going on."""
-        if not self._done:
-            try:
-                self._done = not self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
-            except Exception as error:  # whatever the library raises
-                self.error = f"{type(error).__name__}: {error}"
-        return self._done
+        """Return whether the motion has ended; what the library raises is for who asks."""
+        return not self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
 
     def report(self) -> Mapping[str, Any]:
         """Return what was commanded."""

@@ -1,13 +1,14 @@
 """A small model; sessions to be shown: blocks of simulated pushes, decisions that grow, snapshots made of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from granular_id import Decision, Identifier
 from granular_id._core import AXES, UNITS
-from granular_id.live import FailureReason, Push, SnapshotBuilder
+from granular_id.live import FailureReason, Push
+from granular_id.live.snapshot import SnapshotBuilder
 from granular_id.synthetic import PAPER_MATERIALS, synthesize
 
 CLASSES = tuple(material.name for material in PAPER_MATERIALS)
@@ -43,19 +44,16 @@ def block(wrench, first=0, *, missing_before=None, epoch=0, missed=0):
     return Block(wrench, time_s, gaps, epoch, missed)
 
 
-def push(material="rice", seed=0, rest=400):
+def push():
     """Half-still rows, then one push."""
-    wrench = synthesize([material], n_per_class=1, seed=seed)[0].wrench
-    still = wrench[:40][np.random.default_rng(seed).integers(0, 40, rest)]
+    wrench = synthesize(["rice"], n_per_class=1, seed=0)[0].wrench
+    still = wrench[:40][np.random.default_rng(0).integers(0, 40, 400)]
     return np.vstack([still, wrench]), wrench
 
 
 def new_builder(rate_hz=RATE_HZ, spec=None, classes=(), **session):
     """A builder for a wrench, unless `session` says otherwise."""
-    whole = {"n_samples": 1600, "source": "a bench", "synthetic": False, "max_lag_s": 0.02}
-    return SnapshotBuilder(
-        rate_hz, spec, classes, **(whole | {"axes": AXES, "units": UNITS, "hop_s": None} | session)
-    )
+    return SnapshotBuilder(rate_hz, spec, classes, **{"axes": AXES, "units": UNITS} | session)
 
 
 def answer(seconds, *, final=False, classes=CLASSES, **options):
@@ -73,7 +71,16 @@ def answer(seconds, *, final=False, classes=CLASSES, **options):
     return Decision(ranking[0][0], ranking, margin, final=final, seconds=seconds, n_seen=n_seen, **options)
 
 
-def listening(seconds=3.2, *, step=25, classes=CLASSES, **options):
+def hopping(**session):
+    """A snapshot of answers that go on, one every half second for 50 s."""
+    builder = new_builder(100.0, classes=CLASSES, n_samples=170, hop_s=0.5, **session)
+    for k in range(100):
+        builder.rows(block(np.full((250, len(builder.build("arming").axes)), k), 250 * k))
+        snapshot = builder.build("answering", replace(answer(3.2, final=True), seconds=1.7))
+    return snapshot
+
+
+def listening(seconds=3.2, *, step=25, classes=CLASSES):
     """A builder and the last snapshot of a capture that went on for so long; after 3.2 s it is over."""
     rows, wrench = push()
     builder = new_builder(classes=classes, source="sim:rice", synthetic=True)
@@ -89,11 +96,8 @@ def listening(seconds=3.2, *, step=25, classes=CLASSES, **options):
         decision = answer(now, final=over, classes=classes)
         if over:
             builder.end_capture(Push(decision))
-        snapshot = builder.build(
-            "complete" if over else "triggered",
-            decision,
-            **({"lag_s": 0.0012, "counters": {"written": n}, "n_captures": 12, "n_correct": 12} | options),
-        )
+        state, now = "complete" if over else "triggered", {"n_captures": 12, "n_correct": 12}
+        snapshot = builder.build(state, decision, lag_s=0.0012, **now)
     return builder, snapshot
 
 

@@ -15,6 +15,8 @@ from granular_id._text import counted, fixed, known_label, listed, percent, shor
         (fixed(12.345, 1), "12.3"),
         (fixed(1e300, 1), "1e+300"),
         (fixed(10**400), "1.000e+400"),
+        (fixed(1e-300, 300), "1e-300"),
+        (fixed(float("nan"), 1), "nan"),
         (listed([]), ""),
         (listed(["a"]), "a"),
         (listed(["a", "b", "c"]), "a, b and c"),

@@ -59,7 +59,7 @@ def heeding_interrupts() -> Iterator[None]:
 @contextmanager
 def stopping_the_robot() -> Iterator[None]:
     """Stop the robot on every signal that ends a session, say so where it moved, and exit with the signal's code."""
-    from granular_id.live.stopping import robot_was_stopped, stop_on_signals
+    from granular_id.live.signals import stop_on_signals, stopped_robots
 
     over = threading.Event()
     with stop_on_signals():
@@ -71,7 +71,9 @@ def stopping_the_robot() -> Iterator[None]:
             if number is None:
                 raise
             leave_lost_terminal()
-            robot = "the robot is stopped, " if robot_was_stopped() else ""
+            robot = {True: "the robot is stopped, ", False: "THE ROBOT MAY STILL MOVE, ", None: ""}[
+                stopped_robots()
+            ]
             show(f"Ended by {number.name}: {robot}no file was left half-written.", "yellow", err=True)
             raise typer.Exit(128 + number) from None
         finally:

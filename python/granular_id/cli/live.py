@@ -32,9 +32,15 @@ from granular_id.cli.outputs import LIVE_ANSWERS, check_outputs, show, warn_of_s
 from granular_id.cli.recordings import ACCEPT, Difference
 
 if TYPE_CHECKING:
-    from granular_id.live import Capture, Push, Recorder, Views, WrenchSource
-    from granular_id.live.drive import Step
+    from granular_id.identifier import Identifier
+    from granular_id.live import Push, Recorder
+    from granular_id.live.capture import Capture
+    from granular_id.live.push import Step
+    from granular_id.live.robot import Robot
+    from granular_id.live.session import Session
     from granular_id.live.setup import Setup
+    from granular_id.live.source import WrenchSource
+    from granular_id.live.stream import Stream
 
 _MOST_SPEED, _MOST_BUFFER_S = 1000.0, 600.0
 """At 500 Hz a buffer of so many seconds takes 30 MB; at the highest speed a push takes 4 ms."""
@@ -110,7 +116,11 @@ class Moving:
         "What starts a recording. auto: the robot's motion; without a robot the force.",
         default="auto",
     )
-    threshold_n: float = option(MOTION, "Change of force that is a motion, newton.", default=0.5)
+    threshold_n: float = option(
+        MOTION,
+        "Change of force that is a motion, newton; a quarter of what may change before an arm moves.",
+        default=0.5,
+    )
     max_gap: int = option(
         LIMITS, "Missing samples in a row that are filled in, flagged; more: again.", default=0
     )
@@ -126,8 +136,8 @@ class Moving:
     timeout_s: float = option(LIMITS, "How long to wait for the motion.", default=30.0)
     max_force_n: float | None = option(
         LIMITS,
-        "A sample of a larger force (length of fx, fy, fz as the sensor tells them, newton) stops the robot and ends "
-        "the session. Default: none.",
+        "A larger change of force from rest (length of fx, fy, fz, newton) stops the robot and ends the session. "
+        "Default: none.",
     )
     max_torque_n_m: float | None = option(LIMITS, "The same of tx, ty, tz, newton metre. Default: none.")
 
@@ -154,7 +164,7 @@ class Moving:
             "max_force_n": self.max_force_n,
             "max_torque_n_m": self.max_torque_n_m,
         }
-        self.of_windows = {"max_gap": self.max_gap, "max_lag_s": self.max_lag_s}
+        self.of_windows: dict[str, Any] = {"max_gap": self.max_gap, "max_lag_s": self.max_lag_s}
 
     def setup(self, source: WrenchSource) -> Setup:
         """Choose robot and trigger."""
@@ -267,7 +277,7 @@ def live(
     Examples:
 
     `granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --view`
-    `granular-id live --source "sim:unknown?materials=rice,fine_sugar" --model simulated.safetensors --n 20 --speed 10`
+    `granular-id live --source sim:rice,fine_sugar --model simulated.safetensors --n 20 --speed 10`
     `granular-id live --source replay:drive.csv --model grounds.safetensors --hop-s 0.5 --view`
     `granular-id live --source rdt://192.168.1.1 --model kitchen.safetensors --archive seen`
     """
@@ -282,35 +292,23 @@ def live(
     sensing.refuse_absent()
 
     from granular_id.identifier import Identifier
-    from granular_id.live import CaptureError, LiveIdentifier, Views, opened
+    from granular_id.live import CaptureError, HopIdentifier, LiveIdentifier, Views, opened
 
     identifier = Identifier.load(model)
     source = sensing.open(axes=identifier.axes)
-    if identifier.synthetic and not source.info.synthetic:
-        show(
-            "warning: the model was trained on SYNTHETIC recordings; its answers about real materials mean nothing",
-            "bold yellow",
-        )
-    if early and identifier.core.early is None:
-        show(
-            "note: the model has no early rule (see granular-id model info): it answers at the end of a push"
-        )
+    _warn_of_model(identifier, source, early=early)
     with ExitStack() as stack:
         stream = stack.enter_context(opened(source, sensing.buffer_s))
-        setup = None if hop_s is not None else stack.enter_context(closing(moving.setup(source)))
-        views = stack.enter_context(Views([]))
-        _open_views(views, view=view, port=port, browser=not no_browser, quiet=quiet)
-        identifying = LiveIdentifier(
-            stream,
-            identifier,
-            setup,
-            early=early,
-            pre_s=pre_s,
-            hop_s=hop_s,
-            views=views,
-            accept=[one.value for one in accept or []],
-            **(moving.of_pushes if hop_s is None else moving.of_windows),
-        )
+        opened_views = _open_views(view=view, port=port, browser=not no_browser, quiet=quiet)
+        views = stack.enter_context(Views(opened_views))
+        common: dict[str, Any] = {"views": views, "accept": [one.value for one in accept or []]}
+        if hop_s is not None:
+            common |= moving.of_windows
+            identifying: Session = HopIdentifier(stream, identifier, hop_s, **common)
+        else:
+            setup = stack.enter_context(closing(moving.setup(source)))
+            common |= {"early": early, "pre_s": pre_s} | moving.of_pushes
+            identifying = LiveIdentifier(stream, identifier, setup, **common)
         warn_of_setups(identifying.differences)
         synthetic = {"synthetic": source.info.synthetic, "synthetic_model": identifier.synthetic}
         keep = stack.enter_context(keeping.writing(identifier.axes, synthetic))
@@ -335,6 +333,18 @@ def live(
             show(f"{in_options(identifying.summary())}{'; the source came to its end' * over}")
 
 
+def _warn_of_model(model: Identifier, source: WrenchSource, *, early: bool) -> None:
+    if model.synthetic and not source.info.synthetic:
+        show(
+            "warning: the model was trained on SYNTHETIC recordings; its answers about real materials mean nothing",
+            "bold yellow",
+        )
+    if early and model.core.early is None:
+        show(
+            "note: the model has no early rule (see granular-id model info): it answers at the end of a push"
+        )
+
+
 def _refuse_with_hop(moving: Moving, *, early: bool, pre_s: float | None) -> None:
     """Refuse what is about pushes, where answers go on."""
     given = ["--early"] * early + ["--pre-s"] * (pre_s is not None)
@@ -350,18 +360,19 @@ def _check_views(*, view: bool, port: int, no_browser: bool) -> None:
         raise ValueError(f"{'--port' if port else '--no-browser'} is about the page: add --view")
 
 
-def _open_views(views: Views, *, view: bool, port: int, browser: bool, quiet: bool) -> None:
-    """Open what was asked for, one by one: what is open is closed where the next cannot be opened."""
+def _open_views(*, view: bool, port: int, browser: bool, quiet: bool) -> list[Any]:
     from granular_id.live import MonitorServer, TerminalView
 
+    views: list[Any] = []
     if view:
         page = MonitorServer(port)
-        views.add(page)
+        views.append(page)
         show(f"page: {page.url}")
         if browser:
             webbrowser.open(page.url)
     if not quiet:
-        views.add(TerminalView(Console(highlight=False)))
+        views.append(TerminalView(Console(highlight=False)))
+    return views
 
 
 WHAT = "What to record"
@@ -419,12 +430,13 @@ def record(
     if archive is None and is_parquet_archive(folder):
         raise ValueError(f"-o {folder} is an archive: give it by --archive, or name another folder")
     labels = _labels_in(label, sensing.source)
-    # All of them before the first push: a misspelt material is found out now.
+    # All of them before the first push: a misspelt material is found now.
     places = [(sensing.open(url), names) for url, names in _places(labels, sensing.source).items()]
     n_refused = 0
     with made_folder(folder):
         for source, names in places:
             with opened(source, sensing.buffer_s) as stream, closing(moving.setup(source)) as setup:
+                _refuse_absent_hands(stream, setup.robot, labels, n)
                 recorder = Recorder(
                     stream,
                     setup.robot,
@@ -531,6 +543,23 @@ class _Prompt:
         if capture.state.value == "armed" and self._said is not capture:
             self._said = capture
             show("ready: push now" if self._by_hand else "ready", "bold")
+
+
+def _refuse_absent_hands(stream: Stream, robot: Robot | None, labels: list[str], n: int) -> None:
+    """Refuse what needs a person at the container where nobody can be asked: else one bed gets two labels."""
+    from granular_id.live.setup import starts_exactly
+
+    if stream.info.synthetic or stream.replays or sys.stdin.isatty():
+        return
+    nobody = "and nobody can be asked: standard input is no terminal"
+    if len(labels) > 1:
+        raise ValueError(
+            f"--label names {len(labels)} materials, somebody must change them, {nobody}; record one at a time"
+        )
+    if n > 1 and starts_exactly(robot) and not hasattr(robot, "move_back"):
+        raise ValueError(
+            f"--n {n}: somebody must bring the robot back after each push, as it cannot go back itself, {nobody}"
+        )
 
 
 def _wait_for(title: str) -> None:

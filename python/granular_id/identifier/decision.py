@@ -93,14 +93,19 @@ class Decision:
         """Return the answer in words; `stage` says how far it is."""
         name = f"like no known material, nearest {self.label}" if self.unknown else self.label
         before = f"{name}{',' * bool(self.unknown)} {stage}:" if stage else f"{name},"
-        line = f"{before} margin {fixed(self.margin, 3)}"
+        line = f"{before} {self.lead()}"
+        return f"{line} ({', '.join(self.warnings)})" if self.warnings else line
+
+    def lead(self) -> str:
+        """Return in words by how much the answer leads, and what else it may be."""
+        line = f"margin {fixed(self.margin, 3)}"
         if len(self.ranking) > 1:
             line += f" ahead of {self.ranking[1][0]}"
         if self.probability is not None:
             line += f", probability {self.probability:.3f}"
         if len(self.candidates) > 1:
             line += f"; may be {' or '.join(self.candidates)}"
-        return f"{line} ({', '.join(self.warnings)})" if self.warnings else line
+        return line
 
     def to_dict(self) -> dict[str, Any]:
         """Return the decision in types that JSON knows; computes the probability."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from granular_id._checks import whole_number
 from granular_id.identifier import Identifier
-from granular_id.live.capture import CaptureError
-from granular_id.live.identification import LiveIdentifier, refuse_with_hop, trained_model
+from granular_id.live.identification import LiveIdentifier
+from granular_id.live.outcome import CaptureError
 from granular_id.live.robot import Robot
 from granular_id.live.setup import setup_of
 from granular_id.live.source import WrenchSource
@@ -47,15 +47,15 @@ def identify(
     n : int, optional
         Number of answers; default: on and on, until the source comes to its end.
     robot, trigger
-        Who moves and what starts a capture, see `granular_id.live.setup_of`; not with `hop_s`.
+        Who moves and what starts a recording, see `granular_id.live.setup_of`.
     early : bool, default False
         Answer as soon as the model's early rule is met.
     on_failure : {"raise", "skip"}, default "raise"
         A push that could not be captured (a gap, saturation ...): raise CaptureError, or go on with the next.
-        Always raised: a limit of force or torque that was passed, a source or robot that fails, a signal (see
-        `FailureReason.is_lasting`).
+        Always raised: a limit of force or torque that was passed, a source or robot that fails, three failures of a
+        robot in a row, a signal (see `FailureReason.is_lasting`).
     **settings
-        `pre_s`, `hop_s`, `views`, `accept` and the limits of `LiveIdentifier`.
+        `pre_s`, `views`, `accept` and the limits of `LiveIdentifier`.
 
     Yields
     ------
@@ -81,9 +81,15 @@ def identify(
     if on_failure not in ("raise", "skip"):
         raise ValueError(f"on_failure must be 'raise' or 'skip', got {on_failure!r}")
     n = None if n is None else whole_number("n", n)
-    if settings.get("hop_s") is not None:
-        refuse_with_hop(robot=robot not in (None, "none", "auto"), trigger=trigger != "auto")
-    return _answers(source, trained_model(model), n, (robot, trigger), early, on_failure, settings)
+    return _answers(
+        source,
+        model if isinstance(model, Identifier) else Identifier.load(model),
+        n,
+        (robot, trigger),
+        early,
+        on_failure,
+        settings,
+    )
 
 
 def _answers(
@@ -96,8 +102,8 @@ def _answers(
     settings: dict[str, Any],
 ) -> Iterator[Decision]:
     with opened(source) as stream, ExitStack() as stack:
-        setup = setup_of(stream.source, *mover) if settings.get("hop_s") is None else None
-        if setup is not None and isinstance(mover[0], str):  # else the robot is the caller's
+        setup = setup_of(stream.source, *mover)
+        if isinstance(mover[0], str):  # else the robot is the caller's
             stack.callback(setup.close)
         live = LiveIdentifier(stream, model, setup, early=early, **settings)
         for push in live.pushes(n):

@@ -8,8 +8,7 @@ import math
 import secrets
 import socket
 import sys
-from collections.abc import Generator
-from contextlib import closing
+from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
@@ -55,6 +54,8 @@ _SECURITY = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
     "Connection": "close",
+    "Allow": "GET",
+    "WWW-Authenticate": "Bearer",
 }
 
 
@@ -74,7 +75,6 @@ class MonitorServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    request_queue_size = 64
 
     def __init__(self, port: int = 0) -> None:
         if not 0 <= port <= 65535:
@@ -84,8 +84,7 @@ class MonitorServer(ThreadingHTTPServer):
         except OSError as error:
             raise type(error)(f"cannot serve the monitor on port {port}: {error.strerror}") from error
         self.token = secrets.token_urlsafe(24)
-        self.port: int = self.server_address[1]
-        self.url = f"http://{_LOOPBACK}:{self.port}/{self.token}/"
+        self.url = f"http://{_LOOPBACK}:{self.server_address[1]}/{self.token}/"
         self._changed = Condition()
         self._number, self._frame, self._is_over = 0, b"", False
         self._n_browsers = 0
@@ -111,8 +110,8 @@ class MonitorServer(ThreadingHTTPServer):
         self.shutdown()
         self.server_close()
 
-    def frames(self) -> Generator[bytes, None, None]:
-        """Yield the newest frame whenever there is another, until the end; now and then, that there is none."""
+    def send_frames(self, send: Callable[[bytes], object]) -> None:
+        """Send the newest frame whenever there is another, until the end; now and then, that there is none."""
         seen, is_over = 0, False
         with self._changed:
             self._n_browsers += 1
@@ -122,7 +121,7 @@ class MonitorServer(ThreadingHTTPServer):
                     self._changed.wait_for(lambda: self._number != seen or self._is_over, _QUIET_S)  # noqa: B023
                     data = self._frame if self._number != seen else _event("quiet")
                     seen, is_over = self._number, self._is_over
-                yield data + _event("end") * is_over
+                send(data + _event("end") * is_over)
         finally:
             with self._changed:
                 self._n_browsers -= 1
@@ -146,39 +145,34 @@ class _Handler(BaseHTTPRequestHandler):
         hosts = self.headers.get_all("Host", [])
         token, slash, name = self.path[1:].partition("?")[0].partition("/")
         if len(hosts) != 1 or hosts[0].strip().rsplit(":", 1)[0].lower() not in _HOSTS:
-            self._answer(HTTPStatus.FORBIDDEN, b"This page is for the machine it runs on.\n")
+            self._answer(403, b"This page is for the machine it runs on.\n")
         elif not secrets.compare_digest(token.encode(), self.server.token.encode()):
-            why = b"The address lacks its secret: open the one that was printed when the session began.\n"
-            self._answer(HTTPStatus.UNAUTHORIZED, why, **{"WWW-Authenticate": "Bearer"})
+            self._answer(
+                401, b"The address lacks its secret: open the one that was printed at the beginning.\n"
+            )
         elif name == "events":
-            self._stream()
+            self.connection.settimeout(self.stalled_s)
+            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+            self._answer(200, None, "event-stream")
+            self.server.send_frames(self.wfile.write)
         elif slash and name in _FILES:
-            self._answer(HTTPStatus.OK, *_FILES[name])
+            self._answer(200, *_FILES[name])
         else:
-            self._answer(HTTPStatus.NOT_FOUND, b"There is no such page.\n")
+            self._answer(404, b"There is no such page.\n")
 
-    def _stream(self) -> None:
-        self.connection.settimeout(self.stalled_s)
-        self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
-        self._answer(HTTPStatus.OK, None, "event-stream")
-        with closing(self.server.frames()) as frames:
-            for data in frames:
-                self.wfile.write(data)
-
-    def _answer(self, status: HTTPStatus, body: bytes | None, kind: str = "plain", **headers: str) -> None:
+    def _answer(self, status: int, body: bytes | None, kind: str = "plain") -> None:
         self.send_response_only(status)
         length = {} if body is None else {"Content-Length": str(len(body))}
-        fields = {"Content-Type": f"text/{kind}; charset=utf-8", **length, **_SECURITY, **headers}
-        for name, value in fields.items():
+        for name, value in {"Content-Type": f"text/{kind}; charset=utf-8", **length, **_SECURITY}.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body or b"")
 
-    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:  # noqa: ARG002
+    def send_error(self, code: int, *_: object) -> None:
         if code == HTTPStatus.NOT_IMPLEMENTED:
-            self._answer(HTTPStatus.METHOD_NOT_ALLOWED, b"This page is for reading only.\n", Allow="GET")
+            self._answer(405, b"This page is for reading only.\n")
         else:
-            self._answer(HTTPStatus(code), b"This is no request that a browser would send.\n")
+            self._answer(code, b"This is no request that a browser would send.\n")
 
     def log_message(self, *_: object) -> None:
         """Nobody reads it."""
@@ -226,7 +220,7 @@ def _axis(snapshot: Snapshot, i: int) -> dict[str, Any]:
     return {
         "name": snapshot.axes[i],
         "unit": unit,
-        "value": snapshot.words.values[i],
+        "value": snapshot.words.values[i].replace("-", "\u2212"),
         "wrench": _curve(wrench, low, max(math.ceil(high / step) * step, low + step)),
         "residual": _curve(residual, -end, end),
         "bins": {
@@ -250,13 +244,11 @@ def _ranking(snapshot: Snapshot) -> dict[str, Any]:
     until, (low, high) = max(snapshot.span_s, times[-1]), _extremes(losses)
     zero = 0.0 if snapshot.hop_s is None else until  # where answers go on, times are before now
     step = next((step for step in (0.2, 1, 2, 10, 60) if until <= 8 * step), 600)
-    shares = (losses - low) / max(high - low, 1e-6)
+    shares, order = (losses - low) / max(high - low, 1e-6), np.argsort(losses[-1])
     return {
         "at": _packed(times / until),
-        "lines": [
-            (snapshot.classes[k], fixed(losses[-1, k], 3), _packed(shares[:, k]))
-            for k in np.argsort(losses[-1])
-        ],
+        "names": [(snapshot.classes[k], fixed(losses[-1, k], 3)) for k in order],
+        "curves": [_packed(shares[:, k]) for k in order],
         "levels": [fixed(level, 2) for level in (low, (low + high) / 2, high)],
         "ticks": [(tick / until, _label(tick - zero)) for tick in np.arange(0, until * 1.0001, step)],
     }

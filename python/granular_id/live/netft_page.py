@@ -6,11 +6,11 @@ that does not give them, or gives what no sensor has, is refused.
 
 from __future__ import annotations
 
+import math
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 from http.client import HTTPConnection, HTTPException, HTTPResponse
 
 from granular_id._core import RDT_SCALE_LIMITS
@@ -32,21 +32,20 @@ KEPT = (
 )  # fmt: skip
 """Fields that a recording should keep, where they are there."""
 
-_KGF = Fraction("9.80665")
-_LBF = Fraction("0.45359237") * _KGF
-_INCH = Fraction("0.0254")
+_KGF = 9.80665
+_LBF = 0.45359237 * _KGF
+_INCH = 0.0254
 
-FORCE_UNITS: Mapping[str, Fraction] = {
-    "N": Fraction(1), "kN": Fraction(1000), "lbf": _LBF, "klbf": 1000 * _LBF, "kgf": _KGF, "g": _KGF / 1000,
+FORCE_UNITS: Mapping[str, float] = {
+    "N": 1.0, "kN": 1e3, "lbf": _LBF, "klbf": 1e3 * _LBF, "kgf": _KGF, "g": 1e-3 * _KGF,
 }  # fmt: skip
-"""Newton per unit of force, exact by definition of the units (``g`` is gram-force)."""
+"""Newton per unit of force, by definition of the units (``g`` is gram-force)."""
 
-TORQUE_UNITS: Mapping[str, Fraction] = {
-    "Nm": Fraction(1), "N-m": Fraction(1), "Nmm": Fraction(1, 1000), "N-mm": Fraction(1, 1000),
-    "kN-m": Fraction(1000), "kNm": Fraction(1000), "kg-cm": _KGF / 100, "kgf-cm": _KGF / 100,
-    "lbf-in": _LBF * _INCH, "lbf-ft": _LBF * 12 * _INCH,
+TORQUE_UNITS: Mapping[str, float] = {
+    "Nm": 1.0, "N-m": 1.0, "Nmm": 1e-3, "N-mm": 1e-3, "kN-m": 1e3, "kNm": 1e3, "kg-cm": 0.01 * _KGF,
+    "kgf-cm": 0.01 * _KGF, "lbf-in": _LBF * _INCH, "lbf-ft": 12 * _INCH * _LBF,
 }  # fmt: skip
-"""Newton metre per unit of torque, exact."""
+"""Newton metre per unit of torque."""
 
 # Internal rates that are believed: Net F/T 7000 Hz, Axia 488 to 7912 Hz. Some firmware gives a mere index there.
 _TICK_HZ = (100.0, 1e6)
@@ -64,7 +63,7 @@ class NetftPage:
     fields: Mapping[str, str]
     counts_per_newton: float
     counts_per_newton_metre: float
-    """Scale of the records, units taken into account; rounded once."""
+    """Scale of the records, units taken into account."""
     rate_hz: float
     """Records per second that the box is set to send."""
     tick_hz: float | None
@@ -83,17 +82,17 @@ class NetftPage:
         return axia_rate or "axia" in self.text("prodname").lower()
 
 
-def read_page(host: str, port: int = 80, *, timeout_s: float = TIMEOUT_S) -> NetftPage:
-    """Ask a box for its page, which must be there within `timeout_s`: else an OSError with the address."""
+def read_page(host: str, port: int) -> NetftPage:
+    """Ask a box for its page, which must be there within `TIMEOUT_S`: else an OSError with the address."""
     url = f"http://{host}{PATH}" if port == 80 else f"http://{host}:{port}{PATH}"
-    connection = HTTPConnection(host, port, timeout=timeout_s)
-    until_s = time.monotonic() + timeout_s
+    connection = HTTPConnection(host, port, timeout=TIMEOUT_S)
+    until_s = time.monotonic() + TIMEOUT_S
     try:
         connection.request("GET", PATH, headers={"Connection": "close"})
         response = connection.getresponse()
         text = _read(response, until_s)
     except TimeoutError as error:
-        raise TimeoutError(f"{url} did not answer within {timeout_s:g} s") from error
+        raise TimeoutError(f"{url} did not answer within {TIMEOUT_S:g} s") from error
     except (OSError, HTTPException) as error:
         raise ConnectionError(
             f"{url} cannot be read: {error or type(error).__name__}; is the address that of the sensor box? "
@@ -126,22 +125,22 @@ def parse_page(text: bytes, url: str) -> NetftPage:
         came = repr(fields[name][:60]) if name in fields else "missing"
         return NetftPageError(f"{url}: field {name} is {came}; wanted {wanted}")
 
-    def positive(name: str, what: str) -> Fraction:
+    def positive(name: str, what: str) -> float:
         value = _number(fields.get(name, ""))
-        if value is None or value <= 0:
+        if not value > 0:
             raise refused(name, f"a number above 0 ({what})")
         return value
 
-    def unit(name: str, units: Mapping[str, Fraction]) -> Fraction:
+    def unit(name: str, units: Mapping[str, float]) -> float:
         if fields.get(name) not in units:
             raise refused(name, "one of " + ", ".join(units))
         return units[fields[name]]
 
-    def scale(name: str, unit: Fraction, of: str, limits: tuple[float, float]) -> float:
+    def scale(name: str, unit: float, of: str, limits: tuple[float, float]) -> float:
         value = positive(name, f"counts per unit of {'force' if of == 'newton' else 'torque'}") / unit
         if not limits[0] <= value <= limits[1]:
-            raise refused(name, f"{limits[0]:g} to {limits[1]:g} counts per {of}, got {float(value):g}")
-        return float(value)
+            raise refused(name, f"{limits[0]:g} to {limits[1]:g} counts per {of}, got {value:g}")
+        return value
 
     force, torque = unit("scfgfu", FORCE_UNITS), unit("scfgtu", TORQUE_UNITS)
     ticks = (_number(fields.get(name, "")) for name in ("runrate", "setrate"))
@@ -150,8 +149,8 @@ def parse_page(text: bytes, url: str) -> NetftPage:
         fields,
         scale("cfgcpf", force, "newton", RDT_SCALE_LIMITS[0]),
         scale("cfgcpt", torque, "newton metre", RDT_SCALE_LIMITS[1]),
-        rate_hz=float(positive("comrdtrate", "records per second")),
-        tick_hz=next((float(n) for n in ticks if n is not None and _TICK_HZ[0] <= n <= _TICK_HZ[1]), None),
+        rate_hz=positive("comrdtrate", "records per second"),
+        tick_hz=next((n for n in ticks if _TICK_HZ[0] <= n <= _TICK_HZ[1]), None),
         full_scale=_full_scale(fields.get("cfgmr", ""), [force] * 3 + [torque] * 3),
     )
 
@@ -169,18 +168,18 @@ def _fields(text: bytes, url: str) -> dict[str, str]:
     return fields
 
 
-def _full_scale(text: str, units: list[Fraction]) -> tuple[float, ...] | None:
+def _full_scale(text: str, units: list[float]) -> tuple[float, ...] | None:
     """Return the range of the six axes, if it is there: numbers divided by semicolons, commas or blanks."""
-    parts = text.replace(";", " ").replace(",", " ").split()
-    numbers = [_number(part) for part in parts]
-    known = [n * unit for n, unit in zip(numbers, units, strict=False) if n is not None and n > 0]
-    return tuple(float(n) for n in known) if len(known) == len(parts) == 6 else None
+    numbers = [_number(part) for part in text.replace(";", " ").replace(",", " ").split()]
+    if len(numbers) != 6 or not all(number > 0 for number in numbers):
+        return None
+    return tuple(number * unit for number, unit in zip(numbers, units, strict=True))
 
 
-def _number(text: str) -> Fraction | None:
-    # float keeps out the huge powers of ten that Fraction would write out in full
+def _number(text: str) -> float:
+    """Return a finite number, NaN for everything else."""
     try:
         number = float(text)
-        return Fraction(text) if abs(number) < 1e15 and "/" not in text and "_" not in text else None
-    except (ValueError, OverflowError):
-        return None
+    except ValueError:
+        return math.nan
+    return number if math.isfinite(number) else math.nan

@@ -24,50 +24,45 @@ _REFUSED = (
 )
 
 _lock = threading.Lock()
-_switches: list[float] = []  # one for each that is at work; the first is what it was before
+_before: list[float] = []  # switch intervals, one for each that is at work; the first is the program's own
 
 
 @contextmanager
-def at_once(threads: Iterable[int] = ()) -> Iterator[None]:
+def at_once(threads: Iterable[int] = ()) -> Iterator[bool]:
     """Let the calling thread, and those with these native ids, run as soon as they have something to do.
 
-    They get SCHED_FIFO where it is granted, threads and processes that they start do not; afterwards all is as before.
-    Only threads that mostly wait may have it: nothing of usual priority runs on their core meanwhile.
+    They get SCHED_FIFO where it is granted (then this yields True), what they start does not; afterwards all is as
+    before. Only for threads that mostly wait: nothing of usual priority runs on their core meanwhile.
     """
     with _lock:
-        _switches.append(sys.getswitchinterval())
-        sys.setswitchinterval(min(_SWITCH_S, _switches[0]))
-    before: dict[int, int | None] = {}
+        _before.append(sys.getswitchinterval())
+        sys.setswitchinterval(min(_SWITCH_S, _before[0]))
+    own = threading.get_native_id()
+    raised = [
+        thread for thread in {own, *threads} if _raised(thread, _WATCHING if thread == own else _READING)
+    ]
     try:
-        own = threading.get_native_id()
-        for thread in dict.fromkeys((own, *threads)):
-            before[thread] = _raised(thread, _WATCHING if thread == own else _READING)
-        yield
+        yield own in raised
     finally:
-        for thread, policy in before.items():
-            if policy is not None:
-                with suppress(OSError):  # a thread that has ended
-                    # Without the flag only who may do anything can set it again.
-                    os.sched_setscheduler(thread, policy | os.SCHED_RESET_ON_FORK, os.sched_param(0))
+        for thread in raised:
+            with suppress(OSError):  # a thread that has ended
+                os.sched_setscheduler(thread, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
         with _lock:
-            switch_s = _switches[0]
-            _switches.pop()
-            if not _switches:
-                sys.setswitchinterval(switch_s)
+            first = _before[0]
+            _before.pop()
+            if not _before:
+                sys.setswitchinterval(first)
 
 
-def _raised(thread: int, priority: int) -> int | None:
-    """Give a thread real-time priority; return what it had, None where it is not granted, or it has that already."""
+def _raised(thread: int, priority: int) -> bool:
+    """Give a thread of usual priority that of real time; False: it is not granted, or it has another already."""
     if not hasattr(os, "sched_setscheduler"):
-        return None
-    try:
-        policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
-        if policy in (os.SCHED_FIFO, os.SCHED_RR):
-            return None
-        os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
-    except OSError:
-        return None
-    return policy
+        return False
+    with suppress(OSError):
+        if os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER:
+            os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+            return True
+    return False
 
 
 def reading_threads(source: object) -> list[int]:
@@ -77,10 +72,7 @@ def reading_threads(source: object) -> list[int]:
 
 
 def warn_if_refused() -> None:
-    """Warn, once a process, where the system grants the calling thread no real-time priority."""
-    thread = threading.get_native_id()
-    with at_once():
-        known = hasattr(os, "sched_getscheduler")
-        policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK if known else None
-    if policy is None or policy not in (os.SCHED_FIFO, os.SCHED_RR):
-        warnings.warn(_REFUSED, RuntimeWarning, stacklevel=1)
+    """Warn where the system grants the calling thread no real-time priority."""
+    with at_once() as granted:
+        if not granted:
+            warnings.warn(_REFUSED, RuntimeWarning, stacklevel=1)

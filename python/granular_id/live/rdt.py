@@ -9,9 +9,9 @@ import math
 import weakref
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
-from granular_id._checks import argument_error, positive_number
+from granular_id._checks import argument_error, finite_number, positive_number
 from granular_id._core import RDT_PORT, RdtReceiver, WrenchBuffer
 from granular_id.live.netft_page import KEPT, SYNTHETIC_FIELD, NetftPage, NetftPageError, read_page
 from granular_id.live.source import Health, SourceInfo
@@ -88,13 +88,11 @@ class RdtSource:
     ) -> None:
         if variant not in VARIANTS:
             raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
-        for name, value in (("rate_hz", rate_hz), ("tick_hz", tick_hz)):
-            if value is not None:
-                positive_number(name, value)
+        finite_number("http_port", http_port, least=1, most=65535)
         self._place = f"{host}:{port}"
         if variant == "onrobot":
             kind, (force, torque) = "onrobot", _ON_ROBOT_COUNTS
-            self._info = _on_robot(host, rate_hz or 500.0, tick_hz)
+            self._info = _on_robot(host, 500.0 if rate_hz is None else rate_hz, tick_hz)
         else:
             page = read_page(host, http_port)
             kind = variant if variant != "auto" else "axia" if page.is_axia else "netft"
@@ -131,12 +129,9 @@ class RdtSource:
         ConnectionError, TimeoutError
             Nobody listens there; no record within a second: another client may own the stream.
         """
-        if not isinstance(buffer, WrenchBuffer):
-            raise argument_error(TypeError, "buffer", f"must be a WrenchBuffer, got {type(buffer).__name__}")
-        if buffer.tick_hz != self._info.tick_hz:
-            problem = (
-                f"must have tick_hz={self._info.tick_hz:g}, as info.tick_hz says, got {buffer.tick_hz:g}"
-            )
+        tick_hz = self._info.tick_hz
+        if getattr(buffer, "tick_hz", tick_hz) != tick_hz:
+            problem = f"must have tick_hz={tick_hz:g}, as info.tick_hz says, got {buffer.tick_hz:g}"
             raise argument_error(ValueError, "buffer", problem)
         self._receiver.start(buffer)
 
@@ -178,20 +173,21 @@ def open_url(url: SourceUrl) -> RdtSource:
     """Make a source of ``rdt://HOST[:PORT][?http_port=80&variant=auto&rate_hz=&tick_hz=&buffered=0]``."""
     url.allow("http_port", "variant", "rate_hz", "tick_hz", "buffered")
     if url.path not in ("", "/"):
-        raise ValueError(f"url {url.text!r} has the path {url.path!r}; wanted rdt://HOST[:PORT][?OPTIONS]")
+        raise ValueError(f"it has the path {url.path!r}; wanted rdt://HOST[:PORT][?OPTIONS]")
+    variant: Any = url.options.get("variant", "auto")
     return RdtSource(
         url.need_host(),
         RDT_PORT if url.port is None else url.port,
         http_port=url.whole("http_port", 80),
-        variant=url.choice("variant", "auto", VARIANTS),
+        variant=variant,
         rate_hz=url.number("rate_hz", None),
         tick_hz=url.number("tick_hz", None),
-        buffered=url.choice("buffered", "0", (False, True, "0", "1")) in (True, "1"),
+        buffered=bool(url.whole("buffered", 0)),
     )
 
 
 def _on_robot(host: str, rate_hz: float, tick_hz: float | None) -> SourceInfo:
-    period_ms = max(1, round(1000 / rate_hz))
+    period_ms = max(1, round(1000 / positive_number("rate_hz", rate_hz)))
     if not math.isclose(1000 / period_ms, rate_hz, rel_tol=1e-9):
         problem = f"must be 1000 Hz over a whole number of milliseconds for an OnRobot box, got {rate_hz:g}"
         raise argument_error(ValueError, "rate_hz", problem)
@@ -209,20 +205,14 @@ def _of_page(
             f"{page.url}: fields runrate and setrate give no rate of the sensor in Hz, in which samples are stamped; "
             "state it: tick_hz=7000 for a Net F/T, for an Axia the ADC rate of its web page"
         )
-    if tick_hz not in (None, ticks):
-        raise argument_error(
-            ValueError, "tick_hz", f"={tick_hz:g} was stated, {page.url} says {ticks:g}; leave it out"
-        )
     # The page rounds: a box sends every k-th sample, and 2333 is 7000 / 3. Other boxes send samples of uneven
     # distance: then what the page says is the mean.
     nearest = ticks / max(1, round(ticks / page.rate_hz))
     rate_hz = nearest if abs(nearest - page.rate_hz) < 1 else page.rate_hz
-    if stated_hz is not None and not math.isclose(stated_hz, rate_hz, rel_tol=1e-3):
-        problem = (
-            f"={stated_hz:g} was stated, {page.url} says {page.rate_hz:g} (comrdtrate); set the rate on the box's "
-            "own web page, or leave it out"
-        )
-        raise argument_error(ValueError, "rate_hz", problem)
+    for name, stated, found in (("rate_hz", stated_hz, rate_hz), ("tick_hz", tick_hz, ticks)):
+        if stated is not None and not math.isclose(stated, found, rel_tol=1e-3):
+            problem = f"={stated:g} was stated, {page.url} says {found:g}; leave it out, or set the box's rate there"
+            raise argument_error(ValueError, name, problem)
     number = page.fields.get("setuserfilter", "")
     return SourceInfo(
         f"{page.text('prodname') or 'Net F/T'} {host}",

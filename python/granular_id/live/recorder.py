@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from granular_id._checks import argument_error, checked_flag, checked_text
 from granular_id._core import MAX_NAME_BYTES
@@ -17,27 +15,17 @@ from granular_id.io.folder_save import safe_name
 from granular_id.io.npz import save_npz
 from granular_id.io.parquet.layout import is_parquet_archive
 from granular_id.io.parquet.writing import append, check_archive
-from granular_id.live.drive import (
-    Step,
-    capture_from,
-    drive,
-    limits_matter,
-    motion_duration_s,
-    push_facts,
-    truth_of,
-    was_cut_short,
-)
-from granular_id.live.priority import warn_if_refused
-from granular_id.live.robot import Motion, Robot, checked_move, checked_robot
+from granular_id.live.capture import Capture
+from granular_id.live.limits import Limits
+from granular_id.live.push import Pushes, Step
+from granular_id.live.robot import Robot, checked_robot
+from granular_id.live.session import utc_stamp
 from granular_id.live.setup import starts_exactly
 from granular_id.live.stream import Stream, checked_stream
 from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
 from granular_id.recording import Dataset, Recording
 
-if TYPE_CHECKING:
-    from granular_id.live.capture import Capture
-
-__all__ = ["Recorded", "Recorder", "checked_label", "utc_stamp"]
+__all__ = ["Recorded", "Recorder", "checked_label"]
 
 
 @dataclass(frozen=True)
@@ -75,11 +63,15 @@ class Recorder:
         without a robot.
     direction, speed_m_s
         See `Robot.move_line`; the paper's 0.03 m/s.
+    n_samples : int, default 1600
+        Rows of a recording, those before the trigger included: the paper's 3.2 s at 500 Hz.
+    pre_s : float, default 0.25
+        Rest before the trigger that belongs to a recording.
     on_step : callable, optional
-        Called as ``on_step(step, capture)`` many times a second, for views; see `drive`.
+        Called as ``on_step(step, capture)`` many times a second, for views. The robot is watched
+        however long it takes.
     **limits
-        `n_samples`, `pre_s`, `max_gap`, `allow_saturated`, `rate_tolerance`, `max_lag_s`, `lag_patience_s`,
-        `timeout_s`, `max_force_n`, `max_torque_n_m` of `Capture`.
+        What a push must be like, see `Limits`.
 
     Raises
     ------
@@ -113,6 +105,8 @@ class Recorder:
         archive: bool = False,
         session: str | None = None,
         trigger: Callable[[], Trigger] | None = None,
+        n_samples: int = 1600,
+        pre_s: float = 0.25,
         direction: Sequence[float] = (1.0, 0.0, 0.0),
         speed_m_s: float = 0.03,
         on_step: Callable[[Step, Capture], object] | None = None,
@@ -132,15 +126,18 @@ class Recorder:
         self.session = checked_text(utc_stamp() if session is None else session, "session", spaced=False)
         self.folder = Path(folder)
         self.last: Recording | None = None
-        self._stream, self._robot, self._trigger = stream, robot, trigger
-        self._direction, self._speed_m_s = direction, speed_m_s
-        self._on_step, self._limits = on_step, limits
-        self._n_recorded = self._n_tried = 0
-        self._back_first = False
-        capture = self._new_capture()
-        checked_move(direction, speed_m_s, motion_duration_s(capture))
-        if limits_matter(stream, robot, capture):
-            warn_if_refused()
+        self._on_step = on_step
+        self._n_recorded = 0
+        self._pushes = Pushes(
+            stream,
+            robot,
+            trigger,
+            Limits(**limits),
+            n_samples=n_samples,
+            pre_s=pre_s,
+            direction=direction,
+            speed_m_s=speed_m_s,
+        )
         self._archive = checked_flag("archive", archive)
         if archive:
             check_archive(self.folder, stream.info.axes)
@@ -152,7 +149,7 @@ class Recorder:
                 check_target(self.folder / "recording.npz")
 
     def record(self, label: str) -> Recorded:
-        """Wait for rest, push, and store what the sensor saw.
+        """Wait for rest, push, and store what the sensor saw. A push that began before the call is none.
 
         Parameters
         ----------
@@ -167,43 +164,30 @@ class Recorder:
         ------
         CaptureError
             There is no recording; ``reason`` and the text say why. No file was written, the robot was stopped; or
-            it could not be (`FailureReason.ROBOT`), and no push begins before its motion has ended (see `drive`).
+            it could not be (`FailureReason.ROBOT`). After a limit, an error of the robot and three failures in a row
+            nothing moves until `resume`.
         OSError
             It cannot be written (disk full ...); the recording is still in `last`.
         KeyboardInterrupt
             On Ctrl-C; the robot was stopped.
         """
         label = checked_label(label)
-        capture = self._new_capture()
-        motion: Motion | None = None
-        # The first one may begin with the first row there is: a replay does not wait.
-        reader = self._stream.buffer.reader(from_oldest=not self._n_tried)
-        self._n_tried += 1
-        back_first, self._back_first = self._back_first, False
-        steps = drive(
-            self._stream,
-            capture,
-            robot=self._robot,
-            direction=self._direction,
-            speed_m_s=self._speed_m_s,
-            reader=reader,
-            back_first=back_first,
-        )
-        with closing(steps):
-            for step in steps:
-                motion = step.motion or motion
+        push = next(self._pushes)
+        with push:
+            for step in push:
                 if self._on_step is not None:
-                    self._on_step(step, capture)
-        self._back_first = was_cut_short(capture, motion)
-        capture.raise_failure()
+                    self._on_step(step, push.capture)
+        push.capture.raise_failure()
         self._n_recorded += 1
         stem = f"{safe_name(label)}_{utc_stamp()}_{self._n_recorded}"
-        facts = push_facts(truth_of(self._stream, capture), motion)
-        self.last = capture.recording(label, session=self.session, name=stem, meta=facts)
+        self.last = push.capture.recording(
+            label, session=self.session, name=stem, meta=push.facts(push.truth)
+        )
         return Recorded(self.last, self._write(self.last, safe_name(label), stem))
 
-    def _new_capture(self) -> Capture:
-        return capture_from(self._stream, self._trigger(), **self._limits)
+    def resume(self) -> None:
+        """Let the robot move again after a limit, an error or three failures, from where the tool stands now."""
+        self._pushes.resume()
 
     def _write(self, recording: Recording, folder: str, stem: str) -> Path:
         if self._archive:
@@ -227,8 +211,3 @@ def checked_label(label: str) -> str:
             ValueError, "label", f"must have at most {MAX_NAME_BYTES} bytes, as in models, got {n_bytes}"
         )
     return label
-
-
-def utc_stamp() -> str:
-    """Return the time of day as it stands in names and sessions."""
-    return datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")

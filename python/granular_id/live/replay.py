@@ -7,7 +7,7 @@ from bisect import bisect_right
 
 import numpy as np
 
-from granular_id._checks import finite_number, positive_number
+from granular_id._checks import finite_number
 from granular_id._core import WrenchBuffer
 from granular_id._text import counted
 from granular_id.io import load
@@ -61,7 +61,6 @@ class ReplaySource(ThreadedSource):
         self._recordings = list(recordings)
         lengths = [recording.n_samples for recording in self._recordings]
         self._starts = [0, *np.cumsum(np.asarray(lengths) + pause).tolist()][:-1]
-        self._tick = 0
         # What all that know it agree in; `setups` has each.
         self.setups = tuple(dict.fromkeys(setups_in(recordings)))
         known = {name: values[0] for name, values in values_in(self.setups).items() if len(values) == 1}
@@ -75,29 +74,18 @@ class ReplaySource(ThreadedSource):
                 sign=known.pop("sign", None),
                 serial=known.pop("serial", None),
                 synthetic=recordings.is_synthetic,
-                speed=positive_number("speed", speed),
-                meta={
-                    "labels": labels,
-                    "sensor": None,
-                    **known,
-                },  # the sensor is not known unless recordings name it
+                speed=speed,
+                meta={"labels": labels, "sensor": None, **known},  # not this source, but the one they name
                 axes=recordings.axes,
                 units=tuple(common_units(recordings)),
                 repeats=True,
             )
         )
 
-    @property
-    def truth(self) -> str | None:
-        """Label of the recording that is played, or was played last."""
-        return self._label_at(self._tick - 1)
-
     def truth_at(self, time_s: float) -> str | None:
         """Return the label of the recording that a sample is of, by its device time."""
-        return self._label_at(round(time_s * self.info.rate_hz))
-
-    def _label_at(self, tick: int) -> str | None:
-        return self._recordings[max(bisect_right(self._starts, tick) - 1, 0)].label
+        tick = round(time_s * self.info.rate_hz)
+        return self._recordings[bisect_right(self._starts, tick) - 1].label
 
     def trigger(self) -> Trigger:
         """Return a trigger that fires where the recordings say that the motion began; by force where they do not."""
@@ -124,7 +112,6 @@ class ReplaySource(ThreadedSource):
                     end = min(sent + n, recording.n_samples)
                     flags = None if recording.flags is None else recording.flags[sent:end]
                     times_s = np.arange(start + sent, start + end) / self.info.rate_hz
-                    self._tick = start + end
                     buffer.push_block(recording.wrench[sent:end], times_s, flags=flags)
                     sent = end
                 if stopping.wait(pace.period_s):
@@ -137,10 +124,10 @@ def open_url(url: SourceUrl) -> ReplaySource:
     Options: ``speed``, ``pause_s``, and ``axes``, ``units`` and ``rate_hz`` of `granular_id.load`.
     """
     url.allow("speed", "pause_s", "axes", "units", "rate_hz")
-    speed, pause_s = url.number("speed", 1.0), url.number("pause_s", 1.0, positive=False)
-    axes, units, rate_hz = url.words("axes"), url.words("units"), url.number("rate_hz", None)
-    try:
-        data = load(url.path, axes=axes, units=units, rate_hz=rate_hz)
-        return ReplaySource(data, speed=speed, pause_s=pause_s)
-    except ValueError as error:
-        raise ValueError(f"url {url.text!r}: {error}") from error
+    speed, pause_s, rate_hz = (
+        url.number("speed", 1.0),
+        url.number("pause_s", 1.0),
+        url.number("rate_hz", None),
+    )
+    data = load(url.path, axes=url.words("axes"), units=url.words("units"), rate_hz=rate_hz)
+    return ReplaySource(data, speed=speed, pause_s=pause_s)

@@ -16,7 +16,6 @@ __all__ = [
     "CallbackRobot",
     "ManualRobot",
     "Motion",
-    "Pose",
     "Robot",
     "TimedMotion",
     "checked_motion",
@@ -28,12 +27,6 @@ MAX_SPEED_M_S = 1.0
 """Thirty times the paper's: what is faster is a speed in mm/s or cm/s, and would move an arm before anybody notices."""
 
 _POLL_S = 0.02
-
-_CROSSING_S = 0.1
-"""How long a command may take to reach a robot that was stopped meanwhile."""
-
-Pose = tuple[float, float, float, float, float, float]
-"""Position x y z (m) and rotation vector rx ry rz (rad) of the tool in the robot's base frame."""
 
 
 @runtime_checkable
@@ -65,17 +58,20 @@ class Robot(Protocol):
 
     :doc:`/sensors/own_sensor` shows how to write one in a few lines.
 
-    A robot may also have ``move_back() -> Motion | None``: begin to move to where the last push began and return at
-    once, None to stay. It is called when a push was recorded whole and the robot stands. After one that failed (a
-    gap, the rate ...) or was answered early the tool stays where it was stopped, and goes back first when the next push
-    is asked for; after a limit, an error of the robot or a signal it is never sent back by itself.
+    A robot may have two more methods, which are used where it has them:
 
-    Use one within `granular_id.live.stop_on_signals`: without it, SIGTERM (``kill``) and SIGHUP (a closed terminal) end
-    the program before `stop` is called.
+    ``tcp_pose() -> sequence of 6 float, or None``
+        Where the tool is: x y z (m) and a rotation vector rx ry rz (rad) in the base frame. A tool beyond its path is
+        stopped, a push that begins elsewhere than the first one is refused, and a tool that stands is known to stand.
+    ``move_back() -> Motion, or None``
+        Begin to move to where the last push began and return at once; None to stay. It is called when a push is over,
+        and before the next one where it was stopped on its way. After a limit or an error of the robot it is never
+        called by itself.
+
+    Everything but `stop` is called from a thread of the motion, one call after another, which no other thread waits
+    for. Use a robot within `granular_id.live.stop_on_signals`: without it, SIGTERM (``kill``) and SIGHUP (a closed
+    terminal) end the program before `stop` is called.
     """
-
-    def tcp_pose(self) -> Pose | None:
-        """Return where the tool is; None where the robot cannot tell."""
 
     def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> Motion:
         """Begin to move straight on and return at once.
@@ -92,17 +88,15 @@ class Robot(Protocol):
     def stop(self) -> None:
         """Stop as soon as it is safe; the motion's `finished` says when it stands.
 
-        Called on every failure and on Ctrl-C, also when nothing moves; a second time, and from another thread, where a
-        command may cross with the first call or the main thread is held up (`granular_id.live.stop_on_signals`).
+        Called again every 50 ms until the robot stands, each time from another thread, also while an earlier call has
+        not returned, and while `move_line` has not.
         """
 
 
 def checked_robot(robot: object) -> Robot:
     """Return a robot, or say what it lacks."""
     if not isinstance(robot, Robot):
-        raise argument_error(
-            TypeError, "robot", f"must have tcp_pose, move_line and stop, got {type(robot).__name__}"
-        )
+        raise argument_error(TypeError, "robot", f"must have move_line and stop, got {type(robot).__name__}")
     return robot
 
 
@@ -186,10 +180,6 @@ class ManualRobot:
         self._motion: TimedMotion | None = None
         self._stopped = threading.Event()
 
-    def tcp_pose(self) -> Pose | None:
-        """Return None: nobody knows."""
-        return None
-
     def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> TimedMotion:
         """Count down; says how fast, and for how long."""
         _, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
@@ -228,46 +218,40 @@ class ManualRobot:
 
 
 class CallbackMotion(TimedMotion):
-    """A motion that runs in the user's function, from `begin` on."""
+    """A motion that runs in the user's function, in a thread of its own."""
 
-    def __init__(self, duration_s: float, report: Mapping[str, Any], work: Callable[[], object]) -> None:
+    def __init__(
+        self,
+        duration_s: float,
+        report: Mapping[str, Any],
+        work: Callable[[], object],
+        stop: Callable[[], object],
+    ) -> None:
         super().__init__(host_ns(), duration_s, report)
         self._lock = threading.Lock()
         self._cancelled = False
-        self._calls_work = False
-        self._thread = threading.Thread(target=self._work, args=(work,), daemon=True)
-
-    def begin(self) -> None:
-        """Call the function in a thread of its own."""
+        self._thread = threading.Thread(target=self._work, args=(work, stop), daemon=True)
         self._thread.start()
 
     def finished(self) -> bool:
         """Tell whether the function has returned and the time is over."""
         return not self._thread.is_alive() and (self.error is not None or super().finished())
 
-    def cancel(self) -> None:
-        """Take the motion for ended now; a function that was not called yet never will be."""
+    def forbid(self) -> None:
+        """Say that a function that was not called yet never will be."""
         with self._lock:
             self._cancelled = True
-        super().cancel()
 
-    def is_called(self, wait_s: float = 0.0) -> bool:
-        """Tell whether the function is being called; wait so long at most for it to return."""
-        if self._calls_work and wait_s:
-            self._thread.join(wait_s)
-        return self._calls_work
-
-    def _work(self, work: Callable[[], object]) -> None:
+    def _work(self, work: Callable[[], object], stop: Callable[[], object]) -> None:
         with self._lock:
             if self._cancelled:
                 return
-            self._calls_work = True
         try:
             work()
+            if self._cancelled:
+                stop()  # the command may have reached the robot after the call that was to stop it
         except Exception as error:  # whatever the user's robot raises: `error` tells it
             self.error = f"{type(error).__name__}: {error}"
-        finally:
-            self._calls_work = False
 
 
 class CallbackRobot:
@@ -277,18 +261,18 @@ class CallbackRobot:
     ----------
     move : callable
         Called as ``move(direction, speed_m_s, duration_s)`` in a thread of its own; it may return at once or when
-        the motion is over. What it raises fails the capture.
+        the motion is over. What it raises fails the push.
     stop : callable
-        Called as ``stop()`` on every failure and on Ctrl-C, also when nothing moves; a second time where `move` has
-        not returned, because a command may cross with the first one. The robot is taken to stand when `stop` and
-        `move` have returned.
+        Called as ``stop()`` on every failure and signal, again every 50 ms until the robot stands, and once more where
+        `move` returns after it, because the two commands may cross. The robot is taken to stand when both have
+        returned.
     pose : callable, optional
-        Returns x y z (m) rx ry rz (rad).
+        Returns x y z (m) rx ry rz (rad). See `Robot` for what it is used for.
     name : str, default "callback"
         Stored with the recordings.
     back : callable, optional
-        Called as ``back()`` in a thread of its own after a push that was recorded whole: it moves the tool to where the
-        push began, and returns when it is there. Default: the tool stays.
+        Called as ``back()`` in a thread of its own when a push is over: it moves the tool to where the push began, and
+        returns when it is there. Default: the tool stays.
 
     Examples
     --------
@@ -306,19 +290,16 @@ class CallbackRobot:
         name: str = "callback",
         back: Callable[[], object] | None = None,
     ) -> None:
-        given = {"move": move, "stop": stop, "pose": pose or print, "back": back or print}
-        for role, function in given.items():
-            if not callable(function):
+        for role, function in (("move", move), ("stop", stop), ("pose", pose), ("back", back)):
+            if not (callable(function) or (function is None and role in ("pose", "back"))):
                 raise TypeError(f"{role} must be callable, got {type(function).__name__}")
-        self._move, self._stop, self._pose, self._name, self._back = move, stop, pose, name, back
+        self._move, self._stop, self._name = move, stop, name
         self._motion: CallbackMotion | None = None
-
-    def tcp_pose(self) -> Pose | None:
-        """Return what the user's function says."""
-        if self._pose is None:
-            return None
-        x, y, z, rx, ry, rz = (float(value) for value in self._pose())
-        return (x, y, z, rx, ry, rz)
+        # A robot has these two only where it can.
+        if pose is not None:
+            self.tcp_pose = pose
+        if back is not None:
+            self.move_back = lambda: self._begin(0.0, {}, back)
 
     def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> CallbackMotion:
         """Call the user's function in a thread; the motion begins now."""
@@ -329,26 +310,19 @@ class CallbackRobot:
             "speed_m_s": speed_m_s,
             "duration_s": duration_s,
         }
-        return self._begun(
-            CallbackMotion(duration_s, report, lambda: self._move(ahead, speed_m_s, duration_s))
-        )
-
-    def move_back(self) -> CallbackMotion | None:
-        """Call the user's function in a thread; None where there is none."""
-        return None if self._back is None else self._begun(CallbackMotion(0.0, {}, self._back))
-
-    def _begun(self, motion: CallbackMotion) -> CallbackMotion:
-        self._motion = motion  # before it begins: whatever comes in between, `stop` finds it
-        motion.begin()
-        return motion
+        return self._begin(duration_s, report, lambda: self._move(ahead, speed_m_s, duration_s))
 
     def stop(self) -> None:
         """Call the user's function; no motion that was commanded before begins after it."""
         motion = self._motion
         if motion is not None:
-            motion.cancel()
-        may_cross = motion is not None and motion.is_called()
+            motion.forbid()
         self._stop()
-        if motion is not None and may_cross:
-            motion.is_called(_CROSSING_S)
-            self._stop()
+        if motion is not None:  # it is not known to stand where that raised
+            motion.cancel()
+
+    def _begin(
+        self, duration_s: float, report: Mapping[str, Any], work: Callable[[], object]
+    ) -> CallbackMotion:
+        self._motion = CallbackMotion(duration_s, report, work, self._stop)
+        return self._motion

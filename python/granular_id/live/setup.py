@@ -54,7 +54,8 @@ def setup_of(
         `ManualTrigger`, which somebody must fire. "auto": what the source knows of itself (recordings played again
         say where their motion begins), else the motion of a robot, else the force.
     threshold_n : float, default 0.5
-        Of "force", see `ForceTrigger`.
+        Of "force", see `ForceTrigger`. With "motion" the force must rest within four times of it before the robot
+        moves, see `MotionTrigger`.
 
     Returns
     -------
@@ -79,6 +80,7 @@ def setup_of(
         return Setup(mover, trigger)
     if trigger not in TRIGGERS:
         raise argument_error(ValueError, "trigger", f"must be one of {', '.join(TRIGGERS)}, got {trigger!r}")
+    ForceTrigger(threshold_n)  # refused now, not when the first push begins
     exact = starts_exactly(mover)
     if trigger == "motion" and not exact:
         who = "there is no robot" if mover is None else "a person's motion has no exact start"
@@ -88,8 +90,7 @@ def setup_of(
     if trigger == "manual":
         return Setup(mover, ManualTrigger)
     if trigger == "motion" or (trigger == "auto" and exact):
-        return Setup(mover, MotionTrigger)
-    ForceTrigger(threshold_n)  # refused now, not when the first capture begins
+        return Setup(mover, lambda: MotionTrigger(4 * threshold_n))
     return Setup(mover, lambda: ForceTrigger(threshold_n))
 
 

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import positive_number, sampling_rate, whole_number
+from granular_id._checks import sampling_rate, whole_number
 from granular_id._core import WrenchBuffer
-from granular_id._text import known_label
 from granular_id.live.robot import checked_move
 from granular_id.live.source import Pace, SourceInfo, ThreadedSource
 from granular_id.live.source_url import SourceUrl
@@ -59,7 +58,6 @@ class PlannedPush:
     start_tick: float
     end_tick: int
     wrench: NDArray[np.float64]
-    rig: Rig
     meta: dict[str, Any]
 
 
@@ -68,7 +66,7 @@ class SimWorld:
 
     At rest the sensor reads its zero point and noise. A push plays `simulate_push`, under conditions drawn anew, from
     the command to its end: so the samples of push number k follow from the seed alone, whenever it was commanded.
-    Mounting, calibration and fill are drawn once per session. `unknown` draws the material of each push.
+    Mounting, calibration and fill are drawn once, from the seed. `unknown` draws the material of each push.
     """
 
     def __init__(
@@ -76,12 +74,11 @@ class SimWorld:
         materials: Sequence[Material],
         rate_hz: float,
         seed: int,
-        session: int = 0,
         unknown: bool = False,
     ) -> None:
         self.rate_hz, self.sensor = rate_hz, Sensor()
         self._materials, self._unknown = tuple(materials), unknown
-        self._seed, self._session = random_stream(seed, _LIVE), session
+        self._seed = random_stream(seed, _LIVE)
         self._lock = threading.Lock()
         self._n_pushes = 0
         self.tick = 0  # number of the next sample
@@ -91,7 +88,8 @@ class SimWorld:
 
     def plan(self, speed_m_s: float, duration_s: float) -> PlannedPush:
         """Command a push, which begins about half a second after the next sample; refuse one that cannot be."""
-        self._refuse_while_moving()
+        if self.push is not None:
+            raise RuntimeError("the simulated robot is still moving: wait for the motion, or stop it")
         material, conditions, stream = self._material, self._conditions, self._stream
         rig = Rig(speed_m_s=speed_m_s)
         lead_s = (round(LEAD_S * self.rate_hz) - self._phase) / self.rate_hz
@@ -108,29 +106,15 @@ class SimWorld:
         )
         meta = push_meta(material, rig, conditions, lead_s) | {"push": self._n_pushes}
         with self._lock:
-            self._refuse_while_moving()
             start_tick = self.tick + lead_s * self.rate_hz
-            self.push = PlannedPush(self.tick, start_tick, self.tick + len(wrench), wrench, rig, meta)
+            self.push = PlannedPush(self.tick, start_tick, self.tick + len(wrench), wrench, meta)
             self.truth = material.name
             return self.push
 
-    def _refuse_while_moving(self) -> None:
-        if self.push is not None:
-            raise RuntimeError("the simulated robot is still moving: wait for the motion, or stop it")
-
-    def travel_m(self) -> float:
-        """Return how far the tool is from its start."""
+    def cut(self) -> None:
+        """Stop the push that is under way, if any: the tool leaves the bed."""
         with self._lock:
-            if self.push is None:
-                return 0.0
-            time_s = (self.tick - self.push.start_tick) / self.rate_hz
-            return float(self.push.rig.travel_m(np.array(time_s)))
-
-    def cut(self, push: PlannedPush) -> None:
-        """Stop a push where it is: the tool leaves the bed."""
-        with self._lock:
-            if self.push is push:
-                push.end_tick = self.tick
+            if self.push is not None:
                 self._finish()
 
     def advance(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
@@ -161,7 +145,7 @@ class SimWorld:
         which = int(self._rng(_CHOICE).integers(len(self._materials))) if self._unknown else 0
         self._material = self._materials[which]
         number = self._n_pushes + _FIRST_UNKNOWN * self._unknown
-        drawn = draw_push(self._material, number, self._session, self._seed, Nuisance())
+        drawn = draw_push(self._material, number, 0, self._seed, Nuisance())
         self._conditions: Conditions = drawn[0]
         self._stream: np.random.SeedSequence = drawn[2]
         self._phase = float(self._rng(_PHASE).uniform())
@@ -183,9 +167,8 @@ class SimSource(ThreadedSource):
     speed : float, default 1
         Device seconds per second: 20 makes 20 recordings in the time of one.
     seed : int, optional
-        Same seed, same samples of each push. Default: another one each time, see ``info.meta["seed"]``.
-    session : int, default 0
-        Set-up of bed and sensor; the same seed and session is the same set-up.
+        Same seed, same set-up of bed and sensor, and same samples of each push. Default: another one each time, see
+        ``info.meta["seed"]``.
 
     Examples
     --------
@@ -201,15 +184,13 @@ class SimSource(ThreadedSource):
         rate_hz: float = 500.0,
         speed: float = 1.0,
         seed: int | None = None,
-        session: int = 0,
     ) -> None:
         unknown = materials == UNKNOWN
         chosen = resolve_materials(PAPER_MATERIALS if unknown else materials)
         unknown = unknown or len(chosen) > 1
-        rate_hz, speed = sampling_rate("rate_hz", rate_hz), positive_number("speed", speed)
+        rate_hz = sampling_rate("rate_hz", rate_hz)
         seed = secrets.randbits(48) if seed is None else whole_number("seed", seed, least=0)
-        session = whole_number("session", session, least=0)
-        self.world = SimWorld(chosen, rate_hz, seed, session, unknown)
+        self.world = SimWorld(chosen, rate_hz, seed, unknown)
         super().__init__(
             SourceInfo(
                 f"simulated {UNKNOWN if unknown else chosen[0].name}",
@@ -221,7 +202,7 @@ class SimSource(ThreadedSource):
                 full_scale=self.world.sensor.full_scale,
                 synthetic=True,
                 speed=speed,
-                meta={"seed": seed, "session": session},
+                meta={"seed": seed},
             )
         )
         self._pace: Pace | None = None
@@ -234,10 +215,6 @@ class SimSource(ThreadedSource):
     def robot(self) -> SimRobot:
         """Return the robot that moves the tool of this sensor."""
         return SimRobot(self)
-
-    def push(self, speed_m_s: float, duration_s: float) -> PlannedPush:
-        """Command a push; what `SimRobot` does."""
-        return self.world.plan(speed_m_s, duration_s)
 
     def device_time_s(self, tick: Any) -> Any:
         """Return the sensor's time of a sample, or of an array of them."""
@@ -253,12 +230,10 @@ class SimSource(ThreadedSource):
         """Write samples as they fall due."""
         pace = self._pace = Pace(self.info)
         while not stopping.wait(pace.period_s):
-            until = self.world.tick + pace.due(self.world.tick)
-            while self.world.tick < until:
-                self._write(buffer, until - self.world.tick)
+            self._write(buffer, pace.due(self.world.tick))
 
     def _write(self, buffer: WrenchBuffer, n: int) -> None:
-        """Write the next `n` samples."""
+        """Write the next `n` samples at most."""
         ticks = np.arange(self.world.tick, self.world.tick + n)
         wrench, flags = self.world.advance(n)
         buffer.push_block(wrench, self.device_time_s(ticks), flags=flags)
@@ -286,10 +261,6 @@ class SimMotion:
         """Return what was drawn for this push, the material too."""
         return self._planned.meta
 
-    def cancel(self) -> None:
-        """Stop the tool where it is."""
-        self._source.world.cut(self._planned)
-
 
 class SimRobot:
     """The robot before a simulated sensor; both share one clock.
@@ -306,13 +277,6 @@ class SimRobot:
 
     def __init__(self, source: SimSource) -> None:
         self._source = source
-        self._motion: SimMotion | None = None
-        self._ahead = (1.0, 0.0, 0.0)
-
-    def tcp_pose(self) -> tuple[float, ...]:
-        """Return where the tool is: on its way while it pushes, else at its start, the origin."""
-        x, y, z = (self._source.world.travel_m() * part for part in self._ahead)
-        return (x, y, z, 0.0, 0.0, 0.0)
 
     def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> SimMotion:
         """Push, about half a second of device time from now.
@@ -324,38 +288,25 @@ class SimRobot:
         ValueError, TypeError
             An argument is wrong, or the push would run into the wall.
         """
-        ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
+        _, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
         self._source.host_ns_at(0)  # refuses where no clock runs yet
-        self._motion = SimMotion(self._source, self._source.push(speed_m_s, duration_s))
-        self._ahead = ahead
-        return self._motion
+        return SimMotion(self._source, self._source.world.plan(speed_m_s, duration_s))
 
     def stop(self) -> None:
         """Stop the push that is under way."""
-        if self._motion is not None:
-            self._motion.cancel()
+        self._source.world.cut()
 
 
 def open_url(url: SourceUrl) -> SimSource:
     """Make the source of ``sim:MATERIAL``, ``sim:MATERIAL,MATERIAL`` or ``sim:unknown``.
 
-    Options: ``speed``, ``seed``, ``session``, ``rate_hz``, ``materials`` (for ``sim:unknown``: which there are).
+    Options: ``speed``, ``seed``, ``rate_hz``.
     """
-    url.allow("speed", "seed", "session", "rate_hz", "materials")
-    among = url.words("materials")
-    if among is not None and url.path.strip() != UNKNOWN:
-        raise ValueError(f"option materials of url {url.text!r} is for sim:{UNKNOWN} only")
-    if url.host:
-        raise ValueError(f"url {url.text!r} names a host, and a simulation has none; wanted sim:{url.host}")
-    known = [material.name for material in PAPER_MATERIALS]
-    names = [known_label(name.strip(), known) for name in among or url.path.split(",")]
-    try:
-        return SimSource(
-            UNKNOWN if names == [UNKNOWN] else names,
-            rate_hz=url.number("rate_hz", 500.0),
-            speed=url.number("speed", 1.0),
-            seed=url.whole("seed", None),
-            session=url.whole("session", 0),
-        )
-    except ValueError as error:
-        raise ValueError(f"url {url.text!r}: {error}") from error
+    url.allow("speed", "seed", "rate_hz")
+    names = [name.strip() for name in url.path.split(",")]
+    return SimSource(
+        UNKNOWN if names == [UNKNOWN] else names,
+        rate_hz=url.number("rate_hz", 500.0),
+        speed=url.number("speed", 1.0),
+        seed=url.whole("seed", None),
+    )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from granular_id.identifier import Decision
-    from granular_id.live.capture import Push
+    from granular_id.live.outcome import Push
     from granular_id.live.rows import BlockLike
 
 __all__ = [
@@ -43,8 +43,7 @@ VIEW_S = 5.0
 """How much of the past traces show: a push of 3.2 s with the rest around it."""
 
 _N_PIECES = 200  # of a trace; more than there are columns for it on a screen
-_MOST_ANSWERS, _MOST_OUTCOMES = 400, 40
-_MOST_CANDIDATES = 6  # more hide the rest of a screen
+_MOST_OUTCOMES = 40
 _SPAN_S = 30.0
 
 _STATES = {
@@ -95,25 +94,20 @@ class Entry(NamedTuple):
     warnings: list[str]
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What came of a push, its number in the session (from 1), and when it was over."""
+class Outcome(NamedTuple):
+    """What came of a push, its number in the session (from 1), and the time of day at its end."""
 
     number: int
-    utc_s: float
+    clock: str
     push: Push
-
-    @property
-    def clock(self) -> str:
-        """Time of day."""
-        return time.strftime("%H:%M:%S", time.localtime(self.utc_s))
 
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """One instant of a session; nothing in it changes afterwards. Times are in seconds of the device."""
 
-    state: str  # of the capture: idle, arming, armed, triggered, complete, answering, failed; ended after a replay
+    # Of the capture: idle, arming, armed, triggered, complete, failed; answering at hops, ended after a replay.
+    state: str
     time_s: float | None = None  # of the newest row; None before the first
     hint: str = ""  # what the person is to do, or why a capture failed
     source: str = ""
@@ -142,10 +136,9 @@ class Snapshot:
     history: tuple[Outcome, ...] = ()  # of the last pushes, the oldest first
     lag_s: float = math.nan  # age of the newest row when it was read
     max_lag_s: float = 0.02
-    counters: Mapping[str, int] = field(
-        default_factory=dict
-    )  # of the buffer; `missed`: overwritten before read
-    warnings: tuple[str, ...] = ()  # of decision and session
+    counters: Mapping[str, int] = field(default_factory=dict)  # of the buffer
+    n_missed: int = 0  # rows that were overwritten before they were read
+    warnings: tuple[str, ...] = ()  # of the session; a decision has its own
     n_captures: int = 0  # answered so far
     n_correct: int | None = None  # of these; None where the truth is unknown
 
@@ -158,7 +151,7 @@ class Snapshot:
     @property
     def lost(self) -> int:
         """Rows that never arrived, and rows that were overwritten before they were read."""
-        return self.counters.get("missing", 0) + self.counters.get("missed", 0)
+        return self.counters.get("missing", 0) + self.n_missed
 
     @property
     def capture_s(self) -> float:
@@ -168,7 +161,7 @@ class Snapshot:
     @property
     def span_s(self) -> float:
         """Seconds over which the ranking is shown: those of a capture, or the last ones where answers go on."""
-        return self.capture_s if self.hop_s is None else max(_SPAN_S, 10 * self.capture_s)
+        return self.capture_s if self.hop_s is None else max(_SPAN_S, self.capture_s)
 
     @cached_property
     def words(self) -> Words:
@@ -181,36 +174,33 @@ class Words:
 
     def __init__(self, now: Snapshot) -> None:
         self._now, held = now, now.held
-        mark = ["SYNTHETIC"] * now.synthetic
-        self.state = _STATES.get(now.state, now.state)
+        self.state = _STATES[now.state]
         line = f"{self.state}: {now.hint}" if now.hint else self.state
-        self.decision = now.decision if held is None else held.push.decision
-        self.warnings = _sentences(self.decision, now.warnings)
         if held is None:
-            self.answer = self._current()
+            self.decision, self.answer = now.decision, self._current()
             if self.answer.kind in GIVEN:
                 line = f"{self.state}: {self.answer.title} ({', '.join(filter(None, self.answer[2:]))})"
         else:
-            answer, self.state = self._outcome(held), line
-            self.answer = answer._replace(stage=f"{answer.stage}, at {held.clock}")
+            self.decision, self.answer, self.state = held.push.decision, self._outcome(held.push), line
+            self.answer = self.answer._replace(stage=f"{self.answer.stage}, at {held.clock}")
+        self.warnings = _sentences(self.decision, now.warnings)
         self.history = [self._entry(outcome) for outcome in reversed(now.history)]
         self.spoken = ""  # by a screen reader
         if self.history:
-            number, _, kind, title, detail, warnings = self.history[0]
-            begin = f"Push {number}. {'Final answer: ' * (kind in GIVEN)}"
-            self.spoken = begin + ", ".join(filter(None, [title, detail, *warnings]))
-        self.source = " · ".join(filter(None, [now.source, *mark, f"{now.rate_hz:g} Hz"]))
+            last = self.history[0]
+            texts = filter(None, [last.title, last.detail, *last.warnings])
+            self.spoken = f"Push {last.number}. {'Final answer: ' * (last.kind in GIVEN)}{', '.join(texts)}"
+        mark = ["SYNTHETIC"] * now.synthetic
+        self.source = " · ".join(filter(None, ["granular_id live", now.source, *mark, f"{now.rate_hz:g} Hz"]))
         self.values = [
             "-" if math.isnan(value) else fixed(value, 4 if unit == "N m" else 3)
             for value, unit in zip(now.latest.tolist(), now.units, strict=True)
         ]
-        ranking = () if self.decision is None else self.decision.ranking
-        self.ranking = [(name, fixed(loss, 3)) for name, loss in ranking]
         self.score = ""
-        if now.n_captures:
+        if now.n_correct is not None and now.n_captures:
+            self.score = f"{now.n_correct} of {now.n_captures} right"
+        elif now.n_captures:
             self.score = counted(now.n_captures, "capture" if now.hop_s is None else "answer")
-            if now.n_correct is not None:
-                self.score = f"{now.n_correct} of {now.n_captures} right"
         self.figures = self._figures()
         health = ", ".join(f"{name} {value}{' (!)' * alarm}" for name, value, alarm in self.figures)
         time_s = [] if now.time_s is None else [f"{fixed(now.time_s, 3)} s"]
@@ -219,14 +209,14 @@ class Words:
 
     def _figures(self) -> tuple[tuple[str, str, bool], ...]:
         """Return names and values about the stream, and whether they should worry somebody."""
-        now, counters = self._now, self._now.counters
+        now = self._now
         lag = "-" if math.isnan(now.lag_s) else f"{fixed(1e3 * now.lag_s, 1)} ms"
-        counts = [(key, counters.get(key, 0)) for key in _ALARMS + _NOTES]
+        counts = [(name, now.counters.get(name, 0)) for name in _ALARMS + _NOTES]
         timing = now.history[-1].push.timing if now.history else None  # of the last push
         return (
             ("lag", lag, now.lag_s > now.max_lag_s),
             ("lost", f"{now.lost:,}", now.lost > 0),
-            *((key.replace("_", " "), f"{n:,}", key in _ALARMS) for key, n in counts if n),
+            *((name.replace("_", " "), f"{n:,}", name in _ALARMS) for name, n in counts if n),
             *((name, value, False) for name, value in timing_in_words(timing)),
         )
 
@@ -241,13 +231,13 @@ class Words:
             return Answer("none", "no answer yet", hint or self.state.lower(), "")
         return self._named(decision, given=decision.final or state == "complete")
 
-    def _outcome(self, outcome: Outcome) -> Answer:
-        if outcome.push.decision is None:
-            return Answer("failed", "no answer", "the capture failed", outcome.push.text)
-        return self._named(outcome.push.decision, given=True)
+    def _outcome(self, push: Push) -> Answer:
+        if push.decision is None:
+            return Answer("failed", "no answer", "the capture failed", push.text)
+        return self._named(push.decision, given=True)
 
     def _named(self, decision: Decision, *, given: bool) -> Answer:
-        stage = seconds = f"{fixed(decision.seconds, 2)} s"
+        seconds = f"{fixed(decision.seconds, 2)} s"
         if self._now.hop_s is not None:
             stage = f"about the last {seconds}"
         elif decision.final:
@@ -255,29 +245,21 @@ class Words:
         else:
             stage = f"{'early' if given else 'provisional'}, {seconds} of {fixed(self._now.capture_s, 2)} s"
             stage += ", sure enough to stop" * decision.sure
-        lead = [f"nearest: {decision.label}"] * bool(decision.unknown)
-        if len(decision.ranking) > 1:
-            lead.append(f"margin {fixed(decision.margin, 3)} ahead of {decision.ranking[1][0]}")
-        if decision.probability is not None:
-            lead.append(f"probability {100 * decision.probability:.0f} %")
-        if len(decision.candidates) > 1:
-            others = len(decision.candidates) - _MOST_CANDIDATES
-            names = [*decision.candidates[:_MOST_CANDIDATES], *[f"{others} more"] * (others > 0)]
-            lead.append(f"may be {' or '.join(names)}")
-        kind: Kind = "unknown" if decision.unknown else "final" if given else "provisional"
-        return Answer(
-            kind, "like no known material" if decision.unknown else decision.label, stage, ", ".join(lead)
-        )
+        if decision.unknown:
+            detail = f"nearest: {decision.label}, {decision.lead()}"
+            return Answer("unknown", "like no known material", stage, detail)
+        return Answer("final" if given else "provisional", decision.label, stage, decision.lead())
 
     def _entry(self, outcome: Outcome) -> Entry:
-        push, decision, answer = outcome.push, outcome.push.decision, self._outcome(outcome)
+        number, clock, push = outcome
+        decision, answer = push.decision, self._outcome(push)
         detail = [{True: "right", False: "wrong", None: ""}[push.is_right]]
         if decision is not None and push.is_right is not None and (decision.unknown or not push.is_right):
             detail.append(f"it was {push.truth}")
         if decision is not None and not decision.final:
             detail.append(answer.stage)
         text = ", ".join(filter(None, [*detail, answer.detail]))
-        return Entry(outcome.number, outcome.clock, answer.kind, answer.title, text, _sentences(decision))
+        return Entry(number, clock, answer.kind, answer.title, text, _sentences(decision))
 
 
 def _sentences(decision: Decision | None, others: Sequence[str] = ()) -> list[str]:
@@ -301,49 +283,45 @@ class SnapshotBuilder:
         counting = FeatureSpec(raw=False, **{name: getattr(spec, name) for name in names})
         n_axes = len(session["axes"])
         low, high = np.broadcast_to(np.asarray(spec.bin_range, np.float64), (n_axes, 2)).T
-        edges = np.linspace(low, high, spec.n_bins + 1, axis=1)
-        self._session = Snapshot(
+        self._now = Snapshot(
             "idle",
             rate_hz=rate_hz,
             cutoff_hz=spec.cutoff_hz,
-            bin_edges=edges,
+            bin_edges=np.linspace(low, high, spec.n_bins + 1, axis=1),
             classes=tuple(classes),
+            latest=np.full(n_axes, math.nan),
             **session,
         )
         self._sections = butter(spec.order, spec.cutoff_hz, "highpass", fs=spec.rate_hz)
-        self._histogram = StreamingExtractor(counting, n_samples=self._session.n_samples, n_axes=n_axes)
-        self._step = max(1, math.ceil(VIEW_S * rate_hz / _N_PIECES))
-        # The last seconds of the wrench and of its residual, by the number of the instant.
-        self._recent = np.full((self._step * _N_PIECES, 2 * n_axes), math.nan)
-        self._n_instants = 0
-        self._filter: NDArray[np.float64] | None = None  # None: it begins anew
-        self._latest, self._time_s = np.full(n_axes, math.nan), math.nan
-        self._epoch: int | None = None
-        self._n_missed = 0
-        self._answers: deque[tuple[float, list[float]]] = deque(maxlen=_MOST_ANSWERS)
+        self._filter: NDArray[np.float64] | None = None
+        self._histogram = StreamingExtractor(counting, n_samples=self._now.n_samples, n_axes=n_axes)
         self._begins = False
-        self._history: deque[Outcome] = deque(maxlen=_MOST_OUTCOMES)
+        self._times, self._losses = np.empty(0), np.empty((0, len(classes)))
+        self._step = max(1, math.ceil(VIEW_S * rate_hz / _N_PIECES))
+        # Extremes of the last pieces of the wrench and of its residual, and the rows that are no whole piece yet.
+        self._nothing = np.full((self._step * _N_PIECES, 2 * n_axes), math.nan)
+        self._pieces: deque[NDArray[np.float64]] = deque(maxlen=_N_PIECES)
+        self._open = self._nothing[:0]
+        self._append(self._nothing)
+        self._epoch: int | None = None
 
     def rows(self, block: BlockLike) -> None:
         """Take the next block; a gap interrupts the traces and the high-pass, a new epoch clears them."""
-        wrench, gaps = np.asarray(block.wrench, np.float64), np.array(block.missing_before, np.int64)
-        self._n_missed += int(block.missed)
-        if not len(wrench):
+        self._now = replace(self._now, n_missed=self._now.n_missed + int(block.missed))
+        if not len(block.wrench):
             return
-        if block.epoch == self._epoch:
-            gaps[0] += int(block.missed)
-        else:  # rows that were missed are of the epoch before
-            self._epoch, self._filter = block.epoch, None
-            self._recent.fill(math.nan)
-        borders = np.flatnonzero(gaps)
-        for n_missing, piece in zip([0, *gaps[borders].tolist()], np.split(wrench, borders), strict=True):
+        wrench, gaps = np.asarray(block.wrench, np.float64), np.array(block.missing_before, np.int64)
+        gaps[0] += block.missed if block.epoch == self._epoch else len(self._nothing)
+        self._epoch = block.epoch
+        starts = np.union1d(0, np.flatnonzero(gaps))
+        for n_missing, piece in zip(gaps[starts], np.split(wrench, starts[1:]), strict=True):
             if n_missing:
-                nothing = np.full((min(n_missing, len(self._recent)), self._recent.shape[1]), math.nan)
-                self._append(nothing, n_missing)
-                self._filter = None
-            if len(piece):
-                self._append(np.hstack([piece, self._high_passed(piece)]), len(piece))
-        self._latest, self._time_s = wrench[-1].copy(), float(block.time_s[-1])
+                self._append(self._nothing[:n_missing])
+                # From a steady state: a step from nothing to the sensor's offset is no residual worth a screen.
+                self._filter = sosfilt_zi(self._sections)[:, :, None] * piece[0]
+            residual, self._filter = sosfilt(self._sections, piece, axis=0, zi=self._filter)
+            self._append(np.hstack([piece, residual]))
+        self._now = replace(self._now, latest=wrench[-1].copy(), time_s=float(block.time_s[-1]))
 
     def begin_capture(self) -> None:
         """Let the next rows of `captured` empty the histogram and the ranking: they belong to another capture."""
@@ -352,78 +330,50 @@ class SnapshotBuilder:
     def captured(self, rows: NDArray[np.float64]) -> None:
         """Take rows of the capture, shape (k, C), in order and each once."""
         if self._begins and len(rows):
-            self._histogram.reset()
-            if self._session.hop_s is None:
-                self._answers.clear()
             self._begins = False
+            self._histogram.reset()
+            if self._now.hop_s is None:
+                self._times, self._losses = self._times[:0], self._losses[:0]
         self._histogram.push(rows)
 
     def end_capture(self, push: Push) -> None:
         """Add what came of a capture to the history."""
-        number = self._history[-1].number + 1 if self._history else 1
-        self._history.append(Outcome(number, time.time(), push))
+        history = self._now.history
+        number = history[-1].number + 1 if history else 1
+        outcome = Outcome(number, time.strftime("%H:%M:%S"), push)
+        self._now = replace(self._now, history=(*history, outcome)[-_MOST_OUTCOMES:])
 
-    def build(
-        self,
-        state: str,
-        decision: Decision | None = None,
-        *,
-        counters: Mapping[str, int] | None = None,
-        warnings: Sequence[str] = (),
-        **now: Any,
-    ) -> Snapshot:
+    def build(self, state: str, decision: Decision | None = None, **now: Any) -> Snapshot:
         """Return a snapshot of now; `now` are the other fields of `Snapshot` that change."""
-        session = self._session
         if decision is not None:
-            self._remember(decision)
-        n_axes, step = len(session.axes), self._step
-        n_open = -self._n_instants % step  # instants of the newest piece that are still to come
-        pieces = np.roll(self._recent, -(self._n_instants + n_open), axis=0).reshape(-1, step, 2 * n_axes)
-        ends = np.stack([np.fmin.reduce(pieces, axis=1), np.fmax.reduce(pieces, axis=1)], axis=1)
-        ends = ends.reshape(-1, 2 * n_axes)
-        age = (np.arange(len(ends))[::-1] + 0.5) * step / 2 - n_open
-        times = np.array([seconds for seconds, _ in self._answers])
-        if session.hop_s is not None and len(times):
-            times = times - times[-1] + session.span_s
-        losses = np.array([losses for _, losses in self._answers]).reshape(len(times), len(session.classes))
-        own = () if decision is None else decision.warnings
+            self._add_losses(decision)
+        n_axes, ends = len(self._now.axes), np.vstack(self._pieces)
+        age = (np.arange(len(ends))[::-1] + 0.5) * self._step / 2 + len(self._open)
+        times = self._times
+        if self._now.hop_s is not None and len(times):
+            times = times - times[-1] + self._now.span_s
         return replace(
-            session,
+            self._now,
             state=state,
-            time_s=None if math.isnan(self._time_s) else self._time_s,
-            latest=self._latest,
-            row_age_s=np.maximum(age, 0) / session.rate_hz,
+            decision=decision,
+            row_age_s=age / self._now.rate_hz,
             wrench=ends[:, :n_axes],
             residual=ends[:, n_axes:],
             counts=self._histogram.features().reshape(n_axes, -1).astype(np.int64),
-            ranking_history=(times, losses),
-            decision=decision,
-            history=tuple(self._history),
-            counters={"missed": self._n_missed, **(counters or {})},
-            warnings=tuple(dict.fromkeys((*own, *warnings))),
+            ranking_history=(times, self._losses),
             **now,
         )
 
-    def _append(self, rows: NDArray[np.float64], n_instants: int) -> None:
-        self._n_instants += n_instants
-        n, size = self._n_instants, len(self._recent)
-        self._recent[np.arange(n - len(rows), n)[-size:] % size] = rows[-size:]
-        self._recent[np.arange(n, n + -n % self._step) % size] = math.nan
+    def _append(self, rows: NDArray[np.float64]) -> None:
+        rows = np.vstack([self._open, rows])
+        *pieces, self._open = np.split(rows, range(self._step, len(rows) + 1, self._step))
+        self._pieces.extend(np.stack([np.fmin.reduce(piece), np.fmax.reduce(piece)]) for piece in pieces)
 
-    def _high_passed(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self._filter is None:
-            # From a steady state: a step from nothing to the sensor's offset is no residual worth a screen.
-            self._filter = sosfilt_zi(self._sections)[:, :, None] * rows[0]
-        residual, self._filter = sosfilt(self._sections, rows, axis=0, zi=self._filter)
-        return residual
-
-    def _remember(self, decision: Decision) -> None:
-        session, answers = self._session, self._answers
-        seconds = decision.seconds if session.hop_s is None else self._time_s
-        if answers and seconds < answers[-1][0]:
-            answers.clear()  # the answer begins anew
-        if not answers or seconds > answers[-1][0]:
-            losses = dict(decision.ranking)
-            answers.append((seconds, [losses[name] for name in session.classes]))
-        while session.hop_s is not None and answers[0][0] < seconds - session.span_s:
-            answers.popleft()
+    def _add_losses(self, decision: Decision) -> None:
+        now = self._now
+        seconds = decision.seconds if now.hop_s is None or now.time_s is None else now.time_s
+        # Later times are of an answer that has begun anew.
+        keep = (self._times < seconds) & (self._times >= seconds - now.span_s)
+        of = dict(decision.ranking)
+        self._times = np.append(self._times[keep], seconds)
+        self._losses = np.vstack([self._losses[keep], [of[name] for name in now.classes]])

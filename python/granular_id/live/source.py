@@ -6,8 +6,8 @@ A sensor, a file played again and a simulation are the same to the rest of the p
 
 from __future__ import annotations
 
+import logging
 import threading
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, fields
@@ -20,19 +20,17 @@ from granular_id._core import AXES, UNITS, WrenchBuffer, host_ns
 from granular_id.live.robot import Robot
 from granular_id.live.source_url import SourceUrl
 
-__all__ = ["SCHEMES", "Health", "SourceInfo", "ThreadedSource", "WrenchSource", "open_robot", "open_source"]
+__all__ = ["Health", "SourceInfo", "ThreadedSource", "WrenchSource", "open_robot", "open_source"]
 
-SCHEMES: Mapping[str, tuple[str, str]] = {
-    "rdt": ("granular_id.live.rdt", "rdt://HOST[:PORT], an ATI Net F/T or OnRobot box"),
-    "replay": ("granular_id.live.replay", "replay:PATH[?speed=10], recordings played again"),
-    "sim": ("granular_id.live.sim", "sim:MATERIAL[?speed=10&seed=1] or sim:unknown, a simulated sensor"),
-}
-"""Scheme of a URL -> module with ``open_url(url: SourceUrl) -> WrenchSource``, loaded when asked for, and its form."""
+_LOG = logging.getLogger(__name__)
 
+# Schemes of this package: modules of these names, with ``open_url(url: SourceUrl) -> WrenchSource``.
+_OWN = ("rdt", "replay", "sim")
 # Groups of entry points by which other packages bring more: scheme -> function of a `SourceUrl`.
 _SOURCES, _ROBOTS = "granular_id.sources", "granular_id.robots"
 # Schemes of ``contrib/`` in the repository: known, installed or not.
 _CONTRIBUTED = {_SOURCES: ("bota", "ros2", "ur"), _ROBOTS: ("ur",)}
+_MISSING = "granular-id-contrib, which is not installed: pip install ./contrib in a clone of the repository"
 
 _STOP_S = 1.0
 # How often samples without a sensor are handed over, two at a time at 500 Hz as packets come, and how much of them.
@@ -217,10 +215,6 @@ class ThreadedSource(ABC):
     def deliver(self, buffer: WrenchBuffer, stopping: threading.Event) -> None:
         """Push rows into `buffer` until there are no more or `stopping` is set; runs in the source's own thread."""
 
-    def counters(self) -> dict[str, int]:
-        """Return what `health` shows beside; nothing by default."""
-        return {}
-
     def start(self, buffer: WrenchBuffer) -> None:
         """Begin to write rows into `buffer`; every source runs once, else RuntimeError."""
         if self._thread is not None or self._stopping.is_set():
@@ -232,23 +226,22 @@ class ThreadedSource(ABC):
     def stop(self) -> None:
         """End the source; safe to call again.
 
-        Waits 1 s at most for the thread. One that still runs then, because the driver hangs, is left behind with a
-        RuntimeWarning: it ends with the program.
+        Waits 1 s at most for the thread. One that still runs then, because the driver hangs, is left behind with an
+        error in the log: it ends with the program.
         """
         self._stopping.set()
         if self._thread is None or self._thread is threading.current_thread():
             return
         self._thread.join(_STOP_S)
         if self._thread.is_alive():
-            text = f"{self._info.name} did not stop within {_STOP_S:g} s: its driver hangs"
-            warnings.warn(text, RuntimeWarning, stacklevel=2)
+            _LOG.error("%s did not stop within %g s: its driver hangs", self._info.name, _STOP_S)
 
     def health(self) -> Health:
         """Say how the source is; never raises, never waits."""
         error, finished = self._error, self._finished
         over = finished or error is not None or self._stopping.is_set()
         alive = self._thread is not None and self._thread.is_alive()
-        return Health(alive and not over, error, finished, self.counters())
+        return Health(alive and not over, error, finished)
 
     def _work(self, buffer: WrenchBuffer) -> None:
         try:
@@ -312,10 +305,7 @@ def open_source(url: str, **options: object) -> WrenchSource:
     ...
     ValueError: url 'simm:rice' has the scheme 'simm'; known: bota, rdt, replay, ros2, sim, ur
     """
-    parsed = SourceUrl.parse(url, options)
-    if parsed.scheme not in SCHEMES:
-        return _opened_plugin(_SOURCES, "url", parsed)  # type: ignore[no-any-return]
-    return import_module(SCHEMES[parsed.scheme][0]).open_url(parsed)  # type: ignore[no-any-return]
+    return _opened(_SOURCES, SourceUrl.parse(url, options))  # type: ignore[no-any-return]
 
 
 def open_robot(url: str, **options: object) -> Robot:
@@ -337,18 +327,23 @@ def open_robot(url: str, **options: object) -> Robot:
     ...
     ValueError: robot 'gantry://here' has the scheme 'gantry'; known: ur
     """
-    return _opened_plugin(_ROBOTS, "robot", SourceUrl.parse(url, options))  # type: ignore[no-any-return]
+    return _opened(_ROBOTS, SourceUrl.parse(url, options))  # type: ignore[no-any-return]
 
 
-def _opened_plugin(group: str, argument: str, url: SourceUrl) -> Any:
-    found = {point.name: point for point in entry_points(group=group)}
-    if url.scheme in found:
-        return found[url.scheme].load()(url)
-    if url.scheme in _CONTRIBUTED[group]:
-        raise ImportError(
-            f"url {url.text!r} needs granular-id-contrib, which is not installed: pip install ./contrib "
-            "in a clone of the repository of granular-id"
-        )
-    known = {*found, *_CONTRIBUTED[group], *(SCHEMES if group == _SOURCES else ())}
-    text = f"{url.text!r} has the scheme {url.scheme!r}; known: {', '.join(sorted(known))}"
-    raise argument_error(ValueError, argument, text)
+def _opened(group: str, url: SourceUrl) -> Any:
+    own = _OWN if group == _SOURCES else ()
+    if url.scheme in own:
+        open_url = import_module(f"granular_id.live.{url.scheme}").open_url
+    else:
+        found = {point.name: point for point in entry_points(group=group)}
+        if url.scheme not in found:
+            if url.scheme in _CONTRIBUTED[group]:
+                raise ImportError(f"url {url.text!r} needs {_MISSING}")
+            known = ", ".join(sorted({*own, *found, *_CONTRIBUTED[group]}))
+            problem = f"{url.text!r} has the scheme {url.scheme!r}; known: {known}"
+            raise argument_error(ValueError, "url" if group == _SOURCES else "robot", problem)
+        open_url = found[url.scheme].load()
+    try:
+        return open_url(url)
+    except ValueError as error:
+        raise ValueError(f"url {url.text!r}: {error}") from error

@@ -1,27 +1,26 @@
-"""URLs of sources: parts and options, checked with errors that name the URL."""
+"""URLs of sources: parts and options."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 __all__ = ["SourceUrl"]
-
-Default = TypeVar("Default")
 
 
 @dataclass(frozen=True)
 class SourceUrl:
     """A URL taken apart: ``scheme://host:port/path?options`` or ``scheme:path?options``.
 
+    Values of options are not checked here but by what takes them. `open_source` and `open_robot` put the URL before
+    each ValueError.
+
     Attributes
     ----------
     text : str
-        As it was given; what errors call it.
+        As it was given.
     scheme, host, path : str
         Decoded. The host is empty in the second form; in the first the path begins with a slash or is empty.
     port : int or None
@@ -69,57 +68,34 @@ class SourceUrl:
 
     def allow(self, *names: str) -> None:
         """Refuse every option but these; the error names them."""
-        unknown = sorted(set(self.options) - set(names))
-        if unknown:
-            known = ", ".join(sorted(names)) or "none"
-            raise ValueError(f"url {self.text!r} has no option {unknown[0]!r}; known: {known}")
+        for name in self.options:
+            if name not in names:
+                known = ", ".join(sorted(names)) or "none"
+                raise ValueError(f"there is no option {name!r}; known: {known}")
 
     def need_host(self) -> str:
         """Return the host, or say that there is none."""
         if not self.host:
-            raise ValueError(f"url {self.text!r} has no host; wanted {self.scheme}://HOST")
+            raise ValueError(f"there is no host; wanted {self.scheme}://HOST")
         return self.host
 
-    def number(self, name: str, default: Default, *, positive: bool = True) -> float | Default:
-        """Return an option as a finite number, above zero or at least zero; `default` where it is not given."""
-        if name not in self.options:
-            return default
-        value = self.options[name]
-        with suppress(ValueError, TypeError, OverflowError):
-            number = math.nan if isinstance(value, bool) else float(value)  # type: ignore[arg-type]
-            if math.isfinite(number) and (number > 0 or (number == 0 and not positive)):
-                return number
-        raise self._refused(name, "a number above 0" if positive else "a number of at least 0")
+    def number(self, name: str, default: Any) -> Any:
+        """Return an option, as a float where it is text; `default` where it is not given."""
+        return self._value(name, default, float, "a number")
 
-    def whole(self, name: str, default: Default) -> int | Default:
-        """Return an option as a whole number of at least 0."""
-        if name not in self.options:
-            return default
-        text = str(self.options[name])
-        if not (text.isascii() and text.isdigit()):
-            raise self._refused(name, "a whole number of at least 0")
-        return int(text)
+    def whole(self, name: str, default: Any) -> Any:
+        """Return an option, as an int where it is text; `default` where it is not given."""
+        return self._value(name, default, int, "a whole number")
 
-    def choice(self, name: str, default: Default, known: Sequence[Default]) -> Default:
-        """Return an option that is one of a few values."""
-        value = self.options.get(name, default)
-        if value not in known:
-            raise self._refused(name, "one of " + ", ".join(map(str, known)))
-        return known[known.index(value)]
-
-    def words(self, name: str) -> tuple[str, ...] | None:
+    def words(self, name: str) -> Any:
         """Return an option that is a list, in a URL divided by commas; None where it is not given."""
-        value = self.options.get(name)
-        parts = value.split(",") if isinstance(value, str) else value
-        if parts is None:
-            return None
-        if (
-            not isinstance(parts, list | tuple)
-            or not parts
-            or not all(isinstance(part, str) for part in parts)
-        ):
-            raise self._refused(name, "texts, divided by commas")
-        return tuple(part.strip() for part in parts)
+        return self._value(name, None, lambda text: tuple(part.strip() for part in text.split(",")), "texts")
 
-    def _refused(self, name: str, wanted: str) -> ValueError:
-        return ValueError(f"option {name}={self.options[name]!r} of url {self.text!r}; wanted {wanted}")
+    def _value(self, name: str, default: Any, kind: Callable[[str], Any], wanted: str) -> Any:
+        value = self.options.get(name, default)
+        if not isinstance(value, str):
+            return value  # whoever takes it checks it, as without a URL
+        try:
+            return kind(value)
+        except ValueError:
+            raise ValueError(f"option {name}={value!r}; wanted {wanted}") from None

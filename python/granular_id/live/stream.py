@@ -9,11 +9,15 @@ from contextlib import contextmanager
 from granular_id._checks import argument_error, positive_number
 from granular_id._core import WrenchBuffer
 from granular_id._text import counted, verb
+from granular_id.live.clock import CLOCK, Clock
 from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
 
 __all__ = ["Stream", "checked_stream", "left_out", "opened"]
 
 _POLL_S = 0.05
+
+_MOST_S = 600.0
+"""Device time that a buffer holds at most, unless more is asked for: that of fast simulations would fill the memory."""
 
 
 class Stream:
@@ -25,15 +29,20 @@ class Stream:
     buffer : WrenchBuffer
     """
 
-    def __init__(self, source: WrenchSource, buffer: WrenchBuffer) -> None:
-        self.source = source
-        self.buffer = buffer
+    def __init__(self, source: WrenchSource, buffer: WrenchBuffer, clock: Clock = CLOCK) -> None:
+        self.source, self.buffer, self.clock = source, buffer, clock
         self._opened_utc_s = time.time()
 
     @property
     def info(self) -> SourceInfo:
         """What the source measures."""
         return self.source.info
+
+    @property
+    def replays(self) -> bool:
+        """Whether its rows are of recordings: those that came in before a push is asked for count, too."""
+        replays: bool = getattr(self.source, "replays", False)
+        return replays
 
     @property
     def truth(self) -> str | None:
@@ -66,7 +75,7 @@ class Stream:
 
     def lag_s(self) -> float:
         """How late the newest row is; 0 where device time runs at a speed of its own and says nothing of it."""
-        return self.buffer.lag_s() if self.info.speed == 1 else 0.0
+        return self.buffer.lag_s(self.clock.now_ns()) if self.info.speed == 1 else 0.0
 
 
 @contextmanager
@@ -80,7 +89,8 @@ def opened(
     source : str or WrenchSource
         A URL (see `open_source`) or a source that is not started yet.
     seconds : float, default 30
-        Length of the buffer, by the host's clock: so far back can a reader fall.
+        Length of the buffer, by the host's clock: so far back can a reader fall. At most 600 s of device time where
+        that runs faster.
     reorder_depth : int, default 0
         See `WrenchBuffer`.
     first_row_s : float, default 5
@@ -117,7 +127,7 @@ def opened(
     info = chosen.info
     try:
         buffer = WrenchBuffer(
-            seconds * info.speed,
+            min(seconds * info.speed, max(seconds, _MOST_S)),
             rate_hz=info.rate_hz,
             tick_hz=info.tick_hz,
             reorder_depth=reorder_depth,

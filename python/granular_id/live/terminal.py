@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from granular_id._text import install
+from granular_id._text import fixed, install
 from granular_id.live.snapshot import GIVEN, SYNTHETIC
 from granular_id.recording import AXIS_COLOURS
 
@@ -18,7 +18,7 @@ try:
     from rich.live import Live
     from rich.panel import Panel
     from rich.progress_bar import ProgressBar
-    from rich.table import Table
+    from rich.table import Column, Table
     from rich.text import Text
 except ImportError as error:
     raise ImportError(f"rich is needed to show a session on a terminal: {install('app')}") from error
@@ -26,6 +26,7 @@ except ImportError as error:
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from granular_id.identifier import Decision
     from granular_id.live.snapshot import Snapshot, Words
 
 __all__ = ["TerminalView", "screen"]
@@ -44,7 +45,8 @@ class TerminalView:
     --------
     >>> import io
     >>> from rich.console import Console
-    >>> from granular_id.live import Snapshot, TerminalView
+    >>> from granular_id.live import TerminalView
+    >>> from granular_id.live.snapshot import Snapshot
     >>> output = io.StringIO()
     >>> TerminalView(Console(file=output)).show(Snapshot("armed", time_s=1.5, hint="push now"))
     >>> print(output.getvalue().strip())
@@ -76,7 +78,7 @@ class TerminalView:
 
     def _print(self, snapshot: Snapshot) -> None:
         words, now_s = snapshot.words, -math.inf if snapshot.time_s is None else snapshot.time_s
-        change = (snapshot.state, snapshot.hint, words.answer[:2], snapshot.warnings)
+        change = (snapshot.state, snapshot.hint, words.answer[:2], words.warnings)
         if change != self._printed or now_s - self._printed_s >= _LINE_EVERY_S:
             self._printed, self._printed_s = change, now_s
             self._console.print(_text(words.line), soft_wrap=True)
@@ -85,17 +87,15 @@ class TerminalView:
 def screen(snapshot: Snapshot, width: int) -> RenderableType:
     """Draw a snapshot for a terminal of so many columns; what must not be missed stands on top."""
     words, wide = snapshot.words, width >= _NARROW
-    head = Table.grid(padding=(0, 1), expand=True)
-    head.add_column(ratio=1, no_wrap=True)
-    head.add_column(justify="right", no_wrap=True)
-    head.add_row(_text(f"granular_id live · {words.source}", "dim"), _text(words.score))
+    columns = Column(ratio=1, no_wrap=True), Column(justify="right", no_wrap=True)
+    head = Table.grid(*columns, padding=(0, 1), expand=True)
+    head.add_row(_text(words.source, "dim"), _text(words.score))
     mark = SYNTHETIC if width >= len(SYNTHETIC) else SYNTHETIC.partition(":")[0]
-    below = Table.grid(padding=(0, 2), expand=True)
-    tables = [*([_ranking(words)] if words.ranking else []), *([_history(words)] if words.history else [])]
-    if wide:
-        below.add_row(*tables)
-        for column in below.columns:
-            column.ratio = 1
+    tables = [] if words.decision is None else [_ranking(words.decision)]
+    if words.history:
+        tables.append(_history(words))
+    below = Table.grid(*[Column(ratio=1) for _ in tables], padding=(0, 2), expand=True)
+    below.add_row(*tables)
     return Group(
         *[Text(mark, style="bold black on yellow", justify="center")] * snapshot.synthetic,
         head,
@@ -117,9 +117,8 @@ def _text(text: str, style: str = "") -> Text:
 def _table(*heads: str, right: int, wide: tuple[int, ...]) -> Table:
     table = Table.grid(padding=(0, 1), expand=True)
     for k in range(len(heads)):
-        table.add_column(
-            justify="right" if k == right else "left", no_wrap=True, ratio=1 if k in wide else None
-        )
+        justify: Literal["left", "right"] = "right" if k == right else "left"
+        table.add_column(justify=justify, no_wrap=True, ratio=1 if k in wide else None)
     table.add_row(*(Text(head, style="dim") for head in heads))
     return table
 
@@ -172,18 +171,18 @@ class _Trace:
         yield Text("".join(" " if math.isnan(x) else levels[int(x)] for x in places), style=self._style)
 
 
-def _ranking(words: Words) -> RenderableType:
-    losses = [] if words.decision is None else [loss for _, loss in words.decision.ranking]
+def _ranking(decision: Decision) -> Table:
+    most = max(loss for _, loss in decision.ranking)
     table = _table("material", "mean loss", "the shorter the better", right=1, wide=(2,))
     table.columns[0].max_width = 24
-    for place, ((name, text), loss) in enumerate(zip(words.ranking, losses, strict=True)):
+    for place, (name, loss) in enumerate(decision.ranking):
         style = "bold green" if place == 0 else "default" if place == 1 else "dim"
-        bar = ProgressBar(max(losses), loss, complete_style=style, finished_style=style, style="black")
-        table.add_row(_text(name, style), _text(text, style), bar)
+        bar = ProgressBar(most, loss, complete_style=style, finished_style=style, style="black")
+        table.add_row(_text(name, style), _text(fixed(loss, 3), style), bar)
     return table
 
 
-def _history(words: Words) -> RenderableType:
+def _history(words: Words) -> Table:
     table = _table("no.", "at", "answer", right=0, wide=(2,))
     for number, clock, kind, title, detail, warnings in words.history:
         what = _text(title, f"bold {_STYLES[kind]}").append_text(_text(f" {detail}", "not bold default"))

@@ -1,4 +1,4 @@
-"""What starts a capture: the motion, a force, or somebody's word."""
+"""What starts a recording: the robot's motion, a force, or somebody's word."""
 
 from __future__ import annotations
 
@@ -14,9 +14,15 @@ from granular_id.live.rows import Rows
 
 __all__ = ["ForceTrigger", "ManualTrigger", "MotionTrigger", "TimeTrigger", "Trigger"]
 
+_SLACK_S = 1e-7
+"""Device time in seconds is rounded, and a moment that is a sample's own must not become the next one's."""
+
+_CREEP = 0.2
+"""Share of the threshold by which the force may creep at rest: more, and the level is that of another moment."""
+
 
 class Trigger(Protocol):
-    """Finds the first row of what is to be captured.
+    """Finds the first row of what is to be recorded.
 
     Each row is shown once, in order. A trigger may only look at the rows themselves, never at how they are cut
     into pieces: the same stream then gives the same recording however it is read.
@@ -25,24 +31,22 @@ class Trigger(Protocol):
     name: str
 
     def arm(self, _rest: Rows, /) -> str | None:
-        """Take note of the rows at rest before the motion: from here on a trigger is welcome.
-
-        Returns
-        -------
-        str or None
-            Why this is no rest; the capture then waits on. None: it is, as for triggers with nothing to learn from it.
-        """
+        """Take note of the rows at rest before the motion; return why they are no rest, None where they are."""
         return None
 
     def index(self, rows: Rows) -> int | None:
         """Return which of these rows is the first one of the motion; None: none of them yet.
 
-        Also called before `arm`, while too few rows at rest are there: what fires then fails the capture.
+        Also called before `arm`, while too few rows at rest are there: what fires then fails the push.
         """
+
+    def refuse(self, _row: Rows, /) -> str | None:
+        """Return why the row that `index` found begins no push; the rest then begins anew. None: it does."""
+        return None
 
 
 class ManualTrigger(Trigger):
-    """Fires when told: the first row that comes in after `fire`.
+    """Fires when `fire` is called: at the first row that comes in afterwards.
 
     Examples
     --------
@@ -84,32 +88,34 @@ class TimeTrigger(Trigger):
         return _first(rows.time_s >= ahead[0] - _SLACK_S) if len(ahead) else None
 
 
-_SLACK_S = 1e-7
-"""Device time in seconds is rounded, and a moment that is a sample's own must not become the next one's."""
-
-
 class MotionTrigger(Trigger):
     """Fires where the robot's motion begins.
 
     Where the robot shares the sensor's clock, that is the first row at or after the start in device time. Otherwise
     it is the first row that was due at or after the start by the host's clock. When rows with device time were due,
-    `Capture` tells by those that came soonest: late ones do not move the start. Rows without are due when they come in.
+    those that came soonest tell: late ones do not move the start. Rows without are due when they come in.
     A delay that all rows share is unknown: the start is early by it.
 
     Parameters
     ----------
-    motion : Motion, optional
-        The motion; or told later with `follow`, as the recorder does.
+    rest_n : float, default 2
+        The force must rest before the robot moves: it may differ by so much from its mean, N. An arm that holds its
+        place shakes more than a tool that stands; a tool that swings, or that somebody holds, moves by more.
     """
 
     name = "motion"
 
-    def __init__(self, motion: Motion | None = None) -> None:
-        self._motion = motion
+    def __init__(self, rest_n: float = 2.0) -> None:
+        self.rest_n = positive_number("rest_n", rest_n)
+        self._motion: Motion | None = None
 
     def follow(self, motion: Motion) -> None:
-        """Tell which motion it is."""
+        """Take the start of this motion."""
         self._motion = motion
+
+    def arm(self, rest: Rows, /) -> str | None:
+        """Look whether the force rests; sensors without forces cannot tell."""
+        return _unrest(rest, self.rest_n) if rest.wrench.shape[1] == 6 and len(rest) else None
 
     def index(self, rows: Rows) -> int | None:
         """Find the first row of the motion."""
@@ -130,6 +136,12 @@ class ForceTrigger(Trigger):
         noise of a Mini45 and a small part of what grains exert (sugar, the softest of the paper's materials in
         this respect, reaches it within the first millimetres). Raise it where the arm shakes.
 
+    Attributes
+    ----------
+    direction : ndarray of shape (3,), or None
+        Change of the force in the first push of a session. A change against it is no push: the tool is taken out of
+        the material, or let go.
+
     Notes
     -----
     The force needs a moment to grow: the trigger is late by some 10 to 50 ms, differently for each material. Train
@@ -140,6 +152,7 @@ class ForceTrigger(Trigger):
 
     def __init__(self, threshold_n: float = 0.5) -> None:
         self.threshold_n = positive_number("threshold_n", threshold_n)
+        self.direction: NDArray[np.float64] | None = None
         self._level: NDArray[np.float64] | None = None
 
     def arm(self, rest: Rows, /) -> str | None:
@@ -148,19 +161,14 @@ class ForceTrigger(Trigger):
         Raises
         ------
         ValueError
-            There are none: a capture without rows before the trigger cannot know the level.
+            There are none: without rows before the trigger the level is unknown.
         """
         if not len(rest):
             raise ValueError("a ForceTrigger needs rows at rest: pre_s must be above 0")
-        force = rest.wrench[:, :3]
-        level = force.mean(axis=0)
-        half = len(force) // 2
-        crept_n = float(np.linalg.norm(force[half:].mean(axis=0) - force[: half or 1].mean(axis=0)))
-        moved_n = float(np.linalg.norm(force - level, axis=1).max())
-        if moved_n > self.threshold_n or crept_n > _CREEP * self.threshold_n:
-            return f"the force moved by {max(moved_n, crept_n):.2g} N before the motion"
-        self._level = level
-        return None
+        unrest = _unrest(rest, self.threshold_n)
+        if unrest is None:
+            self._level = rest.wrench[:, :3].mean(axis=0)
+        return unrest
 
     def index(self, rows: Rows) -> int | None:
         """Find the first row whose force differs from the level by more than the threshold."""
@@ -169,9 +177,25 @@ class ForceTrigger(Trigger):
         change = np.linalg.norm(rows.wrench[:, :3] - self._level, axis=1)
         return _first(change > self.threshold_n)
 
+    def refuse(self, row: Rows, /) -> str | None:
+        """Refuse a change against the direction of the first push."""
+        if self.direction is None or self._level is None:
+            return None
+        if float((row.wrench[0, :3] - self._level) @ self.direction) >= 0:
+            return None
+        self._level = None
+        return "the force changed against the direction of the first push, as when the tool is pulled out"
 
-_CREEP = 0.2
-"""Share of the threshold by which the force may creep at rest: more, and the level is that of another moment."""
+
+def _unrest(rest: Rows, threshold_n: float) -> str | None:
+    """Return by how much the force moves among some rows, None where it rests."""
+    force = rest.wrench[:, :3]
+    half = len(force) // 2
+    crept_n = float(np.linalg.norm(force[half:].mean(axis=0) - force[: half or 1].mean(axis=0)))
+    moved_n = float(np.linalg.norm(force - force.mean(axis=0), axis=1).max())
+    if moved_n > threshold_n or crept_n > _CREEP * threshold_n:
+        return f"the force moved by {max(moved_n, crept_n):.2g} N before the motion"
+    return None
 
 
 def _first(where: NDArray[np.bool_]) -> int | None:

@@ -28,7 +28,8 @@ class Views:
 
     Examples
     --------
-    >>> from granular_id.live import Snapshot, Views
+    >>> from granular_id.live import Views
+    >>> from granular_id.live.snapshot import Snapshot
     >>> class Printing:
     ...     def show(self, snapshot):
     ...         print(snapshot.words.line)
@@ -37,17 +38,15 @@ class Views:
     Armed: push now  |  lag -, lost 0
     """
 
-    def __init__(self, views: Iterable[Any] = ()) -> None:
+    def __init__(self, views: Iterable[Any]) -> None:
         self.errors: tuple[str, ...] = ()
         self._views, self._busy = list(views), ""
         self._next_s, self._is_closed = -float("inf"), False
         self._changed = Condition()
         self._waiting: deque[Snapshot] = deque(maxlen=64)
         self._thread = Thread(target=self._run, name="granular_id views", daemon=True)
-
-    def add(self, view: Any) -> None:
-        """Show snapshots there as well, from now on."""
-        self._views.append(view)
+        if self._views:
+            self._thread.start()
 
     def wants_snapshot(self) -> bool:
         """Whether it is time for another snapshot; a change of state may be published at any time."""
@@ -60,27 +59,27 @@ class Views:
             if self._waiting and self._waiting[-1].state == snapshot.state:
                 self._waiting.pop()
             self._waiting.append(snapshot)
-        self._wake()
+            self._changed.notify()
 
     def close(self) -> None:
         """Show what waits, then close the views; one that is stuck is left behind."""
         if self._is_closed:
             return
-        self._is_closed = True
-        self._wake()
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify()
         if self._thread.is_alive():
             self._thread.join(_PATIENCE_S)
         if self._thread.is_alive():
             self.errors += (f"{self._busy} is stuck",)
 
-    def _wake(self) -> None:
-        if self._views and self._thread.ident is None:
-            self._thread.start()
-        with self._changed:
-            self._changed.notify()
-
     def _run(self) -> None:
-        while (snapshot := self._next()) is not None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._is_closed)
+                if not self._waiting:
+                    break
+                snapshot = self._waiting.popleft()
             snapshot = replace(snapshot, warnings=(*snapshot.warnings, *self.errors))
             for view in tuple(self._views):
                 if not self._call(view, "show", snapshot):
@@ -88,11 +87,6 @@ class Views:
                     self._call(view, "close")
         for view in self._views:
             self._call(view, "close")
-
-    def _next(self) -> Snapshot | None:
-        with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._is_closed)
-            return self._waiting.popleft() if self._waiting else None
 
     def _call(self, view: Any, name: str, *arguments: object) -> bool:
         self._busy = type(view).__name__

@@ -1,137 +1,97 @@
-"""A session with a robot that notes when it is told what, in a process of its own, to be ended by a signal.
+"""A session whose robot notes what it is told, in a process of its own, to be ended by a signal.
 
-Usage: signals_work.py LOG command|api|thread|nested|deaf|blocked|slow|broken|exit FOLDER|words of a command
-       signals_work.py LOG during|between|leaving MODEL
+Usage: signals_work.py DESCRIPTOR HOW FOLDER | WORDS OF A COMMAND
 """
 
-from __future__ import annotations
-
-import hashlib
+import os
+import signal
 import sys
 import threading
-import time
-from pathlib import Path
+from contextlib import nullcontext, suppress
 
-from granular_id import Identifier
-from granular_id.live import CaptureError, LiveIdentifier, Recorder, Views, opened, setup_of, stop_on_signals
+from granular_id.live import CaptureError, Recorder, host_ns, opened, signals, stop_on_signals, supervisor
 from granular_id.live.sim import SimRobot, SimSource
 
-LOG, WHAT, *WORDS = Path(sys.argv[1]), *sys.argv[2:]
+NOTES, HOW, *WORDS = os.fdopen(int(sys.argv[1]), "w", encoding="utf-8"), *sys.argv[2:]
+moves, once = threading.Event(), iter([True])
 
 
 def note(what):
-    with LOG.open("a", encoding="utf-8") as log:
-        log.write(f"{time.monotonic_ns()} {what}\n")
+    NOTES.write(f"{what}\n")
+    NOTES.flush()
 
 
 class NotingRobot(SimRobot):
-    """Notes each call; with `blocked`, the call of the driver keeps the main thread in C for seconds."""
+    """Notes when the tool moves and each call of `stop`."""
 
-    def move_line(self, direction, speed_m_s, duration_s):
-        motion = super().move_line(direction, speed_m_s, duration_s)
-        note("moving")
-        if WHAT == "blocked":
-            try:
-                hashlib.pbkdf2_hmac("sha256", b"", b"", 3_000_000)
-            finally:
-                note("driver returns")
+    n_stops = 0
+
+    def move_line(self, *what):
+        motion = super().move_line(*what)
+        ended = motion.finished
+
+        def finished():
+            if host_ns() >= motion.start_host_ns and not moves.is_set():
+                moves.set()
+                if HOW not in ("deaf", "held up"):
+                    note("moves")
+            return HOW not in ("hangs", "broken") and ended()
+
+        motion.finished = finished
         return motion
 
     def stop(self):
-        note("stop begins")
-        if WHAT == "slow":
-            time.sleep(0.5)  # a second signal comes meanwhile
-        super().stop()
         note("stop")
-        if WHAT == "broken":
+        self.n_stops += 1
+        if HOW == "hangs" or (HOW == "hangs once" and self.n_stops == 1):
+            threading.Event().wait()
+        if HOW == "broken":
             raise ConnectionError("the arm does not answer")
+        super().stop()
 
 
-def robot(source):
-    return NotingRobot(source)
-
-
-SimSource.robot = robot
+def on_step(*_):
+    if HOW == "deaf" and moves.is_set() and next(once, False):
+        with suppress(BaseException):
+            note("moves")
+            threading.Event().wait()
+    elif HOW == "held up" and moves.is_set():
+        signal.pthread_sigmask(signal.SIG_BLOCK, signals.SIGNALS)  # as C code does, it hears of no signal
+        note("moves")
+        os.read(0, 1)
+        note("goes on")
 
 
 def record(folder):
     with opened("sim:rice?seed=1") as stream:
-        on_step = swallow if WHAT == "deaf" else None
-        Recorder(stream, stream.source.robot(), folder, on_step=on_step).record("rice")
-
-
-def swallow(step, capture):
-    try:
-        time.sleep(0.05)
-    except BaseException:
-        note("swallowed")
-
-
-class NotingView:
-    """Notes provisional answers."""
-
-    def show(self, snapshot):
-        if snapshot.decision is not None and not snapshot.decision.final:
-            note("provisional answer")
-
-    def close(self):
-        pass
-
-
-def name(model, over):
-    """Name pushes until it is told to end; it hears of a signal during a push, or while nothing moves."""
-    speed = 1 if WHAT == "during" else 20
-    with opened(f"sim:rice?seed=1&speed={speed}") as stream:
-        live = LiveIdentifier(
-            stream, model, setup_of(stream.source), early=True, pre_s=0.25, views=Views([NotingView()])
-        )
+        recorder = Recorder(stream, stream.source.robot(), folder, on_step=on_step)
         try:
-            for push in live.pushes():
-                note("answer" if push.reason is None else push.reason.value)
-                if WHAT != "during":
-                    time.sleep(1)
+            while True:
+                recorder.record("rice")
         except CaptureError as error:
             note(error.reason.value)
-    over.set()
-
-
-def name_in_a_thread(model):
-    over = threading.Event()  # Python forgets a thread whose join() a signal has ended
-    with stop_on_signals():
-        threading.Thread(target=name, args=(Identifier.load(model), over)).start()
-        try:
-            over.wait()
-        finally:
-            if WHAT == "between":  # else the block is left before the thread goes on
-                over.wait()
 
 
 def main():
+    if HOW == "broken":
+        supervisor._BRAKE_S = 0.0
+    signals._LEAVE_S = 0.2
     if WORDS[0] in ("record", "live"):
         from granular_id.cli import main as command
 
         sys.argv = ["granular-id", *WORDS]
         command()
-        return
-    if WHAT in ("during", "between", "leaving"):
-        name_in_a_thread(WORDS[0])
-        return
-    folder = WORDS[0]
-    if WHAT == "exit":
-        threading.Thread(target=record, args=(folder,), daemon=True).start()
-        while not (LOG.exists() and LOG.read_text("utf-8")):
-            time.sleep(0.01)
-        return  # the program is over, and its thread with it
-    with stop_on_signals():
-        if WHAT == "thread":
-            worker = threading.Thread(target=record, args=(folder,))
-            worker.start()
-            worker.join()
-        elif WHAT == "nested":
-            with stop_on_signals():
-                record(folder)
-        else:
-            record(folder)
+    elif HOW == "exit":
+        threading.Thread(target=record, args=WORDS, daemon=True).start()
+        moves.wait()  # the program is over then, and its thread with it
+    else:
+        with stop_on_signals(), stop_on_signals() if HOW == "nested" else nullcontext():
+            if HOW == "thread":
+                threading.Thread(target=record, args=WORDS).start()
+                threading.Event().wait()  # not join(): Python forgets a thread whose join() a signal has ended
+            else:
+                record(*WORDS)
 
 
+SimSource.robot = lambda source: NotingRobot(source)  # noqa: PLW0108 (a class would not be bound)
 main()

@@ -5,13 +5,14 @@ import re
 import shlex
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import granular_id as gid
 from cli_cases import ended_well, refused, run, started
-from granular_id.live.source import SourceInfo, ThreadedSource
+from granular_id.live import CallbackRobot, SourceInfo, ThreadedSource
 
 SIM = "sim:?seed=4"
 
@@ -68,7 +69,7 @@ def test_a_label_that_the_source_contradicts_is_told(tmp_path):
 
 def test_live_names_pushes_and_says_how_many_were_right(model, tmp_path):
     rows = tmp_path / "answers.jsonl"
-    words = ("--source", "sim:unknown?materials=rice,fine_sugar&seed=3", "--speed", 20, "--model", model)
+    words = ("--source", "sim:rice,fine_sugar?seed=3", "--speed", 20, "--model", model)
     out = ended_well("live", *words, "--n", 3, "--quiet", "--json", rows)
     assert out.count("final: margin") == 3
     assert "SYNTHETIC: 3 answers, " in out
@@ -144,8 +145,7 @@ def test_a_full_disk_ends_a_session_with_whole_lines_and_one_error(live, tmp_pat
     whole = rows.read_text("utf-8")
     assert whole.endswith("}\n")
     answers = [json.loads(line) for line in whole.splitlines()]
-    assert [answer["truth"] for answer in answers] == ["rice"] * len(answers)
-    assert len(whole) + len(whole) // len(answers) > 1500, "as many as there is room for"
+    assert {answer["truth"] for answer in answers} == {"rice"}
 
 
 def interrupted(*words, after):
@@ -188,13 +188,9 @@ def test_ctrl_c_leaves_whole_files_only(tmp_path, heeding_interrupts):
         ("--label rice --session ''", "--session is empty"),
         ("--label rice --n 0", "--n must be at least 1, got 0"),
         ("--label rice --speed 1e9", "--speed must be at most 1000, got 1e+09"),
-        ("--label rice --speed -1", "--speed must be positive"),
         ("--label rice --buffer-s 1e9", "--buffer-s must be at most 600, got 1e+09"),
-        ("--label rice --direction 0,0,0", "--direction must hold three numbers, not all 0"),
         ("--label rice --direction 1,0", "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
         ("--label rice --robot none --trigger motion", "--trigger motion needs a robot"),
-        ("--label rice --robot source --trigger force --threshold-n -1", "--threshold-n"),
-        ("--label rice --speed-m-s 0", "--speed-m-s must be positive and finite, got 0"),
         ("--label rice --pre-s 9", "--pre-s must be at least 0 and below --duration-s 3.2, got 9"),
         ("--label rice --duration-s 5", "a shorter push or a lower --speed-m-s is wanted"),
         ("--label rice --max-lag-s -1", "--max-lag-s must be at least 0 and finite, got -1"),
@@ -205,6 +201,36 @@ def test_record_refuses_what_cannot_be(tmp_path, words, said):
     assert not list(tmp_path.iterdir())
 
 
+class Real(ThreadedSource):
+    """A sensor that is no simulation, part of an arm that cannot go back."""
+
+    def __init__(self, _url):
+        super().__init__(SourceInfo("a bench", 500, device_clock=True))
+
+    def deliver(self, buffer, stopping):
+        buffer.push(np.zeros(6), 0.0)
+        stopping.wait()
+
+    def robot(self):
+        return CallbackRobot(pytest.fail, lambda: None)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--label rice,salt --n 1", "--label names 2 materials, somebody must change them"),
+        ("--label rice --n 2 --robot source", "--n 2: somebody must bring the robot back after each push"),
+    ],
+)
+def test_record_without_a_terminal_refuses_what_needs_hands(tmp_path, monkeypatch, words, said):
+    point = SimpleNamespace(name="bench", load=lambda: Real)
+    monkeypatch.setattr("granular_id.live.source.entry_points", lambda group: [point])
+    line = refused("record", "--source", "bench://here", *shlex.split(words), "-o", tmp_path / "x")
+    assert said in line
+    assert "standard input is no terminal" in line
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -212,12 +238,9 @@ def test_record_refuses_what_cannot_be(tmp_path, words, said):
         ("--no-browser", "--no-browser is about the page: add --view"),
         ("--view --port 70000", "--port must be between 0 and 65535, got 70000"),
         ("--robot ur", "--robot must be one of auto, none, manual, source or a URL"),
-        ("--robot gantry:1", "--robot 'gantry:1' has the scheme 'gantry'; known: "),
-        ("--pre-s 0.1", "--pre-s is 0.1, but the model was trained with 0.25 s of rest: leave it out"),
         ("--speed-m-s 0.8", "into the wall, a lower --speed-m-s is wanted"),
         ("--robot none --timeout-s 1", "nothing triggered within 1 s"),
         ("--source simm:rice", "'simm'; known: bota, rdt"),
-        ("--source sim:rice?sped=2", "no option 'sped'; known:"),
         ("--source replay:nowhere", "nowhere"),
         ("--source sim:rice?rate_hz=100", "the model is for 500 Hz, simulated rice delivers 100 Hz"),
         ("--model no.safetensors", "no.safetensors"),
@@ -279,34 +302,37 @@ def test_live_answers_on_and_on_as_identify_does_on_the_axes_of_the_model(ground
     assert "Answering: " in ended_well("live", *words[:-2], "--n", 3)
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ((), "--pre-s must be given"),
-        (("--hop-s", 0.5, "--early"), "--early is about pushes; with --hop-s answers go on: leave it out"),
-        (("--hop-s", 0.5, "--pre-s", 0.2), "--pre-s is about pushes"),
-        (("--hop-s", 0.5, "--robot", "manual"), "--robot is about pushes"),
-        (("--hop-s", 0.5, "--trigger", "force"), "--trigger is about pushes"),
-        (("--hop-s", 0.5, "--timeout-s", 3), "--timeout-s is about pushes"),
-        (("--hop-s", 0.5, "--threshold-n", 1), "--threshold-n is about pushes"),
-        (("--hop-s", 0.5, "--direction=-1,0,0"), "--direction is about pushes"),
-        (("--hop-s", 0.5, "--speed-m-s", 0.1), "--speed-m-s is about pushes"),
-        (("--hop-s", 0.5, "--allow-saturated"), "--allow-saturated is about pushes"),
-        (("--hop-s", 0), "--hop-s must be positive"),
-    ],
+ABOUT_PUSHES = (
+    "--early",
+    "--allow-saturated",
+    "--pre-s 0.2",
+    "--robot manual",
+    "--trigger force",
+    "--threshold-n 1",
+    "--direction=-1,0,0",
+    "--max-force-n 9",
 )
-def test_live_refuses_what_does_not_go_with_windows(grounds, words, said):
+
+
+@pytest.mark.parametrize("words", ABOUT_PUSHES)
+def test_live_with_a_hop_refuses_what_is_about_pushes(grounds, words):
+    model, file = grounds
+    line = refused("live", "--source", f"replay:{file}", "--model", model, "--hop-s", 0.5, *words.split())
+    assert f"{re.split('[ =]', words)[0]} is about pushes; with --hop-s answers go on" in line
+
+
+@pytest.mark.parametrize(
+    ("words", "said"), [((), "--pre-s must be given"), (("--hop-s", 0), "--hop-s must be positive")]
+)
+def test_live_refuses_a_rest_or_hop_that_is_missing(grounds, words, said):
     model, file = grounds
     assert said in refused("live", "--source", f"replay:{file}", "--model", model, *words)
 
 
-def test_live_refuses_other_units_and_a_recording_that_is_too_short(grounds, tmp_path):
-    model, file = grounds
-    words = ("--model", model, "--hop-s", 0.5, "--speed", 20)
-    line = refused("live", "--source", f"replay:{file}?units=deg/s,g", *words)
-    assert "units 'wx: deg/s', in training 'wx: rad/s'" in line
+def test_live_refuses_a_recording_that_is_too_short(grounds, tmp_path):
     drive(tmp_path / "short.csv", 0, 0.3, 1)
-    line = refused("live", "--source", f"replay:{tmp_path / 'short.csv'}", *words)
+    source = ("--source", f"replay:{tmp_path / 'short.csv'}", "--speed", 20)
+    line = refused("live", *source, "--model", grounds[0], "--hop-s", 0.5)
     assert "came to its end before 0.5 s of signal were there" in line
 
 

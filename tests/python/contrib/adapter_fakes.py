@@ -94,7 +94,7 @@ class FakeBota(Fake):
 
     def _frames(self):
         for n in itertools.count():
-            flags = {"invalid": int(n % 70 == 69), "overrange": int(n % 50 == 49), "throttled": int(n == 3)}
+            flags = {"invalid": int(n % 70 == 69), "overrange": int(n % 50 == 49)}
             wrench = {"force": [1.0, 2.0, float(n)], "torque": [0.1, 0.2, 0.3]}
             time.sleep(0.0005)
             yield SimpleNamespace(**wrench, timestamp=5_000_000 + 1000 * n, status=SimpleNamespace(**flags))

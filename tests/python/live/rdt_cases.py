@@ -10,8 +10,9 @@ import numpy as np
 from granular_id._core import WrenchBuffer
 from granular_id.live.rdt import RdtSource
 from granular_id.testing import FakeNetft
+from sink_cases import rows_in
 
-RATE_HZ, TICK_HZ = 2000.0, 8000.0
+RATE_HZ, TICK_HZ = 1750.0, 7000.0
 STOP, START, BUFFERED, BIAS = (b"\x12\x34\0" + bytes([code, 0, 0, 0, 0]) for code in (0, 2, 3, 0x42))
 COMPARED = ("lost", "duplicates", "reordered", "bad_status", "rows")
 
@@ -32,11 +33,7 @@ def buffer_of(source, seconds=10.0, **options):
 
 def taken(buffer, n):
     """Wait for the first n rows; return their wrenches."""
-    reader, parts = buffer.reader(from_oldest=True), []
-    while (left := n - sum(map(len, parts))) > 0:
-        assert reader.wait(20)
-        parts.append(reader.read(left).wrench)
-    return np.concatenate(parts)
+    return rows_in(buffer, n)[0].wrench[:n]
 
 
 @contextmanager
@@ -51,15 +48,14 @@ def streaming(box, *, seconds=10.0, reorder_depth=0, source=None, **options):
         source.stop()
 
 
-def run(faults=None, *, n_records=700, options=None, reorder_depth=64, **box_options):
-    """Receive a whole stream. Returns source, buffer, its reader and the box."""
-    settings = {"rate_hz": RATE_HZ, "tick_hz": TICK_HZ, "seed": 3, **box_options}
+def run(faults=None, *, n_records=700, buffered=False, page=None):
+    """Receive a whole stream. Returns source, reader and box."""
     with (
-        FakeNetft(signal(), faults=faults, n_records=n_records, **settings) as box,
-        streaming(box, reorder_depth=reorder_depth, **(options or {})) as (source, buffer),
+        FakeNetft(signal(), rate_hz=RATE_HZ, faults=faults, n_records=n_records, page=page, seed=3) as box,
+        streaming(box, reorder_depth=64, buffered=buffered) as (source, buffer),
     ):
         assert box.wait(60)
-    return source, buffer, buffer.reader(from_oldest=True), box
+    return source, buffer.reader(from_oldest=True), box
 
 
 def counted(source):

@@ -1,154 +1,150 @@
 """Robots that need no library: people and callbacks."""
 
-from __future__ import annotations
-
-import io
+import queue
 import threading
 
 import pytest
 
-from granular_id._core import host_ns
-from granular_id.live.robot import CallbackRobot, ManualRobot, Motion, Robot
-from sink_cases import eventually
+from granular_id.live import CallbackRobot, ManualRobot, Motion, Robot, host_ns
 
 
-@pytest.fixture
-def console():
-    return io.StringIO()
+class Lines(queue.SimpleQueue):
+    """A console: `get` waits for a line."""
+
+    def write(self, text):
+        if text.strip():
+            self.put(text)
+
+    def flush(self):
+        pass
 
 
-def test_a_countdown_ends_with_the_word_to_push(console):
-    robot = ManualRobot(countdown_s=0.2, console=console)
-    assert isinstance(robot, Robot)
-    assert robot.tcp_pose() is None
-    before_ns = host_ns()
-    motion = robot.move_line((1, 0, 0), 0.03, 0.05)
-    assert isinstance(motion, Motion)
-    assert motion.start_time_s is None
-    assert before_ns + 0.2e9 <= motion.start_host_ns <= host_ns() + 0.2e9
-    eventually(lambda: "push" in console.getvalue())
+def test_a_countdown_ends_with_the_word_to_push():
+    lines = Lines()
+    robot = ManualRobot(countdown_s=0.05, console=lines)
+    motion = robot.move_line((1, 0, 0), 0.03, 0.1)
+    assert [lines.get(timeout=20) for _ in range(2)] == ["1 ...", "push: 30 mm/s for 0.1 s"]
     assert host_ns() >= motion.start_host_ns
-    assert console.getvalue().removeprefix("1 ...\n") == "push: 30 mm/s for 0.1 s\n"
-    eventually(motion.finished)
-    assert motion.report() == {"robot": "manual", "countdown_s": 0.2}
-    robot.stop()
-    assert "stop" not in console.getvalue(), "it was over"
+    assert motion.report() == {"robot": "manual", "countdown_s": 0.05}
+    assert isinstance(robot, Robot)
+    assert isinstance(motion, Motion)
 
 
-def test_a_countdown_is_ended_by_stop_and_by_a_new_one(console):
-    threads = threading.active_count()
-    robot = ManualRobot(countdown_s=300, console=console)
-    robot.stop()
-    motion = robot.move_line((1, 0, 0), 0.03, 3)
-    eventually(lambda: " ...\n" in console.getvalue())
+def test_a_countdown_is_ended_by_stop_and_by_a_new_one():
+    lines = Lines()
+    robot = ManualRobot(countdown_s=300, console=lines)
+    robot.stop()  # nothing to be stopped
+    for _ in range(2):
+        motion = robot.move_line((1, 0, 0), 0.03, 3)
+        assert lines.get(timeout=20) == "300 ..."
     assert not motion.finished()
     robot.stop()
     assert motion.finished()
-    assert console.getvalue().endswith(" ...\nstop\n")
-    brief = ManualRobot(countdown_s=0.1, console=console)
-    for _ in range(3):
-        brief.move_line((1, 0, 0), 0.03, 3)
-    eventually(lambda: threading.active_count() <= threads)
-    assert console.getvalue().count("push") == 1
-
-
-def test_a_callback_moves_in_a_thread_until_it_returns():
-    calls, release = [], threading.Event()
-
-    def move(direction, speed_m_s, duration_s):
-        calls.append((direction, speed_m_s, duration_s))
-        release.wait(20)
-
-    robot = CallbackRobot(move, lambda: calls.append("stop"), pose=lambda: [1, 2, 3, 0, 0, 0], name="gantry")
-    assert isinstance(robot, Robot)
-    assert robot.tcp_pose() == (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
-    motion = robot.move_line([0, 0, 4], 0.02, 0.01)
-    eventually(lambda: calls == [((0.0, 0.0, 1.0), 0.02, 0.01)])
-    assert not motion.finished(), "the function has not returned"
-    release.set()
-    eventually(motion.finished)
-    assert motion.error is None
-    report = {"robot": "gantry", "direction": [0.0, 0.0, 1.0], "speed_m_s": 0.02, "duration_s": 0.01}
-    assert motion.report() == report
     robot.stop()
-    assert calls[-1] == "stop"
+    assert (lines.get(timeout=20), lines.empty()) == ("stop", True)
+
+
+class Gantry:
+    """Two functions and what they were told; `move` returns when `may_return` is set."""
+
+    def __init__(self, error=None):
+        self.calls, self.begun, self.may_return, self.error = [], threading.Event(), threading.Event(), error
+        self.robot = CallbackRobot(self.move, lambda: self.calls.append("stop"), name="gantry")
+
+    def move(self, *what):
+        self.calls.append(what)
+        self.begun.set()
+        assert self.may_return.wait(20)
+        if self.error is not None:
+            raise self.error
+
+    def begin(self, duration_s):
+        motion = self.robot.move_line([0, 0, 4], 0.02, duration_s)
+        assert self.begun.wait(20)
+        return motion
+
+    def end(self, motion):
+        self.may_return.set()
+        motion._thread.join(20)
+
+
+@pytest.mark.parametrize("error", [None, ZeroDivisionError("by zero")])
+def test_a_callback_moves_until_it_returns_or_raises(error):
+    gantry = Gantry(error)
+    motion = gantry.begin(60 if error else 1e-9)
+    assert not motion.finished()
+    gantry.end(motion)
+    assert motion.finished()
+    assert motion.error == (error and "ZeroDivisionError: by zero")
+    assert gantry.calls == [((0.0, 0.0, 1.0), 0.02, motion.report()["duration_s"])]
+    assert motion.report()["direction"] == [0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize("crosses", [False, True])
+def test_a_callback_is_stopped_again_where_commands_cross(crosses):
+    gantry = Gantry()
+    motion = gantry.begin(60)
+    if not crosses:
+        gantry.end(motion)
+        assert not motion.finished()
+    gantry.robot.stop()
+    gantry.end(motion)
+    assert motion.finished()
+    assert gantry.calls[1:] == ["stop"] * (1 + crosses)
+
+
+def test_a_motion_that_was_stopped_before_it_began_never_begins(monkeypatch):
+    gantry, start = Gantry(), threading.Thread.start
+    monkeypatch.setattr(threading.Thread, "start", lambda _: None)
+    motion = gantry.robot.move_line([0, 0, 4], 0.02, 60)
+    gantry.robot.stop()
+    start(motion._thread)
+    motion._thread.join(20)
+    assert gantry.calls == ["stop"]
+
+
+def test_a_robot_has_a_pose_and_a_way_back_where_it_can():
+    whole = CallbackRobot(print, print, pose=lambda: [1, 2, 3, 0, 0, 0], back=lambda: None)
+    assert whole.tcp_pose() == [1, 2, 3, 0, 0, 0]
+    assert isinstance(whole.move_back(), Motion)
+    plain = CallbackRobot(print, print)
+    assert not hasattr(plain, "tcp_pose")
+    assert not hasattr(plain, "move_back")
+
+
+def test_a_stop_that_raises_ends_no_motion():
+    """By itself, a motion would be over when `stop` is called."""
+    answers = iter([OSError("no connection")])
+
+    def stop():
+        for error in answers:
+            raise error
+
+    robot = CallbackRobot(lambda *_: None, stop)
+    motion = robot.move_line((1, 0, 0), 0.03, 60.0)
+    motion._thread.join()
+    with pytest.raises(OSError, match="no connection"):
+        robot.stop()
+    assert not motion.finished()
+    robot.stop()
+    assert motion.finished()
 
 
 @pytest.mark.parametrize(
-    ("move", "error", "match"),
+    ("make", "match"),
     [
-        ((None, 0.03, 3), TypeError, "direction must hold three numbers, got None"),
-        (("xyz", 0.03, 3), TypeError, "direction must hold three numbers, got 'xyz'"),
-        (((1, 0), 0.03, 3), ValueError, "direction must hold three numbers, not all 0"),
-        (((0, 0, 0), 0.03, 3), ValueError, "direction must hold three numbers, not all 0"),
-        (((1, 0, 0), 30, 3), ValueError, "speed_m_s must be at most 1, got 30: metres per second"),
-        (((1, 0, 0), 0, 3), ValueError, "speed_m_s"),
-        (((1, 0, 0), 0.03, 0), ValueError, "duration_s"),
+        (lambda: ManualRobot(-1), "^countdown_s must"),
+        (lambda: CallbackRobot(print, None), "^stop must"),
+        (lambda: move("xyz", 0.03, 3), "direction must hold three numbers, got 'xyz'"),
+        (lambda: move((0, 0, 0), 0.03, 3), "direction must hold three numbers, not all 0"),
+        (lambda: move((1, 0, 0), 30, 3), "speed_m_s must be at most 1, got 30: metres per second"),
+        (lambda: move((1, 0, 0), 0.03, 0), "duration_s"),
     ],
 )
-def test_moves_that_are_refused(move, error, match):
-    calls = []
-    with pytest.raises(error, match=match):
-        CallbackRobot(lambda *_: calls.append("move"), lambda: None).move_line(*move)
-    assert calls == []
-
-
-@pytest.mark.parametrize(
-    ("make", "error", "name"),
-    [
-        (lambda: ManualRobot(-1), ValueError, "countdown_s"),
-        (lambda: CallbackRobot(1, print), TypeError, "move"),
-        (lambda: CallbackRobot(print, None), TypeError, "stop"),
-        (lambda: CallbackRobot(print, print, 3), TypeError, "pose"),
-    ],
-)
-def test_robots_that_cannot_be_made(make, error, name):
-    with pytest.raises(error, match=f"^{name} must"):
+def test_robots_and_moves_that_cannot_be_are_refused(make, match):
+    with pytest.raises((TypeError, ValueError), match=match):
         make()
 
 
-def test_a_motion_that_was_stopped_never_begins():
-    """The command is given in a thread: where the stop comes first, nothing moves after it."""
-    calls = []
-    robot = CallbackRobot(lambda *_: calls.append("move"), lambda: calls.append("stop"))
-    held = robot.move_line((1, 0, 0), 0.03, 60)
-    eventually(lambda: not held._thread.is_alive())
-    motion = type(held)(60, {}, lambda: calls.append("late"))
-    robot._motion = motion
-    robot.stop()
-    motion.begin()
-    eventually(motion.finished)
-    assert calls == ["move", "stop"]
-
-
-def test_a_command_that_crosses_with_the_stop_is_stopped_after_all():
-    calls, under_way, stopped = [], threading.Event(), threading.Event()
-
-    def move(*_):
-        under_way.set()
-        stopped.wait(20)  # the command is still on its way when the stop arrives ...
-        calls.append("moves")
-
-    def stop():
-        calls.append("stop")
-        stopped.set()
-
-    robot = CallbackRobot(move, stop)
-    robot.move_line((1, 0, 0), 0.03, 60)
-    assert under_way.wait(20)
-    robot.stop()
-    eventually(lambda: "moves" in calls)
-    assert calls.count("stop") == 2
-
-
-def test_a_callback_that_returns_at_once_moves_on_until_it_is_stopped_or_has_failed():
-    robot = CallbackRobot(lambda *_: None, lambda: None)
-    motion = robot.move_line((1, 0, 0), 0.03, 60)
-    assert not motion.finished()
-    robot.stop()
-    eventually(motion.finished)
-    assert robot.tcp_pose() is None
-
-    failed = CallbackRobot(lambda *_: 1 / 0, lambda: None).move_line((1, 0, 0), 0.03, 60)
-    eventually(failed.finished)
-    assert failed.error == "ZeroDivisionError: division by zero"
+def move(*what):
+    CallbackRobot(pytest.fail, print).move_line(*what)

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 from granular_id import FeatureSpec, extract_features
-from granular_id.live import FailureReason, Push, Snapshot
+from granular_id.live import FailureReason, Push
+from granular_id.live.snapshot import Snapshot
 from granular_id.signal import butter, sosfilt, sosfilt_zi
-from live_view_cases import CLASSES, answer, block, listening, new_builder, push
+from live_view_cases import CLASSES, answer, block, hopping, listening, new_builder, push
 
 ROWS, WRENCH = push()
 SPECS = {
@@ -36,9 +37,9 @@ def high_passed(rows):
 
 
 def extremes(rows):
-    """Smallest and largest of every 13 rows of the stream: 200 pieces, the newest may be unfinished."""
-    rows = np.vstack([np.full((2600, 6), np.nan), rows, np.full((-len(rows) % 13, 6), np.nan)])[-2600:]
-    pieces = rows.reshape(-1, 13, 6)
+    """Smallest and largest of each of the last 200 pieces of 13 rows."""
+    rows = np.vstack([np.full((2600, 6), np.nan), rows])
+    pieces = rows[: len(rows) // 13 * 13][-2600:].reshape(-1, 13, 6)
     return np.stack([np.fmin.reduce(pieces, 1), np.fmax.reduce(pieces, 1)], 1).reshape(-1, 6)
 
 
@@ -55,14 +56,14 @@ def test_traces_any_pieces_and_gaps_keep_the_extremes(borders, gaps):
     seen = builder.build("armed")
     rows, residual = [], []
     for row, piece in zip([0, *sorted(gaps)], np.split(ROWS, sorted(gaps)), strict=True):
-        nothing = np.full((gaps.get(row, 0), 6), np.nan)
+        nothing = np.full((min(gaps.get(row, 0), 2600), 6), np.nan)
         rows += [nothing, piece]
         residual += [nothing, high_passed(piece)]
     assert np.array_equal(seen.wrench, extremes(np.vstack(rows)), equal_nan=True)
     assert np.array_equal(seen.residual, extremes(np.vstack(residual)), equal_nan=True)
     assert np.array_equal(seen.latest, ROWS[-1])
     assert seen.time_s == (len(ROWS) + sum(gaps.values()) - 1) / 500
-    assert 0 <= seen.row_age_s[-1] < 13 / 500 < 5 < seen.row_age_s[0] < 5.3
+    assert 0 <= seen.row_age_s[-1] < 26 / 500 < 5 < seen.row_age_s[0] < 5.3
     assert (np.diff(seen.row_age_s) <= 0).all()
 
 
@@ -74,12 +75,9 @@ def test_rows_missed_are_lost_and_an_epoch_clears_the_traces():
     assert seen.lost == 42
     assert np.nanmax(abs(seen.residual)) < 1e-9  # the high-pass begins anew: the step is none
     assert np.isnan(seen.wrench).all(axis=1).sum() > 2
-    builder.rows(block(np.full((5, 6), -7.0), epoch=1, missed=9))
+    builder.rows(block(np.full((15, 6), -7.0), epoch=1, missed=9))
     seen = builder.build("armed")
-    assert np.unique(seen.wrench[np.isfinite(seen.wrench)]).tolist() == [-7.0], (
-        "others are of the epoch before"
-    )
-    assert np.nanmax(abs(seen.residual)) < 1e-9
+    assert set(seen.wrench[np.isfinite(seen.wrench)]) == {-7.0}, "others are of the epoch before"
 
 
 def test_histogram_and_ranking_stand_until_the_next_capture_has_rows():
@@ -102,22 +100,17 @@ def test_long_sessions_stay_small_and_the_last_outcome_is_held():
     builder = new_builder(classes=CLASSES)
     for i in range(700):
         seen = builder.build("triggered", answer(i / 10))
-    assert len(seen.ranking_history[0]) <= 400
+    assert len(seen.ranking_history[0]) <= 33
     assert builder.build("triggered", answer(0.1)).ranking_history[0].tolist() == [0.1], "it begins anew"
     for _ in range(100):
         builder.end_capture(Push(answer(3.2, final=True)))
     assert [outcome.number for outcome in builder.build("armed").history] == list(range(61, 101))
-    held = {
-        state for state in ("idle", "armed", "ended", "triggered", "complete") if builder.build(state).held
-    }
-    assert held == {"idle", "armed", "ended"}
+    states = ("idle", "armed", "ended", "triggered", "complete")
+    assert [bool(builder.build(state).held) for state in states] == [True, True, True, False, False]
 
 
 def test_hops_ranking_is_that_of_the_last_half_minute():
-    builder = new_builder(100.0, classes=CLASSES, n_samples=170, hop_s=0.5)
-    for k in range(100):
-        builder.rows(block(np.ones((250, 6)), 250 * k))  # half a second of `block`
-        seen = builder.build("answering", replace(answer(3.2, final=True), seconds=1.7))
+    seen = hopping()
     times, losses = seen.ranking_history
     assert (*times[[0, -1]], len(losses)) == pytest.approx((0.0, 30.0, 61))
     assert seen.words.answer.stage == "about the last 1.70 s"
@@ -128,7 +121,6 @@ END, MIDDLE = listening(3.2)[1], listening(1.7)[1]
 FINAL, PROVISIONAL = "final, after 3.20 s", "provisional, 1.70 s of 3.20 s"
 LEAD = f"margin {END.decision.margin:.3f} ahead of cat litter"
 EARLY_LEAD = f"margin {MIDDLE.decision.margin:.3f} ahead of {MIDDLE.decision.ranking[1][0]}"
-MANY = f"{LEAD}, may be {' or '.join(CLASSES[:6])} or {len(CLASSES) - 6} more"
 WHOLE = {"seconds": 3.2, "final": True}
 
 
@@ -136,16 +128,14 @@ WHOLE = {"seconds": 3.2, "final": True}
     ("state", "known", "words"),
     [
         ("armed", None, ("none", "no answer yet", "armed", "")),
-        ("idle", None, ("none", "no answer yet", "waiting", "")),
         ("ended", None, ("none", "no more pushes", "", "")),
         ("failed", None, ("failed", "no answer", "the capture failed", "")),
         ("triggered", {}, ("provisional", "fine sugar", PROVISIONAL, EARLY_LEAD)),
         ("complete", {}, ("final", "fine sugar", PROVISIONAL.replace("provisional", "early"), EARLY_LEAD)),
         ("triggered", {"sure": True}, ("provisional", "fine sugar", f"{PROVISIONAL}, sure enough to stop", EARLY_LEAD)),
         ("complete", WHOLE, ("final", "fine sugar", FINAL, LEAD)),
-        ("complete", WHOLE | {"probability": 0.934}, ("final", "fine sugar", FINAL, f"{LEAD}, probability 93 %")),
-        ("complete", WHOLE | {"candidates": ("rice",)}, ("final", "fine sugar", FINAL, LEAD)),
-        ("complete", WHOLE | {"candidates": CLASSES}, ("final", "fine sugar", FINAL, MANY)),
+        ("complete", WHOLE | {"candidates": ("rice", "salt")},
+         ("final", "fine sugar", FINAL, f"{LEAD}; may be rice or salt")),
         ("complete", WHOLE | {"unknown": True},
          ("unknown", "like no known material", FINAL, f"nearest: fine sugar, {LEAD}")),
     ],
@@ -171,7 +161,7 @@ def test_figures_name_troubles_and_alarms():
     assert Snapshot("armed").words.figures == (("lag", "-", False), ("lost", "0", False))
     worrying = ["gaps", "late", "saturated", "bad_status", "non_finite"]
     harmless = ["stale", "duplicates", "reordered"]
-    seen = replace(END, lag_s=0.021, counters=dict.fromkeys(["missed", *worrying, *harmless], 1234))
+    seen = replace(END, lag_s=0.021, n_missed=1234, counters=dict.fromkeys(worrying + harmless, 1234))
     figures = {name: (value, alarm) for name, value, alarm in seen.words.figures}
     assert (figures.pop("lag"), figures.pop("lost")) == (("21.0 ms", True), ("1,234", True))
     assert figures == {name.replace("_", " "): ("1,234", name in worrying) for name in worrying + harmless}
@@ -183,7 +173,7 @@ def test_last_outcome_is_shown_and_spoken_until_the_next_push():
     words = builder.build("armed", hint="push now").words
     assert words.answer[:2] == ("final", "fine sugar")
     assert re.fullmatch(rf"{FINAL}, at \d\d:\d\d:\d\d", words.answer.stage)
-    assert (words.state, words.ranking[0][0]) == ("Armed: push now", "fine sugar")
+    assert (words.state, words.decision.label) == ("Armed: push now", "fine sugar")
     sentence = "gap: missing rows were filled in"
     assert words.warnings == [sentence]
     assert words.spoken == f"Push 1. Final answer: fine sugar, wrong, it was rice, {LEAD}, {sentence}"

@@ -35,9 +35,7 @@ function tell(frame) {
   const { kind, title, stage, detail } = frame.answer;
   $("top").dataset.kind = kind;
   $("title").classList.toggle("long", title.length > LONG);
-  $("synthetic").hidden = !frame.synthetic;
-  const source = `granular_id live \u00b7 ${frame.source}`;
-  const { state, score, synthetic, spoken } = frame;
+  const { source, state, score, synthetic, spoken } = frame;
   for (const [id, text] of Object.entries({ title, stage, detail, source, state, score, synthetic, spoken })) write($(id), text);
   document.title = `${synthetic ? "SYNTHETIC: " : ""}${title}${kind === "provisional" ? " so far" : ""} \u00b7 granular_id live`;
   $("progress").style.transform = `scaleX(${frame.progress})`;
@@ -62,14 +60,6 @@ function path(x, y) {
   return d;
 }
 
-// The first is drawn last, on top.
-function addPath(svg, kind, d) {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", "path");
-  made.setAttribute("class", kind);
-  made.setAttribute("d", d);
-  svg.firstElementChild.after(made);
-}
-
 // Names keep their order and a line's distance, and stay as near to their lines as that allows.
 function spread(wanted, high) {
   const places = [...wanted];
@@ -80,24 +70,18 @@ function spread(wanted, high) {
 
 // Loss of every material while the signal grows, named at the end of its line.
 function ranking(sent) {
-  const { lines = [], levels = [], ticks = [] } = sent ?? {}, svg = $("lines"), names = $("ranking");
+  const { names = [], curves = [], at = "", levels = [], ticks = [] } = sent ?? {};
   list("levels", levels, (text) => node("span", {}, text));
   list("ticks", ticks, ([, text]) => node("span", {}, text));
-  ticks.forEach(([at], i) => { $("ticks").children[i].style.left = `${100 * at}%`; });
-  list("ranking", lines.map(() => 0), () => node("li", {}, node("bdi"), node("span")));
-  names.parentNode.style.setProperty("--n", lines.length);
-  svg.querySelectorAll(".tie, .loss").forEach((one) => one.remove());
-  const { width, height } = svg.getBoundingClientRect(), x = floats(sent?.at ?? "");
-  const curves = lines.map(([, , shares]) => floats(shares)), ends = curves.map((y) => y.at(-1));
-  const places = spread(ends.map((end) => end * height), height);
-  lines.forEach(([name, loss], k) => {
-    addPath(svg, `loss loss-${k}`, path(x, curves[k]));
-    addPath(svg, "tie", `M${x.at(-1)},${ends[k]}H1L${1 + 10 / width},${places[k] / height}`);
-    const one = names.children[k];
-    one.style.top = `${places[k]}px`;
-    write(one.firstChild, name);
-    write(one.lastChild, loss);
-  });
+  ticks.forEach(([share], i) => { $("ticks").children[i].style.left = `${100 * share}%`; });
+  list("ranking", names, ([name, loss]) => node("li", {}, node("bdi", {}, name), node("span", {}, loss)));
+  $("chart").style.setProperty("--n", names.length);
+  const { width, height } = $("lines").getBoundingClientRect(), x = floats(at), losses = curves.map(floats);
+  const places = spread(losses.map((y) => y.at(-1) * height), height);
+  places.forEach((place, k) => { $("ranking").children[k].style.top = `${place}px`; });
+  const ties = places.map((place, k) => `M${x.at(-1)},${losses[k].at(-1)}H1L${1 + 10 / width},${place / height}`);
+  const [best = "", second = "", ...others] = losses.map((y) => path(x, y));
+  for (const [id, d] of Object.entries({ best, second, others: others.join(""), ties: ties.join("") })) $(id).setAttribute("d", d);
 }
 
 // One row per axis: its value, its last seconds, what the high-pass leaves, and the histogram of that.
@@ -106,7 +90,7 @@ function makeAxes(axes) {
     const row = $("axis").content.firstElementChild.cloneNode(true);
     row.style.setProperty("--mark", `var(--okabe-${i % 6})`);
     row.querySelector(".name").append(...(/^[FTft][xyz]$/.test(name) ? [name[0].toUpperCase(), node("sub", {}, name[1])] : [name]));
-    row.querySelector(".unit").append(unit.replace(" ", "\u00a0"));
+    row.querySelector(".unit").append(unit);
     row.querySelectorAll("svg").forEach((svg) => svg.setAttribute("aria-label", `${name}, ${svg.parentNode.className}`));
     return row;
   }));
@@ -118,7 +102,7 @@ function draw(frame) {
   const at = floats(frame.at);
   frame.axes.forEach((axis, i) => {
     const row = $("axes").children[i];
-    write(row.querySelector(".value"), axis.value.replace("-", "\u2212"));
+    write(row.querySelector(".value"), axis.value);
     for (const kind of ["wrench", "residual", "bins"]) {
       const figure = row.querySelector(`.${kind}`), { shares, zero, ...labels } = axis[kind], y = floats(shares);
       for (const [name, text] of Object.entries(labels)) write(figure.querySelector(`.${name}`), text);
@@ -156,7 +140,6 @@ let heard = 0, changed = 0, stream = null;
 
 function link(state, text = "", quiet = "") {
   document.body.dataset.link = state;
-  $("trouble").hidden = !text;
   write($("trouble"), text);
   write($("quiet"), quiet);
 }
@@ -168,6 +151,7 @@ function lost() {
 function connect() {
   stream?.close();
   stream = new EventSource("events");
+  heard = performance.now();
   const on = (kind, then) => stream.addEventListener(kind, (message) => {
     heard = performance.now();
     then(message.data);
@@ -187,10 +171,10 @@ function connect() {
   stream.addEventListener("error", lost);
 }
 
-// The browser tries again by itself after most failures, but neither after a refusal nor on a line that is merely dead.
+// The browser tries again by itself after most failures, but not on a line that is merely dead.
 const watch = setInterval(() => {
   if (performance.now() - heard < SILENCE_MS) return;
-  if (heard) lost();
-  if (stream.readyState !== EventSource.CONNECTING) connect();
+  lost();
+  connect();
 }, 1000);
 connect();

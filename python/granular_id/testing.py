@@ -1,7 +1,7 @@
 """A sensor box that is none: speaks RDT and serves its page on this machine, with faults on demand.
 
-For trying things without hardware, and for tests: it counts exactly what it did wrong. ``python -m
-granular_id.testing.fake_netft --material rice`` runs it until Ctrl-C; `FakeNetft` runs it inside a program.
+For trying things without hardware, and for tests: it counts exactly what it did wrong. ``python -m granular_id.testing
+--material rice`` runs it until Ctrl-C; `FakeNetft` runs it inside a program.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from array import array
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import argument_error, as_floats, finite_number, positive_number
-from granular_id.live.netft_page import FORCE_UNITS, PATH, SYNTHETIC_FIELD, TORQUE_UNITS, parse_page
+from granular_id.live.netft_page import SYNTHETIC_FIELD, parse_page
 from granular_id.synthetic import synthesize
 
 __all__ = ["FakeNetft", "Faults", "Injected"]
@@ -37,6 +37,8 @@ _STOP, _START, _START_BUFFERED, _BIAS = 0x0000, 0x0002, 0x0003, 0x0042
 _BAD_STATUS = 0x8000_0001  # of a Net F/T: supply voltage
 
 _RECORD = np.dtype([("rdt", ">u4"), ("ft", ">u4"), ("status", ">u4"), ("counts", ">i4", (6,))])
+_TICK_HZ = 7000.0  # samples per second within the sensor
+_PER_DATAGRAM = 40  # records, when a client asks for buffered mode
 _PROTECTED = 3  # datagrams at both ends of a stream: what is lost at its end, nobody can count
 _FIRST_FT = 1_000_000  # a box is never asked in its first moment
 _AFTER_S = 0.5  # clients get so long to say that they are done
@@ -44,9 +46,9 @@ _AFTER_S = 0.5  # clients get so long to say that they are done
 _FACTORY = {
     "prodname": "Net F/T", "runstat": "0x00000000", "runrate": "7000", "cfgnam": "Fake box", "cfgcalsel": "0",
     "cfgcalsn": "FT00000", "scfgfu": "N", "scfgtu": "Nm", "cfgtfx": "0;0;0;0;0;0", "scfgtdu": "mm",
-    "scfgtau": "degrees", "cfgcpf": "1000000", "cfgcpt": "1000000",
+    "scfgtau": "degrees", "cfgcpf": "1000000", "cfgcpt": "1000000", "cfgmr": "290;290;580;10;10;10",
     "setbias": "0;0;0;0;0;0", "setuserfilter": "0", "comrdte": "Enabled", "comrdtrate": "500", "comrdtbsiz": "40",
-    "mfgdigsn": "FAKE", "mfgdigver": "0.0.0",
+    "mfgdigsn": "FAKE", "mfgdigver": "0.0.0", SYNTHETIC_FIELD: "1",
 }  # fmt: skip
 """What the page of a Net F/T fresh from the factory says, as far as clients may want it."""
 
@@ -88,17 +90,7 @@ class Faults:
 
 @dataclass
 class Injected:
-    """What was sent and what went wrong, in the words of the client's counters.
-
-    Attributes
-    ----------
-    sent : int
-        Records that were sent at least once.
-    lost, duplicates, reordered : int
-        Records of the datagrams with the faults loss, duplicate and reorder of `Faults`.
-    bad_status : int
-        Records whose status word told an error.
-    """
+    """Numbers of records: sent at least once, and with each of the faults, by the names of the client's counters."""
 
     sent: int = 0
     lost: int = 0
@@ -115,20 +107,15 @@ class FakeNetft:
     signal : array_like, shape (n, 6), optional
         What it measures, N and N m, again and again. Default: slow sines of a few newton.
     rate_hz : float, default 500
-        Records per second; made one that the internal rate is a multiple of, as the box does.
-    tick_hz : float, default 7000
-        Samples per second within the sensor.
+        Records per second; made one that the internal rate, 7000 Hz, is a multiple of, as the box does.
     faults : Faults, optional
         What goes wrong.
     n_records : int, optional
         End of the stream; default: none.
-    per_datagram : int, default 40
-        Records per datagram, when a client asks for buffered mode.
-    synthetic : bool, default True
-        Whether the page says that no sensor measures here; False for recordings of a sensor that are played again.
     page : mapping of str to str or None, optional
         Fields of the page to be changed, or left out (None). What is sent follows from it: the units ``scfgfu`` and
-        ``scfgtu`` (N and Nm), and counts per unit, ``cfgcpf`` and ``cfgcpt`` (1e6).
+        ``scfgtu`` (N and Nm), and counts per unit, ``cfgcpf`` and ``cfgcpt`` (1e6). ``simulated`` says that no sensor
+        measures here.
     seed : int, default 0
         Of the faults.
 
@@ -159,19 +146,15 @@ class FakeNetft:
         signal: ArrayLike | None = None,
         *,
         rate_hz: float = 500.0,
-        tick_hz: float = 7000.0,
         faults: Faults | None = None,
         n_records: int | None = None,
-        per_datagram: int = 40,
-        synthetic: bool = True,
         page: Mapping[str, str | None] | None = None,
         seed: int = 0,
     ) -> None:
-        self.tick_hz = positive_number("tick_hz", tick_hz)
-        self._step = max(1, round(self.tick_hz / positive_number("rate_hz", rate_hz)))
-        self.rate_hz = self.tick_hz / self._step
+        self._step = max(1, round(_TICK_HZ / positive_number("rate_hz", rate_hz)))
+        self.rate_hz = _TICK_HZ / self._step
         self.faults = Faults() if faults is None else faults
-        self.n_records, self.per_datagram, self._seed = n_records, per_datagram, seed
+        self.n_records, self._seed = n_records, seed
         self.injected = Injected()
         self.requests: list[bytes] = []
         self.send_stamps = array("Q")
@@ -181,19 +164,9 @@ class FakeNetft:
         self._stream: Iterator[tuple[float, bytes]] = iter(())
         self._next: tuple[float, bytes] | None = None
         self._done, self._stopping = threading.Event(), threading.Event()
-        shown = {
-            "runrate": f"{self.tick_hz:g}",
-            "comrdtrate": f"{round(self.rate_hz)}",
-            "comrdtbsiz": str(per_datagram),
-            SYNTHETIC_FIELD: "1" if synthetic else None,
-            **(page or {}),
-        }
-        read = parse_page(page_text(shown), "page")
+        text = page_text({"comrdtrate": f"{round(self.rate_hz)}", **(page or {})})
+        read = parse_page(text, "page")
         self._counts = counts_of(signal, read.counts_per_newton, read.counts_per_newton_metre)
-        # an ATI Mini45 SI-290-10, in the units of the page
-        force, torque = FORCE_UNITS[read.fields["scfgfu"]], TORQUE_UNITS[read.fields["scfgtu"]]
-        full_scale = [290 / force, 290 / force, 580 / force, 10 / torque, 10 / torque, 10 / torque]
-        text = page_text({"cfgmr": ";".join(f"{float(value):.9g}" for value in full_scale), **shown})
         self._page = _page_server(text)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind((HOST, 0))
@@ -272,27 +245,26 @@ class FakeNetft:
                 continue
             self.requests.append(data)
             if len(data) == 8 and data[:2] == b"\x12\x34":
-                self._obey(int.from_bytes(data[2:4], "big"), int.from_bytes(data[4:], "big"), sender)
+                self._obey(int.from_bytes(data[2:4], "big"), sender)
 
-    def _obey(self, command: int, number: int, sender: tuple[str, int]) -> None:
+    def _obey(self, command: int, sender: tuple[str, int]) -> None:
         if command == _STOP:
             self._client, self._next = None, None
         elif command in (_START, _START_BUFFERED):
-            limit = self.n_records if not number else min(number, self.n_records or number)
             self._client = sender
-            self._stream = self._datagrams(self.per_datagram if command == _START_BUFFERED else 1, limit)
+            self._stream = self._datagrams(_PER_DATAGRAM if command == _START_BUFFERED else 1)
             self._advance()
         elif command == _BIAS:
             at = len(self.send_stamps) % len(self._counts)
-            self._bias = self._counts[at].astype(np.int64)
+            self._bias = self._counts[at]
 
-    def _datagrams(self, per_datagram: int, limit: int | None) -> Iterator[tuple[float, bytes]]:
+    def _datagrams(self, per_datagram: int) -> Iterator[tuple[float, bytes]]:
         """Yield each datagram, faults and all, with the time at which it is to be sent."""
         faults, made, rng = self.faults, self.injected, np.random.default_rng(self._seed)
         fates = np.cumsum([faults.loss, faults.duplicate, faults.reorder])
         start_s, margin = time.monotonic(), _PROTECTED * per_datagram
         held: bytes | None = None
-        first = 0
+        first, limit = 0, self.n_records
         while limit is None or first < limit:
             n = per_datagram if limit is None else min(per_datagram, limit - first)
             bad = rng.random(n) < faults.bad_status
@@ -334,17 +306,17 @@ class FakeNetft:
         return records.tobytes()
 
 
-def counts_of(signal: ArrayLike | None, per_newton: float, per_newton_metre: float) -> NDArray[np.int32]:
-    """Turn wrenches (n, 6) into counts, rounded and held at the ends of 32 bits; None: slow sines."""
+def counts_of(signal: ArrayLike | None, per_newton: float, per_newton_metre: float) -> NDArray[np.int64]:
+    """Turn wrenches (n, 6) into counts; None: slow sines."""
     if signal is None:
         phase = 2 * np.pi * np.arange(1000)[:, np.newaxis] / 1000
         signal = np.array([3, 1, 5, 0.1, 0.3, 0.02]) * np.sin(phase * np.arange(1, 7))
     wrench = as_floats(signal, "signal", "a real array of shape (n, 6), N and N m")
     if wrench.ndim != 2 or wrench.shape[1] != 6 or not len(wrench):
         raise argument_error(ValueError, "signal", f"has shape {wrench.shape}; wanted (n, 6), N and N m")
-    exact = np.rint(wrench * np.repeat([per_newton, per_newton_metre], 3))
-    limits = np.iinfo(np.int32)
-    counts: NDArray[np.int32] = np.clip(exact, limits.min, limits.max).astype(np.int32)
+    counts: NDArray[np.int64] = np.rint(wrench * np.repeat([per_newton, per_newton_metre], 3)).astype(
+        np.int64
+    )
     return counts
 
 
@@ -358,12 +330,8 @@ def page_text(changes: Mapping[str, str | None]) -> bytes:
 def _page_server(text: bytes) -> ThreadingHTTPServer:
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            if self.path != PATH:
-                self.send_error(404)
-                return
             self.send_response(200)
             self.send_header("Content-Type", "text/xml")
-            self.send_header("Content-Length", str(len(text)))
             self.end_headers()
             self.wfile.write(text)
 
@@ -375,47 +343,30 @@ def _page_server(text: bytes) -> ThreadingHTTPServer:
     return server
 
 
-def faults_of(texts: Iterable[str]) -> Faults:
-    """Read ``name=value`` texts, as the command line gives them."""
-    given = {}
-    for text in texts:
-        name, _, value = text.partition("=")
-        known = [field.name for field in fields(Faults)]
-        if name not in known:
-            raise ValueError(f"fault {text!r} is none; known: {', '.join(known)}")
-        with suppress(ValueError):
-            given[name] = float(value)
-            continue
-        raise ValueError(f"fault {text!r} has no number; wanted {name}=NUMBER")
-    return Faults(**given)
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command: print the URL first, and what was injected last."""
     parser = argparse.ArgumentParser(
-        prog="python -m granular_id.testing.fake_netft",
+        prog="python -m granular_id.testing",
         description="A fake Net F/T box on this machine: RDT over UDP and netftapi2.xml over HTTP.",
     )
     add = parser.add_argument
     add("--material", help="material to simulate; default: slow sines")
     add("--rate-hz", type=float, default=500.0, help="records per second (500)")
-    fault_help = (
-        "may be repeated: shares of datagrams (loss=0.01 duplicate reorder) or of records (bad_status)"
-    )
-    add("--fault", action="append", default=[], metavar="NAME=NUMBER", help=fault_help)
+    for name in ("loss", "duplicate", "reorder"):
+        add(f"--{name}", type=float, default=0.0, help="share of datagrams")
+    add("--bad-status", type=float, default=0.0, help="share of records")
     add("--records", type=int, help="end after so many")
-    add("--seed", type=int, default=0)
     add("--stamps", type=Path, metavar="FILE.npy", help="where to store the time of each datagram")
     options = parser.parse_args(arguments)
-    signal, rate_hz, seed = None, options.rate_hz, options.seed
+    signal, rate_hz = None, options.rate_hz
     try:
         if options.material is not None:  # four pushes, again and again
-            pushes = synthesize(options.material, 4, rate_hz=rate_hz, seed=seed)
+            pushes = synthesize(options.material, 4, rate_hz=rate_hz)
             signal = np.concatenate([recording.wrench for recording in pushes])
-        faults = faults_of(options.fault)
-        box = FakeNetft(signal, rate_hz=rate_hz, faults=faults, n_records=options.records, seed=seed)
+        faults = Faults(options.loss, options.duplicate, options.reorder, options.bad_status)
+        box = FakeNetft(signal, rate_hz=rate_hz, faults=faults, n_records=options.records)
     except ValueError as error:
-        sys.exit(f"fake_netft: {error}")
+        sys.exit(str(error))
     with box, suppress(KeyboardInterrupt):
         print(box.url, flush=True)
         box.wait()

@@ -1,0 +1,490 @@
+"""Who owns a robot's arm: a thread that watches rows, source and arm from before it moves until it stands."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id._core import WrenchReader
+from granular_id._text import counted
+from granular_id.live import signals
+from granular_id.live.capture import missing
+from granular_id.live.clock import WAIT_S
+from granular_id.live.limits import Limits
+from granular_id.live.outcome import CaptureError, FailureReason
+from granular_id.live.priority import reading_threads
+from granular_id.live.robot import Motion, Robot, checked_motion, checked_move
+from granular_id.live.rows import BlockLike
+from granular_id.live.stream import Stream, left_out
+from granular_id.recording import SampleFlag
+
+__all__ = ["Fault", "Hand", "Supervisor"]
+
+_LOG = logging.getLogger(__name__)
+
+_SILENT_S, _SILENT_SIMULATED_S, _SILENT_ROWS = 0.1, 1.0, 5
+"""So long may no row come while an arm moves; a simulated arm hurts nobody, and shares a computer with its sensor."""
+
+_FROZEN_S = 0.25
+_AGAIN_S, _MOST_CALLS = 0.05, 3
+"""How often ``stop()`` is called until the arm stands, and how many calls may be on their way."""
+
+_BRAKE_S = 2.0
+"""So long may a robot brake after ``stop()``, or after its push should have ended where that is later."""
+
+_BACK_S = 60.0
+"""So long may the way back take, which is as long as the push, and as fast as the robot likes."""
+
+_STILL_M, _STILL_S = 1e-4, 0.25
+"""A tool that has moved by less for so long after ``stop()`` stands."""
+
+_BESIDE_M, _BESIDE_BACK_M = 0.01, 0.1
+"""So far may a tool be from the line of its push; on the way back it may be lifted over the bed."""
+
+_START_M = 0.005
+"""So far from the start of the first push may another begin: arms, and people who guide them, are not exact."""
+
+_UNSEEN = np.uint8(SampleFlag.SATURATED | SampleFlag.BAD_STATUS)
+
+
+class Fault(NamedTuple):
+    """Why an arm is stopped."""
+
+    reason: FailureReason
+    text: str
+
+
+@dataclass(frozen=True)
+class _Path:
+    """Where a tool may be during a push, and how much of it must be whole."""
+
+    direction: NDArray[np.float64]
+    length_m: float
+    duration_s: float
+    recorded_s: float
+    origin: NDArray[np.float64] | None = None
+
+
+class _Seen(NamedTuple):
+    """What a robot's driver says of its motion, when, and how often `stop` was called before it was asked."""
+
+    finished: bool
+    error: str | None
+    place: NDArray[np.float64] | None
+    at_ns: int
+    n_stops: int
+
+
+class Supervisor:
+    """Owns an arm from before it moves until it stands, on its way back as well.
+
+    Three threads run while the arm moves. One watches every row against the limits, the source and what the robot says;
+    one talks to the robot's driver, which may hang without holding up the first; one waits for a reason to call
+    ``stop()``, which is repeated by others until the arm stands. Whoever commands a motion waits for none of them: it
+    looks at `moves` and `fault`.
+    """
+
+    def __init__(self, stream: Stream, robot: Robot, limits: Limits) -> None:
+        self.blocked: Fault | None = None  # after which nothing moves until `resume`
+        self.watch: Watch | None = None  # of the latest motion
+        self.stream, self.robot, self.limits, self.clock = stream, robot, limits, stream.clock
+        self._first: NDArray[np.float64] | None = None  # where the first push began
+        self._n_signals = signals.number_heard()
+        self._path = _Path(np.zeros(3), 0.0, 0.0, 0.0)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a signal that ends the program was heard since this was made, or since `resume`."""
+        return signals.number_heard() != self._n_signals
+
+    @property
+    def moves(self) -> bool:
+        """Whether a motion was commanded and is not known to have ended."""
+        return self.watch is not None and not self.watch.standing.is_set()
+
+    @property
+    def fault(self) -> Fault | None:
+        """Why the latest motion was stopped."""
+        return None if self.watch is None else self.watch.fault
+
+    @property
+    def motion(self) -> Motion | None:
+        """The latest motion; None until the robot has taken the command."""
+        return None if self.watch is None else self.watch.motion
+
+    @property
+    def ending(self) -> str:
+        """How the latest motion was stopped, to follow the reason."""
+        return "" if self.watch is None else self.watch.ending
+
+    def get_ready(self) -> None:
+        """Forget the last motion; CaptureError where nothing may begin to move."""
+        self._check()
+        self.watch = None
+
+    def _check(self) -> None:
+        if self.moves:
+            raise CaptureError(FailureReason.ROBOT, "the robot's last motion still goes on")
+        if self.blocked is not None:
+            text = f"nothing moves until resume() is called, after this: {self.blocked.text}"
+            raise CaptureError(self.blocked.reason, text)
+
+    def push(
+        self,
+        direction: Sequence[float],
+        speed_m_s: float,
+        duration_s: float,
+        recorded_s: float,
+        rest: NDArray[np.float64],
+    ) -> None:
+        """Command a push, of which the first `recorded_s` must be whole; limits count from the wrench `rest`."""
+        ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
+
+        self._path = _Path(np.array(ahead), speed_m_s * duration_s, duration_s, recorded_s)
+
+        def command() -> Motion | None:
+            place = self.place()
+            self._path = replace(self._path, origin=place)
+            if self._first is None:
+                self._first = place
+            elif place is not None and (off_m := float(np.linalg.norm(place - self._first))) > _START_M:
+                raise RuntimeError(
+                    f"the tool stands {1e3 * off_m:.0f} mm from where the first push began: bring it back first"
+                )
+            if self.fault is not None:  # while the robot was asked where it is
+                return None
+            return checked_motion(self.robot.move_line(direction, speed_m_s, duration_s), "move_line")
+
+        self._begin(command, rest, returns=False)
+
+    def go_back(self, rest: NDArray[np.float64]) -> None:
+        """Send the arm back to where its push began, where it can go back."""
+        move_back: Callable[[], Motion | None] | None = getattr(self.robot, "move_back", None)
+        if move_back is not None:
+
+            def command() -> Motion | None:
+                motion = move_back()
+                return None if motion is None else checked_motion(motion, "move_back")
+
+            self._begin(command, rest, returns=True)
+
+    def stop(self, reason: FailureReason, text: str) -> None:
+        """Stop the arm where it moves; the first reason counts."""
+        if self.watch is not None:
+            self.watch.stop(reason, text)
+
+    def resume(self) -> None:
+        """Let the arm move again after a limit or an error, from where it stands now."""
+        self.blocked = self._first = None
+        self._n_signals = signals.number_heard()
+
+    def wait_until_it_stands(self, reader: WrenchReader) -> None:
+        """Wait for the end of a motion that is being stopped; CaptureError where it goes on."""
+        while self.moves and self.watch is not None:
+            if (fault := self.watch.not_stopped()) is not None:
+                self.blocked = fault
+                raise CaptureError(*fault)
+            self.clock.wait(reader, WAIT_S)
+            reader.read()
+
+    def place(self) -> NDArray[np.float64] | None:
+        """Ask the robot where the tool is; None where it cannot tell."""
+        tell: Callable[[], Any] | None = getattr(self.robot, "tcp_pose", None)
+        pose = None if tell is None else tell()
+        return None if pose is None else np.asarray(pose, np.float64)[:3].reshape(3)
+
+    def path(self) -> _Path:
+        """Return the path of the latest push."""
+        return self._path
+
+    def _begin(
+        self, command: Callable[[], Motion | None], rest: NDArray[np.float64], *, returns: bool
+    ) -> None:
+        self._check()
+        watch = self.watch = Watch(self, command, rest, returns=returns)
+        signals.MOVING.add(watch)
+        if self.interrupted:  # since it was looked at; from here on a signal stops this motion
+            watch.stop(FailureReason.INTERRUPTED, "ended by a signal")
+        urgent = None if self.stream.info.synthetic else reading_threads(self.stream.source)
+        self.clock.call(watch.call_stop, watch.must_stop, None if urgent is None else [])
+        self.clock.repeat(watch.look, watch.reader, urgent)
+        self.clock.repeat(watch.ask, None, None)
+
+
+class Hand:
+    """A person who is told when to push, or nobody: to a push loop what a `Supervisor` is, though nobody watches."""
+
+    fault = blocked = None
+    moves, ending = False, ""
+
+    def __init__(self, robot: Robot | None) -> None:
+        self.motion: Motion | None = None
+        self._robot = robot
+
+    def get_ready(self) -> None:
+        """Forget the last motion."""
+        self.motion = None
+
+    def push(self, direction: Sequence[float], speed_m_s: float, duration_s: float, *_: object) -> None:
+        """Say that the push is to begin."""
+        if self._robot is not None:
+            self.motion = self._robot.move_line(direction, speed_m_s, duration_s)
+
+    def stop(self, *_: object) -> None:
+        """Say that the push is over."""
+        if self._robot is not None and self.motion is not None:
+            self._robot.stop()
+
+    def go_back(self, *_: object) -> None:
+        """Nothing moves by itself."""
+
+    wait_until_it_stands = resume = go_back
+
+
+class Watch:
+    """One motion, from its command until the arm stands."""
+
+    def __init__(
+        self,
+        arm: Supervisor,
+        command: Callable[[], Motion | None],
+        rest: NDArray[np.float64],
+        *,
+        returns: bool,
+    ) -> None:
+        self.motion: Motion | None = None
+        self.fault: Fault | None = None
+        self.standing, self.must_stop = threading.Event(), threading.Event()
+        self.reader = arm.stream.buffer.reader()
+        self._arm, self._command, self._rest, self._returns = arm, command, rest, returns
+        self._stream, self._limits, self._clock = arm.stream, arm.limits, arm.clock
+        self._lock = threading.Lock()
+        self._seen: _Seen | None = None
+        self._ended = False  # the command was refused, or there is no way back
+        self._heeded = False  # a call of stop() has returned
+        self._begun_ns = self._heard_ns = self._stopped_ns = self._clock.now_ns()
+        self._due_ns = self._begun_ns + round(1e9 * (_BACK_S if returns else arm.path().duration_s))
+        self._called_ns = self._n_stops = self._n_calls = self._n_same = 0
+        self._stop_error = self._stop_raised = ""
+        self._still: tuple[int, NDArray[np.float64]] | None = None
+        self._row: NDArray[np.float64] | None = None
+        self._epoch: int | None = None
+        self._n_hidden = self._not_finite()
+
+    def ask(self) -> bool:
+        """Talk to the robot's driver: command the motion, then ask how it is. False: that is over."""
+        if self.motion is None:
+            try:
+                motion = None if self.fault is not None else self._command()
+            except Exception as refusal:  # whatever the robot's library raises
+                self._ended = True
+                what = "the way back" if self._returns else "the motion"
+                self.stop(FailureReason.ROBOT, f"the robot refused {what}: {refusal}", block=False)
+                return False
+            self._ended = motion is None
+            if motion is not None:
+                self._due_ns += max(0, motion.start_host_ns - self._begun_ns)
+            self.motion = motion
+            return motion is not None
+        n_stops, place = self._n_stops, None
+        try:
+            finished = self.motion.finished()
+            error = self.motion.error  # many controllers tell one only when asked for the end
+            place = self._arm.place()
+        except Exception as raised:  # whatever the robot's library raises
+            finished, error = False, f"{type(raised).__name__}: {raised}"
+        self._seen = _Seen(finished, error, place, self._clock.now_ns(), n_stops)
+        return not self.standing.is_set()
+
+    def look(self) -> bool:
+        """Look at rows, source and arm once; False: the arm stands."""
+        block, now_ns = self.reader.read(), self._clock.now_ns()
+        try:
+            # A limit counts even where the arm brakes already: nothing moves it any more.
+            fault = self._wrong(block, now_ns) if self.fault is None else self._hidden(block)
+        except Exception as error:  # whatever the source raises: nobody else watches
+            fault = Fault(FailureReason.SOURCE, f"the source failed: {type(error).__name__}: {error}")
+        if fault is not None:
+            self.stop(*fault)
+        if self._stands():
+            signals.MOVING.discard(self)
+            self.standing.set()
+            self.must_stop.set()  # ends the thread that waits for it, where nothing had to be stopped
+            return False
+        if self.fault is not None and now_ns - self._called_ns >= 1e9 * _AGAIN_S:
+            self._called_ns = now_ns
+            if self._n_calls < _MOST_CALLS:
+                self._clock.call(self.call_stop, self.must_stop, None)
+        return True
+
+    def stop(self, reason: FailureReason, text: str, *, block: bool = True) -> None:
+        """Stop the arm; the first reason counts. From any thread, and waits for nothing."""
+        fault = Fault(reason, text)
+        with self._lock:
+            if self.standing.is_set():
+                return
+            if block and self._arm.blocked is None and reason in (FailureReason.LIMIT, FailureReason.ROBOT):
+                self._arm.blocked = fault
+            if self.fault is None:
+                self.fault = fault
+                self._stopped_ns = self._called_ns = self._clock.now_ns()
+        self.must_stop.set()
+
+    def call_stop(self) -> None:
+        """Call the robot's ``stop()``, in a thread of its own."""
+        if self.fault is None or self.standing.is_set():  # else it might stop the next motion
+            return
+        with self._lock:
+            self._n_stops += 1
+            self._n_calls += 1
+        try:
+            self._arm.robot.stop()
+            self._stop_error, self._heeded = "", True
+        except Exception as error:  # whatever the robot's library raises
+            self._stop_error = f"{type(error).__name__}: {error}"
+            if not self._stop_raised:
+                self._stop_raised = self._stop_error
+                _LOG.error(
+                    "robot.stop() raised %s; it is called again until the arm stands", self._stop_error
+                )
+        finally:
+            with self._lock:
+                self._n_calls -= 1
+
+    def not_stopped(self) -> Fault | None:
+        """Return that the arm moves on long after it was to stop; None where it may still come to its stand."""
+        now_ns = self._clock.now_ns()
+        until_ns = self._stopped_ns if self._returns else max(self._stopped_ns, self._due_ns)
+        if now_ns <= until_ns + 1e9 * _BRAKE_S:
+            return None
+        goes_on = f"its motion goes on {1e-9 * (now_ns - self._stopped_ns):.1f} s after stop()"
+        how = self._stop_error or (goes_on if not self._n_calls else "its driver does not return from stop()")
+        why = "its motion did not end by itself" if self.fault is None else self.fault.text
+        return Fault(FailureReason.ROBOT, f"the robot could not be stopped: {how} (it was to stop: {why})")
+
+    @property
+    def ending(self) -> str:
+        """How the stop went, to follow its reason; empty where nothing had to be stopped."""
+        if self.fault is None or self.motion is None:
+            return ""
+        raised = self._stop_raised and f", after stop() had raised {self._stop_raised}"
+        return f"; the robot was {'stopped' if self.standing.is_set() else 'asked to stop'}{raised}"
+
+    def _stands(self) -> bool:
+        seen, must_stop = self._seen, self.fault is not None
+        if must_stop and not self._n_stops:
+            return False
+        if self._ended:  # the arm may have taken a command that has failed
+            return self._heeded or not must_stop
+        if seen is None or seen.n_stops < must_stop:  # an answer from before the first stop()
+            return False
+        if seen.finished or not must_stop or seen.place is None or self._stop_error or self._n_calls:
+            return seen.finished
+        if self._still is None or not np.linalg.norm(seen.place - self._still[1]) <= _STILL_M:
+            self._still = seen.at_ns, seen.place
+        return seen.at_ns - self._still[0] > 1e9 * _STILL_S
+
+    def _wrong(self, block: BlockLike, now_ns: int) -> Fault | None:
+        try:
+            return self._hidden(block) or self._wrong_rows(block, now_ns) or self._wrong_motion(now_ns)
+        except Exception as error:  # of a source of one's own: nobody watches then
+            return Fault(
+                FailureReason.SOURCE, f"the source cannot be watched: {type(error).__name__}: {error}"
+            )
+
+    def _hidden(self, block: BlockLike) -> Fault | None:
+        """Hold rows against the limits, and those that hide them: an overload must not look like silence."""
+        if not self._limits.watched:
+            return None
+        if beyond := self._limits.beyond(block, self._rest):
+            return Fault(FailureReason.LIMIT, beyond)
+        if (block.flags & _UNSEEN).any():
+            return Fault(
+                FailureReason.LIMIT, "a row that the sensor marks as saturated or wrong hides the limits"
+            )
+        if n := self._not_finite() - self._n_hidden:
+            return Fault(
+                FailureReason.LIMIT,
+                f"{counted(n, 'row')} with NaN or infinity, as of an overload: no limit is seen",
+            )
+        return None
+
+    def _wrong_rows(self, block: BlockLike, now_ns: int) -> Fault | None:
+        info = self._stream.info
+        if not len(block):
+            return self._wrong_source(now_ns)
+        if block.missed:
+            return Fault(
+                FailureReason.OVERFLOW, f"{block.missed} rows were overwritten before they were read"
+            )
+        if self._epoch not in (None, block.epoch):
+            return Fault(FailureReason.RESTART, "the sensor's time began anew while the robot moved")
+        most = max(
+            np.asarray(block.missing_before)[self._row is None :], default=0
+        )  # before the first: nobody's loss
+        if most > self._limits.max_gap:
+            return Fault(FailureReason.GAP, f"{missing(int(most), info.rate_hz)} while the robot moved")
+        self._epoch, self._heard_ns = block.epoch, int(block.host_ns[-1])
+        rows = block.wrench if self._row is None else np.vstack([self._row, block.wrench])
+        changes = np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1))
+        self._n_same = len(rows) - 2 - int(changes[-1]) if len(changes) else self._n_same + len(rows) - 1
+        self._row = rows[-1]
+        if self._n_same >= _FROZEN_S * info.rate_hz and not info.repeats:
+            same = f"{info.name} delivered the same row for {_FROZEN_S:g} s"
+            return Fault(FailureReason.NO_ROWS, f"{same}; one that may do so says it (SourceInfo.repeats)")
+        return None
+
+    def _wrong_source(self, now_ns: int) -> Fault | None:
+        info, health = self._stream.info, self._stream.health()
+        quiet_s = 1e-9 * (now_ns - max(self._heard_ns, self._begun_ns))
+        if health.error is not None:
+            return Fault(FailureReason.SOURCE, f"the source died: {health.error}")
+        if health.finished and quiet_s > 2 * WAIT_S:  # so that what it wrote last was read
+            return Fault(FailureReason.SOURCE, "the source came to its end")
+        least_s = _SILENT_SIMULATED_S if info.synthetic else _SILENT_S
+        silent_s = max(least_s, _SILENT_ROWS / (info.rate_hz * info.speed)) + self._stream.pause_s
+        if quiet_s > silent_s:
+            text = f"{info.name} delivered nothing for {silent_s:g} s{left_out(health.counters)}"
+            return Fault(FailureReason.NO_ROWS, text)
+        return None
+
+    def _wrong_motion(self, now_ns: int) -> Fault | None:
+        seen, path, motion = self._seen, self._arm.path(), self.motion
+        what = "way back" if self._returns else "motion"
+        begun_ns = self._begun_ns if motion is None else max(motion.start_host_ns, self._begun_ns)
+        # One that ramps up slowly needs longer.
+        late_s = 0.0 if self._returns else max(path.duration_s, _BRAKE_S)
+        if not (seen is not None and seen.finished) and now_ns > self._due_ns + 1e9 * late_s:
+            text = f"the robot's {what} was not over after {1e-9 * (now_ns - begun_ns):.1f} s"
+            return Fault(FailureReason.ROBOT, text)
+        if seen is None:
+            return None
+        if seen.error is not None:
+            return Fault(FailureReason.ROBOT, f"the robot's {what} failed: {seen.error}")
+        lasted_s = 1e-9 * (seen.at_ns - begun_ns)
+        if seen.finished and not self._returns and lasted_s < path.recorded_s / self._stream.info.speed:
+            text = f"the robot's motion ended after {max(lasted_s, 0.0):.2f} s of {path.duration_s:.2f} s"
+            return Fault(FailureReason.ROBOT, text)
+        return self._beside(seen.place)
+
+    def _beside(self, place: NDArray[np.float64] | None) -> Fault | None:
+        path = self._arm.path()
+        if place is None or path.origin is None:
+            return None
+        shift = place - path.origin
+        along_m = float(np.clip(shift @ path.direction, 0.0, path.length_m))
+        off_m = float(np.linalg.norm(shift - along_m * path.direction))
+        if off_m <= (_BESIDE_BACK_M if self._returns else _BESIDE_M):
+            return None
+        return Fault(
+            FailureReason.ROBOT, f"the tool is {1e3 * off_m:.0f} mm off its path (poses are in metres)"
+        )
+
+    def _not_finite(self) -> int:
+        return self._stream.buffer.stats().get("non_finite", 0)

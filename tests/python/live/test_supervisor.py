@@ -1,0 +1,548 @@
+"""An arm is stopped in time, whatever goes wrong and whenever, stands, and is sent nowhere afterwards unasked."""
+
+import signal
+from contextlib import suppress
+from threading import Event
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from granular_id.live import CaptureError, FailureReason, SimSource, opened, signals, supervisor
+from granular_id.live.limits import Limits
+from granular_id.live.push import Pushes
+from granular_id.live.trigger import MotionTrigger
+from granular_id.recording import SampleFlag
+from world import MS, World
+
+LIMIT, ROBOT, SOURCE, GAP = (FailureReason[name] for name in ("LIMIT", "ROBOT", "SOURCE", "GAP"))
+NO_ROWS, INTERRUPTED = FailureReason.NO_ROWS, FailureReason.INTERRUPTED
+
+PHASES = {"rest": 0.05, "pushing": 0.3, "braking": 0.8, "back": 2.0}
+"""When an event happens. The motion begins at 0.1 s, the last row is of 0.6 s; a second later the arm goes back."""
+
+
+def pushes_of(w, **limits):
+    limits = {"max_force_n": 50.0, "max_torque_n_m": 2.0, "timeout_s": 0.5} | limits
+    return Pushes(w.stream, w.arm, MotionTrigger, Limits(**limits), n_samples=300, pre_s=0.1)
+
+
+def push(pushes, on_step=lambda: False):
+    """Make a push, left where `on_step` returns True; return its capture."""
+    with next(pushes) as attempt:
+        for _ in attempt:
+            if on_step():
+                break
+    return attempt.capture
+
+
+def failed(pushes, reason, on_step=lambda: False):
+    """Make a push that fails; return how."""
+    capture = push(pushes, on_step)
+    assert capture.reason is reason, capture.text
+    return capture.text
+
+
+def refused(pushes, reason, match):
+    """Ask for a push that is refused."""
+    with pytest.raises(CaptureError, match=match) as raised:
+        push(pushes)
+    assert raised.value.reason is reason
+
+
+@pytest.fixture(autouse=True)
+def bench(monkeypatch):
+    """What a test has heard of signals is forgotten; a way back is waited for as long as a push."""
+    monkeypatch.setattr(supervisor, "_BACK_S", 1.5)
+    for name, kind in (("_HEARD", list), ("_STOPPED", list), ("MOVING", set)):
+        monkeypatch.setattr(signals, name, kind())
+
+
+def world(**about):
+    made = World(**about)
+    made.arm.goes_back(1.0)
+    return made
+
+
+@pytest.fixture
+def w():
+    return world()
+
+
+class RaisedError(Exception):
+    """Of the consumer."""
+
+
+class Fault(NamedTuple):
+    """What goes wrong, why the push fails then, how soon `stop` is due; and what comes of it at rest."""
+
+    happen: object
+    reason: FailureReason
+    within_ms: int
+    at_rest: FailureReason | None = None
+    phases: str = "rest pushing braking back"
+
+
+def feels(*wrench):
+    return lambda w: setattr(w.sensor, "force", lambda _: wrench)
+
+
+def marks(flag):
+    return lambda w: setattr(w.sensor, "flags", flag)
+
+
+def calm(w):
+    w.sensor.force, w.sensor.flags, w.sensor.silent, w.sensor.noise_n = lambda _: 1.0, 0, False, 0.01
+    vars(w.sensor).pop("health", None)
+
+
+def overrun(w):
+    n = w.sensor.buffer.capacity + 1
+    rows = np.random.default_rng(0).normal(0, 0.01, (n, 6))
+    w.sensor.buffer.push_block(rows, (w.sensor.n + np.arange(n)) / 500, host_ns=np.full(n, w.ns))
+    w.sensor.n += n
+
+
+def leaves_path(w):
+    w.arm.tcp_pose = lambda: (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)
+
+
+def lasts(w):
+    w.arm.motion.until_ns += round(1e12)
+
+
+MOVING = "pushing braking back"
+EVENTS = {
+    "force": Fault(feels(60, 0, 0, 0, 0, 0), LIMIT, 5, None, MOVING),
+    "torque": Fault(feels(0, 0, 0, 0, 3, 0), LIMIT, 5, None, MOVING),
+    "NaN": Fault(feels(*[np.nan] * 6), LIMIT, 50, NO_ROWS),
+    "infinity": Fault(feels(np.inf, 0, 0, 0, 0, 0), LIMIT, 50, NO_ROWS),
+    "saturated": Fault(marks(SampleFlag.SATURATED), LIMIT, 50, FailureReason.NO_TRIGGER),
+    "bad status": Fault(marks(SampleFlag.BAD_STATUS), LIMIT, 50, FailureReason.NO_TRIGGER),
+    "silence": Fault(lambda w: setattr(w.sensor, "silent", True), NO_ROWS, 150, NO_ROWS),
+    "gap": Fault(lambda w: setattr(w.sensor, "lose", 3), GAP, 20),
+    "restart": Fault(lambda w: w.sensor.buffer.new_epoch(), FailureReason.RESTART, 20),
+    "overrun": Fault(overrun, FailureReason.OVERFLOW, 20, FailureReason.OVERFLOW),
+    "dead source": Fault(lambda w: setattr(w.sensor, "error", "no cable"), SOURCE, 50, SOURCE),
+    "end of source": Fault(lambda w: setattr(w.sensor, "finished", True), SOURCE, 60, SOURCE),
+    "health() raises": Fault(lambda w: setattr(w.sensor, "health", None), SOURCE, 20, None, MOVING),
+    "frozen": Fault(lambda w: setattr(w.sensor, "noise_n", 0), NO_ROWS, 300, NO_ROWS),
+    "robot's error": Fault(lambda w: setattr(w.arm.motion, "error", "reflex"), ROBOT, 20, None, MOVING),
+    "ends early": Fault(lambda w: setattr(w.arm.motion, "until_ns", w.ns), ROBOT, 20, None, "pushing"),
+    "off its path": Fault(leaves_path, ROBOT, 20, None, MOVING),
+    "lasts too long": Fault(lasts, ROBOT, 2000, None, "braking back"),
+    "exception": Fault(lambda w: None, INTERRUPTED, 30, INTERRUPTED),
+    "left": Fault(lambda w: None, INTERRUPTED, 30, INTERRUPTED),
+    "signal": Fault(lambda w: signals._stop_all(signal.SIGTERM), INTERRUPTED, 5, INTERRUPTED),
+}
+CASES = [(name, phase) for name, event in EVENTS.items() for phase in event.phases.split() if phase != "rest"]
+
+
+def happens(w, name, phase, pushes):
+    """Make a push in which something goes wrong; return its capture."""
+    at_s, w.arm.longer_s = PHASES[phase], 1.0
+    if name == "off its path":
+        w.arm.tcp_pose = lambda: (0.0,) * 6
+    w.after(at_s, lambda: EVENTS[name].happen(w))
+    with suppress(RaisedError), next(pushes) as attempt:
+        for _ in attempt:
+            if name == "exception" and w.s > at_s:
+                raise RaisedError
+            if name == "left" and w.s > at_s:
+                break
+    return attempt.capture
+
+
+@pytest.mark.parametrize(("name", "phase"), CASES)
+def test_a_moving_arm_is_stopped_in_time_and_stands(w, name, phase):
+    event, pushes = EVENTS[name], pushes_of(w)
+    capture = happens(w, name, phase, pushes)
+    assert capture.reason is event.reason, capture.text
+    assert 1e3 * (w.arm.when("stop") - PHASES[phase]) <= event.within_ms
+    assert (pushes.arm.moves, w.arm.motion.finished(), signals.MOVING) == (False, True, set())
+    assert [what for what, *_ in w.arm.log if what != "stop"] == ["push", "back"][: 1 + (phase == "back")]
+    assert capture.text.endswith("the robot was stopped")
+
+
+@pytest.mark.parametrize("name", ["force", "NaN", "saturated", "silence", "frozen", "dead source"])
+def test_an_arm_is_stopped_where_rows_have_no_time(name):
+    test_a_moving_arm_is_stopped_in_time_and_stands(world(device_clock=False), name, "pushing")
+
+
+@pytest.mark.parametrize("name", [name for name, event in EVENTS.items() if "rest" in event.phases])
+def test_what_goes_wrong_at_rest_moves_no_arm(w, name):
+    reason = EVENTS[name].at_rest
+    assert happens(w, name, "rest", pushes_of(w)).reason is reason
+    if name == "frozen":  # which nobody knows before a quarter of a second is over
+        assert 0.25 <= w.arm.when("stop") - w.arm.when("push") <= 0.3
+    elif reason is None:
+        assert w.arm.when("push") > PHASES["rest"] + 0.09, "its rest begins anew"
+    else:
+        assert w.arm.log == []
+
+
+@pytest.mark.parametrize(("name", "phase"), CASES)
+def test_after_a_failure_the_arm_goes_back_first_or_nowhere(w, name, phase):
+    event, pushes = EVENTS[name], pushes_of(w)
+    happens(w, name, phase, pushes)
+    n = len(w.arm.log)
+    calm(w)
+    if event.reason in (LIMIT, ROBOT):
+        refused(pushes, event.reason, "^nothing moves until resume")
+        assert len(w.arm.log) == n
+        pushes.resume()
+    elif event.reason is SOURCE and name != "health() raises":
+        failed(pushes, SOURCE)
+    elif name == "signal":
+        refused(pushes, INTERRUPTED, "a signal has ended this: nothing moves until resume")
+    elif name != "overrun":  # its sensor's time has run ahead
+        assert push(pushes).reason is None
+        assert [what for what, *_ in w.arm.log[n:]] == ["back", "push", "back"]
+
+
+# -- stop()
+
+TOO_MUCH = feels(60, 0, 0, 0, 0, 0)
+
+
+def stopped_at(w, pushes, event=TOO_MUCH, at_s=0.3):
+    """Make a push in which something goes wrong, by itself a force beyond the limit; return its text."""
+    w.after(at_s, lambda: event(w))
+    return push(pushes).text
+
+
+def heeds(w, n):
+    """Let `stop` be heeded at the n-th call only; return when it was called, s."""
+    calls, stop = [], w.arm.stop
+
+    def late():
+        calls.append(w.s)
+        if len(calls) >= n:
+            stop()
+
+    w.arm.stop = late
+    return calls
+
+
+@pytest.mark.parametrize("n", [1, 5])
+def test_a_stop_that_raises_is_called_again(w, n):
+    errors = iter([OSError("no connection")] * n)
+
+    def fail():
+        for error in errors:
+            raise error
+
+    w.arm.on["stop"] = fail
+    text = stopped_at(w, pushes_of(w))
+    assert text.endswith("; the robot was stopped, after stop() had raised OSError: no connection")
+    assert w.arm.times("stop") == n + 1
+    assert w.arm.motion.until_ns - w.begun_ns <= (302 + 51 * n) * MS
+
+
+@pytest.mark.parametrize("n", [2, 6])
+def test_a_stop_that_is_lost_is_called_again(w, n):
+    calls = heeds(w, n)
+    assert stopped_at(w, pushes_of(w)).endswith("; the robot was stopped")
+    assert len(calls) == n
+    assert np.diff(calls) == pytest.approx(0.05, abs=0.002)
+
+
+def test_an_arm_that_brakes_long_is_stopped_when_it_stands(w):
+    w.arm.braking_s, w.arm.longer_s, pushes = 0.5, 1.0, pushes_of(w)
+    w.arm.on["stop"] = lambda: w.after(0.4, lambda: seen.append(pushes.arm.moves))
+    seen = []
+    assert stopped_at(w, pushes).endswith("; the robot was stopped")
+    assert seen[0]
+    assert 0.8 <= w.s <= 0.83
+    assert w.arm.times("stop") in (10, 11)
+
+
+@pytest.mark.parametrize("phase", ["pushing", "back"])
+def test_an_arm_that_never_stands_is_stopped_on_and_on(w, monkeypatch, phase):
+    monkeypatch.setattr(supervisor, "_BACK_S", 60.0)
+    at_s, calls, pushes = {"pushing": 0.3, "back": 1.0}[phase], heeds(w, 1000), pushes_of(w)
+    w.arm.goes_back(60.0).longer_s = 60.0 * (phase == "pushing")
+    with pytest.raises(CaptureError, match="could not be stopped: its motion goes on") as raised:
+        stopped_at(w, pushes, at_s=at_s)
+    assert raised.value.reason is ROBOT
+    assert w.s - at_s == pytest.approx(2.3, abs=0.3)
+    n = len(calls)
+    w.run(1.0)
+    assert len(calls) - n in (19, 20)
+    refused(pushes, ROBOT, "last motion still goes on")
+    w.arm.motion.until_ns = w.ns
+    w.run(0.1)
+    refused(pushes, ROBOT, "^nothing moves until resume.* could not be stopped")
+
+
+def test_a_pose_that_rests_says_that_an_arm_stands(w):
+    w.arm.tells_place().on["stop"] = lambda: setattr(w.arm.motion, "finished", lambda: False)
+    assert stopped_at(w, pushes_of(w)).endswith("; the robot was stopped")
+    assert w.s == pytest.approx(0.6, abs=0.05)
+
+
+@pytest.mark.parametrize("pose", ["old", "nan", "deaf"])
+def test_a_pose_that_says_nothing_is_no_stand(w, pose):
+    """A driver that hangs after a look at the arm, one without an answer, one whose stop() raises."""
+    heeds(w, 1000)
+    if pose == "deaf":
+        w.arm.stop = None
+    w.arm.longer_s = 60.0
+
+    def finished():
+        if pose == "old" and w.s > 0.33:
+            w.run(3.0)
+        return False
+
+    w.arm.on["push"] = lambda: setattr(w.arm.motion, "finished", finished)
+    w.arm.tcp_pose = lambda: (
+        [{"nan": np.nan, "deaf": 0.01}.get(pose, w.s * 0.03) if w.s > 0.32 else 0.0] + [0.0] * 5
+    )
+    with pytest.raises(CaptureError, match="could not be stopped"):
+        stopped_at(w, pushes_of(w))
+
+
+def test_a_command_that_failed_is_stopped_until_stop_returns(w):
+    """The arm may have taken it nevertheless."""
+    calls = heeds(w, 1)
+    errors = iter([OSError("no connection")] * 3)
+
+    def fail(*_):
+        for error in errors:
+            raise error
+        calls.append("heard")
+
+    w.arm.move_line, w.arm.stop = fail, fail
+    assert failed(pushes_of(w), ROBOT).startswith("the robot refused the motion: no connection")
+    assert calls == ["heard"]
+
+
+def test_a_force_beyond_while_it_brakes_blocks_what_was_stopped(w):
+    w.arm.braking_s, pushes = 0.3, pushes_of(w)
+    w.after(0.4, lambda: TOO_MUCH(w))
+    assert "the limit is 50 N" in stopped_at(w, pushes, EVENTS["gap"].happen)
+    refused(pushes, LIMIT, "^nothing moves until resume")
+
+
+@pytest.mark.parametrize("when", ["looked", "begun", "asked where it is"])
+def test_a_signal_before_the_command_leaves_the_arm_at_rest(w, when):
+    pushes = pushes_of(w)
+
+    def end(*_):
+        if pushes.arm.moves or when == "looked":
+            signals._stop_all(signal.SIGTERM)
+
+    if when == "looked":
+        pushes.arm._check = lambda: pushes.rest.any() and end()  # once there was a rest
+    elif when == "asked where it is":
+        w.arm.tcp_pose = end
+    failed(pushes, INTERRUPTED, end if when == "begun" else lambda: False)
+    assert w.arm.times("push") == 0
+
+
+@pytest.mark.parametrize(("lifted_s", "reason"), [(0.3, ROBOT), (1.0, None)])
+def test_a_tool_may_be_lifted_on_its_way_back(w, lifted_s, reason):
+    w.arm.tcp_pose = lambda: [0.0, 0.0, 0.02 * (lifted_s < w.s < lifted_s + 0.2), 0.0, 0.0, 0.0]
+    assert push(pushes_of(w)).reason is reason
+
+
+@pytest.mark.parametrize("pose", [(0.0, 0.0), "somewhere"])
+def test_a_pose_of_another_shape_moves_no_arm(w, pose):
+    w.arm.tcp_pose = lambda: pose
+    assert failed(pushes_of(w), ROBOT).startswith("the robot refused the motion: ")
+    assert w.arm.times("push") == 0
+
+
+# -- what follows
+
+
+def test_after_a_limit_nothing_moves_until_resume(w):
+    pushes = pushes_of(w)
+    stopped_at(w, pushes)
+    calm(w)
+    n = len(w.arm.log)
+    for _ in range(2):
+        refused(pushes, LIMIT, "^nothing moves until resume")
+    pushes.resume()
+    assert push(pushes).reason is None
+    assert [what for what, *_ in w.arm.log[n:]] == ["push", "back"], "from where it stands"
+
+
+@pytest.mark.parametrize("name", ["force", "NaN", "robot's error", "silence", "gap", "signal"])
+def test_no_push_follows_a_way_back_that_fails(w, name):
+    pushes = pushes_of(w)
+    stopped_at(w, pushes, EVENTS["gap"].happen)
+    n = len(w.arm.log)
+    w.after(0.5, lambda: EVENTS[name].happen(w))
+    failed(pushes, EVENTS[name].reason)
+    assert [what for what, *_ in w.arm.log[n:]] == ["back", "stop"]
+
+
+def test_three_failures_in_a_row_end_the_pushes(w):
+    pushes = pushes_of(w)
+    for n in (2, 3):
+        for _ in range(n):
+            stopped_at(w, pushes, EVENTS["gap"].happen, 1.6)
+        if n == 2:
+            assert push(pushes).reason is None, "which begins the count anew"
+    refused(pushes, GAP, "^3 pushes in a row failed, the last one by this: 3 samples")
+    pushes.resume()
+    assert push(pushes).reason is None
+
+
+@pytest.mark.parametrize(("off_m", "reason"), [(0.004, None), (0.006, ROBOT), (0.0165, ROBOT)])
+def test_pushes_do_not_creep_more_than_5_mm(w, off_m, reason):
+    """The way back ends before the start; the last arm has none."""
+    w.arm.tells_place()
+    if off_m > 0.01:
+        del w.arm.move_back
+    pushes = pushes_of(w)
+    assert push(pushes).reason is None
+    w.arm.tcp_pose = lambda: (w.arm.place_m + (off_m if off_m < 0.01 else 0.0), *[0.0] * 5)
+    n = w.arm.times("push")
+    text = push(pushes).text
+    assert w.arm.times("push") - n == (reason is None)
+    if reason:
+        assert f"stands {1e3 * off_m:.0f} mm from where the first push began" in text
+        pushes.resume()
+        assert push(pushes).reason is None, "which begins a series anew"
+
+
+# -- limits
+
+
+@pytest.mark.parametrize(
+    ("absolute", "tool_n", "fx", "beyond"),
+    [
+        (False, 30.0, 69.0, False),
+        (False, 30.0, 71.0, True),
+        (False, 30.0, -9.0, False),
+        (False, 30.0, -11.0, True),
+        (True, 30.0, 39.0, False),
+        (True, 30.0, 41.0, True),
+        (True, 30.0, -39.0, False),
+    ],
+)
+def test_a_limit_is_of_the_change_or_of_what_is_told(w, absolute, tool_n, fx, beyond):
+    w.sensor.force = lambda s: tool_n if s < 0.3 else fx
+    capture = push(pushes_of(w, max_force_n=40.0, absolute=absolute))
+    assert capture.reason is (LIMIT if beyond else None)
+    assert not beyond or ("from rest" in capture.text) is not absolute
+    assert w.arm.when("stop") == (pytest.approx(0.3, abs=0.005) if beyond else None)
+
+
+def test_an_absolute_limit_wants_a_rest_within_it(w):
+    w.sensor.force = lambda s: 45.0
+    text = failed(pushes_of(w, max_force_n=40.0, absolute=True), FailureReason.NO_TRIGGER)
+    assert "the rest was broken last by this: force of 45" in text
+    assert w.arm.log == []
+    w.sensor.force = lambda s: 1.0
+
+
+@pytest.mark.parametrize("column", range(6))
+def test_each_axis_counts_and_a_single_row_is_enough(w, column):
+    row = np.zeros(6)
+    row[column] = -60.0
+    w.sensor.force = lambda s: row if 0.3 <= s < 0.301 else 1.0
+    assert stopped_at(w, pushes_of(w), lambda w: None).startswith("force" if column < 3 else "torque")
+    assert w.arm.when("stop") == pytest.approx(0.3, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("limits", "about", "match"),
+    [
+        ({"max_force_n": 0}, {}, "max_force_n must be positive"),
+        (
+            {"max_force_n": 300},
+            {"full_scale": (290.0,) * 6},
+            "the sensor's fx ends at 290: give at most that",
+        ),
+        ({"max_force_n": 3}, {"axes": ("ax", "ay", "az")}, "max_force_n needs fx fy fz; bench has ax ay az"),
+    ],
+)
+def test_limits_that_mean_nothing_are_refused(limits, about, match):
+    with pytest.raises(ValueError, match=match):
+        pushes_of(World(**about), **{"max_torque_n_m": None} | limits)
+
+
+# -- a driver that takes its time, and one that hangs
+
+
+@pytest.mark.parametrize("method", ["finished", "tcp_pose", "move_line", "stop"])
+def test_a_slow_driver_delays_no_stop(w, method):
+    w.arm.tells_place()
+    w.arm.longer_s = 2.0
+
+    def slowly(do):
+        def call(*args):
+            answer = do(*args)
+            w.run(1.0)
+            return answer
+
+        return call
+
+    if method == "finished":
+        w.arm.on["push"] = lambda: setattr(w.arm.motion, "finished", slowly(w.arm.motion.finished))
+    else:
+        setattr(w.arm, method, slowly(getattr(w.arm, method)))
+    at_s = 1.2 if method == "tcp_pose" else 0.3
+    assert "the limit is 50 N" in stopped_at(w, pushes_of(w, timeout_s=5.0), at_s=at_s)
+    assert w.arm.when("stop") == pytest.approx(at_s, abs=0.005)
+
+
+class Hanging:
+    """A simulated arm whose driver does not return from one of its methods before the test ends."""
+
+    def __init__(self, source, method):
+        self.arm, self.method, self.n_stops = source.robot(), method, 0
+        self.hangs, self.thrice, self.release = Event(), Event(), Event()
+
+    def move_line(self, direction, speed_m_s, duration_s):
+        motion = self.arm.move_line(direction, speed_m_s, duration_s)
+        self.hang("move_line")
+        if self.method in ("finished", "stop, lost"):
+            motion.finished = lambda: self.hang("finished")
+        return motion
+
+    def stop(self):
+        self.n_stops += 1
+        if self.method != "stop, lost":
+            self.arm.stop()
+        if self.n_stops == 3:
+            self.thrice.set()
+        self.hang("stop")
+
+    def hang(self, method):
+        if self.method.startswith(method):
+            self.hangs.set()
+            self.release.wait()
+        return False
+
+
+@pytest.fixture
+def hanging(request, monkeypatch):
+    """With threads and time as they are: the pushes of an arm that hangs."""
+    monkeypatch.setattr(supervisor, "_BRAKE_S", 0.3)
+    with opened(SimSource("rice", seed=1)) as stream:
+        robot = Hanging(stream.source, request.param)
+        yield robot, Pushes(stream, robot, MotionTrigger, Limits(), n_samples=100, pre_s=0.1)
+        robot.release.set()
+
+
+@pytest.mark.parametrize("hanging", ["move_line", "finished", "stop, lost"], indirect=True)
+def test_a_driver_that_hangs_is_said_to_and_stopped_on(hanging):
+    robot, pushes = hanging
+    with pytest.raises(CaptureError, match=r"could not be stopped: its (driver|motion)") as raised:
+        push(pushes, lambda: robot.hangs.is_set() or (robot.method == "stop, lost" and pushes.arm.moves))
+    assert raised.value.reason is ROBOT
+    assert robot.thrice.wait(10)
+    assert pushes.arm.moves
+    if robot.method == "stop, lost":
+        assert robot.n_stops == 3, "so many may be on their way"
+
+
+@pytest.mark.parametrize("hanging", ["stop"], indirect=True)
+def test_an_arm_that_heeds_a_stop_that_hangs_stands(hanging):
+    _, pushes = hanging
+    assert failed(pushes, INTERRUPTED, lambda: pushes.arm.moves).endswith("; the robot was stopped")
+    assert not pushes.arm.moves
