@@ -6,7 +6,7 @@ import json as json_format
 import sys
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -307,6 +307,7 @@ def live(
             identifying: Session = HopIdentifier(stream, identifier, hop_s, **common)
         else:
             setup = stack.enter_context(closing(moving.setup(source)))
+            _refuse_to_creep(setup.robot, n)
             common |= {"early": early, "pre_s": pre_s} | moving.of_pushes
             identifying = LiveIdentifier(stream, identifier, setup, **common)
         warn_of_setups(identifying.differences)
@@ -397,7 +398,9 @@ def record(
     session: str | None = option(WHAT, "What is recorded in one go (one filling, one set-up). Default: now."),
     duration_s: float = option(WHAT, "Length of a recording.", default=3.2),
     pre_s: float = option(WHAT, "Of that, rest before the motion.", default=0.25),
-    retries: int = option(WHAT, "So many refused recordings in a row are tried again.", default=3),
+    retries: int = option(
+        WHAT, "So many refused recordings in a row are tried again; an arm's at most twice.", default=3
+    ),
     quiet: bool = option(WHAT, "Only what went wrong, and the last line.", "--quiet", "-q", default=False),
 ) -> None:
     """Record pushes through materials, into files or an archive, with label, session, sensor and time.
@@ -458,7 +461,7 @@ def record(
                             and (setup.robot is not None or k == 0)
                             and (name, k) != (labels[0], 0)
                         ):
-                            _wait_for(title)
+                            _wait_for(title, recorder)
                         refused, said = _recorded(recorder, name, title, retries)
                         if k == 0:
                             _check_truth(name, recorder, stream.info.name)
@@ -562,11 +565,29 @@ def _refuse_absent_hands(stream: Stream, robot: Robot | None, labels: list[str],
         )
 
 
-def _wait_for(title: str) -> None:
+def _refuse_to_creep(robot: Robot | None, n: int | None) -> None:
+    """Refuse pushes one after another by an arm that cannot go back: `live` asks nobody to bring it back."""
+    from granular_id.live.setup import starts_exactly
+
+    if n != 1 and starts_exactly(robot) and not hasattr(robot, "move_back"):
+        raise ValueError("the robot cannot go back by itself (move_back) after a push: add --n 1")
+
+
+def _wait_for(title: str, recorder: Recorder) -> None:
     """Give a person time to change the material, and to bring an arm back to where its push begins."""
     if sys.stdin.isatty():
+        _forget_typed()
         asked = f"{title}: press Enter when material and tool are in place"
         try:
             typer.prompt(asked, default="", show_default=False)
         except typer.Abort:  # what a prompt makes of Ctrl-C
             raise KeyboardInterrupt from None
+        recorder.resume()  # somebody says that the tool is in place
+
+
+def _forget_typed() -> None:
+    """Drop what was typed before a question: it is no answer to it."""
+    with suppress(ImportError, OSError):  # Windows has no termios
+        import termios
+
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)

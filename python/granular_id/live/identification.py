@@ -106,6 +106,9 @@ class LiveIdentifier(Session):
     ) -> None:
         super().__init__(stream, model, Limits(**limits), views=views, accept=accept)
         setup = setup_of(stream.source) if setup is None else setup
+        if not isinstance(setup, Setup):
+            problem = f"must come from setup_of(stream.source, robot), got a {type(setup).__name__}"
+            raise argument_error(TypeError, "setup", problem)
         self._early = early
         self._n_looks = self._n_moments = 0
         # Most of the work on multi-band features is done for each answer, others have grown with the rows.
@@ -166,7 +169,12 @@ class LiveIdentifier(Session):
                 if new is not None and on_decision is not None:
                     on_decision(new)
                 decision = new or decision
-                if self._early and decision is not None and self._is_answer(decision):
+                if (
+                    self._early
+                    and decision is not None
+                    and capture.reason is None
+                    and self._is_answer(decision)
+                ):
                     attempt.answered = True
                     break
                 if not capture.state.is_over and self._views.wants_snapshot():
@@ -274,7 +282,7 @@ def _rest_of(model: Identifier, pre_s: float | None) -> float:
     if rest_s is None:
         problem = (
             "must be given: the seconds of rest that each recording of the training begins with, which they do not "
-            f"state (recorded here, {_PRE_S:g}); or answer at each hop with hop_s"
+            f"state (recorded here, {_PRE_S:g}); or answer at each hop (HopIdentifier, hop_s)"
         )
         raise argument_error(ValueError, "pre_s", problem)
     if model.lead_s is not None and abs(rest_s - model.lead_s) > 0.5 / model.rate_hz:

@@ -19,7 +19,7 @@ _SWITCH_S = 0.0005
 
 _REFUSED = (
     "limits of force and torque are watched at the usual priority: beside busy programs stop() may come 10 ms or more "
-    "after the sample beyond, with real-time priority within 1 ms. Linux grants it by the line 'USER - rtprio 1' in "
+    "after the sample beyond, with real-time priority within 1 ms. Linux grants it by the line 'USER - rtprio 2' in "
     "/etc/security/limits.conf, from the next login on"
 )
 
@@ -37,11 +37,11 @@ def at_once(threads: Iterable[int] = ()) -> Iterator[bool]:
     with _lock:
         _before.append(sys.getswitchinterval())
         sys.setswitchinterval(min(_SWITCH_S, _before[0]))
-    own = threading.get_native_id()
-    raised = [
-        thread for thread in {own, *threads} if _raised(thread, _WATCHING if thread == own else _READING)
-    ]
+    own, raised = threading.get_native_id(), list[int]()
     try:
+        for thread in dict.fromkeys((own, *threads)):
+            if isinstance(thread, int) and _raised(thread, _WATCHING if thread == own else _READING):
+                raised.append(thread)
         yield own in raised
     finally:
         for thread in raised:

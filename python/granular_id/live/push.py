@@ -75,6 +75,9 @@ class Pushes(Iterator["Attempt"]):
         self.n_samples, self.pre_s, self.direction, self.speed_m_s = n_samples, pre_s, direction, speed_m_s
         self.force_direction: NDArray[np.float64] | None = None  # of the first push by hand
         self.rest = np.zeros(len(stream.info.axes))  # before the last push: limits count from it
+        self.first_rest: NDArray[np.float64] | None = (
+            None  # what a tool bears before a push is held against it
+        )
         self.back_first = False
         self._trigger = trigger
         self._n_failures, self._n_signals = 0, signals.number_heard()
@@ -91,7 +94,7 @@ class Pushes(Iterator["Attempt"]):
     def __next__(self) -> Attempt:
         if self._n_failures == _MOST_FAILURES and self._last is not None and self._last.reason is not None:
             text = f"{_MOST_FAILURES} pushes in a row failed, the last one by this: {self._last.text}"
-            raise CaptureError(self._last.reason, text)
+            raise CaptureError(FailureReason.ROBOT, f"{text}; nothing moves until resume() is called")
         if self.interrupted:
             raise CaptureError(
                 FailureReason.INTERRUPTED, "a signal has ended this: nothing moves until resume()"
@@ -136,7 +139,7 @@ class Pushes(Iterator["Attempt"]):
         self._last, moved = capture, moved and not self.by_hand
         failed = capture.reason is not None and not early
         if capture.reason is not FailureReason.INTERRUPTED:  # from outside: no failure of the arm's
-            self._n_failures = self._n_failures + 1 if failed and moved else 0
+            self._n_failures = self._n_failures + moved if failed else 0
         self.back_first = moved and (failed or early)
 
 
@@ -167,7 +170,7 @@ class Attempt:
         Steps after the last row, while the robot comes to its stand or moves back, have no rows for the recording.
         """
         capture, arm = self.capture, self._arm
-        if self._pushes.back_first:
+        if self._pushes.back_first and self._hears():
             yield from self._go_back()
         heard_ns, held = self._clock.now_ns(), list[BlockLike]()
         while not capture.state.is_over:
@@ -236,6 +239,7 @@ class Attempt:
         if arm.fault is None:
             return
         if arm.blocked is not None:  # counts most: nothing moves any more
+            self.answered = False
             capture.fail(*arm.blocked, complete=True)
             capture.reason, capture.text = arm.blocked
         if capture.reason is not None and (arm.blocked in (None, arm.fault) or not arm.moves):
@@ -265,7 +269,20 @@ class Attempt:
         pushes, self._moved, self._commanded = self._pushes, True, True
         self._begun_s = None if self._newest is None else float(self._newest.time_s[-1])
         seconds, pushes.rest = pushes.motion_s(self.capture), self._rest()
+        if pushes.first_rest is None:
+            pushes.first_rest = pushes.rest
+        if borne := pushes.limits.beyond(self.capture.rest, pushes.first_rest):
+            self.capture.fail(FailureReason.LIMIT, f"before the push the tool bears a {borne}")
+            return
         self._arm.push(pushes.direction, pushes.speed_m_s, seconds, seconds - _MARGIN_S, pushes.rest)
+
+    def _hears(self) -> bool:
+        """Wait for a row: no arm moves where the sensor is silent."""
+        begun_ns = self._clock.now_ns()
+        while not (self._reader.wait(0.0) or self.capture.state.is_over):
+            self._clock.wait(self._reader, WAIT_S)
+            self._check_source(1e-9 * (self._clock.now_ns() - begun_ns))
+        return not self.capture.state.is_over
 
     def _follow(self, motion: Motion) -> None:
         self.motion = motion
@@ -298,6 +315,9 @@ class Attempt:
         while arm.moves and arm.fault is None:
             self._clock.wait(self._reader, WAIT_S)
             yield Step(self._reader.read(), Rows.none().wrench)
+            if self._pushes.interrupted:
+                self.capture.fail(FailureReason.INTERRUPTED, "ended by a signal", complete=True)
+                return
         if arm.fault is not None:
             self.capture.fail(*arm.fault, complete=True)
 

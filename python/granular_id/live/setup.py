@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -19,6 +20,9 @@ TRIGGERS = ("auto", "motion", "force", "manual")
 """Triggers by name."""
 
 
+_CLOSE_S = 2.0
+
+
 @dataclass(frozen=True)
 class Setup:
     """Who moves (None: somebody else, and the trigger notices), and what makes the trigger of each capture."""
@@ -27,10 +31,12 @@ class Setup:
     trigger: Callable[[], Trigger]
 
     def close(self) -> None:
-        """End the connection to the robot, where it has one."""
+        """End the connection to the robot, where it has one; a driver that hangs is left behind."""
         close = getattr(self.robot, "close", None)
         if close is not None:
-            close()
+            thread = threading.Thread(target=close, name="granular_id close", daemon=True)
+            thread.start()
+            thread.join(_CLOSE_S)
 
 
 def setup_of(
@@ -75,6 +81,9 @@ def setup_of(
     >>> setup_of(SimSource("rice", seed=1), robot=None).trigger().name
     'force'
     """
+    if not hasattr(source, "info"):
+        problem = f"must be an opened source (stream.source), got {source!r:.60}"
+        raise argument_error(TypeError, "source", problem)
     mover = _robot_of(source, robot)
     if callable(trigger):
         return Setup(mover, trigger)

@@ -29,6 +29,10 @@ class Moving(Protocol):
 
     standing: threading.Event
 
+    @property
+    def robot(self) -> object:
+        """Whose motion it is."""
+
     def stop(self, reason: FailureReason, text: str) -> None:
         """Have it stopped, at once and without waiting for it."""
 

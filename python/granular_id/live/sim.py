@@ -292,6 +292,9 @@ class SimRobot:
         self._source.host_ns_at(0)  # refuses where no clock runs yet
         return SimMotion(self._source, self._source.world.plan(speed_m_s, duration_s))
 
+    def move_back(self) -> None:
+        """Stay: the tool is back at its start as soon as a push has ended."""
+
     def stop(self) -> None:
         """Stop the push that is under way."""
         self._source.world.cut()

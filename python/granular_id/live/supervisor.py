@@ -28,7 +28,7 @@ __all__ = ["Fault", "Hand", "Supervisor"]
 
 _LOG = logging.getLogger(__name__)
 
-_SILENT_S, _SILENT_SIMULATED_S, _SILENT_ROWS = 0.1, 1.0, 5
+_SILENT_S, _SILENT_SIMULATED_S, _SILENT_ROWS = 0.1, 5.0, 5
 """So long may no row come while an arm moves; a simulated arm hurts nobody, and shares a computer with its sensor."""
 
 _FROZEN_S = 0.25
@@ -40,6 +40,12 @@ _BRAKE_S = 2.0
 
 _BACK_S = 60.0
 """So long may the way back take, which is as long as the push, and as fast as the robot likes."""
+
+_ANSWER_S = 2.0
+"""So long may one call of a driver take, the command too: beyond, nobody knows what the arm does."""
+
+_BLIND_S, _REFUSED_S = 0.5, 0.5
+"""So long may nobody look at the rows; so long is stop() repeated after a command that failed, and may be taken."""
 
 _STILL_M, _STILL_S = 1e-4, 0.25
 """A tool that has moved by less for so long after ``stop()`` stands."""
@@ -81,6 +87,10 @@ class _Seen(NamedTuple):
     n_stops: int
 
 
+class _PlaceError(RuntimeError):
+    """The tool is not where a push may begin."""
+
+
 class Supervisor:
     """Owns an arm from before it moves until it stands, on its way back as well.
 
@@ -96,6 +106,7 @@ class Supervisor:
         self.stream, self.robot, self.limits, self.clock = stream, robot, limits, stream.clock
         self._first: NDArray[np.float64] | None = None  # where the first push began
         self._n_signals = signals.number_heard()
+        self._is_away = False  # it has pushed, and can neither go back nor say where it is
         self._path = _Path(np.zeros(3), 0.0, 0.0, 0.0)
 
     @property
@@ -126,11 +137,17 @@ class Supervisor:
     def get_ready(self) -> None:
         """Forget the last motion; CaptureError where nothing may begin to move."""
         self._check()
+        if self._is_away:
+            lacks = "the robot can neither go back (move_back) nor tell its place (tcp_pose)"
+            raise CaptureError(FailureReason.ROBOT, f"{lacks}: bring the tool back, then call resume()")
         self.watch = None
 
     def _check(self) -> None:
-        if self.moves:
-            raise CaptureError(FailureReason.ROBOT, "the robot's last motion still goes on")
+        own: object = self.watch
+        others = any(one.robot is self.robot and one is not own for one in tuple(signals.MOVING))
+        if self.moves or others:
+            text = "the robot's last motion still goes on: nothing else moves it before it stands"
+            raise CaptureError(FailureReason.ROBOT, text)
         if self.blocked is not None:
             text = f"nothing moves until resume() is called, after this: {self.blocked.text}"
             raise CaptureError(self.blocked.reason, text)
@@ -145,7 +162,7 @@ class Supervisor:
     ) -> None:
         """Command a push, of which the first `recorded_s` must be whole; limits count from the wrench `rest`."""
         ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
-
+        self._check()
         self._path = _Path(np.array(ahead), speed_m_s * duration_s, duration_s, recorded_s)
 
         def command() -> Motion | None:
@@ -154,11 +171,13 @@ class Supervisor:
             if self._first is None:
                 self._first = place
             elif place is not None and (off_m := float(np.linalg.norm(place - self._first))) > _START_M:
-                raise RuntimeError(
-                    f"the tool stands {1e3 * off_m:.0f} mm from where the first push began: bring it back first"
+                raise _PlaceError(
+                    f"the tool stands {1e3 * off_m:.0f} mm from where the first push began: bring it back, then call "
+                    "resume()"
                 )
             if self.fault is not None:  # while the robot was asked where it is
                 return None
+            self._is_away = place is None and not hasattr(self.robot, "move_back")
             return checked_motion(self.robot.move_line(direction, speed_m_s, duration_s), "move_line")
 
         self._begin(command, rest, returns=False)
@@ -182,6 +201,7 @@ class Supervisor:
     def resume(self) -> None:
         """Let the arm move again after a limit or an error, from where it stands now."""
         self.blocked = self._first = None
+        self._is_away = False
         self._n_signals = signals.number_heard()
 
     def wait_until_it_stands(self, reader: WrenchReader) -> None:
@@ -212,9 +232,13 @@ class Supervisor:
         if self.interrupted:  # since it was looked at; from here on a signal stops this motion
             watch.stop(FailureReason.INTERRUPTED, "ended by a signal")
         urgent = None if self.stream.info.synthetic else reading_threads(self.stream.source)
-        self.clock.call(watch.call_stop, watch.must_stop, None if urgent is None else [])
-        self.clock.repeat(watch.look, watch.reader, urgent)
-        self.clock.repeat(watch.ask, None, None)
+        try:
+            self.clock.call(watch.call_stop, watch.must_stop, None if urgent is None else [])
+            self.clock.repeat(watch.look, watch.reader, urgent)
+            self.clock.repeat(watch.ask, None, None)
+        except BaseException:  # Ctrl-C: nothing was commanded
+            watch.end()
+            raise
 
 
 class Hand:
@@ -264,30 +288,49 @@ class Watch:
         self.reader = arm.stream.buffer.reader()
         self._arm, self._command, self._rest, self._returns = arm, command, rest, returns
         self._stream, self._limits, self._clock = arm.stream, arm.limits, arm.clock
+        self.robot = arm.robot
+        self._asked_ns = 0  # when the call of the driver began that has not returned
+        self._is_late = False  # it does not stand long after stop()
+        self._stood_ns = 0
         self._lock = threading.Lock()
         self._seen: _Seen | None = None
         self._ended = False  # the command was refused, or there is no way back
-        self._heeded = False  # a call of stop() has returned
+        self._commanded = False  # the robot may have taken the command
+        self._has_stopped = False  # a call of stop() has returned
+        self._looked_ns = 0
         self._begun_ns = self._heard_ns = self._stopped_ns = self._clock.now_ns()
         self._due_ns = self._begun_ns + round(1e9 * (_BACK_S if returns else arm.path().duration_s))
         self._called_ns = self._n_stops = self._n_calls = self._n_same = 0
         self._stop_error = self._stop_raised = ""
-        self._still: tuple[int, NDArray[np.float64]] | None = None
+        self._still: tuple[int, NDArray[np.float64]] | None = (
+            None  # since when the tool is there, after stop()
+        )
+        self._has_slid = False
         self._row: NDArray[np.float64] | None = None
         self._epoch: int | None = None
         self._n_hidden = self._not_finite()
 
     def ask(self) -> bool:
         """Talk to the robot's driver: command the motion, then ask how it is. False: that is over."""
+        now_ns = self._clock.now_ns()
+        if not self._looked_ns:  # nothing is commanded before somebody watches
+            return not self.standing.is_set()
+        if now_ns - self._looked_ns > 1e9 * _BLIND_S:
+            self.stop(FailureReason.SOURCE, f"nobody has looked at the rows for {_BLIND_S:g} s")
+        self._asked_ns = now_ns
         if self.motion is None:
             try:
                 motion = None if self.fault is not None else self._command()
-            except Exception as refusal:  # whatever the robot's library raises
+            except _PlaceError as elsewhere:
                 self._ended = True
-                what = "the way back" if self._returns else "the motion"
-                self.stop(FailureReason.ROBOT, f"the robot refused {what}: {refusal}", block=False)
+                self.stop(FailureReason.ROBOT, str(elsewhere))
                 return False
-            self._ended = motion is None
+            except Exception as refusal:  # whatever the robot's library raises
+                self._ended = self._commanded = True
+                what = "the way back" if self._returns else "the motion"
+                self.stop(FailureReason.ROBOT, f"the robot refused {what}: {refusal}")
+                return False
+            self._asked_ns, self._ended = 0, motion is None
             if motion is not None:
                 self._due_ns += max(0, motion.start_host_ns - self._begun_ns)
             self.motion = motion
@@ -299,37 +342,51 @@ class Watch:
             place = self._arm.place()
         except Exception as raised:  # whatever the robot's library raises
             finished, error = False, f"{type(raised).__name__}: {raised}"
-        self._seen = _Seen(finished, error, place, self._clock.now_ns(), n_stops)
+        self._seen, self._asked_ns = _Seen(finished, error, place, self._clock.now_ns(), n_stops), 0
         return not self.standing.is_set()
 
     def look(self) -> bool:
         """Look at rows, source and arm once; False: the arm stands."""
-        block, now_ns = self.reader.read(), self._clock.now_ns()
+        now_ns = self._looked_ns = self._clock.now_ns()
         try:
-            # A limit counts even where the arm brakes already: nothing moves it any more.
-            fault = self._wrong(block, now_ns) if self.fault is None else self._hidden(block)
+            block = self.reader.read()
+            # A limit and an error count even where the arm brakes already: nothing moves it any more.
+            fault = self._wrong(block, now_ns) if self.fault is None else self._hidden(block) or self._error()
         except Exception as error:  # whatever the source raises: nobody else watches
             fault = Fault(FailureReason.SOURCE, f"the source failed: {type(error).__name__}: {error}")
         if fault is not None:
             self.stop(*fault)
-        if self._stands():
-            signals.MOVING.discard(self)
-            self.standing.set()
-            self.must_stop.set()  # ends the thread that waits for it, where nothing had to be stopped
+        if self._stands(now_ns):
+            self._stood_ns = now_ns
+            self.end()
             return False
+        if self.fault is not None and not self._is_late and now_ns - self._stopped_ns > 1e9 * _BRAKE_S:
+            self._is_late = True
+            _LOG.error(
+                "the robot does not stand %g s after stop(), which is called again: %s", _BRAKE_S, self._how()
+            )
         if self.fault is not None and now_ns - self._called_ns >= 1e9 * _AGAIN_S:
             self._called_ns = now_ns
             if self._n_calls < _MOST_CALLS:
-                self._clock.call(self.call_stop, self.must_stop, None)
+                try:
+                    self._clock.call(self.call_stop, self.must_stop, None)
+                except RuntimeError:  # at its end the interpreter starts no thread any more
+                    self.call_stop()
         return True
 
-    def stop(self, reason: FailureReason, text: str, *, block: bool = True) -> None:
+    def end(self) -> None:
+        """Say that the arm stands."""
+        signals.MOVING.discard(self)
+        self.standing.set()
+        self.must_stop.set()  # ends the thread that waits for it, where nothing had to be stopped
+
+    def stop(self, reason: FailureReason, text: str) -> None:
         """Stop the arm; the first reason counts. From any thread, and waits for nothing."""
         fault = Fault(reason, text)
         with self._lock:
             if self.standing.is_set():
                 return
-            if block and self._arm.blocked is None and reason in (FailureReason.LIMIT, FailureReason.ROBOT):
+            if self._arm.blocked is None and reason in (FailureReason.LIMIT, FailureReason.ROBOT):
                 self._arm.blocked = fault
             if self.fault is None:
                 self.fault = fault
@@ -345,7 +402,7 @@ class Watch:
             self._n_calls += 1
         try:
             self._arm.robot.stop()
-            self._stop_error, self._heeded = "", True
+            self._stop_error, self._has_stopped = "", True
         except Exception as error:  # whatever the robot's library raises
             self._stop_error = f"{type(error).__name__}: {error}"
             if not self._stop_raised:
@@ -363,10 +420,20 @@ class Watch:
         until_ns = self._stopped_ns if self._returns else max(self._stopped_ns, self._due_ns)
         if now_ns <= until_ns + 1e9 * _BRAKE_S:
             return None
-        goes_on = f"its motion goes on {1e-9 * (now_ns - self._stopped_ns):.1f} s after stop()"
-        how = self._stop_error or (goes_on if not self._n_calls else "its driver does not return from stop()")
         why = "its motion did not end by itself" if self.fault is None else self.fault.text
-        return Fault(FailureReason.ROBOT, f"the robot could not be stopped: {how} (it was to stop: {why})")
+        return Fault(
+            FailureReason.ROBOT, f"the robot could not be stopped: {self._how()} (it was to stop: {why})"
+        )
+
+    def _how(self) -> str:
+        """Say what keeps the arm from being known to stand."""
+        if self._stop_error:
+            return self._stop_error
+        if self._n_calls:
+            return "its driver does not return from stop()"
+        if self._asked_ns and self._clock.now_ns() - self._asked_ns > 1e9 * _ANSWER_S:
+            return "its driver does not say whether it stands"
+        return f"its motion goes on {1e-9 * (self._clock.now_ns() - self._stopped_ns):.1f} s after stop()"
 
     @property
     def ending(self) -> str:
@@ -374,29 +441,35 @@ class Watch:
         if self.fault is None or self.motion is None:
             return ""
         raised = self._stop_raised and f", after stop() had raised {self._stop_raised}"
-        return f"; the robot was {'stopped' if self.standing.is_set() else 'asked to stop'}{raised}"
+        if not self.standing.is_set():
+            return f"; the robot was asked to stop{raised}"
+        took_s = 1e-9 * (self._stood_ns - self._stopped_ns)
+        return f"; the robot {'was stopped' if took_s < 1 else f'stood {took_s:.1f} s after stop()'}{raised}"
 
-    def _stands(self) -> bool:
+    def _stands(self, now_ns: int) -> bool:
         seen, must_stop = self._seen, self.fault is not None
+        if self._ended and not self._commanded:
+            return True
         if must_stop and not self._n_stops:
             return False
         if self._ended:  # the arm may have taken a command that has failed
-            return self._heeded or not must_stop
-        if seen is None or seen.n_stops < must_stop:  # an answer from before the first stop()
+            return self._has_stopped and now_ns - self._stopped_ns > 1e9 * _REFUSED_S
+        if seen is None or (must_stop and not seen.n_stops):  # an answer from before the first stop()
             return False
-        if seen.finished or not must_stop or seen.place is None or self._stop_error or self._n_calls:
-            return seen.finished
-        if self._still is None or not np.linalg.norm(seen.place - self._still[1]) <= _STILL_M:
+        return seen.finished or (must_stop and self._lies_still(seen))
+
+    def _lies_still(self, seen: _Seen) -> bool:
+        """Whether the tool has moved on after stop() and then stood: one that never moved may still begin to."""
+        if seen.place is None or self._stop_error or self._n_calls:
+            return False
+        if self._still is None:
             self._still = seen.at_ns, seen.place
-        return seen.at_ns - self._still[0] > 1e9 * _STILL_S
+        elif not np.linalg.norm(seen.place - self._still[1]) <= _STILL_M:
+            self._still, self._has_slid = (seen.at_ns, seen.place), True
+        return self._has_slid and seen.at_ns - self._still[0] > 1e9 * _STILL_S
 
     def _wrong(self, block: BlockLike, now_ns: int) -> Fault | None:
-        try:
-            return self._hidden(block) or self._wrong_rows(block, now_ns) or self._wrong_motion(now_ns)
-        except Exception as error:  # of a source of one's own: nobody watches then
-            return Fault(
-                FailureReason.SOURCE, f"the source cannot be watched: {type(error).__name__}: {error}"
-            )
+        return self._hidden(block) or self._wrong_rows(block, now_ns) or self._wrong_motion(now_ns)
 
     def _hidden(self, block: BlockLike) -> Fault | None:
         """Hold rows against the limits, and those that hide them: an overload must not look like silence."""
@@ -463,21 +536,33 @@ class Watch:
         if not (seen is not None and seen.finished) and now_ns > self._due_ns + 1e9 * late_s:
             text = f"the robot's {what} was not over after {1e-9 * (now_ns - begun_ns):.1f} s"
             return Fault(FailureReason.ROBOT, text)
+        if self._asked_ns and now_ns - self._asked_ns > 1e9 * _ANSWER_S:
+            text = f"the robot's driver has not answered for {_ANSWER_S:g} s"
+            return Fault(FailureReason.ROBOT, text)
         if seen is None:
             return None
-        if seen.error is not None:
-            return Fault(FailureReason.ROBOT, f"the robot's {what} failed: {seen.error}")
+        if fault := self._error():
+            return fault
         lasted_s = 1e-9 * (seen.at_ns - begun_ns)
         if seen.finished and not self._returns and lasted_s < path.recorded_s / self._stream.info.speed:
             text = f"the robot's motion ended after {max(lasted_s, 0.0):.2f} s of {path.duration_s:.2f} s"
             return Fault(FailureReason.ROBOT, text)
-        return self._beside(seen.place)
+        return self._beside(seen.place, ended=seen.finished)
 
-    def _beside(self, place: NDArray[np.float64] | None) -> Fault | None:
+    def _error(self) -> Fault | None:
+        what = "way back" if self._returns else "motion"
+        error = None if self._seen is None else self._seen.error
+        return None if error is None else Fault(FailureReason.ROBOT, f"the robot's {what} failed: {error}")
+
+    def _beside(self, place: NDArray[np.float64] | None, *, ended: bool) -> Fault | None:
         path = self._arm.path()
         if place is None or path.origin is None:
             return None
         shift = place - path.origin
+        back_m = float(np.linalg.norm(shift))
+        if self._returns and ended and back_m > _START_M:
+            text = f"the way back ended {1e3 * back_m:.0f} mm from where the push began"
+            return Fault(FailureReason.ROBOT, text)
         along_m = float(np.clip(shift @ path.direction, 0.0, path.length_m))
         off_m = float(np.linalg.norm(shift - along_m * path.direction))
         if off_m <= (_BESIDE_BACK_M if self._returns else _BESIDE_M):

@@ -321,7 +321,8 @@ def test_node_refuses_what_is_wrong_in_one_line(changes, words, wanted, ros, run
     assert error.count("\n") == 1
 
 
-def test_node_silent_topic_is_published_as_a_failure(ros, run):
+def test_node_silent_topic_is_published_as_a_failure(ros, run, monkeypatch):
+    monkeypatch.setattr("granular_id.live.push._QUIET_S", 1.0)
     ros.script = rest(500)
     assert "ROS 2 topic /ft delivered nothing for 1 s" in run(code=2)
     [(level, _, values)] = ros.answers()

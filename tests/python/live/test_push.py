@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from granular_id.live import FailureReason, ForceTrigger, MotionTrigger
+from granular_id.live import CaptureError, FailureReason, ForceTrigger, MotionTrigger
 from granular_id.live.limits import Limits
 from granular_id.live.push import Pushes
 from world import World
@@ -176,3 +176,39 @@ def test_a_push_beyond_the_limit_fails_without_an_arm_too(w):
     capture = push(pushes_of(w, ForceTrigger, None, max_force_n=40.0))
     assert capture.reason is FailureReason.LIMIT
     assert "force of 41" in capture.text
+
+
+def test_two_loops_with_one_arm_do_not_push_at_once(w):
+    first, second = pushes_of(w), pushes_of(w)
+    with next(first) as attempt:
+        for _ in attempt:
+            if w.arm.times("push") and not w.arm.motion.finished():
+                with pytest.raises(CaptureError, match="still goes on: nothing else moves it"):
+                    next(second)
+    assert w.arm.times("push") == 1
+
+
+def test_an_arm_without_place_and_way_back_waits_for_resume():
+    w = World()
+    pushes = pushes_of(w)
+    push(pushes)
+    with pytest.raises(CaptureError, match=r"bring the tool back, then call resume\(\)"):
+        next(pushes)
+    pushes.resume()
+    assert push(pushes).reason is None
+
+
+def test_a_tool_that_bears_the_limit_at_rest_does_not_push(w):
+    pushes = pushes_of(w, max_force_n=30.0)
+    push(pushes)
+    w.sensor.force = lambda _: 33.0  # jammed: each push would begin from a larger force
+    assert push(pushes).text.startswith("before the push the tool bears a force of 32")
+    assert w.arm.times("push") == 1
+
+
+def test_an_arm_does_not_go_back_while_the_sensor_is_silent(w):
+    pushes = pushes_of(w)
+    w.after(0.3, lambda: setattr(w.sensor, "silent", True))
+    assert push(pushes).reason is FailureReason.NO_ROWS
+    assert push(pushes).reason is FailureReason.NO_ROWS
+    assert w.arm.times("back") == 0
