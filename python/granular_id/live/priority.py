@@ -11,15 +11,15 @@ from contextlib import contextmanager, suppress
 
 __all__ = ["at_once", "reading_threads", "warn_if_refused"]
 
-_WATCHING, _READING = 2, 1
-"""Above everything at usual priority, below what drivers ask for; who reads may not keep the other waiting."""
+_WATCHING, _READING, _OTHERS = 3, 2, 1
+"""Above everything at usual priority, below what drivers ask for; who reads may not keep the watch waiting."""
 
 _SWITCH_S = 0.0005
 """So long may another thread, of a view, keep Python's lock at a time; Python's own 5 ms are all that a limit has."""
 
 _REFUSED = (
     "limits of force and torque are watched at the usual priority: beside busy programs stop() may come 10 ms or more "
-    "after the sample beyond, with real-time priority within 1 ms. Linux grants it by the line 'USER - rtprio 2' in "
+    "after the sample beyond, with real-time priority within 1 ms. Linux grants it by the line 'USER - rtprio 3' in "
     "/etc/security/limits.conf, from the next login on"
 )
 
@@ -29,7 +29,7 @@ _before: list[float] = []  # switch intervals, one for each that is at work; the
 
 @contextmanager
 def at_once(threads: Iterable[int] = ()) -> Iterator[bool]:
-    """Let the calling thread, and those with these native ids, run as soon as they have something to do.
+    """Let the calling thread, those with these native ids and all of Python run as soon as they have something to do.
 
     They get SCHED_FIFO where it is granted (then this yields True), what they start does not; afterwards all is as
     before. Only for threads that mostly wait: nothing of usual priority runs on their core meanwhile.
@@ -39,8 +39,11 @@ def at_once(threads: Iterable[int] = ()) -> Iterator[bool]:
         sys.setswitchinterval(min(_SWITCH_S, _before[0]))
     own, raised = threading.get_native_id(), list[int]()
     try:
-        for thread in dict.fromkeys((own, *threads)):
-            if isinstance(thread, int) and _raised(thread, _WATCHING if thread == own else _READING):
+        # A thread of Python that keeps the lock while other programs run would keep the watch waiting.
+        others = [thread.native_id for thread in threading.enumerate()]
+        levels = dict.fromkeys(others, _OTHERS) | dict.fromkeys(threads, _READING) | {own: _WATCHING}
+        for thread, level in levels.items():
+            if isinstance(thread, int) and _raised(thread, level):
                 raised.append(thread)
         yield own in raised
     finally:

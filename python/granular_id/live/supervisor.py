@@ -233,9 +233,10 @@ class Supervisor:
             watch.stop(FailureReason.INTERRUPTED, "ended by a signal")
         urgent = None if self.stream.info.synthetic else reading_threads(self.stream.source)
         try:
-            self.clock.call(watch.call_stop, watch.must_stop, None if urgent is None else [])
+            besides: list[int] | None = None if urgent is None else []
+            self.clock.call(watch.call_stop, watch.must_stop, besides)
             self.clock.repeat(watch.look, watch.reader, urgent)
-            self.clock.repeat(watch.ask, None, None)
+            self.clock.repeat(watch.ask, None, besides)
         except BaseException:  # Ctrl-C: nothing was commanded
             watch.end()
             raise
