@@ -219,7 +219,8 @@ print("ready", flush=True)
 sys.stdin.readline()
 """
 
-WAIT = "print('ready', flush=True)\nsignal.pause()"
+# Not pause(): a signal right before it would be waited for in vain.
+WAIT = "print('ready', flush=True)\nwhile True: time.sleep(0.05)"
 
 
 @pytest.mark.parametrize(
