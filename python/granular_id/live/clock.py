@@ -32,7 +32,8 @@ class Clock:
     ) -> None:
         """Call `work` in a thread until it returns False: whenever a row comes in, without a reader every 10 ms.
 
-        The thread gets real-time priority where `urgent` is not None, and those with these native ids as well.
+        The thread gets real-time priority where `urgent` is not None. While one waits for rows, those with these native
+        ids get it as well, and all others of Python.
         """
 
         def loop() -> None:
@@ -43,7 +44,9 @@ class Clock:
                 else:
                     reader.wait(WAIT_S)
 
-        _start("granular_id supervisor" if reader is not None else "granular_id robot", loop, urgent)
+        watches = reader is not None
+        name = "granular_id supervisor" if watches else "granular_id robot"
+        _start(name, loop, urgent, all_of_python=watches)
 
     def call(self, work: Callable[[], None], when: threading.Event, urgent: Sequence[int] | None) -> None:
         """Call `work` once in a thread, as soon as the event is set."""
@@ -58,12 +61,14 @@ class Clock:
 CLOCK = Clock()
 
 
-def _start(name: str, work: Callable[[], None], urgent: Sequence[int] | None) -> None:
+def _start(
+    name: str, work: Callable[[], None], urgent: Sequence[int] | None, *, all_of_python: bool = False
+) -> None:
     def run() -> None:
         if urgent is None:
             work()
         else:
-            with at_once(urgent):
+            with at_once(urgent, all_of_python=all_of_python):
                 work()
 
     threading.Thread(target=run, name=name, daemon=True).start()

@@ -25,45 +25,66 @@ _REFUSED = (
 
 _lock = threading.Lock()
 _before: list[float] = []  # switch intervals, one for each that is at work; the first is the program's own
+_holders: dict[int, tuple[int, int]] = {}  # thread -> how many have asked for its priority, and the highest
 
 
 @contextmanager
-def at_once(threads: Iterable[int] = ()) -> Iterator[bool]:
-    """Let the calling thread, those with these native ids and all of Python run as soon as they have something to do.
+def at_once(threads: Iterable[int] = (), *, all_of_python: bool = False) -> Iterator[bool]:
+    """Let the calling thread, and those with these native ids, run as soon as they have something to do.
 
-    They get SCHED_FIFO where it is granted (then this yields True), what they start does not; afterwards all is as
-    before. Only for threads that mostly wait: nothing of usual priority runs on their core meanwhile.
+    They get SCHED_FIFO where it is granted (then this yields True), what they start does not; when the last one that
+    asked for it leaves, all is as before. Only for threads that mostly wait: nothing of usual priority runs on their
+    core meanwhile. `all_of_python`: the other threads of Python as well, below these: one that keeps the lock while
+    other programs run keeps everybody waiting.
     """
+    own, raised = threading.get_native_id(), list[int]()
+    others = [thread.native_id for thread in threading.enumerate()] if all_of_python else []
+    levels = dict.fromkeys(others, _OTHERS) | dict.fromkeys(threads, _READING) | {own: _WATCHING}
     with _lock:
         _before.append(sys.getswitchinterval())
         sys.setswitchinterval(min(_SWITCH_S, _before[0]))
-    own, raised = threading.get_native_id(), list[int]()
     try:
-        # A thread of Python that keeps the lock while other programs run would keep the watch waiting.
-        others = [thread.native_id for thread in threading.enumerate()]
-        levels = dict.fromkeys(others, _OTHERS) | dict.fromkeys(threads, _READING) | {own: _WATCHING}
-        for thread, level in levels.items():
-            if isinstance(thread, int) and _raised(thread, level):
-                raised.append(thread)
+        with _lock:
+            for thread, level in levels.items():
+                if isinstance(thread, int) and _held(thread, level):
+                    raised.append(thread)
         yield own in raised
     finally:
-        for thread in raised:
-            with suppress(OSError):  # a thread that has ended
-                os.sched_setscheduler(thread, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
         with _lock:
+            for thread in raised:
+                _let_go(thread)
             first = _before[0]
             _before.pop()
             if not _before:
                 sys.setswitchinterval(first)
 
 
-def _raised(thread: int, priority: int) -> bool:
+def _held(thread: int, level: int) -> bool:
+    """Raise a thread to a level at least, and count who asked for it; False where it is not granted."""
+    count, before = _holders.get(thread, (0, 0))
+    if level > before and not _raised(thread, level, again=count > 0):
+        return False
+    _holders[thread] = count + 1, max(level, before)
+    return True
+
+
+def _let_go(thread: int) -> None:
+    count, level = _holders[thread]
+    if count > 1:
+        _holders[thread] = count - 1, level
+        return
+    del _holders[thread]
+    with suppress(OSError):  # a thread that has ended
+        os.sched_setscheduler(thread, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
+
+
+def _raised(thread: int, level: int, *, again: bool) -> bool:
     """Give a thread of usual priority that of real time; False: it is not granted, or it has another already."""
     if not hasattr(os, "sched_setscheduler"):
         return False
     with suppress(OSError):
-        if os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER:
-            os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+        if again or os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER:
+            os.sched_setscheduler(thread, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(level))
             return True
     return False
 

@@ -40,11 +40,30 @@ def test_threads_get_real_time_priority_and_lose_it_again(asked, monkeypatch):
     other = SimpleNamespace(native_id=threading.get_native_id() + 2)  # whoever keeps Python's lock
     monkeypatch.setattr(priority.threading, "enumerate", lambda: [other])
     me, before = threading.get_native_id(), sys.getswitchinterval()
-    with priority.at_once([me, me + 1]), priority.at_once():  # what has it already keeps it
+    watch = priority.at_once([me, me + 1], all_of_python=True)
+    with watch, priority.at_once():  # what has it already keeps it
         assert sorted(asked) == [(me + k, os.SCHED_FIFO, level) for k, level in enumerate((3, 2, 1))]
         assert sys.getswitchinterval() == pytest.approx(5e-4)
     assert sorted(asked[3:]) == [(me + k, os.SCHED_OTHER, 0) for k in range(3)]
     assert sys.getswitchinterval() == before
+
+
+def test_priority_lasts_until_the_last_holder_leaves(asked, monkeypatch):
+    """The way back begins while the watch of the push still ends."""
+    me, other = threading.get_native_id(), threading.get_native_id() + 2
+    monkeypatch.setattr(priority.threading, "enumerate", lambda: [SimpleNamespace(native_id=other)])
+    push, back = (priority.at_once(all_of_python=True) for _ in range(2))
+    push.__enter__()
+    back.__enter__()
+    push.__exit__(None, None, None)
+    assert sorted(asked) == [(me, os.SCHED_FIFO, 3), (other, os.SCHED_FIFO, 1)]
+    back.__exit__(None, None, None)
+    assert sorted(asked[2:]) == [(me, os.SCHED_OTHER, 0), (other, os.SCHED_OTHER, 0)]
+
+
+def test_a_thread_that_reads_raises_no_other(asked):
+    with priority.at_once():
+        assert asked == [(threading.get_native_id(), os.SCHED_FIFO, 3)]
 
 
 def test_what_is_called_in_a_thread_runs_with_it(asked):
