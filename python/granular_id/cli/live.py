@@ -550,8 +550,6 @@ class _Prompt:
 
 def _refuse_absent_hands(stream: Stream, robot: Robot | None, labels: list[str], n: int) -> None:
     """Refuse what needs a person at the container where nobody can be asked: else one bed gets two labels."""
-    from granular_id.live.setup import starts_exactly
-
     if stream.info.synthetic or stream.replays or sys.stdin.isatty():
         return
     nobody = "and nobody can be asked: standard input is no terminal"
@@ -559,17 +557,23 @@ def _refuse_absent_hands(stream: Stream, robot: Robot | None, labels: list[str],
         raise ValueError(
             f"--label names {len(labels)} materials, somebody must change them, {nobody}; record one at a time"
         )
-    if n > 1 and starts_exactly(robot) and not hasattr(robot, "move_back"):
+    if n > 1 and _stays(robot):
         raise ValueError(
             f"--n {n}: somebody must bring the robot back after each push, as it cannot go back itself, {nobody}"
         )
 
 
-def _refuse_to_creep(robot: Robot | None, n: int | None) -> None:
-    """Refuse pushes one after another by an arm that cannot go back: `live` asks nobody to bring it back."""
+def _stays(robot: Robot | None) -> bool:
+    """Whether an arm stays where its push has ended: somebody must bring it back."""
+    from granular_id.live.robot import goes_back
     from granular_id.live.setup import starts_exactly
 
-    if n != 1 and starts_exactly(robot) and not hasattr(robot, "move_back"):
+    return starts_exactly(robot) and not goes_back(robot)
+
+
+def _refuse_to_creep(robot: Robot | None, n: int | None) -> None:
+    """Refuse pushes one after another by an arm that cannot go back: `live` asks nobody to bring it back."""
+    if n != 1 and _stays(robot):
         raise ValueError("the robot cannot go back by itself (move_back) after a push: add --n 1")
 
 

@@ -161,7 +161,7 @@ class HopIdentifier(Session):
         return f"rows were lost {counted(self._n_lost, 'time')}{'' if self.n_pushes else needs}"
 
     @property
-    def why_none(self) -> str:  # type: ignore[override]
+    def why_none(self) -> str:
         """Why there was no answer, where the source came to its end without one."""
         if why := self._failed or self.lost:
             return f"the source came to its end without an answer: {why}"

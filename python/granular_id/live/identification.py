@@ -16,7 +16,8 @@ from granular_id.live.capture import CaptureState
 from granular_id.live.limits import Limits
 from granular_id.live.outcome import CaptureError, FailureReason, Push
 from granular_id.live.push import Attempt, Pushes, Step
-from granular_id.live.session import Session, utc_stamp
+from granular_id.live.recorder import utc_stamp
+from granular_id.live.session import Session
 from granular_id.live.setup import Setup, setup_of, starts_exactly
 from granular_id.live.stream import Stream
 from granular_id.live.view import Views
@@ -88,8 +89,6 @@ class LiveIdentifier(Session):
     ('rice', 'rice')
     """
 
-    why_none = "the source came to its end before any push was answered"
-
     def __init__(
         self,
         stream: Stream,
@@ -150,6 +149,11 @@ class LiveIdentifier(Session):
             The robot could not be stopped, or may not move: after a limit, an error or three failures, see `resume`.
         """
         return self._push(on_decision)
+
+    @property
+    def why_none(self) -> str:
+        """Why there was no answer, where the source came to its end without one."""
+        return "the source came to its end before any push was answered"
 
     def resume(self) -> None:
         """Let the robot move again after a limit, an error or three failures, from where the tool stands now."""

@@ -13,7 +13,6 @@ from typing_extensions import Self
 
 from granular_id._checks import freeze, thaw
 from granular_id._core import WrenchReader
-from granular_id.live import signals
 from granular_id.live.capture import Capture, CaptureState
 from granular_id.live.clock import WAIT_S
 from granular_id.live.limits import Limits
@@ -21,7 +20,7 @@ from granular_id.live.outcome import CaptureError, FailureReason
 from granular_id.live.priority import warn_if_refused
 from granular_id.live.robot import ManualRobot, Motion, Robot, checked_move
 from granular_id.live.rows import BlockLike, Rows
-from granular_id.live.stream import Stream, left_out
+from granular_id.live.stream import Stream
 from granular_id.live.supervisor import Hand, Supervisor
 from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
 
@@ -75,12 +74,11 @@ class Pushes(Iterator["Attempt"]):
         self.n_samples, self.pre_s, self.direction, self.speed_m_s = n_samples, pre_s, direction, speed_m_s
         self.force_direction: NDArray[np.float64] | None = None  # of the first push by hand
         self.rest = np.zeros(len(stream.info.axes))  # before the last push: limits count from it
-        self.first_rest: NDArray[np.float64] | None = (
-            None  # what a tool bears before a push is held against it
-        )
+        # What a tool bears before a push is held against it.
+        self.first_rest: NDArray[np.float64] | None = None
         self.back_first = False
         self._trigger = trigger
-        self._n_failures, self._n_signals = 0, signals.number_heard()
+        self._n_failures = 0
         self._last: Capture | None = None
         self._reader: WrenchReader | None = None
         self.by_hand = robot is None or isinstance(robot, ManualRobot)
@@ -95,7 +93,7 @@ class Pushes(Iterator["Attempt"]):
         if self._n_failures == _MOST_FAILURES and self._last is not None and self._last.reason is not None:
             text = f"{_MOST_FAILURES} pushes in a row failed, the last one by this: {self._last.text}"
             raise CaptureError(FailureReason.ROBOT, f"{text}; nothing moves until resume() is called")
-        if self.interrupted:
+        if self.arm.interrupted:
             raise CaptureError(
                 FailureReason.INTERRUPTED, "a signal has ended this: nothing moves until resume()"
             )
@@ -104,11 +102,6 @@ class Pushes(Iterator["Attempt"]):
         if self._reader is None or not self.stream.replays:
             self._reader = self.stream.buffer.reader(from_oldest=self.stream.replays)
         return Attempt(self, self.capture(), self._reader)
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether a signal that ends the program was heard since this was made."""
-        return signals.number_heard() != self._n_signals
 
     def capture(self) -> Capture:
         """Return the capture of the next push."""
@@ -131,7 +124,7 @@ class Pushes(Iterator["Attempt"]):
 
     def resume(self) -> None:
         """Go on after a limit, an error of the robot or three failures, from where the tool stands now."""
-        self._n_failures, self.back_first, self._n_signals = 0, False, signals.number_heard()
+        self._n_failures, self.back_first = 0, False
         self.arm.resume()
 
     def ended(self, capture: Capture, *, moved: bool, early: bool) -> None:
@@ -182,7 +175,7 @@ class Attempt:
                 self._newest, heard_ns = block, self._clock.now_ns()
             elif not arm.moves:
                 self._check_source(1e-9 * (self._clock.now_ns() - heard_ns))
-            if self._pushes.interrupted:
+            if self._arm.interrupted:
                 capture.fail(FailureReason.INTERRUPTED, "ended by a signal")
             held.append(block)
             if arm.moves and arm.motion is None and arm.fault is None:
@@ -315,7 +308,7 @@ class Attempt:
         while arm.moves and arm.fault is None:
             self._clock.wait(self._reader, WAIT_S)
             yield Step(self._reader.read(), Rows.none().wrench)
-            if self._pushes.interrupted:
+            if self._arm.interrupted:
                 self.capture.fail(FailureReason.INTERRUPTED, "ended by a signal", complete=True)
                 return
         if arm.fault is not None:
@@ -333,14 +326,6 @@ class Attempt:
             return np.asarray(rest.mean(axis=0))
         return np.zeros(len(self._stream.info.axes)) if newest is None else newest.wrench[-1]
 
-    def _check_source(self, silent_s: float) -> None:
-        health, timeout_s = self._stream.health(), _QUIET_S + self._stream.pause_s
-        if health.error is not None:
-            self.capture.fail(FailureReason.SOURCE, f"the source died: {health.error}")
-        elif health.finished and silent_s > 2 * WAIT_S:  # so that what it wrote last was read
-            self.capture.fail(FailureReason.SOURCE, "the source came to its end")
-        elif silent_s > timeout_s:
-            text = (
-                f"{self._stream.info.name} delivered nothing for {timeout_s:g} s{left_out(health.counters)}"
-            )
-            self.capture.fail(FailureReason.NO_ROWS, text)
+    def _check_source(self, quiet_s: float) -> None:
+        if fault := self._stream.fault(quiet_s, _QUIET_S):
+            self.capture.fail(*fault)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,12 @@ from granular_id.live.capture import Capture
 from granular_id.live.limits import Limits
 from granular_id.live.push import Pushes, Step
 from granular_id.live.robot import Robot, checked_robot
-from granular_id.live.session import utc_stamp
 from granular_id.live.setup import starts_exactly
 from granular_id.live.stream import Stream, checked_stream
 from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
 from granular_id.recording import Dataset, Recording
 
-__all__ = ["Recorded", "Recorder", "checked_label"]
+__all__ = ["Recorded", "Recorder", "checked_label", "utc_stamp"]
 
 
 @dataclass(frozen=True)
@@ -211,3 +211,8 @@ def checked_label(label: str) -> str:
             ValueError, "label", f"must have at most {MAX_NAME_BYTES} bytes, as in models, got {n_bytes}"
         )
     return label
+
+
+def utc_stamp() -> str:
+    """Return the time of day as it stands in names and sessions."""
+    return datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")

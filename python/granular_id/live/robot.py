@@ -21,6 +21,7 @@ __all__ = [
     "checked_motion",
     "checked_move",
     "checked_robot",
+    "goes_back",
 ]
 
 MAX_SPEED_M_S = 1.0
@@ -98,6 +99,11 @@ def checked_robot(robot: object) -> Robot:
     if not isinstance(robot, Robot):
         raise argument_error(TypeError, "robot", f"must have move_line and stop, got {type(robot).__name__}")
     return robot
+
+
+def goes_back(robot: object) -> bool:
+    """Whether a robot can go back to where its push began."""
+    return hasattr(robot, "move_back")
 
 
 def checked_motion(motion: object, method: str) -> Motion:

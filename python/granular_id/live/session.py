@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from granular_id.identifier import Identifier, StreamingIdentifier, setup_compar
 from granular_id.live.capture import meta_of
 from granular_id.live.limits import Limits
 from granular_id.live.outcome import Push
+from granular_id.live.recorder import utc_stamp
 from granular_id.live.snapshot import SnapshotBuilder
 from granular_id.live.stream import Stream, checked_stream
 from granular_id.live.view import Views
@@ -25,7 +26,7 @@ from granular_id.recording import TARE_S, SampleFlag, Setup, lead_samples, refus
 if TYPE_CHECKING:
     from granular_id.identifier import Decision
 
-__all__ = ["Session", "utc_stamp"]
+__all__ = ["Session"]
 
 _REST = "rest"
 """What the metadata of recordings say that `Dataset.tare` has made."""
@@ -35,11 +36,8 @@ _SYNTHETIC_MODEL = (
 )
 
 
-class Session:
+class Session(ABC):
     """A model and a stream that fit each other, and what came of it so far."""
-
-    why_none: str
-    """Why there was no answer, where the source came to its end without one."""
 
     def __init__(
         self,
@@ -76,9 +74,14 @@ class Session:
             hop_s=hop_s,
         )
 
+    @abstractmethod
     def pushes(self, n: int | None = None) -> Iterator[Push]:
         """Yield one answer after another."""
-        raise NotImplementedError
+
+    @property
+    @abstractmethod
+    def why_none(self) -> str:
+        """Why there was no answer, where the source came to its end without one."""
 
     @property
     def lost(self) -> str:
@@ -145,11 +148,6 @@ class Session:
                 n_correct=self.n_right if self.knows_truth else None,
             )
         )
-
-
-def utc_stamp() -> str:
-    """Return the time of day as it stands in names and sessions."""
-    return datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
 
 
 def _refuse_other_stream(model: Identifier, stream: Stream) -> None:

@@ -305,7 +305,8 @@ def open_source(url: str, **options: object) -> WrenchSource:
     ...
     ValueError: url 'simm:rice' has the scheme 'simm'; known: bota, rdt, replay, ros2, sim, ur
     """
-    return _opened(_SOURCES, SourceUrl.parse(url, options))  # type: ignore[no-any-return]
+    source: WrenchSource = _opened(_SOURCES, SourceUrl.parse(url, options))
+    return source
 
 
 def open_robot(url: str, **options: object) -> Robot:
@@ -327,7 +328,8 @@ def open_robot(url: str, **options: object) -> Robot:
     ...
     ValueError: robot 'gantry://here' has the scheme 'gantry'; known: ur
     """
-    return _opened(_ROBOTS, SourceUrl.parse(url, options))  # type: ignore[no-any-return]
+    robot: Robot = _opened(_ROBOTS, SourceUrl.parse(url, options))
+    return robot
 
 
 def _opened(group: str, url: SourceUrl) -> Any:

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from granular_id._checks import argument_error, positive_number
 from granular_id._core import WrenchBuffer
 from granular_id._text import counted, verb
-from granular_id.live.clock import CLOCK, Clock
+from granular_id.live.clock import CLOCK, WAIT_S, Clock
+from granular_id.live.outcome import FailureReason
 from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
 
 __all__ = ["Stream", "checked_stream", "left_out", "opened"]
@@ -67,6 +68,18 @@ class Stream:
         return Health(
             health.running, health.error, health.finished, {**self.buffer.stats(), **health.counters}
         )
+
+    def fault(self, quiet_s: float, most_s: float) -> tuple[FailureReason, str] | None:
+        """Return why no more rows will come, `quiet_s` after the last one; silence may last `most_s` and a pause."""
+        health, silent_s = self.health(), most_s + self.pause_s
+        if health.error is not None:
+            return FailureReason.SOURCE, f"the source died: {health.error}"
+        if health.finished and quiet_s > 2 * WAIT_S:  # so that what it wrote last was read
+            return FailureReason.SOURCE, "the source came to its end"
+        if quiet_s > silent_s:
+            text = f"{self.info.name} delivered nothing for {silent_s:g} s{left_out(health.counters)}"
+            return FailureReason.NO_ROWS, text
+        return None
 
     @property
     def utc_at_zero_s(self) -> float | None:

@@ -19,9 +19,9 @@ from granular_id.live.clock import WAIT_S
 from granular_id.live.limits import Limits
 from granular_id.live.outcome import CaptureError, FailureReason
 from granular_id.live.priority import reading_threads
-from granular_id.live.robot import Motion, Robot, checked_motion, checked_move
+from granular_id.live.robot import Motion, Robot, checked_motion, checked_move, goes_back
 from granular_id.live.rows import BlockLike
-from granular_id.live.stream import Stream, left_out
+from granular_id.live.stream import Stream
 from granular_id.recording import SampleFlag
 
 __all__ = ["Fault", "Hand", "Supervisor"]
@@ -91,7 +91,23 @@ class _PlaceError(RuntimeError):
     """The tool is not where a push may begin."""
 
 
-class Supervisor:
+class _Mover:
+    """Whoever pushes, a person or a machine: a signal that ends the program ends either."""
+
+    def __init__(self) -> None:
+        self._n_signals = signals.number_heard()
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a signal that ends the program was heard since this was made, or since `resume`."""
+        return signals.number_heard() != self._n_signals
+
+    def resume(self) -> None:
+        """Let it move again."""
+        self._n_signals = signals.number_heard()
+
+
+class Supervisor(_Mover):
     """Owns an arm from before it moves until it stands, on its way back as well.
 
     Three threads run while the arm moves. One watches every row against the limits, the source and what the robot says;
@@ -101,18 +117,13 @@ class Supervisor:
     """
 
     def __init__(self, stream: Stream, robot: Robot, limits: Limits) -> None:
+        super().__init__()
         self.blocked: Fault | None = None  # after which nothing moves until `resume`
         self.watch: Watch | None = None  # of the latest motion
         self.stream, self.robot, self.limits, self.clock = stream, robot, limits, stream.clock
         self._first: NDArray[np.float64] | None = None  # where the first push began
-        self._n_signals = signals.number_heard()
         self._is_away = False  # it has pushed, and can neither go back nor say where it is
-        self._path = _Path(np.zeros(3), 0.0, 0.0, 0.0)
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether a signal that ends the program was heard since this was made, or since `resume`."""
-        return signals.number_heard() != self._n_signals
+        self.path = _Path(np.zeros(3), 0.0, 0.0, 0.0)  # of the latest push
 
     @property
     def moves(self) -> bool:
@@ -163,11 +174,11 @@ class Supervisor:
         """Command a push, of which the first `recorded_s` must be whole; limits count from the wrench `rest`."""
         ahead, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
         self._check()
-        self._path = _Path(np.array(ahead), speed_m_s * duration_s, duration_s, recorded_s)
+        self.path = _Path(np.array(ahead), speed_m_s * duration_s, duration_s, recorded_s)
 
         def command() -> Motion | None:
             place = self.place()
-            self._path = replace(self._path, origin=place)
+            self.path = replace(self.path, origin=place)
             if self._first is None:
                 self._first = place
             elif place is not None and (off_m := float(np.linalg.norm(place - self._first))) > _START_M:
@@ -177,7 +188,7 @@ class Supervisor:
                 )
             if self.fault is not None:  # while the robot was asked where it is
                 return None
-            self._is_away = place is None and not hasattr(self.robot, "move_back")
+            self._is_away = place is None and not goes_back(self.robot)
             return checked_motion(self.robot.move_line(direction, speed_m_s, duration_s), "move_line")
 
         self._begin(command, rest, returns=False)
@@ -200,9 +211,9 @@ class Supervisor:
 
     def resume(self) -> None:
         """Let the arm move again after a limit or an error, from where it stands now."""
+        super().resume()
         self.blocked = self._first = None
         self._is_away = False
-        self._n_signals = signals.number_heard()
 
     def wait_until_it_stands(self, reader: WrenchReader) -> None:
         """Wait for the end of a motion that is being stopped; CaptureError where it goes on."""
@@ -218,10 +229,6 @@ class Supervisor:
         tell: Callable[[], Any] | None = getattr(self.robot, "tcp_pose", None)
         pose = None if tell is None else tell()
         return None if pose is None else np.asarray(pose, np.float64)[:3].reshape(3)
-
-    def path(self) -> _Path:
-        """Return the path of the latest push."""
-        return self._path
 
     def _begin(
         self, command: Callable[[], Motion | None], rest: NDArray[np.float64], *, returns: bool
@@ -242,13 +249,14 @@ class Supervisor:
             raise
 
 
-class Hand:
+class Hand(_Mover):
     """A person who is told when to push, or nobody: to a push loop what a `Supervisor` is, though nobody watches."""
 
     fault = blocked = None
     moves, ending = False, ""
 
     def __init__(self, robot: Robot | None) -> None:
+        super().__init__()
         self.motion: Motion | None = None
         self._robot = robot
 
@@ -269,7 +277,7 @@ class Hand:
     def go_back(self, *_: object) -> None:
         """Nothing moves by itself."""
 
-    wait_until_it_stands = resume = go_back
+    wait_until_it_stands = go_back
 
 
 class Watch:
@@ -300,12 +308,11 @@ class Watch:
         self._has_stopped = False  # a call of stop() has returned
         self._looked_ns = 0
         self._begun_ns = self._heard_ns = self._stopped_ns = self._clock.now_ns()
-        self._due_ns = self._begun_ns + round(1e9 * (_BACK_S if returns else arm.path().duration_s))
+        self._due_ns = self._begun_ns + round(1e9 * (_BACK_S if returns else arm.path.duration_s))
         self._called_ns = self._n_stops = self._n_calls = self._n_same = 0
         self._stop_error = self._stop_raised = ""
-        self._still: tuple[int, NDArray[np.float64]] | None = (
-            None  # since when the tool is there, after stop()
-        )
+        # Since when the tool is there, after stop().
+        self._still: tuple[int, NDArray[np.float64]] | None = None
         self._has_slid = False
         self._row: NDArray[np.float64] | None = None
         self._epoch: int | None = None
@@ -499,9 +506,8 @@ class Watch:
             )
         if self._epoch not in (None, block.epoch):
             return Fault(FailureReason.RESTART, "the sensor's time began anew while the robot moved")
-        most = max(
-            np.asarray(block.missing_before)[self._row is None :], default=0
-        )  # before the first: nobody's loss
+        first = 1 if self._row is None else 0  # what is missing before the first row is nobody's loss
+        most = max(np.asarray(block.missing_before)[first:], default=0)
         if most > self._limits.max_gap:
             return Fault(FailureReason.GAP, f"{missing(int(most), info.rate_hz)} while the robot moved")
         self._epoch, self._heard_ns = block.epoch, int(block.host_ns[-1])
@@ -515,21 +521,14 @@ class Watch:
         return None
 
     def _wrong_source(self, now_ns: int) -> Fault | None:
-        info, health = self._stream.info, self._stream.health()
-        quiet_s = 1e-9 * (now_ns - max(self._heard_ns, self._begun_ns))
-        if health.error is not None:
-            return Fault(FailureReason.SOURCE, f"the source died: {health.error}")
-        if health.finished and quiet_s > 2 * WAIT_S:  # so that what it wrote last was read
-            return Fault(FailureReason.SOURCE, "the source came to its end")
+        info = self._stream.info
         least_s = _SILENT_SIMULATED_S if info.synthetic else _SILENT_S
-        silent_s = max(least_s, _SILENT_ROWS / (info.rate_hz * info.speed)) + self._stream.pause_s
-        if quiet_s > silent_s:
-            text = f"{info.name} delivered nothing for {silent_s:g} s{left_out(health.counters)}"
-            return Fault(FailureReason.NO_ROWS, text)
-        return None
+        quiet_s = 1e-9 * (now_ns - max(self._heard_ns, self._begun_ns))
+        fault = self._stream.fault(quiet_s, max(least_s, _SILENT_ROWS / (info.rate_hz * info.speed)))
+        return fault and Fault(*fault)
 
     def _wrong_motion(self, now_ns: int) -> Fault | None:
-        seen, path, motion = self._seen, self._arm.path(), self.motion
+        seen, path, motion = self._seen, self._arm.path, self.motion
         what = "way back" if self._returns else "motion"
         begun_ns = self._begun_ns if motion is None else max(motion.start_host_ns, self._begun_ns)
         # One that ramps up slowly needs longer.
@@ -556,7 +555,7 @@ class Watch:
         return None if error is None else Fault(FailureReason.ROBOT, f"the robot's {what} failed: {error}")
 
     def _beside(self, place: NDArray[np.float64] | None, *, ended: bool) -> Fault | None:
-        path = self._arm.path()
+        path = self._arm.path
         if place is None or path.origin is None:
             return None
         shift = place - path.origin
