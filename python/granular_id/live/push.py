@@ -133,7 +133,8 @@ class Pushes(Iterator["Attempt"]):
         failed = capture.reason is not None and not early
         if capture.reason is not FailureReason.INTERRUPTED:  # from outside: no failure of the arm's
             self._n_failures = self._n_failures + moved if failed else 0
-        self.back_first = moved and (failed or early)
+        if moved:
+            self.back_first = failed or early
 
 
 class Attempt:
@@ -200,8 +201,8 @@ class Attempt:
         left = not (self._over or self.answered)  # while it brakes or moves back, too
         capture.fail(FailureReason.INTERRUPTED, "ended from outside", complete=left)
         try:
-            if capture.reason is not None:
-                arm.stop(capture.reason, capture.text)
+            if capture.reason is not None or arm.moves:  # or it was answered at its last row
+                arm.stop(capture.reason or FailureReason.INTERRUPTED, capture.text or "answered")
                 arm.wait_until_it_stands(self._reader)
         finally:
             self._end()
@@ -259,7 +260,7 @@ class Attempt:
 
     def _push(self) -> None:
         """Set the robot in motion; a person is only told."""
-        pushes, self._moved, self._commanded = self._pushes, True, True
+        pushes, self._commanded = self._pushes, True
         self._begun_s = None if self._newest is None else float(self._newest.time_s[-1])
         seconds, pushes.rest = pushes.motion_s(self.capture), self._rest()
         if pushes.first_rest is None:
@@ -267,6 +268,7 @@ class Attempt:
         if borne := pushes.limits.beyond(self.capture.rest, pushes.first_rest):
             self.capture.fail(FailureReason.LIMIT, f"before the push the tool bears a {borne}")
             return
+        self._moved = True
         self._arm.push(pushes.direction, pushes.speed_m_s, seconds, seconds - _MARGIN_S, pushes.rest)
 
     def _hears(self) -> bool:

@@ -47,6 +47,9 @@ _ANSWER_S = 2.0
 _BLIND_S, _REFUSED_S = 0.5, 0.5
 """So long may nobody look at the rows; so long is stop() repeated after a command that failed, and may be taken."""
 
+_AHEAD_S = 30.0
+"""So long after its command may a motion begin."""
+
 _STILL_M, _STILL_S = 1e-4, 0.25
 """A tool that has moved by less for so long after ``stop()`` stands."""
 
@@ -205,9 +208,16 @@ class Supervisor(_Mover):
             self._begin(command, rest, returns=True)
 
     def stop(self, reason: FailureReason, text: str) -> None:
-        """Stop the arm where it moves; the first reason counts."""
-        if self.watch is not None:
-            self.watch.stop(reason, text)
+        """Stop the arm where it moves; the first reason counts. After a limit or an error nothing moves any more."""
+        watch = self.watch
+        self.block(Fault(reason, text))
+        if watch is not None:
+            watch.stop(reason, text)
+
+    def block(self, fault: Fault) -> None:
+        """Let nothing move until `resume`, after a limit or an error."""
+        if self.blocked is None and fault.reason in (FailureReason.LIMIT, FailureReason.ROBOT):
+            self.blocked = fault
 
     def resume(self) -> None:
         """Let the arm move again after a limit or an error, from where it stands now."""
@@ -234,18 +244,19 @@ class Supervisor(_Mover):
         self, command: Callable[[], Motion | None], rest: NDArray[np.float64], *, returns: bool
     ) -> None:
         self._check()
-        watch = self.watch = Watch(self, command, rest, returns=returns)
-        signals.MOVING.add(watch)
-        if self.interrupted:  # since it was looked at; from here on a signal stops this motion
-            watch.stop(FailureReason.INTERRUPTED, "ended by a signal")
+        watch = Watch(self, command, rest, returns=returns)
         urgent = None if self.stream.info.synthetic else reading_threads(self.stream.source)
+        besides: list[int] | None = None if urgent is None else []
         try:
-            besides: list[int] | None = None if urgent is None else []
+            self.watch = watch
+            signals.MOVING.add(watch)
+            if self.interrupted:  # since it was looked at; from here on a signal stops this motion
+                watch.stop(FailureReason.INTERRUPTED, "ended by a signal")
             self.clock.call(watch.call_stop, watch.must_stop, besides)
             self.clock.repeat(watch.look, watch.reader, urgent)
             self.clock.repeat(watch.ask, None, besides)
-        except BaseException:  # Ctrl-C: nothing was commanded
-            watch.end()
+        except BaseException:  # Ctrl-C, also while the last thread runs already
+            watch.give_up()
             raise
 
 
@@ -305,6 +316,8 @@ class Watch:
         self._seen: _Seen | None = None
         self._ended = False  # the command was refused, or there is no way back
         self._commanded = False  # the robot may have taken the command
+        self._has_begun = False  # to talk to the driver
+        self._was_moving = False  # the robot has said so
         self._has_stopped = False  # a call of stop() has returned
         self._looked_ns = 0
         self._begun_ns = self._heard_ns = self._stopped_ns = self._clock.now_ns()
@@ -321,41 +334,46 @@ class Watch:
     def ask(self) -> bool:
         """Talk to the robot's driver: command the motion, then ask how it is. False: that is over."""
         now_ns = self._clock.now_ns()
-        if not self._looked_ns:  # nothing is commanded before somebody watches
-            return not self.standing.is_set()
+        with self._lock:
+            if self.standing.is_set():
+                return False
+            if not self._looked_ns:  # nothing is commanded before somebody watches
+                return True
+            self._has_begun = True
         if now_ns - self._looked_ns > 1e9 * _BLIND_S:
             self.stop(FailureReason.SOURCE, f"nobody has looked at the rows for {_BLIND_S:g} s")
+            self._stop_again(now_ns)
+        if self._seen is not None and self._seen.at_ns > self._looked_ns:
+            return True  # it may be the last answer: the driver is not asked beside the next motion
         self._asked_ns = now_ns
         if self.motion is None:
             try:
                 motion = None if self.fault is not None else self._command()
-            except _PlaceError as elsewhere:
-                self._ended = True
-                self.stop(FailureReason.ROBOT, str(elsewhere))
-                return False
+                if motion is not None:
+                    self._due_ns += self._delay_ns(motion)
             except Exception as refusal:  # whatever the robot's library raises
-                self._ended = self._commanded = True
-                what = "the way back" if self._returns else "the motion"
-                self.stop(FailureReason.ROBOT, f"the robot refused {what}: {refusal}")
+                self._commanded = not isinstance(refusal, _PlaceError)
+                what = f"the robot refused {'the way back' if self._returns else 'the motion'}: "
+                self.stop(FailureReason.ROBOT, f"{what * self._commanded}{refusal}")
+                self._ended = True  # last: it ends the watch
                 return False
             self._asked_ns, self._ended = 0, motion is None
-            if motion is not None:
-                self._due_ns += max(0, motion.start_host_ns - self._begun_ns)
             self.motion = motion
             return motion is not None
         n_stops, place = self._n_stops, None
         try:
-            finished = self.motion.finished()
+            finished = bool(self.motion.finished())
+            self._was_moving |= not finished
             error = self.motion.error  # many controllers tell one only when asked for the end
             place = self._arm.place()
         except Exception as raised:  # whatever the robot's library raises
             finished, error = False, f"{type(raised).__name__}: {raised}"
         self._seen, self._asked_ns = _Seen(finished, error, place, self._clock.now_ns(), n_stops), 0
-        return not self.standing.is_set()
+        return True
 
     def look(self) -> bool:
         """Look at rows, source and arm once; False: the arm stands."""
-        now_ns = self._looked_ns = self._clock.now_ns()
+        now_ns = self._clock.now_ns()
         try:
             block = self.reader.read()
             # A limit and an error count even where the arm brakes already: nothing moves it any more.
@@ -368,19 +386,33 @@ class Watch:
             self._stood_ns = now_ns
             self.end()
             return False
-        if self.fault is not None and not self._is_late and now_ns - self._stopped_ns > 1e9 * _BRAKE_S:
-            self._is_late = True
-            _LOG.error(
-                "the robot does not stand %g s after stop(), which is called again: %s", _BRAKE_S, self._how()
-            )
-        if self.fault is not None and now_ns - self._called_ns >= 1e9 * _AGAIN_S:
+        if self.fault is not None:
+            self._stop_again(now_ns)
+        self._looked_ns = now_ns
+        return True
+
+    def _stop_again(self, now_ns: int) -> None:
+        if now_ns - self._called_ns >= 1e9 * _AGAIN_S:
             self._called_ns = now_ns
             if self._n_calls < _MOST_CALLS:
                 try:
                     self._clock.call(self.call_stop, self.must_stop, None)
                 except RuntimeError:  # at its end the interpreter starts no thread any more
                     self.call_stop()
-        return True
+
+    def _delay_ns(self, motion: Motion) -> int:
+        """Return how long after its command a motion begins."""
+        delay_ns = max(0, round(motion.start_host_ns) - self._begun_ns)
+        if delay_ns > 1e9 * _AHEAD_S:
+            raise ValueError(f"it begins in {1e-9 * delay_ns:.3g} s, which is no time of the host's clock")
+        return delay_ns
+
+    def give_up(self) -> None:
+        """Stop what was begun, or have it not begin."""
+        with self._lock:
+            if not self._has_begun:
+                self.end()
+        self.stop(FailureReason.INTERRUPTED, "ended from outside")
 
     def end(self) -> None:
         """Say that the arm stands."""
@@ -394,8 +426,7 @@ class Watch:
         with self._lock:
             if self.standing.is_set():
                 return
-            if self._arm.blocked is None and reason in (FailureReason.LIMIT, FailureReason.ROBOT):
-                self._arm.blocked = fault
+            self._arm.block(fault)
             if self.fault is None:
                 self.fault = fault
                 self._stopped_ns = self._called_ns = self._clock.now_ns()
@@ -421,6 +452,12 @@ class Watch:
         finally:
             with self._lock:
                 self._n_calls -= 1
+        # In this thread: a log may hang as well.
+        if not self._is_late and self._clock.now_ns() - self._stopped_ns > 1e9 * _BRAKE_S:
+            self._is_late = True
+            _LOG.error(
+                "the robot does not stand %g s after stop(), which is called again: %s", _BRAKE_S, self._how()
+            )
 
     def not_stopped(self) -> Fault | None:
         """Return that the arm moves on long after it was to stop; None where it may still come to its stand."""
@@ -455,24 +492,25 @@ class Watch:
         return f"; the robot {'was stopped' if took_s < 1 else f'stood {took_s:.1f} s after stop()'}{raised}"
 
     def _stands(self, now_ns: int) -> bool:
-        seen, must_stop = self._seen, self.fault is not None
+        seen = self._seen
         if self._ended and not self._commanded:
             return True
-        if must_stop and not self._n_stops:
+        if self.fault is None:
+            return seen is not None and seen.finished
+        if not self._ended and (seen is None or not seen.n_stops):  # an answer from before the first stop()
             return False
-        if self._ended:  # the arm may have taken a command that has failed
+        if self._ended or (seen.finished and not self._was_moving):  # the arm may still take the command
             return self._has_stopped and now_ns - self._stopped_ns > 1e9 * _REFUSED_S
-        if seen is None or (must_stop and not seen.n_stops):  # an answer from before the first stop()
-            return False
-        return seen.finished or (must_stop and self._lies_still(seen))
+        # One with an error calls itself at rest perhaps because it is out of reach.
+        return (seen.finished and (seen.error is None or self._has_stopped)) or self._lies_still(seen)
 
     def _lies_still(self, seen: _Seen) -> bool:
         """Whether the tool has moved on after stop() and then stood: one that never moved may still begin to."""
-        if seen.place is None or self._stop_error or self._n_calls:
+        if seen.place is None or np.isnan(seen.place).any() or self._stop_error or self._n_calls:
             return False
         if self._still is None:
             self._still = seen.at_ns, seen.place
-        elif not np.linalg.norm(seen.place - self._still[1]) <= _STILL_M:
+        elif np.linalg.norm(seen.place - self._still[1]) > _STILL_M:
             self._still, self._has_slid = (seen.at_ns, seen.place), True
         return self._has_slid and seen.at_ns - self._still[0] > 1e9 * _STILL_S
 
@@ -510,7 +548,7 @@ class Watch:
         most = max(np.asarray(block.missing_before)[first:], default=0)
         if most > self._limits.max_gap:
             return Fault(FailureReason.GAP, f"{missing(int(most), info.rate_hz)} while the robot moved")
-        self._epoch, self._heard_ns = block.epoch, int(block.host_ns[-1])
+        self._epoch, self._heard_ns = block.epoch, min(int(block.host_ns[-1]), now_ns)
         rows = block.wrench if self._row is None else np.vstack([self._row, block.wrench])
         changes = np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1))
         self._n_same = len(rows) - 2 - int(changes[-1]) if len(changes) else self._n_same + len(rows) - 1

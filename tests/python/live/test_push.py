@@ -203,7 +203,9 @@ def test_a_tool_that_bears_the_limit_at_rest_does_not_push(w):
     push(pushes)
     w.sensor.force = lambda _: 33.0  # jammed: each push would begin from a larger force
     assert push(pushes).text.startswith("before the push the tool bears a force of 32")
-    assert w.arm.times("push") == 1
+    with pytest.raises(CaptureError, match="^nothing moves until resume"):
+        push(pushes)
+    assert [what for what, *_ in w.arm.log] == ["push", "back"]
 
 
 def test_an_arm_does_not_go_back_while_the_sensor_is_silent(w):
@@ -212,3 +214,16 @@ def test_an_arm_does_not_go_back_while_the_sensor_is_silent(w):
     assert push(pushes).reason is FailureReason.NO_ROWS
     assert push(pushes).reason is FailureReason.NO_ROWS
     assert w.arm.times("back") == 0
+    w.sensor.silent = False
+    assert push(pushes).reason is None
+    assert [what for what, *_ in w.arm.log] == ["push", "stop", "back", "push", "back"]
+
+
+def test_an_arm_answered_at_the_last_row_stands_at_the_end(w):
+    w.arm.longer_s = 1.0
+    pushes = pushes_of(w)
+    with next(pushes) as attempt:
+        attempt.answered = next(True for _ in attempt if attempt.capture.n_rows == 300)
+    assert attempt.capture.reason is None
+    assert w.arm.motion.finished()
+    assert push(pushes).reason is None

@@ -3,6 +3,7 @@
 import signal
 from contextlib import suppress
 from threading import Event
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -582,3 +583,158 @@ def test_a_driver_that_does_not_answer_is_stopped_for_it(w):
     with pytest.raises(CaptureError, match="the robot's driver has not answered for 2 s"):
         push(pushes)
     assert 2.0 < w.arm.when("stop") < 2.5
+
+
+# -- what happens between two lines, and what a driver may say
+
+
+@pytest.mark.parametrize("thread", ["call_stop", "look", "ask"])
+def test_ctrl_c_while_threads_start_leaves_no_arm_moving(w, thread):
+    """Thread.start waits until the thread runs, and by then that may have commanded the motion."""
+
+    def interrupted(begin):
+        def started(work, *args):
+            begin(work, *args)
+            if work.__name__ == thread:
+                w.run(0.05)
+                raise KeyboardInterrupt
+
+        return started
+
+    w.call, w.repeat = interrupted(w.call), interrupted(w.repeat)
+    pushes = pushes_of(w)
+    with pytest.raises(KeyboardInterrupt):
+        push(pushes)
+    w.run(0.05)
+    assert w.arm.motion is None or w.arm.motion.finished()
+    assert (pushes.arm.moves, signals.MOVING) == (False, set())
+
+
+def test_a_refusal_is_known_before_the_watch_ends(w, monkeypatch):
+    """Another thread may look at the arm before that of the driver has said why nothing moves."""
+    stop = supervisor.Watch.stop
+
+    def late(watch, *fault):
+        w.run(0.01)
+        stop(watch, *fault)
+
+    w.arm.tells_place()
+    pushes = pushes_of(w)
+    push(pushes)
+    w.arm.tcp_pose = lambda: (0.3, *[0.0] * 5)
+    monkeypatch.setattr(supervisor.Watch, "stop", late)
+    assert "from where the first push began" in failed(pushes, ROBOT)
+    refused(pushes, ROBOT, "^nothing moves until resume")
+
+
+def test_an_arm_that_has_not_begun_is_stopped_for_a_while(w):
+    """Its controller calls itself at rest before it begins, and heeds no stop() until then."""
+    w.arm.on["push"] = lambda: setattr(w.arm.motion, "finished", lambda: begun_s > w.s or over())
+    begun_s, over = 0.4, lambda: w.ns >= w.arm.motion.until_ns
+    w.arm.longer_s, stop = 60.0, w.arm.stop
+    w.arm.stop = lambda: stop() if w.s > begun_s else None
+    assert "motion ended after 0.0" in failed(pushes_of(w), ROBOT)
+    assert over()
+
+
+def test_an_arm_with_an_error_is_stopped_until_stop_returns(w):
+    """It calls itself at rest, perhaps because nobody reaches it."""
+    errors = iter([OSError("no connection")] * 3)
+
+    def fail():
+        for error in errors:
+            raise error
+
+    def lose():
+        w.arm.motion.error, w.arm.motion.finished = "connection lost", lambda: True
+
+    w.arm.longer_s, w.arm.on["stop"] = 60.0, fail
+    w.after(0.3, lose)
+    assert "connection lost" in failed(pushes_of(w), ROBOT)
+    assert w.ns >= w.arm.motion.until_ns
+
+
+@pytest.mark.parametrize("start_host_ns", [None, "now", 10**18])
+def test_a_motion_of_another_clock_is_stopped_at_once(w, start_host_ns):
+    move_line, w.arm.longer_s = w.arm.move_line, 60.0
+
+    def move(*args):
+        motion = move_line(*args)
+        about = {name: getattr(motion, name) for name in ("start_time_s", "error", "finished", "report")}
+        return SimpleNamespace(**about, start_host_ns=start_host_ns)
+
+    w.arm.move_line = move
+    failed(pushes_of(w), ROBOT)
+    assert w.arm.when("stop") < 0.2
+    assert w.arm.motion.finished()
+
+
+def test_an_end_that_is_no_truth_is_an_error_of_the_robot(w):
+    """By itself, it would end the thread that calls stop() again."""
+    calls = heeds(w, 5)
+    w.after(0.3, lambda: setattr(w.arm.motion, "finished", lambda: np.zeros(2)))
+    w.after(0.4, lambda: vars(w.arm.motion).pop("finished"))
+    assert "ValueError" in failed(pushes_of(w), ROBOT)
+    assert len(calls) == 5
+
+
+def test_a_pose_that_was_nan_is_no_move(w):
+    w.arm.longer_s = 3.0
+    w.arm.tcp_pose = lambda: (np.nan if 0.35 < w.s < 0.4 else 0.0, *[0.0] * 5)
+    heeds(w, 20)
+    stopped_at(w, pushes_of(w))
+    assert w.arm.motion.finished()
+
+
+def test_stop_is_repeated_where_health_hangs(w):
+    """The thread that looks at the rows asks for it."""
+    calls, w.arm.longer_s = heeds(w, 5), 60.0
+    health = w.sensor.health
+    w.after(0.3, lambda: setattr(w.sensor, "silent", True))
+    w.sensor.health = lambda: (w.s > 0.3 and w.run(10.0)) or health()
+    with pytest.raises(CaptureError, match="nobody has looked at the rows for 0.5 s"):
+        push(pushes_of(w))
+    assert calls[4] < 1.3
+
+
+def test_stop_is_repeated_while_the_log_hangs(w, monkeypatch):
+    """Whoever reads the terminal does so no more."""
+    calls, n, w.arm.longer_s = heeds(w, 1000), [], 60.0
+
+    def log(*_):
+        n.append(len(calls))
+        w.run(1.0)
+        n.append(len(calls))
+
+    monkeypatch.setattr(supervisor._LOG, "error", log)
+    with pytest.raises(CaptureError, match="could not be stopped"):
+        stopped_at(w, pushes_of(w))
+    w.run(1.0)
+    assert n[1] - n[0] in (19, 20, 21)
+
+
+def test_rows_stamped_by_another_clock_do_not_hide_silence(w):
+    real = w.sensor.buffer
+    w.sensor.buffer = SimpleNamespace(
+        push=lambda *row, flags, host_ns: real.push(*row, flags=flags, host_ns=host_ns + 10**18)
+    )
+    w.arm.longer_s = 60.0
+    w.after(0.3, lambda: setattr(w.sensor, "silent", True))
+    push(pushes_of(w, timeout_s=60.0))
+    assert w.arm.when("stop") < 0.45
+
+
+def test_a_driver_is_asked_again_once_its_answer_was_seen(w):
+    """Else the last question of a motion may stand beside the command of the next."""
+    n, health = [], w.sensor.health
+
+    def slowly():
+        before = len(n)
+        w.run(0.05)
+        assert len(n) - before <= 1
+        return health()
+
+    w.sensor.health = slowly
+    w.arm.tcp_pose = lambda: n.append(w.s) or (0.0,) * 6
+    assert push(pushes_of(w)).reason is None
+    assert len(n) > 20
