@@ -181,7 +181,7 @@ class Attempt:
             held.append(block)
             if arm.moves and arm.motion is None and arm.fault is None:
                 continue  # the trigger must know the motion before it sees these rows
-            if self._commanded and self.motion is None and arm.motion is not None:
+            if self._commanded and self.motion is None and arm.motion is not None and arm.fault is None:
                 self._follow(arm.motion)
             while held:
                 step = self._fed(held.pop(0))

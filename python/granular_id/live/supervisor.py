@@ -343,21 +343,25 @@ class Watch:
         if now_ns - self._looked_ns > 1e9 * _BLIND_S:
             self.stop(FailureReason.SOURCE, f"nobody has looked at the rows for {_BLIND_S:g} s")
             self._stop_again(now_ns)
-        if self._seen is not None and self._seen.at_ns > self._looked_ns:
+        if self._seen is not None and self._seen.at_ns >= self._looked_ns:
             return True  # it may be the last answer: the driver is not asked beside the next motion
         self._asked_ns = now_ns
         if self.motion is None:
             try:
                 motion = None if self.fault is not None else self._command()
-                if motion is not None:
-                    self._due_ns += self._delay_ns(motion)
-            except Exception as refusal:  # whatever the robot's library raises
-                self._commanded = not isinstance(refusal, _PlaceError)
-                what = f"the robot refused {'the way back' if self._returns else 'the motion'}: "
-                self.stop(FailureReason.ROBOT, f"{what * self._commanded}{refusal}")
+            except _PlaceError as elsewhere:
+                self.stop(FailureReason.ROBOT, str(elsewhere))
                 self._ended = True  # last: it ends the watch
                 return False
+            except Exception as refusal:  # whatever the robot's library raises
+                self._commanded = True
+                what = "the way back" if self._returns else "the motion"
+                self.stop(FailureReason.ROBOT, f"the robot refused {what}: {refusal}")
+                self._ended = True
+                return False
             self._asked_ns, self._ended = 0, motion is None
+            if motion is not None:
+                self._follow(motion)
             self.motion = motion
             return motion is not None
         n_stops, place = self._n_stops, None
@@ -394,18 +398,24 @@ class Watch:
     def _stop_again(self, now_ns: int) -> None:
         if now_ns - self._called_ns >= 1e9 * _AGAIN_S:
             self._called_ns = now_ns
+            self.must_stop.set()  # where Ctrl-C came before stop() did so
             if self._n_calls < _MOST_CALLS:
                 try:
                     self._clock.call(self.call_stop, self.must_stop, None)
-                except RuntimeError:  # at its end the interpreter starts no thread any more
+                except (RuntimeError, MemoryError):  # at its end the interpreter starts no thread any more
                     self.call_stop()
 
-    def _delay_ns(self, motion: Motion) -> int:
-        """Return how long after its command a motion begins."""
-        delay_ns = max(0, round(motion.start_host_ns) - self._begun_ns)
-        if delay_ns > 1e9 * _AHEAD_S:
-            raise ValueError(f"it begins in {1e-9 * delay_ns:.3g} s, which is no time of the host's clock")
-        return delay_ns
+    def _follow(self, motion: Motion) -> None:
+        """Take the start of a motion, which may be by another clock."""
+        try:
+            delay_s = 1e-9 * max(0, round(motion.start_host_ns) - self._begun_ns)
+        except (TypeError, ValueError, OverflowError):
+            delay_s = np.inf
+        if delay_s <= _AHEAD_S:
+            self._due_ns += round(1e9 * delay_s)
+        else:
+            start = f"the robot's motion begins at {motion.start_host_ns!r:.30} ns"
+            self.stop(FailureReason.ROBOT, f"{start}, which is no time of the host's clock")
 
     def give_up(self) -> None:
         """Stop what was begun, or have it not begin."""
@@ -493,7 +503,7 @@ class Watch:
 
     def _stands(self, now_ns: int) -> bool:
         seen = self._seen
-        if self._ended and not self._commanded:
+        if self.standing.is_set() or (self._ended and not self._commanded):
             return True
         if self.fault is None:
             return seen is not None and seen.finished

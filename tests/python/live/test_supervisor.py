@@ -607,7 +607,27 @@ def test_ctrl_c_while_threads_start_leaves_no_arm_moving(w, thread):
         push(pushes)
     w.run(0.05)
     assert w.arm.motion is None or w.arm.motion.finished()
-    assert (pushes.arm.moves, signals.MOVING) == (False, set())
+    assert (pushes.arm.moves, signals.MOVING, w._works) == (False, set(), []), "nor is a thread left"
+
+
+def test_ctrl_c_while_a_stop_begins_delays_it_only(w):
+    """It comes when the reason is there, and before the thread that waits for it is woken."""
+    pushes = pushes_of(w)
+
+    def interrupted():
+        vars(pushes.arm.watch.must_stop).pop("set")
+        raise KeyboardInterrupt
+
+    def leave():
+        if w.s > 0.3:
+            pushes.arm.watch.must_stop.set = interrupted
+        return w.s > 0.3
+
+    with pytest.raises(KeyboardInterrupt):
+        push(pushes, leave)
+    w.run(0.1)
+    assert 0.3 < w.arm.when("stop") < 0.4
+    assert not pushes.arm.moves
 
 
 def test_a_refusal_is_known_before_the_watch_ends(w, monkeypatch):
