@@ -347,23 +347,7 @@ class Watch:
             return True  # it may be the last answer: the driver is not asked beside the next motion
         self._asked_ns = now_ns
         if self.motion is None:
-            try:
-                motion = None if self.fault is not None else self._command()
-            except _PlaceError as elsewhere:
-                self.stop(FailureReason.ROBOT, str(elsewhere))
-                self._ended = True  # last: it ends the watch
-                return False
-            except Exception as refusal:  # whatever the robot's library raises
-                self._commanded = True
-                what = "the way back" if self._returns else "the motion"
-                self.stop(FailureReason.ROBOT, f"the robot refused {what}: {refusal}")
-                self._ended = True
-                return False
-            self._asked_ns, self._ended = 0, motion is None
-            if motion is not None:
-                self._follow(motion)
-            self.motion = motion
-            return motion is not None
+            return self._tell()
         n_stops, place = self._n_stops, None
         try:
             finished = bool(self.motion.finished())
@@ -374,6 +358,24 @@ class Watch:
             finished, error = False, f"{type(raised).__name__}: {raised}"
         self._seen, self._asked_ns = _Seen(finished, error, place, self._clock.now_ns(), n_stops), 0
         return True
+
+    def _tell(self) -> bool:
+        """Command the motion; False: there is none to ask about."""
+        try:
+            motion = None if self.fault is not None else self._command()
+        except Exception as error:  # whatever the robot's library raises
+            self._commanded = not isinstance(error, _PlaceError)
+            what = "the way back" if self._returns else "the motion"
+            self.stop(
+                FailureReason.ROBOT, f"the robot refused {what}: {error}" if self._commanded else str(error)
+            )
+            self._ended = True  # last: it ends the watch
+            return False
+        self._asked_ns, self._ended = 0, motion is None
+        if motion is not None:
+            self._follow(motion)
+        self.motion = motion
+        return motion is not None
 
     def look(self) -> bool:
         """Look at rows, source and arm once; False: the arm stands."""

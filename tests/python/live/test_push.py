@@ -203,7 +203,7 @@ def test_a_tool_that_bears_the_limit_at_rest_does_not_push(w):
     push(pushes)
     w.sensor.force = lambda _: 33.0  # jammed: each push would begin from a larger force
     assert push(pushes).text.startswith("before the push the tool bears a force of 32")
-    with pytest.raises(CaptureError, match="^nothing moves until resume"):
+    with pytest.raises(CaptureError, match=r"^nothing moves until resume"):
         push(pushes)
     assert [what for what, *_ in w.arm.log] == ["push", "back"]
 

@@ -712,7 +712,7 @@ def test_stop_is_repeated_where_health_hangs(w):
     health = w.sensor.health
     w.after(0.3, lambda: setattr(w.sensor, "silent", True))
     w.sensor.health = lambda: (w.s > 0.3 and w.run(10.0)) or health()
-    with pytest.raises(CaptureError, match="nobody has looked at the rows for 0.5 s"):
+    with pytest.raises(CaptureError, match=r"nobody has looked at the rows for 0\.5 s"):
         push(pushes_of(w))
     assert calls[4] < 1.3
 
