@@ -59,6 +59,8 @@ _BESIDE_M, _BESIDE_BACK_M = 0.01, 0.1
 _START_M = 0.005
 """So far from the start of the first push may another begin: arms, and people who guide them, are not exact."""
 
+_GOES_ON = "the robot's last motion still goes on: nothing else moves it before it stands"
+
 _UNSEEN = np.uint8(SampleFlag.SATURATED | SampleFlag.BAD_STATUS)
 
 
@@ -157,14 +159,17 @@ class Supervisor(_Mover):
         self.watch = None
 
     def _check(self) -> None:
-        own: object = self.watch
-        others = any(one.robot is self.robot and one is not own for one in tuple(signals.MOVING))
-        if self.moves or others:
-            text = "the robot's last motion still goes on: nothing else moves it before it stands"
-            raise CaptureError(FailureReason.ROBOT, text)
+        self._check_others()
+        if self.moves:
+            raise CaptureError(FailureReason.ROBOT, _GOES_ON)
         if self.blocked is not None:
             text = f"nothing moves until resume() is called, after this: {self.blocked.text}"
             raise CaptureError(self.blocked.reason, text)
+
+    def _check_others(self) -> None:
+        own: object = self.watch
+        if any(one.robot is self.robot and one is not own for one in tuple(signals.MOVING)):
+            raise CaptureError(FailureReason.ROBOT, _GOES_ON)
 
     def push(
         self,
@@ -250,6 +255,7 @@ class Supervisor(_Mover):
         try:
             self.watch = watch
             signals.MOVING.add(watch)
+            self._check_others()  # again: another thread may have begun meanwhile
             if self.interrupted:  # since it was looked at; from here on a signal stops this motion
                 watch.stop(FailureReason.INTERRUPTED, "ended by a signal")
             self.clock.call(watch.call_stop, watch.must_stop, besides)
@@ -388,7 +394,7 @@ class Watch:
             fault = Fault(FailureReason.SOURCE, f"the source failed: {type(error).__name__}: {error}")
         if fault is not None:
             self.stop(*fault)
-        if self._stands(now_ns):
+        if self.standing.is_set() or self._stands(now_ns):  # the first where nothing began
             self._stood_ns = now_ns
             self.end()
             return False
@@ -505,14 +511,17 @@ class Watch:
 
     def _stands(self, now_ns: int) -> bool:
         seen = self._seen
-        if self.standing.is_set() or (self._ended and not self._commanded):
-            return True
-        if self.fault is None:
-            return seen is not None and seen.finished
-        if not self._ended and (seen is None or not seen.n_stops):  # an answer from before the first stop()
+        may_begin = not self._has_stopped or now_ns - self._stopped_ns <= 1e9 * _REFUSED_S
+        if self._ended:
+            return not (self._commanded and may_begin)
+        if seen is None or (
+            self.fault is not None and not seen.n_stops
+        ):  # an answer from before the first stop()
             return False
-        if self._ended or (seen.finished and not self._was_moving):  # the arm may still take the command
-            return self._has_stopped and now_ns - self._stopped_ns > 1e9 * _REFUSED_S
+        if self.fault is None:
+            return seen.finished
+        if seen.finished and not self._was_moving:
+            return not may_begin
         # One with an error calls itself at rest perhaps because it is out of reach.
         return (seen.finished and (seen.error is None or self._has_stopped)) or self._lies_still(seen)
 

@@ -758,3 +758,20 @@ def test_a_driver_is_asked_again_once_its_answer_was_seen(w):
     w.arm.tcp_pose = lambda: n.append(w.s) or (0.0,) * 6
     assert push(pushes_of(w)).reason is None
     assert len(n) > 20
+
+
+def test_two_threads_with_one_arm_do_not_move_it_at_once(w, monkeypatch):
+    """One begins while the other has looked whether anything moves, and nothing did."""
+    first, second = (pushes_of(w).arm for _ in range(2))
+    move = ((1, 0, 0), 0.03, 0.5, 0.4, np.zeros(6))
+    make, begins = supervisor.Watch, [lambda: None, lambda: second.push(*move)]
+
+    def made(*args, **kwargs):
+        begins.pop()()
+        return make(*args, **kwargs)
+
+    monkeypatch.setattr(supervisor, "Watch", made)
+    with pytest.raises(CaptureError, match="still goes on"):
+        first.push(*move)
+    w.run(0.1)
+    assert (w.arm.times("push"), first.moves, second.moves) == (1, False, True)
