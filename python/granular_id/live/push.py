@@ -21,7 +21,7 @@ from granular_id.live.priority import warn_if_refused
 from granular_id.live.robot import ManualRobot, Motion, Robot, checked_move
 from granular_id.live.rows import BlockLike, Rows
 from granular_id.live.stream import Stream
-from granular_id.live.supervisor import Hand, Supervisor
+from granular_id.live.supervisor import Mover, Supervisor
 from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
 
 __all__ = ["Attempt", "Pushes", "Step"]
@@ -40,6 +40,37 @@ _MOST_FAILURES = 3
 
 _DIRECTION_S = 0.1
 """The force of the first push is that of its first rows: later it may turn."""
+
+
+class Hand(Mover):
+    """A person who is told when to push, or nobody: to a push loop what a `Supervisor` is, though nobody watches."""
+
+    fault = blocked = None
+    moves, ending = False, ""
+
+    def __init__(self, robot: Robot | None) -> None:
+        super().__init__()
+        self.motion: Motion | None = None
+        self._robot = robot
+
+    def get_ready(self) -> None:
+        """Forget the last motion."""
+        self.motion = None
+
+    def push(self, direction: Sequence[float], speed_m_s: float, duration_s: float, *_: object) -> None:
+        """Say that the push is to begin."""
+        if self._robot is not None:
+            self.motion = self._robot.move_line(direction, speed_m_s, duration_s)
+
+    def stop(self, *_: object) -> None:
+        """Say that the push is over."""
+        if self._robot is not None and self.motion is not None:
+            self._robot.stop()
+
+    def go_back(self, *_: object) -> None:
+        """Nothing moves by itself."""
+
+    wait_until_it_stands = go_back
 
 
 @dataclass(frozen=True)

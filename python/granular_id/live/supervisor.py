@@ -24,7 +24,7 @@ from granular_id.live.rows import BlockLike
 from granular_id.live.stream import Stream
 from granular_id.recording import SampleFlag
 
-__all__ = ["Fault", "Hand", "Supervisor"]
+__all__ = ["Fault", "Mover", "Supervisor"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -96,7 +96,7 @@ class _PlaceError(RuntimeError):
     """The tool is not where a push may begin."""
 
 
-class _Mover:
+class Mover:
     """Whoever pushes, a person or a machine: a signal that ends the program ends either."""
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class _Mover:
         self._n_signals = signals.number_heard()
 
 
-class Supervisor(_Mover):
+class Supervisor(Mover):
     """Owns an arm from before it moves until it stands, on its way back as well.
 
     Three threads run while the arm moves. One watches every row against the limits, the source and what the robot says;
@@ -266,37 +266,6 @@ class Supervisor(_Mover):
             raise
 
 
-class Hand(_Mover):
-    """A person who is told when to push, or nobody: to a push loop what a `Supervisor` is, though nobody watches."""
-
-    fault = blocked = None
-    moves, ending = False, ""
-
-    def __init__(self, robot: Robot | None) -> None:
-        super().__init__()
-        self.motion: Motion | None = None
-        self._robot = robot
-
-    def get_ready(self) -> None:
-        """Forget the last motion."""
-        self.motion = None
-
-    def push(self, direction: Sequence[float], speed_m_s: float, duration_s: float, *_: object) -> None:
-        """Say that the push is to begin."""
-        if self._robot is not None:
-            self.motion = self._robot.move_line(direction, speed_m_s, duration_s)
-
-    def stop(self, *_: object) -> None:
-        """Say that the push is over."""
-        if self._robot is not None and self.motion is not None:
-            self._robot.stop()
-
-    def go_back(self, *_: object) -> None:
-        """Nothing moves by itself."""
-
-    wait_until_it_stands = go_back
-
-
 class Watch:
     """One motion, from its command until the arm stands."""
 
@@ -315,6 +284,7 @@ class Watch:
         self._arm, self._command, self._rest, self._returns = arm, command, rest, returns
         self._stream, self._limits, self._clock = arm.stream, arm.limits, arm.clock
         self.robot = arm.robot
+        self._what = "way back" if returns else "motion"
         self._asked_ns = 0  # when the call of the driver began that has not returned
         self._is_late = False  # it does not stand long after stop()
         self._stood_ns = 0
@@ -371,9 +341,9 @@ class Watch:
             motion = None if self.fault is not None else self._command()
         except Exception as error:  # whatever the robot's library raises
             self._commanded = not isinstance(error, _PlaceError)
-            what = "the way back" if self._returns else "the motion"
             self.stop(
-                FailureReason.ROBOT, f"the robot refused {what}: {error}" if self._commanded else str(error)
+                FailureReason.ROBOT,
+                f"the robot refused the {self._what}: {error}" if self._commanded else str(error),
             )
             self._ended = True  # last: it ends the watch
             return False
@@ -588,12 +558,11 @@ class Watch:
 
     def _wrong_motion(self, now_ns: int) -> Fault | None:
         seen, path, motion = self._seen, self._arm.path, self.motion
-        what = "way back" if self._returns else "motion"
         begun_ns = self._begun_ns if motion is None else max(motion.start_host_ns, self._begun_ns)
         # One that ramps up slowly needs longer.
         late_s = 0.0 if self._returns else max(path.duration_s, _BRAKE_S)
         if not (seen is not None and seen.finished) and now_ns > self._due_ns + 1e9 * late_s:
-            text = f"the robot's {what} was not over after {1e-9 * (now_ns - begun_ns):.1f} s"
+            text = f"the robot's {self._what} was not over after {1e-9 * (now_ns - begun_ns):.1f} s"
             return Fault(FailureReason.ROBOT, text)
         if self._asked_ns and now_ns - self._asked_ns > 1e9 * _ANSWER_S:
             text = f"the robot's driver has not answered for {_ANSWER_S:g} s"
@@ -609,9 +578,10 @@ class Watch:
         return self._beside(seen.place, ended=seen.finished)
 
     def _error(self) -> Fault | None:
-        what = "way back" if self._returns else "motion"
         error = None if self._seen is None else self._seen.error
-        return None if error is None else Fault(FailureReason.ROBOT, f"the robot's {what} failed: {error}")
+        return (
+            None if error is None else Fault(FailureReason.ROBOT, f"the robot's {self._what} failed: {error}")
+        )
 
     def _beside(self, place: NDArray[np.float64] | None, *, ended: bool) -> Fault | None:
         path = self._arm.path
