@@ -341,10 +341,8 @@ class Watch:
             motion = None if self.fault is not None else self._command()
         except Exception as error:  # whatever the robot's library raises
             self._commanded = not isinstance(error, _PlaceError)
-            self.stop(
-                FailureReason.ROBOT,
-                f"the robot refused the {self._what}: {error}" if self._commanded else str(error),
-            )
+            text = f"the robot refused the {self._what}: {error}" if self._commanded else str(error)
+            self.stop(FailureReason.ROBOT, text)
             self._ended = True  # last: it ends the watch
             return False
         self._asked_ns, self._ended = 0, motion is None
@@ -579,9 +577,8 @@ class Watch:
 
     def _error(self) -> Fault | None:
         error = None if self._seen is None else self._seen.error
-        return (
-            None if error is None else Fault(FailureReason.ROBOT, f"the robot's {self._what} failed: {error}")
-        )
+        text = f"the robot's {self._what} failed: {error}"
+        return None if error is None else Fault(FailureReason.ROBOT, text)
 
     def _beside(self, place: NDArray[np.float64] | None, *, ended: bool) -> Fault | None:
         path = self._arm.path
