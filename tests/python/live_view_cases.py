@@ -1,7 +1,8 @@
 """A small model; sessions to be shown: blocks of simulated pushes, decisions that grow, snapshots made of them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -23,17 +24,6 @@ def pushes_and_model():
     return pushes, Identifier.fit(pushes, "hfmh", estimate=False)
 
 
-@dataclass
-class Block:
-    """What a reader of the buffer returns, as far as views care."""
-
-    wrench: np.ndarray
-    time_s: np.ndarray
-    missing_before: np.ndarray
-    epoch: int = 0
-    missed: int = 0
-
-
 def block(wrench, first=0, *, missing_before=None, epoch=0, missed=0):
     """Rows `first`, `first` + 1, ... of a stream, behind the gaps that `missing_before` gives by row."""
     wrench = np.asarray(wrench, float)
@@ -41,7 +31,7 @@ def block(wrench, first=0, *, missing_before=None, epoch=0, missed=0):
     for row, n in (missing_before or {}).items():
         gaps[row] = n
     time_s = (first + np.arange(len(wrench)) + np.cumsum(gaps)) / RATE_HZ
-    return Block(wrench, time_s, gaps, epoch, missed)
+    return SimpleNamespace(wrench=wrench, time_s=time_s, missing_before=gaps, epoch=epoch, missed=missed)
 
 
 def push():

@@ -8,10 +8,14 @@ from granular_id.live import Health, WrenchBuffer
 from granular_id.live.rows import Rows
 
 
+def buffer_of(source, **options):
+    """Make a buffer that a source may write into."""
+    return WrenchBuffer(60.0, rate_hz=source.info.rate_hz, tick_hz=source.info.tick_hz, **options)
+
+
 def begun(source, **options):
     """Start a source; return the buffer that it writes into."""
-    known = {"rate_hz": source.info.rate_hz, "tick_hz": source.info.tick_hz}
-    buffer = WrenchBuffer(60.0, **known, **options)
+    buffer = buffer_of(source, **options)
     source.start(buffer)
     return buffer
 

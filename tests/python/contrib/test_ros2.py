@@ -91,9 +91,7 @@ class FakeRos(Fake):
             create_subscription=self._subscribe,
             create_timer=lambda period_s, call: self.timers.append(call),
             create_service=lambda kind, name, answer: self.services.update({name: answer}),
-            get_publishers_info_by_topic=lambda topic: [
-                SimpleNamespace(topic_type=one) for one in self.types
-            ],
+            get_publishers_info_by_topic=lambda _: [SimpleNamespace(topic_type=one) for one in self.types],
             destroy_node=lambda: self.calls.append("destroy_node"),
         )
 
@@ -174,8 +172,7 @@ def until_armed(ros):
 
 def pushes(ros, *, lost=(), last=True):
     """Arm as soon as it can be, and push."""
-    yield from until_armed(ros)
-    yield from rest(100)
+    yield from chain(until_armed(ros), rest(100))
     yield from (None if k in lost else row for k, row in enumerate(PUSH))
     yield from rest() if last else rest(300)
 
@@ -203,13 +200,14 @@ def test_node_push_after_arming_is_answered(ros, run):
     assert "rice after 1.00 s, final" in run("--n", "1", "--", "-r", "__ns:=/left")
     [(_, message, values)] = ros.answers()
     assert message.startswith("rice, margin")
-    assert values["label"] == "rice"
-    assert (values["unknown"], values["probability"]) == ("null", "null")
+    assert (values["label"], values["unknown"], values["synthetic_model"]) == ("rice", "null", "true")
     assert (values["missing"], values["push"]) == ("0", "1")
-    assert values["synthetic_model"] == "true"
-    assert ros.calls == [
-        ("init", ["--ros-args", "-r", "__ns:=/left"]), "executor shutdown", "destroy_node", "shutdown"
-    ]  # fmt: skip
+    assert {array.status[0].message for array in ros.published["/diagnostics"]} == {
+        "waits for ~/arm",
+        "armed",
+    }
+    assert ros.calls[0] == ("init", ["--ros-args", "-r", "__ns:=/left"])
+    assert ros.calls[1:] == ["executor shutdown", "destroy_node", "shutdown"]
 
 
 def test_node_always_takes_every_push_without_service(ros, run):
@@ -228,20 +226,15 @@ def test_node_is_not_armed_in_motion_or_during_a_push(ros, run, monkeypatch):
             is_busy.set()
         return found
 
-    monkeypatch.setattr(ArmedTrigger, "index", noting)
-
     def script():
-        yield from rest(300)
-        yield from PUSH[:300]
+        yield from chain(rest(300), PUSH[:300])
         answers.append(ros.arm().message)
-        yield from rest(300)
-        yield from until_armed(ros)
-        yield from PUSH[:400]
+        yield from chain(rest(300), until_armed(ros), PUSH[:400])
         assert is_busy.wait(20)
         answers.append(ros.arm().message)
-        yield from PUSH[400:]
-        yield from rest()
+        yield from chain(PUSH[400:], rest())
 
+    monkeypatch.setattr(ArmedTrigger, "index", noting)
     ros.script = script()
     run("--n", "1")
     assert "the force moved by" in answers[0]
@@ -259,14 +252,6 @@ def test_node_lost_message_fails_the_push_unless_filled(ros, run):
     [(level, _, values)] = ros.answers()
     assert level == DiagnosticStatus.WARN
     assert "gap" in json.loads(values["warnings"])
-
-
-def test_node_diagnostics_say_whether_it_is_armed(ros, run):
-    ros.script = chain(rest(300), pushes(ros))
-    run("--n", "1")
-    every = [array.status[0] for array in ros.published["/diagnostics"]]
-    assert {one.message for one in every} == {"waits for ~/arm", "armed"}
-    assert {v.key: v.value for v in every[-1].values}["missing"] == "0"
 
 
 TURNED = ((0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)), (0.0, 0.0, -0.1))
@@ -288,14 +273,12 @@ def test_node_does_not_turn_an_accepted_frame(ros, run):
 
 
 def test_node_frames_that_move_against_each_other_end_it(ros, run):
-    ros.frame_ids, ros.pose = repeat("ft"), TURNED
-
     def script():
         yield from rest(500)
         ros.pose = (TURNED[0], (0.0, 0.0, -0.102))
         yield from rest()
 
-    ros.script = script()
+    ros.frame_ids, ros.pose, ros.script = repeat("ft"), TURNED, script()
     assert "the frames 'ft' and 'tool0' move against each other" in run(code=2)
 
 

@@ -3,9 +3,19 @@
 import pytest
 
 from granular_id.live import signals
+from world import World
 
 
 @pytest.fixture(autouse=True)
 def nothing_moves(monkeypatch):
-    """Forget what an earlier test has left in motion."""
-    monkeypatch.setattr(signals, "MOVING", set())
+    """Forget what an earlier test has left in motion, and heard of signals."""
+    for name, kind in (("_HEARD", list), ("_STOPPED", list), ("MOVING", set)):
+        monkeypatch.setattr(signals, name, kind())
+
+
+@pytest.fixture
+def w():
+    """A bench whose arm goes back within a second."""
+    world = World()
+    world.arm.goes_back()
+    return world

@@ -6,18 +6,9 @@ import numpy as np
 import pytest
 
 from granular_id.identifier import Identifier
-from granular_id.live import (
-    CaptureError,
-    FailureReason,
-    Health,
-    HopIdentifier,
-    LiveIdentifier,
-    ReplaySource,
-    SourceInfo,
-    WrenchBuffer,
-    opened,
-)
+from granular_id.live import CaptureError, FailureReason, HopIdentifier, LiveIdentifier, ReplaySource, opened
 from granular_id.live.rows import HoppingWindows
+from granular_id.live.source import Health, SourceInfo, WrenchBuffer
 from granular_id.recording import Dataset, Recording
 from world import Shown, World
 
@@ -28,9 +19,8 @@ IMU, THREE, SEVEN = tuple(UNITS)[:6], ("ax", "ay", "az"), tuple(UNITS)
 
 
 def recording(samples, axes, **fields):
-    return Recording(
-        samples, rate_hz=RATE, axes=axes, meta={"units": {axis: UNITS[axis] for axis in axes}}, **fields
-    )
+    meta = {"units": {axis: UNITS[axis] for axis in axes}}
+    return Recording(samples, rate_hz=RATE, axes=axes, meta=meta, **fields)
 
 
 def noise(k, axes, seconds, seed):
@@ -52,16 +42,17 @@ def played(*recordings):
     return ReplaySource(Dataset(recordings), speed=200.0, pause_s=0.1)
 
 
+def fitted(axes):
+    windows = [
+        recording(noise(k, axes, 0.5, 100 * k + i), axes, label=GROUNDS[k], session=str(i % 3))
+        for k in range(3)
+        for i in range(24)
+    ]
+    return Identifier.fit(Dataset(windows), "hfmh", cutoff_hz=10, early=False)
+
+
 @pytest.fixture(scope="module")
 def models():
-    def fitted(axes):
-        windows = [
-            recording(noise(k, axes, 0.5, 100 * k + i), axes, label=GROUNDS[k], session=str(i % 3))
-            for k in range(3)
-            for i in range(24)
-        ]
-        return Identifier.fit(Dataset(windows), "hfmh", cutoff_hz=10, early=False)
-
     return {axes: fitted(axes) for axes in (IMU, THREE, SEVEN)}
 
 
@@ -178,21 +169,11 @@ def test_the_number_of_answers_ends_it_and_too_few_fail(models):
         answers(played(mixed(IMU)), models[IMU], 3, 5)
 
 
-IN_G = Recording(np.ones((99, 3)), rate_hz=RATE, axes=THREE, meta={"units": dict.fromkeys(THREE, "g")})
-
-
-@pytest.mark.parametrize(
-    ("file", "hop_s", "text"),
-    [
-        (mixed(THREE), 0.001, "hop_s=0.001 is less than a sample: at least 0.01"),
-        (IN_G, 0.5, r"units 'ax: g'.*accept"),
-    ],
-)
-def test_what_does_not_fit_is_refused(models, file, hop_s, text):
-    with pytest.raises(ValueError, match=text):
-        answers(played(file), models[THREE], hop_s)
-
-
-def test_pushes_without_trigger_and_forces_are_refused(models):
+def test_what_does_not_fit_is_refused(models):
+    in_g = Recording(np.ones((99, 3)), rate_hz=RATE, axes=THREE, meta={"units": dict.fromkeys(THREE, "g")})
+    with pytest.raises(ValueError, match=r"units 'ax: g'.*accept"):
+        answers(played(in_g), models[THREE], 0.5)
+    with pytest.raises(ValueError, match="is less than a sample"):
+        answers(played(mixed(THREE)), models[THREE], 0.001)
     with opened(played(mixed(IMU))) as stream, pytest.raises(ValueError, match="needs hop_s"):
         LiveIdentifier(stream, models[IMU], pre_s=0.1)

@@ -7,17 +7,9 @@ import pytest
 
 import granular_id as gid
 from granular_id.identifier import N_CHECKPOINTS
-from granular_id.live import (
-    CaptureError,
-    FailureReason,
-    ForceTrigger,
-    LiveIdentifier,
-    ReplaySource,
-    SimSource,
-    opened,
-    setup_of,
-)
-from granular_id.live.setup import Setup
+from granular_id.live import CaptureError, FailureReason, ForceTrigger, LiveIdentifier, ReplaySource, opened
+from granular_id.live.setup import Setup, setup_of
+from granular_id.live.sim import SimSource
 from granular_id.recording import Dataset, SampleFlag
 from live_view_cases import pushes_and_model
 from world import Shown, World

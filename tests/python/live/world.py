@@ -2,11 +2,29 @@
 
 import numpy as np
 
-from granular_id.live import Health, SourceInfo, WrenchBuffer, host_ns
+from granular_id.live import Health, MotionTrigger, SourceInfo, WrenchBuffer, host_ns
 from granular_id.live.clock import Clock
+from granular_id.live.limits import Limits
+from granular_id.live.push import Pushes
 from granular_id.live.stream import Stream
 
 MS = 1_000_000
+
+
+def pushes_of(world, trigger=MotionTrigger, *, by_hand=False, **limits):
+    """Pushes of 0.5 s behind 0.1 s of rest."""
+    limits = {"max_force_n": 50.0, "max_torque_n_m": 2.0, "timeout_s": 3.0} | limits
+    robot = None if by_hand else world.arm
+    return Pushes(world.stream, robot, trigger, Limits(**limits), n_samples=300, pre_s=0.1)
+
+
+def push(pushes, on_step=lambda step: False):
+    """Make a push, left where `on_step` returns True; return its capture."""
+    with next(pushes) as attempt:
+        for step in attempt:
+            if on_step(step):
+                break
+    return attempt.capture
 
 
 class World(Clock):
@@ -138,7 +156,12 @@ class Arm:
 
     def goes_back(self, seconds=1.0):
         """Give it a way back that takes so long."""
-        self.move_back = lambda: self._move_back(seconds)
+
+        def move_back():
+            speed_m_s = (self.start_m - self.place_m) / seconds
+            return None if self.motion is None else self._begin("back", speed_m_s, seconds)
+
+        self.start_m, self.move_back = 0.0, move_back
         return self
 
     def tells_place(self):
@@ -165,13 +188,6 @@ class Arm:
         self._note("stop")
         if self.motion is not None:
             self.motion.until_ns = min(self.motion.until_ns, self.world.ns + round(1e9 * self.braking_s))
-
-    def _move_back(self, seconds):
-        return (
-            None
-            if self.motion is None
-            else self._begin("back", (self.start_m - self.place_m) / seconds, seconds)
-        )
 
     def _begin(self, what, speed_m_s, seconds):
         self.motion = Motion(self.world, self.place_m, speed_m_s, seconds)

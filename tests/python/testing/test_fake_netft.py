@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-import signal as signals
-import socket
 import subprocess
 import sys
 
 import numpy as np
-import pytest
 
 from granular_id.live import opened
 from granular_id.testing import FakeNetft, Faults, Injected
@@ -34,31 +31,11 @@ def test_faults_leave_first_and_last_records_alone():
     assert injected == Injected(sent=6, lost=494)
 
 
-def test_fake_box_other_requests_are_noted_and_ignored():
-    with FakeNetft(n_records=5) as box, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
-        client.settimeout(20)
-        client.connect(("127.0.0.1", box.port))
-        for junk in (b"", b"\x12\x34\0\x02", b"\x12\x35\0\x02\0\0\0\0", b"\x12\x34\0\x77\0\0\0\0"):
-            client.send(junk)
-        client.send(b"\x12\x34\0\x02\0\0\0\0")
-        numbers = [int.from_bytes(client.recv(100)[:4], "big") for _ in range(5)]
-        assert box.wait(20)
-        assert numbers == [1, 2, 3, 4, 5]
-        assert len(box.requests) == 5
-
-
-def command(*arguments):
-    return subprocess.Popen(
-        [sys.executable, "-W", "ignore", "-m", "granular_id.testing", *map(str, arguments)],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-
-
 def test_fake_box_command_counts_what_it_injected(tmp_path):
     stamps = tmp_path / "stamps.npy"
-    arguments = ("--records", 200, "--loss", 0.1, "--stamps", stamps)
-    with command(*arguments) as process:
+    options = ("--records", "200", "--loss", "0.1", "--stamps", stamps)
+    command = [sys.executable, "-W", "ignore", "-m", "granular_id.testing", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         with opened(process.stdout.readline().strip()) as stream:
             output, _ = process.communicate(timeout=60)
         counters = stream.source.health().counters
@@ -66,13 +43,3 @@ def test_fake_box_command_counts_what_it_injected(tmp_path):
     made = json.loads(output)
     assert made["lost"] == counters["lost"] > 0
     assert len(np.load(stamps)) == made["sent"] == counters["rows"]
-
-
-@pytest.mark.usefixtures("heeding_interrupts")
-def test_fake_box_command_runs_until_ctrl_c():
-    with command("--material", "rice") as process:
-        assert process.stdout.readline().startswith("rdt://127.0.0.1:")
-        process.send_signal(signals.SIGINT)
-        output, _ = process.communicate(timeout=60)
-    assert process.returncode == 0
-    assert json.loads(output)["sent"] == 0
