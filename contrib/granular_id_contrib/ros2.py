@@ -210,11 +210,7 @@ class Ros2Source(ThreadedSource):
 
 
 class StampLine:
-    """Counts rows by stamps that jitter by less than half a period: a row has the time of the line through them.
-
-    A stamp further than half a period after the next instant says how many rows are missing; one as far before it is
-    that of the row before; beyond 1.5 periods before, and a second after, the line begins anew.
-    """
+    """Counts rows by stamps that jitter by less than half a period: a row has the time of the line through them."""
 
     def __init__(self, rate_hz: float) -> None:
         self._rate_hz = rate_hz

@@ -19,7 +19,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from types import TracebackType
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -196,9 +195,7 @@ class FakeNetft:
             thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stopping.set()
         self._page.shutdown()
         for thread in self._threads:
@@ -255,8 +252,7 @@ class FakeNetft:
             self._stream = self._datagrams(_PER_DATAGRAM if command == _START_BUFFERED else 1)
             self._advance()
         elif command == _BIAS:
-            at = len(self.send_stamps) % len(self._counts)
-            self._bias = self._counts[at]
+            self._bias = self._counts[len(self.send_stamps) % len(self._counts)]
 
     def _datagrams(self, per_datagram: int) -> Iterator[tuple[float, bytes]]:
         """Yield each datagram, faults and all, with the time at which it is to be sent."""
@@ -299,9 +295,8 @@ class FakeNetft:
         records["rdt"] = (1 + numbers) % 2**32
         records["ft"] = (self._ft + self._step * np.arange(n)) % 2**32
         records["status"] = np.where(bad, _BAD_STATUS, 0)
-        records["counts"] = np.clip(
-            self._counts[numbers % len(self._counts)] - self._bias, -(2**31), 2**31 - 1
-        )
+        counts = self._counts[numbers % len(self._counts)] - self._bias
+        records["counts"] = np.clip(counts, -(2**31), 2**31 - 1)
         self._ft += n * self._step  # the next stream goes on from there
         return records.tobytes()
 
@@ -314,10 +309,7 @@ def counts_of(signal: ArrayLike | None, per_newton: float, per_newton_metre: flo
     wrench = as_floats(signal, "signal", "a real array of shape (n, 6), N and N m")
     if wrench.ndim != 2 or wrench.shape[1] != 6 or not len(wrench):
         raise argument_error(ValueError, "signal", f"has shape {wrench.shape}; wanted (n, 6), N and N m")
-    counts: NDArray[np.int64] = np.rint(wrench * np.repeat([per_newton, per_newton_metre], 3)).astype(
-        np.int64
-    )
-    return counts
+    return np.asarray(np.rint(wrench * np.repeat([per_newton, per_newton_metre], 3)), dtype=np.int64)
 
 
 def page_text(changes: Mapping[str, str | None]) -> bytes:

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from granular_id.live.capture import Capture
     from granular_id.live.push import Step
     from granular_id.live.robot import Robot
-    from granular_id.live.session import Session
     from granular_id.live.setup import Setup
     from granular_id.live.source import WrenchSource
     from granular_id.live.stream import Stream
@@ -74,7 +73,7 @@ class Sensing:
 
     def refuse_absent(self) -> None:
         """Refuse recordings that are not there, before imports that take longer than a look."""
-        from granular_id.live.source_url import SourceUrl
+        from granular_id.live.source import SourceUrl
 
         url = SourceUrl.parse(self.source, {})
         if url.scheme == "replay":
@@ -88,12 +87,8 @@ class Sensing:
         address = self.source if url is None else url
         options: dict[str, object] = {} if self.speed is None else {"speed": self.speed}
         parsed = SourceUrl.parse(address, {})
-        if (
-            parsed.scheme == "replay"
-            and axes is not None
-            and tuple(axes) != AXES
-            and "axes" not in parsed.options
-        ):
+        unstated = parsed.scheme == "replay" and "axes" not in parsed.options
+        if unstated and axes is not None and tuple(axes) != AXES:
             options["axes"] = tuple(axes)
         return open_source(address, **options)
 
@@ -189,11 +184,11 @@ class Keeping:
     def check(self, model: Path, *, early: bool, hop_s: float | None) -> None:
         """Refuse what cannot be written, or would replace what is there."""
         check_outputs(("--json", self.json, LIVE_ANSWERS), source=model, force=self.force)
-        for name, given in (("--early", early), ("--hop-s", hop_s is not None)):
-            if given and self.archive is not None:
-                raise ValueError(
-                    f"--archive keeps whole pushes, with {name} there are none: leave one of them out"
-                )
+        other = "--early" if early else "--hop-s"
+        if self.archive is not None and (early or hop_s is not None):
+            raise ValueError(
+                f"--archive keeps whole pushes, with {other} there are none: leave one of them out"
+            )
 
     @contextmanager
     def writing(self, axes: Sequence[str], about: dict[str, Any]) -> Iterator[Callable[[Push], None]]:
@@ -304,7 +299,7 @@ def live(
         common: dict[str, Any] = {"views": views, "accept": [one.value for one in accept or []]}
         if hop_s is not None:
             common |= moving.of_windows
-            identifying: Session = HopIdentifier(stream, identifier, hop_s, **common)
+            identifying: HopIdentifier | LiveIdentifier = HopIdentifier(stream, identifier, hop_s, **common)
         else:
             setup = stack.enter_context(closing(moving.setup(source)))
             _refuse_to_creep(setup.robot, n)
@@ -456,11 +451,8 @@ def record(
                 for name in names:
                     for k in range(n):
                         title = f"{name} {k + 1}/{n}"
-                        if (
-                            not source.info.synthetic
-                            and (setup.robot is not None or k == 0)
-                            and (name, k) != (labels[0], 0)
-                        ):
+                        changed = (k == 0 and name != labels[0]) or (k > 0 and setup.robot is not None)
+                        if changed and not source.info.synthetic:
                             _wait_for(title, recorder)
                         refused, said = _recorded(recorder, name, title, retries)
                         if k == 0:
@@ -522,10 +514,8 @@ def _recorded(recorder: Recorder, label: str, title: str, retries: int) -> tuple
     begin = one.trigger_index or 0
     rise_n = float(one.wrench[begin:, 0].mean() - one.wrench[: begin or 1, 0].mean())
     late = f", up to {1e3 * one.meta['late_s']:.0f} ms late" if "late_s" in one.meta else ""
-    return (
-        refused,
-        f"{title}: {one.n_samples} samples{late}, mean fx {rise_n:+.2f} N over rest, {recorded.path}",
-    )
+    line = f"{title}: {one.n_samples} samples{late}, mean fx {rise_n:+.2f} N over rest, {recorded.path}"
+    return refused, line
 
 
 def _check_truth(label: str, recorder: Recorder, source: str) -> None:

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from granular_id._core import WrenchBuffer, host_ns
-    from granular_id.live.answers import identify
     from granular_id.live.hops import HopIdentifier
-    from granular_id.live.identification import LiveIdentifier
+    from granular_id.live.identification import LiveIdentifier, identify
     from granular_id.live.limits import Limits
     from granular_id.live.monitor import MonitorServer
     from granular_id.live.outcome import CaptureError, FailureReason, Push
@@ -25,8 +24,7 @@ if TYPE_CHECKING:
     from granular_id.live.setup import setup_of
     from granular_id.live.signals import stop_on_signals
     from granular_id.live.sim import SimRobot, SimSource
-    from granular_id.live.source import Health, SourceInfo, ThreadedSource, open_robot, open_source
-    from granular_id.live.source_url import SourceUrl
+    from granular_id.live.source import Health, SourceInfo, SourceUrl, ThreadedSource, open_robot, open_source
     from granular_id.live.stream import opened
     from granular_id.live.terminal import TerminalView
     from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger
@@ -34,9 +32,8 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "_core": ("WrenchBuffer", "host_ns"),
-    "live.answers": ("identify",),
     "live.hops": ("HopIdentifier",),
-    "live.identification": ("LiveIdentifier",),
+    "live.identification": ("LiveIdentifier", "identify"),
     "live.limits": ("Limits",),
     "live.monitor": ("MonitorServer",),
     "live.outcome": ("CaptureError", "FailureReason", "Push"),
@@ -47,8 +44,7 @@ _HOMES = {
     "live.setup": ("setup_of",),
     "live.signals": ("stop_on_signals",),
     "live.sim": ("SimRobot", "SimSource"),
-    "live.source": ("Health", "SourceInfo", "ThreadedSource", "open_robot", "open_source"),
-    "live.source_url": ("SourceUrl",),
+    "live.source": ("Health", "SourceInfo", "SourceUrl", "ThreadedSource", "open_robot", "open_source"),
     "live.stream": ("opened",),
     "live.terminal": ("TerminalView",),
     "live.trigger": ("ForceTrigger", "ManualTrigger", "MotionTrigger"),

@@ -27,48 +27,36 @@ class Clock:
         """Wait for a row."""
         reader.wait(seconds)
 
-    def repeat(
-        self, work: Callable[[], bool], reader: WrenchReader | None, urgent: Sequence[int] | None
+    def start(
+        self,
+        work: Callable[[], bool | None],
+        when: WrenchReader | threading.Event | None,
+        urgent: Sequence[int] | None,
     ) -> None:
-        """Call `work` in a thread until it returns False: whenever a row comes in, without a reader every 10 ms.
+        """Call `work` in a thread: once when an event is set, else at each row or every 10 ms, until it returns False.
 
         The thread gets real-time priority where `urgent` is not None. While one waits for rows, those with these native
         ids get it as well, and all others of Python.
         """
 
-        def loop() -> None:
+        def run() -> None:
+            if isinstance(when, threading.Event):
+                when.wait()
+                work()
+                return
             pause = threading.Event()
             while work():
-                if reader is None:
+                if when is None:
                     pause.wait(_ASK_S)
                 else:
-                    reader.wait(WAIT_S)
+                    when.wait(WAIT_S)
 
-        watches = reader is not None
-        name = "granular_id supervisor" if watches else "granular_id robot"
-        _start(name, loop, urgent, all_of_python=watches)
+        def run_at_once() -> None:
+            with at_once(urgent or (), all_of_python=isinstance(when, WrenchReader)):
+                run()
 
-    def call(self, work: Callable[[], None], when: threading.Event, urgent: Sequence[int] | None) -> None:
-        """Call `work` once in a thread, as soon as the event is set."""
-
-        def once() -> None:
-            when.wait()
-            work()
-
-        _start("granular_id stop", once, urgent)
+        target = run if urgent is None else run_at_once
+        threading.Thread(target=target, name=f"granular_id {work.__name__}", daemon=True).start()
 
 
 CLOCK = Clock()
-
-
-def _start(
-    name: str, work: Callable[[], None], urgent: Sequence[int] | None, *, all_of_python: bool = False
-) -> None:
-    def run() -> None:
-        if urgent is None:
-            work()
-        else:
-            with at_once(urgent, all_of_python=all_of_python):
-                work()
-
-    threading.Thread(target=run, name=name, daemon=True).start()

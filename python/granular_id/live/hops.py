@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 
-from granular_id._checks import argument_error, finite_number, whole_number
+from granular_id._checks import argument_error, finite_number
 from granular_id._text import counted
 from granular_id.identifier import Identifier
 from granular_id.live.capture import wrong_rate
@@ -14,7 +14,7 @@ from granular_id.live.limits import Limits
 from granular_id.live.outcome import CaptureError, FailureReason, Push
 from granular_id.live.rows import HoppingWindows, Rows
 from granular_id.live.session import Session
-from granular_id.live.stream import Stream, left_out
+from granular_id.live.stream import Stream
 from granular_id.live.view import Views
 
 __all__ = ["HopIdentifier"]
@@ -79,86 +79,64 @@ class HopIdentifier(Session):
             problem = f"={hop_s:g} is less than a sample: at least {1 / stream.info.rate_hz:g}"
             raise argument_error(ValueError, "hop_s", problem)
         super().__init__(stream, model, limits, views=views, accept=accept, hop_s=n_hop / stream.info.rate_hz)
-        self._n_hop, self._n_lost, self._failed = n_hop, 0, ""
+        self._failed = ""
         self._window_s = self.model.n_samples / self.model.rate_hz
+        self._windows = HoppingWindows(self.model.n_samples, n_hop, limits.max_gap)
         self._compare({}, None)
 
-    def pushes(self, n: int | None = None) -> Iterator[Push]:
-        """Answer at one hop after another.
-
-        Parameters
-        ----------
-        n : int, optional
-            Number of answers; default: on and on, until the source comes to its end.
-
-        Yields
-        ------
-        Push
-            With its `Push.time_s`; also where the rate was another.
-
-        Raises
-        ------
-        CaptureError
-            Nobody delivers, or the source ended before `n` answers.
-        TypeError, ValueError
-            `n` is no whole number of at least 1.
-        """
-        return self._at_hops(None if n is None else whole_number("n", n))
-
-    def _at_hops(self, n: int | None) -> Iterator[Push]:
-        windows = HoppingWindows(self.model.n_samples, self._n_hop, self._limits.max_gap)
+    def _answers(self, n: int | None) -> Iterator[Push]:
+        windows = self._windows
+        windows.restart()
         reader, clock = self.stream.buffer.reader(from_oldest=True), self.stream.clock
-        silent_s, n_lost = _SILENT_S + self.stream.pause_s, self._n_lost
         newest: Push | None = None
-        heard_ns, finished = clock.now_ns(), False
-        while n is None or self.n_answered < n:
+        heard_ns, ended = clock.now_ns(), False
+        while not ended and (n is None or self.n_answered < n):
             clock.wait(reader, WAIT_S)
-            health = self.stream.health()  # before the rows: what it wrote last was read then
             block = reader.read()
             if len(block):
                 heard_ns = clock.now_ns()
-            elif health.error is not None:
-                raise CaptureError(FailureReason.SOURCE, f"the source died: {health.error}")
-            elif health.finished:
-                finished = True
-                break
-            elif clock.now_ns() - heard_ns > 1e9 * silent_s:
-                said = f"{self.stream.info.name} delivered nothing for {silent_s:g} s"
-                raise CaptureError(FailureReason.NO_ROWS, said + left_out(health.counters))
+            elif fault := self.stream.fault(1e-9 * (clock.now_ns() - heard_ns), _SILENT_S):
+                ended = fault.reason is FailureReason.SOURCE and self.stream.health().error is None
+                if not ended:
+                    raise CaptureError(*fault)
             self._builder.rows(block)
             for window in windows.feed(block):
                 newest = self._answered(window, newest)
                 yield newest
                 if self.n_answered == n:
                     break
-            self._n_lost = n_lost + windows.n_lost
             if newest is not None and windows.begins_anew:
                 newest = None
-            if self._views.wants_snapshot():
-                self._show_hop("answering", newest)
-        self._show_hop("ended" if finished else "answering", newest)
-        if finished and n is not None:
-            said = f"the source came to its end after {counted(self.n_answered, 'answer')}"
-            raise CaptureError(FailureReason.SOURCE, said if self.n_answered else self.why_none)
-        if finished and self._n_lost and not self.n_pushes:
+            if ended or self._views.wants_snapshot():
+                self._show_hop(newest, ended=ended)
+        if not ended:
+            self._show_hop(newest, ended=False)
+        elif n is not None:
+            text = f"the source came to its end after {counted(self.n_answered, 'answer')}"
+            raise CaptureError(FailureReason.SOURCE, text if self.n_answered else self.why_none)
+        elif windows.n_lost and not self.n_pushes:
             yield Push(None, FailureReason.GAP, self.lost)
 
-    def _show_hop(self, state: str, newest: Push | None) -> None:
-        if state == "ended":
-            self._show(state, None if newest is None else newest.decision)
+    def _show_hop(self, newest: Push | None, *, ended: bool) -> None:
+        if ended:
+            self._show("ended", None if newest is None else newest.decision)
         elif newest is None:
             first = f"the first answer comes after {self._window_s:g} s of signal"
             self._show("arming", None, "; ".join(filter(None, (first, self.lost))))
         else:
-            self._show("failed" if newest.decision is None else state, newest.decision, newest.text)
+            self._show("failed" if newest.decision is None else "answering", newest.decision, newest.text)
+
+    def summary(self) -> str:
+        """Sum up all answers so far in one line, and how often rows were lost."""
+        return "; ".join(filter(None, (super().summary(), self.lost)))
 
     @property
     def lost(self) -> str:
         """How often a window began anew because rows were lost, and what that means where no answer came."""
-        if not self._n_lost:
+        if not (n_lost := self._windows.n_lost):
             return ""
         needs = f"; a window needs {self._window_s:g} s without loss (max_gap)"
-        return f"rows were lost {counted(self._n_lost, 'time')}{'' if self.n_pushes else needs}"
+        return f"rows were lost {counted(n_lost, 'time')}{'' if self.n_pushes else needs}"
 
     @property
     def why_none(self) -> str:

@@ -1,9 +1,10 @@
-"""Pushes named while they happen: one answer per push, provisional ones on the way."""
+"""Pushes named while they happen: one answer per push, provisional ones on the way, and a loop over decisions."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,14 +13,17 @@ import numpy as np
 from granular_id._checks import argument_error, whole_number
 from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier
-from granular_id.live.capture import CaptureState
+from granular_id.live.capture import Capture, CaptureState
 from granular_id.live.limits import Limits
 from granular_id.live.outcome import CaptureError, FailureReason, Push
 from granular_id.live.push import Attempt, Pushes, Step
 from granular_id.live.recorder import utc_stamp
+from granular_id.live.robot import Robot
 from granular_id.live.session import Session
 from granular_id.live.setup import Setup, setup_of, starts_exactly
-from granular_id.live.stream import Stream
+from granular_id.live.source import WrenchSource
+from granular_id.live.stream import Stream, opened
+from granular_id.live.trigger import Trigger
 from granular_id.live.view import Views
 from granular_id.recording import rest_zero
 
@@ -28,9 +32,7 @@ if TYPE_CHECKING:
 
     from granular_id.identifier import Decision
 
-__all__ = ["LiveIdentifier"]
-
-_PRE_S = 0.25
+__all__ = ["LiveIdentifier", "identify"]
 
 
 class LiveIdentifier(Session):
@@ -38,8 +40,6 @@ class LiveIdentifier(Session):
 
     A model that was trained on recordings tared by their rest (`Dataset.tare`) gets each push tared in the same way, by
     the rest before its motion, with the same bits; what is kept (`Push.recording`) is what was measured.
-
-    Use it within `granular_id.live.stop_on_signals`, so that the robot is also stopped on SIGTERM and SIGHUP.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class LiveIdentifier(Session):
             problem = f"must come from setup_of(stream.source, robot), got a {type(setup).__name__}"
             raise argument_error(TypeError, "setup", problem)
         self._early = early
-        self._n_looks = self._n_moments = 0
+        self._n_moments = 0  # of this push, at which the rule for early answers was calibrated
         # Most of the work on multi-band features is done for each answer, others have grown with the rows.
         self._grows = isinstance(self.model.spec, FeatureSpec)
         self._pushes = Pushes(
@@ -165,52 +165,24 @@ class LiveIdentifier(Session):
         attempt = next(self._pushes)
         capture = attempt.capture
         self._begin()
-        self._n_looks = self._n_moments = 0
+        self._n_moments = 0
         decision: Decision | None = None
         with attempt:
             for step in attempt:
-                new = self._take(step, attempt)
-                if new is not None and on_decision is not None:
-                    on_decision(new)
-                decision = new or decision
-                if (
-                    self._early
-                    and decision is not None
-                    and capture.reason is None
-                    and self._is_answer(decision)
-                ):
-                    attempt.answered = True
-                    break
+                n_moments = self._n_moments
+                if (new := self._take(step, capture)) is not None:
+                    decision = new
+                    if on_decision is not None:
+                        on_decision(new)
+                    is_due = self._n_moments > n_moments and capture.reason is None
+                    if self._early and new.sure and is_due:
+                        attempt.answered = True
+                        break
                 if not capture.state.is_over and self._views.wants_snapshot():
                     self._show(capture.state.value, decision)
         return self._finished(attempt, decision, patient=patient)
 
-    def pushes(self, n: int | None = None) -> Iterator[Push]:
-        """Name the material of one push after another.
-
-        Parameters
-        ----------
-        n : int, optional
-            Number of answers; default: on and on, until the source comes to its end, however long nobody pushes.
-
-        Yields
-        ------
-        Push
-            Those that could not be captured too.
-
-        Raises
-        ------
-        CaptureError
-            A failure after which no push may follow by itself: a limit of force or torque was passed; the robot
-            refused, failed or could not be stopped; three of its pushes in a row failed; nobody delivers or, with `n`,
-            moves; a signal ended it (see `granular_id.live.stop_on_signals`); the end of a source before `n` answers.
-        TypeError, ValueError
-            `n` is no whole number of at least 1.
-        """
-        n = None if n is None else whole_number("n", n)
-        return self._one_by_one(n)
-
-    def _one_by_one(self, n: int | None) -> Iterator[Push]:
+    def _answers(self, n: int | None) -> Iterator[Push]:
         while n is None or self.n_answered < n:
             push = self._push(patient=n is None)
             if n is None and self._at_end(push):
@@ -224,21 +196,10 @@ class LiveIdentifier(Session):
         """Whether there was no push to name, because the source has no more rows."""
         return push.reason is FailureReason.SOURCE and self.stream.health().finished
 
-    def _is_answer(self, decision: Decision) -> bool:
-        """Whether a decision may be given before the end: sure at a moment that the rule looks at."""
-        n_looks = self._moment(decision.n_seen)
-        due, self._n_looks = n_looks > self._n_looks, n_looks
-        return due and decision.sure
-
-    def _moment(self, n_seen: int) -> int:
-        """Count the moments that have passed at which the rule for early answers was calibrated."""
-        return n_seen * N_CHECKPOINTS // self.model.n_samples
-
-    def _take(self, step: Step, attempt: Attempt) -> Decision | None:
+    def _take(self, step: Step, capture: Capture) -> Decision | None:
         self._builder.rows(step.block)
         if not len(step.rows):
             return None
-        capture = attempt.capture
         rows = self._tared(step.rows, capture.n_pre)
         is_first = not self._answer.n_seen
         self._answer.push(rows)
@@ -247,7 +208,7 @@ class LiveIdentifier(Session):
         if is_first or step.block.flags.any() or step.block.missing_before.any():
             self._warn_of(capture.rows.flags[-len(rows) :])
         self._warn_of_lag()
-        moment = self._moment(self._answer.n_seen)
+        moment = self._answer.n_seen * N_CHECKPOINTS // self.model.n_samples
         is_due, self._n_moments = moment > self._n_moments, moment
         return self._answer.decision() if is_due or self._grows or self._answer.is_complete else None
 
@@ -280,13 +241,85 @@ class LiveIdentifier(Session):
         return replace(push, recording=capture.recording(truth, session=self.session, name=name, meta=facts))
 
 
+def identify(
+    source: str | WrenchSource,
+    model: Identifier | str | os.PathLike[str],
+    *,
+    n: int | None = None,
+    robot: str | Robot | None = "auto",
+    trigger: str | Callable[[], Trigger] = "auto",
+    early: bool = False,
+    on_failure: str = "raise",
+    **settings: Any,
+) -> Iterator[Decision]:
+    """Name the material of one push after another, live.
+
+    Parameters
+    ----------
+    source : str or WrenchSource
+        ``"rdt://192.168.1.1"``, ``"sim:unknown"`` ..., see `granular_id.live.open_source`.
+    model : Identifier or path-like
+        Trained, or the file of a model.
+    n : int, optional
+        Number of answers; default: on and on, until the source comes to its end.
+    robot, trigger
+        Who moves and what starts a recording, see `granular_id.live.setup_of`.
+    early : bool, default False
+        Answer as soon as the model's early rule is met.
+    on_failure : {"raise", "skip"}, default "raise"
+        A push that could not be captured (a gap, saturation ...): raise CaptureError, or go on with the next.
+        Always raised: a limit of force or torque that was passed, a source or robot that fails, three failures of a
+        robot in a row, a signal (see `FailureReason.is_lasting`).
+    **settings
+        `pre_s`, `views`, `accept` and the limits of `LiveIdentifier`.
+
+    Yields
+    ------
+    Decision
+        Final, or an early one.
+
+    Raises
+    ------
+    CaptureError
+        See `on_failure`.
+    ValueError, TypeError, OSError, ImportError
+        From opening source or model, or where these do not fit each other.
+
+    Examples
+    --------
+    >>> import granular_id as gid
+    >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=8, duration_s=1)
+    >>> model = gid.Identifier.fit(data, "hfmh", estimate=False)
+    >>> for decision in gid.identify("sim:rice?seed=3&speed=20", model, n=1, pre_s=0.2):
+    ...     print(decision.label, decision.final)
+    rice True
+    """
+    if on_failure not in ("raise", "skip"):
+        raise ValueError(f"on_failure must be 'raise' or 'skip', got {on_failure!r}")
+    n = None if n is None else whole_number("n", n)
+    model = model if isinstance(model, Identifier) else Identifier.load(model)
+
+    def answers() -> Iterator[Decision]:
+        with opened(source) as stream, ExitStack() as stack:
+            setup = setup_of(stream.source, robot, trigger)
+            if isinstance(robot, str):  # else the robot is the caller's
+                stack.callback(setup.close)
+            for push in LiveIdentifier(stream, model, setup, early=early, **settings).pushes(n):
+                if push.decision is not None:
+                    yield push.decision
+                elif push.reason is not None and on_failure == "raise":
+                    raise CaptureError(push.reason, push.text)
+
+    return answers()
+
+
 def _rest_of(model: Identifier, pre_s: float | None) -> float:
     """Return the rest before the trigger: what the model was trained with."""
     rest_s = model.lead_s if pre_s is None else pre_s
     if rest_s is None:
         problem = (
             "must be given: the seconds of rest that each recording of the training begins with, which they do not "
-            f"state (recorded here, {_PRE_S:g}); or answer at each hop (HopIdentifier, hop_s)"
+            "state (recorded here, 0.25); or answer at each hop (HopIdentifier, hop_s)"
         )
         raise argument_error(ValueError, "pre_s", problem)
     if model.lead_s is not None and abs(rest_s - model.lead_s) > 0.5 / model.rate_hz:

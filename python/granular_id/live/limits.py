@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import argument_error, checked_flag, finite_number, positive_number, whole_number
+from granular_id._core import Block
 from granular_id._text import fixed
-from granular_id.live.rows import BlockLike, Rows
+from granular_id.live.rows import Rows
 from granular_id.live.source import SourceInfo
 from granular_id.recording import AXES
 
@@ -96,19 +97,13 @@ class Limits:
             if info.axes[columns] != axes:
                 problem = f"needs {' '.join(axes)}; {info.name} has {' '.join(info.axes)}: leave it out"
                 raise argument_error(ValueError, argument, problem)
-            ends = () if info.full_scale is None else info.full_scale[columns]
-            if ends and limit > min(ends):
-                axis = axes[ends.index(min(ends))]
-                problem = (
-                    f"is {limit:g} {unit}, but the sensor's {axis} ends at {min(ends):g}: give at most that"
-                )
-                raise argument_error(ValueError, argument, problem)
+            ends = info.full_scale[columns] if info.full_scale else (float("inf"),)
+            if limit > min(ends):
+                end = f"the sensor's {axes[ends.index(min(ends))]} ends at {min(ends):g}: give at most that"
+                raise argument_error(ValueError, argument, f"is {limit:g} {unit}, but {end}")
 
-    def beyond(self, rows: BlockLike | Rows, rest: NDArray[np.float64]) -> str:
-        """Return which is the first of these rows beyond a limit, and by how much; empty where none is.
-
-        `rest`, shape (6,), is the wrench at rest from which the change is measured.
-        """
+    def beyond(self, rows: Block | Rows, rest: NDArray[np.float64]) -> str:
+        """Return which is the first of these rows beyond a limit, and by how much; empty where none is."""
         first, text = len(rows), ""
         for argument, name, unit, columns in _PARTS:
             limit = getattr(self, argument)

@@ -179,11 +179,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def frame(snapshot: Snapshot, number: int) -> bytes:
-    """Encode a snapshot as a server-sent event.
-
-    Curves are shares of their scales, float32 in base64: decimal numbers would be four times as long and hold the
-    interpreter lock for milliseconds.
-    """
+    """Encode a snapshot as a server-sent event; curves are float32 in base64, as decimal numbers take milliseconds."""
     words, now = snapshot.words, snapshot.decision
     names = ("state", "score", "source", "spoken", "warnings", "figures")
     so_far = 0.0 if now is None else min(1.0, now.seconds / snapshot.capture_s)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from granular_id._text import fixed
 from granular_id.live.rows import timing_in_words
@@ -13,7 +13,7 @@ from granular_id.recording import Recording
 if TYPE_CHECKING:
     from granular_id.identifier import Decision
 
-__all__ = ["CaptureError", "FailureReason", "Push"]
+__all__ = ["CaptureError", "FailureReason", "Fault", "Push"]
 
 
 class FailureReason(Enum):
@@ -58,19 +58,15 @@ class FailureReason(Enum):
 
         It would fail as well: nobody delivers, nobody moves, the program is to end. Or the tool has met something.
         """
-        return self in _LASTING
+        why = FailureReason
+        return self in (why.SOURCE, why.ROBOT, why.LIMIT, why.NO_ROWS, why.NO_TRIGGER, why.INTERRUPTED)
 
 
-_LASTING = frozenset(
-    (
-        FailureReason.SOURCE,
-        FailureReason.ROBOT,
-        FailureReason.LIMIT,
-        FailureReason.NO_ROWS,
-        FailureReason.NO_TRIGGER,
-        FailureReason.INTERRUPTED,
-    )
-)
+class Fault(NamedTuple):
+    """Why a capture fails, and an arm is stopped."""
+
+    reason: FailureReason
+    text: str
 
 
 class CaptureError(RuntimeError):
@@ -136,24 +132,23 @@ class Push:
 
     def to_dict(self) -> dict[str, Any]:
         """Return all of it as plain JSON-like values."""
+        known = {"time_s": self.time_s, "timing": self.timing}
         return {
             "decision": None if self.decision is None else self.decision.to_dict(),
             "failure": None if self.reason is None else {"reason": self.reason.value, "text": self.text},
             "truth": self.truth,
-            **({} if self.time_s is None else {"time_s": self.time_s}),
-            **({} if self.timing is None else {"timing": self.timing}),
+            **{name: value for name, value in known.items() if value is not None},
         }
 
     def __str__(self) -> str:
         if self.decision is None:
             return f"no answer: {self.text}"
-        said = str(self.decision)
+        answer, right = str(self.decision), self.is_right
         if self.time_s is not None:
-            said = f"{fixed(self.time_s, 2)} s: {self.decision.sentence()}"
-        verdict = {True: "  right", False: f"  WRONG, it was {self.truth}", None: ""}[self.is_right]
-        if self.is_right and self.decision.unknown:
-            verdict += f", it was {self.truth}"
-        if self.is_right is not None and self.truth not in dict(self.decision.ranking):
-            verdict += ", which the model does not know"
+            answer = f"{fixed(self.time_s, 2)} s: {self.decision.sentence()}"
+        if right is not None:
+            answer += "  right" if right else "  WRONG"
+            answer += f", it was {self.truth}" * (not right or bool(self.decision.unknown))
+            answer += ", which the model does not know" * (self.truth not in dict(self.decision.ranking))
         timing = ", ".join(" ".join(pair) for pair in timing_in_words(self.timing))
-        return f"{said}{verdict}{'; ' * bool(timing)}{timing}"
+        return f"{answer}; {timing}" if timing else answer

@@ -30,13 +30,10 @@ _holders: dict[int, tuple[int, int]] = {}  # thread -> how many have asked for i
 
 @contextmanager
 def at_once(threads: Iterable[int] = (), *, all_of_python: bool = False) -> Iterator[bool]:
-    """Let the calling thread, and those with these native ids, run as soon as they have something to do.
-
-    They get SCHED_FIFO where it is granted (then this yields True), what they start does not; when the last one that
-    asked for it leaves, all is as before. Only for threads that mostly wait: nothing of usual priority runs on their
-    core meanwhile. `all_of_python`: the other threads of Python as well, below these: one that keeps the lock while
-    other programs run keeps everybody waiting.
-    """
+    """Give SCHED_FIFO to the calling thread and those with these native ids; yield whether it is granted."""
+    # Only for threads that mostly wait: nothing of usual priority runs on their core meanwhile. What they start does
+    # not get it. The other threads of Python get it, below these, as one that keeps the lock while other programs run
+    # keeps everybody waiting.
     own, raised = threading.get_native_id(), list[int]()
     others = [thread.native_id for thread in threading.enumerate()] if all_of_python else []
     levels = dict.fromkeys(others, _OTHERS) | dict.fromkeys(threads, _READING) | {own: _WATCHING}

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from typing_extensions import Self
 
 from granular_id._checks import freeze, thaw
-from granular_id._core import WrenchReader
+from granular_id._core import Block, WrenchReader
 from granular_id.live.capture import Capture, CaptureState
 from granular_id.live.clock import WAIT_S
 from granular_id.live.limits import Limits
 from granular_id.live.outcome import CaptureError, FailureReason
 from granular_id.live.priority import warn_if_refused
 from granular_id.live.robot import ManualRobot, Motion, Robot, checked_move
-from granular_id.live.rows import BlockLike, Rows
+from granular_id.live.rows import Rows
 from granular_id.live.stream import Stream
 from granular_id.live.supervisor import Mover, Supervisor
 from granular_id.live.trigger import ForceTrigger, MotionTrigger, Trigger
@@ -77,7 +77,7 @@ class Hand(Mover):
 class Step:
     """All rows that were read, none perhaps, and those of them that belong to the recording, shape (k, C)."""
 
-    block: BlockLike
+    block: Block
     rows: NDArray[np.float64]
 
 
@@ -181,7 +181,7 @@ class Attempt:
         self.motion: Motion | None = None  # once the robot has taken the command
         self._pushes, self._reader = pushes, reader
         self._stream, self._clock, self._arm = pushes.stream, pushes.clock, pushes.arm
-        self._newest: BlockLike | None = None
+        self._newest: Block | None = None
         self._begun_s: float | None = None  # device time of the newest row when the push was commanded
         self._moved = self._commanded = False  # commanded: its push; moved: the way back as well
         self._over = False  # left by nobody
@@ -197,7 +197,7 @@ class Attempt:
         capture, arm = self.capture, self._arm
         if self._pushes.back_first and self._hears():
             yield from self._go_back()
-        heard_ns, held = self._clock.now_ns(), list[BlockLike]()
+        heard_ns, held = self._clock.now_ns(), list[Block]()
         while not capture.state.is_over:
             self._clock.wait(self._reader, WAIT_S)
             # Of recordings no row of the next push may be read with this one, however fast they are played.
@@ -255,8 +255,7 @@ class Attempt:
     @property
     def truth(self) -> str | None:
         """The material, where the source knows it; a replay may have moved on meanwhile."""
-        begun_s = self.capture.trigger_time_s
-        return self._stream.truth if begun_s is None else self._stream.truth_at(begun_s)
+        return self._stream.truth_at(self.capture.trigger_time_s)
 
     def _end(self) -> None:
         """Say why and how the arm was stopped."""
@@ -277,7 +276,7 @@ class Attempt:
             first = capture.rows.wrench[capture.n_pre :][: round(_DIRECTION_S * capture.rate_hz)]
             self._pushes.force_direction = first[:, :3].mean(axis=0) - self._rest()[:3]
 
-    def _fed(self, block: BlockLike) -> Step:
+    def _fed(self, block: Block) -> Step:
         capture, pushes = self.capture, self._pushes
         rows = capture.feed(block, self._stream.lag_s())
         if self._arm.fault is not None:

@@ -14,8 +14,7 @@ from typing import Any, Literal, get_args
 from granular_id._checks import argument_error, finite_number, positive_number
 from granular_id._core import RDT_PORT, RdtReceiver, WrenchBuffer
 from granular_id.live.netft_page import KEPT, SYNTHETIC_FIELD, NetftPage, NetftPageError, read_page
-from granular_id.live.source import Health, SourceInfo
-from granular_id.live.source_url import SourceUrl
+from granular_id.live.source import Health, SourceInfo, SourceUrl
 
 __all__ = ["RdtSource", "open_url"]
 

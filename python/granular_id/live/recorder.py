@@ -40,8 +40,7 @@ class Recorder:
     """Records one push after another into ``folder/label/label_<time>_<k>.npz``, or into an archive.
 
     `granular_id.load` reads either. A push appears when it is written whole; what a killed process leaves is a hidden
-    file that nothing reads. Nothing is ever overwritten. Use it within `granular_id.live.stop_on_signals`, so that the
-    robot is also stopped on SIGTERM and SIGHUP.
+    file that nothing reads. Nothing is ever overwritten.
 
     Parameters
     ----------
@@ -68,8 +67,7 @@ class Recorder:
     pre_s : float, default 0.25
         Rest before the trigger that belongs to a recording.
     on_step : callable, optional
-        Called as ``on_step(step, capture)`` many times a second, for views. The robot is watched
-        however long it takes.
+        Called as ``on_step(step, capture)`` many times a second, for views. The robot is watched however long it takes.
     **limits
         What a push must be like, see `Limits`.
 
@@ -87,8 +85,7 @@ class Recorder:
     --------
     >>> import tempfile
     >>> import granular_id as gid
-    >>> from granular_id.live import Recorder
-    >>> from granular_id.live import opened
+    >>> from granular_id.live import Recorder, opened
     >>> with tempfile.TemporaryDirectory() as folder, opened("sim:rice?seed=1&speed=20") as stream:
     ...     recorder = Recorder(stream, stream.source.robot(), folder, session="Monday")
     ...     recorded = recorder.record("rice")
@@ -115,12 +112,10 @@ class Recorder:
         checked_stream(stream)
         robot = None if robot is None else checked_robot(robot)
         if trigger is not None and not callable(trigger):
-            raise argument_error(
-                TypeError,
-                "trigger",
-                "must make a new trigger for each recording, like ForceTrigger or lambda: "
-                f"ForceTrigger(1.0); got a {type(trigger).__name__}",
+            wanted = (
+                "must make a new trigger for each recording, like ForceTrigger or lambda: ForceTrigger(1.0)"
             )
+            raise argument_error(TypeError, "trigger", f"{wanted}; got a {type(trigger).__name__}")
         if trigger is None:
             trigger = MotionTrigger if starts_exactly(robot) else ForceTrigger
         self.session = checked_text(utc_stamp() if session is None else session, "session", spaced=False)
@@ -177,12 +172,11 @@ class Recorder:
             for step in push:
                 if self._on_step is not None:
                     self._on_step(step, push.capture)
-        push.capture.raise_failure()
-        self._n_recorded += 1
-        stem = f"{safe_name(label)}_{utc_stamp()}_{self._n_recorded}"
+        stem = f"{safe_name(label)}_{utc_stamp()}_{self._n_recorded + 1}"
         self.last = push.capture.recording(
             label, session=self.session, name=stem, meta=push.facts(push.truth)
         )
+        self._n_recorded += 1
         return Recorded(self.last, self._write(self.last, safe_name(label), stem))
 
     def resume(self) -> None:
@@ -207,9 +201,8 @@ def checked_label(label: str) -> str:
     checked_text(label, "label", spaced=False)
     n_bytes = len(label.encode())
     if n_bytes > MAX_NAME_BYTES:
-        raise argument_error(
-            ValueError, "label", f"must have at most {MAX_NAME_BYTES} bytes, as in models, got {n_bytes}"
-        )
+        problem = f"must have at most {MAX_NAME_BYTES} bytes, as in models, got {n_bytes}"
+        raise argument_error(ValueError, "label", problem)
     return label
 
 

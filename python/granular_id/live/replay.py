@@ -11,8 +11,7 @@ from granular_id._checks import finite_number
 from granular_id._core import WrenchBuffer
 from granular_id._text import counted
 from granular_id.io import load
-from granular_id.live.source import Pace, SourceInfo, ThreadedSource
-from granular_id.live.source_url import SourceUrl
+from granular_id.live.source import Pace, SourceInfo, SourceUrl, ThreadedSource
 from granular_id.live.trigger import ForceTrigger, TimeTrigger, Trigger
 from granular_id.recording import AXES, Dataset, common_units, setups_in, values_in
 
@@ -119,15 +118,9 @@ class ReplaySource(ThreadedSource):
 
 
 def open_url(url: SourceUrl) -> ReplaySource:
-    """Make the source of ``replay:PATH``.
-
-    Options: ``speed``, ``pause_s``, and ``axes``, ``units`` and ``rate_hz`` of `granular_id.load`.
-    """
+    """Make the source of ``replay:PATH``; ``axes``, ``units`` and ``rate_hz`` are those of `granular_id.load`."""
     url.allow("speed", "pause_s", "axes", "units", "rate_hz")
-    speed, pause_s, rate_hz = (
-        url.number("speed", 1.0),
-        url.number("pause_s", 1.0),
-        url.number("rate_hz", None),
-    )
+    speed, pause_s = url.number("speed", 1.0), url.number("pause_s", 1.0)
+    rate_hz = url.number("rate_hz", None)
     data = load(url.path, axes=url.words("axes"), units=url.words("units"), rate_hz=rate_hz)
     return ReplaySource(data, speed=speed, pause_s=pause_s)

@@ -7,7 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Protocol, TextIO, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from granular_id._checks import argument_error, finite_number, positive_number
 from granular_id._core import host_ns
@@ -27,7 +27,7 @@ __all__ = [
 MAX_SPEED_M_S = 1.0
 """Thirty times the paper's: what is faster is a speed in mm/s or cm/s, and would move an arm before anybody notices."""
 
-_POLL_S = 0.02
+_COUNTDOWN_S = 3.0
 
 
 @runtime_checkable
@@ -70,8 +70,8 @@ class Robot(Protocol):
         called by itself.
 
     Everything but `stop` is called from a thread of the motion, one call after another, which no other thread waits
-    for. Use a robot within `granular_id.live.stop_on_signals`: without it, SIGTERM (``kill``) and SIGHUP (a closed
-    terminal) end the program before `stop` is called.
+    for. Use a robot, and all that moves one, within `granular_id.live.stop_on_signals`: without it, SIGTERM (``kill``)
+    and SIGHUP (a closed terminal) end the program before `stop` is called.
     """
 
     def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> Motion:
@@ -123,25 +123,18 @@ def checked_move(
     parts = [finite_number("direction", part) for part in direction]
     length = math.hypot(*parts)
     if len(parts) != 3 or length == 0:
-        raise argument_error(
-            ValueError, "direction", f"must hold three numbers, not all 0, got {tuple(parts)!r:.60}"
-        )
+        problem = f"must hold three numbers, not all 0, got {tuple(parts)!r:.60}"
+        raise argument_error(ValueError, "direction", problem)
     speed_m_s, duration_s = positive_number("speed_m_s", speed_m_s), positive_number("duration_s", duration_s)
     if speed_m_s > MAX_SPEED_M_S:
-        raise argument_error(
-            ValueError,
-            "speed_m_s",
-            f"must be at most {MAX_SPEED_M_S:g}, got {speed_m_s:g}: metres per second, not millimetres",
-        )
+        problem = f"must be at most {MAX_SPEED_M_S:g}, got {speed_m_s:g}: metres per second, not millimetres"
+        raise argument_error(ValueError, "speed_m_s", problem)
     x, y, z = (part / length for part in parts)
     return (x, y, z), speed_m_s, duration_s
 
 
 class TimedMotion:
-    """A motion of which only the commanded start, by the host's clock, and the duration are known.
-
-    A robot's `stop` ends it by `cancel`.
-    """
+    """A motion of which only the commanded start, by the host's clock, and the duration are known."""
 
     start_time_s: float | None = None
 
@@ -169,30 +162,20 @@ class TimedMotion:
 class ManualRobot:
     """A person who pushes the tool, told when.
 
-    The motion is taken to begin at the end of the countdown. People are some tenths of a second off, so the
-    recorder waits for the force instead, unless another trigger is asked for.
-
-    Parameters
-    ----------
-    countdown_s : float, default 3
-        From the command to "push"; a line is printed for each second.
-    console : text file, optional
-        Where to print; default: standard error.
+    A line on standard error counts each second down, and the motion is taken to begin after the last. People are some
+    tenths of a second off, so the recorder waits for the force instead, unless another trigger is asked for.
     """
 
-    def __init__(self, countdown_s: float = 3.0, console: TextIO | None = None) -> None:
-        self._countdown_s = finite_number("countdown_s", countdown_s, least=0)
-        self._console = console
+    def __init__(self) -> None:
         self._motion: TimedMotion | None = None
         self._stopped = threading.Event()
 
     def move_line(self, direction: Sequence[float], speed_m_s: float, duration_s: float) -> TimedMotion:
         """Count down; says how fast, and for how long."""
         _, speed_m_s, duration_s = checked_move(direction, speed_m_s, duration_s)
-        start_ns = host_ns() + round(1e9 * self._countdown_s)
-        self._motion = TimedMotion(
-            start_ns, duration_s, {"robot": "manual", "countdown_s": self._countdown_s}
-        )
+        start_ns = host_ns() + round(1e9 * _COUNTDOWN_S)
+        report = {"robot": "manual", "countdown_s": _COUNTDOWN_S}
+        self._motion = TimedMotion(start_ns, duration_s, report)
         self._stopped.set()  # whoever pushed early needs no second "push"
         self._stopped = threading.Event()
         words = f"push: {speed_m_s * 1e3:g} mm/s for {duration_s:.1f} s"
@@ -207,20 +190,15 @@ class ManualRobot:
             self._say("stop")
 
     def _count_down(self, start_ns: int, words: str, stopped: threading.Event) -> None:
-        said = None
-        while (left_s := 1e-9 * (start_ns - host_ns())) > 0:
-            second = int(left_s) + 1
-            if second != said:
-                self._say(f"{second} ...")
-                said = second
-            if stopped.wait(min(left_s, _POLL_S)):
+        for left in range(math.ceil(_COUNTDOWN_S), 0, -1):
+            self._say(f"{left} ...")
+            if stopped.wait(max(0.0, 1e-9 * (start_ns - host_ns()) - left + 1)):
                 return
-        if not stopped.is_set():
-            self._say(words)
+        self._say(words)
 
     def _say(self, line: str) -> None:
         with suppress(OSError):  # stop() ends the motion also where the terminal is gone
-            print(line, file=sys.stderr if self._console is None else self._console, flush=True)
+            print(line, file=sys.stderr, flush=True)
 
 
 class CallbackMotion(TimedMotion):

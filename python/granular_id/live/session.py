@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._checks import whole_number
 from granular_id._text import counted
 from granular_id.features import FeatureSpec
 from granular_id.identifier import Identifier, StreamingIdentifier, setup_comparison
@@ -74,19 +75,39 @@ class Session(ABC):
             hop_s=hop_s,
         )
 
-    @abstractmethod
     def pushes(self, n: int | None = None) -> Iterator[Push]:
+        """Name the material of one push after another, or at one hop after another.
+
+        Parameters
+        ----------
+        n : int, optional
+            Number of answers; default: on and on, until the source comes to its end, however long nobody pushes.
+
+        Yields
+        ------
+        Push
+            Those that could not be captured too, at hops those of another rate. Answers at hops have their
+            `Push.time_s`.
+
+        Raises
+        ------
+        CaptureError
+            A failure after which no push may follow by itself: a limit of force or torque was passed; the robot
+            refused, failed or could not be stopped; three of its pushes in a row failed; nobody delivers or, with `n`,
+            moves; a signal ended it (see `granular_id.live.stop_on_signals`); the end of a source before `n` answers.
+        TypeError, ValueError
+            `n` is no whole number of at least 1.
+        """
+        return self._answers(None if n is None else whole_number("n", n))
+
+    @abstractmethod
+    def _answers(self, n: int | None) -> Iterator[Push]:
         """Yield one answer after another."""
 
     @property
     @abstractmethod
     def why_none(self) -> str:
         """Why there was no answer, where the source came to its end without one."""
-
-    @property
-    def lost(self) -> str:
-        """What the summary adds about rows that were lost."""
-        return ""
 
     def summary(self) -> str:
         """Sum up all pushes so far in one line: how many answers, how many right where the truth is known."""
@@ -95,8 +116,7 @@ class Session(ABC):
         right = f", {self.n_right} right ({100 * self.n_right / n:.0f} %)" if self.knows_truth and n else ""
         refused = f"; {self.n_unknown} like no known material" if self.n_unknown else ""
         failures = f"; {failed} could not be captured" if failed else ""
-        lost = f"; {self.lost}" if self.lost else ""
-        return f"{synthetic}{counted(n, 'answer')}{right}{refused}{failures}{lost}"
+        return f"{synthetic}{counted(n, 'answer')}{right}{refused}{failures}"
 
     def _compare(self, facts: dict[str, Any], rest_s: float | None) -> int:
         """Hold the set-up against that of the training; return how many samples at rest give the zero of each push."""
@@ -163,16 +183,12 @@ def _refuse_other_stream(model: Identifier, stream: Stream) -> None:
 
 
 def _tare(model: Identifier, stream: Sequence[Setup], rest_s: float | None) -> tuple[int, list[Setup]]:
-    """Return how many samples at rest give the zero of each push, 0 for none, and the set-ups with that zero.
-
-    Pushes are tared where the recordings of the training were, unless those of the stream are already. As many
-    samples are taken as there; where the model does not tell, all the rest there is, as `Dataset.tare` does.
-    `rest_s` comes before the motion; None: there is no motion to come, and nothing to take for zero.
-    """
+    """Return how many samples at rest give the zero of each push, 0 for none, and the set-ups with that zero."""
+    # As many as in the training; where the model does not tell, all the rest there is, as `Dataset.tare` does.
     trained = model.trained
     if list(trained.get("setup", {}).get("tare", ())) != [_REST] or all(one.tare == _REST for one in stream):
         return 0, list(stream)
-    if rest_s is None:
+    if rest_s is None:  # there is no motion to come, and nothing to take for zero
         return 0, [replace(one, tare=one.tare or "none") for one in stream]
     steps = [step["parameters"] for step in trained.get("history", ()) if step["step"] == "tare"]
     stated = steps[-1].get("lead_s") if steps else None

@@ -13,13 +13,7 @@ from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger,
 
 __all__ = ["ROBOTS", "TRIGGERS", "Setup", "setup_of", "starts_exactly"]
 
-ROBOTS = ("auto", "none", "manual", "source")
-"""Robots by name; a real one moves only where "source" asks for it."""
-
-TRIGGERS = ("auto", "motion", "force", "manual")
-"""Triggers by name."""
-
-
+ROBOTS, TRIGGERS = ("auto", "none", "manual", "source"), ("auto", "motion", "force", "manual")
 _CLOSE_S = 2.0
 
 
@@ -74,8 +68,7 @@ def setup_of(
 
     Examples
     --------
-    >>> from granular_id.live import SimSource
-    >>> from granular_id.live import setup_of
+    >>> from granular_id.live import SimSource, setup_of
     >>> setup_of(SimSource("rice", seed=1)).trigger().name
     'motion'
     >>> setup_of(SimSource("rice", seed=1), robot=None).trigger().name
@@ -125,7 +118,5 @@ def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
         return checked_robot(robot)
     if ":" in robot:
         return open_robot(robot)
-    known = ", ".join(ROBOTS)
-    raise argument_error(
-        ValueError, "robot", f"must be one of {known}, the URL of a robot or a Robot, got {robot!r}"
-    )
+    wanted = f"must be one of {', '.join(ROBOTS)}, the URL of a robot or a Robot, got {robot!r}"
+    raise argument_error(ValueError, "robot", wanted)

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from granular_id._checks import sampling_rate, whole_number
 from granular_id._core import WrenchBuffer
 from granular_id.live.robot import checked_move
-from granular_id.live.source import Pace, SourceInfo, ThreadedSource
-from granular_id.live.source_url import SourceUrl
+from granular_id.live.source import Pace, SourceInfo, SourceUrl, ThreadedSource
 from granular_id.recording import SampleFlag
 from granular_id.synthetic import (
     FRAME,
@@ -62,19 +61,10 @@ class PlannedPush:
 
 
 class SimWorld:
-    """Materials under a tool, sample by sample.
-
-    At rest the sensor reads its zero point and noise. A push plays `simulate_push`, under conditions drawn anew, from
-    the command to its end: so the samples of push number k follow from the seed alone, whenever it was commanded.
-    Mounting, calibration and fill are drawn once, from the seed. `unknown` draws the material of each push.
-    """
+    """Materials under a tool, sample by sample: those of push k follow from the seed alone, whenever it begins."""
 
     def __init__(
-        self,
-        materials: Sequence[Material],
-        rate_hz: float,
-        seed: int,
-        unknown: bool = False,
+        self, materials: Sequence[Material], rate_hz: float, seed: int, unknown: bool = False
     ) -> None:
         self.rate_hz, self.sensor = rate_hz, Sensor()
         self._materials, self._unknown = tuple(materials), unknown
@@ -228,15 +218,12 @@ class SimSource(ThreadedSource):
 
     def deliver(self, buffer: WrenchBuffer, stopping: threading.Event) -> None:
         """Write samples as they fall due."""
-        pace = self._pace = Pace(self.info)
+        pace, world = Pace(self.info), self.world
+        self._pace = pace
         while not stopping.wait(pace.period_s):
-            self._write(buffer, pace.due(self.world.tick))
-
-    def _write(self, buffer: WrenchBuffer, n: int) -> None:
-        """Write the next `n` samples at most."""
-        ticks = np.arange(self.world.tick, self.world.tick + n)
-        wrench, flags = self.world.advance(n)
-        buffer.push_block(wrench, self.device_time_s(ticks), flags=flags)
+            ticks = world.tick + np.arange(pace.due(world.tick))
+            wrench, flags = world.advance(len(ticks))
+            buffer.push_block(wrench, self.device_time_s(ticks), flags=flags)
 
 
 class SimMotion:
@@ -301,10 +288,7 @@ class SimRobot:
 
 
 def open_url(url: SourceUrl) -> SimSource:
-    """Make the source of ``sim:MATERIAL``, ``sim:MATERIAL,MATERIAL`` or ``sim:unknown``.
-
-    Options: ``speed``, ``seed``, ``rate_hz``.
-    """
+    """Make the source of ``sim:MATERIAL``, ``sim:MATERIAL,MATERIAL`` or ``sim:unknown``."""
     url.allow("speed", "seed", "rate_hz")
     names = [name.strip() for name in url.path.split(",")]
     return SimSource(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from granular_id._core import AXES, UNITS, StreamingExtractor
+from granular_id._core import AXES, UNITS, Block, StreamingExtractor
 from granular_id._text import counted, fixed
 from granular_id.features import FeatureSpec
 from granular_id.live.rows import timing_in_words
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from granular_id.identifier import Decision
     from granular_id.live.outcome import Push
-    from granular_id.live.rows import BlockLike
 
 __all__ = [
     "GIVEN",
@@ -268,12 +267,7 @@ def _sentences(decision: Decision | None, others: Sequence[str] = ()) -> list[st
 
 
 class SnapshotBuilder:
-    """Turns the rows of a stream into snapshots, at the cost of a filter per block.
-
-    `rows` takes every block as it is read, `captured` the rows of a capture after `begin_capture`, and `end_capture`
-    what came of it. Without a `spec` the high-pass is the paper's, at most a quarter of the rate. `session` are the
-    fields of `Snapshot` that do not change.
-    """
+    """Turns the rows of a stream into snapshots; `session` are the fields of `Snapshot` that do not change."""
 
     def __init__(
         self, rate_hz: float, spec: FeatureSpec | None, classes: Sequence[str], **session: Any
@@ -305,7 +299,7 @@ class SnapshotBuilder:
         self._append(self._nothing)
         self._epoch: int | None = None
 
-    def rows(self, block: BlockLike) -> None:
+    def rows(self, block: Block) -> None:
         """Take the next block; a gap interrupts the traces and the high-pass, a new epoch clears them."""
         self._now = replace(self._now, n_missed=self._now.n_missed + int(block.missed))
         if not len(block.wrench):

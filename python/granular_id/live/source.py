@@ -9,18 +9,18 @@ from __future__ import annotations
 import logging
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, fields
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, Protocol, runtime_checkable
+from urllib.parse import parse_qsl, unquote, urlsplit
 
 from granular_id._checks import argument_error, checked_text, freeze, items_of, positive_number, thaw
 from granular_id._core import AXES, UNITS, WrenchBuffer, host_ns
 from granular_id.live.robot import Robot
-from granular_id.live.source_url import SourceUrl
 
-__all__ = ["Health", "SourceInfo", "ThreadedSource", "WrenchSource", "open_robot", "open_source"]
+__all__ = ["Health", "SourceInfo", "SourceUrl", "ThreadedSource", "WrenchSource", "open_robot", "open_source"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -253,10 +253,7 @@ class ThreadedSource(ABC):
 
 
 class Pace:
-    """Which samples of a source without a sensor are due, a tenth of a second of them at most at a time.
-
-    At speed 1 what is late is made up for. At another speed, which a computer may not reach, the clock waits instead.
-    """
+    """Which samples of a source without a sensor are due; at a speed that is not reached, its clock waits."""
 
     def __init__(self, info: SourceInfo) -> None:
         self.start_ns = host_ns()
@@ -271,6 +268,97 @@ class Pace:
         if late > self._most and self._may_wait:
             self.start_ns += round(1e9 * (late - self._most) / self.rows_per_s)
         return max(0, min(int(late), self._most))
+
+
+@dataclass(frozen=True)
+class SourceUrl:
+    """A URL taken apart: ``scheme://host:port/path?options`` or ``scheme:path?options``.
+
+    Values of options are not checked here but by what takes them. `open_source` and `open_robot` put the URL before
+    each ValueError.
+
+    Attributes
+    ----------
+    text : str
+        As it was given.
+    scheme, host, path : str
+        Decoded. The host is empty in the second form; in the first the path begins with a slash or is empty.
+    port : int or None
+    options : mapping
+        Text where it stands in the URL, any value where it was given by keyword.
+    """
+
+    text: str
+    scheme: str
+    host: str
+    port: int | None
+    path: str
+    options: Mapping[str, object]
+
+    @classmethod
+    def parse(cls, url: object, options: Mapping[str, object]) -> SourceUrl:
+        """Take a URL apart, or say what cannot be read, is missing or stands there twice.
+
+        Examples
+        --------
+        >>> from granular_id.live import SourceUrl
+        >>> SourceUrl.parse("rdt://10.0.0.7:49153?variant=axia", {}).port
+        49153
+        """
+        if not isinstance(url, str):
+            raise TypeError(f"url must be a str like 'sim:rice', got {type(url).__name__}")
+        try:
+            split = urlsplit(url, allow_fragments=False)
+            port = split.port
+            pairs = parse_qsl(split.query, keep_blank_values=True, strict_parsing=True) if split.query else []
+        except ValueError as error:
+            wanted = "wanted scheme://HOST:PORT/PATH?name=value&name=value, or scheme:PATH?..."
+            raise ValueError(f"url {url!r} cannot be read: {error}; {wanted}") from error
+        if not split.scheme or not url.partition(":")[2]:
+            raise ValueError(
+                f"url {url!r} names no source; wanted one like 'sim:rice' or 'rdt://192.168.1.1'"
+            )
+        merged = dict(options)
+        for name, value in pairs:
+            if name in merged:
+                raise ValueError(f"option {name!r} of url {url!r} is given twice")
+            merged[name] = value
+        host = split.netloc if port is None else split.netloc.rpartition(":")[0]
+        return cls(url, split.scheme, host.strip("[]"), port, unquote(split.path), merged)
+
+    def allow(self, *names: str) -> None:
+        """Refuse every option but these; the error names them."""
+        for name in self.options:
+            if name not in names:
+                known = ", ".join(sorted(names)) or "none"
+                raise ValueError(f"there is no option {name!r}; known: {known}")
+
+    def need_host(self) -> str:
+        """Return the host, or say that there is none."""
+        if not self.host:
+            raise ValueError(f"there is no host; wanted {self.scheme}://HOST")
+        return self.host
+
+    def number(self, name: str, default: Any) -> Any:
+        """Return an option, as a float where it is text; `default` where it is not given."""
+        return self._value(name, default, float, "a number")
+
+    def whole(self, name: str, default: Any) -> Any:
+        """Return an option, as an int where it is text; `default` where it is not given."""
+        return self._value(name, default, int, "a whole number")
+
+    def words(self, name: str) -> Any:
+        """Return an option that is a list, in a URL divided by commas; None where it is not given."""
+        return self._value(name, None, lambda text: tuple(part.strip() for part in text.split(",")), "texts")
+
+    def _value(self, name: str, default: Any, kind: Callable[[str], Any], wanted: str) -> Any:
+        value = self.options.get(name, default)
+        if not isinstance(value, str):
+            return value  # whoever takes it checks it, as without a URL
+        try:
+            return kind(value)
+        except ValueError:
+            raise ValueError(f"option {name}={value!r}; wanted {wanted}") from None
 
 
 def open_source(url: str, **options: object) -> WrenchSource:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 
 from granular_id._checks import argument_error, positive_number
 from granular_id._core import WrenchBuffer
 from granular_id._text import counted, verb
 from granular_id.live.clock import CLOCK, WAIT_S, Clock
-from granular_id.live.outcome import FailureReason
+from granular_id.live.outcome import FailureReason, Fault
 from granular_id.live.source import Health, SourceInfo, WrenchSource, open_source
 
 __all__ = ["Stream", "checked_stream", "left_out", "opened"]
@@ -22,13 +23,7 @@ _MOST_S = 600.0
 
 
 class Stream:
-    """A started source and the buffer it writes into; made by `opened`.
-
-    Attributes
-    ----------
-    source : WrenchSource
-    buffer : WrenchBuffer
-    """
+    """A started source and the buffer it writes into; made by `opened`."""
 
     def __init__(self, source: WrenchSource, buffer: WrenchBuffer, clock: Clock = CLOCK) -> None:
         self.source, self.buffer, self.clock = source, buffer, clock
@@ -42,19 +37,13 @@ class Stream:
     @property
     def replays(self) -> bool:
         """Whether its rows are of recordings: those that came in before a push is asked for count, too."""
-        replays: bool = getattr(self.source, "replays", False)
-        return replays
+        return bool(getattr(self.source, "replays", False))
 
-    @property
-    def truth(self) -> str | None:
-        """Material of the latest push, where the source knows it: simulations, and recordings played again."""
-        truth: str | None = getattr(self.source, "truth", None)
-        return truth
-
-    def truth_at(self, time_s: float) -> str | None:
-        """Material of the row of that device time, where the source knows it; else as `truth`."""
+    def truth_at(self, time_s: float | None) -> str | None:
+        """Material of the row of that device time, or else of the latest push, where the source knows it."""
         known: Callable[[float], str | None] | None = getattr(self.source, "truth_at", None)
-        return self.truth if known is None else known(time_s)
+        latest: str | None = getattr(self.source, "truth", None)
+        return latest if known is None or time_s is None else known(time_s)
 
     @property
     def pause_s(self) -> float:
@@ -65,20 +54,18 @@ class Stream:
     def health(self) -> Health:
         """How the source is, with the counts of the buffer beside its own."""
         health = self.source.health()
-        return Health(
-            health.running, health.error, health.finished, {**self.buffer.stats(), **health.counters}
-        )
+        return replace(health, counters={**self.buffer.stats(), **health.counters})
 
-    def fault(self, quiet_s: float, most_s: float) -> tuple[FailureReason, str] | None:
+    def fault(self, quiet_s: float, most_s: float) -> Fault | None:
         """Return why no more rows will come, `quiet_s` after the last one; silence may last `most_s` and a pause."""
         health, silent_s = self.health(), most_s + self.pause_s
         if health.error is not None:
-            return FailureReason.SOURCE, f"the source died: {health.error}"
+            return Fault(FailureReason.SOURCE, f"the source died: {health.error}")
         if health.finished and quiet_s > 2 * WAIT_S:  # so that what it wrote last was read
-            return FailureReason.SOURCE, "the source came to its end"
+            return Fault(FailureReason.SOURCE, "the source came to its end")
         if quiet_s > silent_s:
             text = f"{self.info.name} delivered nothing for {silent_s:g} s{left_out(health.counters)}"
-            return FailureReason.NO_ROWS, text
+            return Fault(FailureReason.NO_ROWS, text)
         return None
 
     @property
@@ -93,7 +80,7 @@ class Stream:
 
 @contextmanager
 def opened(
-    source: str | WrenchSource, seconds: float = 30.0, *, reorder_depth: int = 0, first_row_s: float = 5.0
+    source: str | WrenchSource, seconds: float = 30.0, *, first_row_s: float = 5.0
 ) -> Iterator[Stream]:
     """Start a source for the length of a block.
 
@@ -104,8 +91,6 @@ def opened(
     seconds : float, default 30
         Length of the buffer, by the host's clock: so far back can a reader fall. At most 600 s of device time where
         that runs faster.
-    reorder_depth : int, default 0
-        See `WrenchBuffer`.
     first_row_s : float, default 5
         How long the first row may take.
 
@@ -143,7 +128,6 @@ def opened(
             min(seconds * info.speed, max(seconds, _MOST_S)),
             rate_hz=info.rate_hz,
             tick_hz=info.tick_hz,
-            reorder_depth=reorder_depth,
             n_axes=len(info.axes),
         )
         first = buffer.reader(from_oldest=True)

@@ -11,20 +11,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._core import WrenchReader
+from granular_id._core import Block, WrenchReader
 from granular_id._text import counted
 from granular_id.live import signals
-from granular_id.live.capture import missing
+from granular_id.live.capture import RESTART, missing, overrun
 from granular_id.live.clock import WAIT_S
 from granular_id.live.limits import Limits
-from granular_id.live.outcome import CaptureError, FailureReason
+from granular_id.live.outcome import CaptureError, FailureReason, Fault
 from granular_id.live.priority import reading_threads
 from granular_id.live.robot import Motion, Robot, checked_motion, checked_move, goes_back
-from granular_id.live.rows import BlockLike
+from granular_id.live.rows import BAD
 from granular_id.live.stream import Stream
-from granular_id.recording import SampleFlag
 
-__all__ = ["Fault", "Mover", "Supervisor"]
+__all__ = ["Mover", "Supervisor"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -60,15 +59,6 @@ _START_M = 0.005
 """So far from the start of the first push may another begin: arms, and people who guide them, are not exact."""
 
 _GOES_ON = "the robot's last motion still goes on: nothing else moves it before it stands"
-
-_UNSEEN = np.uint8(SampleFlag.SATURATED | SampleFlag.BAD_STATUS)
-
-
-class Fault(NamedTuple):
-    """Why an arm is stopped."""
-
-    reason: FailureReason
-    text: str
 
 
 @dataclass(frozen=True)
@@ -258,9 +248,9 @@ class Supervisor(Mover):
             self._check_others()  # again: another thread may have begun meanwhile
             if self.interrupted:  # since it was looked at; from here on a signal stops this motion
                 watch.stop(FailureReason.INTERRUPTED, "ended by a signal")
-            self.clock.call(watch.call_stop, watch.must_stop, besides)
-            self.clock.repeat(watch.look, watch.reader, urgent)
-            self.clock.repeat(watch.ask, None, besides)
+            self.clock.start(watch.call_stop, watch.must_stop, besides)
+            self.clock.start(watch.look, watch.reader, urgent)
+            self.clock.start(watch.ask, None, besides)
         except BaseException:  # Ctrl-C, also while the last thread runs already
             watch.give_up()
             raise
@@ -377,7 +367,7 @@ class Watch:
             self.must_stop.set()  # where Ctrl-C came before stop() did so
             if self._n_calls < _MOST_CALLS:
                 try:
-                    self._clock.call(self.call_stop, self.must_stop, None)
+                    self._clock.start(self.call_stop, self.must_stop, None)
                 except (RuntimeError, MemoryError):  # at its end the interpreter starts no thread any more
                     self.call_stop()
 
@@ -503,16 +493,16 @@ class Watch:
             self._still, self._has_slid = (seen.at_ns, seen.place), True
         return self._has_slid and seen.at_ns - self._still[0] > 1e9 * _STILL_S
 
-    def _wrong(self, block: BlockLike, now_ns: int) -> Fault | None:
+    def _wrong(self, block: Block, now_ns: int) -> Fault | None:
         return self._hidden(block) or self._wrong_rows(block, now_ns) or self._wrong_motion(now_ns)
 
-    def _hidden(self, block: BlockLike) -> Fault | None:
+    def _hidden(self, block: Block) -> Fault | None:
         """Hold rows against the limits, and those that hide them: an overload must not look like silence."""
         if not self._limits.watched:
             return None
         if beyond := self._limits.beyond(block, self._rest):
             return Fault(FailureReason.LIMIT, beyond)
-        if (block.flags & _UNSEEN).any():
+        if (block.flags & BAD).any():
             return Fault(
                 FailureReason.LIMIT, "a row that the sensor marks as saturated or wrong hides the limits"
             )
@@ -523,16 +513,14 @@ class Watch:
             )
         return None
 
-    def _wrong_rows(self, block: BlockLike, now_ns: int) -> Fault | None:
+    def _wrong_rows(self, block: Block, now_ns: int) -> Fault | None:
         info = self._stream.info
         if not len(block):
             return self._wrong_source(now_ns)
         if block.missed:
-            return Fault(
-                FailureReason.OVERFLOW, f"{block.missed} rows were overwritten before they were read"
-            )
+            return overrun(block)
         if self._epoch not in (None, block.epoch):
-            return Fault(FailureReason.RESTART, "the sensor's time began anew while the robot moved")
+            return RESTART
         first = 1 if self._row is None else 0  # what is missing before the first row is nobody's loss
         most = max(np.asarray(block.missing_before)[first:], default=0)
         if most > self._limits.max_gap:
@@ -551,8 +539,7 @@ class Watch:
         info = self._stream.info
         least_s = _SILENT_SIMULATED_S if info.synthetic else _SILENT_S
         quiet_s = 1e-9 * (now_ns - max(self._heard_ns, self._begun_ns))
-        fault = self._stream.fault(quiet_s, max(least_s, _SILENT_ROWS / (info.rate_hz * info.speed)))
-        return fault and Fault(*fault)
+        return self._stream.fault(quiet_s, max(least_s, _SILENT_ROWS / (info.rate_hz * info.speed)))
 
     def _wrong_motion(self, now_ns: int) -> Fault | None:
         seen, path, motion = self._seen, self._arm.path, self.motion

@@ -22,10 +22,10 @@ _CREEP = 0.2
 
 
 class Trigger(Protocol):
-    """Finds the first row of what is to be recorded.
+    """Finds the first row of what is to be recorded; each row is shown once, in order.
 
-    Each row is shown once, in order. A trigger may only look at the rows themselves, never at how they are cut
-    into pieces: the same stream then gives the same recording however it is read.
+    It may only look at the rows themselves, never at how they are cut into pieces: the same stream then gives the
+    same recording however it is read.
     """
 
     name: str
@@ -35,13 +35,10 @@ class Trigger(Protocol):
         return None
 
     def index(self, rows: Rows) -> int | None:
-        """Return which of these rows is the first one of the motion; None: none of them yet.
-
-        Also called before `arm`, while too few rows at rest are there: what fires then fails the push.
-        """
+        """Return which of these rows is the first of the motion; what fires before `arm` fails the push."""
 
     def refuse(self, _row: Rows, /) -> str | None:
-        """Return why the row that `index` found begins no push; the rest then begins anew. None: it does."""
+        """Return why the row that `index` found begins no push; the rest then begins anew."""
         return None
 
 
@@ -60,9 +57,9 @@ class ManualTrigger(Trigger):
     def __init__(self) -> None:
         self._fired_ns: int | None = None
 
-    def fire(self, at_ns: int | None = None) -> None:
-        """Begin with the first row that comes in at `at_ns` of the host's monotonic clock, or now."""
-        self._fired_ns = host_ns() if at_ns is None else int(at_ns)
+    def fire(self) -> None:
+        """Begin with the first row that comes in from now on."""
+        self._fired_ns = host_ns()
 
     def index(self, rows: Rows) -> int | None:
         """Find the first row that was due at or after that moment."""
@@ -80,8 +77,6 @@ class TimeTrigger(Trigger):
 
     def index(self, rows: Rows) -> int | None:
         """Find the first row at or after the first moment that no row shown before has passed."""
-        if not len(rows):
-            return None
         seen_s = rows.time_s[0] - 2 * _SLACK_S if self._seen_s is None else self._seen_s
         self._seen_s = float(rows.time_s[-1])
         ahead = self._times_s[np.searchsorted(self._times_s, seen_s + _SLACK_S, side="right") :]

@@ -99,7 +99,7 @@ def trigger_of(line, row, kind):
         return TimeTrigger([line.time_s[0] - 1, line.time_s[row] - 1e-4, line.time_s[row] + 0.1])
     if kind == "manual":
         trigger = ManualTrigger()
-        trigger.fire(int(line.host_ns[row]))
+        trigger._fired_ns = int(line.host_ns[row])
         return trigger
     if kind == "force":
         return ForceTrigger(0.5)
@@ -339,7 +339,7 @@ def test_lag_that_lasts_fails_rows_without_a_time(lags, info, fails):
 
 def test_jitter_and_lateness_are_those_of_the_delays():
     line, trigger = Line(100), ManualTrigger()
-    trigger.fire(0)
+    trigger._fired_ns = 0
     delays_s = np.random.default_rng(0).uniform(0, 0.004, 100)
     line.host_ns = (1e9 * (5 + 1.00005 * line.time_s + delays_s)).astype(np.uint64)  # a clock that drifts
     taker = capture(trigger, n_samples=100, pre_s=0)

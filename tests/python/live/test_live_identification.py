@@ -158,6 +158,16 @@ def test_limit_ends_the_session_until_resume():
     assert world.arm.times("push") == 2
 
 
+def test_limit_passed_by_hand_wins_over_an_early_answer(monkeypatch):
+    world = World()
+    world.sensor.force = lambda s: 1.0 if s < 0.5 else 9.0
+    live = LiveIdentifier(world.stream, MODEL, Setup(None, ForceTrigger), early=True, max_force_n=5.0)
+    decide = live._answer.decision
+    monkeypatch.setattr(live._answer, "decision", lambda: replace(decide(), sure=True))
+    push = live.push()
+    assert (push.decision, push.reason) == (None, FailureReason.LIMIT)
+
+
 def test_model_of_simulations_is_told_of_on_a_real_sensor():
     shown, world = Shown(), bench(RICE, synthetic=False)
     named(world, views=shown).push()
@@ -206,6 +216,20 @@ def fitted(axes, **known):
 def test_identify_refused_argument_is_named(options, words):
     with pytest.raises((TypeError, ValueError), match=words):
         next(gid.identify(ReplaySource(PUSHES), MODEL, **options))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: gid.identify(ReplaySource(PUSHES), MODEL, n=0),
+        lambda: gid.identify(ReplaySource(PUSHES), MODEL, on_failure="stop"),
+        lambda: gid.identify(ReplaySource(PUSHES), "missing.safetensors"),
+        lambda: named(bench(RICE)).pushes(1.5),
+    ],
+)
+def test_bad_argument_is_refused_before_the_first_answer(call):
+    with pytest.raises((TypeError, ValueError, FileNotFoundError)):
+        call()
 
 
 def test_model_of_other_rate_or_axes_or_unknown_rest_is_refused():

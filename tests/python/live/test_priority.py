@@ -59,7 +59,7 @@ def test_a_thread_that_reads_raises_no_other(asked):
 def test_what_is_called_in_a_thread_runs_with_it(asked):
     called, now = threading.Event(), threading.Event()
     now.set()
-    Clock().call(called.set, now, [])
+    Clock().start(called.set, now, [])
     assert called.wait(20)
     assert (os.SCHED_FIFO, 3) in [call[1:] for call in asked]
 
@@ -67,10 +67,11 @@ def test_what_is_called_in_a_thread_runs_with_it(asked):
 @pytest.mark.parametrize("synthetic", [False, True])
 def test_only_the_watch_of_a_real_arm_is_urgent(monkeypatch, synthetic):
     urgent, world = {}, World(synthetic=synthetic)
-    monkeypatch.setattr(world, "repeat", lambda work, _, threads: urgent.setdefault(work.__name__, threads))
+    monkeypatch.setattr(world, "start", lambda work, _, threads: urgent.setdefault(work.__name__, threads))
     world.sensor.threads = [4711]
     Supervisor(world.stream, world.arm, Limits()).push((1, 0, 0), 0.03, 1.0, 0.9, [0.0] * 6)
-    assert urgent == {"look": None if synthetic else [4711], "ask": None if synthetic else []}
+    rest = None if synthetic else []
+    assert urgent == {"look": None if synthetic else [4711], "ask": rest, "call_stop": rest}
 
 
 @pytest.mark.parametrize(

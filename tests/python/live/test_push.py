@@ -95,7 +95,10 @@ def test_a_motion_by_another_clock_is_refused(w, off_s, shares, slow_s):
 
 def test_a_slow_command_costs_no_row_of_the_motion(w):
     """The arm moves 50 ms before its driver says so; rows come in meanwhile."""
-    w.repeat = lambda work, reader, urgent: w._works.append((work, 1 if reader is not None else 200))
+    start = w.start
+    w.start = lambda work, when, urgent: (
+        w._works.append((work, 200)) if when is None else start(work, when, urgent)
+    )
     w.arm.on["push"] = lambda: setattr(w.arm.motion, "start_host_ns", w.ns - 50 * MS)
     assert push(pushes_of(w)).trigger_time_s == pytest.approx(w.arm.when("push") - 0.05, abs=0.003)
 

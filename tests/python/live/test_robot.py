@@ -20,9 +20,16 @@ class Lines(queue.SimpleQueue):
         pass
 
 
-def test_a_countdown_ends_with_the_word_to_push():
+def manual(monkeypatch, countdown_s):
+    """A person who is told when to push, and the lines on standard error."""
     lines = Lines()
-    robot = ManualRobot(countdown_s=0.05, console=lines)
+    monkeypatch.setattr("sys.stderr", lines)
+    monkeypatch.setattr("granular_id.live.robot._COUNTDOWN_S", countdown_s)
+    return ManualRobot(), lines
+
+
+def test_a_countdown_ends_with_the_word_to_push(monkeypatch):
+    robot, lines = manual(monkeypatch, 0.05)
     motion = robot.move_line((1, 0, 0), 0.03, 0.1)
     assert [lines.get(timeout=20) for _ in range(2)] == ["1 ...", "push: 30 mm/s for 0.1 s"]
     assert host_ns() >= motion.start_host_ns
@@ -31,9 +38,8 @@ def test_a_countdown_ends_with_the_word_to_push():
     assert isinstance(motion, Motion)
 
 
-def test_a_countdown_is_ended_by_stop_and_by_a_new_one():
-    lines = Lines()
-    robot = ManualRobot(countdown_s=300, console=lines)
+def test_a_countdown_is_ended_by_stop_and_by_a_new_one(monkeypatch):
+    robot, lines = manual(monkeypatch, 300)
     robot.stop()  # nothing to be stopped
     for _ in range(2):
         motion = robot.move_line((1, 0, 0), 0.03, 3)
@@ -128,7 +134,6 @@ def test_a_stop_that_raises_ends_no_motion():
 @pytest.mark.parametrize(
     ("make", "match"),
     [
-        (lambda: ManualRobot(-1), "^countdown_s must"),
         (lambda: CallbackRobot(print, None), "^stop must"),
         (lambda: move("xyz", 0.03, 3), "direction must hold three numbers, got 'xyz'"),
         (lambda: move((0, 0, 0), 0.03, 3), "direction must hold three numbers, not all 0"),

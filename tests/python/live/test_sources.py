@@ -13,8 +13,7 @@ from granular_id.live.replay import ReplaySource
 from granular_id.live.robot import ManualRobot
 from granular_id.live.setup import setup_of
 from granular_id.live.sim import SimSource
-from granular_id.live.source import Health, Pace, SourceInfo, ThreadedSource, open_source
-from granular_id.live.source_url import SourceUrl
+from granular_id.live.source import Health, Pace, SourceInfo, SourceUrl, ThreadedSource, open_source
 from granular_id.live.stream import opened
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.synthetic import synthesize

@@ -333,17 +333,18 @@ def test_a_limit_while_it_brakes_for_an_answer_is_no_answer(w):
 
 
 def test_nothing_is_commanded_before_somebody_watches(w):
-    def repeat(work, reader, urgent):
-        watches = reader is not None
-        w.after(0.3 if watches else 0.0, lambda: w._works.append((work, 1 if watches else 10)))
+    start = w.start
 
-    w.repeat = repeat
+    def late(work, when, urgent):
+        w.after(0.3 if work.__name__ == "look" else 0.0, lambda: start(work, when, urgent))
+
+    w.start = late
     push(pushes_of(w))
     assert w.arm.when("push") >= 0.35
 
 
 def test_ctrl_c_before_the_command_leaves_nothing_in_motion(w):
-    w.call, pushes = Mock(side_effect=KeyboardInterrupt), pushes_of(w)
+    w.start, pushes = Mock(side_effect=KeyboardInterrupt), pushes_of(w)
     with pytest.raises(KeyboardInterrupt):
         push(pushes)
     assert (pushes.arm.moves, signals.MOVING, w.arm.log) == (False, set(), [])
@@ -597,7 +598,7 @@ def test_ctrl_c_while_threads_start_leaves_no_arm_moving(w, thread):
 
         return started
 
-    w.call, w.repeat = interrupted(w.call), interrupted(w.repeat)
+    w.start = interrupted(w.start)
     pushes = pushes_of(w)
     with pytest.raises(KeyboardInterrupt):
         push(pushes)

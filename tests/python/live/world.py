@@ -1,5 +1,7 @@
 """A bench in simulated time: sensor, arm and supervisor take their turns every millisecond, without threads."""
 
+from threading import Event
+
 import numpy as np
 
 from granular_id.live import Health, MotionTrigger, SourceInfo, WrenchBuffer, host_ns
@@ -50,11 +52,11 @@ class World(Clock):
         while self.ns < until_ns and not reader.wait(0.0):
             self._tick()
 
-    def repeat(self, work, reader, urgent):
-        self._works.append((work, 1 if reader is not None else 10))
-
-    def call(self, work, when, urgent):
-        self._calls.append((work, when))
+    def start(self, work, when, urgent):
+        if isinstance(when, Event):
+            self._calls.append((work, when))
+        else:
+            self._works.append((work, 10 if when is None else 1))
 
     def after(self, seconds, do):
         """Call `do` in so many seconds."""
