@@ -32,23 +32,24 @@ def explain(
     first: str = typer.Argument(metavar="FIRST", help="A material."),
     second: str = typer.Argument(metavar="SECOND", help="Another material."),
     figure: Path | None = option(OUTPUT, "Draw it: png, svg or pdf."),
-    json: Path | None = option(OUTPUT, "Write all weights and contributions."),
+    json: Path | None = option(OUTPUT, "Write the tables and all weights."),
     force: bool = FORCE,
-    quiet: bool = option(OUTPUT, "Print the explanation only.", "--quiet", default=False),
+    quiet: bool = option(OUTPUT, "Print the tables only.", "--quiet", default=False),
 ) -> None:
-    """Say which instants, axes, bins and bands decide between two materials (oat_flakes names "oat flakes").
+    """Add up what blocks, bands, axes and times contribute to telling two materials apart.
+
+    The materials are named as in the recordings; oat_flakes names "oat flakes".
 
     The method is trained on about one half of the recordings of the two materials and explained on the other,
     so that what is shown decides for recordings it has not seen. The halves are as strict as the two
     materials allow, as those of `granular-id evaluate`: whole sessions, else the earlier and the later half
-    in time, else random. Text, figure and JSON say which. The method is that of `granular-id train`, --space
+    in time, else random. What is printed says which. The method is that of `granular-id train`, --space
     best.
 
     Examples:
 
     `granular-id explain recordings rice oat`
     `granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`
-    `granular-id explain recordings rice oat --figure bands.png`
     """
     method.refuse_impossible(steps.rate_hz)
     check_outputs(

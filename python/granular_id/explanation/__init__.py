@@ -1,7 +1,7 @@
-"""What decides between two materials: instants, axes, bins and bands, exactly accounted for."""
+"""What decides between two materials: blocks, bands, axes and times, exactly accounted for."""
 
-from granular_id.explanation.bands import BandExplanation, Finding, coupled_bands as coupled_bands
+from granular_id.explanation.columns import Columns
 from granular_id.explanation.difference import explain, explain_held_out as explain_held_out
-from granular_id.explanation.result import ExplainedBlock, Explanation, Region
+from granular_id.explanation.result import Explanation
 
-__all__ = ["BandExplanation", "ExplainedBlock", "Explanation", "Finding", "Region", "explain"]
+__all__ = ["Columns", "Explanation", "explain"]

@@ -1,4 +1,4 @@
-"""`explain`: which instants, axes, bins and bands decide between two materials."""
+"""`explain`: which blocks, bands, axes and times decide between two materials."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from sklearn.utils.validation import check_is_fitted, column_or_1d
 from granular_id._columns import samples_of
 from granular_id._estimators import real_steps
 from granular_id.ecoc import ECOCClassifier
-from granular_id.explanation.bands import BandExplanation
-from granular_id.explanation.result import ExplainedBlock, Explanation
+from granular_id.explanation.columns import Columns, columns_of_bands, columns_of_blocks, group_of
+from granular_id.explanation.result import Explanation
 from granular_id.recording import Dataset, common_units, unit_of
 from granular_id.spaces import (
     LINEAR_STEPS,
@@ -46,7 +46,7 @@ def explain(
     *,
     axes: Sequence[str] | None = None,
 ) -> Explanation:
-    """Say which instants, axes and bins decide between two materials.
+    """Add up what blocks, bands, axes and times of the features contribute to telling two materials apart.
 
     A linear learner's score is a sum over features, so the difference between its mean scores for recordings of
     two materials is a sum too: of the weight of each feature times the difference of its means. Nothing is
@@ -73,8 +73,7 @@ def explain(
     Returns
     -------
     Explanation
-        ``print`` it for the main points in words; `granular_id.plotting.plot_explanation` draws it. Of the
-        multi-band space a `BandExplanation`: shares of blocks, bands, axes and couplings.
+        ``print`` it for its tables; `granular_id.plotting.plot_explanation` draws it.
 
     Raises
     ------
@@ -110,9 +109,9 @@ def explain(
     >>> oat_or_rice = explain(model, "oat", "rice", X, y, axes=["fx", "fy", "fz", "tx", "ty", "tz"])
     >>> max(oat_or_rice.by_axis(), key=oat_or_rice.by_axis().get)
     'fz'
-    >>> region = oat_or_rice.regions(1)[0]
-    >>> region.axis, 0.1 <= region.low < region.high <= 0.2
-    ('fz', True)
+    >>> by_time = oat_or_rice.by_time()
+    >>> list(by_time)[0], sum(list(by_time.values())[4:]) > 0.9 * oat_or_rice.difference
+    ('0.00-0.03 s', True)
     """
     chain = chain_of(model)
     classes = chain.classifier.classes_
@@ -139,19 +138,15 @@ def explain(
         means.append(columns.mean(axis=0))
         scores.append(float(scored.mean()))
     weights, _ = folded_back(chain.after, factors @ chain.classifier.coef_)
-    contributions = weights * (means[0] - means[1])
-    told: dict[str, Any] = {
-        "first": classes.tolist()[pair[0]],
-        "second": classes.tolist()[pair[1]],
-        "scores": (scores[0], scores[1]),
-        "counts": (len(rows[0]), len(rows[1])),
-        "factors": factors,
-        "blocks": tuple(ExplainedBlock.of(block, weights, contributions) for block in chain.blocks),
-    }
-    if chain.bands is None:
-        return Explanation(**told)
-    return BandExplanation(
-        **told, columns=chain.bands, means=np.stack(means), weights=weights, contributions=contributions
+    return Explanation(
+        first=classes.tolist()[pair[0]],
+        second=classes.tolist()[pair[1]],
+        scores=(scores[0], scores[1]),
+        counts=(len(rows[0]), len(rows[1])),
+        factors=factors,
+        columns=chain.columns,
+        weights=weights,
+        contributions=weights * (means[0] - means[1]),
     )
 
 
@@ -231,11 +226,14 @@ class Chain:
     bands: BandColumns | None = None
 
     @property
+    def columns(self) -> Columns:
+        """What the columns of the space stand for."""
+        return columns_of_blocks(self.blocks) if self.bands is None else columns_of_bands(self.bands)
+
+    @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes, as the columns are told."""
-        if self.bands is not None:
-            return self.bands.axes
-        return tuple(dict.fromkeys(axis for block in self.blocks for axis in block.axes))
+        """Names of the axes."""
+        return self.columns.axes
 
     def columns_and_scores(
         self, recordings: Dataset | npt.NDArray[Any], factors: FloatArray
@@ -284,7 +282,7 @@ def chain_of(model: Any) -> Chain:
     )
     bands = band_columns(before)
     if bands is not None:
-        return Chain(before, tuple(after), classifier, bands.read_along(), bands)
+        return Chain(before, tuple(after), classifier, (), bands)
     try:
         blocks = feature_blocks(before)
     except TypeError as reason:
@@ -319,21 +317,20 @@ def _checked_names(axes: Any, n_axes: int) -> tuple[str, ...]:
 
 
 def _with_axis_names(chain: Chain, axes: Sequence[str], units: Sequence[str]) -> Chain:
-    """Return a chain whose columns are told by these names of the axes, in these units."""
+    """Return a chain whose columns have these names of the axes, in these units."""
     own, unit = (dict(zip(chain.axes, values, strict=True)) for values in (axes, units))
 
-    def told(block: FeatureBlock) -> FeatureBlock:
-        named = replace(block, axes=tuple(own[axis] for axis in block.axes))
-        (*_, last) = block.axes
-        if len(block.axes) == 1 and block.name.endswith(f"_{last}"):  # a histogram with a range of its own
-            named = replace(named, name=block.name.removesuffix(last) + own[last])
+    def named(block: FeatureBlock) -> FeatureBlock:
+        renamed_block = replace(block, axes=tuple(own[axis] for axis in block.axes))
+        if group_of(block) != block.name:  # a histogram with a range of its own
+            renamed_block = replace(renamed_block, name=f"{group_of(block)}_{own[block.axes[0]]}")
         if block.kind == "magnitude":
             of_axes = tuple(unit[axis] for axis in block.axes)
-            named = replace(named, units=of_axes, unit=joined_units(of_axes))
-        return named
+            renamed_block = replace(renamed_block, units=of_axes, unit=joined_units(of_axes))
+        return renamed_block
 
     bands = chain.bands
     if bands is not None:
         names = renamed(chain.space[-1].extractor_.names, axes)
         bands = replace(bands, axes=tuple(axes), units=tuple(units), names=tuple(names))
-    return replace(chain, blocks=tuple(map(told, chain.blocks)), bands=bands)
+    return replace(chain, blocks=tuple(map(named, chain.blocks)), bands=bands)

@@ -1,61 +1,29 @@
-"""An explanation: what each feature contributes to the difference between two materials."""
+"""An explanation: how much each block, band, axis and time has of the difference between two materials."""
 
 from __future__ import annotations
 
-import heapq
-import math
-from collections import deque
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import count, islice
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from granular_id._checks import whole_number
-from granular_id._text import fixed
+from granular_id._text import fixed, in_columns
+from granular_id.explanation.columns import Columns
 from granular_id.spaces import FeatureBlock
 
 FloatArray = npt.NDArray[np.float64]
 
-_WORDS = {"time": "signal over time", "magnitude": "histograms", "frequency": "spectrum"}
-
-
-@dataclass(frozen=True, eq=False)
-class ExplainedBlock:
-    """Weights and contributions of one block of features.
-
-    Attributes
-    ----------
-    block : FeatureBlock
-        Name, axes and coordinates of the columns.
-    weights : ndarray, shape (n_axes, m)
-        Score per unit of each feature, as the feature space gives it (after the weight of its block, if any).
-    contributions : ndarray, shape (n_axes, m)
-        Weight times the mean of the feature for the first material minus that for the second.
-    """
-
-    block: FeatureBlock
-    weights: FloatArray
-    contributions: FloatArray
-
-    @classmethod
-    def of(cls, block: FeatureBlock, weights: FloatArray, contributions: FloatArray) -> ExplainedBlock:
-        """Cut the columns of a block out of vectors (D,) over all columns."""
-        shape = (len(block.axes), len(block.coordinates))
-        return cls(block, weights[block.columns].reshape(shape), contributions[block.columns].reshape(shape))
-
-    @property
-    def group(self) -> str:
-        """Name of the feature space the block is from: histograms with a range per axis are a block per axis."""
-        (*_, axis) = self.block.axes
-        return self.block.name.removesuffix(f"_{axis}") if len(self.block.axes) == 1 else self.block.name
+_STRETCHES = 8
+"""Of time: a stretch of 0.4 s of the paper's recordings holds the start of the motion or not."""
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """What decides between two materials, from `granular_id.explain`.
+
+    Nothing is estimated: each table, and all contributions together, sum to `difference`, up to rounding. ``print`` it
+    for the tables, in per cent of the difference.
 
     Attributes
     ----------
@@ -67,8 +35,12 @@ class Explanation:
         How many recordings of each.
     factors : ndarray, shape (L,)
         Factor of each learner in the score; one that is not zero with one-vs-one.
-    blocks : tuple of ExplainedBlock
-        All contributions together sum to `difference`, up to rounding.
+    columns : Columns
+        What each of D features stands for.
+    weights : ndarray, shape (D,)
+        Score per unit of each feature, as the feature space gives it; all that stands behind it is folded in.
+    contributions : ndarray, shape (D,)
+        Weight times the mean of the feature for the first material minus that for the second.
     """
 
     first: Any
@@ -76,51 +48,87 @@ class Explanation:
     scores: tuple[float, float]
     counts: tuple[int, int]
     factors: FloatArray
-    blocks: tuple[ExplainedBlock, ...] = field(repr=False)
+    columns: Columns = field(repr=False)
+    weights: FloatArray = field(repr=False)
+    contributions: FloatArray = field(repr=False)
 
     @property
     def difference(self) -> float:
         """Mean score of the first material minus that of the second."""
         return self.scores[0] - self.scores[1]
 
-    def by_axis(self) -> dict[str, float]:
-        """Sum of the contributions of each axis, over all blocks."""
-        sums: dict[str, float] = {}
-        for of_axis in self.by_block_and_axis().values():
-            for axis, total in of_axis.items():
-                sums[axis] = sums.get(axis, 0.0) + total
-        return sums
+    def table(self, by: Literal["block", "band", "time"]) -> dict[str, dict[str, float]]:
+        """Sum the contributions of each axis in each block, band or stretch of time.
+
+        Parameters
+        ----------
+        by : {"block", "band", "time"}
+            What the rows are. Features without a band, or without a time, have the row of their block.
+
+        Returns
+        -------
+        dict of dict
+            Rows by name, such as "hfmh", "61-122 Hz" or "0.40-0.80 s"; in each the axes by name. Of two axes that are
+            coupled each has a half. Time is cut into eight stretches of equal length; a feature that lies in several
+            is shared by how long it is in each.
+
+        Raises
+        ------
+        ValueError
+            Another `by`.
+        """
+        if by not in ("block", "band", "time"):
+            raise ValueError(f"by must be 'block', 'band' or 'time', got {by!r}")
+        spread = self.contributions[:, np.newaxis] * self.columns.axis_shares
+        rows = dict[str, FloatArray]()
+        left = np.ones(len(spread), np.bool_)
+        if by == "time":
+            left = np.isnan(self.columns.spans[:, 0])
+            if not left.all():
+                rows = self._over_time(spread[~left], self.columns.spans[~left])
+        names = self.columns.bands if by == "band" else self.columns.blocks
+        for name in dict.fromkeys(names[left].tolist()):
+            rows[name] = spread[left & (names == name)].sum(axis=0)
+        return {name: dict(zip(self.columns.axes, row.tolist(), strict=True)) for name, row in rows.items()}
+
+    def _over_time(self, spread: FloatArray, spans: FloatArray) -> dict[str, FloatArray]:
+        edges = np.linspace(spans.min(), spans.max(), _STRETCHES + 1)
+        start, stop = spans.T[:, :, np.newaxis]
+        shares = np.diff(np.clip((edges - start) / (stop - start), 0.0, 1.0), axis=1)
+        digits, unit = (2, "s") if self.columns.time_unit == "s" else (0, self.columns.time_unit)
+        names = [
+            f"{fixed(low, digits)}-{fixed(high, digits)} {unit}"
+            for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+        ]
+        return dict(zip(names, shares.T @ spread, strict=True))
 
     def by_block(self) -> dict[str, float]:
         """Sum of the contributions of each block; histograms of one space with a range per axis count as one."""
-        return {group: sum(of_axis.values()) for group, of_axis in self.by_block_and_axis().items()}
+        return _sums(self.table("block"))
 
-    def by_block_and_axis(self) -> dict[str, dict[str, float]]:
-        """Sum of the contributions of each axis in each block of `by_block`."""
-        sums: dict[str, dict[str, float]] = {}
-        for part in self.blocks:
-            of_axis = sums.setdefault(part.group, {})
-            for axis, contributions in zip(part.block.axes, part.contributions, strict=True):
-                of_axis[axis] = of_axis.get(axis, 0.0) + float(contributions.sum())
-        return sums
+    def by_band(self) -> dict[str, float]:
+        """Sum of the contributions of each band, and of each block that has no bands."""
+        return _sums(self.table("band"))
 
-    def regions(self, n: int = 5) -> tuple[Region, ...]:
-        """Return the `n` stretches of time, bins or frequencies that say most for `first`, strongest first.
+    def by_time(self) -> dict[str, float]:
+        """Sum of the contributions of each stretch of time, and of each block that is about no time."""
+        return _sums(self.table("time"))
 
-        What speaks against has no part in them: together they may hold more than the difference.
-        """
-        n = whole_number("n", n, least=0)
-        every = [
-            region for part in self.blocks for region in islice(regions_of(part.block, part.contributions), n)
-        ]
-        return tuple(sorted(every, key=lambda region: -region.contribution)[:n])
+    def by_axis(self) -> dict[str, float]:
+        """Sum of the contributions of each axis; a coupling counts half for each of its two."""
+        sums = self.contributions @ self.columns.axis_shares
+        return dict(zip(self.columns.axes, sums.tolist(), strict=True))
 
-    def top(self, n: int = 5) -> tuple[str, ...]:
-        """Return the strongest regions, or findings in the multi-band space, each with its share of the difference."""
-        pair = f"between {self.first} and {self.second}"
-        return tuple(
-            f"{self._share(one.contribution)} of the difference {pair}: {one}" for one in self._strongest(n)
-        )
+    def along(self, block: FeatureBlock) -> FloatArray:
+        """Return the contributions (n_axes, m) of one of ``columns.along``, over its coordinate."""
+        return self.contributions[block.columns].reshape(len(block.axes), -1)
+
+    def tables(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Return `table` by block, by band where there are bands, and by time where features are about a time."""
+        every = {"block": self.table("block"), "band": self.table("band"), "time": self.table("time")}
+        return {
+            by: table for by, table in every.items() if by == "block" or table.keys() != every["block"].keys()
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain lists, numbers and text, ready for ``json.dumps``."""
@@ -132,173 +140,41 @@ class Explanation:
             "difference": self.difference,
             "factors": self.factors.tolist(),
             "by_axis": self.by_axis(),
-            "by_block": self.by_block(),
-            "top": list(self.top()),
-            "blocks": [
-                {
-                    "name": part.block.name,
-                    "kind": part.block.kind,
-                    "axes": list(part.block.axes),
-                    "unit": part.block.unit,
-                    "coordinates": part.block.coordinates.tolist(),
-                    "weights": part.weights.tolist(),
-                    "contributions": part.contributions.tolist(),
-                }
-                for part in self.blocks
-            ],
+            **{f"by_{by}": table for by, table in self.tables().items()},
+            "features": {
+                "names": list(self.columns.names),
+                "weights": self.weights.tolist(),
+                "contributions": self.contributions.tolist(),
+            },
         }
 
     def __str__(self) -> str:
-        """Give the main points in words."""
-        lines = self._heading()
-        words = {part.group: _WORDS.get(part.block.kind, part.block.kind) for part in self.blocks}
-        by_axis = self.by_block_and_axis()
-        lines.append("Of the difference come")
-        for group, total in sorted(self.by_block().items(), key=lambda item: -item[1]):
-            largest = sorted(by_axis[group].items(), key=lambda item: -abs(item[1]))[:3]
-            axes = ", ".join(f"{axis} {self._share(part)}" for axis, part in largest)
-            lines.append(f"  {self._share(total)} from the {words[group]} ({group}): {axes}")
-        strongest = (f"  {self._share(region.contribution)}: {region}" for region in self.regions())
-        return "\n".join([*lines, "Strongest:", *strongest])
-
-    def _strongest(self, n: int) -> tuple[Any, ...]:
-        return self.regions(n)
-
-    def _heading(self) -> list[str]:
+        """Give the scores and the tables."""
         each = "1 recording each" if self.counts == (1, 1) else "{} and {} recordings".format(*self.counts)
-        lines = [
-            f"{self.first} against {self.second}, {each}: mean scores "
-            f"{self.scores[0]:+.3g} and {self.scores[1]:+.3g}."
-        ]
+        scores = " and ".join(f"{score:+.3g}" for score in self.scores)
+        lines = [f"{self.first} against {self.second}, {each}: mean scores {scores}."]
         single = [str(name) for name, n in zip((self.first, self.second), self.counts, strict=True) if n == 1]
         if single:
-            lines.append(
-                f"This rests on one recording of {' and one of '.join(single)}: it may hold for no other recording."
-            )
+            lines.append(f"Only one recording of {' and of '.join(single)}: others may differ.")
+        scale, unit, digits = self.scale()
         if self.difference <= 0:
             lines.append(f"The model does not score {self.first} above {self.second} here.")
-        return lines
+        lines.append(f"Contributions, in {unit}:")
+        for by, table in self.tables().items():
+            rows = [*table.items(), ("sum", self.by_axis())]
+            shown = [[by, *self.columns.axes, "sum"]]
+            for name, row in rows:
+                values = [scale * value for value in (*row.values(), sum(row.values()))]
+                shown.append([name, *(fixed(round(value, digits) + 0.0, digits) for value in values)])
+            lines += ["", *in_columns(shown, right=True)]
+        return "\n".join(lines)
 
-    def _share(self, contribution: float) -> str:
-        """Per cent of the difference; in units of the score where there is none to speak of."""
-        if self.difference <= 0:
-            return f"{contribution:+.3g}"
-        return f"{fixed(100 * contribution / self.difference, 0)} %"
-
-
-# A region holds at least this much of the best stretch of its axis: the rest are long, thin ends.
-_MOST = 0.8
-
-
-@dataclass(frozen=True)
-class Region:
-    """A stretch of one axis in one block of features.
-
-    Attributes
-    ----------
-    block : str
-        Name of the block, for instance "raw" or "hfmh".
-    kind : {"time", "magnitude", "frequency"}
-        What `low` and `high` are.
-    axis : str
-        Axis of the sensor.
-    low, high : float
-        First and last instant or frequency, or the outer edges of the bins.
-    step : float
-        From one coordinate to the next; 0 where there is but one.
-    unit : str
-        Their unit.
-    either_sign : bool
-        Bins around zero: those from -high to -low are included.
-    contribution : float
-        Sum over the stretch, in units of the score.
-    """
-
-    block: str
-    kind: str
-    axis: str
-    low: float
-    high: float
-    step: float
-    unit: str
-    either_sign: bool
-    contribution: float
-
-    def __str__(self) -> str:
-        """Describe the stretch, for instance ``fx of hfmh, 0.09 .. 0.30 N of either sign``."""
-        digits = max(0, math.ceil(-math.log10(self.step) - 1e-9)) if self.step > 0 else 3
-        low, high = (fixed(value, digits) for value in (self.low, self.high))
-        where = low if low == high else f"{low} .. {high}"
-        unit = f" {self.unit}" if self.unit else ""
-        return f"{self.axis} of {self.block}, {where}{unit}{' of either sign' if self.either_sign else ''}"
+    def scale(self) -> tuple[float, str, int]:
+        """Return what contributions are multiplied with to be shown, their unit and digits; no share of nothing."""
+        if self.difference > 0:
+            return 100.0 / self.difference, "% of the difference", 1
+        return 1.0, "units of the score", 3
 
 
-def regions_of(block: FeatureBlock, contributions: FloatArray) -> Iterator[Region]:
-    """Yield stretches of a block that speak for the first material, strongest first, without overlap."""
-    coordinates = block.coordinates
-    either_sign = block.kind == "magnitude" and bool(
-        np.allclose(coordinates, -coordinates[::-1], rtol=0, atol=1e-9 * np.ptp(coordinates))
-    )
-    step = float(coordinates[1] - coordinates[0]) if len(coordinates) > 1 else 0.0
-    if either_sign:
-        half = len(coordinates) // 2
-        coordinates = coordinates[half:]
-        mirrored = contributions[:, ::-1][:, half:].copy()
-        contributions = contributions[:, half:].copy()
-        if len(block.coordinates) % 2:  # the bin around zero is its own mirror image
-            mirrored[:, 0] = 0.0
-        contributions += mirrored
-    reach = step / 2 if block.kind == "magnitude" else 0.0
-    # A heap of (minus the sum, a number that settles ties, axis, stretch): the strongest of all axes comes first.
-    order = count()
-    heap: list[tuple[float, int, int, int, int, int, int]] = []
-
-    def offer(axis: int, start: int, stop: int) -> None:
-        found = _stretch(contributions[axis, start:stop])
-        if found is not None:
-            low, high, total = found
-            heapq.heappush(heap, (-total, next(order), axis, start, stop, start + low, start + high))
-
-    for axis in range(len(block.axes)):
-        offer(axis, 0, len(coordinates))
-    while heap:
-        minus, _, axis, start, stop, low, high = heapq.heappop(heap)
-        yield Region(
-            block=block.name,
-            kind=block.kind,
-            axis=block.axes[axis],
-            low=max(0.0, float(coordinates[low]) - reach) if either_sign else float(coordinates[low]) - reach,
-            high=float(coordinates[high - 1]) + reach,
-            step=step,
-            unit=_unit(block, block.axes[axis]),
-            either_sign=either_sign,
-            contribution=-minus,
-        )
-        offer(axis, start, low)
-        offer(axis, high, stop)
-
-
-def _stretch(values: FloatArray) -> tuple[int, int, float] | None:
-    """First and one past the last index, and the sum, of the shortest stretch that holds most of the best one."""
-    sums = np.concatenate([[0.0], np.cumsum(values)])
-    best = float((sums - np.minimum.accumulate(sums)).max())
-    if best <= 0.0:
-        return None
-    wanted = _MOST * best
-    first, last = 0, len(values)
-    # Starts with rising sums: one that comes later and starts lower is always the better.
-    starts: deque[int] = deque()
-    for stop, total in enumerate(sums.tolist()):
-        while starts and total - sums[starts[0]] >= wanted:
-            start = starts.popleft()
-            if stop - start < last - first:
-                first, last = start, stop
-        while starts and sums[starts[-1]] >= total:
-            starts.pop()
-        starts.append(stop)
-    return first, last, float(sums[last] - sums[first])
-
-
-def _unit(block: FeatureBlock, axis: str) -> str:
-    """Return the unit of one axis, also where bins of a block are in several."""
-    return block.units[block.axes.index(axis)] if block.units else block.unit
+def _sums(table: dict[str, dict[str, float]]) -> dict[str, float]:
+    return {name: sum(row.values()) for name, row in table.items()}

@@ -1,0 +1,102 @@
+"""What the columns of a feature space stand for: block, band, axes and time of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from granular_id.spaces import BandColumns, FeatureBlock
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """What each of D columns of a feature space stands for.
+
+    Attributes
+    ----------
+    axes : tuple of C str
+    names : tuple of D str
+        Of multi-band features as `MultiBand` has them, such as "b2_q98_fz"; of others block, axis and coordinate,
+        such as "raw_fz_0.502".
+    blocks : ndarray of str, shape (D,)
+        Block of each column, such as "raw" or "quantiles".
+    bands : ndarray of str, shape (D,)
+        Its band by its edges, such as "61-122 Hz"; of a column without a band its block.
+    axis_shares : ndarray, shape (D, C)
+        How much of a column each axis has: 1, or a half for each of two that are coupled.
+    spans : ndarray, shape (D, 2)
+        First and last instant, in `time_unit`; NaN where a column is about no time.
+    time_unit : str
+        "s", or "sample" where the rate is not known.
+    along : tuple of FeatureBlock
+        Blocks that are read along time, frequency or bins.
+    """
+
+    axes: tuple[str, ...]
+    names: tuple[str, ...]
+    blocks: npt.NDArray[np.str_]
+    bands: npt.NDArray[np.str_]
+    axis_shares: FloatArray
+    spans: FloatArray
+    time_unit: str
+    along: tuple[FeatureBlock, ...]
+
+
+def columns_of_blocks(blocks: Sequence[FeatureBlock]) -> Columns:
+    """Describe the columns of blocks that lie one behind the other."""
+    axes = tuple(dict.fromkeys(axis for block in blocks for axis in block.axes))
+    names, groups, numbers, spans = list[str](), list[str](), list[int](), list[FloatArray]()
+    for block in blocks:
+        n = len(block.coordinates)
+        names += [
+            f"{group_of(block)}_{axis}_{at:.6g}" for axis in block.axes for at in block.coordinates.tolist()
+        ]
+        groups += [group_of(block)] * (n * len(block.axes))
+        numbers += [axes.index(axis) for axis in block.axes for _ in range(n)]
+        of_axis = np.full((n, 2), np.nan)
+        if block.kind == "time":
+            step = float(block.coordinates[1] - block.coordinates[0]) if n > 1 else 1.0
+            of_axis = block.coordinates[:, np.newaxis] + np.array([0.0, step])
+        spans += [of_axis] * len(block.axes)
+    units = [block.unit for block in blocks if block.kind == "time"]
+    group = np.array(groups)
+    shares = np.eye(len(axes))[numbers]
+    return Columns(
+        axes, tuple(names), group, group, shares, np.concatenate(spans), (*units, "s")[0], tuple(blocks)
+    )
+
+
+def columns_of_bands(bands: BandColumns) -> Columns:
+    """Describe the columns of the multi-band space."""
+    stretches = {
+        key: bands.stretch_s(*key)
+        for key in dict.fromkeys((column.block, column.detail) for column in bands.columns)
+        if key[0] in ("envelope", "level")
+    }
+    nowhere = (np.nan, np.nan)
+    return Columns(
+        axes=bands.axes,
+        names=bands.names,
+        blocks=np.array([column.block for column in bands.columns]),
+        bands=np.array(
+            [
+                column.block if column.band is None else str(bands.bands[column.band]).removeprefix("the ")
+                for column in bands.columns
+            ]
+        ),
+        axis_shares=bands.over_axes(np.ones(len(bands.columns))),
+        spans=np.array([stretches.get((column.block, column.detail), nowhere) for column in bands.columns]),
+        time_unit="s",
+        along=bands.read_along(),
+    )
+
+
+def group_of(block: FeatureBlock) -> str:
+    """Return the name of the space a block is from: histograms with a range per axis are a block per axis."""
+    (*_, axis) = block.axes
+    return block.name.removesuffix(f"_{axis}") if len(block.axes) == 1 else block.name
