@@ -2,28 +2,13 @@
 
 Always labelled synthetic, and no evidence about accuracy on real recordings.
 
-The force on the tool is a mean drag (`mean_drag_n`) times a course along the push (`drag_profile`), with slow
-heterogeneity and shear-band waves (`heterogeneity`, `shear_band_wave`), stick-slip (`stick_slip`) and the
-noise of breaking contacts (`contact_breaks`); it reaches all six axes through the lever arm of the tool
-(`simulate_push`), rings through the arm (`tool_resonance`) and is read by a noisy sensor (`Sensor`).
-`synthesize` draws whole sets of recordings with everything that varies between them (`Nuisance`).
-`rest_noise` and `simulate_rests` are a real sensor at rest, for tares and payloads.
+The force on the tool is a mean drag times a course along the push, with slow heterogeneity and shear-band waves,
+stick-slip and the noise of breaking contacts; it reaches all six axes through the lever arm of the tool
+(`simulate_push`), rings through the arm and is read by a noisy sensor (`Sensor`). `synthesize` draws whole sets of
+recordings with everything that varies between them (`Nuisance`).
 """
 
-from granular_id.synthetic.drag import (
-    Rig,
-    contact_break_rate_hz,
-    contact_breaks,
-    contact_count,
-    drag_profile,
-    froude_number,
-    heterogeneity,
-    mean_drag_n,
-    relative_fluctuation,
-    shear_band_wave,
-    slip_length_m,
-    stick_slip,
-)
+from granular_id.synthetic.drag import Rig
 from granular_id.synthetic.generate import (
     FRAME as FRAME,
     SIGN as SIGN,
@@ -39,9 +24,8 @@ from granular_id.synthetic.push import (
     Sensor,
     random_stream as random_stream,
     simulate_push,
-    tool_resonance,
 )
-from granular_id.synthetic.rest import rest_noise, simulate_rests
+from granular_id.synthetic.rest import rest_noise as rest_noise, simulate_rests
 
 __all__ = [
     "PAPER_MATERIALS",
@@ -51,20 +35,7 @@ __all__ = [
     "Nuisance",
     "Rig",
     "Sensor",
-    "contact_break_rate_hz",
-    "contact_breaks",
-    "contact_count",
-    "drag_profile",
-    "froude_number",
-    "heterogeneity",
-    "mean_drag_n",
-    "relative_fluctuation",
-    "rest_noise",
-    "shear_band_wave",
     "simulate_push",
     "simulate_rests",
-    "slip_length_m",
-    "stick_slip",
     "synthesize",
-    "tool_resonance",
 ]

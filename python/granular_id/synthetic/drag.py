@@ -1,4 +1,13 @@
-"""The forces of the bed on the tool: mean drag, its course along the push, and what rides on it."""
+"""The forces of the bed on the tool: mean drag, its course along the push, and what rides on it.
+
+Drag grows as D H^2 and does not depend on speed: R. Albert et al., "Slow drag in a granular medium", Phys. Rev.
+Lett. 82, 205 (1999), up to a Froude number of about 1: S. Kumar et al., arXiv 1712.09057 (2017). Resistive stress
+is proportional to depth: S. Agarwal, D. I. Goldman, K. Kamrin, PNAS 120, e2214017120 (2023). Dense packings overshoot
+and oscillate as shear bands form and are overrun: N. Gravish, P. B. Umbanhowar, D. I. Goldman, "Force and flow
+transition in plowed granular media", Phys. Rev. Lett. 105, 128301 (2010). Stick-slip: I. Albert et al., Phys. Rev.
+Lett. 84, 5122 (2000) and Phys. Rev. E 64, 031307 (2001); B. Kahng et al., Phys. Rev. E 64, 051303 (2001). Contact
+forces are exponentially distributed: S. N. Coppersmith et al., Phys. Rev. E 53, 4673 (1996).
+"""
 
 from __future__ import annotations
 
@@ -103,75 +112,20 @@ def _friction_and_cohesion_n(material: Material, rig: Rig) -> tuple[float, float
     return friction_n, cohesion_n
 
 
-def mean_drag_n(material: Material, rig: Rig | None = None) -> float:
-    """Steady drag of a slow vertical cylinder, N.
-
-    ``F0 = 1.5 Kp rho g De H^2 + 6 c sqrt(Kp) De H`` with ``Kp = tan^2(45 deg + phi/2)`` and ``De = D + d``:
-    friction grows with the square of the depth, cohesion with the depth, and speed does not enter.
-
-    Parameters
-    ----------
-    material : Material
-    rig : Rig, optional
-        Default: the paper's.
-
-    Returns
-    -------
-    float
-        Newton.
-
-    Notes
-    -----
-    F ~ D H^2, independent of speed: R. Albert et al., "Slow drag in a granular medium", Phys. Rev. Lett. 82,
-    205 (1999). The prefactor is that of passive earth pressure on a pile. Depth-proportional resistive
-    stress in three dimensions: S. Agarwal, D. I. Goldman, K. Kamrin, "Mechanistic framework for
-    reduced-order models in soft materials: application to three-dimensional granular intrusion", PNAS 120,
-    e2214017120 (2023).
-
-    Examples
-    --------
-    >>> from granular_id.synthetic import PAPER_MATERIALS, mean_drag_n
-    >>> round(mean_drag_n(PAPER_MATERIALS[1]), 2)   # rice
-    4.7
-    """
-    return sum(_friction_and_cohesion_n(material, rig or Rig()))
+def mean_drag_n(material: Material, rig: Rig) -> float:
+    """Steady drag, N: ``1.5 Kp rho g De H^2 + 6 c sqrt(Kp) De H``, ``Kp = tan^2(45 deg + phi/2)``, ``De = D + d``."""
+    return sum(_friction_and_cohesion_n(material, rig))
 
 
-def froude_number(material: Material, rig: Rig | None = None) -> float:
-    """Speed over the speed at which inertia begins to matter; the model holds well below 1.
-
-    ``Fr = 2 v sqrt(2 D / g) / (D + d)``: drag is independent of speed up to about 1 (S. Kumar, K. A. Reddy,
-    S. Takada, H. Hayakawa, "Scaling law of the drag force in dense granular media", arXiv 1712.09057, 2017).
-
-    Examples
-    --------
-    >>> from granular_id.synthetic import PAPER_MATERIALS, froude_number
-    >>> froude_number(PAPER_MATERIALS[1]) < 0.2
-    True
-    """
-    rig = rig or Rig()
-    crossing_s = math.sqrt(2.0 * rig.tool_diameter_m / GRAVITY_M_S2)
-    return 2.0 * rig.speed_m_s * crossing_s / _effective_diameter_m(material, rig)
-
-
-def contact_count(material: Material, rig: Rig | None = None) -> float:
-    """Load-bearing contacts on the tool, ``Nc = 0.6 (pi/2) D H / d^2``, at least 1.
-
-    Fluctuations of the drag are averages over that many force chains, hence their relative size
-    ``1/sqrt(Nc)``, proportional to d (I. Albert et al., "Stick-slip fluctuations in granular drag",
-    Phys. Rev. E 64, 031307, 2001).
-    """
-    rig = rig or Rig()
+def contact_count(material: Material, rig: Rig) -> float:
+    """Load-bearing contacts on the tool, ``0.6 (pi/2) D H / d^2``, at least 1."""
     front_m2 = 0.5 * math.pi * rig.tool_diameter_m * rig.depth_m
     return max(1.0, CONTACT_FRACTION * front_m2 / material.grain_diameter_m**2)
 
 
 def layers(material: Material, rig: Rig) -> tuple[FloatArray, FloatArray]:
-    """Share of the mean drag and lever arm (m, to the sensor's origin) of each depth layer.
-
-    Frictional pressure grows with depth, cohesion does not, so the shares run between a triangle
-    and a rectangle. The lever arm is where a layer's own resultant acts.
-    """
+    """Share of the mean drag and lever arm (m, to the sensor's origin) of each depth layer."""
+    # Frictional pressure grows with depth, cohesion does not: shares between a triangle and a rectangle.
     friction_n, cohesion_n = _friction_and_cohesion_n(material, rig)
     edges = np.linspace(0.0, 1.0, N_LAYERS + 1)
     top, bottom = edges[:-1], edges[1:]
@@ -182,27 +136,10 @@ def layers(material: Material, rig: Rig) -> tuple[FloatArray, FloatArray]:
 
 
 def drag_profile(material: Material, travel_m: FloatArray, rig: Rig) -> tuple[FloatArray, FloatArray]:
-    """Course of the drag along the push, in units of the mean drag.
+    """Course of the drag in units of the mean drag: as the grains bear it, and as a sensor zeroed in the bed reads it.
 
-    Parameters
-    ----------
-    material : Material
-    travel_m : ndarray, shape (n,)
-        Distance moved, m; 0 while at rest.
-    rig : Rig
-
-    Returns
-    -------
-    drag : ndarray, shape (n,)
-        Load borne by the grains, never negative: mobilisation ``1 - exp(-X/xm)``, overshoot of a dense
-        packing ``A (X/xo) exp(1 - X/xo)``, heap, and the rise ``a exp(-(Xw - X)/1.3)`` towards the wall.
-    measured : ndarray, shape (n,)
-        The same with the negative offset of the back-flow, as a sensor sees it that was zeroed in the bed.
-
-    Notes
-    -----
-    Dense packings overshoot and then oscillate, loose ones do not: N. Gravish, P. B. Umbanhowar,
-    D. I. Goldman, "Force and flow transition in plowed granular media", Phys. Rev. Lett. 105, 128301 (2010).
+    Mobilisation ``1 - exp(-X/xm)``, overshoot of a dense packing ``A (X/xo) exp(1 - X/xo)``, heap, and the rise
+    ``a exp(-(Xw - X)/1.3)`` towards the wall; the reading has the negative offset of the back-flow too.
     """
     x = travel_m / rig.tool_diameter_m
     wall_at = rig.wall_distance_m / rig.tool_diameter_m
@@ -217,7 +154,6 @@ def drag_profile(material: Material, travel_m: FloatArray, rig: Rig) -> tuple[Fl
 
 
 # What rides on the mean drag: the noise of breaking contacts.
-
 # Distance over which a broken contact's load is taken up again, grain diameters: the gap to the next
 # grain, a tenth of a diameter in a dense bed.
 RECOVERY_GRAINS = 0.1
@@ -228,41 +164,14 @@ _SIDE = np.array([1.0, 1.0, -1.0, -1.0])
 _SLOPE = np.array([1.0, -1.0, 1.0, -1.0])
 
 
-def contact_break_rate_hz(material: Material, rig: Rig | None = None) -> float:
-    """Contacts broken per second on the whole tool, ``Nc v / d``: each lasts about one grain of travel."""
-    rig = rig or Rig()
-    return contact_count(material, rig) * rig.speed_m_s / material.grain_diameter_m
-
-
 def contact_breaks(
     material: Material, rig: Rig, travel_m: FloatArray, step_s: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Draw the contact-break noise of every depth layer on the three force axes.
+    """Draw the noise of breaking contacts, (3, N_LAYERS, n), in units of the layer's own mean drag.
 
-    Shot noise: at rate ``Nc v / d`` a contact drops a force that is exponentially distributed about its
-    share ``F / Nc`` of the drag, times the material's sharpness, and recovers over a tenth of a grain.
-    The number in a step is Poisson, and a sum of exponentials is a gamma variable, so flour with tens of
-    millions of breaks a second costs no more than peas with a hundred.
-
-    Parameters
-    ----------
-    material : Material
-    rig : Rig
-    travel_m : ndarray, shape (n,)
-        Distance moved, m, at steps of `step_s`.
-    step_s : float
-        Time step, s.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray, shape (3, N_LAYERS, n)
-        Fluctuation along x, y, z in units of the layer's own mean drag.
-
-    Notes
-    -----
-    Exponential distribution of contact forces: S. N. Coppersmith et al., "Model for force fluctuations in
-    bead packs", Phys. Rev. E 53, 4673 (1996).
+    Shot noise: at rate ``Nc v / d`` a contact drops a force that is exponentially distributed about its share of the
+    drag, times the material's sharpness, and recovers over a tenth of a grain. The number in a step is Poisson, and a
+    sum of exponentials is a gamma variable: flour costs no more than peas.
     """
     per_layer = contact_count(material, rig) / N_LAYERS
     moved_m = np.diff(travel_m, prepend=travel_m[:1])
@@ -283,7 +192,6 @@ def contact_breaks(
 
 
 # Stick-slip: force chains in front of the tool load up, let go, and load up again.
-
 # Mean slip length, grain diameters: a chain fails when the tool has pushed it by most of one grain
 # (Albert 2001). Long grains must turn before they let go: the exponent of the aspect ratio.
 SLIP_GRAINS = 0.8
@@ -306,38 +214,16 @@ def slip_length_m(material: Material) -> float:
     return SLIP_GRAINS * material.grain_diameter_m * math.pow(material.aspect_ratio, ASPECT_EXPONENT)
 
 
-def relative_fluctuation(material: Material, rig: Rig | None = None) -> float:
+def relative_fluctuation(material: Material, rig: Rig) -> float:
     """Return the stick-slip's standard deviation over the drag, ``kappa / sqrt(Nc)``: proportional to d."""
     return material.fluctuation / math.sqrt(contact_count(material, rig))
 
 
 def stick_slip(material: Material, rig: Rig, travel_m: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Draw the stick-slip of every depth layer on the three force axes.
+    """Draw the stick-slip of every depth layer, (3, N_LAYERS, n), in units of the layer's own mean drag.
 
-    A sawtooth per layer: load rises linearly over a random slip length, then drops within some
-    milliseconds. Slips follow the distance moved, so their rate is proportional to speed and the size
-    independent of it.
-
-    Parameters
-    ----------
-    material : Material
-    rig : Rig
-    travel_m : ndarray, shape (n,)
-        Distance moved, m.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    ndarray, shape (3, N_LAYERS, n)
-        Fluctuation along x, y, z in units of the layer's own mean drag. Summed over the layers by their
-        share of the drag, x has the standard deviation `relative_fluctuation`.
-
-    Notes
-    -----
-    I. Albert et al., "Jamming and fluctuations in granular drag", Phys. Rev. Lett. 84, 5122 (2000) and
-    "Stick-slip fluctuations in granular drag", Phys. Rev. E 64, 031307 (2001); B. Kahng, I. Albert,
-    P. Schiffer, A.-L. Barabasi, "Modeling relaxation and jamming in granular media", Phys. Rev. E 64,
-    051303 (2001).
+    A sawtooth per layer: load rises linearly over a random slip length, then drops within some milliseconds. Slips
+    follow the distance moved, so their rate is proportional to speed and their size independent of it.
     """
     length_m = slip_length_m(material)
     end_m = float(travel_m[-1])
@@ -374,7 +260,6 @@ def stick_slip(material: Material, rig: Rig, travel_m: FloatArray, rng: np.rando
 
 
 # Slow structure along the push: heterogeneity of the bed and waves of shear bands.
-
 # Harmonics of a random Fourier sum: enough for a Gaussian value at every place (central limit).
 N_HARMONICS = 24
 # Wavelength of successive shear bands, tool diameters. Bands start at the tool's foot and surface some
@@ -394,22 +279,7 @@ GRID_DIAMETERS = 0.05
 def heterogeneity(
     travel_diameters: FloatArray, correlation_diameters: float, rng: np.random.Generator, n: int
 ) -> FloatArray:
-    """Draw ``n`` smooth Gaussian fields of zero mean and unit variance along the push.
-
-    Parameters
-    ----------
-    travel_diameters : ndarray, shape (t,)
-        Distance moved in tool diameters, not decreasing.
-    correlation_diameters : float
-        Length over which the field forgets itself (Gaussian covariance).
-    rng : numpy.random.Generator
-    n : int
-
-    Returns
-    -------
-    ndarray, shape (n, t)
-        Fields of position, not of time: pushing faster plays them faster.
-    """
+    """Draw smooth Gaussian fields (n, t) of zero mean and unit variance: of position, not of time."""
     wave_number = rng.standard_normal((n, N_HARMONICS)) / correlation_diameters
     phase = rng.uniform(0.0, 2.0 * math.pi, (n, N_HARMONICS))
     end = float(travel_diameters[-1])
@@ -420,13 +290,7 @@ def heterogeneity(
 
 
 def shear_band_wave(travel_diameters: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Draw the periodic force of successive shear bands: unit amplitude, wandering wavelength.
-
-    Notes
-    -----
-    N. Gravish, P. B. Umbanhowar, D. I. Goldman, Phys. Rev. Lett. 105, 128301 (2010): above a critical
-    packing the drag on a plough oscillates as shear bands form and are overrun.
-    """
+    """Draw the periodic force of successive shear bands: unit amplitude, wandering wavelength."""
     start = rng.normal(0.0, START_PHASE_RAD)
     field = heterogeneity(travel_diameters, WANDER_DIAMETERS, rng, 1)[0]
     wander = PHASE_WANDER_RAD * (field - field[0])

@@ -19,6 +19,7 @@ from granular_id.synthetic.push import (
     MODES,
     PARTS,
     Conditions,
+    mode_filter,
     random_stream,
     simulate_push,
 )
@@ -50,9 +51,8 @@ def simulate_drive(
 ) -> FloatArray:
     """Simulate what an IMU on the tool holder reads while the tool strokes to and fro, shape (n_samples, 6).
 
-    Each stroke is a push of `simulate_push` through levelled material, every other one backwards. The arm holds against
-    steady loads; what it lets through is the vibration of its modes, over mass and inertia of the holder. `strokes`:
-    what each of them meets; `bias`: seed of the sensor's zero point.
+    Each stroke is a push of `simulate_push`, every other one backwards. The arm holds against steady loads; what it
+    lets through is the vibration of its modes, over mass and inertia. `bias` seeds the sensor's zero point.
     """
     per_sample = math.ceil(MIN_MODEL_RATE_HZ / rate_hz)
     step_s = 1.0 / (rate_hz * per_sample)
@@ -90,14 +90,8 @@ def simulate_drive(
 def _vibration(load: FloatArray, shares: FloatArray, order: int, step_s: float) -> FloatArray:
     """Pass loads (n, c) through ``s^order / (s^2 + 2 zeta w s + w^2)`` of every mode, by its share in each column."""
     moved = np.zeros_like(load)
-    for (frequency_hz, damping), share in zip(MODES, shares.T, strict=True):
-        omega = 2.0 * math.pi * frequency_hz
-        warp = omega / math.tan(0.5 * omega * step_s)
-        poles = [
-            warp**2 + 2.0 * damping * omega * warp + omega**2,
-            2.0 * (omega**2 - warp**2),
-            warp**2 - 2.0 * damping * omega * warp + omega**2,
-        ]
+    for mode, share in zip(MODES, shares.T, strict=True):
+        _, warp, poles = mode_filter(*mode, step_s)
         zeros = {1: np.array([1.0, 0.0, -1.0]) * warp, 2: np.array([1.0, -2.0, 1.0]) * warp**2}[order]
         moved += share * lfilter(zeros, poles, load, axis=0)
     return moved

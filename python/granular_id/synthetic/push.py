@@ -147,36 +147,29 @@ MODE_SHARE = np.array(
 
 
 def tool_resonance(wrench: FloatArray, step_s: float) -> FloatArray:
-    """Pass a wrench through the vibration of tool and arm; steady loads come out unchanged.
+    """Pass a wrench (6, n) through the vibration of tool and arm; steady loads come out unchanged.
 
-    Each mode is ``w^2 / (s^2 + 2 zeta w s + w^2)``, brought to discrete time by the bilinear transform
-    with its frequency kept.
-
-    Parameters
-    ----------
-    wrench : ndarray, shape (6, n)
-        Load on the tool, N and N m.
-    step_s : float
-        Time step, s; below 5 ms, or the highest mode could not be represented.
-
-    Returns
-    -------
-    ndarray, shape (6, n)
+    Each mode is ``w^2 / (s^2 + 2 zeta w s + w^2)``, brought to discrete time by the bilinear transform with its
+    frequency kept: steps below 5 ms, or the highest mode could not be represented.
     """
     result: FloatArray = (1.0 - MODE_SHARE.sum(axis=1, keepdims=True)) * wrench
-    for (frequency_hz, damping), share in zip(MODES, MODE_SHARE.T, strict=True):
-        omega = 2.0 * math.pi * frequency_hz
-        warp = omega / math.tan(0.5 * omega * step_s)
+    for mode, share in zip(MODES, MODE_SHARE.T, strict=True):
+        omega, _, poles = mode_filter(*mode, step_s)
         gain = np.array([1.0, 2.0, 1.0]) * omega**2
-        poles = np.array(
-            [
-                warp**2 + 2.0 * damping * omega * warp + omega**2,
-                2.0 * (omega**2 - warp**2),
-                warp**2 - 2.0 * damping * omega * warp + omega**2,
-            ]
-        )
         result += share[:, np.newaxis] * lfilter(gain, poles, wrench, axis=-1)
     return result
+
+
+def mode_filter(frequency_hz: float, damping: float, step_s: float) -> tuple[float, float, list[float]]:
+    """Return the angular frequency of a mode, that of the bilinear transform, and the denominator of its filter."""
+    omega = 2.0 * math.pi * frequency_hz
+    warp = omega / math.tan(0.5 * omega * step_s)
+    poles = [
+        warp**2 + 2.0 * damping * omega * warp + omega**2,
+        2.0 * (omega**2 - warp**2),
+        warp**2 - 2.0 * damping * omega * warp + omega**2,
+    ]
+    return omega, warp, poles
 
 
 @dataclass(frozen=True)

@@ -23,32 +23,9 @@ LONGEST_S = 20.0
 
 
 def rest_noise(n_samples: int, rate_hz: float, *, seed: int | np.random.SeedSequence = 0) -> FloatArray:
-    """Draw what a sensor at rest reads around its zero: white readings that are held, and a zero that wanders.
+    """Draw what a sensor at rest reads around its zero, (n_samples, 6): readings that are held, a zero that wanders.
 
-    As of a Bota Rokubi: it has 12.3 new readings a second, and messages at a higher rate repeat the last one, eight or
-    nine times at 100 Hz; bending torques follow their forces. So samples are no independent values: the mean of 1 s is
-    three times as uncertain as ``sd / sqrt(n)`` says at 100 Hz.
-
-    Parameters
-    ----------
-    n_samples : int
-    rate_hz : float
-    seed : int or numpy.random.SeedSequence, default 0
-
-    Returns
-    -------
-    ndarray, shape (n_samples, 6)
-        N and N m.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id.synthetic import rest_noise
-    >>> noise = rest_noise(1000, 100)
-    >>> noise.shape, bool(0.05 < noise[:, 0].std() < 0.15)
-    ((1000, 6), True)
-    >>> round(float(np.mean(np.diff(noise[:, 0]) != 0)), 2)
-    0.12
+    Samples are no independent values: the mean of 1 s is three times as uncertain as ``sd / sqrt(n)`` says at 100 Hz.
     """
     n = whole_number("n_samples", n_samples)
     rate = sampling_rate("rate_hz", rate_hz)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from scipy import signal
 from sklearn.model_selection import LeaveOneGroupOut, StratifiedShuffleSplit
 from sklearn.svm import SVC
 
 from granular_id.recording import SampleFlag
+from granular_id.spaces import RawHFMH
 from granular_id.synthetic import (
     PAPER_MATERIALS,
     Conditions,
@@ -22,10 +20,10 @@ from granular_id.synthetic import (
     Nuisance,
     Rig,
     Sensor,
-    mean_drag_n,
     simulate_push,
     synthesize,
 )
+from granular_id.synthetic.drag import mean_drag_n
 
 BY_NAME = {material.name: material for material in PAPER_MATERIALS}
 LENTILS = Material("lentils", 0.0045, 1.8, bulk_density_kg_m3=800, friction_angle_deg=28)
@@ -36,10 +34,10 @@ def paper_like():
     return synthesize(n_per_class=12, seed=1)
 
 
-# -- the set ----------------------------------------------------------------------------------
+# -- the set
 
 
-def test_the_paper_set_has_its_eleven_materials_and_says_it_is_synthetic(paper_like):
+def test_the_paper_set_has_eleven_synthetic_materials(paper_like):
     assert len(PAPER_MATERIALS) == 11
     assert paper_like.X.shape == (132, 1600, 6)
     assert paper_like.rate_hz == 500
@@ -47,6 +45,11 @@ def test_the_paper_set_has_its_eleven_materials_and_says_it_is_synthetic(paper_l
     assert all(recording.meta["synthetic"] is True for recording in paper_like)
     assert len(set(paper_like.names)) == 132
     assert len({recording.wrench.tobytes() for recording in paper_like}) == 132
+    for recording in paper_like[:3]:
+        conditions, material = recording.meta["conditions"], recording.meta["material"]
+        packed = BY_NAME[recording.label].bulk_density_kg_m3 * (1 + conditions["packing_percent"] / 100)
+        assert material["bulk_density_kg_m3"] == pytest.approx(packed)
+        assert recording.meta["gain"] == pytest.approx(math.exp(conditions["gain_log"]))
 
 
 def test_the_trigger_is_the_onset_of_the_motion(paper_like):
@@ -62,7 +65,7 @@ def test_the_trigger_is_the_onset_of_the_motion(paper_like):
         assert after.mean() - before.mean() > 0.3
 
 
-def test_sessions_are_days_in_which_every_material_is_pushed_in_turn(paper_like):
+def test_sessions_are_days_with_every_material(paper_like):
     sessions, times = paper_like.sessions, paper_like.start_times
     assert sorted(set(sessions)) == ["session 1", "session 2", "session 3", "session 4"]
     assert len(set(times.tolist())) == len(times)
@@ -77,28 +80,10 @@ def test_sessions_are_days_in_which_every_material_is_pushed_in_turn(paper_like)
     ]
 
 
-def test_meta_holds_the_drawn_parameters_as_plain_json(paper_like):
-    def plain(value):
-        if isinstance(value, Mapping):
-            return {key: plain(item) for key, item in value.items()}
-        return [plain(item) for item in value] if isinstance(value, tuple) else value
-
-    for recording in list(paper_like)[:3]:
-        meta = json.loads(json.dumps(plain(recording.meta)))
-        assert meta["rig"]["depth_m"] <= 0.080
-        assert meta["seed"] == 1
-        packed = BY_NAME[recording.label].bulk_density_kg_m3 * (
-            1 + meta["conditions"]["packing_percent"] / 100
-        )
-        assert meta["material"]["bulk_density_kg_m3"] == pytest.approx(packed)
-        assert meta["gain"] == pytest.approx(math.exp(meta["conditions"]["gain_log"]))
-    assert 0.001 < np.std([recording.meta["rig"]["depth_m"] for recording in paper_like]) < 0.004
+# -- seeds
 
 
-# -- seeds ------------------------------------------------------------------------------------
-
-
-def test_same_seed_same_bits_other_seed_other_bits():
+def test_the_seed_decides_the_bits():
     one, same, other = (synthesize(["rice", LENTILS], n_per_class=2, seed=seed) for seed in (3, 3, 4))
     assert one == same
     assert one.X.tobytes() == same.X.tobytes()
@@ -113,7 +98,7 @@ def test_a_recording_does_not_depend_on_what_else_is_made():
         assert list(few.sessions[few.y == label]) == list(many.sessions[many.y == label][:3])
 
 
-# -- what varies ------------------------------------------------------------------------------
+# -- what varies
 
 
 def test_without_nuisance_only_grains_and_noise_differ():
@@ -126,7 +111,7 @@ def test_without_nuisance_only_grains_and_noise_differ():
     assert np.abs(rest.mean(axis=1)).max() < 0.05
 
 
-def test_calibration_belongs_to_the_session_and_packing_also_to_recording_and_fill():
+def test_calibration_belongs_to_the_session():
     data = synthesize(["rice", "macaroni"], n_per_class=6, sessions=2, seed=0)
     for session in ("session 1", "session 2"):
         inside = [r.meta["conditions"] for r in data if r.session == session]
@@ -135,21 +120,10 @@ def test_calibration_belongs_to_the_session_and_packing_also_to_recording_and_fi
     assert len({r.meta["gain"] for r in data}) == 2
 
 
-def test_levels_scale_the_same_draws():
-    def draw(nuisance):
-        return nuisance.draw(*(np.random.default_rng(i) for i in range(3)))
-
-    nominal, once, twice = (draw(Nuisance().scaled(factor)) for factor in (0, 1, 2))
-    assert nominal == Conditions(tare=(0.0,) * 6, drift_per_s=(0.0,) * 6)
-    assert twice.packing_percent == pytest.approx(2 * once.packing_percent)
-    assert twice.lift_ratio - 0.55 == pytest.approx(2 * (once.lift_ratio - 0.55))
-    np.testing.assert_allclose(twice.tare, 2 * np.array(once.tare))
-
-
-def test_denser_packing_drags_more_and_overshoots_more():
+def test_denser_packing_drags_and_overshoots_more():
     rice = BY_NAME["rice"]
     loose, dense = (Conditions(packing_percent=p).material(rice) for p in (-2.0, 2.0))
-    assert mean_drag_n(dense) > 1.15 * mean_drag_n(loose)
+    assert mean_drag_n(dense, Rig()) > 1.15 * mean_drag_n(loose, Rig())
     assert dense.overshoot > 1.3 * loose.overshoot
 
 
@@ -175,24 +149,19 @@ def test_mounting_and_sensor_errors_act_as_stated():
     assert push(depth_offset_m=0.5)[400:, 0].mean() == push(depth_offset_m=0.004)[400:, 0].mean()
 
 
-# -- the sensor -------------------------------------------------------------------------------
+# -- the sensor
 
 
-def test_rest_is_sensor_noise(paper_like):
+def test_rest_is_sensor_noise_in_steps_of_the_converter(paper_like):
     rest = np.concatenate(
         [r.wrench[: r.trigger_index] - r.wrench[: r.trigger_index].mean(0) for r in paper_like]
     )
-    stated = (0.020, 0.019, 0.050, 0.53e-3, 0.53e-3, 0.50e-3)
-    np.testing.assert_allclose(rest.std(axis=0), stated, rtol=0.03)
-
-
-def test_readings_are_whole_steps_of_the_converter(paper_like):
+    np.testing.assert_allclose(rest.std(axis=0), Sensor().noise_rms, rtol=0.03)
     steps = paper_like.X / Sensor().resolution()
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
-    assert Sensor().resolution()[0] == 145 / 2**15
 
 
-def test_a_sensor_at_its_end_saturates_and_the_samples_are_flagged():
+def test_samples_at_the_end_of_the_range_are_flagged():
     small = Sensor(full_scale=(2.0, 145.0, 290.0, 5.0, 5.0, 5.0))
     recording = synthesize("fine sugar", n_per_class=1, sensor=small)[0]
     assert recording.wrench[:, 0].max() == 2.0
@@ -219,28 +188,6 @@ def test_mean_pushes_look_like_those_of_the_paper(paper_like):
     assert 0.8 < level["oat flakes"] / level["breadcrumbs"] < 1.25
 
 
-def test_sugar_waves_and_flour_is_smooth(paper_like):
-    def band(label, low_hz, high_hz):
-        sos = signal.butter(3, (low_hz, high_hz), "band", fs=500, output="sos")
-        fx = paper_like.X[paper_like.y == label, :, 0]
-        return np.median(signal.sosfiltfilt(sos, fx, axis=1)[:, 400:].std(axis=1) / fx[:, 400:].mean(axis=1))
-
-    assert band("fine sugar", 1.2, 4) > 0.05
-    assert band("fine sugar", 1.2, 4) > 3 * band("wheat flour", 1.2, 4)
-    assert band("wheat flour", 5, 100) < 0.01
-    assert band("macaroni", 5, 100) > 0.05
-
-
-def test_high_pass_of_nominal_pushes_stays_within_the_histogram():
-    nominal = synthesize(n_per_class=4, nuisance=Nuisance().scaled(0), seed=1)
-    sos = signal.butter(8, 23, "high", fs=500, output="sos")
-    rest = np.abs(signal.sosfilt(sos, nominal.X, axis=1))
-    for label in nominal.labels:
-        assert np.quantile(rest[nominal.y == label][..., :3], 0.999) < 1.6
-    assert rest[..., 3:].max() < 0.5
-    assert np.quantile(rest[nominal.y == "macaroni"][..., 0], 0.999) > 0.8
-
-
 def test_names_of_materials_may_have_underscores_for_blanks():
     assert synthesize("fine_sugar", n_per_class=1) == synthesize("fine sugar", n_per_class=1)
 
@@ -253,7 +200,7 @@ def drives():
     return synthesize(["rice", "fine sugar"], n_per_class=2, rate_hz=100, duration_s=10, sensor="imu")
 
 
-def test_drives_are_as_long_as_asked_for_each_a_session_of_its_own(drives):
+def test_drives_have_their_length_and_a_session_each(drives):
     assert drives.X.shape == (4, 1000, 6)
     assert list(drives.sessions) == ["rice_00", "rice_01", "fine_sugar_00", "fine_sugar_01"]
     for drive in drives:
@@ -264,33 +211,20 @@ def test_drives_are_as_long_as_asked_for_each_a_session_of_its_own(drives):
         assert drive.flags is None
 
 
-def test_a_drive_reads_gravity_and_no_steady_load(drives):
-    mean = drives.X.mean(axis=1)
-    np.testing.assert_allclose(mean[:, 5], -9.81, atol=0.5)
-    np.testing.assert_allclose(mean[:, :3], 0.0, atol=0.05)
-
-
-def test_the_rest_before_a_drive_is_noise_and_coarse_grains_shake_the_tool(drives):
+def test_a_drive_rests_and_coarse_grains_shake_it(drives):
     rest, moving = drives.X[:, :10, 3].std(axis=1), drives.X[:, 40:300, 3].std(axis=1)
     assert rest.mean() == pytest.approx(0.03, rel=0.3)
+    np.testing.assert_allclose(drives.X.mean(axis=1)[:, 5], -9.81, atol=0.5)  # gravity, and no steady load
     rice, sugar = moving[:2], moving[2:]
     assert rice.min() > 2 * sugar.max()
 
 
-def test_a_drive_does_not_depend_on_what_else_is_made_nor_on_its_length(drives):
+def test_a_drive_does_not_depend_on_what_else_is_made(drives):
     many = synthesize(["macaroni", "rice"], 3, duration_s=20, rate_hz=100, sensor="imu")
     assert np.array_equal(many.X[many.y == "rice"][:2, :1000], drives.X[:2])
 
 
-def test_every_other_stroke_goes_backwards():
-    quiet = {"nuisance": Nuisance().scaled(0), "rate_hz": 100, "duration_s": 6.4, "sensor": "imu"}
-    # before the noise: from the start of the first and of the second stroke to where the load has built up
-    drive = synthesize("wheat flour", n_per_class=1, seed=2, **quiet)[0].wrench[:, 4]
-    drive = drive - drive.mean()
-    assert drive[320:345].min() < 0 < drive[0:45].max()
-
-
-# -- own materials and odd settings -----------------------------------------------------------
+# -- own materials and odd settings
 
 
 @settings(max_examples=60)
@@ -315,7 +249,7 @@ def test_every_other_stroke_goes_backwards():
     rate_hz=st.floats(20, 2000),
     seed=st.integers(0, 2**64),
 )
-def test_every_valid_material_gives_finite_forces_that_start_at_rest(material, speed, rate_hz, seed):
+def test_every_valid_material_gives_finite_forces(material, speed, rate_hz, seed):
     push = simulate_push(
         material, rig=Rig(speed_m_s=speed), rate_hz=rate_hz, duration_s=0.6, lead_s=0.1, seed=seed
     )
@@ -325,7 +259,7 @@ def test_every_valid_material_gives_finite_forces_that_start_at_rest(material, s
     assert push[-1].any()
 
 
-# -- the set is neither trivial nor hopeless: wide bands on purpose, as it is no evidence about real accuracy ---
+# -- the set is neither trivial nor hopeless: wide bands on purpose, as it is no evidence about real accuracy
 
 
 @pytest.fixture(scope="module")
@@ -335,15 +269,9 @@ def thirty_each():
 
 @pytest.fixture(scope="module")
 def spaces(thirty_each):
-    """Gram matrices of the three feature spaces, from scipy and numpy alone, and the labels."""
-    X = thirty_each.X
-    residual = signal.sosfilt(signal.butter(8, 23, "high", fs=500, output="sos"), X, axis=1)
-    bins = np.floor((residual + 1.5) / 0.03).astype(np.int64)
-    inside = (bins >= 0) & (bins < 100)
-    recording, _, axis = np.nonzero(inside)
-    histogram = np.zeros((len(X), 6, 100))
-    np.add.at(histogram, (recording, axis, bins[inside]), 1.0)
-    raw, counts = X.reshape(len(X), -1), histogram.reshape(len(X), -1)
+    """Gram matrices of the three feature spaces, and the labels."""
+    features = RawHFMH().fit_transform(thirty_each.X)
+    raw, counts = features[:, :9600], features[:, 9600:]
     grams = {"raw": raw @ raw.T, "hfmh": counts @ counts.T}
     return {**grams, "raw+hfmh": grams["raw"] + grams["hfmh"]}, thirty_each.y
 
@@ -364,7 +292,7 @@ def _accuracy(gram, labels):
     return float(np.mean(_right(gram, labels, split.split(labels, labels))[0]))
 
 
-def test_each_space_is_well_above_chance_and_no_single_one_solves_it(spaces):
+def test_spaces_are_above_chance_and_none_solves_it(spaces):
     grams, labels = spaces
     accuracy = {name: _accuracy(gram, labels) for name, gram in grams.items()}
     assert 0.55 < accuracy["raw"] < 0.90
@@ -382,13 +310,6 @@ def test_held_out_sessions_are_harder_and_materials_differ(spaces, thirty_each):
     assert max(recall) > 0.95
 
 
-def test_shuffled_labels_give_chance(spaces):
-    grams, labels = spaces
-    shuffled = np.random.default_rng(0).permutation(labels)
-    # 330 trials at 1/11: three standard deviations are 0.047
-    assert _accuracy(grams["raw+hfmh"], shuffled) == pytest.approx(1 / 11, abs=0.05)
-
-
 def test_the_rest_before_the_motion_gives_nothing_away(thirty_each):
     rest = thirty_each.X[:, :50].mean(axis=1)
     rest = (rest - rest.mean(axis=0)) / rest.std(axis=0)
@@ -397,7 +318,7 @@ def test_the_rest_before_the_motion_gives_nothing_away(thirty_each):
     assert np.mean(classifier.predict(rest[~first]) == thirty_each.y[~first]) < 0.25
 
 
-# -- what is refused --------------------------------------------------------------------------
+# -- what is refused
 
 
 @pytest.mark.parametrize(
@@ -410,21 +331,17 @@ def test_the_rest_before_the_motion_gives_nothing_away(thirty_each):
         ),
         ({"materials": []}, ValueError, "at least one material"),
         ({"sensor": "gyro"}, ValueError, "sensor must be a Sensor or 'imu', got 'gyro'"),
-        ({"materials": [3]}, TypeError, "names or Material objects, got 3"),
         ({"materials": ["rice", BY_NAME["rice"]]}, ValueError, "'rice' twice"),
         ({"n_per_class": 0}, ValueError, "n_per_class must be at least 1, got 0"),
-        ({"n_per_class": 2.5}, TypeError, "n_per_class must be a whole number, got 2.5"),
         ({"n_per_class": 3, "sessions": 4}, ValueError, "sessions must not exceed n_per_class = 3, got 4"),
         ({"rate_hz": float("nan")}, ValueError, "rate_hz must be finite"),
-        ({"rate_hz": 1e9}, ValueError, "rate_hz must be at most 50000"),
-        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
         ({"duration_s": 0.2}, ValueError, r"duration_s must exceed the 0.25 s of rest .* got 0.2"),
         ({"duration_s": 10}, ValueError, r"duration_s = 10 moves the tool up to 0.29\d m, and the wall"),
         ({"seed": -1}, ValueError, "seed must be at least 0, got -1"),
         ({"rig": Rig(depth_m=0.005)}, ValueError, "depth_m = 0.005 of rig"),
     ],
 )
-def test_synthesize_refuses(arguments, error, message):
+def test_synthesize_of_bad_arguments_raises(arguments, error, message):
     with pytest.raises(error, match=message):
         synthesize(**{"materials": "rice", "n_per_class": 4, **arguments})
 
@@ -438,19 +355,13 @@ def test_synthesize_refuses(arguments, error, message):
             "of material 'lentils' must be at most 0.1, got 4.5",
         ),
         (lambda: replace(LENTILS, aspect_ratio=0.5), "aspect_ratio of material 'lentils' must be at least 1"),
-        (lambda: replace(LENTILS, bulk_density_kg_m3=-1), "bulk_density_kg_m3 of .* must not be negative"),
         (lambda: replace(LENTILS, bulk_density_kg_m3=0), "needs bulk_density_kg_m3 or cohesion_pa"),
-        (lambda: replace(LENTILS, friction_angle_deg=75), "must be at most 60, got 75"),
-        (lambda: replace(LENTILS, cohesion_pa=float("inf")), "cohesion_pa of .* must be finite"),
         (lambda: replace(LENTILS, sharpness=0), "sharpness of material 'lentils' must be positive"),
         (lambda: Rig(speed_m_s=0), "speed_m_s must be positive"),
         (lambda: Rig(depth_m=0.09), "depth_m must not exceed tool_length_m = 0.08"),
-        (lambda: Rig(sensor_to_tool_m=-1), "sensor_to_tool_m must not be negative"),
         (lambda: Sensor(noise_rms=(0.1,) * 5), "noise_rms must hold 6 finite numbers"),
-        (lambda: Sensor(full_scale=(0.0,) * 6), "full_scale must hold 6 finite numbers, positive"),
         (lambda: Sensor(bits=0), "bits must be a whole number from 2 to 32"),
         (lambda: Nuisance(depth_m=(0.1, 0.1)), "depth_m must be .per recording, per fill, per session"),
-        (lambda: Nuisance(tare_n=(0.1, -0.1, 0.0)), "tare_n must not be negative"),
         (lambda: Nuisance().scaled(-1), "factor must not be negative"),
         (lambda: simulate_push(LENTILS, parts=("slip", "magic")), "no part 'magic'; known: texture, slip"),
         (lambda: simulate_push(LENTILS, duration_s=0.001), "holds 0 samples at rate_hz = 500"),
@@ -458,9 +369,8 @@ def test_synthesize_refuses(arguments, error, message):
             lambda: simulate_push(LENTILS, duration_s=5),
             "a push of 5 s .* into the wall at wall_distance_m = 0.1",
         ),
-        (lambda: simulate_push(LENTILS, lead_s=-1), "lead_s must not be negative"),
     ],
 )
-def test_parts_of_the_model_refuse(call, message):
+def test_parts_of_the_model_refuse_bad_values(call, message):
     with pytest.raises(ValueError, match=message):
         call()

@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import signal
 
-from granular_id.synthetic import (
-    PAPER_MATERIALS,
-    Material,
-    Rig,
-    contact_break_rate_hz,
+from granular_id.synthetic import PAPER_MATERIALS, Material, Rig, simulate_push
+from granular_id.synthetic.drag import (
     contact_breaks,
     contact_count,
     drag_profile,
-    froude_number,
     heterogeneity,
     mean_drag_n,
     relative_fluctuation,
     shear_band_wave,
-    simulate_push,
     slip_length_m,
     stick_slip,
-    tool_resonance,
 )
+from granular_id.synthetic.push import tool_resonance
 
 BY_NAME = {material.name: material for material in PAPER_MATERIALS}
 PEAS = BY_NAME["dry peas"]
@@ -34,15 +28,15 @@ COHESIVE = Material("paste", 1e-4, 1.0, bulk_density_kg_m3=0, friction_angle_deg
 SHALLOW = Rig(depth_m=0.038)
 
 
-def test_mean_drag_by_hand():
+def test_mean_drag_is_that_computed_by_hand():
     # Kp = tan^2(61.5 deg) = 3.392; 1.5 * 3.392 * 820 * 9.81 * 0.0199 * 0.076^2
-    assert mean_drag_n(BY_NAME["rice"]) == pytest.approx(4.705, abs=0.005)
+    assert mean_drag_n(BY_NAME["rice"], Rig()) == pytest.approx(4.705, abs=0.005)
     # Kp = tan^2(55 deg) = 2.0396; 6 * 200 * 1.42815 * 0.0171 * 0.076
-    assert mean_drag_n(COHESIVE) == pytest.approx(2.2272, abs=0.001)
+    assert mean_drag_n(COHESIVE, Rig()) == pytest.approx(2.2272, abs=0.001)
 
 
 @pytest.mark.parametrize(("material", "ratio"), [(PEAS, 4.0), (COHESIVE, 2.0)])
-def test_drag_grows_with_depth_squared_by_friction_and_with_depth_by_cohesion(material, ratio):
+def test_drag_grows_with_the_stated_power_of_the_depth(material, ratio):
     deep, shallow = (simulate_push(material, rig=rig, parts=())[-1, 0] for rig in (Rig(), SHALLOW))
     assert deep / shallow == pytest.approx(ratio, rel=1e-9)
 
@@ -52,7 +46,7 @@ def _past_the_start(wrench, rig, rate_hz, lead_s):
     return wrench[(travel > 0.02) & (travel < 0.075)]
 
 
-def test_mean_is_independent_of_speed_and_slips_come_twice_as_often_at_twice_the_speed():
+def test_speed_changes_the_rate_of_slips_not_the_mean():
     means, per_second = [], []
     # slow enough that slips of different layers seldom overlap and can be counted in the sum
     for speed in (0.006, 0.012):
@@ -74,38 +68,8 @@ def test_mean_is_independent_of_speed_and_slips_come_twice_as_often_at_twice_the
     assert per_second[0] == pytest.approx(4 * 0.006 / slip_length_m(PEAS), rel=0.15)
 
 
-def test_whole_model_keeps_mean_and_spread_when_speed_doubles():
-    spectra, spreads, means = [], [], []
-    for speed in (0.015, 0.03):
-        rig = Rig(speed_m_s=speed)
-        pushes = [simulate_push(PEAS, rig=rig, duration_s=0.15 + 0.08 / speed, seed=k) for k in range(16)]
-        fx = [_past_the_start(push, rig, 500, 0.15)[:, 0] for push in pushes]
-        means.append(np.mean([f.mean() for f in fx]))
-        spreads.append(np.mean([f.std() for f in fx]))
-        power = [signal.periodogram(f - f.mean(), 500) for f in fx]
-        spectra.append(np.mean([np.sum(f * p) / np.sum(p) for f, p in power]))
-    assert means[1] == pytest.approx(means[0], rel=0.05)
-    assert spreads[1] == pytest.approx(spreads[0], rel=0.15)
-    assert spectra[1] > 1.4 * spectra[0]  # the same events, played faster
-
-
-def test_contacts_break_at_nc_v_over_d():
-    macaroni, step_s, counts = BY_NAME["macaroni"], 1 / 4000, []
-    for speed in (0.015, 0.03):
-        rig = Rig(speed_m_s=speed)
-        seconds = 0.08 / speed
-        travel = speed * np.arange(round(seconds / step_s)) * step_s
-        drawn = [
-            contact_breaks(macaroni, rig, travel, step_s, np.random.default_rng(k))[0] for k in range(10)
-        ]
-        breaks = sum(np.count_nonzero(np.diff(layers) < -1e-3) for layers in drawn)
-        counts.append(breaks / (10 * seconds))
-        assert counts[-1] == pytest.approx(contact_break_rate_hz(macaroni, rig), rel=0.1)
-    assert counts[1] / counts[0] == pytest.approx(2.0, rel=0.1)
-
-
-@pytest.mark.parametrize("name", ["dry peas", "rice", "fine sugar", "wheat flour"])
-def test_contact_break_noise_has_the_power_of_its_shot_noise(name):
+@pytest.mark.parametrize("name", ["dry peas", "rice", "wheat flour"])
+def test_contact_breaks_have_the_power_of_shot_noise(name):
     material, rig = BY_NAME[name], Rig()
     # Coarse enough that flour's contacts recover within a step.
     step_s = 5e-4
@@ -126,19 +90,6 @@ def test_contact_break_noise_has_the_power_of_its_shot_noise(name):
     assert noise[:, 1, :, 1000:].std() == pytest.approx(0.6 * expected, rel=0.15)
 
 
-def test_relative_fluctuation_is_proportional_to_grain_size():
-    relative = []
-    for d in (0.002, 0.004, 0.008):
-        material = replace(PEAS, grain_diameter_m=d)
-        smooth = simulate_push(material, parts=())[400:, 0]
-        spread = [
-            (simulate_push(material, parts=("slip", "contacts"), seed=s)[400:, 0] / smooth - 1).std()
-            for s in range(10)
-        ]
-        relative.append(np.mean(spread) / d)
-    assert max(relative) / min(relative) < 1.15
-
-
 @pytest.mark.parametrize("name", ["dry peas", "clay granules", "breadcrumbs"])
 def test_stick_slip_has_the_size_it_states(name):
     material, rig = BY_NAME[name], Rig()
@@ -151,7 +102,7 @@ def test_stick_slip_has_the_size_it_states(name):
     assert np.mean(spread) == pytest.approx(relative_fluctuation(material, rig), rel=cohesive_tolerance)
 
 
-def test_slips_lean_sideways_and_vertically_without_a_mean():
+def test_slips_lean_both_ways_without_a_mean():
     rig = Rig()
     travel = rig.speed_m_s * np.arange(3000) * 1e-3
     drawn = np.stack([stick_slip(PEAS, rig, travel, np.random.default_rng(s)) for s in range(60)])
@@ -162,12 +113,7 @@ def test_slips_lean_sideways_and_vertically_without_a_mean():
     assert abs(np.corrcoef(sideways.ravel(), vertical.ravel())[0, 1]) < 0.1
 
 
-def test_slip_length_is_most_of_a_grain():
-    assert slip_length_m(replace(PEAS, aspect_ratio=1.0)) == pytest.approx(0.0052)
-    assert slip_length_m(BY_NAME["rice"]) == pytest.approx(0.0029 * 0.8 * 1.4176, rel=1e-3)
-
-
-def test_nothing_moves_before_the_start_and_the_push_begins_there():
+def test_the_push_begins_after_its_rest():
     push = simulate_push(PEAS, lead_s=0.2, seed=5)
     assert not push[:101].any()
     assert push[110:, 0].min() > 0
@@ -179,18 +125,6 @@ def test_torque_is_force_times_lever_arm():
         push = simulate_push(material, parts=())[200:]
         lever = rig.sensor_to_tool_m + rig.tool_length_m - rig.depth_m + depth * rig.depth_m
         np.testing.assert_allclose(push[:, 4], lever * push[:, 0], rtol=1e-12)
-    # Deeper layers carry more: with everything on, the sideways torque still follows the sideways force.
-    push = simulate_push(PEAS, parts=("slip", "contacts"), seed=2)[200:]
-    assert np.corrcoef(push[:, 3], push[:, 1])[0, 1] < -0.98
-    np.testing.assert_allclose(push[:, 5], 0.3 * 0.5 * 0.017 * push[:, 1], rtol=1e-9)
-
-
-def test_vertical_force_follows_and_has_a_part_of_its_own():
-    smooth = simulate_push(PEAS, parts=())[200:]
-    np.testing.assert_allclose(smooth[:, 2], 0.55 * smooth[:, 0], rtol=1e-12)
-    push = simulate_push(PEAS, seed=1)[200:]
-    own = push[:, 2] - 0.55 * push[:, 0]
-    assert 0.1 < own.std() < 0.6 * push[:, 0].std() + 0.2
 
 
 def test_profile_has_its_landmarks():
@@ -210,13 +144,7 @@ def test_profile_has_its_landmarks():
     assert near - far == pytest.approx(1.4 * math.exp(-(0.01 / 0.017) / 1.3), rel=1e-3)
 
 
-def test_paper_pushes_are_quasi_static():
-    assert all(froude_number(material) < 0.3 for material in PAPER_MATERIALS)
-    fast = Rig(speed_m_s=0.06)
-    assert froude_number(PEAS, fast) == pytest.approx(2 * froude_number(PEAS))
-
-
-def test_slow_fields_have_unit_variance_and_the_stated_correlation_length():
+def test_slow_fields_have_unit_variance_and_stated_length():
     x = np.linspace(0, 20, 801)
     fields = heterogeneity(x, 1.0, np.random.default_rng(0), 400)
     assert fields.shape == (400, 801)
