@@ -15,25 +15,24 @@ from granular_id.plotting.evaluation import (
     plot_recall,
 )
 from granular_id.plotting.explanation import plot_explanation
-from granular_id.plotting.onset import plot_onsets
-from granular_id.plotting.recordings import (
+from granular_id.plotting.materials import (
     curves_in as curves_in,
     draw_hfmh as draw_hfmh,
     draw_mean_forces as draw_mean_forces,
     draw_residual as draw_residual,
     plot_hfmh,
     plot_mean_forces,
-    plot_recordings,
     plot_residual,
-    quantity_of as quantity_of,
     telling_curves as telling_curves,
 )
+from granular_id.plotting.recordings import plot_onsets, plot_recordings
 from granular_id.plotting.style import (
     FAINT as FAINT,
     INK as INK,
     axis_line as axis_line,
     file_format as file_format,
     new_figure as new_figure,
+    quantity_of as quantity_of,
 )
 
 __all__ = [

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from granular_id.identifier import Timeline
 
 _NAMED, _MAY_BE, _UNKNOWN = "#0072B2", "#A9CBE2", "#D55E00"
+_TRUTH: dict[str, Any] = {"marker": "<", "markersize": 6, "color": INK, "linestyle": ""}
+_STRANGE: dict[str, Any] = {"facecolor": "white", "edgecolor": _UNKNOWN, "hatch": "////", "linewidth": 0.8}
 _MOST_ROWS = 15
 _MOST_PIECES = 1500  # a figure has no more columns
 _MOST_GROUPS, _MOST_LINES = 2, 3
@@ -94,14 +96,10 @@ def plot_answers(
     _draw_answers(answers, timeline, names)
     answers.set_xlim(0.0, lasts_s)
     left_out = f" ({hidden} materials that are named least left out)" if hidden else ""
-    answers.set_xlabel(
-        f"time, s; each answer is about the {timeline.window_s:g} s before{left_out}", fontsize=9
-    )
-    answers.xaxis.label.set_color(INK)
-    title = ", ".join(
-        filter(None, (f"Answers over {short(timeline.name, 60) or 'a recording'}", timeline.synthetic))
-    )
-    heading(figure, title)
+    about = f"time, s; each answer is about the {timeline.window_s:g} s before{left_out}"
+    answers.set_xlabel(about, fontsize=9, color=INK)
+    title = f"Answers over {short(timeline.name, 60) or 'a recording'}"
+    heading(figure, ", ".join(filter(None, (title, timeline.synthetic))))
     _legend(figure, timeline, names)
     save(figure, path)
     return figure
@@ -138,14 +136,8 @@ def _draw_signal(panel: Any, recording: Recording, columns: list[int], unit: str
     is_wrench = recording.axes[columns[0]] in AXES
     label = unit if is_wrench else f"{unit}\nless median".strip()
     panel.set_ylabel(label, fontsize=9, color=INK)
-    panel.legend(
-        loc="center left",
-        bbox_to_anchor=(1.0, 0.5),
-        frameon=False,
-        fontsize=8,
-        labelcolor=INK,
-        handlelength=1.5,
-    )
+    beside: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "handlelength": 1.5}
+    panel.legend(frameon=False, fontsize=8, labelcolor=INK, **beside)
 
 
 def _outline(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -174,32 +166,12 @@ def _draw_answers(panel: Any, timeline: Timeline, names: list[str]) -> None:
     row_names(panel, rows)
     panel.tick_params(axis="y", labelsize=8)
     quiet(panel, "left")
-    panel.tick_params(axis="y", length=0)
     grid(panel, "x")
     for edge in range(1, len(rows)):
         panel.axhline(edge - 0.5, color=FAINT, linewidth=0.3, zorder=0)
     if timeline.truth in names:
         place = names.index(timeline.truth)
         panel.plot([1.008], [place], clip_on=False, transform=panel.get_yaxis_transform(), **_TRUTH)
-
-
-_TRUTH: dict[str, Any] = {"marker": "<", "markersize": 6, "color": INK, "linestyle": ""}
-_STRANGE: dict[str, Any] = {"facecolor": "white", "edgecolor": _UNKNOWN, "hatch": "////", "linewidth": 0.8}
-
-
-def _legend(figure: Figure, timeline: Timeline, names: list[str]) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    unknown = timeline.unknown is not None and bool(timeline.unknown.any())
-    handles: list[Any] = [Patch(color=_NAMED, label="answer")]
-    if unknown or any(len(few) > 1 for few in timeline.candidates):
-        handles.append(Patch(color=_MAY_BE, label="may be, or nearest"))
-    if unknown:
-        handles.append(Patch(**_STRANGE, label="like no known material"))
-    if timeline.truth in names:
-        handles.append(Line2D([], [], **_TRUTH, label="label of the recording"))
-    legend(figure, "lower right", handles=handles, ncols=len(handles))
 
 
 def _bars(
@@ -216,3 +188,18 @@ def _bars(
     if len(begins):
         spans = np.column_stack([begins, ends - begins]).tolist()
         panel.broken_barh(spans, (row - 0.36, 0.72), **{"facecolor": facecolor, "linewidth": 0, **style})
+
+
+def _legend(figure: Figure, timeline: Timeline, names: list[str]) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    unknown = timeline.unknown is not None and bool(timeline.unknown.any())
+    handles: list[Any] = [Patch(color=_NAMED, label="answer")]
+    if unknown or any(len(few) > 1 for few in timeline.candidates):
+        handles.append(Patch(color=_MAY_BE, label="may be, or nearest"))
+    if unknown:
+        handles.append(Patch(**_STRANGE, label="like no known material"))
+    if timeline.truth in names:
+        handles.append(Line2D([], [], **_TRUTH, label="label of the recording"))
+    legend(figure, "lower right", handles=handles, ncols=len(handles))

@@ -1,44 +1,47 @@
-"""Figures of recordings: as they are stored, mean forces, histograms and what lies above the cut-off."""
+"""Figures of recordings one by one: as they are stored, and where the motion begins in each."""
 
 from __future__ import annotations
 
-import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import whole_number
-from granular_id._core import AXES
-from granular_id._text import short
-from granular_id.evaluation import most_different
+from granular_id._text import fixed, short
 from granular_id.plotting.style import (
     INK,
     axis_line,
-    colour_bar,
     curve_panel,
     evenly,
     heading,
     legend,
+    legend_of_axes,
     material_panels,
     new_figure,
     pretty,
-    row_names,
+    quantity_of,
+    quiet,
     save,
     with_unit,
 )
-from granular_id.recording import Dataset, Recording, common_units, unit_of
+from granular_id.recording import (
+    FALSE_ALARM_RATE,
+    ONSET_STEP,
+    REST_S,
+    Dataset,
+    Recording,
+    unit_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from granular_id.evaluation import ReportData
 _FLAG_COLOUR = "#CC3311"
 _NO_LABEL = "no label"
 _MOST_LINES = 6  # of one recording
-_MOST_MEANS = 2  # with their bands
 
 
 def plot_recordings(
@@ -88,7 +91,7 @@ def plot_recordings(
     if axes is None:
         axes = axes_of_one_unit(dataset[0])
     units = [unit_of(axis, dataset[0].meta) for axis in have]
-    wanted, unit = _chosen(axes, have, units)
+    wanted, unit = chosen_axes(axes, have, units)
     groups: dict[str, list[Recording]] = {}
     for recording in dataset:
         groups.setdefault(recording.label or _NO_LABEL, []).append(recording)
@@ -102,7 +105,7 @@ def plot_recordings(
     figure.supylabel(quantity_of(wanted, unit), fontsize=10, color=INK)
     what = "Synthetic recordings" if dataset.is_synthetic else "Recordings"
     heading(figure, f"{what} as they are stored")
-    _legend_of_axes(figure, handles)
+    legend_of_axes(figure, handles)
     save(figure, path)
     return figure
 
@@ -113,15 +116,7 @@ def axes_of_one_unit(recording: Recording) -> list[str]:
     return [axis for axis in recording.axes if unit_of(axis, recording.meta) == unit][:_MOST_LINES]
 
 
-def quantity_of(axes: Iterable[str], unit: str) -> str:
-    """Say what is drawn, with its unit: force or torque of a wrench, a single axis by its name, else the signal."""
-    names = list(axes)
-    if set(names) <= set(AXES) and unit in ("N", "N m"):
-        return f"{'force' if unit == 'N' else 'torque'}, {unit}"
-    return with_unit(names[0] if len(names) == 1 else "signal", unit)
-
-
-def _chosen(
+def chosen_axes(
     axes: str | Sequence[str], have: Sequence[str], units: Sequence[str]
 ) -> tuple[dict[str, int], str]:
     """Return the columns of the axes to draw, and the unit that they share."""
@@ -133,8 +128,8 @@ def _chosen(
     columns = {axis: have.index(axis) for axis in wanted}
     mixed = sorted({units[column] for column in columns.values()})
     if len(mixed) > 1:
-        told = ", ".join(unit or "not known" for unit in mixed)
-        raise ValueError(f"axes mixes units ({told}), got {', '.join(wanted)}: choose axes of one unit")
+        named = ", ".join(unit or "not known" for unit in mixed)
+        raise ValueError(f"axes mixes units ({named}), got {', '.join(wanted)}: choose axes of one unit")
     return columns, mixed[0]
 
 
@@ -160,342 +155,152 @@ def _draw(panel: Any, recordings: Sequence[Recording], axes: Sequence[str]) -> l
     return first_lines
 
 
-def plot_mean_forces(
-    dataset: Dataset | ReportData,
-    *,
-    axes: Sequence[str] | None = None,
+# Right column of onsets: seconds shown before and after.
+_BEFORE_S, _AFTER_S = 0.15, 0.2
+_REST_COLOUR = "#DDE6EE"
+_MISSING_COLOUR = "#B03A00"
+# Words, colour, dashes and marker of an onset, by how it came about.
+_MARKS = {
+    "found": ("onset found", INK, "-", "v"),
+    "overruled": ("onset stated", "#D55E00", "--", "D"),
+    "kept": ("onset recorded", "#0072B2", "-.", "s"),
+}
+
+
+def plot_onsets(
+    dataset: Dataset,
     path: str | os.PathLike[str] | None = None,
-) -> Figure:
-    """Plot the mean and spread over time of each material, one panel a material.
-
-    Parameters
-    ----------
-    dataset : Dataset or ReportData
-        Recordings of equal length and rate, with labels; or ``result.report_data``, which keeps their curves.
-    axes : sequence of str, optional
-        Axes to draw, all of one unit. Default: fx and fz of a wrench; of other axes two of one unit, the one in which
-        the materials differ most over their own spread, and the next of its unit.
-    path : path-like, optional
-        Where to save; the ending chooses the format (png, svg, pdf). Written under a temporary name and
-        renamed, so that a reader never sees half a file.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Lines are means over the recordings, bands one standard deviation to either side. All panels share
-        their scales. The title says "synthetic" when recordings are.
-
-    Raises
-    ------
-    ImportError
-        Without matplotlib, saying what to install.
-    ValueError
-        For unknown, repeated or mixed axes, recordings of unequal length or without labels.
-
-    Examples
-    --------
-    >>> from granular_id.plotting import plot_mean_forces
-    >>> from granular_id import synthesize
-    >>> figure = plot_mean_forces(synthesize(["rice", "fine sugar"], n_per_class=3))
-    >>> [panel.get_title() for panel in figure.axes]
-    ['rice', 'fine sugar']
-    """
-    units = common_units(dataset) if isinstance(dataset, Dataset) else dataset.units
-    unit = None if axes is None else _chosen(axes, dataset.axes, units)[1]
-    of_axes = dataset.axes if axes is None else axes
-    curves = curves_of(dataset, of_axes) if isinstance(dataset, Dataset) else curves_in(dataset, of_axes)
-    if unit is None:
-        curves, unit = telling_curves(curves, dict(zip(dataset.axes, units, strict=True)))
-    figure, panels = material_panels(len(curves))
-    for curve, panel in zip(curves, panels, strict=True):
-        handles = draw_mean_forces(panel, curve)
-    quantity = quantity_of(curves[0].mean, unit)
-    figure.supxlabel("time, s", fontsize=10, color=INK)
-    figure.supylabel(quantity, fontsize=10, color=INK)
-    heading(figure, _title(dataset, quantity.partition(",")[0]))
-    _legend_of_axes(figure, handles)
-    save(figure, path)
-    return figure
-
-
-class Curves(NamedTuple):
-    """Mean and standard deviation over time of one material, per axis name."""
-
-    label: str
-    time_s: NDArray[np.float64]
-    mean: dict[str, NDArray[np.float64]]
-    sd: dict[str, NDArray[np.float64]]
-
-
-def curves_of(dataset: Dataset, axes: Iterable[str]) -> list[Curves]:
-    """Compute the curves of recordings, in the order in which materials first appear: the user's own."""
-    X, y = dataset.X, dataset.y
-    columns = {axis: dataset.axes.index(axis) for axis in axes}
-    time_s = np.arange(X.shape[1]) / dataset.rate_hz
-    curves = []
-    for label in dict.fromkeys(y.tolist()):
-        own = X[y == label]
-        mean = {axis: own[:, :, column].mean(axis=0) for axis, column in columns.items()}
-        sd = {axis: own[:, :, column].std(axis=0) for axis, column in columns.items()}
-        curves.append(Curves(label, time_s, mean, sd))
-    return curves
-
-
-def curves_in(report_data: ReportData, axes: Iterable[str]) -> list[Curves]:
-    """Take the curves, in the order of its labels."""
-    columns = {axis: report_data.axes.index(axis) for axis in axes}
-    return [
-        Curves(
-            label,
-            report_data.time_s,
-            {axis: report_data.mean[k, column] for axis, column in columns.items()},
-            {axis: report_data.sd[k, column] for axis, column in columns.items()},
-        )
-        for k, label in enumerate(report_data.labels)
-    ]
-
-
-def telling_curves(curves: Sequence[Curves], units: Mapping[str, str]) -> tuple[list[Curves], str]:
-    """Keep the curves of the axes that are drawn by default, and return the unit that they share."""
-    names = list(curves[0].mean)
-    chosen = ["fx", "fz"]
-    if not set(chosen) <= set(names):
-        mean = np.array([[curve.mean[axis] for axis in names] for curve in curves])
-        sd = np.array([[curve.sd[axis] for axis in names] for curve in curves])
-        ranked = [names[place] for place in most_different(mean, sd)]
-        chosen = [axis for axis in ranked if units[axis] == units[ranked[0]]][:_MOST_MEANS]
-    kept = [axis for axis in names if axis in chosen]
-    own = [
-        Curves(one.label, one.time_s, {a: one.mean[a] for a in kept}, {a: one.sd[a] for a in kept})
-        for one in curves
-    ]
-    return own, units[kept[0]]
-
-
-def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:
-    """Draw one material; return the lines for a legend."""
-    lines = []
-    for place, (axis, mean) in enumerate(curves.mean.items()):
-        style = {**axis_line(axis, place), "linewidth": 1.3}
-        low, high = mean - curves.sd[axis], mean + curves.sd[axis]
-        panel.fill_between(curves.time_s, low, high, color=style["color"], alpha=0.25, linewidth=0)
-        lines += panel.plot(curves.time_s, mean, label=pretty(axis), **style)
-    curve_panel(panel)
-    heading(panel, short(curves.label), 10)
-    return lines
-
-
-def _legend_of_axes(figure: Any, handles: Sequence[Any]) -> None:
-    """Name the axes below the panels or, where they would run into the label there, on their right."""
-    few = len(handles) <= 3
-    legend(
-        figure,
-        "lower right" if few else "right upper",
-        size=9,
-        handles=handles,
-        ncols=len(handles) if few else 1,
-    )
-
-
-def _title(dataset: Dataset | ReportData, quantity: str) -> str:
-    if isinstance(dataset, Dataset):
-        synthetic = sum(recording.is_synthetic for recording in dataset)
-        total = len(dataset)
-    else:
-        synthetic, total = dataset.n_synthetic, sum(dataset.counts)
-    if synthetic == 0:
-        kind = ""
-    elif synthetic == total:
-        kind = "Synthetic recordings: "
-    else:
-        kind = f"{synthetic} of {total} recordings synthetic: "
-    if not kind and quantity in ("force", "torque", "signal"):  # names of axes stay as they are
-        quantity = quantity.capitalize()
-    return f"{kind}{quantity} per material, mean \N{PLUS-MINUS SIGN} standard deviation"
-
-
-def plot_hfmh(report_data: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
-    """Plot the mean histogram of the high-passed signal, one panel an axis, one row a material.
-
-    Parameters
-    ----------
-    report_data : ReportData
-        Summary of the data set that an evaluation keeps: ``result.report_data``.
-    path : path-like, optional
-        As in `granular_id.plotting.plot_mean_forces`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Colours on a log scale. Axes of one unit and the same bins share colours and bins, so that one that says
-        nothing looks like it; bins that stay empty on all of them, in all materials, are cut off at both ends.
-
-    Raises
-    ------
-    ImportError
-        Without matplotlib, saying what to install.
-
-    Examples
-    --------
-    >>> from granular_id import evaluate, synthesize
-    >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
-    >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
-    >>> figure = plot_hfmh(result.report_data)
-    >>> [panel.get_xlabel() for panel in figure.axes if panel.get_title()][3:]
-    ['bin, N m', 'bin, N m', 'bin, N m']
-    """
-    return _axis_panels(report_data, draw_hfmh, "Histograms of the signal", "mean of a material", path)
-
-
-def draw_hfmh(panel: Any, report_data: ReportData, axis: int) -> None:
-    """Draw the heat map of one axis, by its number."""
-    part = report_data.high_pass
-    values, (low, high) = part.hfmh[:, axis], part.bin_range[axis].tolist()
-    units = report_data.units
-    alike = [
-        other
-        for other, unit in enumerate(units)
-        if unit == units[axis] and part.bin_range[other].tolist() == [low, high]
-    ]
-    edges = np.linspace(low, high, values.shape[1] + 1)
-    used = np.flatnonzero(part.hfmh[:, alike].any(axis=(0, 1)))
-    first, last = (int(used[0]), int(used[-1]) + 1) if used.size else (0, values.shape[1])
-    draw_heat(
-        panel,
-        values[:, first:last],
-        across=(float(edges[first]), float(edges[last])),
-        labels=report_data.labels,
-        limits=shared_limits(part.hfmh[:, alike]),
-        key="density" if part.settings.get("density") else "samples in a bin",
-    )
-    panel.locator_params(axis="x", nbins=5)
-    panel.set_xlabel(with_unit("bin", units[axis]), fontsize=8, color=INK)
-
-
-# The first of forty windows may hold the filter's response to an offset: it must not take all the colours.
-_SHARE = 0.97
-
-
-def plot_residual(report_data: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
-    """Plot the root mean square of the high-passed signal over time, one panel an axis, one row a material.
-
-    Parameters
-    ----------
-    report_data : ReportData
-        Summary of the data set that an evaluation keeps: ``result.report_data``.
-    path : path-like, optional
-        As in `granular_id.plotting.plot_mean_forces`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Colours on a log scale, of its own for each axis; the three highest values in a hundred share the last.
-
-    Raises
-    ------
-    ImportError
-        Without matplotlib, saying what to install.
-
-    Examples
-    --------
-    >>> from granular_id import evaluate, synthesize
-    >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
-    >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
-    >>> figure = plot_residual(result.report_data)
-    >>> [panel.get_title() for panel in figure.axes if panel.get_title()][:2]
-    ['$F_x$', '$F_y$']
-    """
-    return _axis_panels(report_data, draw_residual, "Signal", "root mean square over time", path)
-
-
-def draw_residual(panel: Any, report_data: ReportData, axis: int) -> None:
-    """Draw the heat map of one axis, by its number."""
-    part = report_data.high_pass
-    values = part.residual[:, axis]
-    draw_heat(
-        panel,
-        values,
-        across=(0.0, report_data.n_samples / report_data.rate_hz),
-        labels=report_data.labels,
-        limits=shared_limits(values, share=_SHARE),
-        key=with_unit("RMS", report_data.units[axis]),
-    )
-    panel.set_xlabel("time, s", fontsize=8, color=INK)
-
-
-# Dark to light in an order that survives any colour vision and a grey print.
-_COLOURS = "cividis"
-
-
-def draw_heat(
-    panel: Any,
-    values: NDArray[np.float64],
     *,
-    across: tuple[float, float],
-    labels: Sequence[str],
-    limits: tuple[float, float],
-    key: str,
-) -> None:
-    """Draw one heat map with its colour key; what is zero stays empty."""
-    from matplotlib.colors import LogNorm  # an extra
-
-    image = panel.imshow(
-        np.ma.masked_less_equal(values, 0.0),
-        cmap=_COLOURS,
-        norm=LogNorm(*limits),
-        aspect="auto",
-        interpolation="none",  # one pixel a value in an SVG, which stays small
-        extent=(*across, len(values) - 0.5, -0.5),
-    )
-    row_names(panel, labels)
-    panel.tick_params(labelsize=7.5, colors=INK)
-    panel.spines[:].set_visible(False)
-    beyond = "max" if values.max() > limits[1] else "neither"
-    bar = colour_bar(panel.figure, image, panel, key, aspect=25, extend=beyond)
-    bar.set_ticks(ticks := _ticks(limits), labels=[f"{tick:g}" for tick in ticks])
-    bar.ax.minorticks_off()
-
-
-def _ticks(limits: tuple[float, float]) -> list[float]:
-    """Powers of ten within limits; where there are fewer than three, more steps between them."""
-    low, high = limits
-    exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for steps in ((1,), (1, 2, 5), (1, 2, 3, 4, 5, 6, 8)):
-        inside = [step * 10.0**e for e in exponents for step in steps if low <= step * 10.0**e <= high]
-        if len(inside) > 2:
-            break
-    return inside
-
-
-def shared_limits(values: NDArray[np.float64], share: float = 1.0) -> tuple[float, float]:
-    """Limits of the colours: the value that this share does not exceed, and at most four decades below it."""
-    top = float(np.quantile(values, share))
-    if top <= 0:
-        return 0.1, 1.0
-    smallest = float(values[values > 0].min())
-    return max(min(smallest, 0.5 * top), top * 1e-4), top
-
-
-def _axis_panels(
-    report_data: ReportData,
-    draw: Callable[[Any, ReportData, int], None],
-    what: str,
-    shown: str,
-    path: str | os.PathLike[str] | None,
+    n: int = 10,
+    rest_s: float = REST_S,
+    false_alarm_rate: float = FALSE_ALARM_RATE,
 ) -> Figure:
-    """Lay out one panel an axis, three in a row, each filled by ``draw(panel, report_data, axis number)``."""
-    cutoff_hz = report_data.high_pass.settings["cutoff_hz"]
-    n_axes = len(report_data.axes)
-    across = min(3, n_axes)
-    down = math.ceil(n_axes / across)
-    figure = new_figure(max(4.0 * across, 6.0), down * (1.0 + 0.17 * len(report_data.labels)) + 0.5)
-    panels = figure.subplots(down, across, squeeze=False).ravel()
-    for number, panel in enumerate(panels[:n_axes]):
-        draw(panel, report_data, number)
-        panel.set_title(pretty(report_data.axes[number]), fontsize=10, color=INK)
-    for unused in panels[n_axes:]:
-        unused.remove()
-    synthetic = "synthetic recordings, " if report_data.n_synthetic else ""
-    heading(figure, f"{what} above {cutoff_hz:g} Hz: {synthetic}{shown}")
+    """Plot the onsets of some recordings, one row each: all of it on the left, around the onset on the right.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        After :meth:`Dataset.find_onsets`; otherwise that is called first with the settings below.
+    path : path-like, optional
+        Where to save; the ending chooses the format (png, svg, pdf). Whole or not at all.
+    n : int, default 10
+        Recordings to show, spread evenly over the data set; up to half of them are ones without an onset or with
+        one that you stated, where there are such.
+    rest_s, false_alarm_rate : float
+        As in :meth:`Dataset.find_onsets`, for a data set on which it was not called.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Forces relative to their level at rest; time on the right counts from the onset (from the end of the rest
+        where there is none). Shaded: the time taken for rest, and as a band four standard
+        deviations of the noisiest axis to either side. A line with a triangle is an onset that was found, a dashed
+        one with a diamond one that you stated, a dash-dotted one with a square one that was recorded. Where none was
+        found, the panel says why.
+
+    Raises
+    ------
+    ImportError
+        Without matplotlib, saying what to install.
+    TypeError, ValueError
+        `n` below 1, and what :meth:`Dataset.find_onsets` raises.
+
+    Examples
+    --------
+    >>> from granular_id.plotting import plot_onsets
+    >>> from granular_id import synthesize
+    >>> figure = plot_onsets(synthesize(["rice", "fine sugar"], n_per_class=3), n=4)
+    >>> len(figure.axes)
+    8
+    """
+    whole_number("n", n)
+    if not any(step.step == ONSET_STEP for step in dataset.history):
+        dataset = dataset.find_onsets(rest_s=rest_s, false_alarm_rate=false_alarm_rate)
+    step = next(step for step in reversed(dataset.history) if step.step == ONSET_STEP)
+    rest_s, false_alarm_rate = (step.parameters[name] for name in ("rest_s", "false_alarm_rate"))
+    rows = {row["name"]: row for row in step.rows}
+    found = [rows.get(name, {"how": "kept"}) for name in dataset.names]
+    places = _places(np.array([row["how"] in ("not found", "overruled") for row in found]), n)
+    shown = [dataset[place] for place in places]
+    figure = new_figure(9.5, 1.1 + 1.05 * len(shown))
+    panels = figure.subplots(len(shown), 2, squeeze=False, sharex="col", width_ratios=[1.6, 1.0])
+    for panel, place in zip(panels, places, strict=True):
+        _draw_onset(panel, dataset[place], found[place], rest_s)
+    panels[0, 0].set_xlim(0.0, max(one.duration_s for one in shown) or 1.0)
+    every = all(one.trigger_index is not None for one in shown)
+    zero = "onset" if every else "onset or, without one, the end of rest"
+    for panel, origin in zip(panels[-1], ("first sample", zero), strict=True):
+        panel.set_xlabel(f"time from the {origin}, s", fontsize=9, color=INK)
+    axes = axes_of_one_unit(shown[0])
+    figure.supylabel(with_unit("relative to rest", unit_of(axes[0], shown[0].meta)), fontsize=9, color=INK)
+    synthetic = sum(one.is_synthetic for one in shown)
+    kind = "recordings" if synthetic in (0, len(shown)) else "recordings (some synthetic)"
+    kind = f"synthetic {kind}" if synthetic == len(shown) else kind
+    heading(
+        figure,
+        f"Onsets of {len(shown)} of {len(dataset)} {kind}: rest {rest_s:g} s, "
+        f"false-alarm rate {false_alarm_rate:g}",
+    )
+    key = _onset_key(axes, {found[place]["how"] for place in places})
+    legend(figure, "lower center", handles=key, ncols=len(key))
     save(figure, path)
     return figure
+
+
+def _places(first: NDArray[np.bool_], n: int) -> list[int]:
+    """Choose `n` recordings: those that need a look, up to half, and the others evenly."""
+    look, rest = np.flatnonzero(first), np.flatnonzero(~first)
+    look = look[evenly(len(look), max(n - len(rest), (n + 1) // 2))]
+    rest = rest[evenly(len(rest), n - len(look))]
+    chosen: list[int] = np.sort(np.concatenate([look, rest])).tolist()
+    return chosen
+
+
+def _draw_onset(panels: Any, recording: Recording, found: Mapping[str, Any], rest_s: float) -> None:
+    times, index = recording.times(), recording.trigger_index
+    at_rest = max(1, int(np.searchsorted(times, rest_s)))
+    axes = axes_of_one_unit(recording)
+    columns = [recording.axes.index(axis) for axis in axes]
+    signal = recording.wrench[:, columns] - recording.wrench[:at_rest, columns].mean(axis=0)
+    band = 4 * float(signal[:at_rest].std(axis=0).max())
+    zero_s = rest_s if index is None else float(times[index])
+    near = (times >= zero_s - _BEFORE_S) & (times <= zero_s + _AFTER_S)
+    _, colour, dashes, marker = _MARKS.get(found["how"], _MARKS["kept"])
+    for panel, origin_s, part in ((panels[0], 0.0, slice(None)), (panels[1], zero_s, near)):
+        panel.axvspan(-origin_s, rest_s - origin_s, color=_REST_COLOUR, linewidth=0, zorder=0)
+        panel.axhspan(-band, band, color=_REST_COLOUR, linewidth=0, zorder=0)
+        for place, axis in enumerate(axes):
+            panel.plot(times[part] - origin_s, signal[part, place], linewidth=0.9, **axis_line(axis, place))
+        if index is not None:
+            at = times[index] - origin_s
+            panel.axvline(at, color=colour, linestyle=dashes, linewidth=1.2, zorder=3)
+            top = panel.get_xaxis_transform()
+            panel.plot(at, 1.0, marker, color=colour, ms=5, transform=top, clip_on=False, zorder=5)
+        quiet(panel)
+        panel.locator_params(axis="y", nbins=3)
+    panels[1].set_xlim(-_BEFORE_S, _AFTER_S)
+    # A name with $ in it is a name, no mathematics. Onsets lie early: on the right it keeps clear of the mark.
+    title = {"fontsize": 8, "pad": 2, "parse_math": False}
+    name = short(recording.name, 60)
+    if index is None:
+        why = f"{name}, no onset:\n{found.get('why') or 'none, as stated'}"
+        panels[0].set_title(why, color=_MISSING_COLOUR, loc="left", **title)
+    else:
+        panels[0].set_title(name, color=INK, loc="right", **title)
+        panels[1].set_title(f"{fixed(times[index], 3)} s", color=colour, loc="right", **title)
+
+
+def _onset_key(axes: Sequence[str], kinds: set[str]) -> list[Any]:
+    from matplotlib.lines import Line2D  # an extra
+    from matplotlib.patches import Patch
+
+    lines = [
+        Line2D([], [], label=pretty(axis), linewidth=0.9, **axis_line(axis, place))
+        for place, axis in enumerate(axes)
+    ]
+    marks = [
+        Line2D([], [], color=colour, ls=dashes, marker=marker, ms=5, label=text)
+        for how, (text, colour, dashes, marker) in _MARKS.items()
+        if how in kinds
+    ]
+    return [*lines, Patch(color=_REST_COLOUR, label="rest, \N{PLUS-MINUS SIGN}4 s.d."), *marks]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,14 +102,16 @@ def legend(figure: Any, side: str, *, size: float = 8, **options: Any) -> None:
     figure.legend(loc=f"outside {side}", frameon=False, fontsize=size, labelcolor=INK, **options)
 
 
-def colour_bar(figure: Any, image: Any, panels: Any, label: str, **options: Any) -> Any:
-    """Draw the key of a heat map beside its panels."""
-    bar = figure.colorbar(image, ax=panels, pad=0.02, **options)
-    bar.solids.set_rasterized(True)  # else a path for each of 256 colours
-    bar.outline.set_visible(False)
-    bar.ax.tick_params(labelsize=7.5, colors=INK, length=2)
-    bar.set_label(label, fontsize=8, color=INK)
-    return bar
+def legend_of_axes(figure: Any, handles: Sequence[Any]) -> None:
+    """Name the axes below the panels or, where they would run into the label there, on their right."""
+    few = len(handles) <= 3
+    legend(
+        figure,
+        "lower right" if few else "right upper",
+        size=9,
+        handles=handles,
+        ncols=len(handles) if few else 1,
+    )
 
 
 def log_axis(panel: Any, low: float, high: float) -> None:
@@ -118,11 +120,6 @@ def log_axis(panel: Any, low: float, high: float) -> None:
     ticks = [tick for tick in _TICKS if low <= tick <= high]
     panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     panel.minorticks_off()
-
-
-def name_row(panel: Any, text: str) -> None:
-    """Name a panel that is one row of several, on its left."""
-    panel.set_ylabel(text, rotation=0, ha="right", va="center", fontsize=8.5, color=INK)
 
 
 def synthetic_mark(synthetic: object) -> str:
@@ -161,12 +158,12 @@ def with_unit(what: str, unit: str) -> str:
     return f"{what}, {unit.replace(', ', ' or ')}" if unit else what
 
 
-def middles_to_edges(middles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return edges half way between neighbours, and as far beyond the first and the last."""
-    if len(middles) < 2:
-        return np.array([middles[0] - 0.5, middles[0] + 0.5])
-    half = np.diff(middles) / 2
-    return np.concatenate([[middles[0] - half[0]], middles[:-1] + half, [middles[-1] + half[-1]]])
+def quantity_of(axes: Iterable[str], unit: str) -> str:
+    """Say what is drawn, with its unit: force or torque of a wrench, a single axis by its name, else the signal."""
+    names = list(axes)
+    if set(names) <= set(AXES) and unit in ("N", "N m"):
+        return f"{'force' if unit == 'N' else 'torque'}, {unit}"
+    return with_unit(names[0] if len(names) == 1 else "signal", unit)
 
 
 def number_text(value: float, digits: int) -> str:

@@ -9,9 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from granular_id.plotting import plot_confusion, plot_mean_forces, plot_recordings
-from granular_id.plotting.onset import plot_onsets
-from granular_id.plotting.style import evenly, middles_to_edges, number_text
+from granular_id.plotting import plot_confusion, plot_mean_forces, plot_onsets, plot_recordings
+from granular_id.plotting.style import evenly, number_text
 from granular_id.recording import Dataset, Recording
 from granular_id.synthetic import synthesize
 from onset_cases import RATE_HZ, noise, push
@@ -46,7 +45,7 @@ def test_one_panel_a_material_in_the_order_of_the_data(synthetic):
     assert [text.get_text() for text in legend.get_texts()] == ["$F_x$", "$F_z$"]
 
 
-def test_lines_are_means_and_bands_one_standard_deviation(synthetic):
+def test_lines_are_means_and_bands_one_deviation(synthetic):
     panel = plot_mean_forces(synthetic, axes=("fy",)).axes[1]
     fy = synthetic.X[synthetic.y == "fine sugar"][:, :, 1]
     mean_line = next(line for line in panel.lines if len(line.get_xdata()) == 250)
@@ -59,7 +58,7 @@ def test_lines_are_means_and_bands_one_standard_deviation(synthetic):
         assert distance.max() < 1e-9
 
 
-def test_titles_say_synthetic_only_of_synthetic_recordings_and_torques_are_in_newton_metre(synthetic):
+def test_titles_name_synthetic_recordings_and_the_quantity(synthetic):
     real = Recording(_real(250).wrench, rate_hz=500.0, label="sand", name="real")
     assert "ynthetic" not in plot_mean_forces(Dataset([real])).get_suptitle()
     mixed = plot_mean_forces(Dataset([*synthetic, real]))
@@ -68,14 +67,6 @@ def test_titles_say_synthetic_only_of_synthetic_recordings_and_torques_are_in_ne
     assert figure.get_supylabel() == "torque, N m"
     assert figure.get_suptitle().startswith("Synthetic recordings: torque per material")
     assert len(_bands(figure.axes[0])) == 3
-
-
-@pytest.mark.parametrize("n_materials", [1, 2, 4, 9])
-def test_any_number_of_materials(n_materials):
-    figure = plot_mean_forces(Dataset([_real(label=f"m{i}") for i in range(n_materials)]))
-    assert len(figure.axes) == n_materials
-    figure.draw_without_rendering()
-    assert any(label.get_visible() and label.get_text() for label in figure.axes[-1].get_xticklabels())
 
 
 @pytest.mark.parametrize(
@@ -95,14 +86,14 @@ def test_axes_are_checked(synthetic, axes, message):
 # -- other axes
 
 
-def _drives(units=("rad/s", "rad/s", "m/s2", "m/s2"), axes=("wx", "wy", "ax", "$a_y"), telling=2):
+def _drives(units=("rad/s", "rad/s", "m/s2", "m/s2"), axes=("wx", "wy", "ax", "$a_y"), differing=2):
     """Two grounds that differ in one axis."""
     rng = np.random.default_rng(0)
     meta = {"units": {axis: unit for axis, unit in zip(axes, units, strict=True) if unit}}
     drives = []
     for k in range(8):
         signal = rng.normal(size=(60, len(axes)))
-        signal[:, telling] += 10 * (k % 2)
+        signal[:, differing] += 10 * (k % 2)
         label = ("grass", "sand")[k % 2]
         drives.append(Recording(signal, 50.0, label, name=f"drive {k}", axes=axes, meta=meta))
     return Dataset(drives)
@@ -127,32 +118,27 @@ def _legend(figure):
         ({"axes": ("tx", "ty", "tz", "s")}, ["$T_z$", "s"], "signal, m/s2", "Signal"),
     ],
 )
-def test_means_of_other_axes_are_of_the_one_unit_that_tells_most(options, axes, label, title):
+def test_means_are_of_the_unit_in_which_materials_differ_most(options, axes, label, title):
     figure = plot_mean_forces(_drives(**options))
     assert (_legend(figure), figure.get_supylabel()) == (axes, label)
     assert figure.get_suptitle().startswith(title)
 
 
-def test_recordings_of_other_axes_are_drawn_in_the_unit_of_the_first():
+def test_recordings_are_drawn_in_the_unit_of_the_first_axis():
     assert plot_recordings(_drives()).get_supylabel() == "signal, rad/s"
     assert _legend(plot_recordings(_drives())) == ["wx", "wy"]
     many = _drives(axes=tuple(f"s{k}" for k in range(9)), units=("",) * 9)
     assert (plot_recordings(many).get_supylabel(), len(_legend(plot_recordings(many)))) == ("signal", 6)
     assert plot_recordings(many, axes=["s8"]).get_supylabel() == "s8"
     assert plot_recordings(many, axes=many.axes).get_supylabel() == "signal"
-    with pytest.raises(
-        ValueError, match=r"mixes units \(not known, m/s2\), got wx, ax: choose axes of one unit"
-    ):
-        plot_recordings(_drives(units=("", "", "m/s2", "")), axes=["wx", "ax"])
+    mixed = _drives(units=("", "", "m/s2", ""))
+    with pytest.raises(ValueError, match=r"mixes units \(not known, m/s2\), got wx, ax"):
+        plot_recordings(mixed, axes=["wx", "ax"])
+    assert plot_onsets(_drives(), rest_s=0.2).get_supylabel() == "relative to rest, rad/s"
+    assert plot_onsets(_drives(("",) * 4), rest_s=0.2).get_supylabel() == "relative to rest"
 
 
-@pytest.mark.parametrize(("units", "label"), [(("rad/s",) * 4, ", rad/s"), (("",) * 4, "")])
-def test_onsets_of_other_axes_are_told_with_the_unit_that_is_known(units, label):
-    figure = plot_onsets(_drives(units), rest_s=0.2)
-    assert figure.get_supylabel() == f"relative to rest{label}"
-
-
-def test_unequal_lengths_are_refused_with_the_way_out():
+def test_unequal_lengths_are_refused_with_a_remedy():
     with pytest.raises(ValueError, match=r"\.align"):
         plot_mean_forces(Dataset([_real(40), _real(50)]))
 
@@ -182,7 +168,6 @@ def test_what_was_found_stated_recorded_and_missing(data, tmp_path):
     assert len(titles) == 6
     assert "push $_6, no onset:\nnone, as stated" in titles
     assert "still, no onset:\nno change stands out from the noise of the first 0.1 s" in titles
-    assert figure.legends[0]._ncols == len(figure.legends[0].get_texts())  # one line, none hangs below
     times = dict(zip(titles, (p.get_title(loc="right") for p in figure.axes[1::2]), strict=True))
     assert times["push $_5"] == "0.250 s"
     assert times["push $_0"] == "0.600 s"
@@ -194,10 +179,11 @@ def test_what_was_found_stated_recorded_and_missing(data, tmp_path):
     assert dashes["push $_0"] == {"-."}
     assert dashes[titles[1]] == {"-"}
     assert dashes["push $_6, no onset:\nnone, as stated"] == set()
-    assert figure.axes[-1].get_xlabel() == "time from the onset or, without one, the end of rest, s"
 
 
-def test_onsets_are_found_first_where_they_were_not_and_the_line_stands_there(data):
+def test_onsets_that_were_not_looked_for_are_found_first(data):
+    with pytest.raises(ValueError, match=r"^n must be"):
+        plot_onsets(data, n=0)
     figure = plot_onsets(data, n=100, false_alarm_rate=0.01)
     assert len(figure.axes) == 2 * len(data)
     assert figure.get_suptitle() == "Onsets of 8 of 8 recordings: rest 0.1 s, false-alarm rate 0.01"
@@ -214,14 +200,6 @@ def test_other_axes_irregular_and_synthetic_recordings():
     irregular = Dataset([Recording(noise(1, 900), time_s=times, name="irregular")])
     figure = plot_onsets(irregular.find_onsets(overrule={"irregular": 0.2}))
     assert figure.axes[1].get_title(loc="right") == "0.200 s"
-
-
-@pytest.mark.parametrize(
-    ("n", "error"), [(0, ValueError), (-1, ValueError), (1.5, TypeError), (True, TypeError)]
-)
-def test_bad_n_is_named(data, n, error):
-    with pytest.raises(error, match=r"^n must be"):
-        plot_onsets(data, n=n)
 
 
 # -- confusion
@@ -243,7 +221,7 @@ def luminance(colour):
 
 
 @pytest.mark.parametrize(("ground", "ink"), [("#ffffff", "#333333"), ("#14181d", "#e6eaee")])
-def test_numbers_stand_out_from_their_cells_on_white_and_on_dark_pages(ground, ink):
+def test_numbers_stand_out_from_their_cells(ground, ink):
     from matplotlib.colors import to_rgb
 
     values = np.arange(2, 100, 3)
@@ -264,8 +242,6 @@ def test_numbers_stand_out_from_their_cells_on_white_and_on_dark_pages(ground, i
     ("matrix", "labels", "message"),
     [
         ([[1, 2]], ["a"], r"matrix must be square, got shape \(1, 2\)"),
-        ([1, 2], ["a", "b"], "matrix must be square"),
-        (np.zeros((0, 0)), [], "matrix must be square"),
         ([[1]], ["a", "b"], "labels must name the 1 classes of matrix, got 2"),
         ([[-1]], ["a"], "not negative"),
         ([[np.nan]], ["a"], "finite"),
@@ -279,7 +255,7 @@ def test_confusion_is_checked(matrix, labels, message):
 # -- files and imports
 
 
-@pytest.mark.parametrize("ending", ["png", "svg", "pdf", "PNG"])
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_figures_are_saved_whole(tmp_path, monkeypatch, ending):
     from matplotlib.figure import Figure
 
@@ -290,7 +266,7 @@ def test_figures_are_saved_whole(tmp_path, monkeypatch, ending):
     path.write_bytes(b"old")
     plot_confusion([[1]], ["a"], path=path)
     whole = path.read_bytes()
-    assert whole.startswith({"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml", "pdf": b"%PDF"}[ending.lower()])
+    assert whole.startswith({"png": b"\x89PNG\r\n\x1a\n", "svg": b"<?xml", "pdf": b"%PDF"}[ending])
     monkeypatch.setattr(Figure, "savefig", fail)
     with pytest.raises(OSError, match="disk full"):
         plot_confusion([[1]], ["a"], path=path)
@@ -305,14 +281,13 @@ def test_unknown_endings_and_missing_folders_are_refused(tmp_path):
         plot_confusion([[1]], ["a"], path=tmp_path / "missing" / "figure.png")
 
 
-@pytest.mark.parametrize("plot", [plot_mean_forces, lambda d: plot_confusion([[1]], ["a"])])
-def test_without_matplotlib_the_extra_is_named(monkeypatch, synthetic, plot):
+def test_without_matplotlib_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ImportError, match=r"pip install 'typer"):
-        plot(synthetic)
+        plot_confusion([[1]], ["a"])
 
 
-def test_measuring_imports_no_plotting_importing_is_cheap_and_no_global_state_is_touched():
+def test_plotting_is_imported_late_and_leaves_pyplot_alone():
     code = (
         "import sys, granular_id.evaluation\n"
         "assert not [name for name in sys.modules if name.startswith('granular_id.plotting')]\n"
@@ -324,7 +299,6 @@ def test_measuring_imports_no_plotting_importing_is_cheap_and_no_global_state_is
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
-def test_places_edges_and_numbers():
+def test_places_and_numbers_are_rounded():
     assert [evenly(9, 3).tolist(), evenly(2, 5).tolist(), evenly(0, 5).tolist()] == [[0, 4, 8], [0, 1], []]
-    assert middles_to_edges(np.array([1.0, 2.0, 4.0])).tolist() == [0.5, 1.5, 3.0, 5.0]
     assert [number_text(-0.04, 1), number_text(-1.25, 2)] == ["0.0", "\N{MINUS SIGN}1.25"]

@@ -57,7 +57,7 @@ def test_each_material_has_a_row_and_each_unit_a_panel():
     assert words(figure) == ["answer"]
 
 
-def test_axes_without_a_unit_are_told_apart_by_their_names_or_have_that_of_the_training():
+def test_axes_without_a_unit_are_grouped_by_their_names():
     *signals, _ = plot_answers(timeline(), recording(units={})).axes
     assert [panel.get_ylabel() for panel in signals] == ["less median"] * 2
     *signals, _ = plot_answers(timeline(units=("g",) * 6), recording(units={})).axes
@@ -91,7 +91,7 @@ def test_unknown_label_and_candidates_are_marked():
 
 
 @pytest.mark.parametrize(("n", "shown"), [(11, 11), (30, 15)])
-def test_many_materials_are_those_that_are_named_most(n, shown):
+def test_of_many_materials_the_most_named_are_shown(n, shown):
     classes = tuple(f"material {i:02d}" for i in range(n))
     figure = plot_answers(timeline(classes), recording())
     assert len(rows(figure.axes[-1])) == shown

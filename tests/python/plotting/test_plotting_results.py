@@ -17,7 +17,7 @@ from granular_id.plotting import (
     plot_recall,
     plot_residual,
 )
-from granular_id.plotting.recordings import shared_limits
+from granular_id.plotting.materials import shared_limits
 from report_cases import HOSTILE, result_of, small_result
 
 
@@ -78,7 +78,7 @@ def test_the_gap_lies_between_random_draws_and_the_strictest(result):
         assert f"{100 * result.mean_accuracy('hfmh', protocol):.1f} %" in texts(panel)
 
 
-def test_the_gap_of_random_folds_is_shaded_too_and_without_a_strict_protocol_there_is_none(result):
+def test_the_gap_of_random_folds_is_shaded_too(result):
     folds = {"kfold": result.partitions["paper"], "session": result.partitions["session"]}
     predicted = result.predicted | {("kfold", "hfmh"): result.predicted["paper", "hfmh"]}
     panel = plot_gap(replace(result, partitions=folds, predicted=predicted), "hfmh").axes[0]
@@ -116,7 +116,7 @@ def test_residual_maps_hold_the_report_data(report_data):
         assert row_names(panel) == list(report_data.labels)
 
 
-def test_histogram_maps_of_a_unit_share_colours_and_cut_off_what_stays_empty_in_all(report_data):
+def test_histograms_of_a_unit_share_colours_and_range(report_data):
     panels = maps(plot_hfmh(report_data))
     for start in (0, 3):
         own = panels[start : start + 3]
@@ -143,7 +143,7 @@ def test_histograms_of_other_bins_share_nothing(report_data):
     assert panels[0].get_xlim() == panels[1].get_xlim()
 
 
-def test_mean_forces_of_report_data_are_those_of_the_report_data(report_data):
+def test_mean_forces_may_be_those_of_report_data(report_data):
     figure = plot_mean_forces(report_data, axes=("ty",))
     assert [panel.get_title() for panel in figure.axes] == list(report_data.labels)
     line = next(line for line in figure.axes[2].lines if len(line.get_xdata()) == len(report_data.time_s))
@@ -161,7 +161,7 @@ def test_figures_of_simulated_recordings_say_so(result, report_data):
 
 
 @pytest.mark.filterwarnings("ignore:Glyph .* missing from")  # a label in Chinese: true of files
-def test_names_are_names_even_where_they_look_like_mathematics():
+def test_names_that_look_like_mathematics_are_names():
     result = result_of("hostile names")
     for figure in (
         plot_recall(result),
@@ -174,7 +174,7 @@ def test_names_are_names_even_where_they_look_like_mathematics():
         assert short(HOSTILE["peas"]) in words
 
 
-def test_limits_of_colours_ascend_and_hold_the_largest_and_a_few_do_not_take_all_the_colours():
+def test_limits_of_colours_hold_all_but_a_few():
     for values in ([0.0, 0.0], [0.0, 2.0], [1e-9, 1.0], [0.5, 0.6]):
         low, high = shared_limits(np.array(values))
         assert 0 < low < high
