@@ -1,21 +1,12 @@
 """`explain`: in the space that is asked for, with the classifier that belongs to it, on recordings held out."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from sklearn.pipeline import Pipeline
 
 from cli_cases import ended_well, saved, written
-from granular_id.cli.method import OneSpace
-from granular_id.cli.options import with_defaults
-from granular_id.ecoc import ECOCClassifier
-from granular_id.explanation import explain
 from granular_id.io import save
 from granular_id.recording import Dataset, Recording
-from granular_id.spaces import feature_spaces, fit_pipeline
-from granular_id.spaces.best import BestClassifier
-from granular_id.splits import groups_of, pair_partition
+from granular_id.splits import pair_partition
 from multiband_cases import louder
 
 
@@ -102,16 +93,3 @@ def test_halves_are_as_strict_as_the_materials_allow(sessions, protocol, explain
     elif protocol == "chronological":
         assert train.start_times.max() < test.start_times.min()
     assert set(train.labels) == {"rice", "oat", "peas"}
-
-
-def test_the_classifier_is_that_of_the_space(data):
-    classifier = replace(with_defaults(OneSpace), space="hfmh", c=3.0).pipeline(500.0)[-1]
-    assert isinstance(classifier, ECOCClassifier)
-    assert classifier.C == 3.0
-    pipeline = Pipeline([("features", feature_spaces()["multiband"].transformer), ("own", BestClassifier())])
-    rows = np.arange(18)
-    model = fit_pipeline(pipeline, data.X[rows], data.y[rows], groups_of(data).take(rows))
-    assert "session" in model[-1].choice_.held_out
-    assert model[-1].blocks == model[0].block_sizes_
-    by_axis = explain(model, "rice", "oat", data).by_axis()
-    assert max(by_axis, key=by_axis.get) == "fz"

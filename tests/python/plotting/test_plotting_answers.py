@@ -76,11 +76,14 @@ def test_the_bars_of_a_row_are_its_answers():
     assert spans == [[0.0, 2.5], [2.5, 3.0]]
 
 
-def test_unknown_label_and_candidates_are_marked():
+def test_unknown_label_and_candidates_are_marked(tmp_path):
     unknown = np.zeros(40, bool)
     unknown[5:9] = True
     candidates = (("grass", "gravel"),) * 40
-    figure = plot_answers(timeline(unknown=unknown, candidates=candidates, truth="grass"), recording())
+    marked = timeline(unknown=unknown, candidates=candidates, truth="grass", synthetic="SYNTHETIC recordings")
+    figure = plot_answers(marked, recording(), tmp_path / "answers.png")
+    assert (tmp_path / "answers.png").read_bytes().startswith(b"\x89PNG")
+    assert figure.get_suptitle() == "Answers over drive, SYNTHETIC recordings"
     assert rows(figure.axes[-1])[-1] == "like none of them"
     assert words(figure) == [
         "answer",
@@ -105,13 +108,6 @@ def test_a_long_signal_keeps_its_extremes():
     assert len(line.get_xdata()) < 4000
     signal = one.wrench[:, 0] - np.median(one.wrench[:, 0])
     assert (line.get_ydata().min(), line.get_ydata().max()) == (signal.min(), signal.max())
-
-
-def test_synthetic_is_in_the_title_and_files_are_written(tmp_path):
-    file = tmp_path / "answers.png"
-    figure = plot_answers(timeline(synthetic="SYNTHETIC recordings"), recording(units={}), file)
-    assert figure.get_suptitle() == "Answers over drive, SYNTHETIC recordings"
-    assert file.read_bytes().startswith(b"\x89PNG")
 
 
 def test_another_recording_is_refused():
