@@ -111,7 +111,7 @@ def explain(
     'fz'
     >>> by_time = oat_or_rice.by_time()
     >>> list(by_time)[0], sum(list(by_time.values())[4:]) > 0.9 * oat_or_rice.difference
-    ('0.00-0.03 s', True)
+    ('0.000-0.025 s', True)
     """
     chain = chain_of(model)
     classes = chain.classifier.classes_

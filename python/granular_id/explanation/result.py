@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -95,9 +96,10 @@ class Explanation:
         edges = np.linspace(spans.min(), spans.max(), _STRETCHES + 1)
         start, stop = spans.T[:, :, np.newaxis]
         shares = np.diff(np.clip((edges - start) / (stop - start), 0.0, 1.0), axis=1)
-        digits, unit = (2, "s") if self.columns.time_unit == "s" else (0, self.columns.time_unit)
+        # A tenth of a stretch: names of two stretches must differ.
+        digits = max(0, 1 - math.floor(math.log10(edges[1] - edges[0])))
         names = [
-            f"{fixed(low, digits)}-{fixed(high, digits)} {unit}"
+            f"{fixed(low, digits)}-{fixed(high, digits)} {self.columns.time_unit}"
             for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
         ]
         return dict(zip(names, shares.T @ spread, strict=True))

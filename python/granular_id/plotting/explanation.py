@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from granular_id.explanation import Explanation
     from granular_id.spaces import FeatureBlock
 
-# Orange against purple: told apart with any colour vision. In a grey print signs and numbers tell.
+# Orange against purple, which differ to any colour vision. In a grey print signs and numbers do.
 _COLOURS = "PuOr_r"
 # Single samples jitter; sums over windows show where a difference is made, and still sum to all of it.
 _WINDOWS = 80

@@ -128,12 +128,12 @@ def telling_curves(curves: Sequence[Curves], units: Mapping[str, str]) -> tuple[
         sd = np.array([[curve.sd[axis] for axis in names] for curve in curves])
         ranked = [names[place] for place in most_different(mean, sd)]
         chosen = [axis for axis in ranked if units[axis] == units[ranked[0]]][:_MOST_MEANS]
-    kept = [axis for axis in names if axis in chosen]
+    shown = [axis for axis in names if axis in chosen]
     own = [
-        Curves(one.label, one.time_s, {a: one.mean[a] for a in kept}, {a: one.sd[a] for a in kept})
+        Curves(one.label, one.time_s, {a: one.mean[a] for a in shown}, {a: one.sd[a] for a in shown})
         for one in curves
     ]
-    return own, units[kept[0]]
+    return own, units[shown[0]]
 
 
 def draw_mean_forces(panel: Any, curves: Curves) -> list[Any]:

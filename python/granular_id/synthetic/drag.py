@@ -98,14 +98,10 @@ class Rig:
         return self.sensor_to_tool_m + self.tool_length_m - self.depth_m
 
 
-def _effective_diameter_m(material: Material, rig: Rig) -> float:
-    # The tool cannot pass between grains: half a grain on either side moves with it (Albert 1999).
-    return rig.tool_diameter_m + material.grain_diameter_m
-
-
 def _friction_and_cohesion_n(material: Material, rig: Rig) -> tuple[float, float]:
     passive = math.tan(math.radians(45.0 + material.friction_angle_deg / 2.0)) ** 2
-    width_m = _effective_diameter_m(material, rig)
+    # The tool cannot pass between grains: half a grain on either side moves with it (Albert 1999).
+    width_m = rig.tool_diameter_m + material.grain_diameter_m
     weight_n_m3 = material.bulk_density_kg_m3 * GRAVITY_M_S2
     friction_n = 0.5 * WEDGE_WIDTHS * passive * weight_n_m3 * width_m * rig.depth_m**2
     cohesion_n = COHESION_FACTOR * material.cohesion_pa * math.sqrt(passive) * width_m * rig.depth_m

@@ -121,7 +121,7 @@ class Nuisance:
 
 # Rest before the motion, s: drawn evenly between these ("a fraction of a second").
 LEAD_S = (0.10, 0.25)
-# Some 700 pushes take days: the set is recorded in four of them unless told otherwise.
+# Some 700 pushes take days: the set is recorded in four of them by default.
 DEFAULT_SESSIONS = 4
 FIRST_SESSION_S = 1_704_099_600.0  # 2024-01-01 09:00 UTC, an arbitrary Monday
 SESSION_EVERY_S = 86_400.0

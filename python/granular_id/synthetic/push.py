@@ -322,7 +322,7 @@ def simulate_push(
     travel_m = rig.travel_m(time_s)
     if travel_m[-1] >= rig.wall_distance_m:
         raise ValueError(
-            # No argument's name for the length: a robot is told it by whoever commands the push.
+            # No argument's name for the length: of a simulated robot, whoever commands the push sets it.
             f"a push of {duration_s:g} s at speed_m_s = {rig.speed_m_s:g} moves the tool {fixed(travel_m[-1], 3)} m, "
             f"into the wall at wall_distance_m = {fixed(rig.wall_distance_m, 3)}; a shorter push or a lower speed_m_s "
             "is wanted"

@@ -390,6 +390,16 @@ def test_a_data_set_of_other_axes_is_refused():
         explain(model, "rice", "oat", as_wrench(data.X), data.y)
 
 
+@pytest.mark.parametrize("rate_hz", [500.0, None])
+@pytest.mark.parametrize("n_samples", [3, 8, 16, 100])
+def test_short_recordings_have_eight_different_stretches(n_samples, rate_hz):
+    X, y, _ = two_materials(n_each=4, n_samples=n_samples)
+    model = make_pipeline(RawSignal(rate_hz=rate_hz), ECOCClassifier()).fit(X, y)
+    found = explain(model, "rice", "oat", X, y)
+    assert len(found.by_time()) == 8
+    assert sum(found.by_time().values()) == pytest.approx(found.difference)
+
+
 @pytest.mark.parametrize("n_axes", [1, 2, 13])
 def test_any_number_of_axes_adds_up(n_axes):
     X, y, _ = two_materials(n_each=4, n_samples=64, n_axes=n_axes)
