@@ -142,7 +142,7 @@ class Explanation:
             "difference": self.difference,
             "factors": self.factors.tolist(),
             "by_axis": self.by_axis(),
-            **{f"by_{by}": table for by, table in self.tables().items()},
+            "tables": self.tables(),
             "features": {
                 "names": list(self.columns.names),
                 "weights": self.weights.tolist(),

@@ -41,7 +41,7 @@ def test_explain_names_axes_as_the_recordings_do(tmp_path, space):
     assert (tmp_path / "why.png").stat().st_size > 10_000
     read = written(tmp_path / "why.json")
     assert sum(read["features"]["contributions"]) == pytest.approx(read["difference"])
-    assert ("by_band" in read) == (space == "multiband")
+    assert ("band" in read["tables"]) == (space == "multiband")
 
 
 def test_explain_trains_and_names_the_model_of_train(recordings, tmp_path):

@@ -240,12 +240,12 @@ def test_dict_and_text_hold_the_same_tables(space, tables, data):
     seen = explain(make_pipeline(space, ECOCClassifier()).fit(X, y), "oat", "rice", X, y)
     read = json.loads(json.dumps(seen.to_dict(), allow_nan=False))
     assert sum(read["features"]["contributions"]) == pytest.approx(read["difference"])
-    assert {name[3:] for name in read if name.startswith("by_")} == {*tables, "axis"}
+    assert set(read["tables"]) == tables
     lines = str(seen).splitlines()
     headers = [line.split()[0] for line in lines if line.endswith("sum")]
     assert set(headers) == tables
     for by in tables:
-        assert added_up(read[f"by_{by}"]) == pytest.approx(read["difference"])
+        assert added_up(read["tables"][by]) == pytest.approx(read["difference"])
     for line in lines:
         if line.startswith("sum"):
             assert line.split()[-1] == "100.0"
