@@ -50,6 +50,7 @@ class Columns:
 def columns_of_blocks(blocks: Sequence[FeatureBlock]) -> Columns:
     """Describe the columns of blocks that lie one behind the other."""
     axes = tuple(dict.fromkeys(axis for block in blocks for axis in block.axes))
+    time_unit = next((block.unit for block in blocks if block.kind == "time"), "s")
     names, groups, numbers, spans = list[str](), list[str](), list[int](), list[FloatArray]()
     for block in blocks:
         n = len(block.coordinates)
@@ -59,15 +60,21 @@ def columns_of_blocks(blocks: Sequence[FeatureBlock]) -> Columns:
         groups += [group_of(block)] * (n * len(block.axes))
         numbers += [axes.index(axis) for axis in block.axes for _ in range(n)]
         of_axis = np.full((n, 2), np.nan)
-        if block.kind == "time":
+        if block.kind == "time" and block.unit == time_unit:  # no common scale of seconds and samples
             step = float(block.coordinates[1] - block.coordinates[0]) if n > 1 else 1.0
             of_axis = block.coordinates[:, np.newaxis] + np.array([0.0, step])
         spans += [of_axis] * len(block.axes)
-    units = [block.unit for block in blocks if block.kind == "time"]
     group = np.array(groups)
     shares = np.eye(len(axes))[numbers]
     return Columns(
-        axes, tuple(names), group, group, shares, np.concatenate(spans), (*units, "s")[0], tuple(blocks)
+        axes=axes,
+        names=tuple(names),
+        blocks=group,
+        bands=group,
+        axis_shares=shares,
+        spans=np.concatenate(spans),
+        time_unit=time_unit,
+        along=tuple(blocks),
     )
 
 
