@@ -11,7 +11,7 @@ import numpy as np
 
 from granular_id._core import FeatureSpec, Model, MultiBandExtractor
 from granular_id.confidence import ConformalRule, UnknownRule
-from granular_id.ecoc.codings import onevsone
+from granular_id.ecoc import onevsone
 
 DIGEST = "content_sha256"
 

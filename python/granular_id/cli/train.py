@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import typer
 
@@ -23,9 +23,6 @@ class ModelOptions(OneSpace):
     """What a model is made of."""
 
     coding: str = option(METHOD, "onevsone (paper) or onevsall", default=ONE_VS_ONE)
-    posterior: Literal["none", "kullback_leibler", "wu_lin_weng"] = option(
-        METHOD, "Also fit probabilities of the materials.", default="none"
-    )
 
     def given(self) -> dict[str, Any]:
         """Return the settings that are not the usual ones; the recipe itself knows where C has no use."""
@@ -46,7 +43,6 @@ class ModelOptions(OneSpace):
             "space": self.space,
             "C": self.c,
             "coding": self.coding,
-            "posterior": None if self.posterior == "none" else self.posterior,
         }
 
 
@@ -93,7 +89,7 @@ def train(
     Examples:
 
     `granular-id train recordings -o kitchen.safetensors`
-    `granular-id train recordings -o kitchen.safetensors --posterior kullback_leibler --figure over_time.png`
+    `granular-id train recordings -o kitchen.safetensors --figure over_time.png`
     `granular-id train irregular -o m.safetensors --rate-hz 100 --max-gap-s inf --n-samples shortest`
     `granular-id train recordings -o any-tool.safetensors --hold-out tool`
     `granular-id train recordings -o paper.safetensors --space raw+hfmh --bin-range auto`

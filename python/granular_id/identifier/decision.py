@@ -43,7 +43,7 @@ class Decision:
     margin : float
         Loss of the second material minus that of the first.
     probability : float, optional
-        Probability of the label, of a model that was trained with `posterior`; else None. A function may be given
+        Probability of the label, of a model that knows probabilities; else None. A function may be given
         instead of a number: it is called when the probability is first read, because coupling the learners takes
         longer than everything else about a decision.
     final : bool

@@ -95,7 +95,6 @@ class Identifier:
         C: float = 1.0,
         coding: str | npt.ArrayLike = "onevsone",
         loss: str = "auto",
-        posterior: str | None = None,
         hold_out: str | None = None,
         estimate: bool = True,
         early: bool = True,
@@ -127,11 +126,11 @@ class Identifier:
         shrinkage : float, optional
             Of ``"multiband"``: its features are whitened within classes, see
             `WithinClassWhitening`; None is 0.03, 1 hardly whitens. ``"best"`` chooses it.
-        C, coding, loss, posterior
+        C, coding, loss
             As in `granular_id.ECOCClassifier`, but that the loss ``"auto"`` is ``"root"`` with multi-band features
-            and the hinge with others; `posterior` gives `predict_proba`. ``"best"`` chooses the first three. In
+            and the hinge with others. ``"best"`` chooses them. In
             one-vs-one coding of ``"multiband"`` `C` is divided by the mean squared distance of the whitened rows from
-            their mean; another coding or a `posterior` takes `C` as it is, which is nearly a hard margin: answers may
+            their mean; another coding takes `C` as it is, which is nearly a hard margin: answers may
             differ.
         hold_out : str, optional
             What new recordings will not share with these, such as ``"tool"``: a condition as in `granular_id.evaluate`,
@@ -153,7 +152,7 @@ class Identifier:
         n_folds : int, default 5
             Random folds, where neither sessions nor an order in time are known.
         random_state : int, default 0
-            Draws random folds and those of `posterior`. Same data and settings, same bytes.
+            Draws random folds. Same data and settings, same bytes.
         max_file_bytes : int, default 16 MiB
             Largest model file.
         threads : int, optional
@@ -191,7 +190,6 @@ class Identifier:
             C=C,
             coding=coding,
             loss=loss,
-            posterior=posterior,
             random_state=random_state,
         )
         training = train(
@@ -421,7 +419,7 @@ class Identifier:
         Raises
         ------
         ValueError
-            The model was trained without `posterior`.
+            The model knows no probabilities.
         """
         return probabilities(self.core, self.scores(X))
 

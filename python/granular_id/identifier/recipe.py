@@ -15,7 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 from granular_id import _core
 from granular_id._checks import argument_error, named
 from granular_id._estimators import describe_estimator, real_steps
-from granular_id.ecoc import CODINGS, LOSSES, POSTERIORS, ECOCClassifier, Posterior
+from granular_id.ecoc import CODINGS, LOSSES, ECOCClassifier
 from granular_id.features import FeatureSpec
 from granular_id.identifier.metadata import BANDED, SPACES
 from granular_id.recording import unit_of
@@ -63,7 +63,6 @@ class Recipe:
     C: float = 1.0
     coding: str | npt.ArrayLike = "onevsone"
     loss: str = "auto"
-    posterior: str | None = None
     random_state: int = 0
 
     def __post_init__(self) -> None:
@@ -97,8 +96,6 @@ class Recipe:
         if isinstance(self.coding, str):
             named(CODINGS, "coding", self.coding)
         named({"auto": None, **LOSSES}, "loss", self.loss)
-        if self.posterior is not None:
-            named(POSTERIORS, "posterior", self.posterior)
 
     @property
     def blocks(self) -> tuple[str, ...]:
@@ -116,8 +113,8 @@ class Recipe:
             return HFMH(rate_hz=rate_hz, **options)
         return RawHFMH(rate_hz=rate_hz, block_weights=self.block_weights, **options)
 
-    def classifier(self, *, posterior: bool = True) -> ECOCClassifier | BestClassifier:
-        """Return the classifier, not fitted; without `posterior` even where the settings ask for one."""
+    def classifier(self) -> ECOCClassifier | BestClassifier:
+        """Return the classifier, not fitted."""
         if self.space == "best":
             return BestClassifier(optional_blocks=("level",), random_state=self.random_state)
         usual = BAND_LOSS if self.space in BANDED else "hinge"
@@ -129,21 +126,15 @@ class Recipe:
                 loss=loss,
                 random_state=self.random_state,
             )
-        return ECOCClassifier(
-            C=self.C,
-            coding=self.coding,
-            loss=loss,
-            posterior=self.posterior if posterior else None,
-            random_state=self.random_state,
-        )
+        return ECOCClassifier(C=self.C, coding=self.coding, loss=loss)
 
-    def pipeline(self, rate_hz: float, *, posterior: bool = True, threads: int | None = None) -> Pipeline:
+    def pipeline(self, rate_hz: float, *, threads: int | None = None) -> Pipeline:
         """Return feature space, scaling and classifier as one pipeline, which `fit_pipeline` fits."""
         steps: list[tuple[str, Any]] = [("features", self.features(rate_hz).set_params(threads=threads))]
         if self.space == "multiband" and not self._is_preset:
             steps.append(("scaling", BlockScaler()))
             steps.append(("whitening", WithinClassWhitening(**self._whitening)))
-        return Pipeline([*steps, ("classifier", self.classifier(posterior=posterior))])
+        return Pipeline([*steps, ("classifier", self.classifier())])
 
     def to_dict(self, rate_hz: float) -> dict[str, Any]:
         """Return all settings, for recordings of a rate, in types that JSON knows."""
@@ -159,8 +150,7 @@ class Recipe:
 
     @property
     def _is_preset(self) -> bool:
-        plain = isinstance(self.coding, str) and self.coding == "onevsone" and self.posterior is None
-        return self.space == "multiband" and plain
+        return self.space == "multiband" and isinstance(self.coding, str) and self.coding == "onevsone"
 
     @property
     def _whitening(self) -> dict[str, float]:
@@ -179,7 +169,6 @@ def model_of(
     units: Sequence[str] | None = None,
     lead_s: float | None = None,
     samples: FloatArray | None = None,
-    posterior: Posterior | None = None,
     early: FloatArray | None = None,
     trained: Mapping[str, Any] | None = None,
     training_sha256: str = "",
@@ -187,8 +176,7 @@ def model_of(
 ) -> _core.Model:
     """Build a model of a fitted pipeline: weights of blocks, scaling and whitening end in those of the learners.
 
-    Parameters and errors are those of `granular_id.Identifier.from_classifier`; `posterior` stands for that of the
-    classifier, and the last four are kept as they are.
+    Parameters and errors are those of `granular_id.Identifier.from_classifier`; the last four are kept as they are.
     """
     space, between, classifier = _steps(pipeline)
     check_is_fitted(space)
@@ -207,16 +195,12 @@ def model_of(
         axes, units = space.axes_in_, units or space.units_in_
     if units is None:
         units = axis_units(shape[1]) if axes is None else [unit_of(axis) for axis in axes]
-    posterior = getattr(classifier, "_posterior", None) if posterior is None else posterior
     arrays: dict[str, Any] = {}
     with np.errstate(over="ignore"):  # the model refuses what is not finite
         coef, intercept = folded_back(between, classifier.coef_, classifier.intercept_)
         spec, coef = _on_plain_features(space, coef, rate_hz)
         if samples is not None and isinstance(spec, FeatureSpec) and spec.raw:
             arrays["raw_mean"] = samples.mean(axis=0).T.ravel()
-    if posterior is not None:
-        arrays["sigmoid"] = np.column_stack((posterior.slope, posterior.offset))
-        arrays["posterior_weights"] = posterior.weights
     return _core.Model(
         spec,
         coef,
@@ -231,7 +215,7 @@ def model_of(
             "axes": json.dumps(list(axis_names(shape[1]) if axes is None else axes)),
             "units": json.dumps(list(units)),
             "coding": coding,
-            "posterior": "" if posterior is None else posterior.method,
+            "posterior": "",
             "training_sha256": training_sha256,
             "lead_s": "" if lead_s is None else repr(lead_s),
             "trained": json.dumps(trained or {}, ensure_ascii=False, sort_keys=True, allow_nan=False),

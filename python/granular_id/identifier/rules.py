@@ -236,15 +236,6 @@ def confidence_rules(core: _core.Model) -> tuple[ConformalRule | None, UnknownRu
     )
 
 
-def probabilities(core: _core.Model, scores: FloatArray) -> FloatArray:
-    """Probability (n, K) of each class from scores (n, L); a ValueError of a model trained without `posterior`."""
-    if core.sigmoid is None:
-        raise ValueError(
-            "the model knows no probabilities: train it with posterior='kullback_leibler' or 'wu_lin_weng'"
-        )
-    from granular_id.ecoc import Posterior  # brings in scikit-learn
-
-    slope, offset = core.sigmoid.T
-    weights = np.ones(len(slope)) if core.posterior_weights is None else core.posterior_weights
-    posterior = Posterior(core.metadata["posterior"], slope, offset, weights)
-    return posterior.probabilities(scores, core.coding_matrix)
+def probabilities(core: _core.Model, scores: FloatArray) -> FloatArray:  # noqa: ARG001
+    """Probability (n, K) of each class from scores (n, L); a ValueError: no model has any yet."""
+    raise ValueError("the model knows no probabilities")

@@ -77,7 +77,7 @@ class Timeline:
     margins : ndarray, shape (n,)
         Loss of the second material minus that of the first.
     probabilities : ndarray, shape (n, K), or None
-        Share of each of `classes`, of a model that was trained with `posterior`.
+        Share of each of `classes`, of a model that knows probabilities.
     candidates : tuple of tuple of str
         What each window may be, as in `Decision`; empty tuples without such a rule.
     unknown : ndarray of bool, shape (n,), or None

@@ -17,7 +17,7 @@ from granular_id._memory import taken
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence import HeldOutScores, Scores, conformal_rule, unknown_rule
-from granular_id.ecoc import Posterior, Task, check_posterior, design, fit_posterior
+from granular_id.ecoc import design
 from granular_id.identifier.adapt import features_of, with_source
 from granular_id.identifier.metadata import BANDED, MAX_FILE_BYTES, fingerprint, stored_marks
 from granular_id.identifier.recipe import Recipe, model_of, plain_features
@@ -105,7 +105,7 @@ def train(
     why_none = "" if partitions else note
     if not estimate:
         partitions, why_none = [], "no recordings were held out, as asked"
-    held = posterior = None
+    held = None
     # The bits of a model must not depend on how many threads multiply its matrices: here, and where it is built.
     with showing(progress or False) as callback, convergence_warnings(recipe.space) as not_converged:
         ticker = Ticker(1 + len(partitions), callback)
@@ -115,8 +115,6 @@ def train(
             fit_on_features(pipeline, features, y, groups)
             classifier = pipeline[-1]
             chooses = isinstance(classifier, BestClassifier) and recipe.space == "best"
-            if recipe.posterior is not None and chooses:
-                posterior = _posterior_of_best(classifier, y, recipe.posterior)
             ticker.tick("all recordings")
             if partitions:
                 held = _answers(data, recipe, groups, partitions, note, threads, ticker.tick)
@@ -144,7 +142,6 @@ def train(
             units=units,
             lead_s=_common_lead(data),
             samples=X,
-            posterior=posterior,
             early=None if rule is None else rule.table(),
             trained=trained,
             training_sha256=fingerprint(data, trained["settings"]),
@@ -236,7 +233,7 @@ def _answers(
     answers, values, scores, chosen = [], [], [], []
     for partition in partitions:
         samples = taken(X, partition.train, "recordings that train")
-        pipeline = recipe.pipeline(data.rate_hz, posterior=False, threads=threads)
+        pipeline = recipe.pipeline(data.rate_hz, threads=threads)
         fit_pipeline(pipeline, samples, data.y[partition.train], groups.take(partition.train))
         core = model_of(pipeline, data.rate_hz, axes=data.axes, samples=samples)
         chosen.append(Chosen.of(pipeline))
@@ -308,23 +305,6 @@ def _fit_confidence_rules(
     if share_known is not None:
         rules["unknown"] = unknown_rule(scored, share_known=share_known).to_dict()
     return rules
-
-
-def _posterior_of_best(classifier: BestClassifier, y: npt.NDArray[np.str_], method: str) -> Posterior:
-    """Fit probabilities to the scores of rows that "best" held out to choose."""
-    matrix, scores = classifier.coding_matrix_, classifier.held_out_scores_
-    check_posterior(method, matrix)
-    labels = [str(label) for label in classifier.classes_]
-    rows = np.flatnonzero(~np.isnan(scores).any(axis=1))
-    index = np.searchsorted(classifier.classes_, y[rows])
-    missing = [label for k, label in enumerate(labels) if not (index == k).any()]
-    if missing:
-        raise ValueError(
-            f"posterior needs recordings of every class that were held out, {missing[0]!r} has none: record more "
-            "of it, or leave posterior out"
-        )
-    task = Task(matrix, index.astype(np.intp), None, np.arange(rows.size), labels)
-    return fit_posterior(method, scores[rows], task)
 
 
 # What a model says of its training, in types that JSON knows.

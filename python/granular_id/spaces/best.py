@@ -20,7 +20,7 @@ from granular_id._checks import checked_n_jobs, named, positive_number
 from granular_id._estimators import LabelledClassifier, labels_of, origin_for_fit, origin_of
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._text import Table, percent
-from granular_id.ecoc import LOSSES, ECOCClassifier, class_indices, decode, line_scores, onevsone
+from granular_id.ecoc import LOSSES, class_indices, decode, linear_scores, onevsone, train_learners
 from granular_id.gram import linear_gram, spread
 from granular_id.spaces.adaptation import Learners, SourceStatistics, adapted_to_all
 from granular_id.spaces.multiband import BAND_LOSS
@@ -193,7 +193,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         if origin is not None and origin.dataset is not None and sessions is None and order is None:
             known = groups_of(origin.dataset).fit_arguments(self, np.arange(len(rows)))
             sessions, order = known["sessions"], known["order"]
-        classes, codes = class_indices(labels, None)
+        classes, codes = class_indices(labels)
         slices = block_slices(own_blocks(self.blocks, origin), rows.shape[1])
         sizes = {name: columns.stop - columns.start for name, columns in slices.items()}
         candidates = plan_candidates(list(sizes), self.optional_blocks, self.shrinkages, self.relative_costs)
@@ -252,7 +252,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         """Scores (n, L) of the pairs for features (n, D); positive speaks for the class that comes first."""
         check_is_fitted(self)
         rows = validate_data(self, X, dtype=np.float64, reset=False)
-        return line_scores("X", rows, self.coef_, self.intercept_)
+        return linear_scores(rows, self.coef_, self.intercept_)
 
     def decision_function(self, X: npt.ArrayLike) -> FloatArray:
         """Decision value of each class for features (n, D).
@@ -563,7 +563,7 @@ def held_out_scores(
             learners: Any = None
             for candidate in of_kind:  # costs ascend
                 before, learners = learners, _trained(gram, labels, candidate.relative_cost, learners)
-                scores.append(scores[-1] if learners is before else learners.binary_scores_gram(cross))
+                scores.append(scores[-1] if learners is before else linear_scores(cross, learners.dual_coef, learners.intercept))
     return np.stack(scores)
 
 
@@ -591,7 +591,7 @@ def fitted_line(
     learners: Any = None
     for cost in (*lower_costs, candidate.relative_cost):
         learners = _trained(gram, codes, cost, learners)
-    weights, intercept = folded_back(steps, learners.dual_coef_ @ rows, learners.intercept_)
+    weights, intercept = folded_back(steps, learners.dual_coef @ rows, learners.intercept)
     coef = np.zeros((len(weights), X.shape[1]))
     coef[:, own] = weights
     return coef, intercept
@@ -599,9 +599,10 @@ def fitted_line(
 
 def _trained(gram: FloatArray, codes: Rows, relative_cost: float, cheaper: Any) -> Any:
     """Learners of a cost; those of the next lower one where more would change nothing, or not end."""
-    if cheaper is not None and not 0 < cheaper.alpha_at_bound_ <= _MOST_AT_BOUND:
+    if cheaper is not None and not 0 < cheaper.share_at_bound <= _MOST_AT_BOUND:
         return cheaper
-    return ECOCClassifier(C=relative_cost / (spread(gram) or 1.0)).fit_gram(gram, codes)
+    matrix = onevsone(int(codes.max()) + 1)
+    return train_learners(gram, matrix, codes, relative_cost / (spread(gram) or 1.0))
 
 
 def _symmetric(gram: FloatArray) -> FloatArray:

@@ -142,10 +142,6 @@ AFTER_READING = [
         "--coding must be left out with --space best, which is always one-vs",
     ),
     ("train {folder} -o m --space raw --block-weights unit", "--space raw, which has a single block"),
-    (
-        "train {folder} -o m --space raw --posterior wu_lin_weng --coding onevsall",
-        "--posterior wu_lin_weng needs one learner for each",
-    ),
     ("train {folder} -o m --exclude oat,rice", "at least 2 classes, got only 'sugar'"),
     ("train {folder} -o m --space hfmh --cutoff-hz 80", "--cutoff-hz must be in ... got 80"),
     ("train {folder} -o {folder}/index.csv", "index.csv belongs to {folder}"),

@@ -124,11 +124,11 @@ def test_probabilities_of_bad_predict_proba_raises(row):
 def test_each_row_is_scored_by_a_model_that_has_not_seen_it():
     rows = rows_of(X, Y)
     folds = kfold_partitions(rows.codes, n_folds=4, seed=1)
-    model = make_pipeline(StandardScaler(), ECOCClassifier(posterior="wu_lin_weng", random_state=0))
+    model = make_pipeline(StandardScaler(), ECOCClassifier(temperature=0.1))
     scored = held_out_scores(rows, model, partitions=folds, n_jobs=2)
     assert sorted(scored.rows) == list(range(150))
     for k, fold in enumerate(folds):
-        fitted = make_pipeline(StandardScaler(), ECOCClassifier(posterior="wu_lin_weng", random_state=0))
+        fitted = make_pipeline(StandardScaler(), ECOCClassifier(temperature=0.1))
         fitted.fit(X[fold.train], rows.labels[fold.train])
         own = scored.folds == k
         assert (scored.rows[own] == fold.test).all()

@@ -17,7 +17,7 @@ from granular_id.confidence import UnknownRule, held_out_scores, unknown_rule
 from granular_id.confidence.held_out import rows_of
 from granular_id.confidence.open_set import area_under_roc, false_positives, leave_one_material_out
 from granular_id.ecoc import ECOCClassifier
-from granular_id.ecoc.codings import decode, onevsone
+from granular_id.ecoc import decode, onevsone
 
 
 def clouds(n_classes=4, n_each=40, n_features=6, seed=0, distance=4.0):

@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 import model_twin as twin
 from effort import cases
 from granular_id._core import FeatureSpec
-from granular_id.ecoc.codings import LOSSES, decode, onevsone
+from granular_id.ecoc import LOSSES, decode, onevsone
 from granular_id.features import extract_features
 from model_cases import random_model
 from model_twin import bits

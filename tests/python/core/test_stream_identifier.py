@@ -8,7 +8,7 @@ import features_twin as twin
 from core_cases import N_THREADS, at_once, fill
 from effort import cases
 from granular_id import FeatureSpec, _core
-from granular_id.ecoc.codings import LOSSES, onevsall, onevsone
+from granular_id.ecoc import LOSSES, onevsall, onevsone
 from granular_id.identifier.rules import probabilities
 from granular_id.identifier.streaming import StreamingIdentifier
 from model_cases import random_model, small_model

@@ -1,8 +1,7 @@
-"""Classes that overlap, a coding of one's own, and what the couplings are called."""
+"""Classes that overlap, and a coding of one's own."""
 
 import numpy as np
 
-KL, WLW = "kullback_leibler", "wu_lin_weng"
 MATRIX = np.array([[1, 1, 0], [-1, 0, 1], [0, -1, 1], [1, -1, -1]])
 """A coding of four classes."""
 

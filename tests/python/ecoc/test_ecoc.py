@@ -1,4 +1,4 @@
-"""ECOCClassifier: the figures of MATLAB's documentation, labels, products instead of features, threads, memory."""
+"""ECOCClassifier: the figures of MATLAB's documentation, labels, scores, probabilities, threads, memory, refusals."""
 
 import tracemalloc
 
@@ -6,37 +6,39 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 from sklearn.datasets import load_iris
-from sklearn.exceptions import NotFittedError
+from sklearn.exceptions import ConvergenceWarning, NotFittedError
 from sklearn.multiclass import OneVsOneClassifier
 from sklearn.svm import SVC
 
 from ecoc_cases import MATRIX, blobs
-from granular_id.ecoc import ECOCClassifier
-from granular_id.gram import linear_gram
+from granular_id import ecoc
+from granular_id.ecoc import ECOCClassifier, centred_gram, onevsone, train_learners
 
 X_IRIS, Y_IRIS = load_iris(return_X_y=True)
 
 
 # Figures: MATLAB documentation of fitcsvm, fitcecoc, resubLoss and resubEdge, all on Fisher's iris.
-class TestIris:
-    def test_two_classes_two_features(self):
-        kept = Y_IRIS > 0
-        clf = ECOCClassifier().fit(X_IRIS[kept][:, 2:], Y_IRIS[kept])
-        assert np.count_nonzero(clf.dual_coef_) == 24
-        assert round(abs(clf.intercept_[0]), 4) == 14.4149
-        # 11 multipliers of each class at C, and one free pair.
-        assert clf.alpha_at_bound_ == 22 / 100
+def test_two_classes_of_iris_give_matlabs_support_vectors_and_bias():
+    shown = Y_IRIS > 0
+    X, y = X_IRIS[shown][:, 2:], Y_IRIS[shown]
+    assert round(abs(ECOCClassifier().fit(X, y).intercept_[0]), 4) == 14.4149
+    gram = centred_gram(X, X.mean(axis=0))
+    learned = train_learners(gram, onevsone(2), y - 1, cost=1.0)
+    assert np.count_nonzero(learned.dual_coef) == 24
+    # 11 multipliers of each class at C, and one free pair.
+    assert learned.share_at_bound == 22 / 100
 
-    def test_all_classes(self):
-        clf = ECOCClassifier().fit(X_IRIS, Y_IRIS)
-        values = clf.decision_function(X_IRIS)
-        is_true = np.arange(3) == Y_IRIS[:, None]
-        edge = (values[is_true] - np.where(is_true, -np.inf, values).max(axis=1)).mean()
-        assert (round(1 - clf.score(X_IRIS, Y_IRIS), 4), round(edge, 4)) == (0.0067, 0.6467)
+
+def test_all_classes_of_iris_give_matlabs_error_and_edge():
+    clf = ECOCClassifier().fit(X_IRIS, Y_IRIS)
+    values = clf.decision_function(X_IRIS)
+    is_true = np.arange(3) == Y_IRIS[:, None]
+    edge = (values[is_true] - np.where(is_true, -np.inf, values).max(axis=1)).mean()
+    assert (round(1 - clf.score(X_IRIS, Y_IRIS), 4), round(edge, 4)) == (0.0067, 0.6467)
 
 
 @pytest.mark.parametrize("distance", [0.05, 0.3])
-def test_labels_of_one_vs_one_where_votes_and_losses_agree(distance):
+def test_labels_equal_one_vs_one_where_votes_and_losses_agree(distance):
     X, y = blobs(5, 24, 60, distance)
     X_new, _ = blobs(5, 24, 60, distance, seed=1)
     ours = ECOCClassifier().fit(X, y)
@@ -59,7 +61,7 @@ def test_labels_of_one_vs_one_where_votes_and_losses_agree(distance):
         np.array([2.0, 1.0, 0.0]),
     ],
 )
-def test_labels_of_every_kind(names):
+def test_labels_of_every_kind_come_back(names):
     X, y = blobs(3, distance=3.0)
     clf = ECOCClassifier().fit(X, names[y])
     np.testing.assert_array_equal(clf.classes_, np.sort(names))
@@ -67,7 +69,7 @@ def test_labels_of_every_kind(names):
     np.testing.assert_array_equal(clf.predict(X), names[y])
 
 
-def test_two_classes_decide_by_sign():
+def test_two_classes_decide_by_the_sign():
     X, y = blobs(2, distance=0.1)
     clf = ECOCClassifier().fit(X, y)
     decision = clf.decision_function(X)
@@ -78,36 +80,61 @@ def test_two_classes_decide_by_sign():
     np.testing.assert_array_equal(decision, np.maximum(0, 1 - scores) / 2 - np.maximum(0, 1 + scores) / 2)
 
 
-def test_gram_matrix_of_all_rows_serves_every_partition():
-    X, y = blobs(5, distance=0.2)
-    names = np.array(["a", "b", "c", "d", "e"])[y]
-    gram = linear_gram(X, center=X.mean(axis=0))
-    train, test = np.arange(80), np.arange(80, 125)
-    by_features = ECOCClassifier().fit(X[train], names[train])
-    by_gram = ECOCClassifier().fit_gram(gram[np.ix_(train, train)], names[train])
-    rows = gram[np.ix_(test, train)]
-    expected = by_features.binary_scores(X[test])
-    close = {"rtol": 1e-9, "atol": 1e-9}
-    np.testing.assert_allclose(by_gram.binary_scores_gram(rows), expected, **close)
-    np.testing.assert_array_equal(by_gram.predict_gram(rows), by_features.predict(X[test]))
-    values = by_features.decision_function(X[test])
-    np.testing.assert_allclose(by_gram.decision_function_gram(rows), values, **close)
-    # After fit, products about the origin of X serve as well.
-    np.testing.assert_allclose(
-        by_features.binary_scores_gram(linear_gram(X[test], X[train])), expected, **close
-    )
-    with pytest.raises(NotFittedError, match="call fit"):
-        by_gram.predict(X[test])
-    # What an earlier fit on features left behind must not answer for the Gram matrix.
-    again = by_features.fit_gram(gram[np.ix_(train, train)], names[train])
-    assert not hasattr(again, "coef_")
-    assert not hasattr(again, "n_features_in_")
+@pytest.mark.parametrize("n_classes", [2, 4])
+def test_probabilities_are_a_softmax_over_the_temperature(n_classes):
+    X, y = blobs(n_classes)
+    clf = ECOCClassifier(temperature=0.2).fit(X, y)
+    values = clf.decision_function(X)
+    if n_classes == 2:  # the value of the second less that of the first
+        values = np.column_stack([np.zeros(len(X)), values])
+    powers = np.exp(values / 0.2)
+    found = clf.predict_proba(X)
+    np.testing.assert_allclose(found, powers / powers.sum(axis=1, keepdims=True), rtol=1e-10)
+    np.testing.assert_array_equal(found.argmax(axis=1), clf.predict(X))
+    surer = clf.set_params(temperature=0.1).predict_proba(X)
+    assert (surer.max(axis=1) > found.max(axis=1)).all()
 
 
-def test_input_is_not_changed_and_may_be_read_only_and_of_any_kind():
+@pytest.mark.parametrize("coding", ["onevsone", "onevsall", MATRIX])
+@pytest.mark.parametrize("n_features", [6, 90])  # features, and the Gram matrix of 60 rows
+class TestCodings:
+    def rows(self, n_features):
+        return blobs(per_class=15, n_features=n_features, distance=0.4)
+
+    def test_scores_are_those_of_libsvm(self, coding, n_features):
+        X, y = self.rows(n_features)
+        clf = ECOCClassifier(coding).fit(X, y)
+        for codes, scores in zip(clf.coding_matrix_.T, clf.binary_scores(X).T, strict=True):
+            targets = codes[y]
+            seen = targets != 0
+            machine = SVC(kernel="linear", tol=1e-8).fit(X[seen], targets[seen])
+            np.testing.assert_allclose(scores, machine.decision_function(X), atol=1e-3)
+
+    def test_weights_equal_repeated_rows(self, coding, n_features):
+        X, y = self.rows(n_features)
+        times = np.random.default_rng(1).integers(0, 4, len(y))
+        weighted = ECOCClassifier(coding).fit(X, y, sample_weight=times)
+        repeated = ECOCClassifier(coding).fit(np.repeat(X, times, axis=0), np.repeat(y, times))
+        np.testing.assert_allclose(weighted.binary_scores(X), repeated.binary_scores(X), atol=2e-3)
+
+    def test_offset_and_unit_do_not_matter(self, coding, n_features):
+        X, y = self.rows(n_features)
+        expected = ECOCClassifier(coding).fit(X, y).binary_scores(X)
+        for scale, offset in ((1.0, 1e4), (1e8, 0.0), (1e-6, 1.0)):
+            rows = X * scale + offset
+            scores = ECOCClassifier(coding, C=scale**-2.0).fit(rows, y).binary_scores(rows)
+            np.testing.assert_allclose(scores, expected, atol=2e-3)
+
+    def test_threads_give_the_same_numbers(self, coding, n_features):
+        X, y = self.rows(n_features)
+        one, two = (ECOCClassifier(coding, n_jobs=n).fit(X, y) for n in (1, 2))
+        np.testing.assert_array_equal(one.coef_, two.coef_)
+
+
+def test_input_of_every_kind_is_read_and_not_changed():
     X, y = blobs(3)
     X, weights = X.astype(np.float32), np.ones(len(y))
-    kept = X.copy()
+    before = X.copy()
     for array in (X, y, weights):
         array.setflags(write=False)
     expected = ECOCClassifier().fit(X.astype(np.float64), y).decision_function(X)
@@ -115,11 +142,10 @@ def test_input_is_not_changed_and_may_be_read_only_and_of_any_kind():
         clf = ECOCClassifier().fit(rows, y.tolist(), weights)
         assert clf.coef_.dtype == np.float64
         np.testing.assert_allclose(clf.decision_function(rows), expected, rtol=1e-9, atol=1e-9)
-    ECOCClassifier().fit_gram(np.asfortranarray(X @ X.T, dtype=float), y)
-    np.testing.assert_array_equal(X, kept)
+    np.testing.assert_array_equal(X, before)
 
 
-def test_memory_beside_the_rows_is_small():
+def test_memory_beside_wide_rows_is_small():
     """No copy of all rows (20 MB), nor of those of a pair of classes (8 MB)."""
     rng = np.random.default_rng(0)
     y = np.repeat(np.arange(5), 50)
@@ -128,42 +154,150 @@ def test_memory_beside_the_rows_is_small():
     tracemalloc.start()
     try:
         ECOCClassifier().fit(X, y).predict(X)
-        assert tracemalloc.get_traced_memory()[1] < 5e6
+        assert tracemalloc.get_traced_memory()[1] < 6e6
     finally:
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("coding", ["onevsone", "onevsall", MATRIX])
-class TestCodings:
-    X, y = blobs(per_class=15, n_features=6)
+def test_a_search_without_end_warns(monkeypatch):
+    monkeypatch.setattr(ecoc, "_MAX_STEPS", 2)
+    with pytest.warns(ConvergenceWarning, match="terminated early"):
+        ECOCClassifier().fit(*blobs(2, distance=0.1))
 
-    def test_scores_are_those_of_libsvm(self, coding):
-        clf = ECOCClassifier(coding).fit(self.X, self.y)
-        for codes, scores in zip(clf.coding_matrix_.T, clf.binary_scores(self.X).T, strict=True):
-            targets = codes[self.y]
-            seen = targets != 0
-            machine = SVC(kernel="linear", tol=1e-8).fit(self.X[seen], targets[seen])
-            np.testing.assert_allclose(scores, machine.decision_function(self.X), atol=1e-4)
 
-    def test_coef_gives_the_scores(self, coding):
-        rows = self.X * 10.0 ** np.linspace(-1, 1, 6) + 5.0
-        rows[:, 2] = 7.0
-        clf = ECOCClassifier(coding).fit(rows, self.y)
-        np.testing.assert_array_equal(clf.binary_scores(rows), rows @ clf.coef_.T + clf.intercept_)
-        np.testing.assert_allclose(clf.dual_coef_ @ rows, clf.coef_, rtol=1e-9, atol=1e-12)
+X = np.random.default_rng(0).standard_normal((30, 5))
+y = np.repeat(["oat", "rice", "sand"], 10)
 
-    def test_weights_equal_repeated_rows(self, coding):
-        times = np.random.default_rng(1).integers(0, 4, len(self.y))
+
+def with_value(value):
+    spoiled = X.copy()
+    spoiled[4, 3] = value
+    return spoiled
+
+
+@pytest.mark.parametrize(
+    ("params", "kind", "message"),
+    [
+        ({"C": 0}, ValueError, "C must be positive and finite, got 0"),
+        ({"C": np.nan}, ValueError, "C must be positive"),
+        ({"C": "1"}, TypeError, "C must be a number, got '1'"),
+        ({"C": True}, TypeError, "C must be a number, got True"),
+        ({"C": 10**400}, ValueError, "C must be positive and finite"),
+        ({"temperature": 0}, ValueError, "temperature must be positive and finite, got 0"),
+        ({"temperature": "low"}, TypeError, "temperature must be a number"),
+        ({"loss": "votes"}, ValueError, "loss must be one of 'hinge', 'root', got 'votes'"),
+        ({"loss": np.array(["root", "hinge"])}, ValueError, "loss must be one of"),
+        ({"n_jobs": 0}, ValueError, "n_jobs must be None, positive, or negative .* got 0"),
+        ({"n_jobs": "two"}, TypeError, "n_jobs must be None or a whole number, got 'two'"),
+        ({"coding": "pairs"}, ValueError, "coding must be one of 'onevsone', 'onevsall', got 'pairs'"),
+    ],
+)
+def test_bad_parameters_are_named(params, kind, message):
+    with pytest.raises(kind, match=message):
+        ECOCClassifier(**params).fit(X, y)
+
+
+@pytest.mark.parametrize(
+    ("rows", "labels", "message"),
+    [
+        (X, ["sand"] * 30, "y holds one class only"),
+        (X, [None] * 15 + ["oat"] * 15, "y must hold labels of one kind"),
+        (X, np.array([1] * 15 + ["oat"] * 15, dtype=object), "y must hold labels of one kind, .* got 1, 'oat'"),
+        (X, np.linspace(0.0, 1.0, 30), "y must hold labels of one kind, text or whole numbers, got 0.0, 0.03"),
+        (X, np.repeat([np.nan, 1.0], 15), "y contains NaN"),
+        (X, y[:-1], "inconsistent"),
+        (with_value(np.nan), y, "NaN"),
+        (with_value(-np.inf), y, "infinity"),
+        (X * 1e200, y, "scalar products in the range of float64"),
+        (np.sign(X) * 1e307, y, "X must be finite, with scalar products in the range of float64"),
+    ],
+)
+def test_bad_rows_and_labels_are_refused(rows, labels, message):
+    with pytest.raises(ValueError, match=message):
+        ECOCClassifier().fit(rows, labels)
+
+
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        (["a"] * 30, "could not convert"),
+        (-np.ones(30), "Negative values in data passed to `sample_weight`"),
+        (np.zeros(30), "y holds one class only|at least one|found array with 0"),
+        (np.repeat([1.0, 0.0], [10, 20]), "y holds one class only"),
+        (np.ones(29), r"sample_weight.shape == \(29,\)"),
+    ],
+)
+def test_bad_weights_are_refused(weights, message):
+    with pytest.raises(ValueError, match=message):
+        ECOCClassifier().fit(X, y, sample_weight=weights)
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (with_value(np.inf), "infinity"),
+        (X[:, :-1], "5 features"),
+        (np.full((1, 5), 1.7e308), "X must be finite, with scores in the range of float64"),
+    ],
+)
+def test_bad_rows_to_name_are_refused(rows, message):
+    with pytest.raises(ValueError, match=message):
+        ECOCClassifier().fit(X, y).predict(rows)
+
+
+def test_a_failed_fit_leaves_nothing_fitted():
+    clf = ECOCClassifier(np.ones((2, 3)))
+    with pytest.raises(ValueError, match="coding column 0 must hold both"):
+        clf.fit(np.ones((6, 2)), [0, 0, 0, 1, 1, 1])
+    for use in (clf.predict, clf.decision_function, clf.predict_proba):
+        with pytest.raises(NotFittedError):
+            use(np.ones((6, 2)))
+
+
+@pytest.mark.filterwarnings("ignore:Solver terminated early:sklearn.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("cost", [1e-300, 1e308])
+def test_a_cost_far_out_of_the_ordinary_gives_finite_weights(monkeypatch, cost):
+    monkeypatch.setattr(ecoc, "_MAX_STEPS", 100_000)
+    assert np.isfinite(ECOCClassifier(C=cost).fit(X[:20], y[:20]).coef_).all()
+
+
+def test_a_class_of_zero_weight_is_absent():
+    clf = ECOCClassifier().fit(X, y, sample_weight=(y != "rice").astype(float))
+    without = ECOCClassifier().fit(X[y != "rice"], y[y != "rice"])
+    assert clf.classes_.tolist() == ["oat", "sand"]
+    np.testing.assert_array_equal(clf.coef_, without.coef_)
+
+
+def test_seventy_classes_of_two_rows_are_told_apart():
+    truth = np.repeat(np.arange(70), 2)
+    centres = 5.0 * np.random.default_rng(0).standard_normal((70, 12))
+    rows = np.random.default_rng(1).standard_normal((140, 12)) * 0.3 + centres[truth]
+    clf = ECOCClassifier().fit(rows, truth)
+    assert clf.coef_.shape == (2415, 12)
+    assert clf.score(rows, truth) > 0.99
+
+
+@pytest.mark.parametrize("coding", ["onevsone", "onevsall"])
+class TestPoorData:
+    def test_a_class_of_one_row_is_learned(self, coding):
+        rows, truth = blobs(3, n_features=60)
+        shown = np.flatnonzero((truth != 1) | (np.arange(len(truth)) == np.argmax(truth == 1)))
         clf = ECOCClassifier(coding)
-        weighted = clone(clf).fit(self.X, self.y, sample_weight=times).binary_scores(self.X)
-        repeated = clone(clf).fit(np.repeat(self.X, times, axis=0), np.repeat(self.y, times))
-        np.testing.assert_allclose(weighted, repeated.binary_scores(self.X), rtol=1e-7, atol=1e-7)
+        assert clf.fit(rows[shown], truth[shown]).score(rows[shown], truth[shown]) == 1.0
 
-    def test_gram_and_features_and_threads_agree(self, coding):
-        clf = ECOCClassifier(coding).fit(self.X, self.y)
-        gram = linear_gram(self.X, center=self.X.mean(axis=0))
-        scores = clone(clf).fit_gram(gram, self.y).binary_scores_gram(gram)
-        np.testing.assert_allclose(scores, clf.binary_scores(self.X), rtol=1e-9, atol=1e-9)
-        threads = clone(clf).set_params(n_jobs=2).fit(self.X, self.y)
-        np.testing.assert_array_equal(threads.coef_, clf.coef_)
-        assert threads.alpha_at_bound_ == clf.alpha_at_bound_
+    def test_two_rows_in_all_are_told_apart(self, coding):
+        clf = ECOCClassifier(coding).fit([[0.0], [2.0]], ["a", "b"])
+        assert clf.predict([[0.5], [1.5]]).tolist() == ["a", "b"]
+
+    def test_equal_rows_give_finite_values(self, coding):
+        truth = np.repeat([0, 1, 2], [8, 4, 4])
+        clf = ECOCClassifier(coding)
+        assert np.isfinite(clf.fit(np.ones((16, 3)), truth).decision_function(np.ones((2, 3)))).all()
+        assert len(set(clf.predict(np.ones((5, 3))))) == 1
+
+    def test_constant_features_change_nothing(self, coding):
+        rows, truth = blobs(3)
+        wide = np.column_stack([rows, np.full(len(truth), 0.1), np.zeros(len(truth))])
+        clf = ECOCClassifier(coding)
+        expected = clone(clf).fit(rows, truth).decision_function(rows)
+        np.testing.assert_allclose(clf.fit(wide, truth).decision_function(wide), expected, atol=1e-6)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from ecoc_cases import MATRIX
-from granular_id.ecoc.codings import CODINGS, LOSSES, decode, design, onevsone
+from granular_id.ecoc import CODINGS, LOSSES, decode, design, onevsone
 
 # The definitions, in plain Python: one number at a time.
 DEFINITIONS = {

@@ -4,7 +4,6 @@ import os
 import pickle
 import subprocess
 import sys
-import warnings
 
 import joblib
 import numpy as np
@@ -18,27 +17,15 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from granular_id.ecoc import ECOCClassifier
 
 
-def expected_failures(estimator):
-    if estimator.posterior is None:
-        return {}
-    # One check, run on three inputs. It wants the likeliest class and the predicted class to be the same; labels come
-    # from the losses of the scores, and where two classes are close another can be likelier (1 of 200 rows there).
-    return {"check_classifiers_train": "predict decodes losses, predict_proba couples probabilities"}
+NOT_EXACT = "libsvm stops at a tolerance: as of scikit-learn's SVC, equal up to it, and not to 1e-7"
 
 
 @parametrize_with_checks(
-    [
-        ECOCClassifier(),
-        ECOCClassifier("onevsall", loss="root"),
-        ECOCClassifier(posterior="kullback_leibler"),
-    ],
-    expected_failed_checks=expected_failures,
+    [ECOCClassifier(), ECOCClassifier("onevsall", loss="root")],
+    expected_failed_checks=lambda _: {"check_sample_weight_equivalence_on_dense_data": NOT_EXACT},
 )
-def test_sklearn_contract(estimator, check):
-    with warnings.catch_warnings():
-        # A check of weights leaves a class with one row.
-        warnings.filterwarnings("ignore", message="posterior needs 2 different rows", category=UserWarning)
-        check(estimator)
+def test_sklearn_contract_is_kept(estimator, check):
+    check(estimator)
 
 
 X, y = load_iris(return_X_y=True)
@@ -46,14 +33,12 @@ VARIANTS = {
     "default": ECOCClassifier(),
     "own coding": ECOCClassifier(np.array([[1, 1], [-1, 1], [0, -1]]), n_jobs=2),
     "root": ECOCClassifier("onevsall", loss="root"),
-    "kl": ECOCClassifier(posterior="kullback_leibler", random_state=0),
-    "wlw": ECOCClassifier(posterior="wu_lin_weng", random_state=0),
+    "sure": ECOCClassifier(temperature=0.05),
 }
 
 
 def answers(clf, X):
-    found = [clf.predict(X), clf.decision_function(X), clf.binary_scores(X)]
-    return [*found, clf.predict_proba(X)] if hasattr(clf, "predict_proba") else found
+    return [clf.predict(X), clf.decision_function(X), clf.binary_scores(X), clf.predict_proba(X)]
 
 
 def assert_same(ours, theirs):
@@ -72,7 +57,7 @@ def test_clone_pickle_and_repetition(name):
     assert_same(answers(clf, X), answers(clf.fit(X[:, :2], y[::-1]).fit(X, y), X))
 
 
-@pytest.mark.parametrize("name", ["own coding", "kl"])
+@pytest.mark.parametrize("name", ["own coding", "sure"])
 @pytest.mark.parametrize("dtype", [str, object])
 def test_labels_of_text_and_frames(name, dtype):
     kinds = np.array(["sand", "oats", "gravel"], dtype)
@@ -91,8 +76,7 @@ def test_labels_of_text_and_frames(name, dtype):
 
 
 def digest_of_answers():
-    """Of fits that draw folds, and of one that draws nothing."""
-    return joblib.hash([answers(clone(VARIANTS[name]).fit(X, y), X) for name in ("root", "kl", "wlw")])
+    return joblib.hash([answers(clone(VARIANTS[name]).fit(X, y), X) for name in ("default", "root")])
 
 
 @pytest.mark.thread_unsafe(reason="starts a process")
@@ -115,5 +99,5 @@ def test_search_over_codings_and_losses_finds_probabilities():
     assert search.best_score_ > 0.95
     assert len(search.cv_results_["params"]) == 4
     # A string for `scoring` that needs probabilities finds them.
-    losses = cross_val_score(VARIANTS["kl"], X, y, cv=3, scoring="neg_log_loss")
+    losses = cross_val_score(VARIANTS["sure"], X, y, cv=3, scoring="neg_log_loss")
     assert (losses > -0.4).all()

@@ -18,10 +18,10 @@ def new():
 
 @pytest.fixture(scope="session")
 def models(data):
-    """One of plain features, and one of multi-band features that chose its classifier and has probabilities."""
+    """One of plain features, and one of multi-band features that chose its classifier."""
     return {
         "raw+hfmh": Identifier.fit(data, "raw+hfmh", target_error=0.2),
-        "best": Identifier.fit(data, "best", target_error=0.2, posterior="wu_lin_weng"),
+        "best": Identifier.fit(data, "best", target_error=0.2),
     }
 
 

@@ -70,24 +70,6 @@ def test_two_classes_and_any_number_of_axes(n_axes):
     assert identifier.predict(data.X[0]).tolist() == [pipeline.predict(data.X[:1])[0]]
 
 
-@pytest.mark.parametrize("method", ["kullback_leibler", "wu_lin_weng"])
-def test_probabilities_are_those_of_the_pipeline_and_survive_the_file(data, new, plain, method, tmp_path):
-    identifier = Identifier.fit(data, "hfmh", posterior=method, estimate=False)
-    pipeline = Recipe(space="hfmh", posterior=method).pipeline(500.0).fit(data.X, data.y)
-    identifier.save(tmp_path / "m.safetensors")
-    for model in (identifier, Identifier.load(tmp_path / "m.safetensors")):
-        np.testing.assert_allclose(
-            model.predict_proba(new.X), pipeline.predict_proba(new.X), rtol=0, atol=1e-9
-        )
-    answer = identifier.identify(new[0])
-    best = identifier.classes.index(answer.label)
-    assert answer.probability == pytest.approx(identifier.predict_proba(new.X[:1])[0, best], abs=1e-12)
-    # and a model without them says so
-    with pytest.raises(ValueError, match="train it with posterior="):
-        plain.predict_proba(new.X)
-    assert plain.identify(new[0]).probability is None
-
-
 @pytest.mark.parametrize("space", ["raw+hfmh", "best"])
 def test_a_file_gives_back_the_same_model(models, new, space, tmp_path):
     identifier = models[space]
@@ -100,14 +82,9 @@ def test_a_file_gives_back_the_same_model(models, new, space, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["m.safetensors"]
     for other in (same, pickle.loads(pickle.dumps(identifier))):
         assert np.array_equal(other.scores(new.X), identifier.scores(new.X))
-        if space == "best":
-            assert np.array_equal(other.predict_proba(new.X), identifier.predict_proba(new.X))
 
 
-DRAWN_FOLDS = {"posterior": "kullback_leibler", "coding": "onevsall"}
-
-
-@pytest.mark.parametrize(("space", "settings"), [("raw+hfmh", DRAWN_FOLDS), ("best", {})])
+@pytest.mark.parametrize(("space", "settings"), [("raw+hfmh", {"coding": "onevsall"}), ("best", {})])
 def test_the_same_training_gives_the_same_bytes(data, space, settings):
     one, same, other = (
         Identifier.fit(data, space, **settings, **more).core.to_bytes()
@@ -232,7 +209,7 @@ def test_other_pipelines_are_refused(data, steps, y, more, kind, message):
         ({"n_folds": 1}, "n_folds must be at least 2, got 1"),
         ({"C": -1.0}, "C"),
         ({"n_bins": 0}, "n_bins"),
-        *[({name: "nose"}, rf"{name} must be one of '.*'") for name in ("coding", "loss", "posterior")],
+        *[({name: "nose"}, rf"{name} must be one of '.*'") for name in ("coding", "loss")],
         ({"max_file_bytes": 100_000}, r"would take .* more than the 0.0954 MiB .*; ways out: the space 'hf"),
         ({"space": "best", "max_file_bytes": 10_000}, "'hfmh' .* the space 'multiband' with the coding"),
         ({"space": "best", "C": 2.0}, "C must be left out with space='best', which chooses it itself"),

@@ -38,9 +38,6 @@ def test_each_answer_is_that_about_its_window_alone(models, drive, kind, hop_s, 
         assert (answers.labels[i], answers.margins[i]) == (alone.label, alone.margin)
         assert dict(zip(answers.classes, answers.losses[i], strict=True)) == dict(alone.ranking)
         assert (answers.candidates[i], answers.unknown[i]) == (alone.candidates, alone.unknown)
-        if kind == "best":
-            assert answers.probabilities[i, answers.losses[i].argmin()] == alone.probability
-    assert (answers.probabilities is None) == (kind != "best")
 
 
 def test_windows_share_nothing_unless_told(plain, drive):
@@ -151,8 +148,6 @@ def test_files_hold_every_answer(models, drive, tmp_path):
         rows = list(csv.DictReader(stream))
     assert [row["label"] for row in rows] == answers.labels.tolist()
     assert [float(row["to_s"]) for row in rows] == pytest.approx(answers.times_s)
-    shares = [share[loss.argmin()] for share, loss in zip(answers.probabilities, answers.losses, strict=True)]
-    assert [float(row["probability"]) for row in rows] == shares
     assert {row["unknown"] for row in rows} <= {"true", "false"}
     told = json.loads(json.dumps(answers.to_dict()))
     assert [row["losses"] for row in told["answers"]] == answers.losses.tolist()
