@@ -406,6 +406,4 @@ def _back(step: Any, weights: FloatArray) -> FloatArray:
         smallest = np.finfo(scale.dtype).eps
         weights = weights / np.where(scale < smallest, smallest, scale)
     passed: FloatArray = weights @ step.components_
-    if isinstance(step, RICA) and step.scale_ is not None:
-        passed = passed / step.scale_
     return passed

@@ -107,7 +107,7 @@ class TestCodings:
         for codes, scores in zip(clf.coding_matrix_.T, clf.binary_scores(X).T, strict=True):
             targets = codes[y]
             seen = targets != 0
-            machine = SVC(kernel="linear", tol=1e-8).fit(X[seen], targets[seen])
+            machine = SVC(kernel="linear", tol=1e-6, max_iter=1_000_000).fit(X[seen], targets[seen])
             np.testing.assert_allclose(scores, machine.decision_function(X), atol=1e-3)
 
     def test_weights_equal_repeated_rows(self, coding, n_features):
