@@ -29,9 +29,8 @@ from threadpoolctl import threadpool_limits
 
 import granular_id as gid
 from granular_id._files import write_json
-from granular_id.partitions import Partition, kfold_partitions
-from granular_id.spaces import block_sizes, tell_blocks
-from granular_id.splits import groups_of, strictest_partitions
+from granular_id.spaces import block_sizes
+from granular_id.splits import Fold, groups_of, hold_out
 from granular_id.statistics import corrected_resampled_t
 from results import about
 
@@ -51,7 +50,7 @@ class BenchSet:
     """Recordings of one shape, and how they are split."""
 
     data: gid.Dataset
-    partitions: list[Partition]
+    partitions: list[Fold]
     how: str
 
 
@@ -60,8 +59,8 @@ def read(folder: Path, options: argparse.Namespace) -> list[BenchSet]:
     if failures := sorted(folder.glob("lp[1-5].data")):
         return [folds(failure_set(file), options.seeds) for file in failures]
     data = gid.load(folder).resample(options.rate_hz, max_gap_s=options.max_gap_s).align("shortest")
-    partitions, how = strictest_partitions(data)
-    return [BenchSet(data, partitions, how)]
+    drawn = hold_out(data)
+    return [BenchSet(data, list(drawn), "; ".join(drawn.notes))]
 
 
 def failure_set(file: Path) -> gid.Dataset:
@@ -76,7 +75,7 @@ def failure_set(file: Path) -> gid.Dataset:
 
 
 def folds(data: gid.Dataset, seeds: int) -> BenchSet:
-    partitions = [fold for seed in range(seeds) for fold in kfold_partitions(data.y, n_folds=5, seed=seed)]
+    partitions = [fold for seed in range(seeds) for fold in hold_out(data, "random", 5, seed)]
     return BenchSet(data, partitions, f"5 stratified folds, {seeds} draws")
 
 
@@ -215,8 +214,9 @@ def score(method: str, bench_set: BenchSet) -> Iterator[tuple[float, float]]:
             rows = features.fit_transform(data.X[partition.train], data.y[partition.train])
             known = {}
             if method in OURS:  # a classifier of ours may ask for blocks, sessions and order in time
-                tell_blocks(classifier, block_sizes(features))
-                known = groups.fit_arguments(classifier, partition.train)
+                if "blocks" in classifier.get_params():
+                    classifier.set_params(blocks=block_sizes(features))
+                known = groups.take(partition.train).fit_arguments(classifier)
             classifier.fit(rows, data.y[partition.train], **known)
             start = time.process_time()
             tested = features.transform(data.X[partition.test])

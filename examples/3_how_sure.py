@@ -12,15 +12,14 @@ The recordings are SYNTHETIC, and short (1.2 s), so that some answers are doubtf
 
 import matplotlib.pyplot as plt
 import numpy as np
-from sklearn.pipeline import make_pipeline
 
 import granular_id as gid
-from granular_id.confidence import assess
+from granular_id.evaluation import confidence_study
 from granular_id.plotting import plot_confidence
 
 known = ["fine sugar", "rice", "oat flakes", "cat litter", "dry peas", "clay granules"]
 data = gid.synthesize(known, n_per_class=16, duration_s=1.2, seed=1)
-model = gid.Identifier.fit(data, "multiband", coverage=0.9, share_known=0.95, early=False)
+model = gid.Identifier.fit(data, "multiband", coverage=0.9, share_known=0.95, target_error=None)
 
 # %%
 # Candidates, and pushes that are like none
@@ -62,12 +61,10 @@ for row, column in np.argwhere(shares > 0):
 # Are these promises kept?
 # ------------------------
 #
-# ``assess`` asks three questions of a model, with recordings that did not train it. Do
-# probabilities mean what they say? Do sets of materials hold the right one as often as asked for?
-# Are materials refused that were left out of the training? It trains some hundred models. Here
-# probabilities and sets do well; of the materials left out few are refused.
+# ``confidence_study`` asks three questions, with recordings of held-out sessions. Do probabilities
+# mean what they say? Do sets of materials hold the right one as often as asked for? Are materials
+# refused that were left out of the training? Each session is judged by what the others say.
 
-pipeline = make_pipeline(gid.MultiBand(), gid.ECOCClassifier())
-found = assess(data, pipeline, levels=[0.5, 0.8, 0.9], n_seeds=3, name="multiband")
-print(found.coverage.table())
+found = confidence_study(data, "multiband", levels=[0.5, 0.8, 0.9])
+print(found)
 plot_confidence(found)

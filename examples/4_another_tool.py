@@ -19,7 +19,7 @@ from granular_id.synthetic import Rig, simulate_rests
 
 materials = ["rice", "fine sugar", "oat flakes", "dry peas", "cat litter", "macaroni"]
 monday = gid.synthesize(materials, n_per_class=16, seed=1)
-model = gid.Identifier.fit(monday, "multiband", early=False)
+model = gid.Identifier.fit(monday, "multiband", target_error=None)
 
 
 def accuracy(model, data):

@@ -70,7 +70,7 @@ figure.legend(loc="outside lower center", frameon=False, ncols=5)
 # of 0.8 s, and answers every 0.1 s about the window before. Wheat flour was not in the training. A
 # light bar is a material that it may be as well.
 
-windows = gid.Identifier.fit(data.windows(0.8), "multiband", early=False)
+windows = gid.Identifier.fit(data.windows(0.8), "multiband", target_error=None)
 pushes = gid.synthesize(["rice", "wheat flour", "fine sugar", "macaroni"], n_per_class=1, seed=7)
 long = gid.Recording(np.concatenate(pushes.X), rate_hz=500, name="four pushes", meta=pushes[0].meta)
 

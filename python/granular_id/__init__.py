@@ -12,9 +12,9 @@ from granular_id._core import AXES, UNITS, StreamingExtractor, __version__
 from granular_id.features import FeatureSpec, extract_features, feature_names
 
 if TYPE_CHECKING:
-    from granular_id import confidence, signal
+    from granular_id import confidence, report, signal
     from granular_id.ecoc import ECOCClassifier
-    from granular_id.evaluation import EvaluationResult, evaluate
+    from granular_id.evaluation import ConfidenceStudy, EvaluationResult, confidence_study, evaluate
     from granular_id.explanation import Explanation, explain
     from granular_id.identifier import Decision, Identifier, StreamingIdentifier, accuracy_over_time
     from granular_id.io import RecordingFileError, load, save
@@ -36,9 +36,7 @@ if TYPE_CHECKING:
         HFMH,
         BestClassifier,
         BlockScaler,
-        BlockUnion,
         MultiBand,
-        PrincipalComponents,
         RangeNormalizer,
         RawHFMH,
         RawHistogram,
@@ -58,8 +56,8 @@ __all__ = [
     "UNITS",
     "BestClassifier",
     "BlockScaler",
-    "BlockUnion",
     "CheckReport",
+    "ConfidenceStudy",
     "Dataset",
     "Decision",
     "ECOCClassifier",
@@ -70,7 +68,6 @@ __all__ = [
     "Identifier",
     "MultiBand",
     "Onset",
-    "PrincipalComponents",
     "RangeNormalizer",
     "RawHFMH",
     "RawHistogram",
@@ -89,6 +86,7 @@ __all__ = [
     "__version__",
     "accuracy_over_time",
     "confidence",
+    "confidence_study",
     "evaluate",
     "explain",
     "extract_features",
@@ -97,6 +95,7 @@ __all__ = [
     "find_onset",
     "identify",
     "load",
+    "report",
     "save",
     "signal",
     "synthesize",
@@ -105,8 +104,8 @@ __all__ = [
 _LAZY = {
     "BestClassifier": "spaces",
     "BlockScaler": "spaces",
-    "BlockUnion": "spaces",
     "CheckReport": "recording",
+    "ConfidenceStudy": "evaluation",
     "DFT": "spaces",
     "Dataset": "recording",
     "Decision": "identifier",
@@ -118,7 +117,6 @@ _LAZY = {
     "Identifier": "identifier",
     "MultiBand": "spaces",
     "Onset": "recording",
-    "PrincipalComponents": "spaces",
     "RICA": "rica",
     "RangeNormalizer": "spaces",
     "RawHFMH": "spaces",
@@ -135,6 +133,7 @@ _LAZY = {
     "WithinClassWhitening": "spaces",
     "WrenchBuffer": "live",
     "accuracy_over_time": "identifier",
+    "confidence_study": "evaluation",
     "evaluate": "evaluation",
     "explain": "explanation",
     "feature_spaces": "spaces",
@@ -147,7 +146,7 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("confidence", "signal"):
+    if name in ("confidence", "report", "signal"):
         return import_module(f"granular_id.{name}")
     if name not in _LAZY:
         raise AttributeError(f"module 'granular_id' has no attribute {name!r}")

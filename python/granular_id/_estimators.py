@@ -8,108 +8,21 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from typing import Any
 
 import joblib
 import numpy as np
-import numpy.typing as npt
 import scipy
 import sklearn
-from sklearn.base import BaseEstimator, ClassifierMixin, clone
+from sklearn.base import BaseEstimator, clone
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.pipeline import Pipeline
+from sklearn.pipeline import FeatureUnion, Pipeline
 from sklearn.utils.validation import has_fit_parameter
 
 from granular_id import _core
 
 # Convergence warnings that are listed one by one.
 _AT_MOST = 3
-
-# What a pipeline that is given a data set alone hands from step to step.
-
-
-@dataclass(frozen=True, eq=False)
-class Origin:
-    """Which recordings the rows of an array are of: what steps behind a feature space may ask."""
-
-    axes: tuple[str, ...] | None = None
-    """Names; None where recordings had none."""
-    units: tuple[str, ...] = ()
-    """Of each axis, "" where not known; none without names."""
-    rate_hz: float | None = None
-    dataset: Any = None
-    """The `Dataset`, with labels, sessions and order in time; None where recordings came as arrays or tables."""
-    blocks: Mapping[str, int] | None = None
-    """Columns of each block of features, where they come in blocks."""
-
-
-class TracedRows(np.ndarray):
-    """An array that knows its `Origin`; whatever is made of it does not."""
-
-    origin: Origin | None = None
-
-    def __array_wrap__(self, array: Any, context: Any = None, return_scalar: bool = False) -> Any:
-        plain = np.asarray(array)
-        return plain[()] if return_scalar or plain.ndim == 0 else plain
-
-    def __repr__(self) -> str:
-        return repr(np.asarray(self))
-
-
-def traced(rows: Any, origin: Origin | None, **changes: Any) -> Any:
-    """Return an array that knows its origin, with changes; where there is none to speak of, or no array, as it came."""
-    if origin is None or (origin.dataset is None and origin.axes is None) or not isinstance(rows, np.ndarray):
-        return rows
-    known = np.asarray(rows).view(TracedRows)
-    known.origin = replace(origin, **changes)
-    known.flags.writeable = False  # rows that change their places would keep the labels of others
-    return known
-
-
-def origin_of(X: Any) -> Origin | None:
-    """Return what a step in front of this one told of the rows; None where it told nothing, or a step dropped it."""
-    return X.origin if isinstance(X, TracedRows) else None
-
-
-def origin_for_fit(X: Any, who: Any) -> Origin | None:
-    """Return the origin of rows to fit on, with a warning where it was lost on the way: results would differ unseen."""
-    if isinstance(X, TracedRows) and X.origin is None:
-        warnings.warn(
-            f"X lost what its Dataset knows (sessions, order in time, blocks), by a choice of rows or a cache; "
-            f"{type(who).__name__} goes on without: fit a pipeline on the Dataset, or pass them",
-            stacklevel=3,
-        )
-    return origin_of(X)
-
-
-def labels_of(X: Any, y: Any, who: Any) -> Any:
-    """Return the labels of rows: `y`, or those of the data set that the rows are of."""
-    if y is not None:
-        return y
-    origin = origin_of(X)
-    if hasattr(X, "recordings") and hasattr(X, "sessions"):
-        raise ValueError(
-            f"{type(who).__name__} takes features, got a Dataset: put a feature space in front, as in "
-            f"make_pipeline(RawHFMH(), {type(who).__name__}()).fit(data)"
-        )
-    if origin is None or origin.dataset is None:
-        raise ValueError(
-            f"This {type(who).__name__} estimator requires y to be passed, but the target y is None: X is no Dataset, "
-            "or a step in front that is not of this package (StandardScaler, FeatureUnion) dropped its labels; pass "
-            "them, as in fit(data, data.y)"
-        )
-    return origin.dataset.y
-
-
-class LabelledClassifier(ClassifierMixin):  # type: ignore[misc]
-    """A classifier whose `score` takes labels from a data set, as its `fit` does."""
-
-    def score(
-        self, X: npt.ArrayLike, y: npt.ArrayLike | None = None, sample_weight: npt.ArrayLike | None = None
-    ) -> float:
-        """Return the share of rows that are named right; without `y`, labels are those of the `Dataset`."""
-        return float(super().score(X, labels_of(X, y, self), sample_weight))
 
 
 def with_rate(estimator: Any, rate_hz: float) -> Any:
@@ -173,6 +86,8 @@ def learns(transformer: Any) -> bool:
     """Whether fitting takes anything from the data but their shape; yes for what does not say (no ``learns``)."""
     if isinstance(transformer, Pipeline):
         return any(learns(step) for step in real_steps(transformer))
+    if isinstance(transformer, FeatureUnion):
+        return any(learns(step) for _, step in transformer.transformer_list)
     return bool(getattr(transformer, "learns", True))
 
 
@@ -200,14 +115,14 @@ def seeded_clone(estimator: Any, seed: np.random.SeedSequence) -> Any:
 
 
 @contextmanager
-def named_errors(name: str, kind: str = "feature space") -> Iterator[None]:
+def named_errors(name: str) -> Iterator[None]:
     """Let errors say which space they are from: of eleven only one may not suit the recordings."""
     try:
         yield
     except ValueError as error:
         if repr(name) in str(error):
             raise
-        raise ValueError(f"{kind} {name!r}: {error}") from error
+        raise ValueError(f"feature space {name!r}: {error}") from error
 
 
 @contextmanager

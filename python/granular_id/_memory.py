@@ -79,13 +79,6 @@ def empty(shape: tuple[int, ...], what: str) -> FloatArray:
     return array
 
 
-def check_room(n_bytes: int, what: str) -> None:
-    """Refuse what takes more temporary files than the disk has room for, before it begins."""
-    folder = tempfile.gettempdir()
-    if n_bytes > shutil.disk_usage(folder).free:
-        raise _no_room(n_bytes, what, folder)
-
-
 def copied(array: FloatArray, what: str) -> FloatArray:
     """Return a copy in rows, in a temporary file where it is large."""
     copy = empty(array.shape, what)

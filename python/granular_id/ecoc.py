@@ -166,8 +166,10 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         rows, labels = validate_data(self, X, y, dtype=np.float64)
         weights = None
         if sample_weight is not None:
-            weights = _check_sample_weight(sample_weight, rows, dtype=np.float64, ensure_non_negative=True)
+            weights = _check_sample_weight(sample_weight, rows, dtype=np.float64)
             counted = weights > 0
+            if (weights < 0).any() or not counted.any():
+                raise ValueError("sample_weight must not be negative, nor zero for every row")
             rows, labels, weights = rows[counted], labels[counted], weights[counted]
         self.classes_, index = class_indices(labels)
         self.coding_matrix_ = design(self.coding, len(self.classes_))

@@ -131,7 +131,9 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         largest = float(np.abs(rows).max())
         # The search squares gradients, which are as large as the sum of squares.
         if not largest**2 * rows.size < 1e-10 * math.sqrt(np.finfo(np.float64).max):
-            raise ValueError(f"X is too large (up to {largest:.3g}): the search would overflow; use other units")
+            raise ValueError(
+                f"X is too large (up to {largest:.3g}): the search would overflow; use other units"
+            )
         start = check_random_state(self.random_state).standard_normal((rows.shape[1], n_components))
         with single_threaded_blas():
             end = descend(rows, start, alpha, max_iter)
@@ -147,7 +149,8 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         """Projections (n, p) of features (n, D) onto the components."""
         check_is_fitted(self)
         rows: FloatArray = validate_data(self, X, dtype=np.float64, reset=False)
-        return rows @ self.components_.T
+        projections: FloatArray = rows @ self.components_.T
+        return projections
 
     def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:
         """Names (p,) of the projections: ``rica00``, ``rica01``, ..."""

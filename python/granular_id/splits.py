@@ -1,15 +1,15 @@
-"""Who may train and who is held out: nowhere else is this decided.
+"""Which recordings train and which are tested: nowhere else is this decided.
 
-Recordings made minutes apart share tool, fill, zero offset and temperature, so random partitions flatter a method that
-has learned the session instead of the material. The strictest partitions that recordings allow hold out whole sessions,
-else halves in time; the difference to random ones shows how much was the session.
+Recordings made minutes apart share tool, fill, zero offset and temperature, so random folds flatter a method that has
+learned the session instead of the material. `hold_out` holds out what new recordings will not share: whole sessions
+where they are known, else halves in time. `matched_draws` draws as many recordings at random, so that the difference
+shows how much was the session.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,45 +17,88 @@ from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import argument_error, whole_number
 from granular_id._estimators import routed
-from granular_id._text import counted, verb
-from granular_id.partitions import (
-    CONDITION,
-    MATCHED,
-    MAX_SESSION_FOLDS,
-    PROTOCOLS,
-    Partition,
-    Rows,
-    Sessions,
-    block_partitions,
-    chronological_partitions,
-    condition_partitions,
-    kfold_partitions,
-    lone_session,
-    matched_partitions,
-    paper_partitions,
-    rows_of_class,
-    session_partitions,
-    splittable_rows,
-    why_no_sessions,
-)
-from granular_id.recording import Dataset, overlapping_windows
+from granular_id._text import counted, listed, verb
+from granular_id.recording import Dataset, Recording, condition_of, cut_from, overlapping_windows
 
-AUTO = "auto"
-"""The strictest protocol that the data allow and, beside it, as many at random."""
+Rows = NDArray[np.intp]
+Values = Sequence[str | None] | NDArray[Any]
+"""Session, or another condition, of each recording; None or "" where it is not known."""
+
+AUTO, SESSION, TIME, RANDOM, PAPER = "auto", "session", "time", "random", "paper"
+
+NAMES = {
+    SESSION: "held-out sessions",
+    TIME: "halves in time order",
+    RANDOM: "random folds",
+    PAPER: "random partitions",
+}
+"""Each way to hold out, in words; a condition is called after itself."""
 
 N_FOLDS = 5
 MANY_RECORDINGS, FOLDS_OF_MANY = 2000, 3  # fewer folds: time grows faster than the number of recordings
 
-SESSIONS, BLOCKS, RANDOM = "sessions", "blocks in time", "random recordings"
-CONDITIONS = "conditions"
-"""What a fold is, for those who take the strictest folds that there are."""
+N_DRAWS = 19
+"""Draws beside the strict folds: the least with which a rank of 1 in 20 is a p-value of 0.05."""
 
-NONE = "nothing"
+_TOO_FEW = "fewer than two materials have more than one recording"
 
 # Random folds that choose are drawn again until so many rows were held out in all: with 50 rows one in a hundred is
 # less than a row, and which rows share a fold decides. Not more often than 10 times: draws of the same rows are alike.
-_ENOUGH_ROWS = 500
-_MOST_REPEATS = 10
+_ENOUGH_ROWS, _MOST_REPEATS = 500, 10
+
+
+class Fold(NamedTuple):
+    """Rows that train and rows that are tested, ascending, none in both, and what is held out, for a table."""
+
+    train: Rows
+    test: Rows
+    held_out: str
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """Folds, as `hold_out` draws them.
+
+    Attributes
+    ----------
+    by : str
+        ``"session"``, ``"time"``, ``"random"``, ``"paper"``, or the name of the condition that is held out.
+    folds : tuple of Fold
+        Rows that train, rows that are tested, and what is held out.
+    notes : tuple of str
+        How they were drawn, one line each.
+    untested : mapping of str to str
+        Material to why it is never tested.
+    seed : int
+        Of what is drawn at random.
+    """
+
+    by: str
+    folds: tuple[Fold, ...]
+    notes: tuple[str, ...] = ()
+    untested: Mapping[str, str] = field(default_factory=dict)
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        """What they hold out in words, such as ``"held-out sessions"`` or ``"another tool"``."""
+        return NAMES.get(self.by, f"another {self.by}")
+
+    @property
+    def strict(self) -> bool:
+        """Whether something is held out that new recordings do not share: a session, a time, a condition."""
+        return self.by not in (RANDOM, PAPER)
+
+    @property
+    def sessions_apart(self) -> bool:
+        """Whether each fold holds out whole sessions, or values of a condition."""
+        return self.strict and self.by != TIME
+
+    def __len__(self) -> int:
+        return len(self.folds)
+
+    def __iter__(self) -> Iterator[Fold]:
+        return iter(self.folds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +108,6 @@ class Groups:
     sessions: NDArray[np.object_]  # (n,), None where a session is not known
     rank: Rows | None  # place of each recording in time, None where no order is known
     basis: str = ""  # what the order goes by, or why there is none
-    names: NDArray[np.object_] | None = None  # of the recordings, for errors
     conditions: NDArray[np.object_] | None = None  # (n,) what new recordings do not share, where it is known
 
     @property
@@ -76,61 +118,30 @@ class Groups:
     def take(self, rows: Rows) -> Groups:
         """Return the groups of some rows."""
         rank = None if self.rank is None else self.rank[rows]
-        names, conditions = (None if own is None else own[rows] for own in (self.names, self.conditions))
-        return Groups(self.sessions[rows], rank, self.basis, names, conditions)
+        conditions = None if self.conditions is None else self.conditions[rows]
+        return Groups(self.sessions[rows], rank, self.basis, conditions)
 
-    def fit_arguments(self, estimator: Any, rows: Rows) -> dict[str, Any]:
+    def fit_arguments(self, estimator: Any) -> dict[str, Any]:
         """Return those of ``sessions``, ``order`` and ``groups`` that `fit` takes, in a pipeline that of its last step.
 
-        They are those of the training rows, None where none is known; ``order`` holds places in `rows`, ``groups`` are
-        conditions.
+        ``groups`` are conditions; of sessions and order None where none is known.
         """
-        own = self.take(rows)
-        known = any(session is not None for session in own.sessions)
-        groups = {} if own.conditions is None else {"groups": own.conditions}
-        return routed(estimator, {"sessions": own.sessions if known else None, "order": own.order, **groups})
+        known = any(session is not None for session in self.sessions)
+        groups = {} if self.conditions is None else {"groups": self.conditions}
+        return routed(
+            estimator, {"sessions": self.sessions if known else None, "order": self.order, **groups}
+        )
 
 
-def groups_of(data: Dataset) -> Groups:
-    """Gather sessions and the order in time of a data set; an order that contradicts itself counts as none."""
-    names = np.array(data.names, dtype=object)
+def groups_of(data: Dataset, by: str = AUTO) -> Groups:
+    """Gather sessions and the order in time of a data set, and the condition that is to be held out."""
+    conditions = None if by in (AUTO, *NAMES) else condition_of(data, by)[1]
     try:
         basis = describe_order(data.start_times, data.y, data.names)
-    except ValueError as why:
-        return Groups(data.sessions, None, str(why), names)
-    return Groups(data.sessions, np.argsort(data.chronological_order()[0], kind="stable"), basis, names)
-
-
-def _checked_names(name: str, given: Any, n_rows: int) -> NDArray[np.object_]:
-    """Return the session, or group, of each row as text; None where it is not known."""
-    known = np.full(n_rows, None, dtype=object)
-    if given is not None:
-        what = name.removesuffix("s")
-        if isinstance(given, (str, bytes)) or not hasattr(given, "__len__"):
-            raise TypeError(f"{name} must be a sequence with one {what} per row, got {given!r:.60}")
-        if len(given) != n_rows:
-            raise ValueError(f"{name} must name one {what} per row of X, {n_rows}, got {len(given)}")
-        known[:] = [None if one is None or one != one else str(one) or None for one in list(given)]  # noqa: PLR0124 - NaN
-    return known
-
-
-def checked_groups(n_rows: int, sessions: Any, order: Any) -> Groups:
-    """Check the sessions and the order, or None, that come with `n_rows` rows of features."""
-    known = _checked_names("sessions", sessions, n_rows)
-    if order is None:
-        return Groups(known, None, "no order in time is known")
-    rows = np.asarray(order)
-    if (
-        rows.shape != (n_rows,)
-        or rows.dtype.kind not in "iu"
-        or not np.array_equal(np.sort(rows), np.arange(n_rows))
-    ):
-        raise argument_error(
-            ValueError,
-            "order",
-            f"must hold the row numbers 0 to {n_rows - 1}, each once, from the earliest to the latest",
-        )
-    return Groups(known, np.argsort(rows, kind="stable"))
+    except ValueError as why:  # an order that contradicts itself counts as none
+        return Groups(data.sessions, None, str(why), conditions)
+    rank = np.argsort(data.chronological_order()[0], kind="stable")
+    return Groups(data.sessions, rank, basis, conditions)
 
 
 def describe_order(start_times: ArrayLike, labels: ArrayLike, names: Sequence[str]) -> str:
@@ -163,266 +174,355 @@ def describe_order(start_times: ArrayLike, labels: ArrayLike, names: Sequence[st
     return "by start time"
 
 
-def strict_partitions(
-    y: ArrayLike,
-    groups: Groups,
-    *,
-    max_folds: int = MAX_SESSION_FOLDS,
-    in_time: Callable[[ArrayLike, Rows], list[Partition]] = chronological_partitions,
-) -> tuple[list[Partition], str]:
-    """Draw the strictest partitions that recordings allow, and say what was left out and why.
+def rows_of_class(y: ArrayLike) -> dict[Any, Rows]:
+    """Return the rows (ascending) of each label (sorted), or refuse fewer than two classes."""
+    labels, codes = np.unique(np.asarray(y), return_inverse=True)
+    if labels.size < 2:
+        have = f"only {labels[0].item()!r}" if labels.size else "none"
+        raise ValueError(f"training needs recordings of at least 2 classes, got {have}")
+    return {label: np.flatnonzero(codes == k) for k, label in enumerate(labels.tolist())}
 
-    Whole sessions where every class has two or more, at most `max_folds` at a time; else halves, or `in_time`, where an
-    order is known; else none: what stands in, random folds or nothing, is the caller's choice. Halves, and not more
-    blocks: a short block lies between neighbours that trained. Nothing is said of sessions that are held out.
+
+# The rule.
+
+
+def hold_out(data: Dataset, by: str = AUTO, n_folds: int | None = None, seed: int = 0) -> Folds:
+    """Draw the folds by which a data set is judged: `evaluate`, `Identifier.fit` and all else use these.
+
+    Parameters
+    ----------
+    data : Dataset
+        Recordings with a label each.
+    by : str
+        ``"auto"``: whole sessions where at least half of the materials have two or more; else halves of each material
+        in time order, both ways; else random folds. ``"session"``, ``"time"`` and ``"random"`` name one. Else a
+        condition of the recordings, such as ``"tool"``, ``"day"`` or an entry of the metadata by its path
+        (``"rig.speed_m_s"``): each value in turn.
+    n_folds : int, optional
+        The most folds of sessions, and the number of random folds. Default: 5, or 3 for more than 2000 recordings,
+        whose folds take minutes.
+    seed : int
+        Of random folds.
+
+    Returns
+    -------
+    Folds
+
+    Raises
+    ------
+    ValueError
+        Fewer than two materials, or what `by` names cannot be held out: the message says why.
+
+    Notes
+    -----
+    A session that is held out trains nothing, of any material. The only session of a material always trains, and that
+    material is not tested. Every material keeps recordings to train on in every fold. Windows of one recording that
+    share samples never lie on both sides: those that share samples with a tested one do not train.
+
+    Examples
+    --------
+    >>> from granular_id import synthesize
+    >>> from granular_id.splits import hold_out
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, sessions=3, duration_s=0.5)
+    >>> folds = hold_out(data)
+    >>> folds.name, [fold.held_out for fold in folds]
+    ('held-out sessions', ['session 1', 'session 2', 'session 3'])
     """
-    max_folds = whole_number("max_folds", max_folds, least=2)
-    rows_of_class(y)  # what no protocol can do without is an error, not a reason to leave one out
-    try:
-        return session_partitions(y, groups.sessions, max_folds=max_folds, names=groups.names), ""
-    except ValueError as reason:
-        why = f"session protocol left out: {reason}"
-    if groups.order is None:
-        return [], f"{why}; chronological protocol left out: {groups.basis}"
-    try:
-        return in_time(y, groups.order), why
-    except ValueError as reason:
-        return [], f"{why}; chronological protocol left out: {reason}"
-
-
-def strictest(data: Dataset) -> tuple[str | None, str]:
-    """Name the strictest protocol that a data set allows, None for none, and say what keeps stricter ones out."""
-    drawn, why = strict_partitions(data.y, groups_of(data))
-    return (drawn[0].protocol if drawn else None), why
-
-
-def plan_protocols(
-    data: Dataset, protocol: str | Sequence[str], *, n_folds: int | None = None, seed: int = 0, **counts: Any
-) -> tuple[dict[str, tuple[Partition, ...]], list[str]]:
-    """Draw the partitions of the `protocol` argument of `evaluate`, by name, with lines on how they were drawn.
-
-    `counts` are those of `plan_partitions`; `n_folds` as there, of ``"auto"`` the most folds of sessions.
-    """
+    if not isinstance(by, str):
+        raise argument_error(TypeError, "by", f"must be text such as 'session' or 'tool', got {by!r:.60}")
+    most = N_FOLDS if len(data) <= MANY_RECORDINGS else FOLDS_OF_MANY
     if n_folds is not None:
-        n_folds = whole_number("n_folds", n_folds, least=2)
-    if protocol == AUTO:
-        return _auto_partitions(data, n_folds, seed)
-    names = [protocol] if isinstance(protocol, str) else list(protocol)
-    choices = [name for name in PROTOCOLS if name not in (CONDITION, MATCHED)]
-    known = ", ".join(map(repr, choices))
-    for name in names:
-        if name not in choices:
-            raise argument_error(ValueError, "protocol", f"must be {AUTO!r} or among {known}, got {name!r}")
-    if not names or len(set(names)) < len(names):
-        raise argument_error(
-            ValueError, "protocol", f"must name one or more of {known}, each once, got {names!r}"
-        )
-    drawn, notes = {}, []
-    for name in names:
-        parts, note = plan_partitions(
-            data, name, n_folds=N_FOLDS if n_folds is None else n_folds, seed=seed, **counts
-        )
-        drawn[name] = tuple(parts)
-        notes.append(note)
-    return drawn, notes
+        most = whole_number("n_folds", n_folds, least=2)
+    rows_of_class(data.y)  # what no folds can do without is an error, not a reason to take others
+    groups = groups_of(data, by)
+    drawn: Folds | str
+    if by == AUTO:
+        drawn = _auto(data.y, groups, most, seed)
+    elif by == SESSION:
+        drawn = _session_folds(data.y, groups.sessions, most)
+    elif by == TIME:
+        drawn = _time_folds(data.y, groups)
+    elif by == RANDOM:
+        drawn = _random_folds(data.y, most, seed)
+    else:
+        drawn = _condition_folds(data, condition_of(data, by)[0], groups.conditions)
+    if isinstance(drawn, str):
+        raise argument_error(ValueError, "by", f"={by!r} cannot be held out: {drawn}")
+    return _without_shared_samples(replace(drawn, seed=seed), data)
 
 
-def plan_held_out(
-    data: Dataset, name: str, values: NDArray[np.object_], *, seed: int
-) -> tuple[dict[str, tuple[Partition, ...]], list[str]]:
-    """Hold out one value (n,) of a condition after the other, and as many recordings at random; lines on how."""
-    drawn, notes = condition_partitions(data.y, name, values)
-    drawn, n_left_out = _without_overlaps(drawn, data.y, data)
-    if n_left_out:
-        notes.append(f"{counted(n_left_out, 'window')} that share samples with tested ones do not train")
-    sessions, every = data.sessions, set(data.sessions.tolist()) - {None}
-    both = {s for s in every if len(set(values[sessions == s].tolist())) > 1}
+def _auto(y: NDArray[np.str_], groups: Groups, n_folds: int, seed: int) -> Folds:
+    """Take sessions where half of the materials are tested, else halves in time, else random folds."""
+    sessions, in_time = _session_folds(y, groups.sessions, n_folds), _time_folds(y, groups)
+    if isinstance(sessions, Folds):
+        n_materials = np.unique(y).size
+        n_tested = n_materials - len(sessions.untested)
+        if n_tested >= n_materials / 2 or isinstance(in_time, str):
+            return sessions
+        sessions = f"{n_tested} of {counted(n_materials, 'material')} have several"
+    why = f"not held-out sessions: {sessions}"
+    if isinstance(in_time, Folds):
+        return replace(in_time, notes=(*in_time.notes, why))
+    drawn = _random_folds(y, n_folds, seed)
+    if isinstance(drawn, str):
+        raise ValueError(drawn)  # noqa: TRY004 - the reason, not the type, is wrong
+    return replace(drawn, notes=(*drawn.notes, f"{why}; not halves in time: {in_time}"))
+
+
+def _session_folds(y: NDArray[Any], sessions: Values, n_folds: int) -> Folds | str:
+    """Hold out whole sessions of every material that has several; say why not where fewer than two have.
+
+    There are as many folds as the material with most sessions has, up to `n_folds`; of more, sessions are held out in
+    groups. Needs no randomness: the largest sessions are placed first, each where its materials have fewest rows.
+    """
+    of_class = rows_of_class(y)
+    names = np.array([session or "" for session in sessions], dtype=object)
+    if not names.astype(bool).any():
+        return "no recording says which session it is from"
+    untested: dict[str, str] = {}
+    always: set[Any] = {""}  # sessions that always train
+    for label, own in of_class.items():
+        n_unknown = int((names[own] == "").sum())
+        if n_unknown:
+            untested[label] = f"the session of {counted(n_unknown)} is not known"
+        elif len(set(names[own])) == 1:
+            untested[label] = "one session, which always trains"
+            always.add(names[own[0]])
+    for label, own in of_class.items():
+        if label not in untested and not set(names[own]) - always:
+            untested[label] = "its sessions are the only ones of other materials"
+    tested = [label for label in of_class if label not in untested]
+    if len(tested) < 2:
+        return "fewer than two materials have several sessions"
+    rows = np.array([row for row, name in enumerate(names) if name not in always], dtype=np.intp)
+    held_names, session_of = np.unique(names[rows].astype(str), return_inverse=True)
+    # Rows of each session and material; a material may have others, which always train.
+    counts = np.column_stack(
+        [np.bincount(session_of[y[rows] == label], minlength=held_names.size) for label in tested]
+    )
+    stays = counts.sum(axis=0) < [of_class[label].size for label in tested]
+    n_used = min(n_folds, int(np.count_nonzero(counts, axis=0).max()))
+    placed = _placed(counts, n_used)
+    while not all(np.unique(placed[column > 0]).size > 1 for column in counts.T[~stays]):
+        n_used += 1  # ends: with a fold for each session none is alone in its material
+        placed = _placed(counts, n_used)
+    folds = []
+    for fold in dict.fromkeys(placed[session_of].tolist()):
+        out = rows[placed[session_of] == fold]
+        test = out[np.isin(y[out], tested)]
+        inside = held_names[placed == fold]
+        held_out = str(inside[0]) if inside.size == 1 else f"{inside.size} sessions: {inside[0]}, ..."
+        if test.size:
+            folds.append(Fold(np.setdiff1d(np.arange(len(y)), out), test, held_out))
+    note = f"{counted(held_names.size, 'session')} held out whole, in {counted(len(folds), 'fold')}"
+    return Folds(SESSION, tuple(folds), (note,), untested)
+
+
+def _placed(counts: Rows, n_folds: int) -> Rows:
+    """Fold of each session: largest first, each where the rows of its own classes are fewest."""
+    load = np.zeros((n_folds, counts.shape[1]), dtype=np.intp)
+    placed = np.empty(len(counts), dtype=np.intp)
+    for session in np.argsort(-counts.sum(axis=1), kind="stable").tolist():
+        costs = zip((load @ counts[session]).tolist(), load.sum(axis=1).tolist(), range(n_folds), strict=True)
+        fold = min(costs)[-1]
+        placed[session] = fold
+        load[fold] += counts[session]
+    return placed
+
+
+def _time_folds(y: NDArray[Any], groups: Groups) -> Folds | str:
+    """Test each half of each material in time order on the other; say why not where no order is known.
+
+    The middle one of an odd count is in the second half; the single recording of a class always trains.
+    """
+    if groups.rank is None:
+        return groups.basis
+    if len(rows_of_class(y)) - len(_singles(y)) < 2:
+        return _TOO_FEW
+    side = np.zeros(len(y), dtype=np.intp)
+    for own in rows_of_class(y).values():
+        if own.size > 1:
+            in_time = own[np.argsort(groups.rank[own])]
+            side[in_time[: own.size // 2]], side[in_time[own.size // 2 :]] = 1, 2
+    folds = tuple(
+        Fold(np.flatnonzero(side != test), np.flatnonzero(side == test), name)
+        for test, name in ((2, "1st->2nd half"), (1, "2nd->1st half"))
+    )
+    return Folds(TIME, folds, (f"halves in time order, {groups.basis}",), _singles(y))
+
+
+def _random_folds(y: NDArray[Any], n_folds: int, seed: int) -> Folds | str:
+    """Draw stratified random folds: sizes differ by at most one recording, in all and within each class."""
+    several = {label: own for label, own in rows_of_class(y).items() if own.size > 1}
+    if len(several) < 2:
+        return _TOO_FEW
+    n_used = min(n_folds, max(own.size for own in several.values()))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2, n_used)))
+    # Dealt like cards, class after class: no fold gets two of a class before each other has one.
+    dealt = np.concatenate([rng.permutation(own) for own in several.values()])
+    fold_of = np.full(len(y), -1, dtype=np.intp)
+    fold_of[dealt] = np.arange(dealt.size) % n_used
+    folds = tuple(
+        Fold(np.flatnonzero(fold_of != j), np.flatnonzero(fold_of == j), f"fold {j + 1} of {n_used}")
+        for j in range(n_used)
+    )
+    return Folds(RANDOM, folds, (f"{n_used} random folds, seed {seed}",), _singles(y), seed)
+
+
+def _singles(y: NDArray[Any]) -> dict[str, str]:
+    """Name the materials of which one recording is all there is: it trains."""
+    return {label: "one recording" for label, own in rows_of_class(y).items() if own.size == 1}
+
+
+def _condition_folds(data: Dataset, name: str, values: NDArray[np.object_] | None) -> Folds:
+    """Hold out one value of a condition after the other; a material without another value is not tested there."""
+    assert values is not None  # `groups_of` found them
+    y, folds, notes = data.y, [], []
+    for value in dict.fromkeys(values.tolist()):
+        held = values == value
+        trains = np.unique(y[~held])
+        tested = held & np.isin(y, trains)
+        lost = np.unique(y[held & ~tested]).tolist()
+        if trains.size < 2:
+            notes.append(f"{name} {value!r} is not held out: fewer than two materials have another value")
+        elif tested.any():
+            folds.append(Fold(np.flatnonzero(~held), np.flatnonzero(tested), str(value)))
+        if lost and trains.size >= 2:
+            notes.append(
+                f"{name} {value!r}: {listed(lost)} {verb(len(lost), 'has', 'have')} no other value to train on, and "
+                f"{verb(len(lost), 'is', 'are')} not tested there"
+            )
+    both = {s for s in set(data.sessions.tolist()) - {None} if len(set(values[data.sessions == s])) > 1}
     if both:
         notes.append(
-            f"{len(both)} of {counted(len(every), 'session')} {verb(len(both), 'has', 'have')} several values of "
-            f"{name}: what recordings of a session share is on both sides"
+            f"{counted(len(both), 'session')} {verb(len(both), 'has', 'have')} several values of {name}: what "
+            "recordings of a session share is on both sides"
         )
-    beside = f"as many at random: the same number of each class, value by value, seed {seed}"
-    partitions = {CONDITION: tuple(drawn), MATCHED: tuple(matched_partitions(data.y, drawn, seed=seed))}
-    return partitions, [*notes, beside]
+    tested_at_all = set(y[np.concatenate([fold.test for fold in folds])].tolist())
+    untested = {
+        label: f"no other {name} to train on" for label in rows_of_class(y) if label not in tested_at_all
+    }
+    return Folds(name, tuple(folds), (f"{name}: {len(folds)} values, held out one by one", *notes), untested)
 
 
-def _auto_partitions(
-    data: Dataset, n_folds: int | None, seed: int
-) -> tuple[dict[str, tuple[Partition, ...]], list[str]]:
-    """Draw the strictest partitions that a data set allows, and as many at random beside them.
+def paper_folds(
+    data: Dataset, n_partitions: int = 20, train_per_class: int = 50, test_per_class: int = 12, seed: int = 0
+) -> Folds:
+    """Draw random partitions with the same number of recordings of each class, by default those of the paper.
 
-    Whole sessions where possible, else halves in time; else random folds, and nothing beside them.
+    Partition ``j`` depends on `seed` and ``j`` alone: asking for more partitions keeps the earlier ones. Source:
+    Hynninen, Nguyen Le, Kyrki, arXiv 2403.17606, section "Evaluation".
     """
-    if n_folds is None:
-        n_folds = N_FOLDS if len(data) <= MANY_RECORDINGS else FOLDS_OF_MANY
-    y, groups = data.y, groups_of(data)
-    drawn, notes = sessions_where_possible(y, groups, max_folds=n_folds)
-    if not drawn and groups.order is not None:
-        try:
-            drawn = chronological_partitions(y, groups.order)
-            notes.append(f"halves in time order, {groups.basis}")
-        except ValueError as reason:
-            notes.append(f"halves in time left out: {reason}")
-    elif not drawn:
-        notes.append(f"halves in time left out: {groups.basis}")
-    if not drawn:
-        largest = max(own.size for own in splittable_rows(y, "random").values())
-        drawn = kfold_partitions(y, n_folds=min(n_folds, largest), seed=seed)
-        return {"kfold": tuple(drawn)}, [*notes, f"{len(drawn)} random folds, seed {seed}"]
-    drawn, n_left_out = _without_overlaps(drawn, y, data)
-    if n_left_out:
-        notes.append(f"{counted(n_left_out, 'window')} that share samples with tested ones do not train")
-    beside = f"as many at random: the same number of each class, fold by fold, seed {seed}"
-    partitions = {drawn[0].protocol: tuple(drawn), MATCHED: tuple(matched_partitions(y, drawn, seed=seed))}
-    return partitions, [*notes, beside]
+    n_partitions = whole_number("n_partitions", n_partitions)
+    train_per_class = whole_number("train_per_class", train_per_class)
+    wanted = train_per_class + whole_number("test_per_class", test_per_class)
+    of_class = rows_of_class(data.y)
+    label, fewest = min(of_class.items(), key=lambda item: item[1].size)
+    if fewest.size < wanted:
+        needs = f"{wanted}: {train_per_class} to train, {test_per_class} to test"
+        fits = max(1, round(fewest.size * train_per_class / wanted))
+        hint = f"; pass paper=({n_partitions}, {fits}, {fewest.size - fits})" * (fewest.size > fits)
+        raise ValueError(f"class {label!r} has {counted(fewest.size)}, wanted {needs}{hint}")
+    folds = []
+    for j in range(n_partitions):
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(j,)))
+        drawn = [rng.permutation(rows)[:wanted] for rows in of_class.values()]
+        train = np.sort(np.concatenate([rows[:train_per_class] for rows in drawn]))
+        test = np.sort(np.concatenate([rows[train_per_class:] for rows in drawn]))
+        folds.append(Fold(train, test, f"partition {j + 1}"))
+    note = (
+        f"random: {train_per_class} recordings of each class train, {test_per_class} are tested, seed {seed}"
+    )
+    return _without_shared_samples(Folds(PAPER, tuple(folds), (note,), seed=seed), data)
 
 
-def _without_overlaps(
-    drawn: list[Partition], y: NDArray[np.str_], data: Dataset
-) -> tuple[list[Partition], int]:
-    """Leave windows out of the training that share samples with tested ones, if every class keeps some; count them."""
+# Windows of one recording that share samples.
+
+
+def _without_shared_samples(drawn: Folds, data: Dataset) -> Folds:
+    """Leave windows out of the training that share samples with tested ones."""
     pairs = list(overlapping_windows(data.recordings))
-    apart, left_out = [], set[int]()
-    for part in drawn:
-        tested = set(part.test.tolist())
-        spoiled = {one for pair in pairs for one, other in (pair, pair[::-1]) if other in tested}
-        train = np.setdiff1d(part.train, list(spoiled))
-        if np.unique(y[train]).size < np.unique(y[part.train]).size:
-            return drawn, 0
-        left_out |= spoiled.intersection(part.train.tolist())
-        apart.append(replace(part, train=train))
-    return apart, len(left_out)
+    if not pairs:
+        return drawn
+    y, apart, left_out = data.y, [], set[int]()
+    for fold in drawn:
+        train = _clear_of(fold.test, fold.train, pairs)
+        lost = sorted(set(y[fold.train].tolist()) - set(y[train].tolist()))
+        if lost:
+            raise ValueError(
+                f"all windows of {listed(lost)} share samples with tested ones, and none is left to train on: cut "
+                "windows that do not overlap, or hold out whole recordings (by='session')"
+            )
+        left_out |= set(fold.train.tolist()) - set(train.tolist())
+        apart.append(fold._replace(train=train))
+    if not left_out:
+        return drawn
+    note = f"{counted(len(left_out), 'window')} that share samples with tested ones do not train"
+    return replace(drawn, folds=tuple(apart), notes=(*drawn.notes, note))
 
 
-def sessions_where_possible(
-    y: ArrayLike, groups: Groups, *, max_folds: int = MAX_SESSION_FOLDS
-) -> tuple[list[Partition], list[str]]:
-    """Hold out whole sessions of every class that has several, and say what becomes of the others, one line each.
-
-    Another class is split into blocks in time, one a fold, where an order is known and it has two recordings; else it
-    stays in training. No partition where fewer than two classes have several sessions.
-    """
-    labels, sessions = np.asarray(y), groups.sessions
-    of_class = rows_of_class(labels)
-    several, why = [], {}
-    for label, own in of_class.items():
-        if why_not := why_no_sessions(labels[own], sessions[own]):
-            why[label] = "one session only" if why_not.startswith("class") else why_not
-        else:
-            several.append(label)
-    if len(several) < 2:
-        if not any(session for session in sessions):
-            return [], ["held-out sessions left out: no recording says which session it is from"]
-        return [], ["held-out sessions left out: fewer than two classes have several sessions"]
-    inside = np.flatnonzero(np.isin(labels, several))
-    names = None if groups.names is None else groups.names[inside]
-    drawn = session_partitions(labels[inside], sessions[inside], max_folds=max_folds, names=names)
-    tests = [inside[part.test] for part in drawn]
-    n_sessions = np.unique(sessions[inside].astype(str)).size
-    notes = [f"{counted(n_sessions, 'session')} held out whole, in {len(drawn)} folds"]
-    for label, reason in why.items():
-        own = of_class[label]
-        if groups.rank is None or own.size < 2:
-            notes.append(f"{label}: {reason}; stays in training and is never tested")
-            continue
-        blocks = np.array_split(own[np.argsort(groups.rank[own])], len(drawn))
-        tests = [np.concatenate(both) for both in zip(tests, blocks, strict=True)]
-        notes.append(f"{label}: {reason}; split in time, {groups.basis}")
-    rows = np.arange(labels.size)
-    folds = [
-        replace(part, train=np.setdiff1d(rows, test), test=np.sort(test))
-        for part, test in zip(drawn, tests, strict=True)
-    ]
-    return folds, notes
+def _clear_of(test: Rows, train: Rows, pairs: Iterable[tuple[int, int]]) -> Rows:
+    tested = set(test.tolist())
+    spoiled = [one for pair in pairs for one, other in (pair, pair[::-1]) if other in tested]
+    return np.setdiff1d(train, spoiled)
 
 
-def plan_partitions(
-    data: Dataset,
-    protocol: str,
-    *,
-    n_partitions: int = 20,
-    train_per_class: int = 50,
-    test_per_class: int = 12,
-    n_folds: int = 5,
-    seed: int = 0,
-) -> tuple[list[Partition], str]:
-    """Draw the partitions of one of `PROTOCOLS`, with a line on how they were drawn.
+def _cut_from(recordings: Sequence[Recording]) -> Rows:
+    """Return the number of the recording that each row was cut from; what is no window is one of its own."""
+    found: dict[Any, int] = {}
+    return np.array(
+        [
+            found.setdefault(row if (window := cut_from(recording)) is None else window[0], len(found))
+            for row, recording in enumerate(recordings)
+        ],
+        dtype=np.intp,
+    )
 
-    `n_folds` is of ``"kfold"``, and of ``"session"`` where blocks in time stand in for sessions. ValueError where
-    the data cannot be split this way.
+
+# As many at random.
+
+
+def matched_draws(data: Dataset, strict: Folds, n_draws: int = N_DRAWS) -> list[Folds] | str:
+    """Draw at random folds of the sizes of strict ones, so that sessions are mixed; say why not where that cannot be.
+
+    In each draw as many recordings of each class train and are tested as in the strict folds, fold by fold: they are
+    the strict folds with the rows of each class exchanged. Without an effect of what the strict folds hold out, strict
+    and drawn folds are exchangeable, so that the rank of the strict one among 19 draws is an exact p-value. Windows of
+    one recording resemble each other, and are exchanged as one. Where sessions hold hardly more than one recording of a
+    material that mixes nothing: windows that share no samples are then exchanged one by one, others not at all.
     """
     y = data.y
-    if protocol == "paper":
-        drawn = paper_partitions(
-            y,
-            n_partitions=n_partitions,
-            train_per_class=train_per_class,
-            test_per_class=test_per_class,
-            seed=seed,
-        )
-        counts = f"{train_per_class} recordings of each class train, {test_per_class} are tested"
-        return drawn, f"random: {counts}, seed {seed}"
-    if protocol == "kfold":
-        return kfold_partitions(y, n_folds=n_folds, seed=seed), f"kfold: {n_folds} folds, seed {seed}"
-    groups = groups_of(data)
-    if protocol == "chronological":
-        return chronological_partitions(y, _order_in_time(groups)), f"chronological: {groups.basis}"
-    sessions = groups.sessions.tolist()
-    known, alone = set(sessions) - {None}, lone_session(y, sessions)
-    if known and (alone is None or None in sessions):  # a recording without session is refused by its name
-        drawn = session_partitions(y, sessions, names=groups.names)
-        return drawn, f"session: {len(known)} sessions held out whole, in {len(drawn)} folds"
-    why = f"class {alone!r} has one session only" if known else "no recording says which session it is from"
-    drawn = block_partitions(y, _order_in_time(groups), n_folds=n_folds)
-    instead = f"{n_folds} contiguous blocks of each class held out instead, {groups.basis}"
-    return drawn, f"session: {why}; {instead}"
-
-
-def strictest_partitions(data: Dataset, *, n_folds: int = 5, seed: int = 0) -> tuple[list[Partition], str]:
-    """Draw the strictest partitions that a data set allows, random folds at the least; say how, and why no stricter.
-
-    A ValueError where a class has a single recording.
-    """
-    largest = max(own.size for own in splittable_rows(data.y, "held-out").values())
-    name, why = strictest(data)
-    partitions, note = plan_partitions(data, name or "kfold", n_folds=min(n_folds, largest), seed=seed)
-    return partitions, f"{note} ({why})" if why else note
-
-
-def _order_in_time(groups: Groups) -> Rows:
-    if groups.order is None:
-        raise ValueError(groups.basis)
-    return groups.order
-
-
-def pair_partition(data: Dataset, first: str, second: str) -> tuple[Partition, str]:
-    """Hold out about half of the recordings of two materials, as strictly as these allow, and say what was held out.
-
-    The rule is that of `strict_partitions`, with at least two sessions of the two materials instead of all; random
-    halves where it gives none. No recording of a held-out session trains, whatever its material; where halves in time
-    are taken, the later half of no material does. Tested rows are of the two materials alone.
-    """
-    y, groups = data.y, groups_of(data)
-    pair = np.flatnonzero((y == first) | (y == second))
-    drawn, why = strict_partitions(y[pair], groups.take(pair), max_folds=2)
-    drawn = drawn or kfold_partitions(y[pair], n_folds=2)
-    if drawn[0].protocol == "session":  # of unequal folds the larger trains; halves: the earlier
-        drawn.sort(key=lambda part: part.test.size)
-    part = next(part for part in drawn if np.unique(y[pair[part.test]]).size == 2)
-    test = pair[part.test]
-    trains = ~np.isin(np.arange(len(y)), test)
-    note = f"a random half ({why})"
-    if part.protocol == "session":
-        held = set(groups.sessions[test].tolist())
-        trains &= [session not in held for session in groups.sessions.tolist()]
-        note = f"whole sessions: {', '.join(sorted(held))}"
-    elif groups.rank is not None:
-        for label in set(data.labels) - {first, second}:
-            own = np.flatnonzero(y == label)
-            trains[own[np.argsort(groups.rank[own])][max(1, own.size // 2) :]] = False
-        note = f"the later half in time, {groups.basis} ({why})"
-    return Partition(part.protocol, 0, part.description, np.flatnonzero(trains), test), note
+    units, sessions = _cut_from(data.recordings), data.sessions
+    first_tested = np.full(len(y), len(strict))
+    for k, fold in enumerate(strict):
+        first_tested[fold.test] = np.minimum(first_tested[fold.test], k)
+    for label, own in rows_of_class(y).items():
+        n_units = np.unique(units[own]).size
+        n_groups = len(set(sessions[own].tolist())) if strict.by == SESSION else len(strict)
+        if label in strict.untested or n_units == own.size or n_units >= 2 * n_groups:
+            continue
+        if any(overlapping_windows(data.recordings)):
+            return (
+                f"{label}: {counted(n_units, 'recording')} cut into windows that share samples, too few to mix "
+                f"what {counted(n_groups, 'session' if strict.by == SESSION else 'fold')} hold"
+            )
+        units = np.arange(len(y))
+        break
+    draws = []
+    for draw in range(n_draws):
+        rng = np.random.default_rng(np.random.SeedSequence(strict.seed, spawn_key=(8, draw)))
+        exchanged = np.arange(len(y))
+        for own in rows_of_class(y).values():
+            in_folds = own[np.argsort(first_tested[own], kind="stable")]
+            turn = rng.permutation(len(y))
+            exchanged[in_folds] = own[np.argsort(turn[units[own]], kind="stable")]
+        folds = []
+        for fold in strict:
+            train, test = np.sort(exchanged[fold.train]), np.sort(exchanged[fold.test])
+            clear = ~np.isin(units[train], units[test])
+            folds.append(Fold(train[clear], test, f"as many as {fold.held_out}"))
+        draws.append(Folds(RANDOM, tuple(folds), untested=strict.untested, seed=strict.seed))
+    return draws
 
 
 # Folds of training rows, for estimators that choose by holding rows out.
@@ -436,53 +536,82 @@ class ChoiceFolds(NamedTuple):
     note: str
 
 
+SESSIONS, BLOCKS, RANDOMLY, CONDITIONS = "sessions", "blocks in time", "random recordings", "conditions"
+"""What a fold that chooses holds out."""
+
+NONE = "nothing"
+
+
 def choice_folds(
     codes: Rows,
-    sessions: Sessions | None,
+    sessions: Values | None,
     order: ArrayLike | None,
     *,
     n_folds: Any,
     seed: int,
-    conditions: Sessions | None = None,
+    conditions: Values | None = None,
 ) -> ChoiceFolds:
     """Split training rows, with the class, the session and the order in time of each, into folds that make a choice.
 
-    Whole conditions where each class has two; else the rule of `strict_partitions`; else stratified random folds, drawn
-    anew until 500 rows were held out, at most 10
-    times. The single row of a class always trains. Where fewer than two classes have two rows there are no folds.
-    Sessions and random folds are `n_folds`, at least 2, and fewer where the largest class has fewer.
+    The rule of `hold_out`: whole conditions, or sessions, where half of the classes have two; else blocks in time; else
+    random folds, drawn anew until 500 rows were held out, at most 10 times. The single row of a class always trains.
+    Where fewer than two classes have two rows there are no folds.
     """
     wanted = whole_number("n_folds", n_folds, least=2)
     groups = checked_groups(len(codes), sessions, order)
     apart = _checked_names("groups", conditions, len(codes))
-    counts = np.bincount(codes)
-    several = np.flatnonzero(counts[codes] > 1)
-    if np.unique(codes[several]).size < 2:
+    y = np.asarray(codes)
+    if np.count_nonzero(np.bincount(y) > 1) < 2:
         return ChoiceFolds((), NONE, "no folds: fewer than two classes have more than one recording")
-    y, groups = codes[several], groups.take(several)
-    by_condition = not why_no_sessions(y, apart[several])
-    if by_condition:
-        groups = replace(groups, sessions=apart[several])
-    parts, left_out = strict_partitions(
-        y, groups, max_folds=wanted, in_time=partial(block_partitions, n_folds=2)
-    )
-    why = why_no_sessions(y, groups.sessions)
-    if not left_out:
-        held_out = CONDITIONS if by_condition else SESSIONS
-        note = f"{len(parts)} folds of whole {held_out}"
-    elif parts:
-        held_out, note = BLOCKS, f"the earlier and the later half of each class in time ({why})"
-    else:
-        n_used = min(wanted, int(counts.max()))
-        repeats = min(_MOST_REPEATS, -(-_ENOUGH_ROWS // len(several)))
-        seeds = np.random.SeedSequence(seed, spawn_key=(7,)).generate_state(repeats).tolist()
-        parts = [part for draw in seeds for part in kfold_partitions(y, n_folds=n_used, seed=draw)]
-        times = f", drawn {repeats} times" if repeats > 1 else ""
-        held_out, note = RANDOM, f"{n_used} random folds{times} ({why}, and no order in time)"
-    if several.size < len(codes):
-        n_alone = len(codes) - several.size
-        alone = f"{counted(n_alone)} that {verb(n_alone, 'is', 'are')} alone in {verb(n_alone, 'its', 'their')} class"
-        note += f"; {alone} always {verb(n_alone, 'trains', 'train')}"
-    tested = [several[part.test] for part in parts]
-    folds = tuple((np.setdiff1d(np.arange(len(codes)), test), test) for test in tested)
-    return ChoiceFolds(folds, held_out, note)
+    n_classes, why = np.unique(y).size, ""
+    for names, what in ((apart, CONDITIONS), (groups.sessions, SESSIONS)):
+        drawn = _session_folds(y, names, wanted)
+        if isinstance(drawn, Folds) and n_classes - len(drawn.untested) >= n_classes / 2:
+            return ChoiceFolds(_pairs(drawn), what, f"{len(drawn)} folds of whole {what}")
+        why = drawn if isinstance(drawn, str) else "fewer than half of the classes have several sessions"
+    halves = _time_folds(y, groups)
+    if isinstance(halves, Folds):
+        note = f"the earlier and the later half of each class in time ({why})"
+        return ChoiceFolds(_pairs(halves), BLOCKS, note)
+    n_used = min(wanted, int(np.bincount(y).max()))
+    repeats = min(_MOST_REPEATS, -(-_ENOUGH_ROWS // len(y)))
+    seeds = np.random.SeedSequence(seed, spawn_key=(7,)).generate_state(repeats).tolist()
+    folds = tuple(pair for draw in seeds for pair in _pairs(_random_folds(y, n_used, draw)))
+    times = f", drawn {repeats} times" if repeats > 1 else ""
+    return ChoiceFolds(folds, RANDOMLY, f"{n_used} random folds{times} ({why}, and no order in time)")
+
+
+def _pairs(drawn: Folds | str) -> tuple[tuple[Rows, Rows], ...]:
+    return () if isinstance(drawn, str) else tuple((fold.train, fold.test) for fold in drawn)
+
+
+def _checked_names(name: str, given: Any, n_rows: int) -> NDArray[np.object_]:
+    """Return the session, or group, of each row as text; None where it is not known."""
+    known = np.full(n_rows, None, dtype=object)
+    if given is not None:
+        what = name.removesuffix("s")
+        if isinstance(given, (str, bytes)) or not hasattr(given, "__len__"):
+            raise TypeError(f"{name} must be a sequence with one {what} per row, got {given!r:.60}")
+        if len(given) != n_rows:
+            raise ValueError(f"{name} must name one {what} per row of X, {n_rows}, got {len(given)}")
+        known[:] = [None if one is None or one != one else str(one) or None for one in list(given)]  # noqa: PLR0124 - NaN
+    return known
+
+
+def checked_groups(n_rows: int, sessions: Any, order: Any) -> Groups:
+    """Check the sessions and the order, or None, that come with `n_rows` rows of features."""
+    known = _checked_names("sessions", sessions, n_rows)
+    if order is None:
+        return Groups(known, None, "no order in time is known")
+    rows = np.asarray(order)
+    if (
+        rows.shape != (n_rows,)
+        or rows.dtype.kind not in "iu"
+        or not np.array_equal(np.sort(rows), np.arange(n_rows))
+    ):
+        raise argument_error(
+            ValueError,
+            "order",
+            f"must hold the row numbers 0 to {n_rows - 1}, each once, from the earliest to the latest",
+        )
+    return Groups(known, np.argsort(rows, kind="stable"))

@@ -7,18 +7,21 @@ chance a difference. The tests here allow for the overlap.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.sparse.csgraph import connected_components
+from scipy.special import stdtr, stdtrit
 from sklearn.metrics import confusion_matrix
 
 FloatArray = NDArray[np.float64]
 
 MIN_PARTITIONS = 3
-"""Below this nothing but differences is given. Two partitions leave one degree of freedom: a 95 % interval
-is then +- 12.7 standard errors."""
+"""Below this nothing but differences is given: two partitions leave one degree of freedom."""
+
+MIN_SESSIONS = 3
+"""Below this no interval is given: with two sessions it is +- 12.7 standard errors."""
 
 # Accuracies are ratios of counts below 1e6 in float64: a spread below this is rounding.
 _NO_SPREAD = 1e-12
@@ -36,25 +39,63 @@ def corrected_resampled_t(differences: ArrayLike, n_train: float, n_test: float)
     if np.abs(d).max() <= _NO_SPREAD:
         return 1.0
     statistic = float(d.mean()) / _standard_error(d, n_test / n_train)
-    return float(2 * stats.t.sf(abs(statistic), d.size - 1))
+    return float(2 * stdtr(d.size - 1, -abs(statistic)))
 
 
-def mean_interval(
-    accuracies: ArrayLike, n_train: float | Sequence[float], n_test: float | Sequence[float]
+def cluster_interval(
+    right: NDArray[np.bool_], truth: NDArray[np.intp], clusters: NDArray[Any]
 ) -> tuple[float, float]:
-    """95 % confidence interval of a mean accuracy (J,) over overlapping partitions, inside [0, 1].
+    """95 % interval of balanced accuracy over new clusters, inside [0, 1]: Student's t over sessions.
 
-    ``mean +- t * sqrt((1/J + n_test/n_train) var)``, the interval that belongs to `corrected_resampled_t`; of sizes
-    that differ the means count. NaN for fewer than three partitions and where all agree (all at 100 %, for instance):
-    their spread says nothing about new recordings.
+    `right`, `truth` and `clusters` (n,) say of each answer whether it is right, its class and its session. Answers of a
+    session resemble each other: the session is what is drawn anew, and its share in the mean recall over classes is
+    what varies. The error is that of leaving one session out after the other. Degrees of freedom (Welch) come from
+    groups of classes that share sessions, each with its sessions less one; a session of many recordings makes the
+    others count for less. NaN for fewer than three sessions, where some class has one alone, and where all answers are
+    alike.
     """
-    shares = np.asarray(accuracies, dtype=np.float64)
-    error = _standard_error(shares, float(np.mean(n_test)) / float(np.mean(n_train)))
-    if shares.size < MIN_PARTITIONS or math.isnan(error):
+    names, cluster = np.unique(np.array([str(one) for one in clusters]), return_inverse=True)
+    classes, of_class = np.unique(truth, return_inverse=True)
+    if names.size < MIN_SESSIONS:
         return math.nan, math.nan
-    reach = float(stats.t.ppf(0.975, shares.size - 1)) * error
-    mean = float(shares.mean())
+    influence, weight = np.zeros(names.size), np.zeros(names.size)
+    recalls = np.zeros(classes.size)
+    shared = np.zeros((classes.size, names.size), dtype=np.bool_)
+    for k in range(classes.size):
+        own = of_class == k
+        n_of = np.bincount(cluster[own], minlength=names.size)
+        hits = np.bincount(cluster[own], weights=right[own], minlength=names.size)
+        shared[k] = n_of > 0
+        n_clusters = int(shared[k].sum())
+        if n_clusters < 2:
+            return math.nan, math.nan
+        recalls[k] = hits.sum() / n_of.sum()
+        share = n_of / n_of.sum()
+        left_out = math.sqrt((n_clusters - 1) / n_clusters) / (1 - share)
+        influence += left_out * (hits - recalls[k] * n_of) / (n_of.sum() * classes.size)
+        weight += share / classes.size
+    variance = float((influence**2).sum())
+    if variance <= _NO_SPREAD**2:
+        return math.nan, math.nan
+    n_groups, group = connected_components(shared @ shared.T, directed=False)
+    uncertainty = 0.0
+    for g in range(n_groups):
+        own = shared[group == g].any(axis=0)
+        n_alike = weight[own].sum() ** 2 / (weight[own] ** 2).sum()  # sessions of one size that weigh the same
+        uncertainty += float((influence[own] ** 2).sum()) ** 2 / max(n_alike - 1, _NO_SPREAD)
+    freedom = max(1.0, variance**2 / uncertainty)
+    reach = float(stdtrit(freedom, 0.975)) * math.sqrt(variance)
+    mean = float(recalls.mean())
     return max(0.0, mean - reach), min(1.0, mean + reach)
+
+
+def mean_interval(values: ArrayLike) -> tuple[float, float]:
+    """95 % interval of the mean of independent values (J,), one a session: Student's t. NaN for fewer than three."""
+    own = np.asarray(values, dtype=np.float64)
+    if own.size < MIN_SESSIONS:
+        return math.nan, math.nan
+    reach = float(stdtrit(own.size - 1, 0.975)) * float(own.std(ddof=1)) / math.sqrt(own.size)
+    return float(own.mean()) - reach, float(own.mean()) + reach
 
 
 def mann_whitney(first: ArrayLike, second: ArrayLike) -> float:
@@ -64,7 +105,9 @@ def mann_whitney(first: ArrayLike, second: ArrayLike) -> float:
     """
     if np.ptp(np.concatenate((first, second))) <= _NO_SPREAD:
         return 1.0  # ranks without any order, where the normal approximation divides by zero
-    return float(stats.mannwhitneyu(first, second, alternative="two-sided").pvalue)
+    from scipy.stats import mannwhitneyu  # slow to import, and only the paper's table asks for it
+
+    return float(mannwhitneyu(first, second, alternative="two-sided").pvalue)
 
 
 def holm(p_values: ArrayLike) -> FloatArray:
@@ -99,20 +142,11 @@ def confusion_counts(
     return counts
 
 
-# scikit-learn's recall and F1 have the same bits, but count the pairs anew for each figure.
-
-
 def recall_per_class(confusion: NDArray[np.int64]) -> FloatArray:
     """Share of each class that was recognised, (K,); NaN for a class that was never tested."""
     with np.errstate(invalid="ignore"):
         shares: FloatArray = np.diag(confusion) / confusion.sum(axis=1)
     return shares
-
-
-def macro_f1(confusion: NDArray[np.int64]) -> float:
-    """Mean over classes of F1; a class that is neither present nor predicted counts as 0."""
-    present_and_predicted = confusion.sum(axis=0) + confusion.sum(axis=1)
-    return float((2 * np.diag(confusion) / np.maximum(present_and_predicted, 1)).mean())
 
 
 def sample_sd(values: FloatArray) -> float:

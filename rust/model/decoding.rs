@@ -33,11 +33,6 @@ impl Loss {
     }
 }
 
-/// Pairs of classes `i < j` in the order of one learner for each: (0, 1), (0, 2), ..., (1, 2), ...
-pub(super) fn pairs(n_classes: usize) -> impl Iterator<Item = (usize, usize)> {
-    (0..n_classes).flat_map(move |i| (i + 1..n_classes).map(move |j| (i, j)))
-}
-
 /// A checked coding matrix, learner by learner, and how many learners saw each class, which divides its summed loss.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Codes {
@@ -92,16 +87,6 @@ impl Codes {
             return 0;
         }
         [-1, 0, 1][usize::from(self.columns[learner * self.n_classes + class])]
-    }
-
-    /// Whether there is one learner for each pair of classes `i < j`, in their order, for which `i` is positive.
-    pub(super) fn is_of_pairs(&self) -> bool {
-        let n = self.n_classes;
-        let has = |learner, i, j| {
-            (0..n).all(|class| self.code(class, learner) == i8::from(class == i) - i8::from(class == j))
-        };
-        self.n_learners() == n * (n - 1) / 2
-            && pairs(n).enumerate().all(|(learner, (i, j))| has(learner, i, j))
     }
 }
 
@@ -221,17 +206,18 @@ impl Model {
         n_recordings: usize,
         threads: usize,
     ) -> Result<Vec<Answer>, Error> {
-        let scores = self.scores(wrench, n_recordings, threads)?;
+        let (scores, novelty) = self.scores_and_novelty(wrench, n_recordings, threads)?;
         let numbers = self.n_learners() + self.classes.len();
         let candidates = self.classes.len() * size_of::<usize>();
         let per_answer = size_of::<Answer>() + numbers * size_of::<f64>() + candidates;
         room(n_recordings.saturating_mul(per_answer))?;
         let mut verdict = self.rules.verdict(self.classes.len());
-        let answers = scores.chunks_exact(self.n_learners()).map(|scores| {
+        let answers = scores.chunks_exact(self.n_learners()).enumerate().map(|(row, scores)| {
             let mut losses = vec![0.0; self.classes.len()];
             self.decode(scores, &mut losses)?;
             let (best, _) = best_and_margin(&losses);
-            self.judge(&losses, scores, &mut verdict);
+            let novelty = novelty.as_ref().map(|novelty| novelty[row]);
+            self.judge(&losses, novelty, &mut verdict);
             let (candidates, unknown) = (verdict.candidates().to_vec(), verdict.unknown());
             Ok(Answer { best, scores: scores.to_vec(), losses, candidates, unknown })
         });

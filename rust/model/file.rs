@@ -15,14 +15,15 @@ use sha2::{Digest, Sha256};
 use super::metadata::{missing_entry, take, unknown_entry, Entries};
 use super::parts::{missing_tensor, no_use};
 use super::{
-    json, Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts, Tensor,
+    json, Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts, NoveltyParts,
+    Tensor,
 };
 use crate::error::shown;
 use crate::memory::reserved;
 use crate::specs::listed;
 
 /// Bytes of a file that are read unless the caller allows more.
-pub const MAX_FILE_BYTES: usize = 16 << 20;
+pub const MAX_FILE_BYTES: usize = 32 << 20;
 
 /// Bytes of the header that are read at most.
 pub const MAX_HEADER_BYTES: usize = 1 << 20;
@@ -40,10 +41,9 @@ pub(super) const VERSION: &str = "1";
 const DIGEST: &str = "content_sha256";
 
 /// The other entries, all of which every model has.
-const ENTRIES: [&str; 15] = [
+const ENTRIES: [&str; 13] = [
     "axes",
     "classes",
-    "coding",
     "feature_spec",
     "format",
     "format_version",
@@ -52,24 +52,29 @@ const ENTRIES: [&str; 15] = [
     "loss",
     "n_axes",
     "n_samples",
-    "posterior",
     "trained",
     "training_sha256",
     "units",
 ];
 
 /// The tensors of every model, then those that it may have.
-const TENSORS: [&str; 9] = [
+const TENSORS: [&str; 10] = [
     "coding_matrix",
     "coef",
     "intercept",
     "band_scales",
     "early",
     "level_scales",
-    "posterior_weights",
     "raw_mean",
-    "sigmoid",
+    DIRECTIONS,
+    MEANS,
+    SCALING,
 ];
+
+// What the novelty is computed with: float32, behind all others so that those stay aligned.
+const DIRECTIONS: &str = "unknown_directions";
+const MEANS: &str = "unknown_means";
+const SCALING: &str = "unknown_scaling";
 
 /// What a header says of a tensor.
 const TENSOR_KEYS: [&str; 3] = ["data_offsets", "dtype", "shape"];
@@ -128,8 +133,7 @@ impl Model {
             loss: choice(&mut entries, "loss", &Loss::NAMED)?,
             raw_mean: tensors.optional("raw_mean")?,
             early: tensors.optional("early")?,
-            sigmoid: tensors.optional("sigmoid")?,
-            posterior_weights: tensors.optional("posterior_weights")?,
+            novelty: tensors.novelty()?,
             metadata: Metadata::take(&mut entries)?,
         };
         Self::new(parts)
@@ -246,10 +250,24 @@ impl<'a> Tensors<'a> {
 
     fn optional(&self, name: &str) -> Result<Option<Tensor<'a>>, ModelError> {
         let Ok(view) = self.0.tensor(name) else { return Ok(None) };
-        if view.dtype() != Dtype::F64 {
-            return Err(ModelError::must_be(format!("tensor '{name}'"), "float64 (F64)", view.dtype()));
+        let (dtype, words) = match name {
+            DIRECTIONS | MEANS | SCALING => (Dtype::F32, "float32 (F32)"),
+            _ => (Dtype::F64, "float64 (F64)"),
+        };
+        if view.dtype() != dtype {
+            return Err(ModelError::must_be(format!("tensor '{name}'"), words, view.dtype()));
         }
-        Ok(Some(Tensor::from_bytes(view.shape().to_vec(), view.data())))
+        let of = if dtype == Dtype::F32 { Tensor::of_singles } else { Tensor::of_doubles };
+        Ok(Some(of(view.shape().to_vec(), view.data())))
+    }
+
+    /// What the novelty is computed with: three tensors or none.
+    fn novelty(&self) -> Result<Option<NoveltyParts<'a>>, ModelError> {
+        if [DIRECTIONS, MEANS, SCALING].iter().all(|name| self.0.tensor(name).is_err()) {
+            return Ok(None);
+        }
+        let [directions, means, scaling] = [DIRECTIONS, MEANS, SCALING].map(|name| self.required(name));
+        Ok(Some(NoveltyParts { scaling: scaling?, directions: directions?, means: means? }))
     }
 
     fn required(&self, name: &str) -> Result<Tensor<'a>, ModelError> {
@@ -298,13 +316,17 @@ impl Model {
         let mut bytes = reserved(LENGTH_BYTES + header.len() + len)?;
         bytes.extend((header.len() as u64).to_le_bytes());
         bytes.extend(header.as_bytes());
-        for OneTensor { shape, value, .. } in &tensors {
-            bytes.extend((0..shape.iter().product()).flat_map(|index| value(index).to_le_bytes()));
+        for tensor in &tensors {
+            let places = 0..tensor.shape.iter().product();
+            match &tensor.value {
+                Values::Double(value) => bytes.extend(places.flat_map(|index| value(index).to_le_bytes())),
+                Values::Single(value) => bytes.extend(places.flat_map(|index| value(index).to_le_bytes())),
+            }
         }
         let (ahead, mut rest) = bytes.split_at_mut(LENGTH_BYTES + header.len());
         let stored = tensors.iter().map(|tensor| {
             let own = rest.split_off_mut(..tensor.n_bytes()).unwrap_or_default();
-            (tensor.name, "F64", &*tensor.shape, &*own)
+            (tensor.name, tensor.dtype(), &*tensor.shape, &*own)
         });
         let digest = digest(&entries, stored);
         ahead[LENGTH_BYTES..].copy_from_slice(header_of(&entries, &digest, &tensors).as_bytes());
@@ -348,19 +370,22 @@ impl Model {
             }),
             OneTensor::list("intercept", self.intercepts()),
         ];
-        let lists = [("posterior_weights", &self.posterior_weights), ("raw_mean", &self.raw_mean)];
+        tensors.extend(self.raw_mean().map(|mean| OneTensor::list("raw_mean", mean)));
         tensors
-            .extend(lists.into_iter().filter_map(|(name, list)| Some(OneTensor::list(name, list.as_ref()?))));
-        for (name, pairs) in [("early", &self.early), ("sigmoid", &self.sigmoid)] {
-            tensors.extend(pairs.as_ref().map(|pairs| {
-                OneTensor::new(name, vec![pairs.len(), 2], |index| pairs[index / 2][index % 2])
+            .extend(self.early().map(|rows| {
+                OneTensor::new("early", vec![rows.len(), 2], |index| rows[index / 2][index % 2])
             }));
-        }
         if let Some(multiband) = self.multiband() {
             let scales = multiband.scales();
             let shape = vec![multiband.n_bands(), self.n_axes];
             tensors.push(OneTensor::new("band_scales", shape, |index| scales.bands[index]));
             tensors.extend(multiband.spec().level.then(|| OneTensor::list("level_scales", &scales.level)));
+        }
+        for (name, (n_rows, at)) in
+            [SCALING, DIRECTIONS, MEANS].into_iter().zip(self.novelty().into_iter().flatten())
+        {
+            let value = move |index| at(index / n_features, index % n_features);
+            tensors.push(OneTensor::single(name, vec![n_rows, n_features], value));
         }
         tensors.sort_by_key(|tensor| tensor.name);
         tensors
@@ -371,20 +396,40 @@ impl Model {
 struct OneTensor<'a> {
     name: &'static str,
     shape: Vec<usize>,
-    value: Box<dyn Fn(usize) -> f64 + 'a>,
+    value: Values<'a>,
+}
+
+enum Values<'a> {
+    Double(Box<dyn Fn(usize) -> f64 + 'a>),
+    Single(Box<dyn Fn(usize) -> f32 + 'a>),
 }
 
 impl<'a> OneTensor<'a> {
     fn new(name: &'static str, shape: Vec<usize>, value: impl Fn(usize) -> f64 + 'a) -> Self {
-        Self { name, shape, value: Box::new(value) }
+        Self { name, shape, value: Values::Double(Box::new(value)) }
+    }
+
+    fn single(name: &'static str, shape: Vec<usize>, value: impl Fn(usize) -> f32 + 'a) -> Self {
+        Self { name, shape, value: Values::Single(Box::new(value)) }
     }
 
     fn list(name: &'static str, values: &'a [f64]) -> Self {
         Self::new(name, vec![values.len()], |index| values[index])
     }
 
+    fn dtype(&self) -> &'static str {
+        match self.value {
+            Values::Double(_) => "F64",
+            Values::Single(_) => "F32",
+        }
+    }
+
     fn n_bytes(&self) -> usize {
-        8 * self.shape.iter().product::<usize>()
+        let size = match self.value {
+            Values::Double(_) => size_of::<f64>(),
+            Values::Single(_) => size_of::<f32>(),
+        };
+        size * self.shape.iter().product::<usize>()
     }
 }
 
@@ -400,7 +445,7 @@ fn header_of(entries: &Entries, digest: &str, tensors: &[OneTensor<'_>]) -> Stri
     let mut start = 0;
     for tensor in tensors {
         let end = start + tensor.n_bytes();
-        let entry = json!({"data_offsets": [start, end], "dtype": "F64", "shape": tensor.shape});
+        let entry = json!({"data_offsets": [start, end], "dtype": tensor.dtype(), "shape": tensor.shape});
         header.insert(tensor.name, entry);
         start = end;
     }

@@ -8,9 +8,8 @@ use std::fmt;
 use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::{json, Map, Value};
 
-use super::decoding::Codes;
-use super::rules::{ConformalRule, UnknownRule};
-use super::{ModelError, NearestMean, Rules};
+use super::rules::{CandidateRule, UnknownRule};
+use super::{ModelError, Rules};
 use crate::dsp::Outside;
 use crate::error::shown;
 use crate::features::Initial;
@@ -27,7 +26,7 @@ const MAX_NAMES: usize = 4096;
 /// Where the rules stand in what is known of a training.
 const RULES: &str = "confidence";
 
-const CONFORMAL: &str = "granular-id conformal rule 1";
+const CANDIDATES: &str = "granular-id candidates 1";
 const UNKNOWN: &str = "granular-id unknown rule 1";
 
 /// A value without a name that is there twice.
@@ -188,14 +187,6 @@ impl Object {
         })
     }
 
-    /// Rows of numbers, one after the other.
-    fn matrix(&mut self, name: &str, n_rows: usize, n_columns: usize) -> Result<Vec<f64>, ModelError> {
-        self.take(name, &format!("{n_rows} rows of {n_columns} numbers"), |value| {
-            let rows = list(value, |row| list(row, Value::as_f64).filter(|row| row.len() == n_columns))?;
-            (rows.len() == n_rows).then(|| rows.concat())
-        })
-    }
-
     /// The object in the entry `name`, called `what` in messages, if it is there and not null.
     fn optional(&mut self, name: &str, what: &'static str) -> Result<Option<Self>, ModelError> {
         let value = self.entries.remove(name).filter(|value| !value.is_null());
@@ -295,57 +286,49 @@ fn blocks(value: &Value) -> Option<[bool; 5]> {
     names.iter().map(String::as_str).eq(in_order).then_some(has)
 }
 
-/// The rules in what is known of a training: what `ConformalRule.to_dict` and `UnknownRule.to_dict` of the Python package
-/// give. None where there are none; each must be whole, and for these classes and codes.
-pub(super) fn read_rules(trained: &str, classes: &[String], codes: &Codes) -> Result<Rules, ModelError> {
+/// The rules in what is known of a training: what `CandidateRule.to_dict` and `UnknownRule.to_dict` of the Python package
+/// give. None where there are none; each must be whole, and for these classes.
+pub(super) fn read_rules(trained: &str, classes: &[String]) -> Result<Rules, ModelError> {
     let Some(mut stored) = object("trained", trained)?.optional(RULES, "trained.confidence")? else {
         return Ok(Rules::default());
     };
-    let conformal = stored.optional("conformal", "trained.confidence.conformal")?;
+    let candidates = stored.optional("candidates", "trained.confidence.candidates")?;
     let unknown = stored.optional("unknown", "trained.confidence.unknown")?;
     stored.end()?;
     Ok(Rules {
-        conformal: conformal.map(|rule| read_conformal(rule, classes)).transpose()?,
-        unknown: unknown.map(|rule| read_unknown(rule, classes, codes)).transpose()?,
+        candidates: candidates.map(|rule| read_candidates(rule, classes)).transpose()?,
+        unknown: unknown.map(|rule| read_unknown(rule, classes)).transpose()?,
     })
 }
 
-fn read_conformal(mut rule: Object, classes: &[String]) -> Result<ConformalRule, ModelError> {
-    begin(&mut rule, CONFORMAL, classes)?;
-    let levels = rule.take("levels", "rising numbers between 0 and 1", |value| {
-        let levels = list(value, Value::as_f64)?;
-        let within = levels.iter().all(|level| 0.0 < *level && *level < 1.0);
-        (within && !levels.is_empty() && levels.is_sorted_by(|a, b| a < b)).then_some(levels)
-    })?;
-    let thresholds = rule.take("thresholds", "numbers or null, one for each level", |value| {
-        list(value, limit).filter(|limits| limits.len() == levels.len())
-    })?;
-    rule.count("n_calibration")?;
-    rule.text("held_out")?;
+fn read_candidates(mut rule: Object, classes: &[String]) -> Result<CandidateRule, ModelError> {
+    begin(&mut rule, CANDIDATES, classes)?;
+    for share in ["level", "mean", "worst"] {
+        rule.take(share, "a number from 0 to 1", |value| {
+            value.as_f64().filter(|share| (0.0..=1.0).contains(share))
+        })?;
+    }
+    let limit = rule.number("threshold")?;
+    rule.count("n_rows")?;
+    rule.count("n_sessions")?;
     rule.end()?;
-    // The largest level is the one that is promised.
-    Ok(ConformalRule { limit: thresholds[thresholds.len() - 1] })
+    Ok(CandidateRule { limit })
 }
 
-fn read_unknown(mut rule: Object, classes: &[String], codes: &Codes) -> Result<UnknownRule, ModelError> {
+fn read_unknown(mut rule: Object, classes: &[String]) -> Result<UnknownRule, ModelError> {
     begin(&mut rule, UNKNOWN, classes)?;
-    let of_pairs = rule.flag("of_pairs")?;
-    if of_pairs && !codes.is_of_pairs() {
-        return Err(rule.error("'of_pairs' is for one learner for each pair of classes".to_owned()));
-    }
-    let threshold = rule.take("threshold", "a number or null", limit)?;
+    let threshold = rule.number("threshold")?;
     rule.take("share_known", "a number between 0 and 1", |value| {
         value.as_f64().filter(|share| 0.0 < *share && *share < 1.0)
     })?;
+    let weights = rule.take("weights", "two numbers, at least 0", |value| {
+        let weights = <[f64; 2]>::try_from(list(value, Value::as_f64)?).ok()?;
+        weights.iter().all(|weight| *weight >= 0.0).then_some(weights)
+    })?;
     rule.count("n_calibration")?;
     rule.text("held_out")?;
-    let n_classes = classes.len();
-    let means = rule.matrix("means", n_classes, n_classes)?;
-    let whitener = rule.matrix("whitener", n_classes, n_classes)?;
-    let make = if of_pairs { NearestMean::of_pairs } else { NearestMean::new };
-    let nearest = make(&means, &whitener).map_err(|error| rule.error(error.to_string()))?;
     rule.end()?;
-    Ok(UnknownRule { nearest, threshold })
+    Ok(UnknownRule { weights, threshold })
 }
 
 /// Takes what both kinds of rules begin with.
@@ -355,13 +338,4 @@ fn begin(rule: &mut Object, format: &str, classes: &[String]) -> Result<(), Mode
         list(value, string).filter(|labels| labels == classes)
     })
     .map(drop)
-}
-
-/// A number; null is without end.
-fn limit(value: &Value) -> Option<f64> {
-    if value.is_null() {
-        Some(f64::INFINITY)
-    } else {
-        value.as_f64()
-    }
 }

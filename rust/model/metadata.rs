@@ -19,10 +19,6 @@ pub struct Metadata {
     pub axes: Vec<String>,
     /// Unit of each axis; empty where unknown.
     pub units: Vec<String>,
-    /// Name of the coding design; empty for a matrix of the user's own.
-    pub coding: String,
-    /// How probabilities are coupled; empty without sigmoids.
-    pub posterior: String,
     /// SHA-256 of the training data, 64 hexadecimal digits, or empty.
     pub training_sha256: String,
     /// Version of the library that trained the model.
@@ -50,8 +46,6 @@ impl Metadata {
         Self {
             axes: (0..n_axes).map(|axis| axis_name(axis, n_axes)).collect(),
             units,
-            coding: String::new(),
-            posterior: String::new(),
             training_sha256: String::new(),
             library_version: env!("CARGO_PKG_VERSION").to_owned(),
             lead_s: None,
@@ -77,8 +71,6 @@ impl Metadata {
         let texts = [
             ("axes", Value::from(&self.axes[..]).to_string()),
             ("units", Value::from(&self.units[..]).to_string()),
-            ("coding", self.coding.clone()),
-            ("posterior", self.posterior.clone()),
             ("training_sha256", self.training_sha256.clone()),
             ("library_version", self.library_version.clone()),
             ("lead_s", self.lead_s.map_or_else(String::new, |lead_s| Value::from(lead_s).to_string())),
@@ -94,8 +86,6 @@ impl Metadata {
         Ok(Self {
             axes: json::names("axes", &take(entries, "axes")?)?,
             units: json::names("units", &take(entries, "units")?)?,
-            coding: take(entries, "coding")?,
-            posterior: take(entries, "posterior")?,
             training_sha256: take(entries, "training_sha256")?,
             library_version: take(entries, "library_version")?,
             lead_s: match lead_s.as_str() {
@@ -123,14 +113,10 @@ impl Metadata {
         if let Some(index) = self.units.iter().position(|unit| !(unit.is_empty() || printable(unit))) {
             return Err(bad_name("units", index, &self.units[index]));
         }
-        let texts = [
-            ("coding", &self.coding),
-            ("posterior", &self.posterior),
-            ("library_version", &self.library_version),
-        ];
-        if let Some((key, text)) = texts.into_iter().find(|(_, text)| !(text.is_empty() || printable(text))) {
+        let version = &self.library_version;
+        if !(version.is_empty() || printable(version)) {
             let wanted = format_args!("at most {MAX_NAME_BYTES} bytes of printable text");
-            return Err(ModelError::must_be(key, wanted, shown(text.as_bytes())));
+            return Err(ModelError::must_be("library_version", wanted, shown(version.as_bytes())));
         }
         let hash = self.training_sha256.as_bytes();
         let hexadecimal = |byte: &u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');

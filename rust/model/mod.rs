@@ -12,13 +12,15 @@
 //! score = (intercept + raw) + hist
 //! ```
 //!
-//! Multi-band features stand in the place of `h`, in their order, and there are no raw ones.
+//! Multi-band features stand in the place of `h`, in their order, and there are no raw ones. The sums of the novelty score
+//! run over all features in this order.
 
 mod decoding;
 mod error;
 mod file;
 mod json;
 mod metadata;
+mod novelty;
 mod parts;
 mod rules;
 mod scores;
@@ -33,16 +35,17 @@ pub use metadata::{Metadata, MAX_NAME_BYTES};
 #[doc(hidden)]
 pub use parts::Extraction;
 pub use parts::{
-    Features, ModelParts, Tensor, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_MULTIBAND_AXES,
+    Features, ModelParts, NoveltyParts, Tensor, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_MULTIBAND_AXES,
     MAX_MULTIBAND_VALUES, MAX_WINDOW,
 };
+pub use rules::Rules;
 pub(crate) use rules::Verdict;
-pub use rules::{NearestMean, Rules};
 pub(crate) use scores::AddRows;
 
 use crate::multiband::MultiBand;
 use crate::Extractor;
 use decoding::Codes;
+use novelty::Novelty;
 use scores::Weights;
 
 /// A trained identifier: features of a recording, a score per linear learner, a mean loss per class.
@@ -76,12 +79,14 @@ pub struct Model {
     loss: Loss,
     raw_mean: Option<Vec<f64>>,
     early: Option<Vec<[f64; 2]>>,
-    sigmoid: Option<Vec<[f64; 2]>>,
-    posterior_weights: Option<Vec<f64>>,
     classes: Vec<String>,
     rules: Rules,
+    novelty: Option<Novelty>,
     metadata: Metadata,
 }
+
+/// A number in a row and of a feature.
+type NumberAt<'a> = Box<dyn Fn(usize, usize) -> f32 + 'a>;
 
 impl Model {
     /// What is extracted from a recording; `None` for multi-band features.
@@ -193,18 +198,6 @@ impl Model {
         rows[..reached].last().map(|[_, margin]| *margin)
     }
 
-    /// Slope and offset of the sigmoid of each learner.
-    #[must_use]
-    pub fn sigmoid(&self) -> Option<&[[f64; 2]]> {
-        self.sigmoid.as_deref()
-    }
-
-    /// Sum of the weights of the training rows behind each learner.
-    #[must_use]
-    pub fn posterior_weights(&self) -> Option<&[f64]> {
-        self.posterior_weights.as_deref()
-    }
-
     /// What is said of a whole recording beside its label.
     #[must_use]
     pub fn rules(&self) -> &Rules {
@@ -215,6 +208,20 @@ impl Model {
     #[must_use]
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
+    }
+
+    /// What the novelty is computed with, where unknown materials are refused: scaling, directions and means, each the
+    /// number of its rows and the number in a row and of a feature.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn novelty(&self) -> Option<[(usize, NumberAt<'_>); 3]> {
+        let novelty = self.novelty.as_ref()?;
+        let n_directions = novelty.n_directions();
+        let part = |first: usize| -> NumberAt<'_> {
+            Box::new(move |index, feature| novelty.part(first + index, self.weights.row_of(feature)))
+        };
+        let scaling = |index, feature| novelty.scaling(index, self.weights.row_of(feature));
+        Some([(2, Box::new(scaling)), (n_directions, part(0)), (self.classes.len(), part(n_directions))])
     }
 
     /// What is extracted.

@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 
 use super::decoding::Codes;
 use super::metadata::check_names;
+use super::novelty::Novelty;
 use super::scores::Weights;
 use super::{json, Loss, Metadata, Model, ModelError};
 use crate::error::{brief, Error};
@@ -43,7 +44,9 @@ pub struct Tensor<'a> {
 enum Values<'a> {
     Numbers(&'a [f64]),
     /// Little-endian float64 at any address.
-    Bytes(&'a [[u8; 8]]),
+    Doubles(&'a [[u8; 8]]),
+    /// Little-endian float32 at any address.
+    Singles(&'a [[u8; 4]]),
 }
 
 impl<'a> Tensor<'a> {
@@ -53,8 +56,12 @@ impl<'a> Tensor<'a> {
         Self { shape, values: Values::Numbers(values) }
     }
 
-    pub(super) fn from_bytes(shape: Vec<usize>, bytes: &'a [u8]) -> Self {
-        Self { shape, values: Values::Bytes(bytes.as_chunks().0) }
+    pub(super) fn of_doubles(shape: Vec<usize>, bytes: &'a [u8]) -> Self {
+        Self { shape, values: Values::Doubles(bytes.as_chunks().0) }
+    }
+
+    pub(super) fn of_singles(shape: Vec<usize>, bytes: &'a [u8]) -> Self {
+        Self { shape, values: Values::Singles(bytes.as_chunks().0) }
     }
 
     /// The shape.
@@ -67,7 +74,8 @@ impl<'a> Tensor<'a> {
     fn len(&self) -> usize {
         match self.values {
             Values::Numbers(numbers) => numbers.len(),
-            Values::Bytes(bytes) => bytes.len(),
+            Values::Doubles(bytes) => bytes.len(),
+            Values::Singles(bytes) => bytes.len(),
         }
     }
 
@@ -76,7 +84,8 @@ impl<'a> Tensor<'a> {
     pub(super) fn at(&self, index: usize) -> f64 {
         match self.values {
             Values::Numbers(numbers) => numbers.get(index).copied(),
-            Values::Bytes(bytes) => bytes.get(index).map(|bytes| f64::from_le_bytes(*bytes)),
+            Values::Doubles(bytes) => bytes.get(index).map(|bytes| f64::from_le_bytes(*bytes)),
+            Values::Singles(bytes) => bytes.get(index).map(|bytes| f32::from_le_bytes(*bytes).into()),
         }
         .unwrap_or(f64::NAN)
     }
@@ -104,7 +113,12 @@ impl<'a> Tensor<'a> {
         collected((0..self.len() / 2).map(|row| [self.at(2 * row), self.at(2 * row + 1)]))
     }
 
-    fn check_shape(&self, name: &str, shape: &[usize], wanted: impl Display) -> Result<(), ModelError> {
+    pub(super) fn check_shape(
+        &self,
+        name: &str,
+        shape: &[usize],
+        wanted: impl Display,
+    ) -> Result<(), ModelError> {
         let len = shape.iter().try_fold(1_usize, |len, size| len.checked_mul(*size));
         if self.shape == shape && len == Some(self.len()) {
             return Ok(());
@@ -150,12 +164,22 @@ pub struct ModelParts<'a> {
     pub raw_mean: Option<Tensor<'a>>,
     /// Samples seen and margin needed (M, 2) for an early answer.
     pub early: Option<Tensor<'a>>,
-    /// Slope and offset of the sigmoid of each learner (L, 2).
-    pub sigmoid: Option<Tensor<'a>>,
-    /// Sum of the weights of the training rows behind each learner (L,), for the coupling of probabilities.
-    pub posterior_weights: Option<Tensor<'a>>,
+    /// What the novelty of a recording is computed with; there exactly if the metadata has a rule that refuses unknown
+    /// materials.
+    pub novelty: Option<NoveltyParts<'a>>,
     /// What describes the model; of all this only the rules are part of an answer.
     pub metadata: Metadata,
+}
+
+/// What the novelty of a recording is computed with: R directions, numbers rounded to float32.
+#[derive(Clone, Debug)]
+pub struct NoveltyParts<'a> {
+    /// Centre and factor of each feature (2, D): a scaled feature is `(x - centre) * factor`.
+    pub scaling: Tensor<'a>,
+    /// Directions of scaled features that tell classes apart (R, D).
+    pub directions: Tensor<'a>,
+    /// Mean scaled features of each class (K, D).
+    pub means: Tensor<'a>,
 }
 
 /// What is extracted from a recording, not checked yet.
@@ -204,12 +228,18 @@ impl Model {
         check_names("classes", &parts.classes)?;
         parts.metadata.check(n_axes)?;
         let codes = Codes::new(coding_matrix, n_classes, n_learners)?;
-        let rules = json::read_rules(&parts.metadata.trained, &parts.classes, &codes)?;
+        let rules = json::read_rules(&parts.metadata.trained, &parts.classes)?;
         parts.check_optional(n_raw)?;
+        if rules.refuse_unknown() != parts.novelty.is_some() {
+            return Err(ModelError::part(
+                "novelty",
+                "must be there exactly if a rule refuses unknown materials",
+            ));
+        }
         intercept.check_finite("intercept")?;
         let weights = Weights::new(coef, intercept.to_vec()?, (n_samples, n_axes), (n_raw, n_features))?;
-        let owned = |tensor: &Option<Tensor<'_>>| tensor.as_ref().map(Tensor::to_vec).transpose();
-        let pairs = |tensor: &Option<Tensor<'_>>| tensor.as_ref().map(Tensor::to_pairs).transpose();
+        let novelty = |parts| Novelty::new(parts, n_classes, n_features, |row| weights.feature_of(row));
+        let novelty = parts.novelty.as_ref().map(novelty).transpose()?;
         let model = Self {
             extraction,
             n_samples,
@@ -217,12 +247,11 @@ impl Model {
             weights,
             codes,
             loss: parts.loss,
-            raw_mean: owned(&parts.raw_mean)?,
-            early: pairs(&parts.early)?,
-            sigmoid: pairs(&parts.sigmoid)?,
-            posterior_weights: owned(&parts.posterior_weights)?,
+            raw_mean: parts.raw_mean.as_ref().map(Tensor::to_vec).transpose()?,
+            early: parts.early.as_ref().map(Tensor::to_pairs).transpose()?,
             classes: parts.classes,
             rules,
+            novelty,
             metadata: parts.metadata,
         };
         model.check_header()?;
@@ -253,15 +282,13 @@ impl<'a> ModelParts<'a> {
             loss: Loss::default(),
             raw_mean: None,
             early: None,
-            sigmoid: None,
-            posterior_weights: None,
+            novelty: None,
             metadata: Metadata::of_axes(n_axes),
         }
     }
 
     /// The tensors that a model may lack.
     fn check_optional(&self, n_raw: usize) -> Result<(), ModelError> {
-        let n_learners = self.intercept.len();
         if let Some(mean) = &self.raw_mean {
             if n_raw == 0 {
                 return Err(no_use("raw_mean", "raw features"));
@@ -271,25 +298,6 @@ impl<'a> ModelParts<'a> {
         }
         if let Some(early) = &self.early {
             self.check_early(early)?;
-        }
-        let has_posterior = !self.metadata.posterior.is_empty();
-        if let Some(sigmoid) = &self.sigmoid {
-            let wanted = format_args!("({n_learners}, 2), slope and offset per learner");
-            sigmoid.check_shape("sigmoid", &[n_learners, 2], wanted)?;
-            sigmoid.check_finite("sigmoid")?;
-            if !has_posterior {
-                return Err(no_use("sigmoid", "a posterior in the metadata"));
-            }
-        } else if has_posterior {
-            return Err(no_use("posterior in the metadata", "sigmoid"));
-        }
-        if let Some(weights) = &self.posterior_weights {
-            let name = "posterior_weights";
-            weights.check_shape(name, &[n_learners], format_args!("({n_learners},), one per learner"))?;
-            weights.check_positive(name)?;
-            if self.sigmoid.is_none() {
-                return Err(no_use(name, "sigmoid"));
-            }
         }
         Ok(())
     }

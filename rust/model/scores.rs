@@ -1,10 +1,11 @@
 //! From recordings to scores: the weights of the learners, and sums in the order that a model promises.
 
+use super::novelty::Novelty;
 use super::parts::Tensor;
 use super::{Model, ModelError};
 use crate::error::Error;
 use crate::kernel::{Job, Simd, SimdPath, LANES};
-use crate::memory::filled;
+use crate::memory::{collected, filled};
 use crate::pool::in_tasks;
 use crate::BatchShape;
 
@@ -39,7 +40,7 @@ impl Weights {
         let lanes = n_learners.next_multiple_of(n_learners.next_power_of_two().min(LANES));
         let mut values = filled(0.0, lanes.saturating_mul(n_features))?;
         for (row, weights) in values.chunks_exact_mut(lanes).enumerate() {
-            let feature = if row < n_raw { row % n_axes * n_samples + row / n_axes } else { row };
+            let feature = place(row, n_raw, n_samples, n_axes);
             for (learner, weight) in weights[..n_learners].iter_mut().enumerate() {
                 *weight = coef.finite("coef", learner * n_features + feature)?;
             }
@@ -52,22 +53,36 @@ impl Weights {
         self.values.len() / self.lanes
     }
 
+    /// The feature, in the order of names, that a row of weights is for.
+    pub(super) fn feature_of(&self, row: usize) -> usize {
+        place(row, self.n_raw, self.n_samples, self.n_axes)
+    }
+
+    /// The row of weights of a feature.
+    pub(super) fn row_of(&self, feature: usize) -> usize {
+        place(feature, self.n_raw, self.n_axes, self.n_samples)
+    }
+
     /// The weight of a feature in the order of its names; 0 where there is none.
     pub(super) fn coef(&self, learner: usize, feature: usize) -> f64 {
         if learner >= self.n_learners || feature >= self.n_features() {
             return 0.0;
         }
-        let row = if feature < self.n_raw {
-            feature % self.n_samples * self.n_axes + feature / self.n_samples
-        } else {
-            feature
-        };
-        self.values[row * self.lanes + learner]
+        self.values[self.row_of(feature) * self.lanes + learner]
     }
 
     /// Rows of the raw block, then of all other features.
     fn blocks(&self) -> (&[f64], &[f64]) {
         self.values.split_at(self.n_raw * self.lanes)
+    }
+}
+
+/// The place of a raw value, in rows of `n_columns`, after turning rows and columns round; of another value its own.
+fn place(index: usize, n_raw: usize, n_rows: usize, n_columns: usize) -> usize {
+    if index < n_raw {
+        index % n_columns * n_rows + index / n_columns
+    } else {
+        index
     }
 }
 
@@ -150,21 +165,68 @@ impl Model {
         threads: usize,
         out: &mut [f64],
     ) -> Result<(), Error> {
+        self.measure_into(wrench, n_recordings, threads, None, out)
+    }
+
+    /// Scores of all learners, one row per recording, and the novelty of each where the model refuses unknown materials.
+    #[doc(hidden)]
+    pub fn scores_and_novelty(
+        &self,
+        wrench: &[f64],
+        n_recordings: usize,
+        threads: usize,
+    ) -> Result<(Vec<f64>, Option<Vec<f64>>), Error> {
+        let Some(unknown) = &self.novelty else {
+            return Ok((self.scores(wrench, n_recordings, threads)?, None));
+        };
+        self.extraction.check(wrench, self.batch(n_recordings))?;
+        let width = self.n_learners() + 1;
+        let mut rows = filled(0.0, n_recordings.saturating_mul(width))?;
+        self.measure_into(wrench, n_recordings, threads, Some(unknown), &mut rows)?;
+        let novelty = collected(rows.chunks_exact(width).map(|row| row[width - 1]))?;
+        let mut next = 0;
+        rows.retain(|_| {
+            next += 1;
+            next % width != 0
+        });
+        Ok((rows, Some(novelty)))
+    }
+
+    /// A row of scores for each recording, with its novelty behind them where that is wanted.
+    fn measure_into(
+        &self,
+        wrench: &[f64],
+        n_recordings: usize,
+        threads: usize,
+        novelty: Option<&Novelty>,
+        out: &mut [f64],
+    ) -> Result<(), Error> {
         let shape = self.batch(n_recordings);
         self.extraction.check(wrench, shape)?;
         let path = SimdPath::detect()?;
-        in_tasks(wrench, shape, self.n_learners(), threads, out, |wrench, shape, out| {
+        let width = self.n_learners() + usize::from(novelty.is_some());
+        in_tasks(wrench, shape, width, threads, out, |wrench, shape, out| {
             let features = self.extraction.extract(wrench, shape)?;
             let n_features = features.len() / shape.n_recordings;
             let mut sums = filled(0.0, 2 * BLOCK * self.lanes())?;
-            let blocks =
-                wrench.chunks(BLOCK * shape.recording_len()).zip(out.chunks_mut(BLOCK * self.n_learners()));
+            let blocks = wrench.chunks(BLOCK * shape.recording_len()).zip(out.chunks_mut(BLOCK * width));
             for (block, (wrench, out)) in blocks.enumerate() {
                 let first = block * BLOCK;
                 let features = features.get(first * n_features..).unwrap_or_default();
-                self.block_scores(path, wrench, features, &mut sums, out);
+                self.block_scores(path, wrench, features, &mut sums, (out, width));
             }
-            self.check_scores(out)
+            let mut sums = filled(0.0, novelty.map_or(0, Novelty::width))?;
+            for (recording, row) in out.chunks_exact_mut(width).enumerate() {
+                let (scores, rest) = row.split_at_mut(self.n_learners());
+                self.check_scores(scores).map_err(|error| error.later(recording))?;
+                let Some(novelty) = novelty else { continue };
+                sums.fill(0.0);
+                let raw = &wrench[recording * shape.recording_len()..][..self.n_raw()];
+                novelty.add(path, &mut sums, 0, raw);
+                novelty.add(path, &mut sums, self.n_raw(), &features[recording * n_features..][..n_features]);
+                rest.fill(self.rules.novelty_of(novelty, &sums));
+            }
+            Ok(())
         })
     }
 
@@ -183,7 +245,7 @@ impl Model {
         wrench: &[f64],
         features: &[f64],
         sums: &mut [f64],
-        out: &mut [f64],
+        (out, width): (&mut [f64], usize),
     ) {
         let lanes = self.lanes();
         let (raw_rows, other_rows) = self.weights.blocks();
@@ -193,7 +255,8 @@ impl Model {
             path.run(AddRowsToBlock { sums, lanes, rows, values });
         }
         let sums = raw.chunks_exact(lanes).zip(hist.chunks_exact(lanes));
-        for (out, (raw, hist)) in out.chunks_exact_mut(self.n_learners()).zip(sums) {
+        for (out, (raw, hist)) in out.chunks_exact_mut(width).zip(sums) {
+            let out = &mut out[..self.n_learners()];
             for (((score, intercept), raw), hist) in out.iter_mut().zip(self.intercept()).zip(raw).zip(hist) {
                 *score = (intercept + raw) + hist;
             }

@@ -6,7 +6,6 @@ mod buffer;
 mod features;
 mod model;
 mod multiband;
-mod nearest_mean;
 mod number_table;
 mod rdt;
 mod signal;
@@ -30,8 +29,6 @@ mod _core {
     use super::model::{ModelFileError, PyModel};
     #[pymodule_export]
     use super::multiband::PyMultiBandExtractor;
-    #[pymodule_export]
-    use super::nearest_mean::PyNearestMean;
     #[pymodule_export]
     use super::number_table::{interleave, parse_number_table, write_number_table, NumberTableError};
     #[pymodule_export]

@@ -21,8 +21,8 @@ use crate::multiband::PyMultiBandExtractor;
 use crate::number_table::bytes;
 use granular_id::bindings::{collected, room};
 use granular_id::model::{
-    Extraction, Features, Loss, Metadata, ModelError, ModelFileError as FileError, ModelParts, Tensor,
-    MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
+    Extraction, Features, Loss, Metadata, ModelError, ModelFileError as FileError, ModelParts, NoveltyParts,
+    Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
 };
 use granular_id::{Error, Model};
 
@@ -35,6 +35,9 @@ create_exception!(
 
 /// Samples of the paper's recordings.
 const PAPER_SAMPLES: usize = 1600;
+
+/// What the novelty is computed with, as it is called in a file.
+const NOVELTY: [&str; 3] = ["unknown_scaling", "unknown_directions", "unknown_means"];
 
 /// A trained linear identifier as one checked, immutable value, shared between threads.
 ///
@@ -58,17 +61,17 @@ const PAPER_SAMPLES: usize = 1600;
 /// n_axes : int, default 6
 ///     Axes of a sample; likewise.
 /// metadata : mapping of str to str, optional
-///     What describes the model: "axes" and "units" (JSON lists), "coding", "posterior", "training_sha256",
-///     "library_version", "lead_s" (seconds, or empty), "trained" (a JSON object). Of all this only the rules under
-///     "confidence" in "trained" are part of an answer.
+///     What describes the model: "axes" and "units" (JSON lists), "training_sha256", "library_version", "lead_s" (seconds,
+///     or empty), "trained" (a JSON object). Of all this only the rules under "confidence" in "trained" are part of an
+///     answer.
 /// raw_mean : array_like, shape (n_axes * n_samples,), optional
 ///     Mean of the training recordings, axis by axis: what samples not yet seen are taken for in provisional answers.
 /// early : array_like, shape (M, 2), optional
 ///     Samples seen and margin needed for an early answer.
-/// sigmoid : array_like, shape (L, 2), optional
-///     Slope and offset of each learner's sigmoid; needs a "posterior" in the metadata.
-/// posterior_weights : array_like, shape (L,), optional
-///     Weight of the training rows behind each learner, for coupling by "kullback_leibler".
+/// novelty : tuple of three array_like, optional
+///     What the novelty of a recording is computed with, rounded to float32: centre and factor of each feature (2, D),
+///     directions of scaled features (R, D), means of the classes (K, D). There exactly if the metadata has a rule that
+///     refuses unknown materials.
 ///
 /// Notes
 /// -----
@@ -85,9 +88,9 @@ impl PyModel {
     #[new]
     #[pyo3(
         signature = (spec, coef, intercept, coding_matrix, classes, *, loss=None, n_samples=None, n_axes=None,
-                     metadata=None, raw_mean=None, early=None, sigmoid=None, posterior_weights=None),
+                     metadata=None, raw_mean=None, early=None, novelty=None),
         text_signature = "(spec, coef, intercept, coding_matrix, classes, *, loss='hinge', n_samples=1600, n_axes=6, \
-                          metadata=None, raw_mean=None, early=None, sigmoid=None, posterior_weights=None)"
+                          metadata=None, raw_mean=None, early=None, novelty=None)"
     )]
     #[allow(clippy::too_many_arguments)] // the parts of a model
     fn new<'py>(
@@ -102,9 +105,9 @@ impl PyModel {
         metadata: Option<&Bound<'py, PyAny>>,
         raw_mean: Option<&Bound<'py, PyAny>>,
         early: Option<&Bound<'py, PyAny>>,
-        sigmoid: Option<&Bound<'py, PyAny>>,
-        posterior_weights: Option<&Bound<'py, PyAny>>,
+        novelty: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
+        let novelty = novelty.map(three).transpose()?;
         let (features, own) = features(spec)?;
         let (own_samples, own_axes) = own.unwrap_or((PAPER_SAMPLES, granular_id::wrench::AXES.len()));
         let n_axes = n_axes.map_or(Ok(own_axes), |value| count(value, "n_axes", MAX_AXES))?;
@@ -123,8 +126,9 @@ impl PyModel {
             ("coding_matrix", Some(coding_matrix)),
             ("raw_mean", raw_mean),
             ("early", early),
-            ("sigmoid", sigmoid),
-            ("posterior_weights", posterior_weights),
+            (NOVELTY[0], novelty.as_ref().map(|parts| &parts[0])),
+            (NOVELTY[1], novelty.as_ref().map(|parts| &parts[1])),
+            (NOVELTY[2], novelty.as_ref().map(|parts| &parts[2])),
         ];
         let given = given.into_iter().filter_map(|(name, value)| Some((name, value?)));
         let convert = |(name, value)| Ok((name, contiguous_real(value, name)?));
@@ -146,13 +150,10 @@ impl PyModel {
         let (weights, intercept, codes) = (needed("coef")?, needed("intercept")?, needed("coding_matrix")?);
         let mut parts = ModelParts::new(features, n_samples, n_axes, weights, intercept, codes, classes);
         (parts.loss, parts.metadata) = (loss, metadata);
-        for (part, name) in [
-            (&mut parts.raw_mean, "raw_mean"),
-            (&mut parts.early, "early"),
-            (&mut parts.sigmoid, "sigmoid"),
-            (&mut parts.posterior_weights, "posterior_weights"),
-        ] {
-            *part = tensor(name)?;
+        (parts.raw_mean, parts.early) = (tensor("raw_mean")?, tensor("early")?);
+        if novelty.is_some() {
+            let [scaling, directions, means] = NOVELTY.map(needed);
+            parts.novelty = Some(NoveltyParts { scaling: scaling?, directions: directions?, means: means? });
         }
         let model = hold.work(coef.py(), || Model::new(parts)).map_err(bad_part)?;
         Ok(Self { model: Arc::new(model) })
@@ -160,7 +161,7 @@ impl PyModel {
 
     /// The model in the bytes of a file.
     #[staticmethod]
-    #[pyo3(signature = (data, *, max_file_bytes=None), text_signature = "(data, *, max_file_bytes=16777216)")]
+    #[pyo3(signature = (data, *, max_file_bytes=None), text_signature = "(data, *, max_file_bytes=33554432)")]
     fn from_bytes(py: Python<'_>, data: &[u8], max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let most = most_bytes(max_file_bytes)?;
         let model = py.detach(|| Model::from_bytes(data, most)).map_err(no_model)?;
@@ -169,7 +170,7 @@ impl PyModel {
 
     /// The model in a file.
     #[staticmethod]
-    #[pyo3(signature = (path, *, max_file_bytes=None), text_signature = "(path, *, max_file_bytes=16777216)")]
+    #[pyo3(signature = (path, *, max_file_bytes=None), text_signature = "(path, *, max_file_bytes=33554432)")]
     fn read(py: Python<'_>, path: PathBuf, max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let most = most_bytes(max_file_bytes)?;
         let model = py.detach(|| Model::read_within(path, most)).map_err(|error| bad_file(py, error))?;
@@ -209,11 +210,42 @@ impl PyModel {
         PyArray1::from_vec(scores.py(), losses).reshape(shape)
     }
 
-    /// What the rules of the model say of whole recordings, from scores (n, L) or (L,): for each the labels of the
+    /// Scores (n, L) as of `scores`, and the novelty (n,) of each recording: large for what is like no class. None in its
+    /// place where unknown materials are not refused.
+    #[pyo3(signature = (wrench, threads=None))]
+    fn scores_and_novelty<'py>(
+        &self,
+        wrench: &Bound<'py, PyAny>,
+        threads: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<ScoresAndNovelty<'py>> {
+        let (py, model) = (wrench.py(), &self.model);
+        let trained_on = [model.n_samples(), model.n_axes()];
+        let Recordings { array, shape, threads } =
+            Recordings::new(wrench, "wrench", threads, Some(trained_on))?;
+        let found = work_on(&array, "wrench", usize::MAX, |values| {
+            model.scores_and_novelty(values, shape.n_recordings, threads)
+        })?;
+        let (scores, novelty) = found.or_raise()?;
+        let scores = PyArray1::from_vec(py, scores).reshape([shape.n_recordings, model.n_learners()])?;
+        Ok((scores, novelty.map(|novelty| PyArray1::from_vec(py, novelty))))
+    }
+
+    /// What the rules of the model say of whole recordings, from what `scores_and_novelty` gives: for each the labels of the
     /// candidates, the likeliest first, and whether it is like no class; an empty tuple and None without rules.
-    fn verdicts<'py>(&self, scores: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyList>> {
+    #[pyo3(signature = (scores, novelty=None))]
+    fn verdicts<'py>(
+        &self,
+        scores: &Bound<'py, PyAny>,
+        novelty: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyList>> {
         let py = scores.py();
-        let verdicts = self.of_scores(scores, Model::verdicts)?.or_raise()?;
+        let novelty = novelty.map(|novelty| contiguous_real(novelty, "novelty")).transpose()?;
+        let novelty = match &novelty {
+            Some(novelty) => readable(novelty, "novelty")?.as_slice()?.to_vec(),
+            None => Vec::new(),
+        };
+        let verdicts =
+            self.of_scores(scores, |model, scores| model.verdicts(scores, &novelty))?.or_raise()?;
         // The list, a pair for each row, and its candidates: objects of Python with a header of some 50 bytes.
         let per_row = size_of::<usize>() + 2 * (56 + 2 * size_of::<usize>());
         room(verdicts.n_rows().saturating_mul(per_row) + size_of::<usize>() * verdicts.n_candidates())
@@ -301,22 +333,22 @@ impl PyModel {
 
     #[getter]
     fn raw_mean<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
-        vector(py, self.model.raw_mean())
+        self.model.raw_mean().map(|mean| copied(py, mean)).transpose()
     }
 
     #[getter]
     fn early<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
-        pairs(py, self.model.early())
+        let rows = self.model.early();
+        rows.map(|rows| copied(py, rows.as_flattened())?.reshape([rows.len(), 2])).transpose()
     }
 
+    /// What the novelty is computed with, as the constructor takes it.
     #[getter]
-    fn sigmoid<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
-        pairs(py, self.model.sigmoid())
-    }
-
-    #[getter]
-    fn posterior_weights<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
-        vector(py, self.model.posterior_weights())
+    fn novelty<'py>(&self, py: Python<'py>) -> PyResult<Option<[Bound<'py, PyArray2<f32>>; 3]>> {
+        let n_features = self.n_features();
+        let Some(parts) = self.model.novelty() else { return Ok(None) };
+        let [scaling, directions, means] = parts.map(|(n_rows, at)| matrix(py, [n_rows, n_features], &at));
+        Ok(Some([scaling?, directions?, means?]))
     }
 
     fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
@@ -324,7 +356,7 @@ impl PyModel {
     }
 
     fn __getnewargs_ex__<'py>(slf: &Bound<'py, Self>) -> NewArguments<'py> {
-        let keywords = "loss n_samples n_axes metadata raw_mean early sigmoid posterior_weights";
+        let keywords = "loss n_samples n_axes metadata raw_mean early novelty";
         new_arguments(slf, "spec coef intercept coding_matrix classes", keywords)
     }
 
@@ -339,6 +371,8 @@ impl PyModel {
         )
     }
 }
+
+type ScoresAndNovelty<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray1<f64>>>);
 
 impl PyModel {
     /// Work on scores (n, L) or (L,).
@@ -371,14 +405,6 @@ fn matrix<T: Element>(
     PyArray1::from_vec(py, collected(values).or_raise()?).reshape(shape)
 }
 
-fn vector<'py>(py: Python<'py>, values: Option<&[f64]>) -> PyResult<Option<Bound<'py, PyArray1<f64>>>> {
-    values.map(|values| copied(py, values)).transpose()
-}
-
-fn pairs<'py>(py: Python<'py>, pairs: Option<&[[f64; 2]]>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
-    pairs.map(|pairs| copied(py, pairs.as_flattened())?.reshape([pairs.len(), 2])).transpose()
-}
-
 /// What is extracted; with samples and axes of a recording, where it knows them.
 fn features<'a>(spec: &'a Bound<'_, PyAny>) -> PyResult<(Features<'a>, Option<(usize, usize)>)> {
     if let Ok(spec) = spec.cast::<PyFeatureSpec>() {
@@ -398,6 +424,13 @@ fn features<'a>(spec: &'a Bound<'_, PyAny>) -> PyResult<(Features<'a>, Option<(u
         level_scales: design.spec().level.then(levels),
     };
     Ok((features, Some((design.n_samples(), n_axes))))
+}
+
+/// Scaling, directions and means.
+fn three<'py>(novelty: &Bound<'py, PyAny>) -> PyResult<[Bound<'py, PyAny>; 3]> {
+    novelty.extract().map_err(|_| {
+        PyTypeError::new_err(format!("novelty must be a tuple of three arrays, got {}", shown(novelty)))
+    })
 }
 
 fn labels(classes: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Duration;
 
-use numpy::{PyArray1, PyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyString, PyTuple};
@@ -237,24 +237,22 @@ impl PyStreamingIdentifier {
     /// Everything about the answer at one moment.
     ///
     /// A tuple of: the ranking, pairs of label and mean loss, best first; the margin; whether the window is complete;
-    /// whether the margin meets the rule for early answers; rows of the window; rows before it; scores `(L,)`; labels of
-    /// the candidates, the likeliest first, and whether the window is like none: of a complete window, by the rules of the
-    /// model.
+    /// whether the margin meets the rule for early answers; rows of the window; rows before it; labels of the candidates,
+    /// the likeliest first, and whether the window is like none: of a complete window, by the rules of the model.
     fn standing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         // Copies first: nothing of Python's is made while the stream is locked.
-        let (scores, losses, candidates, first_row, rest) = {
+        let (losses, candidates, first_row, rest) = {
             let mut stream = self.stream.locked(py)?;
             let first_row = stream.first_row();
             let at = stream.standing().or_raise()?;
             let rest = (at.margin, at.is_final, at.is_sure, at.n_seen, at.unknown);
-            (at.scores.to_vec(), at.losses.to_vec(), at.candidates.to_vec(), first_row, rest)
+            (at.losses.to_vec(), at.candidates.to_vec(), first_row, rest)
         };
         let pairs = ranking(&losses).into_iter().map(|class| (&self.labels[class], losses[class]));
         let pairs = PyTuple::new(py, pairs.collect::<Vec<_>>())?;
         let (margin, is_final, is_sure, n_seen, unknown) = rest;
         let candidates = PyTuple::new(py, candidates.into_iter().map(|class| &self.labels[class]))?;
-        let scores = PyArray1::from_vec(py, scores);
-        (pairs, margin, is_final, is_sure, n_seen, first_row, scores, candidates, unknown).into_pyobject(py)
+        (pairs, margin, is_final, is_sure, n_seen, first_row, candidates, unknown).into_pyobject(py)
     }
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.

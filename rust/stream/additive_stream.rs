@@ -17,6 +17,8 @@ pub(super) struct AdditiveStream {
     path: SimdPath,
     /// Sums of the raw block so far.
     raw: Vec<f64>,
+    /// Sums of the novelty over the raw block so far, then over all features; empty where unknown materials are not refused.
+    novelty: [Vec<f64>; 2],
     /// Room for a row, histogram features, sums over them.
     row: Vec<f64>,
     values: Vec<f64>,
@@ -31,6 +33,7 @@ impl AdditiveStream {
             expected: expected_sums(model)?,
             path: SimdPath::detect()?,
             raw: filled(0.0, lanes)?,
+            novelty: [filled(0.0, model.novelty_width())?, filled(0.0, model.novelty_width())?],
             row: filled(0.0, model.n_axes())?,
             values: filled(0.0, model.n_features() - model.n_raw())?,
             sums: filled(0.0, lanes)?,
@@ -50,6 +53,7 @@ impl AdditiveStream {
     pub(super) fn advance(&mut self, model: &Model) -> Result<()> {
         self.stream.advance()?;
         self.raw.fill(0.0);
+        self.novelty[0].fill(0.0);
         let mut row = std::mem::take(&mut self.row);
         for t in 0..self.stream.n_seen() {
             if self.stream.raw_row(t, &mut row) {
@@ -63,6 +67,7 @@ impl AdditiveStream {
     pub(super) fn reset(&mut self) {
         self.stream.reset();
         self.raw.fill(0.0);
+        self.novelty[0].fill(0.0);
     }
 
     /// Scores of the learners from the samples so far, and what is expected of the others.
@@ -88,10 +93,21 @@ impl AdditiveStream {
         }
     }
 
+    /// The novelty of the whole window whose scores were computed last.
+    pub(super) fn novelty(&mut self, model: &Model) -> Option<f64> {
+        let [raw, all] = &mut self.novelty;
+        all.copy_from_slice(raw);
+        model.add_novelty(self.path, all, model.n_raw(), &self.values);
+        model.novelty_of(all)
+    }
+
     /// Adds rows of samples from `first` on to the sums of the raw block.
     fn add_raw(&mut self, model: &Model, first: usize, values: &[f64]) {
         let rows = model.raw_rows(first);
         self.path.run(AddRows { sums: &mut self.raw, rows, values, scale: 1.0 });
+        if model.n_raw() > 0 {
+            model.add_novelty(self.path, &mut self.novelty[0], first * model.n_axes(), values);
+        }
     }
 }
 

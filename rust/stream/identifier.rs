@@ -176,7 +176,11 @@ impl StreamingIdentifier {
         let (best, margin) = best_and_margin(&self.losses);
         let is_final = self.is_complete();
         if is_final && !self.is_judged {
-            self.model.judge(&self.losses, &self.scores, &mut self.verdict);
+            let novelty = match &mut self.stream {
+                Stream::Additive(stream) => stream.novelty(&self.model),
+                Stream::MultiBand(stream) => stream.novelty(&self.model),
+            };
+            self.model.judge(&self.losses, novelty, &mut self.verdict);
             self.is_judged = true;
         }
         Ok(Standing {

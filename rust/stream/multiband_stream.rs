@@ -17,6 +17,8 @@ pub(super) struct MultiBandStream {
     work: Workspace,
     features: Vec<f64>,
     sums: Vec<f64>,
+    /// Sums of the novelty; empty where unknown materials are not refused.
+    novelty: Vec<f64>,
     path: SimdPath,
 }
 
@@ -29,6 +31,7 @@ impl MultiBandStream {
             work: multiband.workspace()?,
             features: filled(0.0, multiband.n_features())?,
             sums: filled(0.0, model.lanes())?,
+            novelty: filled(0.0, model.novelty_width())?,
             path: SimdPath::detect()?,
             multiband: multiband.clone(),
         })
@@ -73,6 +76,13 @@ impl MultiBandStream {
     pub(super) fn reset(&mut self) {
         self.position = Position::new(self.position.windows);
         self.work.restart();
+    }
+
+    /// The novelty of the window whose scores were computed last.
+    pub(super) fn novelty(&mut self, model: &Model) -> Option<f64> {
+        self.novelty.fill(0.0);
+        model.add_novelty(self.path, &mut self.novelty, 0, &self.features);
+        model.novelty_of(&self.novelty)
     }
 
     /// Scores of the learners from the rows so far; before the first the intercepts.

@@ -13,8 +13,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from sklearn.pipeline import make_pipeline
 
 import granular_id as gid
+from granular_id.confidence import Novelty
+from granular_id.confidence.novelty import scaled
+from granular_id.identifier.adapt import features_of
 from granular_id.identifier.rules import confidence_rules
 
 HERE = Path(__file__).resolve().parent
@@ -26,7 +30,8 @@ def main(folder=HERE / "rules", seconds=0.5, space="hfmh"):
     folder.mkdir(parents=True, exist_ok=True)
     of_pushes = {"duration_s": seconds, "rate_hz": 100.0}
     training = gid.synthesize(KNOWN, 12, seed=1, **of_pushes)
-    model = gid.Identifier.fit(training, space, coverage=0.9, share_known=0.9, early=False, n_bins=20)
+    pipeline = make_pipeline(gid.HFMH(n_bins=20), gid.ECOCClassifier()) if space == "hfmh" else space
+    model = gid.Identifier.fit(training, pipeline, share_known=0.9, target_error=None)
     model.save(folder / "model.safetensors")
     known, others = (
         gid.synthesize(KNOWN, 10, seed=2, **of_pushes),
@@ -34,12 +39,12 @@ def main(folder=HERE / "rules", seconds=0.5, space="hfmh"):
     )
     X = np.concatenate([known.X, others.X]).astype("<f4")
     (folder / "wrench.f32").write_bytes(X.tobytes())
-    (conformal, unknown), scores = confidence_rules(model.core), model.scores(X)
-    values = -model.core.losses(scores)
+    (candidates, unknown), values = confidence_rules(model.core), -model.losses(X)
+    scaling, *fitted = model.core.novelty
+    known = unknown.knows(Novelty(*fitted).parts(scaled(features_of(model.core, X.astype(float)), scaling)))
     lines = [
-        f"{model.classes[row.argmax()]}\t{', '.join(conformal.names(row, at_least_one=True))}\t"
-        f"{not unknown.knows(row, of_learners)}\n"
-        for row, of_learners in zip(values, scores, strict=True)
+        f"{model.classes[row.argmax()]}\t{', '.join(candidates.names(row))}\t{not is_known}\n"
+        for row, is_known in zip(values, known, strict=True)
     ]
     (folder / "answers.txt").write_text("".join(lines), encoding="utf-8")
     print(f"{len(lines)} pushes in {folder}, {sum('True' in line for line in lines)} unknown")

@@ -5,7 +5,6 @@
 They go to ``corpus/model_file`` beside this script, where the fuzzer adds what it finds.
 """
 
-import json
 import struct
 import sys
 from pathlib import Path
@@ -15,7 +14,7 @@ sys.path.insert(0, str(HERE.parent / "python"))
 
 from granular_id._core import FeatureSpec  # noqa: E402
 from model_bad_files import BAD, GOOD, without_raw  # noqa: E402  # only now can they be found
-from model_cases import banded_model, random_model, rules_of_all_kinds, small_model  # noqa: E402
+from model_cases import banded_model, random_model, small_model, with_rules  # noqa: E402
 
 CORPUS = HERE / "corpus" / "model_file"
 LONGEST = 4096
@@ -25,9 +24,7 @@ BANDED = ((("level",),), (("quantiles", "level"),), (("coupling", "envelope", "s
 CORPUS.mkdir(parents=True, exist_ok=True)
 good = [GOOD, without_raw(7), random_model(1, 2, 1, 1, PLAIN).to_bytes(), small_model(loss="root").to_bytes()]
 good += [banded_model(*sizes).to_bytes() for sizes in BANDED]
-for rules in rules_of_all_kinds():
-    trained = {"trained": json.dumps({"confidence": rules})}
-    good.append(random_model(7, 3, 5, 2, FeatureSpec(n_bins=4, order=2), metadata=trained).to_bytes())
+good.append(random_model(7, 3, 5, 2, FeatureSpec(n_bins=4, order=2), **with_rules(18)).to_bytes())
 files = [data for data in (*good, *(data for data, _ in BAD.values())) if len(data) <= LONGEST]
 for i, data in enumerate(files):
     (CORPUS / f"seed_{i:03d}").write_bytes(b"\0" + data)

@@ -37,7 +37,7 @@ def saved(data, folder):
     return folder
 
 
-SMALL = ("--train", 6, "--test", 3, "--partitions", 3, "--n-bins", 10, "--spaces", "raw+hfmh,hfmh,raw")
+SMALL = ("--n-bins", 10, "--spaces", "raw+hfmh,hfmh,raw")
 
 SMALL_MODEL = ("--space", "raw+hfmh", "--n-bins", 10, "--target-error", 0.2)
 

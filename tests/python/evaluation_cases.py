@@ -1,6 +1,7 @@
 """Small data sets for the tests of the evaluation."""
 
 import numpy as np
+from sklearn.base import BaseEstimator, ClassifierMixin
 
 from granular_id.recording import Dataset, Recording
 
@@ -37,16 +38,42 @@ def changed(data, **fields):
     )
 
 
-SMALL = {
-    "n_partitions": 3,
-    "train_per_class": 6,
-    "test_per_class": 3,
-    "n_folds": 3,
-    "controls": False,
-    "progress": False,
-}
+QUIET = {"baselines": False, "progress": False}
 THREE = ("raw+hfmh", "hfmh", "raw")
 
 
 def flat(X):
     return X.reshape(len(X), -1)
+
+
+class Centroids(ClassifierMixin, BaseEstimator):
+    """Nearest class mean: trains in no time."""
+
+    def fit(self, X, y):
+        self.classes_ = np.unique(y)
+        self.means_ = np.stack([X[y == k].mean(axis=0) for k in self.classes_])
+        return self
+
+    def decision_function(self, X):
+        values = 2 * X @ self.means_.T - (self.means_**2).sum(axis=1)
+        return values[:, 1] - values[:, 0] if len(self.classes_) == 2 else values
+
+    def predict(self, X):
+        return self.classes_[(2 * X @ self.means_.T - (self.means_**2).sum(axis=1)).argmax(axis=1)]
+
+
+def of_levels(levels, labels, sessions, **fields):
+    """Recordings of eight samples that hold a level (n, C) of each; `fields` have a value for each recording."""
+    return Dataset(
+        [
+            Recording(
+                np.tile(level, (8, 1)) + 1e-6 * np.arange(8)[:, np.newaxis],
+                500.0,
+                label=str(label),
+                session=session,
+                name=f"{k}",
+                **{name: values[k] for name, values in fields.items()},
+            )
+            for k, (level, label, session) in enumerate(zip(levels, labels, sessions, strict=True))
+        ]
+    )

@@ -86,7 +86,7 @@ def offsets(name, start, end):
 
 
 def exchanged(one, other):
-    """Return the good file with two tensors of one shape in each other's place."""
+    """Return the good file with two tensors in each other's place."""
     found, data = entries(TENSORS)
     return framed({"__metadata__": METADATA, **found, one: found[other], other: found[one]}, data)
 
@@ -122,7 +122,6 @@ def large(n_learners, last):
         "feature_spec": json.dumps({**SPEC, "hfmh": False}),
         "n_samples": str(n_samples),
         "classes": '["a", "b"]',
-        "posterior": "",
     }
     tensors = {"coef": coef, "intercept": np.zeros(n_learners), "coding_matrix": matrix}
     return put_together(metadata, tensors)
@@ -196,7 +195,7 @@ BAD: dict[str, tuple[bytes, str]] = {
     "no version": (with_metadata(format_version=None), "must have an entry 'format_version'"),
     "another label": (GOOD.replace(b"material 1", b"material 3"), f"the hash that {DIGEST} names"),
     "another weight": (GOOD[:-1] + bytes([GOOD[-1] ^ 1]), f"the hash that {DIGEST} names"),
-    "weights exchanged": (exchanged("posterior_weights", "intercept"), f"the hash that {DIGEST} names"),
+    "weights exchanged": (exchanged("coef", "coding_matrix"), f"the hash that {DIGEST} names"),
     **{
         f"no {key}": (with_metadata(**{key: None}), f"must have an entry '{key}'")
         for key in sorted(METADATA)
@@ -211,7 +210,7 @@ BAD: dict[str, tuple[bytes, str]] = {
     "more said of a tensor": (entry("coef", extra=1), "tensor 'coef' has an unknown key 'extra'"),
     "overlap": (offsets("intercept", -8, 0), "do not fill the file"),
     "gap": (offsets("intercept", 8, 0), "do not fill the file"),
-    "past the end": (offsets("sigmoid", 0, 8), "do not fill the file"),
+    "past the end": (offsets("raw_mean", 0, 8), "do not fill the file"),
     "reversed offsets": (entry("coef", data_offsets=[100, 50]), "do not fill the file"),
     "negative offset": (entry("coef", data_offsets=[-8, 50]), "do not fill the file"),
     "offset 2^64 - 1": (entry("coef", data_offsets=[0, (1 << 64) - 1]), "do not fill the file"),
@@ -245,7 +244,6 @@ BAD: dict[str, tuple[bytes, str]] = {
     "NaN": (with_value("coef", (1, 3), np.nan), "coef[1, 3] must be finite, got NaN"),
     "infinity": (with_value("intercept", 2, -np.inf), "intercept[2] must be finite, got -inf"),
     "NaN in raw_mean": (with_value("raw_mean", 0, np.nan), "raw_mean[0] must be finite"),
-    "NaN in sigmoid": (with_value("sigmoid", (2, 1), np.nan), "sigmoid[2, 1] must be finite"),
     "infinite margin": (with_value("early", (0, 1), np.inf), "early[0, 1] must be finite"),
     "code 2": (with_value("coding_matrix", (0, 1), 2.0), "coding_matrix[0, 1] must be -1, 0 or 1, got 2"),
     "code 1/2": (with_value("coding_matrix", (2, 2), 0.5), "coding_matrix[2, 2] must be -1, 0 or 1, got 0.5"),
@@ -307,7 +305,7 @@ BAD: dict[str, tuple[bytes, str]] = {
         "units must be a list of 2, one for each axis, got 0",
     ),
     "units with escapes": (with_metadata(units=r'["N", "\u0007"]'), r"printable text, got '\u{7}'"),
-    "coding with a line end": (with_metadata(coding="one\nvsone"), "coding must be at most 256 bytes"),
+    "version with a line end": (with_metadata(library_version="1\n0"), "library_version must be at most 256"),
     "long version": (with_metadata(library_version="1" * 300), "library_version must be at most 256 bytes"),
     "training hash": (with_metadata(training_sha256="AB" * 32), "must be 64 hexadecimal digits"),
     **{
@@ -324,10 +322,6 @@ BAD: dict[str, tuple[bytes, str]] = {
     "early between samples": (with_value("early", (0, 0), 1.5), "early[0] must be"),
     "early after the end": (with_value("early", (1, 0), 6.0), "early[1] must be"),
     "early of a negative margin": (with_value("early", (1, 1), -0.1), "early[1] must be"),
-    "sigmoid of another shape": (with_tensors(sigmoid=np.zeros((2, 3))), "sigmoid must have shape (3, 2)"),
-    "sigmoid without posterior": (with_metadata(posterior=""), "sigmoid is of no use without a posterior"),
-    "posterior without sigmoid": (with_tensors(sigmoid=None), "of no use without sigmoid"),
-    "weight 0": (with_value("posterior_weights", 1, 0.0), "posterior_weights must be positive, got 0"),
 }
 """Name to the bytes and a piece of the message."""
 

@@ -10,7 +10,7 @@ import struct
 import numpy as np
 
 from granular_id._core import FeatureSpec, Model, MultiBandExtractor
-from granular_id.confidence import ConformalRule, UnknownRule
+from granular_id.confidence import CandidateRule, UnknownRule
 from granular_id.ecoc import onevsone
 
 DIGEST = "content_sha256"
@@ -34,16 +34,11 @@ def random_model(seed, n_classes, n_samples, n_axes, spec=None, scale=1.0, **key
 
 def small_model(**changes):
     """Return a model of three classes with everything that a model may have."""
-    n_raw, n_learners = N_SAMPLES * N_AXES, 3
     keywords = {
         "spec": FeatureSpec(n_bins=4, order=2, bin_range=[(-1.0, 1.0), (-0.5, 0.5)]),
-        "raw_mean": np.zeros(n_raw),
+        "raw_mean": np.zeros(N_SAMPLES * N_AXES),
         "early": [[2, 0.5], [4, 0.0]],
-        "sigmoid": np.tile([-1.0, 0.25], (n_learners, 1)),
-        "posterior_weights": np.full(n_learners, 8.0),
         "metadata": {
-            "posterior": "kullback_leibler",
-            "coding": "onevsone",
             "training_sha256": "ab" * 32,
             "lead_s": "0.25",
             "axes": '["fx", "fz"]',
@@ -69,16 +64,20 @@ def banded_model(blocks=("quantiles", "level"), n_samples=8, n_axes=1, **keyword
     return Model(extractor, coef, intercept, onevsone(3), ["rice", "salt", "peas"], **keywords)
 
 
-def rules_of_all_kinds(labels=("material 0", "material 1", "material 2")):
-    """Return what may stand under "confidence" for a model of three classes, one-vs-one: refusal by both inputs."""
-    unit = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    return [
-        {
-            "conformal": ConformalRule(labels, (0.8, 0.9), (0.1, 0.2), 9).to_dict(),
-            "unknown": UnknownRule(labels, 0.5, 0.9, 9, unit, unit, of_pairs=of_pairs).to_dict(),
-        }
-        for of_pairs in (True, False)
-    ]
+def with_rules(n_features, labels=("material 0", "material 1", "material 2")):
+    """Return what a model of three classes needs to name candidates and refuse unknown materials: keywords."""
+    rng = np.random.default_rng(3)
+    rules = {
+        "candidates": CandidateRule(labels, 0.9, 0.2, 9, 3, 0.91, 0.85).to_dict(),
+        "unknown": UnknownRule(labels, (0.5, 0.25), 0.5 * n_features, 0.9, 9).to_dict(),
+    }
+    return {
+        "metadata": {"trained": json.dumps({"confidence": rules})},
+        "novelty": tuple(rng.normal(size=(n_rows, n_features)) for n_rows in (2, 2, 3)),
+    }
+
+
+NUMBERS = {"F64": "<f8", "F32": "<f4"}
 
 
 def taken_apart(data):
@@ -89,7 +88,7 @@ def taken_apart(data):
     tensors = {}
     for name, entry in header.items():
         start, end = entry["data_offsets"]
-        values = np.frombuffer(data[8 + length + start : 8 + length + end], "<f8")
+        values = np.frombuffer(data[8 + length + start : 8 + length + end], NUMBERS[entry["dtype"]])
         tensors[name] = values.reshape(entry["shape"])
     return metadata, tensors
 

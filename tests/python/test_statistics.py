@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
-from scipy import optimize, special
-from sklearn.metrics import f1_score, recall_score
+from scipy import special, stats
+from sklearn.metrics import recall_score
 
 from granular_id.statistics import (
+    cluster_interval,
     confusion_counts,
     corrected_resampled_t,
     holm,
-    macro_f1,
     mann_whitney,
-    mean_interval,
     recall_per_class,
     sample_sd,
 )
@@ -42,20 +41,44 @@ def test_corrected_t_is_the_same_when_methods_swap(differences):
     assert forth == pytest.approx(back, nan_ok=True)
 
 
-def test_interval_holds_the_means_that_the_test_does_not_reject():
-    shares = np.array([0.90, 0.94, 0.92, 0.88, 0.96])
+def answers(shares, n=10, n_classes=1):
+    """Answers of sessions that all classes share, of which a share is right in each."""
+    right = np.concatenate([np.arange(n) < share * n for share in shares for _ in range(n_classes)])
+    truth = np.tile(np.repeat(np.arange(n_classes), n), len(shares))
+    return right, truth, np.repeat([f"s{k}" for k in range(len(shares))], n * n_classes)
 
-    def excess(mean):
-        return corrected_resampled_t(shares - mean, 40, 10) - 0.05
 
-    low, high = mean_interval(shares, 40, 10)
-    assert low == pytest.approx(optimize.brentq(excess, 0.5, 0.919))
-    assert high == pytest.approx(optimize.brentq(excess, 0.921, 1.5))
+@pytest.mark.parametrize("n_classes", [1, 3])
+def test_interval_of_equal_sessions_is_that_of_their_mean(n_classes):
+    shares = [0.4, 0.6, 0.5, 0.9]
+    low, high = cluster_interval(*answers(shares, n_classes=n_classes))
+    assert (low, high) == pytest.approx(stats.t.interval(0.95, 3, np.mean(shares), stats.sem(shares)))
+
+
+def test_interval_of_own_sessions_adds_the_spread_of_each_class():
+    right, _, sessions = answers([0.4, 0.6, 0.8, 0.5, 0.7, 0.9])
+    low, high = cluster_interval(right, np.repeat([0, 1], 30), sessions)
+    error = math.hypot(stats.sem([0.4, 0.6, 0.8]), stats.sem([0.5, 0.7, 0.9])) / 2
+    assert (low, high) == pytest.approx(stats.t.interval(0.95, 4, 0.65, error))
 
 
 def test_interval_stays_among_the_possible_accuracies():
-    assert mean_interval([1.0, 1.0, 0.9], 8, 2)[1] == 1.0
-    assert mean_interval([0.0, 0.0, 0.1], 8, 2)[0] == 0.0
+    assert cluster_interval(*answers([1.0, 1.0, 0.5]))[1] == 1.0
+    assert cluster_interval(*answers([0.0, 0.0, 0.5]))[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("right", "truth", "sessions"),
+    [
+        ([1, 0, 1, 0], [0, 1, 0, 1], list("sstt")),
+        ([1, 1, 1], [0, 0, 0], list("stu")),
+        ([1, 0, 1, 0], [0, 0, 0, 1], list("stuu")),
+    ],
+    ids=["two sessions", "no spread", "a class with one session"],
+)
+def test_interval_of_too_little_is_none(right, truth, sessions):
+    found = cluster_interval(np.array(right, dtype=bool), np.array(truth), np.array(sessions))
+    assert np.isnan(found).all()
 
 
 @pytest.mark.parametrize("differences", [[0.0], [0.0] * 20, [1e-17, 0.0, -1e-17]])
@@ -66,7 +89,6 @@ def test_no_difference_at_all_is_none(differences):
 @pytest.mark.parametrize("differences", [[0.1], [0.1] * 20, [0.9 - 0.8, 0.7 - 0.6, 0.4 - 0.3]])
 def test_what_has_no_spread_tells_no_uncertainty(differences):
     assert math.isnan(corrected_resampled_t(differences, 550, 132))
-    assert all(map(math.isnan, mean_interval(differences, 550, 132)))
     assert math.isnan(sample_sd(np.array([0.9])))
 
 
@@ -120,5 +142,3 @@ def test_figures_of_a_confusion_are_scikit_learns_to_the_bit_where_classes_are_m
         classes = {"labels": range(n_classes)}
         recall = recall_score(truth, predicted, average=None, zero_division=np.nan, **classes)
         np.testing.assert_array_equal(recall_per_class(confusion), recall)
-        f1 = f1_score(truth, predicted, average="macro", zero_division=0, **classes)
-        assert macro_f1(confusion) == f1

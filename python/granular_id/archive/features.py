@@ -338,7 +338,7 @@ def _transformer(space: Any) -> tuple[str, Any]:
         title, transformer = type(space).__name__, clone(space)
         threads = [key for key in transformer.get_params() if key.rpartition("__")[2] == "threads"]
         transformer.set_params(**dict.fromkeys(threads, 1))
-    if not (hasattr(transformer, "learns") or hasattr(transformer, "steps")):
+    if not any(hasattr(transformer, name) for name in ("learns", "steps", "transformer_list")):
         raise argument_error(
             TypeError, "space", f"={title} must say by learns = False that it learns nothing"
         )

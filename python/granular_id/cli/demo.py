@@ -66,7 +66,6 @@ def demo(
         evaluate_and_show(
             data,
             {name: known[name] for name in USUAL_SPACES},
-            "auto",
             outputs,
             random_state=seed,
             n_jobs=-1 if threads is None else threads,

@@ -30,9 +30,9 @@ FOUND_ERRORS = 3
 P = ParamSpec("P")
 
 _SAME = (
-    "array axes begin_at bin_range block_weights C coding cutoff_hz direction dtype duration_s "
-    "false_alarm_rate hold_out hop_s initial label lead_s max_force_n max_gap max_gap_s max_torque_n_m n_bins "
-    "n_samples on_error on_gap on_short on_time_error order pre_s protocol rate_hz rest_s robot "
+    "array axes begin_at bin_range block_weights C cutoff_hz direction dtype duration_s "
+    "false_alarm_rate hop_s initial label lead_s max_force_n max_gap max_gap_s max_torque_n_m n_bins "
+    "n_samples on_error on_gap on_short on_time_error order pre_s rate_hz rest_s robot "
     "scheduler sensor_range session space spaces speed_m_s tare_s target_error threads threshold_n time_unit "
     "topic trigger units window_s"
 )
@@ -45,7 +45,7 @@ OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "train_per_class": "--train",
     "test_per_class": "--test",
     "random_state": "--seed",
-    "n_folds": "--folds",
+    "by": "--hold-out",
 }
 """The option that sets an argument of the library."""
 
@@ -190,7 +190,7 @@ _ARCHIVE_WAYS_OUT = {
 _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"in Identifier\.fit\(data, '([\w-]+)'\), and give model=": r"in granular-id train --space \1, and add --model",
     r"\bNone(?=(:| for) no limit)": "inf",
-    r"pass train_per_class=(\d+), test_per_class=(\d+)": r"add --train \1 --test \2",
+    r"pass paper=\(\d+, (\d+), (\d+)\)": r"add --train \1 --test \2",
     r"leave out ((?:'[^']*', )*'[^']*'), or record more": _excluded,
     r"\.find_onsets\(overrule=\{name: seconds\}\)": "--onset-at NAME=SECONDS",
     r"call \.predict_over\(recording\)": "answer over all of it with --hop-s",

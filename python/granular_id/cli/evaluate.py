@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -22,7 +22,6 @@ from granular_id.cli.outputs import (
     PICTURE,
     PREDICTIONS,
     check_outputs,
-    fits,
     print_table,
     repeated_command,
     say_written,
@@ -35,7 +34,13 @@ if TYPE_CHECKING:
     from granular_id.recording import Dataset
     from granular_id.spaces import FeatureSpace
 
-SPLIT, METHOD, OUTPUT = "Partitions", "Method", "Output"
+SPLIT, METHOD, OUTPUT = "Held out", "Method", "Output"
+
+BY = (
+    "auto: sessions where half of the materials have several, else halves in time, else random folds. Or session, "
+    "time, random; or a condition: day, tool, sensor, any entry of the metadata."
+)
+"""What ``--hold-out`` takes."""
 
 
 @dataclass(kw_only=True)
@@ -85,14 +90,15 @@ class Outputs:
     def write(self, result: EvaluationResult, space: str | None) -> list[Path]:
         """Write everything that was asked for; return the paths."""
         written = []
-        for path, write in (
-            (self.report, result.report),
-            (self.json, result.to_json),
-            (self.csv, result.to_csv),
-        ):
+        for path, write in ((self.json, result.to_json), (self.csv, result.to_csv)):
             if path is not None:
                 write(path)
                 written.append(path)
+        if self.report is not None:
+            from granular_id.report import write as write_report
+
+            write_report(result, self.report)
+            written.append(self.report)
         if self.figures is not None:
             from granular_id.report import figures
 
@@ -103,132 +109,75 @@ class Outputs:
 def evaluate_and_show(
     data: Dataset,
     spaces: Mapping[str, FeatureSpace],
-    protocol: str,
     outputs: Outputs,
     *,
     confusion: str | None = None,
+    details: bool = False,
     quiet: bool = False,
     **arguments: Any,
 ) -> None:
-    """Evaluate, print the tables, write the files, say where they are; when quiet print accuracies only.
+    """Evaluate, print one screen, write the files, say where they are; when quiet print accuracies only.
 
-    Ends with exit code 3 where the recordings hold what spoils the figures, unless that is among `accept`.
+    Ends with exit code 3 where something spoils the figures, unless that is among `accept`.
     """
-    from granular_id.evaluation import evaluate as evaluate_spaces
+    from granular_id.evaluation import (
+        accuracy_table,
+        confusion_table,
+        evaluate as evaluate_spaces,
+        gap_lines,
+        headline,
+        remarks,
+        spoiled_lines,
+    )
 
-    result = evaluate_spaces(data, spaces, protocol, progress=not quiet, **arguments)
+    result = evaluate_spaces(data, spaces, progress=not quiet, **arguments)
     result = replace(result, command=repeated_command())
-    _print_findings(result)
-    _print_result(result, confusion, brief=quiet)
+    for line in spoiled_lines(result):
+        show(line, "bold red")
+    if result.spoiling:
+        show(f"where it is known: {' '.join(f'--accept {one.code}' for one in result.spoiling)}", "bold red")
+    show(headline(result), "bold yellow" if result.synthetic else "bold")
+    for line in gap_lines(result):
+        show(line)
+    print_table(accuracy_table(result), strong=result.synthetic)
+    if not quiet:
+        for line in remarks(result):
+            show(line)
+    if confusion is not None:
+        print_table(confusion_table(result, confusion), tight=True)
+    if details:
+        show(result.details())
     written = outputs.write(result, confusion)
-    if not quiet and outputs.report is None:
-        show("\nall tables and figures on one page: add --report FILE.html")
+    if not quiet and not details and outputs.report is None:
+        show("more: --details; all tables and figures on one page: --report FILE.html")
     say_written(written, repeat=not quiet)
     if result.spoiling:
         raise typer.Exit(FOUND_ERRORS)
 
 
-def _print_findings(result: EvaluationResult) -> None:
-    """Say above the tables what spoils them, and how to state that it is known."""
-    from granular_id.evaluation import finding_lines
-
-    spoiling = result.spoiling
-    for number, line in enumerate(finding_lines(result)):
-        show(("" if number else "\n") + line, "bold red" if number < len(spoiling) else "")
-    if spoiling:
-        known = " ".join(f"--accept {finding.code}" for finding in spoiling)
-        show(
-            f"Do not rely on the figures below before this is settled; where it is known: {known}",
-            "bold red",
-        )
-
-
-def _print_result(result: EvaluationResult, space: str | None, *, brief: bool) -> None:
-    """Print accuracies with gaps and notes; unless `brief` controls, comparison, choices, confusion and seconds too."""
-    from granular_id.evaluation import (
-        PAPER_NOTE,
-        accuracy_table,
-        choice_tables,
-        comparison_tables,
-        confusion_table,
-        controls_table,
-        hold_out_tables,
-        mistakes_table,
-        seconds_table,
-    )
-
-    accuracies = accuracy_table(result)
-    if brief:
-        footnotes = tuple(note for note in accuracies.notes if note == PAPER_NOTE)
-        print_table(replace(accuracies, notes=footnotes), strong=result.synthetic)
-        return
-    print_table(accuracies, strong=result.synthetic)
-    for table in hold_out_tables(result):
-        print_table(table)
-    if result.controls:
-        print_table(controls_table(result))
-    for table in (*comparison_tables(result)[:1], *choice_tables(result)):
-        print_table(table)
-    # The matrix of the protocol that flatters least; the report and the figures have all of them.
-    protocol = result.headline
-    chosen = space or result.best_space(protocol)
-    matrix = confusion_table(result, chosen, protocol)
-    if fits(matrix):
-        print_table(matrix, tight=True)
-    else:
-        print_table(mistakes_table(result, chosen, protocol))
-    print_table(seconds_table(result))
-
-
 @dataclass(kw_only=True)
-class Partitions:
-    """What trains and what is tested."""
+class HoldOut:
+    """What is held out."""
 
-    protocol: Literal["auto", "paper", "session", "chronological", "kfold"] = option(
-        SPLIT, "auto: the strictest that the recordings allow, and as many at random.", default="auto"
-    )
-    hold_out: str | None = option(
-        SPLIT,
-        "Hold out each value of this condition in turn: session, day, tool, sensor, or any entry of the metadata.",
-    )
+    hold_out: str = option(SPLIT, BY, default="auto")
     paper: bool = option(
         SPLIT, "The paper's table: its feature spaces, 20 random partitions of 50 and 12.", default=False
     )
-    train: int | None = option(
-        SPLIT, "Training recordings of each class, of --paper. Default: 50.", callback=count(1)
+    train: int = option(
+        SPLIT, "Training recordings of each material, of --paper.", default=50, callback=count(1)
     )
-    test: int | None = option(
-        SPLIT, "Test recordings of each class, of --paper. Default: 12.", callback=count(1)
-    )
-    partitions: int | None = option(
-        SPLIT, "Number of random partitions, of --paper. Default: 20.", callback=count(1)
-    )
-    folds: int | None = option(
-        SPLIT,
-        "Folds of kfold, the most of auto, and of session with one session per class. Default: 5; of auto 3 for more "
-        "than 2000 recordings.",
-        callback=count(2),
-    )
+    test: int = option(SPLIT, "Test recordings of each material, of --paper.", default=12, callback=count(1))
+    partitions: int = option(SPLIT, "Number of random partitions, of --paper.", default=20, callback=count(1))
     accept: list[str] | None = option(
         SPLIT, "A finding, by its name in data check, that is known: no exit code 3. Repeatable."
     )
     seed: int = option(SPLIT, "Same seed, same numbers.", default=0, callback=count(0))
 
     def __post_init__(self) -> None:
-        if self.paper and self.protocol not in ("auto", "paper"):
-            raise ValueError(f"--paper is random partitions: leave out --protocol {self.protocol}")
-        alone = {
-            "--paper": self.paper,
-            f"--protocol {self.protocol}": self.protocol != "auto",
-            "--folds": self.folds is not None,
-        }
-        for other, given in alone.items():
-            if given and self.hold_out is not None:
-                raise ValueError(
-                    f"--hold-out takes each value of {self.hold_out!r} in turn: leave out {other}"
-                )
-        if self.paper:
-            self.protocol = "paper"
+        if self.paper and self.hold_out != "auto":
+            raise ValueError(f"--paper is random partitions: leave out --hold-out {self.hold_out}")
+        if not self.paper and (self.train, self.test, self.partitions) != (50, 12, 20):
+            raise ValueError("--train, --test and --partitions are of --paper: add it, or leave them out")
 
 
 @command
@@ -236,16 +185,17 @@ def evaluate(
     reading: Reading,
     steps: Steps,
     method: Method,
-    parts: Partitions,
+    held: HoldOut,
     outputs: Outputs,
     *,
-    controls: bool = option(SPLIT, "What the rest and the clock alone would give.", default=True),
-    spaces: str = option(
+    baselines: bool = option(SPLIT, "What the rest and the clock alone would give.", default=True),
+    spaces: str | None = option(
         METHOD,
-        "Feature spaces separated by commas; paper: the paper's; all. Default: raw+hfmh,multiband,best.",
-        default="",
+        "Feature spaces separated by commas, the headline's first; paper: the paper's; all. Default: "
+        "best,multiband,raw+hfmh.",
     ),
-    confusion: str | None = option(OUTPUT, "Space of the confusion matrix. Default: the best."),
+    confusion: str | None = option(OUTPUT, "Print the confusion matrix of this space."),
+    details: bool = option(OUTPUT, "Print folds, mistakes, comparisons, choices and seconds.", default=False),
     quiet: bool = option(OUTPUT, "Print the table of accuracies only.", "--quiet", default=False),
 ) -> None:
     """Measure how well the materials in a set of recordings are told apart.
@@ -259,26 +209,26 @@ def evaluate(
     Examples:
 
     `granular-id evaluate recordings --report report.html`
-    `granular-id evaluate recordings --paper --train 40 --test 10 --json result.json --csv predictions.csv`
+    `granular-id evaluate recordings --hold-out tool --details`
+    `granular-id evaluate recordings --spaces raw+hfmh,multiband --json result.json --csv predictions.csv`
     `granular-id evaluate irregular --rate-hz 100 --max-gap-s 1 --n-samples shortest --bin-range auto`
-    `granular-id evaluate recordings --protocol session --spaces raw,raw+hfmh --figures figures`
-    `granular-id evaluate few --protocol kfold --folds 5`
-    `granular-id evaluate recordings --hold-out tool`
+    `granular-id evaluate recordings --paper --train 40 --test 10`
 
-    The headline is the strictest protocol that the recordings allow: whole sessions held out, or halves in time
-    order. Beside it as many recordings are drawn at random, which flatters a method that recognises the session
-    instead of the material; the gap between the two is shown. Controls say what can be had without touching the
-    material. Each accuracy is printed as soon as it is known.
+    The headline is the space that stands first, on what new recordings will not share: whole sessions held out,
+    or halves in time order, or a condition. Beside it as many recordings are drawn at random, which flatters a
+    method that recognises the session instead of the material: what is lost is tested. Baselines, in brackets,
+    say what can be had without touching the material.
 
-    Exit code 3: the checks of `granular-id data check` found what spoils the figures, such as a clock that
-    names the label; `--accept NAME` says that it is known.
+    Exit code 3: the checks of `granular-id data check`, or a baseline, found what spoils the figures, such as a
+    clock that names the label; `--accept NAME` says that it is known.
     """
     method.refuse_impossible(steps.rate_hz)
-    from granular_id.evaluation import USUAL_SPACES
-
-    chosen = chosen_spaces(spaces or ("paper" if parts.paper else ",".join(USUAL_SPACES)), confusion)
     with outputs.ready(reading.path):
-        reading.refuse_absent()
+        reading.refuse_absent()  # before imports that take longer than a look
+        from granular_id.evaluation import USUAL_SPACES
+
+        wanted = ("paper" if held.paper else ",".join(USUAL_SPACES)) if spaces is None else spaces
+        chosen = chosen_spaces(wanted, confusion)
         notes = method.unused_in(chosen)
         data = equal_recordings(reading, steps, quiet=quiet)
 
@@ -290,18 +240,15 @@ def evaluate(
         evaluate_and_show(
             data,
             {name: known[name] for name in chosen},
-            parts.protocol,
             outputs,
             confusion=confusion,
+            details=details,
             quiet=quiet,
-            hold_out=parts.hold_out,
-            n_partitions=parts.partitions,
-            train_per_class=parts.train,
-            test_per_class=parts.test,
-            n_folds=parts.folds,
-            controls=controls,
-            accept=parts.accept or (),
-            classifier=ECOCClassifier(C=method.c),
+            by=held.hold_out,
+            paper=(held.partitions, held.train, held.test) if held.paper else False,
+            baselines=baselines,
+            accept=held.accept or (),
+            classifier=None if all(known[name].classifier for name in chosen) else ECOCClassifier(C=method.c),
             n_jobs=method.n_jobs,
-            random_state=parts.seed,
+            random_state=held.seed,
         )

@@ -15,13 +15,6 @@ from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 OUTPUT = "Output"
 
-SPLITS = {
-    "session": "held-out sessions",
-    "chronological": "the later half in time",
-    "kfold": "a random half",
-}
-"""What is explained, by protocol, in the heading of the figure."""
-
 
 @command
 def explain(
@@ -78,7 +71,7 @@ def explain(
     if figure is not None:
         from granular_id.plotting import plot_explanation
 
-        title = f"{method.space}, explained on {SPLITS[split['protocol']]}"
+        title = f"{method.space}, explained on {split['folds']}"
         title += ", SYNTHETIC recordings" if data.is_synthetic else ""
         plot_explanation(explanation, title=title, path=figure)
     if json is not None:

@@ -324,7 +324,7 @@ def _answer_each(
     from granular_id.identifier import identify_all
 
     taken, differences = fitting.taken(data, identifier, quiet=quiet)
-    answers = identify_all(identifier, taken, differences)
+    answers = identify_all(identifier.core, taken, differences)
     if quiet:
         for answer in answers:
             said = f"like no known material, nearest {answer.label}" if answer.unknown else answer.label

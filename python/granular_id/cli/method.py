@@ -16,9 +16,6 @@ if TYPE_CHECKING:
 
 PANEL = "Method"
 
-ONE_VS_ONE = "onevsone"
-"""Default of ``--coding``, the paper's."""
-
 
 @dataclass(kw_only=True)
 class Method:
@@ -46,7 +43,7 @@ class Method:
     )
     c: float = option(
         PANEL,
-        "Box constraint of the support vector machines; of multiband a share of the spread of its rows. Not of best.",
+        "Box constraint of the support vector machines. Not of best and multiband, which bring their own.",
         "--C",
         default=1.0,
         callback=above_zero,
@@ -113,7 +110,7 @@ class Method:
         if not given:
             return {name: {} for name in names}
         known = self.spaces(500.0)
-        return {name: _without_use(name, known[name], given) for name in names}
+        return {name: _without_use(known[name], given) for name in names}
 
 
 @dataclass(kw_only=True)
@@ -135,31 +132,25 @@ class OneSpace(Method):
 
     def pipeline(self, rate_hz: float) -> Pipeline:
         """Return the feature space with its own classifier, or the paper's, unfitted."""
-        from sklearn.base import clone
-        from sklearn.pipeline import Pipeline
-
         from granular_id.ecoc import ECOCClassifier
+        from granular_id.score import space_pipeline
 
         space = self.spaces(rate_hz)[self.space]
-        classifier = ECOCClassifier(C=self.c) if space.classifier is None else clone(space.classifier)
-        return Pipeline([("features", clone(space.transformer)), ("classifier", classifier)])
+        return space_pipeline(space.transformer, space.classifier or ECOCClassifier(C=self.c))
 
 
-def _without_use(name: str, space: FeatureSpace, given: Mapping[str, Any]) -> dict[str, str]:
+def _without_use(space: FeatureSpace, given: Mapping[str, Any]) -> dict[str, str]:
     """Say which of the options given a feature space has no use for, and why."""
     takes = {key.rpartition("__")[2]: value for key, value in space.transformer.get_params().items()}
     reasons = {
-        key: "has no use for it"
-        for key, value in given.items()
-        if key not in ("C", "coding") and takes.get(key) != value
+        key: "has no use for it" for key, value in given.items() if key != "C" and takes.get(key) != value
     }
     if "block_weights" in reasons:
         alike = "blocks" in takes  # those of multi-band features, which `BlockScaler` makes alike
-        reasons["block_weights"] = "always weighs its blocks alike" if alike else "has a single block"
+        joined = "takes its blocks as they are" if "transformer_list" in takes else "has a single block"
+        reasons["block_weights"] = "always weighs its blocks alike" if alike else joined
     if "C" in given and space.classifier is not None:
         reasons["C"] = "brings its own classifier"
-    if "coding" in given and name == "best":
-        reasons["coding"] = "is always one-vs-one"
     return reasons
 
 
@@ -186,7 +177,8 @@ def chosen_spaces(spaces: str, confusion: str | None = None) -> list[str]:
     from granular_id.spaces import feature_spaces, in_paper_order, paper_spaces
 
     if spaces == "all":
-        chosen = in_paper_order(feature_spaces())
+        own = ["best", "multiband"]  # the first is the headline's
+        chosen = [*own, *(name for name in in_paper_order(feature_spaces()) if name not in own)]
     elif spaces == "paper":
         chosen = paper_spaces(feature_spaces())
     else:

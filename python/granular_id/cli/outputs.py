@@ -115,7 +115,7 @@ class Kind(NamedTuple):
 JSON_FILE = Kind("a JSON file", JSON, rb"\s*[{\[]")
 PAGE = Kind("an HTML page", PAGES, rb"\s*<(!doctype\s+)?html")
 MODEL = Kind("a model", MODELS, rb".{8}\{")
-PREDICTIONS = Kind("a table of predictions", TABLES, rb"protocol,partition,")
+PREDICTIONS = Kind("a table of predictions", TABLES, rb"space,fold,")
 ANSWERS = Kind("a table of answers", TABLES, rb"recording,(label,margin|from_s,to_s),")
 LIVE_ANSWERS = Kind("a file of live answers", (".jsonl", ".ndjson", *JSON), rb"\s*\{")
 PICTURE = Kind("a picture", (), rb"\x89PNG|%PDF|\s*<(\?xml|svg)")

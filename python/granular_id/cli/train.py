@@ -3,59 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import typer
 
 from granular_id._files import write_json
-from granular_id.cli.method import ONE_VS_ONE, OneSpace
-from granular_id.cli.options import FORCE, a_share, command, count, option
+from granular_id.cli.evaluate import BY
+from granular_id.cli.method import OneSpace
+from granular_id.cli.options import FORCE, a_share, command, count, names_in, option
 from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, say_written, show, write_files
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
 
 
-@dataclass(kw_only=True)
-class ModelOptions(OneSpace):
-    """What a model is made of."""
-
-    coding: str = option(METHOD, "onevsone (paper) or onevsall", default=ONE_VS_ONE)
-
-    def given(self) -> dict[str, Any]:
-        """Return the settings that are not the usual ones; the recipe itself knows where C has no use."""
-        given = super().given()
-        given.pop("C", None)
-        return given if self.coding == ONE_VS_ONE else given | {"coding": self.coding}
-
-    def recipe(self) -> dict[str, Any]:
-        """Return the settings as `granular_id.identifier.Recipe` takes them."""
-        if self.tare_s is not None:
-            steady = "; --initial steady keeps an offset of the sensor out of the histogram"
-            raise ValueError(
-                "--tare-s is not for models, which take samples as they come: leave it out"
-                f"{steady if 'hfmh' in self.space else ''}"
-            )
-        return {
-            **{name: value for name, value in self.settings.items() if name != "tare_s"},
-            "space": self.space,
-            "C": self.c,
-            "coding": self.coding,
-        }
-
-
 @command
 def train(
     reading: Reading,
     steps: Steps,
-    method: ModelOptions,
+    method: OneSpace,
     *,
     output: Path = option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o", default=...),
-    hold_out: str | None = option(
-        ESTIMATE, "What new recordings will not share, held out value by value: tool, day, rig.depth_m ..."
-    ),
+    hold_out: str = option(ESTIMATE, BY, default="auto"),
     target_error: float = option(
         ESTIMATE, "Share of early answers that may be wrong.", default=0.01, callback=a_share
     ),
@@ -65,10 +34,10 @@ def train(
     share_known: float = option(
         ESTIMATE, "Share of known materials not called unknown.", default=0.95, callback=a_share
     ),
-    early: bool = option(ESTIMATE, "Allow answers before the end.", default=True),
-    folds: int = option(
-        ESTIMATE, "Random folds, without sessions and order in time.", default=5, callback=count(2)
+    background: str | None = option(
+        METHOD, "Materials recorded, but never named: gravel,sand. The unknown stands out better."
     ),
+    early: bool = option(ESTIMATE, "Allow answers before the end.", default=True),
     seed: int = option(ESTIMATE, "Same seed, same bytes.", default=0, callback=count(0)),
     figure: Path | None = option(OUTPUT, "Draw accuracy against seconds seen: png, svg or pdf."),
     json: Path | None = option(OUTPUT, "Write estimates, and accuracy against seconds seen."),
@@ -78,13 +47,13 @@ def train(
     """Train a model on all recordings and write it into one file.
 
     `granular-id identify` and `granular-id live` use it. What may be expected of it is measured on recordings
-    that are held out, as strictly as they allow: whole sessions where every material has several; else halves
-    in time order; else random folds. The output says which. On the same recordings it is found from which
+    that are held out, as strictly as they allow: whole sessions where half of the materials have several; else
+    halves in time order; else random folds. The output says which. On the same recordings it is found from which
     margin on an answer may be given before the push is over. Where new recordings will be of another tool, or
     depth, --hold-out tool measures that, and chooses by it.
 
     Features are chosen among the multi-band ones (--space best), the paper's are --space raw+hfmh; the
-    options of its histogram (--cutoff-hz, --n-bins ...), --C and --coding are for a --space that has them.
+    options of its histogram (--cutoff-hz, --n-bins ...) and --C are for a --space that has them.
 
     Examples:
 
@@ -94,8 +63,17 @@ def train(
     `granular-id train recordings -o any-tool.safetensors --hold-out tool`
     `granular-id train recordings -o paper.safetensors --space raw+hfmh --bin-range auto`
     """
+    from granular_id.identifier import SPACES
+
+    if method.space not in SPACES:
+        raise ValueError(f"--space must be one of {', '.join(map(repr, SPACES))}, got {method.space!r:.60}")
     method.refuse_impossible(steps.rate_hz)
-    settings = method.recipe()
+    if method.tare_s is not None:
+        steady = "; --initial steady keeps an offset of the sensor out of the histogram"
+        raise ValueError(
+            "--tare-s is not for models, which take samples as they come: leave it out"
+            f"{steady if 'hfmh' in method.space else ''}"
+        )
     check_outputs(
         ("--output", output, MODEL),
         ("--figure", figure, PICTURE),
@@ -104,24 +82,20 @@ def train(
         force=force,
     )
     reading.refuse_absent()
-    from granular_id.identifier import SPACES, Recipe
-
-    if method.space in SPACES:  # else the recipe says which there are
-        method.refuse_unused()
-    recipe = Recipe(**settings, random_state=seed)
+    method.refuse_unused()
     data = equal_recordings(reading, steps, quiet=quiet)
 
     from granular_id.identifier import Identifier, describe_performance, over_time, train as fit
 
     training = fit(
         data,
-        recipe,
-        hold_out=hold_out,
-        early=early,
-        target_error=target_error,
+        method.space if not method.given() else method.pipeline(data.rate_hz),
+        by=hold_out,
+        target_error=target_error if early else None,
         coverage=coverage,
         share_known=share_known,
-        n_folds=folds,
+        background=() if background is None else names_in(background),
+        random_state=seed,
         threads=method.threads,
         progress=not quiet,
     )

@@ -1,28 +1,46 @@
-"""Evaluation that can be believed: protocols, runner, controls, result, tables and files."""
+"""How well materials are told apart on recordings that were held out, and what could have been known without touching.
 
-from granular_id.evaluation.controls import Control
-from granular_id.evaluation.outcome import Prediction, SpaceSummary
+`evaluate` gives an `EvaluationResult`.
+"""
+
+from granular_id.evaluation.baselines import Baseline
+from granular_id.evaluation.compare import Pair
+from granular_id.evaluation.gap import Gap
+from granular_id.evaluation.outcome import Prediction
 from granular_id.evaluation.report_data import (
+    MOST_AXES as MOST_AXES,
+    POINTS as POINTS,
     ReportData as ReportData,
     most_different as most_different,
     window_starts as window_starts,
 )
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.evaluation.runner import USUAL_SPACES as USUAL_SPACES, evaluate
+from granular_id.evaluation.study import ConfidenceStudy, confidence_study
 from granular_id.evaluation.tables import (
     PAPER_NOTE as PAPER_NOTE,
     accuracy_table as accuracy_table,
     choice_tables as choice_tables,
     comparison_tables as comparison_tables,
     confusion_table as confusion_table,
-    controls_table as controls_table,
-    finding_lines as finding_lines,
+    fold_table as fold_table,
+    gap_lines as gap_lines,
     headline as headline,
-    hold_out_tables as hold_out_tables,
     mistakes_table as mistakes_table,
     recall_table as recall_table,
+    remarks as remarks,
     seconds_table as seconds_table,
     shows_paper as shows_paper,
+    spoiled_lines as spoiled_lines,
 )
 
-__all__ = ["Control", "EvaluationResult", "Prediction", "SpaceSummary", "evaluate"]
+__all__ = [
+    "Baseline",
+    "ConfidenceStudy",
+    "EvaluationResult",
+    "Gap",
+    "Pair",
+    "Prediction",
+    "confidence_study",
+    "evaluate",
+]

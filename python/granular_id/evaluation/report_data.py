@@ -1,19 +1,18 @@
-"""What a report draws beside accuracies: forces, what is left above the cut-off, histograms."""
+"""What a report draws beside accuracies: forces and histograms of each material."""
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
-from granular_id._estimators import describe_estimator
-from granular_id._memory import spans
-from granular_id.evaluation.features import by_columns
+from granular_id._memory import is_large, large_bytes
 from granular_id.recording import AXES, Dataset, common_units
 from granular_id.spaces import HFMH
 
@@ -25,32 +24,27 @@ MOST_AXES = 6
 POINTS = 200
 """Most points of a curve: a panel is a few hundred pixels wide."""
 
-_WINDOWS = 40  # of the residual: 80 ms in the paper's 3.2 s, in which the tool moves a seventh of its width
-
 
 @dataclass(frozen=True, eq=False)
-class HighPass:
-    """What is left above the cut-off, per material and axis.
+class Histograms:
+    """Mean histogram of the high-passed signal (HFMH), per material and axis.
 
     Parameters
     ----------
-    settings : mapping
-        Class and parameters of the `HFMH` that was used.
-    time_s : (W,) float array
-        Middle of each time window, seconds from the first sample.
-    residual : (K, C, W) float array
-        Root mean square of the high-passed signal over a window and over the recordings, in the unit of the axis.
+    cutoff_hz : float
+        Of the high-pass.
+    density : bool
+        Whether they are densities, not counts.
     bin_range : (C, 2) float array
         Lower edge of the first bin and upper edge of the last, in the unit of the axis.
-    hfmh : (K, C, n_bins) float array
-        Mean histogram over the recordings: counts, or densities where the settings say so.
+    counts : (K, C, n_bins) float array
+        Mean over the recordings of a material: counts, or densities where the feature space gives those.
     """
 
-    settings: Mapping[str, Any]
-    time_s: Floats
-    residual: Floats
+    cutoff_hz: float
+    density: bool
     bin_range: Floats
-    hfmh: Floats
+    counts: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +70,8 @@ class ReportData:
         Seconds from the first sample.
     mean, sd : (K, C, P) float arrays
         Mean and standard deviation (divisor n) over the recordings of a material, in the unit of the axis.
-    high_pass : HighPass
-        The same above the cut-off.
+    hfmh : Histograms
+        What is left above the cut-off.
     units : tuple of C str
         Unit of each axis, "" where not known.
     n_axes : int
@@ -93,7 +87,7 @@ class ReportData:
     time_s: Floats
     mean: Floats
     sd: Floats
-    high_pass: HighPass
+    hfmh: Histograms
     units: tuple[str, ...]
     n_axes: int
 
@@ -140,7 +134,7 @@ def report_data_of(data: Dataset, transformers: Sequence[BaseEstimator]) -> Repo
     shown = sorted(most_different(mean, sd)[:MOST_AXES])
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="cutoff_hz")  # the evaluation said so
-        high_pass = _high_pass(X, groups, _histogram_of(transformers, data), shown)
+        hfmh = _histograms(X, groups, _histogram_of(transformers, data), shown)
     return ReportData(
         labels=tuple(labels.tolist()),
         counts=tuple(map(len, groups)),
@@ -151,7 +145,7 @@ def report_data_of(data: Dataset, transformers: Sequence[BaseEstimator]) -> Repo
         time_s=_downsampled(np.arange(X.shape[1]) / rate_hz),
         mean=mean[:, shown],
         sd=sd[:, shown],
-        high_pass=high_pass,
+        hfmh=hfmh,
         units=tuple(common_units(data)[axis] for axis in shown),
         n_axes=len(data.axes),
     )
@@ -172,25 +166,22 @@ def _histogram_of(transformers: Sequence[BaseEstimator], data: Dataset) -> HFMH:
     )
 
 
-def _high_pass(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH, shown: list[int]) -> HighPass:
+def _histograms(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH, shown: list[int]) -> Histograms:
     fitted = clone(histogram).fit(X)
     counts = fitted.transform(X).reshape(len(X), X.shape[2], -1)[:, shown]
-    starts = window_starts(X.shape[1], _WINDOWS)
-    sizes = np.diff(starts, append=X.shape[1])
-    residual = np.empty((len(groups), len(shown), len(starts)))
-    for place, axis in enumerate(shown):  # one at a time: a copy of one axis of some recordings, not of all
-        power = np.concatenate(
-            [
-                np.add.reduceat(fitted.high_passed(X[span, :, axis]) ** 2, starts, axis=1) / sizes
-                for span in spans(len(X), X[:1].nbytes)
-            ]
-        )
-        for k, rows in enumerate(groups):
-            residual[k, place] = np.sqrt(power[rows].mean(axis=0))
-    return HighPass(
-        settings=describe_estimator(histogram),
-        time_s=(starts + (sizes - 1) / 2) / fitted.spec_.rate_hz,
-        residual=residual,
+    return Histograms(
+        cutoff_hz=float(fitted.spec_.cutoff_hz),
+        density=bool(fitted.density),
         bin_range=np.array(fitted.bin_range_[shown], dtype=np.float64),
-        hfmh=np.stack([counts[rows].mean(axis=0) for rows in groups]),
+        counts=np.stack([counts[rows].mean(axis=0) for rows in groups]),
     )
+
+
+def by_columns(statistic: Callable[..., Floats], values: Floats, rows: NDArray[np.intp]) -> Floats:
+    """Statistic over some recordings (n, T, C), some columns at a time where they are large: the bits are the same."""
+    if not is_large(len(rows) * values[:1].nbytes):
+        return statistic(values[rows], axis=0)
+    n_parts = min(values.shape[1] // 2, math.ceil(4 * len(rows) * values[:1].nbytes / large_bytes()))
+    edges = [values.shape[1] * part // n_parts for part in range(n_parts + 1)]
+    parts = (values[rows, low:high] for low, high in pairwise(edges))
+    return np.concatenate([statistic(part, axis=0) for part in parts])

@@ -2,107 +2,103 @@
 
 from __future__ import annotations
 
+import secrets
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
-from itertools import chain, product
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
+from sklearn.decomposition import PCA
+from sklearn.pipeline import Pipeline
 
-from granular_id._checks import argument_error, checked_flag
-from granular_id._estimators import describe_estimator, versions
+from granular_id._checks import argument_error, checked_flag, whole_number
+from granular_id._estimators import describe_estimator, versions, with_rate
 from granular_id._progress import ProgressCallback, Ticker, check_progress, displaying
-from granular_id._text import percent
-from granular_id.evaluation.arguments import check_dataset, plan_classifier, plan_seed, plan_spaces
-from granular_id.evaluation.controls import (
-    MOST_PARTITIONS,
-    Control,
-    PlannedControl,
-    plan_controls,
-    run_control,
-)
-from granular_id.evaluation.features import STAGES, GramBank, check_disk
+from granular_id._text import percent, verb
+from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation.baselines import Baseline, run_baselines
 from granular_id.evaluation.findings import accepted_names, refuse_copies, spoiling
-from granular_id.evaluation.outcome import SpaceSummary, strictest_of
+from granular_id.evaluation.gap import Gap
 from granular_id.evaluation.report_data import report_data_of
 from granular_id.evaluation.result import EvaluationResult
-from granular_id.evaluation.scoring import Answer, Task, answers_of
 from granular_id.features import FeatureSpec
-from granular_id.partitions import CONDITION, PROTOCOLS, Partition, protocol_name
-from granular_id.recording import Dataset, Finding, common_units, condition_of, data_warnings, describe_data
-from granular_id.spaces import FeatureSpace
-from granular_id.splits import AUTO, groups_of, plan_held_out, plan_protocols
+from granular_id.recording import Dataset, common_units, data_warnings, describe_data
+from granular_id.rica import RICA
+from granular_id.score import Held, fit_and_score, space_pipeline
+from granular_id.spaces import (
+    BestClassifier,
+    Choice,
+    FeatureSpace,
+    adapted_classifier,
+    choice_of,
+    feature_spaces,
+    in_paper_order,
+    paper_spaces,
+)
+from granular_id.splits import NAMES, Folds, hold_out, matched_draws, paper_folds
 
-USUAL_SPACES = ("raw+hfmh", "multiband", "best")
-"""The paper's best space and this package's two."""
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+USUAL_SPACES = ("best", "multiband", "raw+hfmh")
+"""The one that `Identifier.fit` trains, the same without a choice, and the paper's best."""
+
+_LEAST_TO_ADAPT = 3  # recordings of each material in each half
+_ABOUT_EQUAL = 2  # the most recordings of a material against the least of another
 
 
 def evaluate(
     data: Dataset,
-    spaces: str | Sequence[str] | Mapping[str, BaseEstimator | FeatureSpace] = USUAL_SPACES,
-    protocol: str | Sequence[str] = "auto",
+    spaces: str | Sequence[str] | Mapping[str, BaseEstimator | FeatureSpace] | None = None,
     *,
-    hold_out: str | None = None,
-    n_partitions: int | None = None,
-    train_per_class: int | None = None,
-    test_per_class: int | None = None,
-    n_folds: int | None = None,
+    by: str = "auto",
+    paper: bool | tuple[int, int, int] = False,
     classifier: BaseEstimator | None = None,
-    controls: bool = True,
+    baselines: bool = True,
     accept: str | Sequence[str] = (),
     n_jobs: int | None = None,
     random_state: int | None = 0,
     progress: bool | ProgressCallback = True,
 ) -> EvaluationResult:
-    """Train and test on partitions of a data set, the strictest that it allows first, in one or more feature spaces.
+    """Measure how well materials are told apart on recordings that were held out.
 
     Parameters
     ----------
     data : Dataset
         Recordings of equal length and rate with a label each.
-    spaces : str, sequence of str or mapping
-        Names such as ``["raw", "raw+hfmh"]``; ``"paper"``: those of the paper's table, then its control
-        ``"time-permuted"``; ``"all"``: those of the table, then ``"multiband"`` and ``"best"`` of this package; or
-        ``{name: transformer}`` for other settings (see `feature_spaces`) or one's own. A transformer that learns from
-        data is fitted on the training rows of each partition. Default: the paper's best, ``"multiband"`` and
-        ``"best"``, which together take a minute or so.
-    protocol : str or sequence of str
-        ``"auto"``: the strictest that the data allow, and beside it as many recordings of each class drawn at random,
-        fold by fold, so that the gap compares equals. The strictest are whole sessions held out of every class that has
-        several (another class is split in time, or stays in training where no order is known; the result marks it);
-        else halves in time; else random folds. Or one or more of ``"paper"`` (random partitions), ``"session"``
-        (whole sessions held out; blocks in time where a class has one session only), ``"chronological"`` (first
-        half of each class trains, second half is tested, and the reverse), ``"kfold"`` (stratified random
-        folds, for small sets). The paper's table: ``spaces="paper", protocol="paper"``.
-    hold_out : str, optional
-        A condition of the recordings instead of a protocol: ``"session"``, ``"day"`` (UTC), a field of `Setup` such as
-        ``"tool"`` or ``"sensor"``, or an entry of the metadata by its path, as ``"rig.speed_m_s"``. One value of it
-        after the other is held out whole, and beside each as many recordings at random: the gap is what another
-        value costs. A material without recordings of another value is not tested there, and a note says so.
-        `EvaluationResult.hold_out_table` has one row a value.
-    n_partitions, train_per_class, test_per_class : int, optional
-        Of ``"paper"``. Default: 20 partitions with 50 and 12 recordings of each class, as in the paper.
-    n_folds : int, optional
-        Of ``"kfold"``, of ``"session"`` where blocks in time stand in for sessions, and of ``"auto"`` the most folds of
-        sessions. Default: 5; of ``"auto"`` 3 where there are more than 2000 recordings, whose folds take minutes.
+    spaces : str, sequence of str or mapping, optional
+        Feature spaces by name, such as ``["best", "raw+hfmh"]``. The first is the headline's: it is named beforehand,
+        as the best of several would be too good. ``"paper"``: those of the paper's table, then its control
+        ``"time-permuted"``; ``"all"``: those of the table, then ``"multiband"`` and ``"best"``; or
+        ``{name: transformer}`` for other settings (see `feature_spaces`) or one's own. What learns from data is fitted
+        on the training rows of each fold. Default: ``"best"``, which `Identifier.fit` trains, ``"multiband"`` and
+        ``"raw+hfmh"``; with `paper` ``"paper"``.
+    by : str
+        What is held out. ``"auto"``: whole sessions where at least half of the materials have two or more, else halves
+        in time, else random folds; ``"session"``, ``"time"`` or ``"random"`` for one of them. Or a condition of the
+        recordings: ``"day"`` (UTC), a field of `Setup` such as ``"tool"``, or an entry of the metadata by its path, as
+        ``"rig.speed_m_s"``: one value after the other is held out whole.
+    paper : bool or tuple of three int
+        Random partitions in place of `by`, as in the paper: 20 partitions with 50 training and 12 test recordings of
+        each material, or as many as the three numbers say.
     classifier : estimator, optional
-        Any scikit-learn classifier; default `ECOCClassifier`, the paper's. ``"best"`` has its own.
-    controls : bool
-        Whether to measure what could be answered without the method: from the rest before the motion, and from the
-        clock. Default True, as they are cheap and accuracies without them may mislead. They run last, under the
-        strictest protocol.
+        Any scikit-learn classifier; default `ECOCClassifier`, the paper's. ``"best"`` and ``"multiband"`` have their
+        own.
+    baselines : bool
+        Whether to measure what could be known without touching the material: from the rest before the motion and from
+        the clock. Default True, as they are cheap and accuracies without them may mislead.
     accept : str or sequence of str
-        Findings of `Dataset.check` that are known, by their code, such as ``"leak-clock"``. Findings that spoil an
-        evaluation (errors, clocks that name the label, copies on both sides of a split) stand above the table, and in
-        `EvaluationResult.spoiling` unless they are accepted; copies on both sides of the headline's split stop it.
+        Findings that are known, by their code, such as ``"leak-clock"``. Findings that spoil an evaluation (errors of
+        `Dataset.check`, clocks that name the label, a baseline that reaches two thirds of the way to the headline)
+        stand above the table, and in `EvaluationResult.spoiling` unless they are accepted; copies of which one trains
+        while the other is tested are refused.
     n_jobs : int, optional
-        Threads over partitions, as in joblib: None is 1, -1 all cores. The numbers do not depend on it.
+        Threads over folds, as in joblib: None is 1, -1 all cores. The numbers do not depend on it.
     random_state : int or None
-        Seed of the partitions and of every ``random_state`` left None in transformers and classifier. None
+        Seed of random draws and of every ``random_state`` left None in transformers and classifier. None
         draws a fresh seed; either way the result records it.
     progress : bool or callable
         True prints each accuracy as soon as it is known, and draws a bar on a terminal (with rich installed), elsewhere
@@ -111,242 +107,330 @@ def evaluate(
     Returns
     -------
     EvaluationResult
-        ``print(result)`` shows the table.
+        ``print(result)`` shows one screen; ``result.details()`` has the rest.
 
     Raises
     ------
     TypeError
         `data` is not a `Dataset`, or an argument has the wrong type.
     ValueError
-        Lengths or rates differ, a recording has no label (or, for ``"session"``, some have no session), there is
-        one class only, a class has too few recordings, no order in time exists, a name is unknown, recordings hold
-        the same samples and one trains while the other is tested, features are not finite, a transformer is for
-        another rate, or `hold_out` is a condition that is not known of all recordings, has one value, or one value for
-        each material.
+        Lengths or rates differ, a recording has no label, there is one material only, a material has too few
+        recordings, a name is unknown, recordings hold the same samples and one trains while the other is tested,
+        features are not finite, a transformer is for another rate, or `by` cannot be held out.
 
     Notes
     -----
-    Hynninen, Nguyen Le, Kyrki, arXiv 2403.17606. Accuracy per partition is the share of tested recordings
-    that were named rightly; the table gives its mean and sample standard deviation over partitions.
+    Accuracies are balanced: the mean over materials of the share of its tested recordings that is named right. Where
+    sessions, halves or a condition are held out, as many recordings of each material are drawn at random 19 times, with
+    sessions mixed; the rank of the strict accuracy among those is an exact test of whether something is lost. For
+    ``"best"`` the draws use ``"multiband"``, where that is evaluated too. Hynninen, Nguyen Le, Kyrki, arXiv 2403.17606.
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from granular_id import Dataset, Recording
-    >>> rng = np.random.default_rng(0)
-    >>> level = {"oat": 1.0, "rice": 2.0}
-    >>> data = Dataset(
-    ...     [
-    ...         Recording(level[m] + rng.normal(size=(40, 6)), rate_hz=500, label=m, name=f"{m}{k}")
-    ...         for m in level
-    ...         for k in range(6)
-    ...     ]
-    ... )
-    >>> result = evaluate(data, "raw", progress=False)
-    >>> result.protocols
-    ('chronological', 'matched')
-    >>> result.mean_accuracy("raw")
-    1.0
-    >>> [control.name for control in result.controls]
-    ['rest', 'clock']
+    >>> from granular_id import evaluate, synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=8, sessions=4, duration_s=0.5)
+    >>> result = evaluate(data, "hfmh", progress=False)
+    >>> result.folds.name, result.accuracy()
+    ('held-out sessions', 1.0)
+    >>> str(result.gap)
+    'no loss shown with held-out sessions (p = 1.00)'
     """
     start = time.perf_counter()
-    check_dataset(data)
+    if not isinstance(data, Dataset):
+        raise argument_error(TypeError, "data", f"must be a granular_id.Dataset, got {type(data).__name__}")
     check_progress(progress)
-    controls, accepted = checked_flag("controls", controls), accepted_names(accept)
-    seed, model = plan_seed(random_state), plan_classifier(classifier)
-    X = data.X  # before the counts: resampling and cropping come first, and may change them
+    accepted, seed = accepted_names(accept), _seed(random_state)
+    checked_flag("baselines", baselines)
+    _check_classifier(classifier)
+    _ = data.X  # before anything is drawn: resampling and cropping come first, and may change the counts
     common_units(data)
-    of_paper = {
-        "n_partitions": n_partitions,
-        "train_per_class": train_per_class,
-        "test_per_class": test_per_class,
-    }
-    given = {name: value for name, value in of_paper.items() if value is not None}
-    partitions, notes, conditions = _partitions(data, protocol, hold_out, n_folds, seed, given)
-    notes += _unused(given, partitions)
-    if spaces is USUAL_SPACES and data.rate_hz <= 2 * FeatureSpec().cutoff_hz:
-        spaces = ("raw", *USUAL_SPACES[1:])
-        notes += [f"raw instead of raw+hfmh: a high-pass at 23 Hz leaves nothing of {data.rate_hz:g} Hz"]
-    planned = plan_spaces(spaces, data.rate_hz)
-    judged = strictest_of(partitions) or next(iter(partitions))
-    check_disk(X, [space.transformer for space in planned], n_jobs)
+    folds = _folds(data, by, paper, seed)
+    planned, notes = _planned(data, spaces, paper is not False)
     checked = data.check()
-    findings = spoiling(checked, partitions[judged], data)
-    refuse_copies(findings, accepted, partitions[judged], data.names)
-    notes += _not_found(accepted, (*checked, *findings))
+    findings = spoiling(checked, folds, data)
+    refuse_copies(findings, accepted, folds, data)
+    draws = matched_draws(data, folds) if folds.strict else ""
+    run = _Run(data, folds, [] if isinstance(draws, str) else draws, seed, n_jobs)
+    names = [space.name for space in planned]
+    drawn_for = "multiband" if names[0] == "best" and "multiband" in names else names[0]
+    for space in planned:
+        notes += _fewer_components(space, min(fold.train.size for fold in folds))
+    usual = ECOCClassifier() if classifier is None else classifier  # an ensemble that is not fitted is False
+    if classifier is not None and all(space.classifier is not None for space in planned):
+        problem = f"has no use: {', '.join(names)} {verb(len(names), 'has', 'have')} one of its own"
+        raise argument_error(ValueError, "classifier", problem)
+    pipelines = {
+        space.name: space_pipeline(space.transformer, usual if space.classifier is None else space.classifier)
+        for space in planned
+    }
+    truth = np.unique(data.y, return_inverse=True)[1]
+
+    def observe(fitted: Pipeline, X: Floats, train: Rows, X_new: Floats, test: Rows) -> tuple[Any, Any]:
+        adapted = None
+        if folds.by not in NAMES:
+            adapted = _adapted_answers(fitted, X, data.y[train], X_new, truth[test])
+        return choice_of(fitted), adapted
+
+    held: dict[str, Held] = {}
+    at_random: dict[str, tuple[float, ...]] = {}
+    measured: tuple[Baseline, ...] = ()
+    with displaying(progress) as display:
+        run.ticker = Ticker(run.n_steps(len(planned), 2 if baselines else 0), display.step)
+        for name, pipeline in pipelines.items():
+            held[name] = run.strict(name, pipeline, observe=observe)
+            display.line(f"{folds.name}  {name}  {percent(held[name].accuracy)}")
+        if baselines:
+            measured = run_baselines(data, run.baseline)
+        for name in sorted(pipelines, key=lambda name: name != drawn_for):
+            drawn = run.at_random(name, pipelines[name], len(run.draws) if name == drawn_for else 1)
+            if drawn:
+                at_random[name] = drawn
+                display.line(f"at random  {name}  {percent(float(np.mean(drawn)))}")
+    more = [
+        one.finding(held[names[0]])
+        for one in measured
+        if f"leak-{one.name}" not in {f.code for f in findings}
+    ]
+    findings += tuple(finding for finding in more if finding is not None)
+    unknown = [name for name in accepted if name not in {one.code for one in (*checked, *findings)}]
     settings = {
-        "spaces": [space.name for space in planned],
-        "protocol": AUTO if protocol == AUTO else list(partitions),
-        **({} if hold_out is None else {"hold_out": partitions[CONDITION][0].condition}),
-        **given,
-        **({} if n_folds is None else {"n_folds": n_folds}),
-        "classifier": describe_estimator(model),
-        "controls": controls,
+        "spaces": names,
+        "by": by,
+        **({"paper": paper} if paper else {}),
+        "classifier": describe_estimator(usual),
+        "transformers": {space.name: describe_estimator(space.transformer) for space in planned},
+        "baselines": baselines,
         **({"accept": list(accepted)} if accepted else {}),
         "seed": seed,
     }
-    transformers = {space.name: describe_estimator(space.transformer) for space in planned}
-    for space in planned:
-        if space.classifier is not None:
-            transformers[space.name]["own_classifier"] = describe_estimator(space.classifier)
-    labels, truth = np.unique(data.y, return_inverse=True)
-    bank, groups = GramBank(X), replace(groups_of(data), conditions=conditions)
-    tasks = [Task(space, space.classifier or model, bank, groups) for space in planned]
-    checks = plan_controls(data, model) if controls else []
-    ask = partial(answers_of, labels=labels, truth=truth, seed=seed, n_jobs=n_jobs)
-    answered, not_converged, measured = _run(tasks, checks, partitions, judged, truth, ask, progress)
-    summaries = [_summary(space, answered[space.name], transformers[space.name]) for space in planned]
-    predicted, chosen, adapted = _gathered(answered)
     return EvaluationResult(
-        spaces=tuple(summaries),
-        partitions=partitions,
-        predicted=predicted,
-        chosen=chosen,
-        adapted=adapted,
-        labels=tuple(labels.tolist()),
-        truth=truth.astype(np.intp),
+        held=held,
+        folds=folds,
+        at_random=at_random,
+        gap=Gap.of(drawn_for, held[drawn_for], at_random[drawn_for]) if at_random else None,
+        why_no_gap=draws if isinstance(draws, str) else "",
+        baselines=measured,
+        adapted=_adapted(held),
+        paper_accuracies={s.name: s.paper_accuracy for s in planned if s.paper_accuracy is not None},
+        findings=findings,
         names=tuple(data.names),
-        sessions=tuple(session or "" for session in data.sessions),
         settings=settings,
         data=describe_data(data),
         versions=versions(),
         report_data=report_data_of(data, [space.transformer for space in planned]),
+        chosen=_chosen(held),
         notes=(
+            *folds.notes,
             *notes,
+            *(f"accept: the checks found nothing called {name!r}" for name in unknown),
             *data_warnings(data, [finding for finding in checked if finding not in findings]),
-            *dict.fromkeys(not_converged),
+            *dict.fromkeys(note for one in held.values() for note in one.notes),
         ),
         synthetic=data.is_synthetic,
         command=_call(settings, classifier),
-        controls=measured,
-        findings=findings,
         wall_s=time.perf_counter() - start,
     )
 
 
-def _partitions(
-    data: Dataset,
-    protocol: str | Sequence[str],
-    hold_out: str | None,
-    n_folds: int | None,
-    seed: int,
-    given: Mapping[str, int],
-) -> tuple[dict[str, tuple[Partition, ...]], list[str], NDArray[np.object_] | None]:
-    """Draw the partitions by protocol; return lines on them, too, and the values of the condition to hold out."""
-    if hold_out is None:
-        return *plan_protocols(data, protocol, n_folds=n_folds, seed=seed, **given), None
-    if protocol != AUTO or n_folds is not None:
-        other = "n_folds" if protocol == AUTO else f"protocol={protocol!r}"
-        problem = f" takes each value of {hold_out!r} in turn: leave out {other}"
-        raise argument_error(ValueError, "hold_out", problem)
-    name, values = condition_of(data, hold_out)
-    return *plan_held_out(data, name, values, seed=seed), values
+@dataclass(eq=False)
+class _Run:
+    """What all spaces share: recordings, folds and draws."""
+
+    data: Dataset
+    folds: Folds
+    draws: Sequence[Folds]
+    seed: int
+    n_jobs: int | None
+    ticker: Ticker | None = None
+
+    def n_steps(self, n_spaces: int, n_baselines: int) -> int:
+        """Count the fits."""
+        one_draw = n_spaces + n_baselines if self.draws else 0
+        return len(self.folds) * (n_spaces + n_baselines + one_draw + max(0, len(self.draws) - 1))
+
+    def strict(self, name: str, pipeline: Pipeline, **given: Any) -> Held:
+        """Score a space under the folds of the headline."""
+        return self._score(name, pipeline, self.folds, **given)
+
+    def at_random(self, name: str, pipeline: Pipeline, n_draws: int, **given: Any) -> tuple[float, ...]:
+        """Score a space under some of the draws; return an accuracy of each."""
+        some = self.draws[:n_draws]
+        if not some:
+            return ()
+        together = replace(some[0], folds=tuple(fold for draw in some for fold in draw))
+        held = self._score(name, pipeline, together, **given)
+        n_folds = len(self.folds)
+        return tuple(held.take(held.fold // n_folds == draw).accuracy for draw in range(len(some)))
+
+    def baseline(self, name: str, pipeline: Pipeline, X: Floats) -> tuple[Held, float]:
+        """Score a baseline under the folds of the headline, and under one draw."""
+        held = self.strict(f"baseline {name}", pipeline, X=X)
+        drawn = self.at_random(f"baseline {name}", pipeline, 1, X=X)
+        return held, drawn[0] if drawn else np.nan
+
+    def _score(self, name: str, pipeline: Pipeline, folds: Folds, **given: Any) -> Held:
+        shared: dict[str, Any] = {"seed": self.seed, "n_jobs": self.n_jobs}
+        tick = None if self.ticker is None else self.ticker.tick
+        return fit_and_score(pipeline, self.data, folds, name=name, tick=tick, **shared, **given)
 
 
-def _gathered(answered: Mapping[str, Mapping[str, Sequence[Answer]]]) -> tuple[dict[Any, Any], ...]:
-    """Return what was predicted and chosen by (protocol, space), and predicted after adapting by space."""
-    predicted, chosen, adapted = {}, {}, {}
-    for space, answers in answered.items():
-        for protocol, own in answers.items():
-            predicted[protocol, space] = tuple(answer.predicted for answer in own)
-            choices = tuple(answer.chosen for answer in own if answer.chosen is not None)
-            if len(choices) == len(own):
-                chosen[protocol, space] = choices
-            named = tuple(answer.adapted for answer in own if answer.adapted is not None)
-            if len(named) == len(own):
-                adapted[space] = named
-    return predicted, chosen, adapted
+# The arguments.
 
 
-def _not_found(accepted: Sequence[str], findings: Sequence[Finding]) -> list[str]:
-    found = {finding.code for finding in findings}
-    return [f"accept: the checks found nothing called {name!r}" for name in accepted if name not in found]
+def _seed(random_state: int | None) -> int:
+    if random_state is None:
+        return secrets.randbits(32)
+    return whole_number("random_state", random_state, least=0, or_else=" or None")
 
 
-def _unused(given: Mapping[str, Any], partitions: Mapping[str, Any]) -> list[str]:
-    if not given or "paper" in partitions:
-        return []
-    return [f"{', '.join(given)} had no use: that is of the protocol 'paper' (--paper), which did not run"]
+def _check_classifier(classifier: Any) -> None:
+    if classifier is not None and (
+        isinstance(classifier, type) or not all(hasattr(classifier, name) for name in ("fit", "get_params"))
+    ):
+        wanted = f"must be a classifier of scikit-learn such as LinearSVC(), got {classifier!r:.60}"
+        raise argument_error(TypeError, "classifier", wanted)
 
 
-def _run(
-    tasks: Sequence[Task],
-    checks: Sequence[PlannedControl],
-    partitions: Mapping[str, Sequence[Partition]],
-    judged: str,
-    truth: NDArray[np.intp],
-    ask: Callable[..., tuple[list[Answer], list[str]]],
-    progress: bool | ProgressCallback,
-) -> tuple[dict[str, dict[str, list[Answer]]], list[str], tuple[Control, ...]]:
-    """Answer every space under one protocol after the other, then the controls under `judged`; show each at once.
-
-    Returns answers by space and protocol, lines on what did not converge, and the controls.
-    """
-    # The cheapest first, so that an accuracy is known soon: classifiers that choose take longest.
-    in_turn = sorted(tasks, key=lambda task: (task.space.classifier is not None, task.space.learns))
-    to_control = partitions[judged][:MOST_PARTITIONS]
-    n_controls = sum(check.task is not None for check in checks)
-    n_steps = len(tasks) * sum(map(len, partitions.values())) + n_controls * len(to_control)
-    widest = max(map(len, [*(task.space.name for task in tasks), *(check.name for check in checks)]))
-    answered: dict[str, dict[str, list[Answer]]] = {task.space.name: {} for task in tasks}
-    not_converged: list[str] = []
-    controls = []
-    with displaying(progress) as display:
-        ask = partial(ask, ticker=Ticker(n_steps, display.step))
-        for (protocol, drawn), task in product(partitions.items(), in_turn):
-            begun = time.perf_counter()
-            answers, lines = ask(task, drawn)
-            answered[task.space.name][protocol] = answers
-            not_converged += lines
-            hits = [np.mean(truth[p.test] == one.predicted) for p, one in zip(drawn, answers, strict=True)]
-            place = f"{protocol_name(protocol, drawn):<{_WIDEST}}  {task.space.name:<{widest}}"
-            seconds = f"({time.perf_counter() - begun:.0f} s)"
-            display.line(f"{place}  {percent(float(np.mean(hits))):>7}  {seconds}")
-        for check in checks:
-            control = run_control(check, partial(ask, partitions=to_control), to_control, truth)
-            controls.append(control)
-            if check.task is not None:
-                display.line(
-                    f"{'control':<{_WIDEST}}  {check.name:<{widest}}  {percent(control.accuracy):>7}"
-                )
-    return answered, not_converged, tuple(controls)
+def _folds(data: Dataset, by: str, paper: bool | tuple[int, int, int], seed: int) -> Folds:
+    if paper is False:
+        return hold_out(data, by, seed=seed)
+    if by != "auto":
+        raise argument_error(ValueError, "by", f"={by!r} has no use with paper: leave one out")
+    if paper is True:
+        return paper_folds(data, seed=seed)
+    if not isinstance(paper, tuple | list) or len(paper) != 3:
+        wanted = "must be True or three numbers, of partitions and of training and test recordings"
+        raise argument_error(TypeError, "paper", f"{wanted}, got {paper!r:.60}")
+    return paper_folds(data, *paper, seed=seed)
 
 
-_WIDEST = max(map(len, PROTOCOLS.values()))
+def _planned(data: Dataset, spaces: Any, paper: bool) -> tuple[list[FeatureSpace], list[str]]:
+    """Turn the `spaces` argument into a list, for recordings of this rate; say what was taken instead of what."""
+    rate_hz, notes = data.rate_hz, []
+    if spaces is None:
+        spaces = "paper" if paper else USUAL_SPACES
+        if not paper and rate_hz <= 2 * FeatureSpec().cutoff_hz:
+            spaces = (*USUAL_SPACES[:2], "raw")
+            notes.append(f"raw instead of raw+hfmh: a high-pass at 23 Hz leaves nothing of {rate_hz:g} Hz")
+    if isinstance(spaces, Mapping):
+        planned = [_own_space(name, transformer, rate_hz) for name, transformer in spaces.items()]
+    else:
+        known = feature_spaces(rate_hz=rate_hz)
+        planned = [known[name] for name in _names(spaces, known)]
+    if not planned:
+        raise argument_error(ValueError, "spaces", "must name at least one feature space, got none")
+    return planned, notes
 
 
-def _summary(
-    space: FeatureSpace, answers: Mapping[str, Sequence[Answer]], settings: Mapping[str, Any]
-) -> SpaceSummary:
-    """Sum up the seconds of a space."""
-    every = list(chain.from_iterable(answers.values()))
-    last = every[-1]
-    seconds = {
-        stage: last.shared_seconds[stage] + sum(one.seconds[stage] for one in every) for stage in STAGES
+def _names(spaces: str | Sequence[str], known: Mapping[str, FeatureSpace]) -> list[str]:
+    if spaces == "all":  # ours first: the first is the headline's
+        own = [name for name in USUAL_SPACES if known[name].paper_accuracy is None]
+        return [*own, *(name for name in in_paper_order(known) if name not in own)]
+    if spaces == "paper":
+        return paper_spaces(known)
+    names = [spaces] if isinstance(spaces, str) else list(spaces)
+    for name in names:
+        if name not in known:
+            choices = ", ".join(map(repr, ("all", "paper", *known)))
+            raise argument_error(ValueError, "spaces", f"must be among {choices}, got {name!r}")
+    if len(set(names)) < len(names):
+        raise argument_error(ValueError, "spaces", f"must name each feature space once, got {names!r}")
+    return names
+
+
+def _own_space(name: Any, given: Any, rate_hz: float) -> FeatureSpace:
+    if not isinstance(name, str) or not name:
+        raise argument_error(TypeError, "spaces", f": a name must be non-empty text, got {name!r}")
+    if isinstance(given, FeatureSpace):
+        space = replace(given, name=name)
+    elif hasattr(given, "fit") and hasattr(given, "transform"):
+        space = FeatureSpace(name, given, None)
+    else:
+        wanted = "must have fit and transform like a scikit-learn transformer"
+        raise argument_error(TypeError, "spaces", f"[{name!r}] {wanted}, got {type(given).__name__}")
+    parameters: dict[str, Any] = getattr(space.transformer, "get_params", dict)()
+    for key, value in parameters.items():
+        # A filter designed for another rate: its cut-off would silently lie elsewhere.
+        if key.rpartition("__")[2] == "rate_hz" and value not in (None, rate_hz):
+            owner = parameters[key.removesuffix("__rate_hz")] if "__" in key else space.transformer
+            problem = f"{type(owner).__name__} has rate_hz={value:g}, the recordings have {rate_hz:g} Hz"
+            raise argument_error(ValueError, "spaces", f"[{name!r}]: {problem}: pass rate_hz={rate_hz:g}")
+    return replace(space, transformer=with_rate(space.transformer, rate_hz))
+
+
+def _fewer_components(space: FeatureSpace, n_rows: int) -> list[str]:
+    """Lower the number of principal components, and what is made of them, to that of the training rows."""
+    parameters: dict[str, Any] = getattr(space.transformer, "get_params", dict)()
+    many = {
+        f"{name}__n_components": n_rows
+        for name, step in parameters.items()
+        if isinstance(step, PCA | RICA) and isinstance(step.n_components, int) and step.n_components > n_rows
     }
-    return SpaceSummary(space.name, space.paper_accuracy, space.learns, last.n_features, seconds, settings)
+    if not many:
+        return []
+    space.transformer.set_params(**many)
+    return [f"{space.name}: {n_rows} components, as so many recordings train"]
+
+
+# What each fold shows beside its answers.
+
+
+def _adapted_answers(
+    fitted: Pipeline, X: Floats, y: NDArray[Any], X_new: Floats, truth: NDArray[np.intp]
+) -> NDArray[np.bool_] | None:
+    """Whether each recording is named right by a model that was adapted to the other half of them.
+
+    The halves take turns; each is declared to hold all materials. None where a half holds too few of one, or far more
+    of one than of another.
+    """
+    counts = np.bincount(truth)[np.unique(truth)]
+    if (
+        not isinstance(fitted[-1], BestClassifier)
+        or np.unique(truth).size < len(fitted[-1].classes_)
+        or counts.min() < 2 * _LEAST_TO_ADAPT
+        or counts.max() > _ABOUT_EQUAL * counts.min()
+    ):
+        return None
+    half = np.zeros(len(truth), dtype=np.intp)
+    for k in np.unique(truth).tolist():
+        half[truth == k] = np.arange((truth == k).sum()) % 2
+    right = np.zeros(len(truth), dtype=np.bool_)
+    for turn in (0, 1):
+        adapted = adapted_classifier(fitted[-1], X, y, X_new[half == turn])
+        others = half != turn
+        right[others] = adapted.predict(X_new[others]) == fitted[-1].classes_[truth[others]]
+    return right
+
+
+def _chosen(held: Mapping[str, Held]) -> dict[str, tuple[Choice, ...]]:
+    found = {name: tuple(chosen for chosen, _ in one.observed) for name, one in held.items()}
+    return {name: chosen for name, chosen in found.items() if all(one is not None for one in chosen)}
+
+
+def _adapted(held: Mapping[str, Held]) -> dict[str, Floats]:
+    """Balanced accuracy after adapting in each fold, of spaces that could be adapted in all of them."""
+    found = {}
+    for name, one in held.items():
+        right = [adapted for _, adapted in one.observed]
+        if all(own is not None for own in right):
+            truth = [one.truth[one.fold == k] for k in range(len(right))]
+            found[name] = np.array(
+                [
+                    np.mean([own[y == k].mean() for k in np.unique(y)])
+                    for own, y in zip(right, truth, strict=True)
+                ]
+            )
+    return found
 
 
 def _call(settings: Mapping[str, Any], classifier: BaseEstimator | None) -> str:
     """Return the call as text, for the reader of a result."""
-    arguments = [
-        f"{name}={settings[name]!r}"
-        for name in (
-            *(
-                "spaces",
-                "hold_out" if "hold_out" in settings else "protocol",
-                "n_partitions",
-                "train_per_class",
-                "test_per_class",
-                "n_folds",
-            ),
-            "accept",
-        )
-        if name in settings
-    ]
+    given = {name: settings[name] for name in ("spaces", "by", "paper", "accept") if name in settings}
+    if settings.get("paper") or settings["by"] == "auto":
+        del given["by"]
+    arguments = [f"{name}={value!r}" for name, value in given.items()]
     if classifier is not None:
         arguments.append(f"classifier={' '.join(repr(classifier).split())}")
-    if not settings["controls"]:
-        arguments.append("controls=False")
+    if not settings["baselines"]:
+        arguments.append("baselines=False")
     return f"granular_id.evaluate(data, {', '.join(arguments)}, random_state={settings['seed']})"

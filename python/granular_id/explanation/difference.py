@@ -21,10 +21,10 @@ from granular_id.spaces import (
     LINEAR_STEPS,
     BandColumns,
     BestClassifier,
-    Chosen,
     FeatureBlock,
     RecordingFilter,
     band_columns,
+    choice_of,
     feature_blocks,
     fit_pipeline,
     folded_back,
@@ -32,7 +32,7 @@ from granular_id.spaces import (
     joined_units,
     renamed,
 )
-from granular_id.splits import groups_of, pair_partition
+from granular_id.splits import groups_of, hold_out
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,8 +57,8 @@ def explain(
     model : Pipeline
         Fitted: a feature space that knows what its columns stand for (`RawSignal`, `HFMH`, `RawHFMH`,
         `RawHistogram`, `DFT`, `RangeNormalizer`, unions of them, `MultiBand`), filters such as `Tare` in front if
-        wanted; then any of `BlockScaler`, `WithinClassWhitening`, `PrincipalComponents`, `RICA`, scikit-learn's
-        ``PCA`` and ``StandardScaler``; last an `ECOCClassifier` with linear learners or a `BestClassifier`.
+        wanted; then any of `BlockScaler`, `WithinClassWhitening`, `RICA`, scikit-learn's ``PCA`` and
+        ``StandardScaler``; last an `ECOCClassifier` with linear learners or a `BestClassifier`.
     first, second : label
         The two materials, among ``model.classes_``.
     X : Dataset, or array-like of shape (n, T, C)
@@ -154,22 +154,23 @@ def explain_held_out(
     data: Dataset, pipeline: Pipeline, first: str, second: str
 ) -> tuple[Explanation, str, dict[str, Any]]:
     """Train on some recordings, explain those held out of two materials; say what was trained, and the split."""
-    y = data.y
+    y, folds = data.y, hold_out(data)
     for label in (first, second):
-        if (y == label).sum() < 2:
-            raise ValueError(f"{label!r} has 1 recording; one to train and one to explain are needed")
-    part, held_out = pair_partition(data, first, second)
-    model = fit_pipeline(pipeline, data[part.train], y[part.train], groups_of(data).take(part.train))
-    chosen = Chosen.of(model)
+        if label in folds.untested:
+            raise ValueError(f"{label!r} is not held out: {folds.untested[label]}")
+    fold = max(folds, key=lambda fold: min((y[fold.test] == label).sum() for label in (first, second)))
+    tested = fold.test[np.isin(y[fold.test], (first, second))]
+    model = fit_pipeline(pipeline, data[fold.train], y[fold.train], groups_of(data).take(fold.train))
+    chosen = choice_of(model)
     how = "" if chosen is None else f"; {chosen.words}"
     split = {
-        "protocol": part.protocol,
-        "held_out": held_out,
-        "train": [data.names[row] for row in part.train.tolist()],
-        "explained": [data.names[row] for row in part.test.tolist()],
+        "folds": folds.name,
+        "held_out": fold.held_out,
+        "train": [data.names[row] for row in fold.train.tolist()],
+        "explained": [data.names[row] for row in tested.tolist()],
     }
-    explanation = explain(model, first, second, data[part.test])
-    return explanation, f"trained on {len(part.train)} of {len(y)} recordings{how}", split
+    explanation = explain(model, first, second, data[tested])
+    return explanation, f"trained on {len(fold.train)} of {len(y)} recordings{how}", split
 
 
 def _recordings(X: npt.ArrayLike, axes: Sequence[str] | None) -> npt.NDArray[Any]:

@@ -6,11 +6,14 @@ What trains is loaded when first used: a robot that only identifies does not wai
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from granular_id.identifier.batch import (
+from granular_id.identifier.answers import (
+    Timeline,
     flags_in_words as flags_in_words,
     identify_all as identify_all,
     named as named,
+    notes_of_all as notes_of_all,
     notes_of_answers as notes_of_answers,
+    write_csv as write_csv,
 )
 from granular_id.identifier.decision import Decision
 from granular_id.identifier.identifier import Identifier
@@ -34,9 +37,7 @@ from granular_id.identifier.rules import N_CHECKPOINTS as N_CHECKPOINTS
 from granular_id.identifier.streaming import StreamingIdentifier
 
 if TYPE_CHECKING:
-    from granular_id.identifier.recipe import Recipe as Recipe
     from granular_id.identifier.time_course import OverTime, accuracy_over_time, over_time as over_time
-    from granular_id.identifier.timeline import Timeline, notes_of_all as notes_of_all, write_csv as write_csv
     from granular_id.identifier.training import train as train
 
 __all__ = [
@@ -50,13 +51,9 @@ __all__ = [
 
 _LAZY = {
     "OverTime": "time_course",
-    "Recipe": "recipe",
-    "Timeline": "timeline",
     "accuracy_over_time": "time_course",
-    "notes_of_all": "timeline",
     "over_time": "time_course",
     "train": "training",
-    "write_csv": "timeline",
 }
 
 

@@ -304,6 +304,8 @@ def _source(core: _core.Model, trained_on: Dataset | None, threads: int | None) 
             "the model keeps nothing of its training that it could be adapted with: it was taken over from a pipeline "
             "or has too many materials; pass the recordings of its training, trained_on=data"
         )
+    if Metadata(core).trained.get("background"):  # never named, and no part of the weights
+        trained_on = trained_on.select(labels=list(core.classes))
     rows, y = features_of(core, trained_on.X, threads), trained_on.y
     with single_threaded_blas():
         source, named = _statistics(core, rows, y), _learners(core).answers(rows)
@@ -373,6 +375,7 @@ def _new_model(
     """Put weights and how they were made into a new model, and leave out what was measured on the old one."""
     trained = dict(Metadata(core).trained)
     trained.pop(CONFIDENCE, None)
+    trained.pop("temperature", None)
     setup = trained.get("setup") or {}
     # What was done to samples is that of the new recordings; what a frame or a sensor is called may only be unsaid.
     kept_setup = {name: values for name, values in setup.items() if name not in _DONE_TO_SAMPLES}
@@ -395,21 +398,20 @@ def _new_model(
         }
     if labelled and trained.get(MARKS):  # they have trained it, too
         trained[MARKS] += stored_marks(data).get(MARKS, "")
-    kept: dict[str, Any] = {"early": None, "sigmoid": None, "posterior_weights": None}
+    parts: dict[str, Any] = {"early": None, "novelty": None}
     if core.raw_mean is not None:
-        kept["raw_mean"] = data.X.mean(axis=0).T.ravel()
-    return _changed(core, trained, made, **kept)
+        parts["raw_mean"] = data.X.mean(axis=0).T.ravel()
+    return _changed(core, trained, made, **parts)
 
 
 def _changed(
     core: _core.Model, trained: Mapping[str, Any], learners: Learners | None = None, **parts: Any
 ) -> _core.Model:
-    """Return a model with other metadata, and other weights, which have no probabilities, where they are given."""
+    """Return a model with other metadata, and other weights where they are given."""
     (spec, coef, intercept, coding, classes), options = core.__getnewargs_ex__()
     text = json.dumps(trained, ensure_ascii=False, sort_keys=True, allow_nan=False)
     metadata = {**core.metadata, "trained": text}
     if learners is not None:
         coef, intercept = learners.coef, learners.intercept
-        metadata["posterior"] = ""
     options = {**options, **parts, "metadata": metadata}
     return _core.Model(spec, coef, intercept, coding, classes, **options)

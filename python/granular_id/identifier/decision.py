@@ -4,30 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import partial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._text import fixed
 from granular_id.identifier.rules import probabilities
-
-
-class _Coupled:
-    """A field that may be given as a function, called when the field is first read: most are never read."""
-
-    def __get__(self, decision: object | None, owner: type) -> Any:
-        if decision is None:
-            return None  # the default of the field
-        value = vars(decision)["_probability"]
-        if callable(value):
-            value = vars(decision)["_probability"] = value()
-        return value
-
-    def __set__(self, decision: object, value: Any) -> None:
-        vars(decision)["_probability"] = value
 
 
 @dataclass(frozen=True)
@@ -43,9 +26,8 @@ class Decision:
     margin : float
         Loss of the second material minus that of the first.
     probability : float, optional
-        Probability of the label, of a model that knows probabilities; else None. A function may be given
-        instead of a number: it is called when the probability is first read, because coupling the learners takes
-        longer than everything else about a decision.
+        Probability of the label: a softmax of minus the losses, whose temperature was fitted on held-out recordings;
+        None for a provisional answer and of a model that held none out.
     final : bool
         Whether the whole signal was seen.
     sure : bool
@@ -76,7 +58,7 @@ class Decision:
     label: str
     ranking: tuple[tuple[str, float], ...]
     margin: float
-    probability: float | None = _Coupled()  # type: ignore[assignment]
+    probability: float | None = None
     final: bool = False
     sure: bool = False
     n_seen: int = 0
@@ -108,7 +90,7 @@ class Decision:
         return line
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the decision in types that JSON knows; computes the probability."""
+        """Return the decision in types that JSON knows."""
         return {field.name: getattr(self, field.name) for field in fields(self)} | {
             "ranking": [[label, loss] for label, loss in self.ranking],
             "warnings": list(self.warnings),
@@ -116,17 +98,15 @@ class Decision:
         }
 
 
-def decision_of(stream: _core.StreamingIdentifier, warned: Mapping[str, int]) -> Decision:
+def decision_of(
+    stream: _core.StreamingIdentifier, warned: Mapping[str, int], temperature: float | None
+) -> Decision:
     """Return the answer so far, with the warnings that were given in the window: each at a row of the stream."""
-    ranking, margin, final, sure, n_seen, first_row, scores, candidates, unknown = stream.standing()
+    ranking, margin, final, sure, n_seen, first_row, candidates, unknown = stream.standing()
     # A copy: another thread may be adding one.
     warnings = tuple(what for what, row in list(warned.items()) if row >= first_row)
-    model, label = stream.model, ranking[0][0]
-    probability: Any = None if model.sigmoid is None else partial(_probability, model, scores, label)
-    seconds = n_seen / model.rate_hz
-    stage = final, sure, n_seen, seconds
-    return Decision(label, ranking, margin, probability, *stage, warnings, candidates, unknown)
-
-
-def _probability(model: _core.Model, scores: npt.NDArray[np.float64], label: str) -> float:
-    return float(probabilities(model, scores[None])[0, model.classes.index(label)])
+    model = stream.model
+    shares = probabilities(temperature, np.array([loss for _, loss in ranking])) if final else None
+    probability = None if shares is None else float(shares[0])
+    stage = final, sure, n_seen, n_seen / model.rate_hz
+    return Decision(ranking[0][0], ranking, margin, probability, *stage, warnings, candidates, unknown)

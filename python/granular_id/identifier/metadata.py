@@ -26,7 +26,7 @@ from granular_id.recording import (
 )
 
 MAX_FILE_BYTES: int = _core.MAX_MODEL_FILE_BYTES
-"""Largest model file that is made, and read unless more is allowed: 16 MiB."""
+"""Largest model file that is made, and read unless more is allowed: 32 MiB."""
 
 BANDED = ("best", "multiband")
 """Spaces of multi-band features, most of the work on which waits until an answer is asked for."""
@@ -52,30 +52,32 @@ _MOST_MARKS = 4096
 _ESTIMATE = {
     "held_out": str,
     "note": str,
-    "n_partitions": int,
+    "n_folds": int,
     "n_answers": int,
     "accuracy": float,
     "interval_95": ([float, float], None),
-    "recall": {EACH: float},
+    "recall": {EACH: (float, None)},
+    "untested": {EACH: str},
 }
 _EARLY = {"why_not": str, "target_error": float}
-_EARLY_OUTCOME = {"answered_early": float, "error": float, "mean_seconds": float}
+_EARLY_OUTCOME = {"answered_early": float, "error": float, "worst": float, "mean_seconds": float}
 _CHOICE = {
     "note": str,
     "random_state": (int, None),
     "machines": [{"name": str, "chosen": bool, "accuracies": [float, ...]}, ...],
     "chosen": [str, ...],
     "accuracy_on_the_folds_that_chose": (float, None),
-    "in_partitions": [{"chosen": [str, ...]}, ...],
+    "in_folds": [{"chosen": [str, ...]}, ...],
 }
 _CONFIDENCE = {  # the core has found that these rules fit the model, and takes 3.0 for a whole number
-    "conformal?": ({"n_calibration": int}, None),
+    "candidates?": ({"n_rows": int}, None),
     "unknown?": ({"n_calibration": int}, None),
 }
 _TRAINED = {
     "settings?": {"space": str},
     "synthetic?": bool,
     "recordings?": {EACH: int},
+    "background?": {EACH: int},
     "n_sessions?": int,
     "n_triggers?": int,
     "setup?": {EACH: [str, ...]},
@@ -86,6 +88,7 @@ _TRAINED = {
     "early?": (_EARLY, None),
     "choice?": _CHOICE,
     "confidence?": _CONFIDENCE,
+    "temperature?": float,
     "left_out?": str,
     "notes?": [str, ...],
     "source?": {"mean": (str, None), "sd": str, "scores": str},
@@ -147,6 +150,12 @@ class Metadata:
         return self.lead_s is None and (at_first or any(step["step"] == "windows" for step in history))
 
     @property
+    def temperature(self) -> float | None:
+        """What class values are divided by before the softmax; None where no recordings were held out."""
+        found: float | None = self.trained.get("temperature")
+        return found
+
+    @property
     def marks(self) -> frozenset[str] | None:
         """Marks of the recordings, see `marks_of`; None where it does not keep them."""
         marks = self.trained.get(MARKS, "")
@@ -204,11 +213,11 @@ def check_recordings(data: Dataset, core: _core.Model, accept: str | Sequence[st
                 f"unasked: call .resample({rate_hz:g})"
             )
     compared = setup_comparison(core)
-    told: dict[str, None] = {}
+    differences: dict[str, None] = {}
     for recording, setup in zip(data, setups_in(data), strict=True):
         found = refuse_or_list(compared(setup, recording.meta), accept, f"recording {recording.name!r} has ")
-        told.update(dict.fromkeys(found))
-    return tuple(told)
+        differences.update(dict.fromkeys(found))
+    return tuple(differences)
 
 
 def setup_comparison(core: _core.Model) -> Callable[[Setup, Mapping[str, Any]], list[Difference]]:

@@ -35,15 +35,17 @@ def describe_model(model: Identifier) -> list[str]:
         sessions = trained.get("n_sessions", 0)
         within = f", {counted(sessions, 'session')}" if sessions else ""
         lines.append(f"trained on: {sum(counts)} recordings, {span} of each material{within}")
+    background = trained.get("background", {})
+    if background:
+        counts = [f"{name} ({n})" for name, n in background.items()]
+        lines.append(f"background, never named: {shorten(', '.join(counts), 400)}")
     seconds = f"{model.n_samples / model.rate_hz:g} s"
-    learners = f"{counted(core.n_learners, 'learner')} ({core.metadata['coding'] or 'own coding'})"
-    posterior = "" if core.sigmoid is None else f", probabilities by {core.metadata['posterior']}"
     lines += [
         f"takes: {model.n_samples} samples at {model.rate_hz:g} Hz ({seconds}) of {' '.join(model.axes)}; rest ahead "
         f"of the motion: {_lead(model)}",
         f"features: {model.space}, {core.n_features} numbers{_content(spec, _units(model))}",
         *_bands(spec, _units(model)),
-        f"classifier: {learners}, {core.loss} loss{posterior}",
+        f"classifier: {counted(core.n_learners, 'learner')}, {core.loss} loss",
         f"size: {len(core.to_bytes()) / 2**20:.2f} MiB",
         f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}",
     ]
@@ -165,13 +167,14 @@ def _estimate(model: Identifier, estimate: Mapping[str, Any] | None) -> list[str
     lines = [
         f"accuracy, {estimate['held_out']}{' (SYNTHETIC recordings)' if model.synthetic else ''}: "
         f"{percent(estimate['accuracy'])}{within}, "
-        f"{estimate['n_answers']} answers in {estimate['n_partitions']} partitions",
+        f"{estimate['n_answers']} answers in {estimate['n_folds']} folds",
         f"  {estimate['note']}",
     ]
-    weak = sorted((share, label) for label, share in estimate["recall"].items() if share < 1)
+    weak = sorted((share, label) for label, share in estimate["recall"].items() if share is not None and share < 1)
     if weak:
         least = ", ".join(f"{label} {percent(share, 0)}" for share, label in weak[:5])
         lines.append(f"  least recognised: {least}")
+    lines += [f"  not tested: {label}, {why}" for label, why in estimate["untested"].items()]
     return lines
 
 
@@ -179,7 +182,7 @@ def _choice(choice: Mapping[str, Any] | None) -> list[str]:
     """Say what was chosen of what, on which recordings, and how often the models of the estimate chose the same."""
     if not choice:
         return []
-    candidates, elsewhere = choice["machines"], choice["in_partitions"]
+    candidates, elsewhere = choice["machines"], choice["in_folds"]
     seed = "" if choice["random_state"] is None else f"; seed {choice['random_state']}"
     width = max(len(candidate["name"]) for candidate in candidates)
     lines = [
@@ -210,23 +213,19 @@ def _early(model: Identifier, outcome: Mapping[str, Any] | None) -> str:
     first = f"from {fixed(n_seen / model.rate_hz, 2)} s on, with a margin of {margin:.3g} or more"
     if not outcome:
         return first
-    figures = (outcome[name] for name in ("answered_early", "mean_seconds", "error", "target_error"))
+    figures = (outcome[name] for name in ("answered_early", "mean_seconds", "error", "target_error", "worst"))
     return f"{first}; {outcome_text(*figures)}"
 
 
 def _confidence(model: Identifier) -> list[str]:
-    """Say what candidates and refusals are worth."""
-    conformal, unknown = confidence_rules(model.core)
-    candidates = refusals = f"none{_why_none(model.trained)}"
-    if conformal is not None:
-        promise = (
-            f"hold the right material of {100 * conformal.levels[-1]:g} % of recordings like those held out"
-        )
-        candidates = "; ".join(conformal.notes) or promise
-    if unknown is not None:
-        promise = f"refused, with {100 - 100 * unknown.share_known:.3g} % of recordings of the known ones"
-        refusals = "; ".join(unknown.notes) or promise
-    return [f"candidates: {candidates}", f"unknown materials: {refusals}"]
+    """Say what probabilities, candidates and refusals are worth."""
+    candidates, unknown = confidence_rules(model.core)
+    none = f"none{_why_none(model.trained)}"
+    return [
+        f"probabilities: {none if model.temperature is None else 'set on held-out recordings'}",
+        f"candidates: {none if candidates is None else candidates.promise}",
+        f"unknown materials: {none if unknown is None else unknown.promise}",
+    ]
 
 
 def _why_none(trained: Mapping[str, Any]) -> str:

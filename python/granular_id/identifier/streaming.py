@@ -62,6 +62,7 @@ class StreamingIdentifier:
         if not isinstance(core, _core.Model):
             raise TypeError(f"identifier must be an Identifier, got {type(identifier).__name__}")
         self.core = _core.StreamingIdentifier(core, hop=hop)
+        self._temperature = Metadata(core).temperature
         self._warnings: dict[str, int] = {}  # with the row of the stream at which it was last given
 
     @property
@@ -114,7 +115,7 @@ class StreamingIdentifier:
         ValueError
             A score left float64, for forces of unearthly size.
         """
-        return decision_of(self.core, self._warnings)
+        return decision_of(self.core, self._warnings, self._temperature)
 
     def next(self) -> None:
         """Go on to the next window; rows that it shares with this one stay. Needs `hop` and a complete window."""

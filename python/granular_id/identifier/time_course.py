@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.pipeline import Pipeline
 
 from granular_id._files import json_value
 from granular_id._progress import ProgressCallback
 from granular_id._text import fixed
-from granular_id.identifier.recipe import Recipe
 from granular_id.identifier.rules import EarlyRule, HeldOut, outcome_text
 from granular_id.identifier.training import train
 from granular_id.recording import Dataset, text_table
@@ -32,7 +32,7 @@ class OverTime:
         Signal seen at each moment, s, from the first sample of a recording (its lead before the motion included).
     accuracy : ndarray, shape (M,)
         Share of the provisional answers of that moment that are right, of all together. The accuracy that a model
-        states is the mean over partitions: another number where these are not of one size.
+        states is the mean over materials: another number where these are not of one size.
     answered : ndarray, shape (M,)
         Share of recordings that the early rule has answered by then.
     error : ndarray, shape (M,)
@@ -41,7 +41,7 @@ class OverTime:
     chance : float
         Accuracy of guessing with every class as likely.
     n_answers : int
-        Held-out recordings, each counted as often as a partition held it out.
+        Held-out recordings, each counted once, as it is held out once.
     held_out : str
         What was held out, in words; `note` says how it was drawn.
     note : str
@@ -50,6 +50,8 @@ class OverTime:
     why_not : str
     mean_seconds : float
         Mean signal seen at an early answer, s; NaN without any.
+    worst : float
+        Share of wrong early answers in the worst held-out session; NaN without any.
     synthetic : bool
         Recordings were simulated: figures show that the program works, not how well it knows materials.
     """
@@ -65,6 +67,7 @@ class OverTime:
     target_error: float | None
     why_not: str
     mean_seconds: float
+    worst: float
     synthetic: bool
 
     def summary(self) -> str:
@@ -76,7 +79,7 @@ class OverTime:
         if self.target_error is not None and self.answered[-1] > 0:
             answered, error = float(self.answered[-1]), float(self.error[-1])
             lines.append(
-                f"early answers: {outcome_text(answered, self.mean_seconds, error, self.target_error)}"
+                f"early answers: {outcome_text(answered, self.mean_seconds, error, self.target_error, self.worst)}"
             )
         elif self.why_not:
             lines.append(f"no early answers: {self.why_not}")
@@ -124,42 +127,38 @@ def over_time(held: HeldOut, rate_hz: float, rule: EarlyRule | None, *, syntheti
         error=error,
         chance=1 / np.unique(held.truth).size,
         n_answers=len(held.truth),
-        held_out=held.held_out,
-        note=held.note,
+        held_out=held.held.folds.name,
+        note="; ".join(held.held.folds.notes),
         target_error=rule.target_error if rule else None,
         why_not="no early rule was asked for" if rule is None else rule.why_not,
         mean_seconds=mean_seconds,
+        worst=math.nan if rule is None else rule.worst,
         synthetic=synthetic,
     )
 
 
 def accuracy_over_time(
     data: Dataset,
-    space: str = "best",
+    space: str | Pipeline = "best",
     *,
+    by: str = "auto",
     target_error: float = 0.01,
-    n_folds: int = 5,
     progress: bool | ProgressCallback | None = None,
-    **settings: Any,
 ) -> OverTime:
     """Measure on held-out recordings how accurate provisional answers are, and what early answers are worth.
-
-    Whole sessions are held out where every class has several; else halves in time order; else random folds.
 
     Parameters
     ----------
     data : Dataset
         Recordings of equal length and rate with a label each.
-    space : str, default "best"
+    space : str or Pipeline, default "best"
         Feature space, as in `Identifier.fit`.
+    by : str, default "auto"
+        What is held out, as in `Identifier.fit`.
     target_error : float, default 0.01
         Share of early answers that may be wrong.
-    n_folds : int, default 5
-        Random folds, where neither sessions nor an order in time are known.
     progress : bool or callable, optional
         As in `granular_id.evaluate`; None is silent.
-    **settings
-        Others of `Identifier.fit` for features and classifier that the space has: ``cutoff_hz``, ``C``, ``coding`` ...
 
     Returns
     -------
@@ -179,9 +178,7 @@ def accuracy_over_time(
     >>> course.seconds[-1], bool(course.accuracy[-1] > 0.8)
     (np.float64(0.5), True)
     """
-    training = train(
-        data, Recipe(space=space, **settings), target_error=target_error, n_folds=n_folds, progress=progress
-    )
+    training = train(data, space, by=by, target_error=target_error, progress=progress)
     if training.held is None:
         raise ValueError(f"data: nothing can be held out: {training.trained['why_no_estimate']}")
     return over_time(training.held, data.rate_hz, training.early, synthetic=data.is_synthetic)

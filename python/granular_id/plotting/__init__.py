@@ -10,7 +10,6 @@ from granular_id.plotting.evaluation import (
     draw_confusion as draw_confusion,
     plot_accuracy,
     plot_confusion,
-    plot_gap,
     plot_over_time,
     plot_recall,
 )
@@ -19,10 +18,8 @@ from granular_id.plotting.materials import (
     curves_in as curves_in,
     draw_hfmh as draw_hfmh,
     draw_mean_forces as draw_mean_forces,
-    draw_residual as draw_residual,
     plot_hfmh,
     plot_mean_forces,
-    plot_residual,
     telling_curves as telling_curves,
 )
 from granular_id.plotting.recordings import plot_onsets, plot_recordings
@@ -41,12 +38,10 @@ __all__ = [
     "plot_confidence",
     "plot_confusion",
     "plot_explanation",
-    "plot_gap",
     "plot_hfmh",
     "plot_mean_forces",
     "plot_onsets",
     "plot_over_time",
     "plot_recall",
     "plot_recordings",
-    "plot_residual",
 ]

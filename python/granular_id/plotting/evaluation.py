@@ -1,10 +1,10 @@
-"""Figures of an evaluation: accuracy, gap, recall, confusion, accuracy over time."""
+"""Figures of an evaluation: accuracy with the gap, recall, confusion, accuracy over time."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,13 +32,15 @@ if TYPE_CHECKING:
 
     from granular_id.evaluation import EvaluationResult
     from granular_id.identifier import OverTime
+
 _PAPER = "the paper, on its own recordings"
+_STRICT, _AT_RANDOM, _GAP = "#D55E00", "#0072B2", "#E69F00"  # Okabe and Ito; marks differ, too
 
 
 def plot_accuracy(
     result: EvaluationResult, *, paper: bool = False, path: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Plot the mean accuracy of each feature space under each protocol, with intervals.
+    """Plot the balanced accuracy of each feature space and baseline: held out, at random, and the gap between.
 
     Parameters
     ----------
@@ -51,9 +53,9 @@ def plot_accuracy(
     Returns
     -------
     matplotlib.figure.Figure
-        A bar is a mean over partitions. Its line is the 95 % interval, corrected for the recordings that
-        partitions share; dots, one a partition, take
-        its place where there are fewer than three. The dashed line is chance.
+        One row a space, the headline's on top; baselines in brackets. A square is the accuracy on what was held out,
+        its line the 95 % interval over sessions where there is one; a circle the accuracy of as many recordings at
+        random, the shaded line between them the gap. The dashed line is chance.
 
     Raises
     ------
@@ -64,159 +66,62 @@ def plot_accuracy(
     --------
     >>> from granular_id import evaluate, synthesize
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
-    >>> result = evaluate(data, ["raw", "hfmh"], "paper", n_partitions=3, train_per_class=4, test_per_class=2)
+    >>> result = evaluate(data, ["raw", "hfmh"], paper=(3, 4, 2), baselines=False, progress=False)
     >>> [label.get_text() for label in plot_accuracy(result).axes[0].get_yticklabels()]
     ['raw', 'hfmh']
     """
-    names = [space.name for space in result.spaces]
-    shown = looks(result)
-    figure = new_figure(4.7, 0.9 + len(names) * (0.18 + 0.15 * len(shown)))
+    rows = [
+        (name, held.accuracy, held.interval, float(np.mean(result.at_random.get(name, np.nan))))
+        for name, held in result.held.items()
+    ]
+    rows += [
+        (f"({one.name})", one.held.accuracy, (np.nan, np.nan), one.at_random)
+        for one in result.baselines
+        if one.held is not None
+    ]
+    figure = new_figure(4.7, 1.0 + 0.32 * len(rows))
     panel = figure.subplots()
-    thickness = 0.78 / len(shown)
-    for i, (protocol, look) in enumerate(shown.items()):
-        rows = np.arange(len(names)) + (i - (len(shown) - 1) / 2) * thickness
-        means = [result.mean_accuracy(name, protocol) for name in names]
-        panel.barh(rows, means, 0.8 * thickness, color=look.colour, alpha=0.35, linewidth=0, label=look.name)
-        for row, name, mean in zip(rows.tolist(), names, means, strict=True):
-            draw_accuracy(panel, result, name, protocol, row, look.colour)
-            note(
-                panel,
-                f"{100 * mean:.1f}",
-                (1.0, row),
-                (4, 0),
-                va="center",
-                fontsize=7.5,
-                annotation_clip=False,
-            )
-    if paper:
-        known = [(space.paper_accuracy, k) for k, space in enumerate(result.spaces) if space.paper_accuracy]
+    for row, (_, strict, interval, at_random) in enumerate(rows):
         panel.plot(
-            [share for share, _ in known],
-            [k for _, k in known],
-            linestyle="none",
-            marker="|",
-            markersize=11,
-            markeredgewidth=1.6,
-            color=INK,
-            label=_PAPER,
+            [strict, at_random], [row, row], color=_GAP, linewidth=7, alpha=0.35, solid_capstyle="butt"
         )
-    chance_line(panel, result.chance, "chance")
-    share_rows(panel, names)
-    panel.set_xlabel("accuracy", fontsize=9, color=INK)
-    handles, words = panel.get_legend_handles_labels()
-    # The protocols first: matplotlib puts lines before bars.
-    order = sorted(range(len(words)), key=lambda i: words[i] in {"chance", _PAPER})
-    handles, words = [handles[i] for i in order], [words[i] for i in order]
-    legend(figure, "upper left", handles=handles, labels=words, ncols=2)
-    save(figure, path)
-    return figure
-
-
-def draw_accuracy(
-    panel: Any, result: EvaluationResult, space: str, protocol: str, row: float, colour: str
-) -> None:
-    """Draw the interval of one accuracy into a row, or its partitions where there are too few for one."""
-    low, high = result.interval(space, protocol)
-    if np.isfinite(low):
-        panel.plot([low, high], [row, row], color=colour, linewidth=2.2, solid_capstyle="butt")
-    else:
-        values = result.accuracies(space, protocol)
-        panel.plot(
-            values, np.full(values.shape, row), linestyle="none", marker="o", markersize=3, color=colour
-        )
-
-
-_GAP_COLOUR = "#E69F00"
-
-
-def plot_gap(
-    result: EvaluationResult, space: str | None = None, *, path: str | os.PathLike[str] | None = None
-) -> Figure:
-    """Plot the accuracy of one feature space under every protocol on one scale, and the gap between them.
-
-    Parameters
-    ----------
-    result : EvaluationResult
-    space : str, optional
-        Default: the best under the strictest protocol.
-    path : path-like, optional
-        As in `granular_id.plotting.plot_mean_forces`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        One row a protocol: dots are partitions, the large mark is their mean, the line the 95 % interval
-        (`EvaluationResult.interval`; none below three partitions). The shaded stretch is the gap between
-        random draws and the strictest protocol, where equal numbers ran; the dashed line is chance.
-
-    Raises
-    ------
-    ImportError
-        Without matplotlib, saying what to install.
-    ValueError
-        For a space that was not evaluated.
-
-    Examples
-    --------
-    >>> from granular_id import evaluate, synthesize
-    >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
-    >>> counts = {"n_partitions": 3, "train_per_class": 4, "test_per_class": 2}
-    >>> result = evaluate(data, "hfmh", ["paper", "chronological"], **counts)
-    >>> [label.get_text() for label in plot_gap(result).axes[0].get_yticklabels()]
-    ['random partitions', 'halves in time order']
-    """
-    name = result.space(space).name if space is not None else result.best_space(result.headline)
-    shown = looks(result)
-    figure = new_figure(5.2, 0.75 + 0.42 * len(shown))
-    panel = figure.subplots()
-    strictest = result.strictest
-    if result.random is not None and strictest is not None and result.gap(name) is not None:
-        means = [result.mean_accuracy(name, protocol) for protocol in (result.random, strictest)]
-        panel.axvspan(min(means), max(means), color=_GAP_COLOUR, alpha=0.3, linewidth=0)
-    for row, (protocol, look) in enumerate(shown.items()):
-        _draw_row(panel, result, name, protocol, row, look)
-    chance_line(panel, result.chance)
-    note(panel, "chance", (result.chance, len(shown) - 0.5), (3, 3))
-    share_rows(panel, [look.name for look in shown.values()], size=9)
-    heading(panel, f"accuracy of {short(name, 40)}{synthetic_mark(result.synthetic)}", 9)
-    save(figure, path)
-    return figure
-
-
-def _draw_row(panel: Any, result: EvaluationResult, space: str, protocol: str, row: int, look: Any) -> None:
-    values, mean = result.accuracies(space, protocol), result.mean_accuracy(space, protocol)
-    low, high = result.interval(space, protocol)
-    if np.isfinite(low):
-        panel.plot([low, high], [row, row], color=look.colour, linewidth=5, alpha=0.35, solid_capstyle="butt")
-    dots = {"linestyle": "none", "marker": ".", "markersize": 5, "markeredgewidth": 0, "clip_on": False}
-    panel.plot(values, np.full(values.shape, float(row)), color=INK, alpha=0.55, **dots)
+        panel.plot(interval, [row, row], color=_STRICT, linewidth=2)
+        note(panel, f"{100 * strict:.1f}", (1.0, row), (4, 0), va="center", fontsize=8, annotation_clip=False)
+    places = range(len(rows))
+    marks: dict[str, Any] = {"linestyle": "none", "markersize": 7, "clip_on": False}
     panel.plot(
-        [mean], [row], linestyle="none", marker=look.marker, markersize=8, color=look.colour, clip_on=False
+        [row[3] for row in rows], places, marker="o", color=_AT_RANDOM, label="as many at random", **marks
     )
-    # The number stands on the side that has room.
-    left = mean > 0.5
-    end = min(values.min(), low if np.isfinite(low) else 1.0) if left else max(values.max(), mean)
-    style = {"ha": "right" if left else "left", "va": "center", "fontsize": 10, "fontweight": "bold"}
-    note(panel, f"{100 * mean:.1f} %", (end, row), (-6 if left else 8, 0), **style)
+    panel.plot([row[1] for row in rows], places, marker="s", color=_STRICT, label=result.folds.name, **marks)
+    if paper:
+        known = [result.paper_accuracies.get(name, np.nan) for name in result.spaces]
+        style: dict[str, Any] = {"linestyle": "none", "marker": "|", "markersize": 11, "markeredgewidth": 1.6}
+        panel.plot(known, range(len(known)), color=INK, label=_PAPER, **style)
+    chance_line(panel, result.chance, "chance")
+    share_rows(panel, [row[0] for row in rows])
+    panel.set_xlabel("balanced accuracy", fontsize=9, color=INK)
+    legend(figure, "upper left", ncols=2)
+    save(figure, path)
+    return figure
 
 
 def plot_recall(
     result: EvaluationResult, space: str | None = None, *, path: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Plot the recall of each class: the share of its recordings that was named rightly.
+    """Plot the recall of each material: the share of its held-out recordings that was named right.
 
     Parameters
     ----------
     result : EvaluationResult
     space : str, optional
-        Default: the best under the strictest protocol.
+        Default: the headline's.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 
     Returns
     -------
     matplotlib.figure.Figure
-        One row a class, one mark a protocol, joined by a line: its length is what the class loses.
+        One row a material; without a mark where it was not tested.
 
     Raises
     ------
@@ -229,55 +134,24 @@ def plot_recall(
     --------
     >>> from granular_id import evaluate, synthesize
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
-    >>> result = evaluate(data, "hfmh", "paper", n_partitions=3, train_per_class=4, test_per_class=2)
+    >>> result = evaluate(data, "hfmh", baselines=False, progress=False)
     >>> [label.get_text() for label in plot_recall(result).axes[0].get_yticklabels()]
     ['fine sugar', 'rice']
     """
-    name = result.space(space).name if space is not None else result.best_space(result.headline)
-    shown = looks(result)
-    recalls = {protocol: result.recall(name, protocol) for protocol in shown}
-    rows = range(len(result.labels))
-    figure = new_figure(4.7, 0.9 + 0.22 * len(rows))
+    recall = result.recall(space)
+    figure = new_figure(4.7, 0.9 + 0.22 * len(recall))
     panel = figure.subplots()
-    for row in rows:
-        ends = [recall[row] for recall in recalls.values()]
-        panel.plot([min(ends), max(ends)], [row, row], color=FAINT, linewidth=2, zorder=1)
-    for protocol, look in shown.items():
-        marks: dict[str, Any] = {"linestyle": "none", "marker": look.marker, "markersize": 6}
-        panel.plot(
-            recalls[protocol], rows, label=look.name, color=look.colour, alpha=0.9, clip_on=False, **marks
-        )
+    for row, share in enumerate(recall.tolist()):
+        panel.plot([0, share], [row, row], color=FAINT, linewidth=2, zorder=1)
+    panel.plot(
+        recall, range(len(recall)), linestyle="none", marker="s", markersize=6, color=_STRICT, clip_on=False
+    )
     chance_line(panel, result.chance, "chance")
     share_rows(panel, result.labels)
-    panel.set_xlabel("recall", fontsize=9, color=INK)
+    panel.set_xlabel(f"recall, {result.folds.name}", fontsize=9, color=INK)
     legend(figure, "upper left", ncols=3)
     save(figure, path)
     return figure
-
-
-_MARKS = {
-    "paper": ("#0072B2", "o"),
-    "session": ("#D55E00", "s"),
-    "chronological": ("#CC79A7", "D"),
-    "kfold": ("#009E73", "^"),
-    "matched": ("#0072B2", "o"),
-}
-
-
-class Look(NamedTuple):
-    """Name for a reader, Okabe & Ito's colour, and a marker, so that colour is never alone."""
-
-    name: str
-    colour: str
-    marker: str
-
-
-def looks(result: EvaluationResult) -> dict[str, Look]:
-    """Return name, colour and marker of each protocol that ran, in order."""
-    return {
-        protocol: Look(result.protocol_name(protocol), *_MARKS.get(protocol, ("#666666", "v")))
-        for protocol in result.partitions
-    }
 
 
 _CELL = "#0072B2"

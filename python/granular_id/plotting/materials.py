@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -187,18 +187,32 @@ def plot_hfmh(report_data: ReportData, *, path: str | os.PathLike[str] | None = 
     --------
     >>> from granular_id import evaluate, synthesize
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
-    >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
+    >>> result = evaluate(data, "raw+hfmh", baselines=False, progress=False)
     >>> figure = plot_hfmh(result.report_data)
     >>> [panel.get_xlabel() for panel in figure.axes if panel.get_title()][3:]
     ['bin, N m', 'bin, N m', 'bin, N m']
     """
-    return _axis_panels(report_data, draw_hfmh, "Histograms of the signal", "mean of a material", path)
+    n_axes = len(report_data.axes)
+    across = min(3, n_axes)
+    down = math.ceil(n_axes / across)
+    figure = new_figure(max(4.0 * across, 6.0), down * (1.0 + 0.17 * len(report_data.labels)) + 0.5)
+    panels = figure.subplots(down, across, squeeze=False).ravel()
+    for number, panel in enumerate(panels[:n_axes]):
+        draw_hfmh(panel, report_data, number)
+        panel.set_title(pretty(report_data.axes[number]), fontsize=10, color=INK)
+    for unused in panels[n_axes:]:
+        unused.remove()
+    what = f"Histograms of the signal above {report_data.hfmh.cutoff_hz:g} Hz"
+    synthetic = "synthetic recordings, " if report_data.n_synthetic else ""
+    heading(figure, f"{what}: {synthetic}mean of a material")
+    save(figure, path)
+    return figure
 
 
 def draw_hfmh(panel: Any, report_data: ReportData, axis: int) -> None:
     """Draw the heat map of one axis, by its number."""
-    part = report_data.high_pass
-    values, (low, high) = part.hfmh[:, axis], part.bin_range[axis].tolist()
+    part = report_data.hfmh
+    values, (low, high) = part.counts[:, axis], part.bin_range[axis].tolist()
     units = report_data.units
     alike = [
         other
@@ -206,69 +220,18 @@ def draw_hfmh(panel: Any, report_data: ReportData, axis: int) -> None:
         if unit == units[axis] and part.bin_range[other].tolist() == [low, high]
     ]
     edges = np.linspace(low, high, values.shape[1] + 1)
-    used = np.flatnonzero(part.hfmh[:, alike].any(axis=(0, 1)))
+    used = np.flatnonzero(part.counts[:, alike].any(axis=(0, 1)))
     first, last = (int(used[0]), int(used[-1]) + 1) if used.size else (0, values.shape[1])
     draw_heat(
         panel,
         values[:, first:last],
         across=(float(edges[first]), float(edges[last])),
         labels=report_data.labels,
-        limits=shared_limits(part.hfmh[:, alike]),
-        key="density" if part.settings.get("density") else "samples in a bin",
+        limits=shared_limits(part.counts[:, alike]),
+        key="density" if part.density else "samples in a bin",
     )
     panel.locator_params(axis="x", nbins=5)
     panel.set_xlabel(with_unit("bin", units[axis]), fontsize=8, color=INK)
-
-
-# The first of forty windows may hold the filter's response to an offset: it must not take all the colours.
-_SHARE = 0.97
-
-
-def plot_residual(report_data: ReportData, *, path: str | os.PathLike[str] | None = None) -> Figure:
-    """Plot the root mean square of the high-passed signal over time, one panel an axis, one row a material.
-
-    Parameters
-    ----------
-    report_data : ReportData
-        Summary of the data set that an evaluation keeps: ``result.report_data``.
-    path : path-like, optional
-        As in `granular_id.plotting.plot_mean_forces`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Colours on a log scale, of its own for each axis; the three highest values in a hundred share the last.
-
-    Raises
-    ------
-    ImportError
-        Without matplotlib, saying what to install.
-
-    Examples
-    --------
-    >>> from granular_id import evaluate, synthesize
-    >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, sessions=2)
-    >>> result = evaluate(data, "raw+hfmh", controls=False, progress=False)
-    >>> figure = plot_residual(result.report_data)
-    >>> [panel.get_title() for panel in figure.axes if panel.get_title()][:2]
-    ['$F_x$', '$F_y$']
-    """
-    return _axis_panels(report_data, draw_residual, "Signal", "root mean square over time", path)
-
-
-def draw_residual(panel: Any, report_data: ReportData, axis: int) -> None:
-    """Draw the heat map of one axis, by its number."""
-    part = report_data.high_pass
-    values = part.residual[:, axis]
-    draw_heat(
-        panel,
-        values,
-        across=(0.0, report_data.n_samples / report_data.rate_hz),
-        labels=report_data.labels,
-        limits=shared_limits(values, share=_SHARE),
-        key=with_unit("RMS", report_data.units[axis]),
-    )
-    panel.set_xlabel("time, s", fontsize=8, color=INK)
 
 
 # Dark to light in an order that survives any colour vision and a grey print.
@@ -319,35 +282,10 @@ def _ticks(limits: tuple[float, float]) -> list[float]:
     return inside
 
 
-def shared_limits(values: NDArray[np.float64], share: float = 1.0) -> tuple[float, float]:
-    """Limits of the colours: the value that this share does not exceed, and at most four decades below it."""
-    top = float(np.quantile(values, share))
+def shared_limits(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Limits of the colours: the largest value, and at most four decades below it."""
+    top = float(values.max())
     if top <= 0:
         return 0.1, 1.0
     smallest = float(values[values > 0].min())
     return max(min(smallest, 0.5 * top), top * 1e-4), top
-
-
-def _axis_panels(
-    report_data: ReportData,
-    draw: Callable[[Any, ReportData, int], None],
-    what: str,
-    shown: str,
-    path: str | os.PathLike[str] | None,
-) -> Figure:
-    """Lay out one panel an axis, three in a row, each filled by ``draw(panel, report_data, axis number)``."""
-    cutoff_hz = report_data.high_pass.settings["cutoff_hz"]
-    n_axes = len(report_data.axes)
-    across = min(3, n_axes)
-    down = math.ceil(n_axes / across)
-    figure = new_figure(max(4.0 * across, 6.0), down * (1.0 + 0.17 * len(report_data.labels)) + 0.5)
-    panels = figure.subplots(down, across, squeeze=False).ravel()
-    for number, panel in enumerate(panels[:n_axes]):
-        draw(panel, report_data, number)
-        panel.set_title(pretty(report_data.axes[number]), fontsize=10, color=INK)
-    for unused in panels[n_axes:]:
-        unused.remove()
-    synthetic = "synthetic recordings, " if report_data.n_synthetic else ""
-    heading(figure, f"{what} above {cutoff_hz:g} Hz: {synthetic}{shown}")
-    save(figure, path)
-    return figure

@@ -191,12 +191,12 @@ def share_axis(panel: Any) -> None:
     panel.set_xticks(*SHARE_TICKS)
 
 
-def share_rows(panel: Any, names: Sequence[str], size: float = 8) -> None:
+def share_rows(panel: Any, names: Sequence[str]) -> None:
     """Make a panel of shares, one named row each."""
     share_axis(panel)
     row_names(panel, names)
     quiet(panel, "left")
-    panel.tick_params(axis="y", labelsize=size)
+    panel.tick_params(axis="y", labelsize=8)
     grid(panel, "x")
 
 

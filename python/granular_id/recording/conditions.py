@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from granular_id._checks import argument_error
 from granular_id._text import counted, short
-from granular_id.partitions import condition_partitions
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.setup import setups_in
 
@@ -65,7 +64,7 @@ def condition_of(data: Dataset, condition: Any) -> tuple[str, NDArray[np.object_
     One that cannot be held out is refused with the reason and those that can.
     """
     if not isinstance(condition, str):
-        raise argument_error(TypeError, "hold_out", f"must be the name of a condition, got {condition!r:.60}")
+        raise argument_error(TypeError, "by", f"must be the name of a condition, got {condition!r:.60}")
     known = conditions_in(data)
     ends = [name for name in known if name.rpartition(".")[2] == condition]
     name = condition if condition in known else ends[0] if len(ends) == 1 else None
@@ -77,21 +76,21 @@ def condition_of(data: Dataset, condition: Any) -> tuple[str, NDArray[np.object_
         if ends:
             reason = f"it is several things: {', '.join(ends)}"
     else:
-        reason = _why_not(data, name, known[name])
+        reason = _why_not(data, known[name])
         if not reason:
             return name, known[name]
     able = [
         f"{other} ({len(set(values.tolist()))} values)"
         for other, values in known.items()
-        if not _why_not(data, other, values)
+        if not _why_not(data, values)
     ]
     more = f" and {len(able) - _MOST_NAMED} more" if len(able) > _MOST_NAMED else ""
     which = f"those that can be: {', '.join(able[:_MOST_NAMED])}{more}"
     which = which if able else "these recordings state none that can be"
-    raise argument_error(ValueError, "hold_out", f"={condition!r} cannot be held out, as {reason}; {which}")
+    raise argument_error(ValueError, "by", f"={condition!r} cannot be held out, as {reason}; {which}")
 
 
-def _why_not(data: Dataset, name: str, values: NDArray[np.object_]) -> str:
+def _why_not(data: Dataset, values: NDArray[np.object_]) -> str:
     """Say why a condition cannot be held out; nothing where it can."""
     y, n_values = data.y, len(set(values.tolist()))
     missing = [row for row, value in enumerate(values.tolist()) if value is None]
@@ -104,8 +103,10 @@ def _why_not(data: Dataset, name: str, values: NDArray[np.object_]) -> str:
     if all(len(set(values[y == label].tolist())) == 1 for label in data.labels):
         return f"each material has one value of it only ({y[0]}: {values[0]!r}), and would not train when held out"
     if n_values > MOST_VALUES or n_values == len(data):
-        instead = "note a few rounded values in the metadata"
-        if name == "session":
-            instead = "take protocol='session', which holds out groups of them"
-        return f"it has {n_values} values in {len(data)} recordings, each a training of its own: {instead}"
-    return "" if condition_partitions(y, name, values)[0] else "one material only is left to train on"
+        return (
+            f"it has {n_values} values in {len(data)} recordings, each a training of its own: note a few rounded "
+            "values in the metadata"
+        )
+    pairs = {(label, value) for label, value in zip(y.tolist(), values.tolist(), strict=True)}
+    left = [{label for label, other in pairs if other != value} for value in set(values.tolist())]
+    return "" if any(len(labels) > 1 for labels in left) else "one material only is left to train on"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from granular_id.report.page import report
+from granular_id.report.page import write
 from granular_id.report.pictures import FIGURES, figures
 
-__all__ = ["FIGURES", "figures", "report"]
+__all__ = ["FIGURES", "figures", "write"]

@@ -1,4 +1,4 @@
-"""``report``: an evaluation as one file of HTML that needs nothing else."""
+"""``report.write``: an evaluation as one file of HTML that needs nothing else."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from granular_id.evaluation import (
     accuracy_table,
     choice_tables,
     comparison_tables,
-    controls_table,
-    finding_lines,
+    fold_table,
+    gap_lines,
     headline,
-    hold_out_tables,
     mistakes_table,
     recall_table,
     seconds_table,
     shows_paper,
+    spoiled_lines,
 )
 from granular_id.recording import SEVERE_PREFIXES, StepReport, text_table
 from granular_id.report.pictures import inline_svg, mean_lines, pictures
 
 
-def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
+def write(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
     """Write an evaluation as one page of HTML.
 
     The page is whole or absent, fetches nothing, runs no script, and reads well on a wide screen, on a phone, in
@@ -55,9 +55,9 @@ def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
     >>> import tempfile, pathlib
     >>> from granular_id import evaluate, synthesize
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
-    >>> result = evaluate(data, "hfmh", "paper", n_partitions=3, train_per_class=4, test_per_class=2)
+    >>> result = evaluate(data, "hfmh", progress=False)
     >>> path = pathlib.Path(tempfile.mkdtemp(), "report.html")
-    >>> report(result, path)
+    >>> write(result, path)
     >>> "SYNTHETIC" in path.read_text(encoding="utf-8")
     True
     """
@@ -69,28 +69,30 @@ def report(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
 
 
 def html(result: EvaluationResult) -> str:
-    """Return the page that `report` writes."""
+    """Return the page that `write` writes."""
     template = _template()
-    space = result.best_space(result.headline)
     warnings, notes = split_notes(result)
+    accepted = (finding for finding in result.findings if finding not in result.spoiling)
     accuracies = accuracy_table(result)
     return str(
         template.render(
             result=result,
             style=files("granular_id").joinpath("_style.css").read_text(encoding="utf-8"),
             headline=headline(result),
-            space=space,
-            warnings=warnings,
+            gap=gap_lines(result),
+            warnings=(*(f"{one.code}, accepted: {one.message}" for one in accepted), *warnings),
             notes=notes,
-            spoiled=finding_lines(result),
-            figures=pictures(result, space),
-            accuracies=replace(accuracies, notes=(PAPER_NOTE,) if shows_paper(result) else ()),
-            held_out=hold_out_tables(result),
-            controls=controls_table(result, space),
-            comparisons=comparison_tables(result, space),
+            spoiled=spoiled_lines(result),
+            figures=pictures(result),
+            accuracies=replace(
+                accuracies,
+                notes=tuple(dict.fromkeys((*accuracies.notes, *[PAPER_NOTE] * shows_paper(result)))),
+            ),
+            folds=fold_table(result),
+            comparisons=comparison_tables(result),
             choices=choice_tables(result),
-            mistakes=mistakes_table(result, space, result.headline),
-            recalls=recall_table(result, space),
+            mistakes=mistakes_table(result),
+            recalls=recall_table(result),
             seconds=seconds_table(result),
             summary="\n".join(text_table(result.data["summary"]["rows"])),
             history=[str(StepReport(**step)) for step in result.data["history"]],

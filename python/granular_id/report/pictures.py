@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 from granular_id._files import made_folder
 from granular_id._text import percent
 from granular_id.evaluation import EvaluationResult, ReportData, shows_paper
-from granular_id.partitions import PROTOCOLS
 from granular_id.plotting import (
     FAINT,
     INK,
@@ -27,15 +26,12 @@ from granular_id.plotting import (
     draw_confusion,
     draw_hfmh,
     draw_mean_forces,
-    draw_residual,
     new_figure,
     plot_accuracy,
     plot_confusion,
-    plot_gap,
     plot_hfmh,
     plot_mean_forces,
     plot_recall,
-    plot_residual,
     quantity_of,
     telling_curves,
 )
@@ -44,11 +40,8 @@ from granular_id.recording import AXES, AXIS_COLOURS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FIGURES = (
-    *("accuracy", "gap", "recall", *(f"confusion_{protocol}" for protocol in PROTOCOLS)),
-    *("mean_forces", "residual", "hfmh"),
-)
-"""Names of all figures that there may be, without their endings."""
+FIGURES = ("accuracy", "recall", "confusion", "mean_forces", "hfmh")
+"""Names of all figures, without their endings."""
 
 
 def figures(
@@ -68,12 +61,12 @@ def figures(
     formats : str or sequence of str
         Endings that matplotlib knows: png, svg, pdf, ...
     space : str, optional
-        Whose gap, confusion and recall are shown; default: the best by the protocol of the headline.
+        Whose confusion and recall are shown; default: the headline's.
 
     Returns
     -------
     list of Path
-        What was written: accuracy, gap, recall, ``confusion_PROTOCOL``, mean_forces, residual and hfmh.
+        What was written: accuracy, recall, confusion, mean_forces and hfmh.
 
     Raises
     ------
@@ -89,18 +82,18 @@ def figures(
     >>> import tempfile
     >>> from granular_id import evaluate, synthesize
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
-    >>> result = evaluate(data, "hfmh", "paper", n_partitions=3, train_per_class=4, test_per_class=2)
+    >>> result = evaluate(data, "hfmh", paper=(3, 4, 2), progress=False)
     >>> written = figures(result, tempfile.mkdtemp(), "svg")
     >>> [path.name for path in written[:3]]
-    ['accuracy.svg', 'gap.svg', 'recall.svg']
+    ['accuracy.svg', 'recall.svg', 'confusion.svg']
     """
     endings = [formats] if isinstance(formats, str) else list(formats)
     if not endings:
         raise ValueError("formats must name at least one ending, such as png, got none")
-    chosen = result.space(space).name if space is not None else result.best_space(result.headline)
+    result.of(space)  # refuses a space that was not evaluated
     written = []
     with made_folder(folder) as place:
-        for name, plot in _plots(result, chosen).items():
+        for name, plot in _plots(result, space).items():
             for ending in endings:
                 path = place / f"{name}.{ending.removeprefix('.')}"
                 plot(path=path)
@@ -108,22 +101,17 @@ def figures(
     return written
 
 
-def _plots(result: EvaluationResult, space: str) -> dict[str, Callable[..., Figure]]:
+def _plots(result: EvaluationResult, space: str | None) -> dict[str, Callable[..., Figure]]:
     """Name each figure, with the function that draws it into ``path=``."""
     mark = ", SYNTHETIC recordings" if result.synthetic else ""
-    plots: dict[str, Callable[..., Figure]] = {
+    title = f"{space or result.spaces[0]}, {result.folds.name}{mark}"
+    return {
         "accuracy": partial(plot_accuracy, result, paper=shows_paper(result)),
-        "gap": partial(plot_gap, result, space),
         "recall": partial(plot_recall, result, space),
+        "confusion": partial(plot_confusion, result.confusion(space), result.labels, title=title),
+        "mean_forces": partial(plot_mean_forces, result.report_data),
+        "hfmh": partial(plot_hfmh, result.report_data),
     }
-    for protocol in result.protocols:
-        title = f"{space}, {result.protocol_name(protocol)}{mark}"
-        counts = result.confusion(space, protocol)
-        plots[f"confusion_{protocol}"] = partial(plot_confusion, counts, result.labels, title=title)
-    plots["mean_forces"] = partial(plot_mean_forces, result.report_data)
-    plots["residual"] = partial(plot_residual, result.report_data)
-    plots["hfmh"] = partial(plot_hfmh, result.report_data)
-    return plots
 
 
 # The figures of the page.
@@ -185,32 +173,23 @@ class Picture:
         return min(round(self.shrinks * 96 * self.figure.get_figwidth()), _WIDEST)
 
 
-def pictures(result: EvaluationResult, space: str) -> list[Picture]:
-    """Draw all figures in the order of the page: gap, confusion and recall of one space, then the recordings."""
-    return [*_of_results(result, space), *_of_means(result.report_data), *_of_high_pass(result.report_data)]
+def pictures(result: EvaluationResult) -> list[Picture]:
+    """Draw all figures in the order of the page: accuracy, confusion and recall, then the recordings."""
+    return [*_of_results(result), *_of_means(result.report_data), *_of_high_pass(result.report_data)]
 
 
-def _of_results(result: EvaluationResult, space: str) -> Iterator[Picture]:
-    accuracies = "; ".join(
-        f"{result.protocol_name(protocol)} {percent(result.mean_accuracy(space, protocol))}"
-        for protocol in result.protocols
-    )
-    yield Picture("gap", "", plot_gap(result, space), f"Accuracy of {space}: {accuracies}", 0.62)
+def _of_results(result: EvaluationResult) -> Iterator[Picture]:
+    name, space = result.folds.name, result.spaces[0]
+    accuracies = "; ".join(f"{one} {percent(held.accuracy)}" for one, held in result.held.items())
     figure = plot_accuracy(result, paper=shows_paper(result))
-    alt = f"Mean accuracy of {len(result.spaces)} feature spaces with 95 % intervals; numbers in the table"
-    yield Picture("accuracy", "", figure, alt, 0.75)
-    for protocol in result.protocols:
-        if protocol not in {result.random, result.headline}:
-            continue
-        name = result.protocol_name(protocol)
-        shares = as_percent(result.confusion(space, protocol).astype(float))
-        side = 1.3 + 0.34 * len(result.labels)
-        figure = new_figure(side + 0.5, side)
-        draw_confusion(figure.subplots(), shares, result.labels)
-        alt = f"Confusion matrix of {space}, {name}, in per cent of each true class"
-        yield Picture("confusion", name, figure, alt, 0.64)
-    alt = "Recall of each class under each protocol; numbers in the table"
-    yield Picture("recall", "", plot_recall(result, space), alt, 0.75)
+    yield Picture("accuracy", "", figure, f"Balanced accuracy with {name}: {accuracies}", 0.75)
+    shares = as_percent(result.confusion().astype(float))
+    side = 1.3 + 0.34 * len(result.labels)
+    figure = new_figure(side + 0.5, side)
+    draw_confusion(figure.subplots(), shares, result.labels)
+    alt = f"Confusion matrix of {space}, {name}, in per cent of each true material"
+    yield Picture("confusion", "", figure, alt, 0.64)
+    yield Picture("recall", "", plot_recall(result), "Recall of each material; numbers in the table", 0.75)
 
 
 @dataclass(frozen=True)
@@ -270,12 +249,8 @@ def _titled(axis: str) -> str:
 
 
 def _of_high_pass(report_data: ReportData) -> Iterator[Picture]:
-    for group, draw, what in (
-        ("residual", draw_residual, "root mean square of the high-passed signal over time"),
-        ("hfmh", draw_hfmh, "mean histogram of the high-passed signal"),
-    ):
-        for number, axis in enumerate(report_data.axes):
-            figure = new_figure(3.7, 0.8 + 0.16 * max(3, len(report_data.labels)))
-            draw(figure.subplots(), report_data, number)
-            alt = f"{_titled(axis)}: {what}, one row a material"
-            yield Picture(group, _titled(axis), figure, alt, 0.75)
+    for number, axis in enumerate(report_data.axes):
+        figure = new_figure(3.7, 0.8 + 0.16 * max(3, len(report_data.labels)))
+        draw_hfmh(figure.subplots(), report_data, number)
+        alt = f"{_titled(axis)}: mean histogram of the high-passed signal, one row a material"
+        yield Picture("hfmh", _titled(axis), figure, alt, 0.75)

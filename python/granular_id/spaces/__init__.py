@@ -19,17 +19,21 @@ from granular_id.spaces.base import (
     joined_units as joined_units,
     renamed as renamed,
     steps_of as steps_of,
-    tell_blocks,
 )
 from granular_id.spaces.best import (
     BestClassifier,
     Choice as Choice,
-    Chosen as Chosen,
     adapted_classifier as adapted_classifier,
+    choice_of as choice_of,
 )
-from granular_id.spaces.components import PrincipalComponents
-from granular_id.spaces.gram import GramPlan, block_key, gram_plan
-from granular_id.spaces.hfmh import DEFAULT_RANGE as DEFAULT_RANGE, HFMH, BinRange, RawHFMH, RawHistogram
+from granular_id.spaces.hfmh import (
+    DEFAULT_RANGE as DEFAULT_RANGE,
+    HFMH,
+    BinRange,
+    BlockWeights as BlockWeights,
+    RawHFMH,
+    RawHistogram,
+)
 from granular_id.spaces.multiband import (
     ALL_BLOCKS as ALL_BLOCKS,
     BAND_LOSS as BAND_LOSS,
@@ -58,13 +62,6 @@ from granular_id.spaces.scaling import (
     is_linear_step as is_linear_step,
 )
 from granular_id.spaces.spectral import DFT
-from granular_id.spaces.union import (
-    BlockUnion,
-    BlockWeights as BlockWeights,
-    row_norms as row_norms,
-    unit_weight,
-    works_one_by_one as works_one_by_one,
-)
 
 __all__ = [
     "DFT",
@@ -72,13 +69,10 @@ __all__ = [
     "BestClassifier",
     "BinRange",
     "BlockScaler",
-    "BlockUnion",
     "FeatureBlock",
     "FeatureSpace",
     "FrequencyBand",
-    "GramPlan",
     "MultiBand",
-    "PrincipalComponents",
     "RangeNormalizer",
     "RawHFMH",
     "RawHistogram",
@@ -88,12 +82,8 @@ __all__ = [
     "Tare",
     "TimePermutation",
     "WithinClassWhitening",
-    "block_key",
     "block_sizes",
     "feature_blocks",
     "feature_spaces",
-    "gram_plan",
     "learns",
-    "tell_blocks",
-    "unit_weight",
 ]

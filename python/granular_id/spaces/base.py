@@ -6,19 +6,19 @@ import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from sklearn.base import BaseEstimator, OneToOneFeatureMixin, TransformerMixin
-from sklearn.pipeline import Pipeline
+from sklearn.pipeline import FeatureUnion, Pipeline
 from sklearn.utils import Tags
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import argument_error, positive_number
 from granular_id._columns import column_names, samples_of
 from granular_id._core import AXES, UNITS
-from granular_id._estimators import Origin, origin_of, real_steps, traced
+from granular_id._estimators import real_steps
 from granular_id._memory import empty, is_large
 from granular_id.features import FeatureSpec, extract_features, feature_names
 from granular_id.recording import Dataset, Recording, common_units, unit_differences, unit_of
@@ -32,6 +32,15 @@ _MOST_AXES = 12
 
 PAPER_RATE_HZ = 500.0
 """What spaces that need a rate take where nobody states one: that of the paper's sensor."""
+
+
+class Known(NamedTuple):
+    """What recordings bring with them, as far as it is known."""
+
+    axes: tuple[str, ...] | None = None
+    units: tuple[str, ...] = ()
+    rate_hz: float | None = None
+    dataset: Dataset | None = None
 
 
 class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -50,9 +59,6 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
     rate_hz_: float | None
     """Sampling rate in use, Hz: `rate_hz` or, without it, that of the `Dataset`, or the space's default."""
 
-    without_effect: ClassVar[frozenset[str]] = frozenset()
-    """Parameters that change no feature: threads, or a rate that labels coordinates only."""
-
     _default_rate_hz: ClassVar[float | None] = None
     _core_refuses_gaps: ClassVar[bool] = False
     """Whether `_features` hands recordings to the core, which refuses NaN and infinity: looking twice takes time."""
@@ -69,9 +75,9 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         ----------
         X : Dataset, or array-like of shape (n, T, C) or (n, T)
             Recordings: n of T samples on C axes. Two dimensions are n signals of one axis. A `Dataset` (or a list of
-            `Recording`) of one length brings names and units of its axes, its rate and, for the steps behind, labels,
-            sessions and order. A list of tables with named columns is taken by name: fx fy fz tx ty tz in this order
-            whatever their own, stamps are refused. Where axes have names, `transform` wants the same.
+            `Recording`) of one length brings names and units of its axes, and its rate. A list of tables with named
+            columns is taken by name: fx fy fz tx ty tz in this order whatever their own, stamps are refused. Where
+            axes have names, `transform` wants the same.
         y : ignored
 
         Returns
@@ -102,20 +108,12 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             Another shape, other axes, units or rate where they are known, NaN or infinity.
         """
         check_is_fitted(self)
-        recordings, origin = self._recordings(X, reset=False)
+        recordings, _ = self._recordings(X, reset=False)
         try:
-            features = self._features(recordings)
+            return self._features(recordings)
         except ValueError:
             _refuse_gaps(recordings)  # the core's error knows no name of the caller's
             raise
-        return self._traced(features, origin)
-
-    def _traced(self, features: FloatArray, origin: Origin) -> FloatArray:
-        """Let features of a data set know it, for the steps behind."""
-        if origin.dataset is None:
-            return features
-        known: FloatArray = traced(features, origin, blocks=getattr(self, "block_sizes_", None))
-        return known
 
     def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:
         """Names (D,) of the features, for instance ``fx_0000`` or ``hfmh_tz_99``; axes without names are axis0 ...
@@ -165,11 +163,11 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         """Names of the D features, with the axes that `axis_names` gives."""
         raise NotImplementedError
 
-    def _recordings(self, X: Any, *, reset: bool) -> tuple[FloatArray, Origin]:
+    def _recordings(self, X: Any, *, reset: bool) -> tuple[FloatArray, Known]:
         """Check recordings, and with `reset` learn their shape, axes and rate; otherwise compare them."""
-        X, origin = _taken(X, None if reset else getattr(self, "axes_in_", None))
+        X, known = _taken(X, None if reset else getattr(self, "axes_in_", None))
         if reset:
-            self._learn_rate(origin.rate_hz)
+            self._learn_rate(known.rate_hz)
         if _rank(X) > 3:
             raise ValueError(f"X must have shape (n, T, C) or (n, T), got {_rank(X)} dimensions")
         if not reset and self.n_axes_in_ > 1:
@@ -190,10 +188,10 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             _refuse_gaps(recordings)
         if reset:
             self.n_axes_in_ = recordings.shape[2]
-            self.axes_in_, self.units_in_ = origin.axes, origin.units or ("",) * self.n_axes_in_
+            self.axes_in_, self.units_in_ = known.axes, known.units or ("",) * self.n_axes_in_
         else:
-            self._refuse_other(origin)
-        return recordings, origin
+            self._refuse_other(known)
+        return recordings, known
 
     def _learn_rate(self, rate_hz: float | None) -> None:
         stated = getattr(self, "rate_hz", None)
@@ -204,24 +202,24 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         known = rate_hz if stated is None else float(stated)
         self.rate_hz_ = self._default_rate_hz if known is None else known
 
-    def _refuse_other(self, origin: Origin) -> None:
+    def _refuse_other(self, now: Known) -> None:
         """Refuse recordings of other axes, units or another rate than `fit` saw, as far as both are known."""
-        if self.axes_in_ is not None and origin.axes is not None:
-            if origin.axes != self.axes_in_:
+        if self.axes_in_ is not None and now.axes is not None:
+            if now.axes != self.axes_in_:
                 raise ValueError(
-                    f"X has the axes {' '.join(origin.axes)}, in fit they were {' '.join(self.axes_in_)}: "
+                    f"X has the axes {' '.join(now.axes)}, in fit they were {' '.join(self.axes_in_)}: "
                     "call .select(axes=...)"
                 )
-            for other in unit_differences(
+            for unit in unit_differences(
                 dict(zip(self.axes_in_, self.units_in_, strict=True)),
-                {"units": dict(zip(origin.axes, origin.units, strict=True))},
+                {"units": dict(zip(now.axes, now.units, strict=True))},
             ):
                 raise ValueError(
-                    f"X has the unit {other.now}, in fit it was {other.trained[0]}: convert the samples"
+                    f"X has the unit {unit.now}, in fit it was {unit.trained[0]}: convert the samples"
                 )
-        known, now = self.rate_hz_, origin.rate_hz
-        if known is not None and now is not None and not np.isclose(known, now, rtol=1e-6):
-            raise ValueError(f"X has {now:g} Hz, in fit it was {known:g}: call .resample({known:g}) first")
+        own, other = self.rate_hz_, now.rate_hz
+        if own is not None and other is not None and not np.isclose(own, other, rtol=1e-6):
+            raise ValueError(f"X has {other:g} Hz, in fit it was {own:g}: call .resample({own:g}) first")
 
     def _same_shape(self, shape: tuple[int, ...]) -> None:
         fitted = (self.n_features_in_, self.n_axes_in_)
@@ -238,7 +236,6 @@ class CoreTransformer(RecordingTransformer):
     spec_: FeatureSpec
 
     _core_refuses_gaps = True
-    without_effect: ClassVar[frozenset[str]] = frozenset({"threads"})
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         n, *shape = recordings.shape
@@ -253,8 +250,8 @@ class CoreTransformer(RecordingTransformer):
 class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: ignore[misc]
     """Recordings to recordings of the same shape, to stand in front of any feature space of a pipeline.
 
-    A subclass fills in `_learn` and `_filtered`. The result is always an array, whatever `set_output` says: a
-    data frame has two dimensions. Names, one for each instant, pass through.
+    A subclass fills in `_learn` and `_filtered`. A `Dataset` stays one, with all that it knows; else the result is an
+    array, whatever `set_output` says: a data frame has two dimensions. Names, one for each instant, pass through.
     """
 
     keeps_time: ClassVar[bool] = True
@@ -267,8 +264,8 @@ class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: igno
         """Do nothing, so that a pipeline can set its steps behind; recordings stay arrays."""
         return self
 
-    def transform(self, X: Recordings) -> FloatArray:
-        """Filter recordings; the result has as many dimensions as `X`.
+    def transform(self, X: Recordings) -> FloatArray | Dataset:  # type: ignore[override]
+        """Filter recordings; the result is a `Dataset` where `X` is one, else it has as many dimensions as `X`.
 
         Raises
         ------
@@ -276,11 +273,12 @@ class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: igno
             Another shape than in `fit`, NaN or infinity.
         """
         check_is_fitted(self)
-        recordings, origin = self._recordings(X, reset=False)
+        recordings, known = self._recordings(X, reset=False)
         filtered = self._filtered(recordings)
-        flat = origin.dataset is None and _rank(X) == 2
-        result: FloatArray = traced(filtered[:, :, 0] if flat else filtered, origin)
-        return result
+        if known.dataset is not None:
+            pairs = zip(known.dataset, filtered, strict=True)
+            return Dataset([replace(recording, wrench=wrench) for recording, wrench in pairs])
+        return filtered[:, :, 0] if _rank(X) == 2 else filtered
 
     def feature_blocks(self) -> tuple[FeatureBlock, ...]:
         """Refused: recordings are no features yet."""
@@ -321,24 +319,21 @@ def check_rate(rate_hz: Any) -> None:
         positive_number("rate_hz", rate_hz, "a number of hertz or None")
 
 
-def _taken(X: Any, axes: tuple[str, ...] | None) -> tuple[Any, Origin]:
+def _taken(X: Any, axes: tuple[str, ...] | None) -> tuple[Any, Known]:
     """Return the samples of what a caller passes, in the order of `axes` where it has names, and what it says."""
     if isinstance(X, Recording):
         raise TypeError("X must be a batch, got one Recording: pass [X]")
     if isinstance(X, (list, tuple)) and X and all(isinstance(one, Recording) for one in X):
         X = Dataset(X)  # what scikit-learn makes of a Dataset when it takes some of its rows
     if isinstance(X, Dataset):
-        return X.X, Origin(X.axes, tuple(common_units(X)), X.rate_hz, X)
-    origin = origin_of(X)
-    if origin is not None:
-        return np.asarray(X), origin
+        return X.X, Known(X.axes, tuple(common_units(X)), X.rate_hz, X)
     names = column_names(X, "X")
     if names is not None:
         if {name.strip().lower() for name in names} >= set(AXES):
             raise ValueError(f"X must be a batch, got one table with the columns {' '.join(names)}: pass [X]")
-        return X, Origin()
+        return X, Known()
     samples, named = samples_of(X, "X", axes)
-    return samples, Origin() if named is None else Origin(named, tuple(map(unit_of, named)))
+    return samples, Known() if named is None else Known(named, tuple(map(unit_of, named)))
 
 
 def _rank(X: Any) -> int:
@@ -500,6 +495,8 @@ def steps_behind_filters(transformer: Any) -> list[Any]:
 def feature_blocks(transformer: Any) -> tuple[FeatureBlock, ...]:
     """Say what the columns of a fitted feature space stand for, with or without filters in front that keep time."""
     steps = steps_behind_filters(transformer)
+    if len(steps) == 1 and isinstance(steps[0], FeatureUnion):
+        return _blocks_of_union(steps[0])
     if len(steps) != 1 or not hasattr(steps[0], "feature_blocks"):
         kinds = ", ".join(type(step).__name__ for step in steps) or "nothing behind filters"
         raise TypeError(
@@ -510,13 +507,20 @@ def feature_blocks(transformer: Any) -> tuple[FeatureBlock, ...]:
     return blocks
 
 
+def _blocks_of_union(union: FeatureUnion) -> tuple[FeatureBlock, ...]:
+    """Blocks of all parts, in their order; where two share a name, each is preceded by that of its part."""
+    found: list[tuple[str, FeatureBlock]] = []
+    stop = 0
+    for part, transformer in union.transformer_list:
+        inner = shifted(feature_blocks(transformer), stop)
+        stop = max(block.columns.stop for block in inner)
+        found += [(part, block) for block in inner]
+    if len({block.name for _, block in found}) == len(found):
+        return tuple(block for _, block in found)
+    return tuple(replace(block, name=f"{part}__{block.name}") for part, block in found)
+
+
 def block_sizes(transformer: Any) -> dict[str, int] | None:
     """Columns of each block of a fitted feature space that has blocks of statistics, as `MultiBand`; else None."""
     sizes: dict[str, int] | None = getattr(steps_of(transformer)[-1], "block_sizes_", None)
     return None if sizes is None else dict(sizes)
-
-
-def tell_blocks(estimator: Any, sizes: dict[str, int] | None) -> None:
-    """Set `blocks` of an unfitted estimator that has that parameter and leaves it open, as `BlockScaler` has."""
-    if sizes is not None and estimator.get_params().get("blocks", ...) is None:
-        estimator.set_params(blocks=sizes)

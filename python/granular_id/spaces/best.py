@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import groupby, product
 from numbers import Integral
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.base import BaseEstimator
-from sklearn.pipeline import Pipeline
+from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import checked_n_jobs, named, positive_number
-from granular_id._estimators import LabelledClassifier, labels_of, origin_for_fit, origin_of
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id._text import Table, percent
-from granular_id.ecoc import LOSSES, class_indices, decode, linear_scores, onevsone, train_learners
-from granular_id.gram import linear_gram, spread
+from granular_id.ecoc import (
+    LOSSES,
+    Learners as Machines,
+    class_indices,
+    decode,
+    linear_scores,
+    onevsone,
+    train_learners,
+)
 from granular_id.spaces.adaptation import Learners, SourceStatistics, adapted_to_all
-from granular_id.spaces.multiband import BAND_LOSS
+from granular_id.spaces.multiband import BAND_LOSS, BAND_SHRINKAGE
 from granular_id.spaces.scaling import (
     BlockScaler,
     BlockSizes,
@@ -31,10 +36,9 @@ from granular_id.spaces.scaling import (
     WithinClassWhitening,
     block_slices,
     folded_back,
-    own_blocks,
     whitened_grams,
 )
-from granular_id.splits import NONE, ChoiceFolds, choice_folds, groups_of
+from granular_id.splits import CONDITIONS, NONE, RANDOM, SESSIONS, ChoiceFolds, choice_folds
 
 FloatArray = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
@@ -42,31 +46,36 @@ Rows = npt.NDArray[np.intp]
 # Where more of the rows violate the margin, the classes overlap: no cost pulls them apart, and libsvm takes millions of
 # steps to find that out.
 _MOST_AT_BOUND = 0.5
+_ENOUGH_FOLDS = 3  # whose differences have a standard error that means anything
 _LEAST_GAIN = 0.02  # of a block; where the standard error is larger, too few recordings tell
 
 
-class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type: ignore[misc]
+class BestClassifier(OrderedBlocks, ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     """A linear one-vs-one classifier that chooses its own preparation of the features.
 
     Every candidate model standardises the columns, gives each block the same weight, may whiten within classes
     (`BlockScaler`, `WithinClassWhitening`) and trains a linear support
     vector machine for each pair of classes. Which of them generalise is found by holding out what will be new
     later: whole groups or sessions, else halves in time, else random rows. Those that come within one standard error
-    of the best, or one recording, are as good. The model is the mean of their scores; where the standard error is two
-    points or less, so that a gain would show, of those with the fewest optional blocks only. All of it is linear, so
+    of the best, or one recording, are as good, and the model is the mean of their scores. All of it is linear, so
     the model is one matrix of weights for plain features.
+
+    With three held-out groups or sessions or more the standard error is that of the differences to the best candidate
+    over them, else that of the best one's share of right rows.
 
     Parameters
     ----------
     blocks : mapping of name to number of columns, sequence of int, or None, default None
-        Blocks of columns, as in `BlockScaler`. None: those of the feature space in front, where that was given a
-        `Dataset` and has blocks, as `MultiBand`; else one block.
+        Blocks of columns, as in `BlockScaler`. None: one block.
     optional_blocks : sequence of str, default ()
-        Blocks that may hurt: each is tried with and without, and left out where it gains nothing that shows. The
-        level of the raw signal, for instance, tells materials apart until the zero of the sensor has moved.
-    shrinkages : sequence of float or None, default (None, 1e-3)
+        Blocks that may hurt: each is tried with and without, and left out unless it gains in every held-out group,
+        session or half in time. Of halves and random rows, which tell less of what is new later, also where a gain of
+        two points would show, and does not. The level of the raw signal, for instance, tells materials apart until the
+        zero of the sensor has moved.
+    shrinkages : sequence of float or None, default (None, 0.03, 1e-3)
         Of `WithinClassWhitening`; None: no whitening. Whitening helps where recordings of a class drift and there are
-        enough of them to tell in which directions, and costs a few points where there are not.
+        enough of them to tell in which directions, and costs a few points where there are not. The less is added, the
+        more it helps within a set-up, and the less in another.
     relative_costs : sequence of float, default (1.0, 10.0)
         C times the mean squared distance of the training rows from their mean. At 1 some rows may violate the
         margin, at 10 hardly any does: more changes nothing.
@@ -93,9 +102,6 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         Learners on plain features: a score is ``coef_ @ x + intercept_``. 0 for columns that are constant in training.
     choice_ : Choice
         What was tried, on which folds, and what was chosen; ``print(choice_)`` shows a table.
-    held_out_scores_ : ndarray, shape (n, L)
-        Binary scores of each training row by the chosen candidates trained without it (without its session, or
-        block in time), the mean over repeats; NaN for rows that were never held out. For calibration.
     n_features_in_, feature_names_in_
         As in every scikit-learn estimator.
 
@@ -107,9 +113,9 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
 
     Notes
     -----
-    Where no two classes have two recordings nothing can be held out, and nothing chosen: the model is then the mean
-    of all candidates. `choice_` says so. A class with one recording always trains. A single candidate, one shrinkage
-    and one relative cost without optional blocks, needs no choice, and nothing is held out.
+    Where no two classes have two recordings nothing can be held out: the model is then the mean of all candidates, and
+    `choice_` says so. A class with one recording always trains. A single candidate needs no choice, and nothing is held
+    out.
 
     The accuracy in `choice_` made the choice, and is too good by what the choice won; judge with folds around `fit`,
     as `granular_id.evaluate` does.
@@ -131,7 +137,6 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
     coef_: FloatArray
     intercept_: FloatArray
     choice_: Choice
-    held_out_scores_: FloatArray
     n_features_in_: int
 
     def __init__(
@@ -139,7 +144,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         *,
         blocks: BlockSizes = None,
         optional_blocks: Sequence[str] = (),
-        shrinkages: Sequence[float | None] = (None, 1e-3),
+        shrinkages: Sequence[float | None] = (None, BAND_SHRINKAGE, 1e-3),
         relative_costs: Sequence[float] = (1.0, 10.0),
         loss: str = BAND_LOSS,
         n_folds: int = 5,
@@ -158,7 +163,7 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
     def fit(
         self,
         X: npt.ArrayLike,
-        y: npt.ArrayLike | None = None,
+        y: npt.ArrayLike,
         sessions: Sequence[Any] | npt.NDArray[Any] | None = None,
         order: npt.ArrayLike | None = None,
         groups: Sequence[Any] | npt.NDArray[Any] | None = None,
@@ -169,15 +174,12 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         ----------
         X : array-like, shape (n, D)
             Plain features, finite.
-        y : array-like, shape (n,), optional
+        y : array-like, shape (n,)
             Labels: strings, integers or other values that can be sorted.
         sessions : sequence of n, optional
             Session of each row; None or "" where it is not known.
         order : array-like of int, shape (n,), optional
             Row numbers from the earliest to the latest recording, see `Dataset.chronological_order`.
-
-            Labels, sessions and order that are left out are those of the `Dataset` that a feature space in front was
-            given.
         groups : sequence of n, optional
             What new recordings will not share with these, such as the tool of each row: where every class has two or
             more, they are held out whole in place of sessions.
@@ -188,30 +190,25 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
         """
         checked_n_jobs(self.n_jobs)
         named(LOSSES, "loss", self.loss)
-        origin = origin_for_fit(X, self)
-        rows, labels = validate_data(self, X, labels_of(X, y, self), dtype=np.float64)
-        if origin is not None and origin.dataset is not None and sessions is None and order is None:
-            known = groups_of(origin.dataset).fit_arguments(self, np.arange(len(rows)))
-            sessions, order = known["sessions"], known["order"]
+        rows, labels = validate_data(self, X, y, dtype=np.float64)
         classes, codes = class_indices(labels)
-        slices = block_slices(own_blocks(self.blocks, origin), rows.shape[1])
+        slices = block_slices(self.blocks, rows.shape[1])
         sizes = {name: columns.stop - columns.start for name, columns in slices.items()}
         candidates = plan_candidates(list(sizes), self.optional_blocks, self.shrinkages, self.relative_costs)
         seed = int(check_random_state(self.random_state).randint(np.iinfo(np.int32).max))
         planned = choice_folds(codes, sessions, order, n_folds=self.n_folds, seed=seed, conditions=groups)
+        if sessions is not None and planned.held_out not in (SESSIONS, CONDITIONS):
+            # Inside of one session an optional block may name the session, and nothing would show it.
+            optional = set(self.optional_blocks)
+            candidates = tuple(one for one in candidates if not optional.intersection(one.blocks))
         if len(candidates) == 1:
             planned = ChoiceFolds((), NONE, "no folds: one machine leaves nothing to choose")
         tests = [test for _, test in planned.folds]
-        costs = sorted({candidate.relative_cost for candidate in candidates})
         matrix = onevsone(len(classes))
 
         def accuracy(scores: FloatArray, test: Rows) -> float:
             winners = decode(scores, matrix, self.loss).argmax(axis=1)
             return float(np.mean(winners == codes[test]))
-
-        def line(k: int) -> Line:
-            lower = [cost for cost in costs if cost < candidates[k].relative_cost]
-            return fitted_line(rows, codes, sizes, candidates[k], lower)
 
         # One thread of algebra: with more the last bits would depend on their number.
         with single_threaded_blas():
@@ -220,27 +217,15 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
                 planned.folds,
                 self.n_jobs,
             )
-            accuracies = np.array(
-                [
-                    [accuracy(of_candidate, test) for of_candidate in of_fold]
-                    for of_fold, test in zip(scores, tests, strict=True)
-                ]
-            ).reshape(len(tests), len(candidates))
+            each = [[accuracy(own, test) for own in of] for of, test in zip(scores, tests, strict=True)]
+            accuracies = np.array(each).reshape(len(tests), len(candidates))
             chosen = tuple(range(len(candidates)))
             if tests:
                 n_rows = np.unique(np.concatenate(tests)).size
-                chosen = choose(accuracies, n_rows)
-                if standard_error(accuracies, n_rows) <= _LEAST_GAIN:
-                    chosen = without_optional(candidates, chosen)
-            together = [of_fold[list(chosen)].mean(axis=0) for of_fold in scores]
-            lines = in_threads(line, chosen, self.n_jobs)
+                chosen = choose(candidates, accuracies, n_rows, planned.held_out)
+            lines = fitted_lines(rows, codes, sizes, candidates, chosen)
+        together = [of_fold[list(chosen)].mean(axis=0) for of_fold in scores]
         joint = np.array([accuracy(own, test) for own, test in zip(together, tests, strict=True)])
-        sums, times = np.zeros((len(rows), matrix.shape[1])), np.zeros((len(rows), 1))
-        for own, test in zip(together, tests, strict=True):
-            sums[test] += own
-            times[test] += 1
-        with np.errstate(invalid="ignore"):  # NaN for rows that were never held out
-            self.held_out_scores_ = sums / times
         self.classes_, self.coding_matrix_ = classes, matrix
         self.coef_ = np.mean([coef for coef, _ in lines], axis=0)
         self.intercept_ = np.mean([intercept for _, intercept in lines], axis=0)
@@ -281,19 +266,12 @@ class BestClassifier(OrderedBlocks, LabelledClassifier, BaseEstimator):  # type:
 def adapted_classifier(
     classifier: BestClassifier, X: FloatArray, y: npt.NDArray[Any], X_new: FloatArray
 ) -> BestClassifier:
-    """Return a classifier for the set-up of rows that hold all classes about equally; `X` and `y` trained the old one.
-
-    Its held-out scores are those of the old one.
-    """
-    learners = Learners(
-        classifier.coef_,
-        classifier.intercept_,
-        classifier.coding_matrix_,
-        lambda scores: -classifier._values(scores),
-    )
+    """Return a classifier for the set-up of rows that hold all classes about equally; the old one had `X` and `y`."""
+    own = classifier.coef_, classifier.intercept_, classifier.coding_matrix_
+    learners = Learners(*own, lambda scores: -classifier._values(scores))
     rows, new_rows = (np.asarray(each, dtype=np.float64) for each in (X, X_new))
     source = SourceStatistics.of(rows, np.searchsorted(classifier.classes_, y), learners)
-    slices = block_slices(own_blocks(classifier.blocks, origin_of(X)), X.shape[1])
+    slices = block_slices(classifier.blocks, X.shape[1])
     blocks = {name: columns.stop - columns.start for name, columns in slices.items()}
     made, _ = adapted_to_all(learners, source, new_rows, blocks)
     new = copy(classifier)
@@ -310,8 +288,7 @@ class Choice:
     machines : tuple of Candidate
         All candidate models that were tried.
     chosen : tuple of int
-        Which of them make up the model; those within one standard error of the best, with the fewest optional blocks
-        where a gain of them would show.
+        Which of them make up the model: those within one standard error of the best, see `BestClassifier`.
     accuracies : ndarray, shape (J, n_candidates)
         Of each on each fold; J is 0 where there were no folds.
     joint : ndarray, shape (J,)
@@ -338,17 +315,15 @@ class Choice:
         return float(self.joint.mean()) if self.joint.size else float("nan")
 
     @property
-    def reduced(self) -> Chosen | None:
-        """What a reader asks for; None where there was one candidate, and nothing to choose."""
-        if len(self.machines) < 2:
-            return None
-        return Chosen(
-            machines=tuple(machine.name for machine in self.machines),
-            chosen=self.chosen,
-            accuracies=tuple(self.accuracies.mean(axis=0).tolist()) if len(self.accuracies) else (),
-            together=self.accuracy if self.joint.size else None,
-            note=self.note,
-        )
+    def names(self) -> tuple[str, ...]:
+        """The candidates that make up the model."""
+        return tuple(self.machines[k].name for k in self.chosen)
+
+    @property
+    def words(self) -> str:
+        """What makes up the model, as a line to read."""
+        count = f"{len(self.chosen)} of {len(self.machines)}"
+        return f"the mean of the candidate models that were chosen, {count}: {'; '.join(self.names)}"
 
     def table(self) -> Table:
         """All candidates, in the order of their accuracy on the folds; ``>`` marks the chosen ones."""
@@ -358,7 +333,7 @@ class Choice:
             means, spreads = self.accuracies.mean(axis=0), self.accuracies.std(axis=0)
             notes.append(
                 "> chosen: what is within one standard error of the best, or one recording, without optional blocks "
-                "where these gain nothing that shows; the mean of their scores reaches "
+                "that do not gain throughout; the mean of their scores reaches "
                 f"{percent(self.accuracy)} on the same folds"
             )
         rows = tuple(
@@ -382,7 +357,7 @@ class Choice:
             "random_state": self.random_state,
             "n_folds": len(self.accuracies),
             "accuracy_on_the_folds_that_chose": self.accuracy if self.joint.size else None,
-            "chosen": [self.machines[k].name for k in self.chosen],
+            "chosen": list(self.names),
             "machines": [
                 {
                     "name": machine.name,
@@ -397,54 +372,10 @@ class Choice:
         }
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """The choice of one fitted classifier, reduced to what a reader asks for.
-
-    Attributes
-    ----------
-    machines : tuple of str
-        Names of all candidate models that were tried.
-    chosen : tuple of int
-        Which of them make up the model.
-    accuracies : tuple of float
-        Mean of each candidate over the folds that chose, inside the training rows; empty where there were no folds.
-    together : float or None
-        That of the chosen ones together, on the same folds: too good by what the choice won.
-    note : str
-        What the folds were.
-    """
-
-    machines: tuple[str, ...]
-    chosen: tuple[int, ...]
-    accuracies: tuple[float, ...]
-    together: float | None
-    note: str
-
-    @classmethod
-    def of(cls, classifier: Any) -> Chosen | None:
-        """Return what a fitted classifier, or the last step of a pipeline, chose; None where there was no choice.
-
-        Only the `choice_` of a `BestClassifier` counts: another classifier's may be anything.
-        """
-        last = classifier[-1] if isinstance(classifier, Pipeline) else classifier
-        reduced = getattr(getattr(last, "choice_", None), "reduced", None)
-        return reduced if isinstance(reduced, cls) else None
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The candidates that make up the model."""
-        return tuple(self.machines[k] for k in self.chosen)
-
-    @property
-    def words(self) -> str:
-        """What makes up the model, as a line to read."""
-        count = f"{len(self.chosen)} of {len(self.machines)}"
-        return f"the mean of the candidate models that were chosen, {count}: {'; '.join(self.names)}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain lists, numbers and text."""
-        return asdict(self)
+def choice_of(pipeline: Any) -> Choice | None:
+    """Return what the last step of a fitted pipeline chose; None of another than ours, or where there was no choice."""
+    last = pipeline[-1]
+    return last.choice_ if isinstance(last, BestClassifier) and len(last.choice_.machines) > 1 else None
 
 
 @dataclass(frozen=True)
@@ -460,6 +391,11 @@ class Candidate:
     relative_cost: float
     left_out: tuple[str, ...] = ()
     """Optional blocks that it does not see."""
+
+    @property
+    def preparation(self) -> tuple[tuple[str, ...], float | None]:
+        """What is done before a machine is trained."""
+        return self.blocks, self.shrinkage
 
     @property
     def name(self) -> str:
@@ -510,32 +446,48 @@ def _checked(argument: str, values: Any, what: str, *, empty: bool = False) -> l
     return every
 
 
-def choose(accuracies: FloatArray, n_rows: int) -> tuple[int, ...]:
-    """Candidates within one standard error of the best, or within one recording where that is more.
+def choose(
+    candidates: Sequence[Candidate], accuracies: FloatArray, n_rows: int, held_out: str
+) -> tuple[int, ...]:
+    """Candidates that are as good as the best on J folds of `held_out`, by their accuracies (J, n_candidates).
 
-    `accuracies` (J, n_candidates) are those on J folds, `n_rows` the different recordings held out. The rule is of
-    Breiman, Friedman, Olshen & Stone, "Classification and Regression Trees" (1984). The error of a share of 1 is 0, and
-    one recording is chance all the same. Where they take the simplest, the mean of the scores is taken here: where few
-    recordings choose, chance does, and a mean of equals is steadier than any one of them.
+    `n_rows` are the different recordings held out. The rule of one standard error is of Breiman, Friedman, Olshen &
+    Stone, "Classification and Regression Trees" (1984). Where they take the simplest, the mean of the scores is taken
+    here: where few recordings choose, chance does, and a mean of equals is steadier than any one of them.
     """
-    means = accuracies.mean(axis=0)
-    return tuple(np.flatnonzero(means >= means.max() - standard_error(accuracies, n_rows) - 1e-12).tolist())
+    shown = list(range(len(candidates)))
+    if held_out != RANDOM:
+        lost = blocks_without_gain(candidates, accuracies)
+        shown = [k for k in shown if not lost.intersection(candidates[k].blocks)]
+    means = accuracies[:, shown].mean(axis=0)
+    best = int(means.argmax())
+    of_groups = held_out in (CONDITIONS, SESSIONS)
+    if of_groups and len(accuracies) >= _ENOUGH_FOLDS:
+        losses = accuracies[:, [shown[best]]] - accuracies[:, shown]
+        error = losses.std(axis=0, ddof=1) / np.sqrt(len(accuracies))
+    else:
+        error = np.full(len(shown), np.sqrt(means[best] * (1.0 - means[best]) / n_rows))
+    # The error of a share of 1 is 0, and one recording is chance all the same.
+    as_good = means[best] - means <= np.maximum(error, 1.0 / n_rows) + 1e-12
+    near = [k for k, good in zip(shown, as_good, strict=True) if good]
+    if not of_groups and error[best] <= _LEAST_GAIN:
+        # What a block does not gain here it may lose elsewhere.
+        fewest = min(len(candidates[k].blocks) for k in near)
+        near = [k for k in near if len(candidates[k].blocks) == fewest]
+    return tuple(near)
 
 
-def standard_error(accuracies: FloatArray, n_rows: int) -> float:
-    """Return that of the best candidate, by the different recordings held out; one recording at least."""
-    best = float(accuracies.mean(axis=0).max())
-    return max(1.0 / n_rows, float(np.sqrt(best * (1.0 - best) / n_rows)))
-
-
-def without_optional(candidates: Sequence[Candidate], chosen: tuple[int, ...]) -> tuple[int, ...]:
-    """Those of the chosen that see the fewest blocks: what a block does not gain here it may lose elsewhere."""
-    fewest = min(len(candidates[k].blocks) for k in chosen)
-    return tuple(k for k in chosen if len(candidates[k].blocks) == fewest)
-
-
-Line = tuple[FloatArray, FloatArray]
-"""Weights (L, D) and intercepts (L,) of linear learners."""
+def blocks_without_gain(candidates: Sequence[Candidate], accuracies: FloatArray) -> set[str]:
+    """Find optional blocks without which the same candidates are as good on at least one fold."""
+    lost = set()
+    seen = {name for candidate in candidates for name in candidate.blocks}
+    for name in seen & {name for candidate in candidates for name in candidate.left_out}:
+        sees = np.array([name in candidate.blocks for candidate in candidates])
+        # Candidates come in pairs that differ in this block alone: the means compare like with like.
+        gains = accuracies[:, sees].mean(axis=1) - accuracies[:, ~sees].mean(axis=1)
+        if not (gains > 1e-12).all():
+            lost.add(name)
+    return lost
 
 
 def held_out_scores(
@@ -546,65 +498,60 @@ def held_out_scores(
     train: Rows,
     test: Rows,
 ) -> FloatArray:
-    """Binary scores (n_candidates, n_test, L) of rows that did not train, from one Gram matrix a block."""
+    """Binary scores (n_candidates, n_test, L) of rows that did not train, from one Gram matrix a choice of blocks."""
     scaler = BlockScaler(sizes).fit(X[train])
     rows = scaler.transform(X[np.concatenate([train, test])])
-    products = {
-        name: linear_gram(rows[:, columns], rows[: train.size, columns])
-        for name, columns in scaler.block_slices_.items()
-    }
     labels = codes[train]
     scores: list[FloatArray] = []
     for blocks, of_blocks in groupby(candidates, key=lambda candidate: candidate.blocks):
-        both = np.sum([products[name] for name in blocks], axis=0)
-        plain = _symmetric(both[: train.size]), both[train.size :]
+        own = rows[:, _columns(sizes, blocks)]
+        both = own @ own[: train.size].T
+        plain = both[: train.size], both[train.size :]
         for shrinkage, of_kind in groupby(of_blocks, key=lambda candidate: candidate.shrinkage):
             gram, cross = plain if shrinkage is None else whitened_grams(*plain, labels, shrinkage)
-            learners: Any = None
-            for candidate in of_kind:  # costs ascend
-                before, learners = learners, _trained(gram, labels, candidate.relative_cost, learners)
-                scores.append(scores[-1] if learners is before else linear_scores(cross, learners.dual_coef, learners.intercept))
+            costs = [candidate.relative_cost for candidate in of_kind]
+            scores.extend(
+                linear_scores(cross, machines.dual_coef, machines.intercept)
+                for machines in _trained(gram, labels, costs)
+            )
     return np.stack(scores)
 
 
-def fitted_line(
-    X: FloatArray, codes: Rows, sizes: dict[str, int], candidate: Candidate, lower_costs: Sequence[float] = ()
-) -> Line:
-    """Train a candidate on all rows, and fold scaling and whitening into its weights for plain features.
-
-    `lower_costs` are those tried below its own, ascending: where one of them will do, it does, as in `held_out_scores`.
-    """
-    own = np.concatenate(
-        [
-            np.r_[columns]
-            for name, columns in block_slices(sizes, X.shape[1]).items()
-            if name in candidate.blocks
-        ]
-    )
-    scaler = BlockScaler({name: sizes[name] for name in candidate.blocks}).fit(X[:, own])
-    rows = scaler.transform(X[:, own])
-    steps: list[Any] = [scaler]
-    if candidate.shrinkage is not None:
-        steps.append(WithinClassWhitening(candidate.shrinkage).fit(rows, codes))
-        rows = steps[-1].transform(rows)
-    gram = _symmetric(linear_gram(rows))
-    learners: Any = None
-    for cost in (*lower_costs, candidate.relative_cost):
-        learners = _trained(gram, codes, cost, learners)
-    weights, intercept = folded_back(steps, learners.dual_coef @ rows, learners.intercept)
-    coef = np.zeros((len(weights), X.shape[1]))
-    coef[:, own] = weights
-    return coef, intercept
+def fitted_lines(
+    X: FloatArray, codes: Rows, sizes: dict[str, int], candidates: Sequence[Candidate], chosen: Sequence[int]
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Train candidates on all rows: weights (L, D) of each and intercepts (L,), for plain features."""
+    lines = []
+    for (blocks, shrinkage), group in groupby(chosen, key=lambda k: candidates[k].preparation):
+        wanted = [candidates[k].relative_cost for k in group]
+        own = _columns(sizes, blocks)
+        steps: list[Any] = [BlockScaler({name: sizes[name] for name in blocks}).fit(X[:, own])]
+        rows = steps[0].transform(X[:, own])
+        if shrinkage is not None:
+            steps.append(WithinClassWhitening(shrinkage).fit(rows, codes))
+            rows = steps[1].transform(rows)
+        # From the lowest cost on: where it will do, it does, as on the folds.
+        costs = sorted({c.relative_cost for c in candidates if c.relative_cost <= max(wanted)})
+        for cost, machines in zip(costs, _trained(rows @ rows.T, codes, costs), strict=True):
+            if cost in wanted:
+                weights, intercept = folded_back(steps, machines.dual_coef @ rows, machines.intercept)
+                coef = np.zeros((len(weights), X.shape[1]))
+                coef[:, own] = weights
+                lines.append((coef, intercept))
+    return lines
 
 
-def _trained(gram: FloatArray, codes: Rows, relative_cost: float, cheaper: Any) -> Any:
-    """Learners of a cost; those of the next lower one where more would change nothing, or not end."""
-    if cheaper is not None and not 0 < cheaper.share_at_bound <= _MOST_AT_BOUND:
-        return cheaper
+def _columns(sizes: dict[str, int], blocks: Sequence[str]) -> Rows:
+    slices = block_slices(sizes, sum(sizes.values()))
+    return np.concatenate([np.r_[columns] for name, columns in slices.items() if name in blocks])
+
+
+def _trained(gram: FloatArray, codes: Rows, costs: Sequence[float]) -> Iterator[Machines]:
+    """Machines of each cost, ascending; those of the one before where more would change nothing, or not end."""
     matrix = onevsone(int(codes.max()) + 1)
-    return train_learners(gram, matrix, codes, relative_cost / (spread(gram) or 1.0))
-
-
-def _symmetric(gram: FloatArray) -> FloatArray:
-    both: FloatArray = (gram + gram.T) / 2
-    return both
+    spread = float(np.trace(gram)) / len(gram)
+    machines: Machines | None = None
+    for cost in costs:
+        if machines is None or 0 < machines.share_at_bound <= _MOST_AT_BOUND:
+            machines = train_learners(gram, matrix, codes, cost / (spread or 1.0))
+        yield machines

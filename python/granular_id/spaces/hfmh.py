@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import operator
 import warnings
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -26,10 +27,10 @@ from granular_id.spaces.base import (
     shifted,
     time_block,
 )
-from granular_id.spaces.union import BlockWeights, block_factors, check_block_weights, weigh
 
 FloatArray = npt.NDArray[np.float64]
 BinRange = tuple[float, float] | npt.ArrayLike | str
+BlockWeights = str | Sequence[float] | npt.NDArray[Any] | None
 
 DEFAULT_RANGE = (-1.5, 1.5)
 """Bins of the paper, N and N m."""
@@ -205,15 +206,16 @@ class HFMH(_Histogram):
 class RawHFMH(HFMH):
     """`RawSignal` and `HFMH` side by side in one pass, the best feature space of the paper (0.9705).
 
-    The same numbers as ``BlockUnion([("raw", RawSignal()), ("hfmh", HFMH(...))])``, faster.
+    The same numbers as ``FeatureUnion([("raw", RawSignal()), ("hfmh", HFMH(...))])``, faster.
 
     Parameters
     ----------
     rate_hz, cutoff_hz, order, n_bins, bin_range, outside, density, initial, threads
         As in `HFMH`.
     block_weights : None, "unit" or two numbers, default None
-        Factors of the raw and of the HFMH block, as in `BlockUnion`. None is the paper: plain samples next to
-        plain counts.
+        Factors of the raw and of the HFMH block. None is the paper: plain samples next to plain counts, where the
+        block with the larger norm has the larger say, however little it knows. "unit" brings the mean Euclidean norm
+        of each block over the rows given to `fit` to one. Numbers are fixed factors. No choice wins on all data.
 
     Attributes
     ----------
@@ -230,12 +232,12 @@ class RawHFMH(HFMH):
     >>> RawHFMH().fit_transform(X).shape
     (2, 10200)
 
-    Of a `Dataset` come the rate, the names of the axes and, for the classifier, the labels:
+    Of a `Dataset` come the rate and the names of the axes:
 
     >>> from sklearn.pipeline import make_pipeline
     >>> from granular_id import ECOCClassifier, synthesize
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=4, rate_hz=250, duration_s=1)
-    >>> pipeline = make_pipeline(RawHFMH(), ECOCClassifier()).fit(data)
+    >>> pipeline = make_pipeline(RawHFMH(), ECOCClassifier()).fit(data, data.y)
     >>> pipeline[0].rate_hz_, pipeline[0].get_feature_names_out()[0], pipeline.predict(data).shape
     (250.0, 'fx_0000', (8,))
     """
@@ -282,21 +284,63 @@ class RawHFMH(HFMH):
         return (raw, *shifted(super().feature_blocks(), raw.columns.stop))
 
     def _learn(self, recordings: FloatArray) -> None:
-        weights = check_block_weights(self.block_weights, ("raw", "hfmh"))
+        weights = _checked_weights(self.block_weights)
         super()._learn(recordings)
-        blocks: list[FloatArray] = []
-        if weights == "unit":
+        if weights is None:
             blocks = np.split(super()._features(recordings), [self._n_raw], axis=1)
-        self.block_weights_ = block_factors(weights, 2, blocks)
+            weights = np.array([_unit_weight(block) for block in blocks])
+        self.block_weights_ = weights
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         features = super()._features(recordings)
-        weigh(features, (self._n_raw, features.shape[1] - self._n_raw), self.block_weights_)
+        for columns, weight in zip(
+            (slice(self._n_raw), slice(self._n_raw, None)), self.block_weights_, strict=True
+        ):
+            if weight != 1.0:
+                with np.errstate(over="ignore"):  # reported below
+                    features[:, columns] *= weight
+        if not np.isfinite(features).all():
+            problem = f"must keep features in the range of float64, got {self.block_weights!r}"
+            raise argument_error(ValueError, "block_weights", problem)
         return features
 
     @property
     def _n_raw(self) -> int:
         return self.n_features_in_ * self.n_axes_in_
+
+
+def _checked_weights(block_weights: BlockWeights) -> FloatArray | None:
+    """Return the factors of the two blocks; None for "unit", which learns them."""
+    if block_weights is None:
+        return np.ones(2)
+    if isinstance(block_weights, str) and block_weights == "unit":
+        return None
+    wanted = "None, 'unit' or 2 numbers, of raw and hfmh"
+    try:
+        numbers = np.asarray(block_weights, dtype=np.float64)
+    except (TypeError, ValueError):
+        kind = ValueError if isinstance(block_weights, str) else TypeError
+        raise argument_error(kind, "block_weights", f"must be {wanted}, got {block_weights!r}") from None
+    if numbers.shape != (2,):
+        raise argument_error(ValueError, "block_weights", f"must be {wanted}, got {block_weights!r}")
+    if not (np.isfinite(numbers).all() and (numbers > 0).all()):
+        problem = f"must be positive and finite, got {block_weights!r}"
+        raise argument_error(ValueError, "block_weights", problem)
+    return numbers
+
+
+def _unit_weight(block: FloatArray) -> float:
+    """Factor that brings rows (n, D) to a mean Euclidean norm of one; 1 for rows that are all zero."""
+    reach = float(np.abs(block).max()) or 1.0  # divided by it, squares neither overflow nor vanish
+    norms = np.array([np.linalg.norm(row / reach) for row in block])
+    mean = reach * float(norms.mean())
+    if mean == 0.0:
+        return 1.0
+    weight = 1.0 / mean
+    if not (np.isfinite(mean) and np.isfinite(weight) and weight > 0.0):
+        problem = f"='unit' needs features in the range of float64, got a mean norm of {mean:g}"
+        raise argument_error(ValueError, "block_weights", problem)
+    return weight
 
 
 class RawHistogram(_Histogram):

@@ -12,7 +12,7 @@ import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -159,7 +159,6 @@ class MultiBand(RecordingTransformer):
 
     _core_refuses_gaps = True
     _default_rate_hz = PAPER_RATE_HZ
-    without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz", "threads"})
 
     bands_: tuple[FrequencyBand, ...]
     extractor_: MultiBandExtractor
@@ -292,10 +291,6 @@ class BandColumns:
     axes, units : tuple of C str
     bands : tuple of FrequencyBand
         From the whole signal and the highest octave down to the lowest.
-    scales : ndarray, shape (n_bands, C)
-        What the signal of each band and axis was divided by, in its unit.
-    level_scales : ndarray, shape (C,)
-        The same for the level.
     frequencies_hz : ndarray, shape (m,)
         Of the bins of the spectrum; empty without that block.
     duration_s : float
@@ -306,27 +301,13 @@ class BandColumns:
     columns: tuple[BandColumn, ...] = field(repr=False)
     axes: tuple[str, ...]
     bands: tuple[FrequencyBand, ...]
-    scales: FloatArray = field(repr=False)
-    level_scales: FloatArray = field(repr=False)
     frequencies_hz: FloatArray = field(repr=False)
     duration_s: float
     units: tuple[str, ...]
 
-    @property
-    def blocks(self) -> tuple[str, ...]:
-        """Names of the blocks, in the order of the columns."""
-        return tuple(dict.fromkeys(column.block for column in self.columns))
-
-    def of(self, *, block: str, band: int | None = None) -> npt.NDArray[np.intp]:
-        """Numbers of the columns of a block, or of one band of it."""
-        return np.array(
-            [
-                k
-                for k, column in enumerate(self.columns)
-                if column.block == block and (band is None or column.band == band)
-            ],
-            dtype=np.intp,
-        )
+    def of(self, block: str) -> npt.NDArray[np.intp]:
+        """Numbers of the columns of a block."""
+        return np.flatnonzero([column.block == block for column in self.columns])
 
     def over_axes(self, values: FloatArray) -> FloatArray:
         """Spread values (D,) over axes: (D, C); those of two axes count half for each, so that sums are kept."""
@@ -345,10 +326,10 @@ class BandColumns:
     def read_along(self) -> tuple[FeatureBlock, ...]:
         """Return the blocks that are read along one coordinate: spectrum and level."""
         found: list[FeatureBlock] = []
-        if (own := self.of(block="spectrum")).size:
+        if (own := self.of("spectrum")).size:
             columns = slice(int(own[0]), int(own[-1]) + 1)
             found.append(FeatureBlock("spectrum", "frequency", self.axes, self.frequencies_hz, "Hz", columns))
-        if (own := self.of(block="level")).size:
+        if (own := self.of("level")).size:
             columns = slice(int(own[0]), int(own[-1]) + 1)
             n = own.size // len(self.axes)
             middles = (np.arange(n) + 0.5) * self.duration_s / n
@@ -370,8 +351,6 @@ def band_columns(transformer: Any) -> BandColumns | None:
         axes=space._axes,
         units=space.units_in_,
         bands=space.bands_,
-        scales=space.scales_,
-        level_scales=space.level_scales_,
         frequencies_hz=space.frequencies_hz_,
         duration_s=space.n_features_in_ / space.rate_hz_,
     )

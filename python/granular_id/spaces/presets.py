@@ -9,23 +9,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from sklearn.pipeline import Pipeline
+from sklearn.decomposition import PCA
+from sklearn.pipeline import FeatureUnion, Pipeline
 
 from granular_id._estimators import learns
 from granular_id.recording import Dataset
 from granular_id.rica import RICA
-from granular_id.spaces.base import block_sizes, tell_blocks
+from granular_id.spaces.base import RecordingFilter, block_sizes
 from granular_id.spaces.best import BestClassifier
-from granular_id.spaces.components import PrincipalComponents
-from granular_id.spaces.hfmh import DEFAULT_RANGE, HFMH, BinRange, RawHFMH, RawHistogram
+from granular_id.spaces.hfmh import DEFAULT_RANGE, HFMH, BinRange, BlockWeights, RawHFMH, RawHistogram
 from granular_id.spaces.multiband import ALL_BLOCKS, BAND_SHRINKAGE, MultiBand
 from granular_id.spaces.raw import RangeNormalizer, RawSignal, Tare, TimePermutation
 from granular_id.spaces.spectral import DFT
-from granular_id.spaces.union import BlockUnion, BlockWeights
 from granular_id.splits import Groups
 
 
@@ -58,7 +58,7 @@ class FeatureSpace:
 
     @property
     def learns(self) -> bool:
-        """Whether the transformer must be fitted on the training rows of each partition."""
+        """Whether the transformer must be fitted on the training rows of each fold."""
         return learns(self.transformer)
 
 
@@ -84,7 +84,7 @@ def feature_spaces(
     tare_s : float or None, default None
         Put `Tare` of this length in front of every space; None, the paper, takes recordings as they are.
     block_weights : None, "unit" or two numbers, default None
-        Of the spaces that put two blocks side by side, as in `BlockUnion`; None is the paper.
+        Of "raw+hfmh", as in `RawHFMH`; None is the paper.
 
     Returns
     -------
@@ -122,8 +122,11 @@ def feature_spaces(
     }
     hfmh = partial(HFMH, **filter_and_bins)
 
-    def union(**blocks: Any) -> BlockUnion:
-        return BlockUnion(list(blocks.items()), block_weights=block_weights)
+    def union(**blocks: Any) -> FeatureUnion:
+        return FeatureUnion(list(blocks.items()), verbose_feature_names_out=False)
+
+    def components() -> PCA:
+        return PCA(100, svd_solver="full")
 
     def pipeline(**steps: Any) -> Pipeline:
         return Pipeline(list(steps.items()))
@@ -137,8 +140,8 @@ def feature_spaces(
         FeatureSpace("norm-raw+dft", union(norm_raw=norm(), dft=dft()), 0.7686),
         FeatureSpace("dft", dft(), 0.7621),
         FeatureSpace("raw", raw(), 0.7614),
-        FeatureSpace("pca+rica", pipeline(raw=raw(), pca=PrincipalComponents(100), rica=RICA(80)), 0.7602),
-        FeatureSpace("pca", pipeline(raw=raw(), pca=PrincipalComponents(100)), 0.7527),
+        FeatureSpace("pca+rica", pipeline(raw=raw(), pca=components(), rica=RICA(80)), 0.7602),
+        FeatureSpace("pca", pipeline(raw=raw(), pca=components()), 0.7527),
         FeatureSpace("raw-histogram", RawHistogram(n_bins=n_bins), 0.7072),
         FeatureSpace(
             "multiband",
@@ -192,9 +195,15 @@ def fit_pipeline(
 ) -> Pipeline:
     """Fit a feature space and what follows it in place, on recordings, a data set or X (n, T, C), and labels y (n,).
 
-    Steps that ask are told the blocks of columns, and sessions and order of the recordings.
+    Steps that leave `blocks` open get those of the feature space, and those whose `fit` takes them sessions, order and
+    conditions of the recordings.
     """
-    fit_on_features(pipeline, pipeline[0].fit(X, y).transform(X), y, groups)
+    steps = [step for _, step in pipeline.steps]
+    n_front = 1 + sum(1 for _ in takewhile(lambda step: isinstance(step, RecordingFilter), steps))
+    values: Any = X
+    for step in steps[:n_front]:
+        values = step.fit(values, y).transform(values)
+    fit_on_features(pipeline, values, y, groups, n_front)
     return pipeline
 
 
@@ -203,11 +212,12 @@ def fit_on_features(
     values: npt.NDArray[np.float64],
     y: npt.NDArray[np.str_],
     groups: Groups | None,
+    n_front: int = 1,
 ) -> None:
-    """Fit in place what follows a fitted feature space, on its values (n, D)."""
-    features, *steps = (step for _, step in pipeline.steps)
-    sizes = block_sizes(features)
-    for step in steps:
-        tell_blocks(step, sizes)
-    rest = Pipeline(pipeline.steps[1:])
-    rest.fit(values, y, **({} if groups is None else groups.fit_arguments(rest, np.arange(len(y)))))
+    """Fit in place what follows the first `n_front` steps, filters and a feature space, on its values (n, D)."""
+    sizes = block_sizes(pipeline.steps[n_front - 1][1])
+    rest = Pipeline(pipeline.steps[n_front:])
+    for _, step in rest.steps:
+        if sizes is not None and step.get_params().get("blocks", ...) is None:
+            step.set_params(blocks=sizes)
+    rest.fit(values, y, **({} if groups is None else groups.fit_arguments(rest)))

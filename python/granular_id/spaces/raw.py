@@ -51,8 +51,6 @@ class RawSignal(CoreTransformer):
     array([[ 0.,  6.,  1.,  7.,  2.,  8.,  3.,  9.,  4., 10.,  5., 11.]])
     """
 
-    without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz", "threads"})
-
     def __init__(self, *, rate_hz: float | None = None, threads: int | None = None) -> None:
         self.rate_hz = rate_hz
         self.threads = threads
@@ -95,7 +93,6 @@ class RangeNormalizer(RecordingTransformer):
     """
 
     _core_refuses_gaps = True
-    without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz"})
 
     def __init__(self, *, rate_hz: float | None = None) -> None:
         self.rate_hz = rate_hz

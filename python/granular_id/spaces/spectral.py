@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -64,7 +64,6 @@ class DFT(RecordingTransformer):
     """
 
     _core_refuses_gaps = True
-    without_effect: ClassVar[frozenset[str]] = frozenset({"rate_hz"})
 
     def __init__(self, kind: str = "complex", *, floor: float = 1e-3, rate_hz: float | None = None) -> None:
         self.kind = kind

@@ -132,7 +132,7 @@ RESET_S = 10.0
 FRAME = "x along the push, z along the tool (down), y completes; origin at the sensor"
 SIGN = "load of the tool on the material: fx positive while pushing"
 # First element of the key of each random stream.
-_RECORDING, _FILL, _SESSION, _BIAS = 1, 2, 3, 4
+_RECORDING, _FILL, _SESSION, _BIAS, _ORDER = 1, 2, 3, 4, 5
 _CONDITIONS, _PUSH = 0, 1
 # Strokes of a drive are numbered as pushes that nobody asks for by so many recordings.
 _STROKE = 1_000_000
@@ -244,7 +244,9 @@ def synthesize(
                     seed=stream,
                 )
             block[len(drawn)] = wrench
-            pushes_before = len(chosen) * (k // sessions) + slot
+            # Materials come in another order each time, or the clock would name them.
+            turns = np.random.default_rng(random_stream(seed, _ORDER, k)).permutation(len(chosen))
+            pushes_before = len(chosen) * (k // sessions) + int(turns[slot])
             day_s = FIRST_SESSION_S + SESSION_EVERY_S * (k % sessions)
             drawn.append(
                 {

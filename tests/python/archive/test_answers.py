@@ -50,7 +50,7 @@ def trained():
 
 @pytest.fixture(scope="module")
 def model(trained):
-    return Identifier.fit(trained, "hfmh", n_folds=3, coverage=0.8)
+    return Identifier.fit(trained, "hfmh", coverage=0.8)
 
 
 def saved(data, folder):
@@ -76,7 +76,7 @@ def expected(model, data, **crop):
             "warnings": list(one.warnings),
             "trained_on": one.trained_on,
         }
-        for one in identify_all(model, taken)
+        for one in identify_all(model.core, taken)
     ]
 
 
@@ -101,7 +101,7 @@ def mixed(trained):
 
 @pytest.mark.parametrize("space", ["hfmh", "raw+hfmh", "multiband"])
 def test_answers_are_those_of_the_recordings_loaded(trained, space, tmp_path):
-    own = Identifier.fit(trained, space, n_folds=3, coverage=0.8)
+    own = Identifier.fit(trained, space, coverage=0.8)
     data = mixed(trained)
     assert rows_of(answered(own, data, tmp_path)) == expected(own, data)
 
@@ -314,7 +314,7 @@ def test_a_damaged_row_group_fails_alone(model, tmp_path, monkeypatch):
 
 def test_the_summary_says_of_each_material_what_a_batch_says(model, trained, tmp_path):
     data = mixed(trained)
-    batch = identify_all(model, cropped_to_model(data, model.core))
+    batch = identify_all(model.core, cropped_to_model(data, model.core))
     table = answered(model, data, tmp_path).summary()
     assert table.title == "Materials named in 24 recordings"
     assert table.header == (

@@ -3,7 +3,6 @@
 import errno
 import os
 import tempfile
-from collections import namedtuple
 
 import numpy as np
 import pytest
@@ -14,11 +13,11 @@ import granular_id as gid
 from evaluation_cases import make_data
 from granular_id import _memory
 from granular_id._checks import locked
-from granular_id.evaluation.features import GramBank, by_columns, features_of, plan_for
-from granular_id.gram import linear_gram
+from granular_id.evaluation.report_data import by_columns
 from granular_id.identifier import Identifier
 from granular_id.recording import Recording
-from granular_id.spaces import RawHFMH, feature_spaces
+from granular_id.score import _features
+from granular_id.spaces import feature_spaces
 
 SPACES = ("raw+hfmh", "dft", "raw-histogram", "multiband")
 
@@ -55,7 +54,7 @@ def figures(result):
 
 
 def evaluated(data):
-    return figures(gid.evaluate(data, SPACES, "session", progress=False))
+    return figures(gid.evaluate(data, SPACES, progress=False))
 
 
 @pytest.fixture(scope="module")
@@ -70,25 +69,23 @@ def test_an_evaluation_says_the_same(data, in_memory, small):
 def test_samples_of_an_archive_lie_in_a_file(data, in_memory, small, tmp_path):
     loaded = gid.load(gid.save(data, tmp_path / "archive", "parquet"))
     assert in_file(loaded.X)
-    same = ("spaces", "controls")
+    same = ("spaces", "baselines")
     said = evaluated(loaded)
     assert [said[key] for key in same] == [in_memory[key] for key in same]
 
 
 def test_a_model_has_the_same_bytes(data, request):
-    before = Identifier.fit(data, "raw+hfmh", early=False).core.to_bytes()
+    before = Identifier.fit(data, "raw+hfmh", target_error=None).core.to_bytes()
     request.getfixturevalue("small")
-    assert Identifier.fit(data, "raw+hfmh", early=False).core.to_bytes() == before
+    assert Identifier.fit(data, "raw+hfmh", target_error=None).core.to_bytes() == before
 
 
-@pytest.mark.parametrize("name", ["norm-raw+hfmh", "raw+dft", "dft", "raw-histogram"])
-def test_products_of_features_made_in_pieces_are_the_same(data, name, request):
-    plan = plan_for(feature_spaces(rate_hz=500)[name].transformer) or plan_for(RawHFMH())
-    rows = np.arange(len(data))
-    before = GramBank(data.X).sliced(plan, rows[::2], rows[1::2])
+@pytest.mark.parametrize("name", ["norm-raw+hfmh", "raw+dft", "dft"])
+def test_features_made_in_pieces_are_the_same(data, name, request):
+    space = feature_spaces(rate_hz=500)[name].transformer
+    before = _features(space, data.X, name)
     request.getfixturevalue("small")
-    for one, other in zip(before, GramBank(data.X).sliced(plan, rows[::2], rows[1::2]), strict=True):
-        np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(_features(space, data.X, name), before)
 
 
 class Means(TransformerMixin, BaseEstimator):
@@ -103,19 +100,10 @@ class Means(TransformerMixin, BaseEstimator):
 
 
 def test_recordings_that_were_filtered_go_on_to_steps_of_others(data, request):
-    transformer = make_pipeline(gid.Tare(rate_hz=500), Means()).fit(data.X)
-    before = features_of("tared means", transformer, data.X)
+    transformer = make_pipeline(gid.Tare(rate_hz=500), Means())
+    before = _features(transformer, data.X, "tared means")
     request.getfixturevalue("small")
-    np.testing.assert_array_equal(features_of("tared means", transformer, data.X), before)
-
-
-@pytest.mark.parametrize("shape", [(40, 1), (40, 65), (40, 129), (700, 300)])
-def test_products_of_large_rows_are_the_same(shape, request):
-    rows = np.random.default_rng(0).normal(size=shape)
-    before = linear_gram(rows, center=rows.mean(axis=0)), linear_gram(rows, rows[:7])
-    request.getfixturevalue("small")
-    np.testing.assert_array_equal(linear_gram(rows, center=rows.mean(axis=0)), before[0])
-    np.testing.assert_array_equal(linear_gram(rows, rows[:7]), before[1])
+    np.testing.assert_array_equal(_features(transformer, data.X, "tared means"), before)
 
 
 @pytest.mark.parametrize("statistic", [np.mean, np.std])
@@ -141,17 +129,6 @@ def test_no_file_can_be_seen_or_is_left(small, tmp_path):
     array = _memory.copied(np.ones((5000, 6)), "samples")
     assert array.sum() == 30_000
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_is_told_before_the_work_begins(data, small, monkeypatch):
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr(_memory.shutil, "disk_usage", lambda folder: usage(10, 9, 1000))
-    with pytest.raises(
-        OSError, match=r"the features of all recordings: temporary files of .* are needed"
-    ) as told:
-        gid.evaluate(data, "raw", progress=False)
-    assert told.value.errno == errno.ENOSPC
-    assert "TMPDIR" in str(told.value)
 
 
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="takes the room in another way")

@@ -130,7 +130,7 @@ def test_a_refused_frame_is_accepted(tmp_path):
         return save(Dataset([replace(r, meta={"frame": frame}) for r in data]), tmp_path / name)
 
     model, new = tmp_path / "m.safetensors", tmp_path / "new.safetensors"
-    Identifier.fit(load(framed("old.npz", "flange", make(4))), "hfmh", n_bins=10, estimate=False).save(model)
+    Identifier.fit(load(framed("old.npz", "flange", make(4))), "hfmh", estimate=False).save(model)
     other = framed("new.npz", "table", moved(4))
     words = ("adapt", model, other, "-o", new, "--labelled")
     assert refused(*words).endswith("add --accept frame")

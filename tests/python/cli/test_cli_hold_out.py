@@ -8,7 +8,7 @@ from cli_cases import ended_well, make, refused, written
 from granular_id.io import save
 from granular_id.recording import Dataset
 
-SPACES = ("--spaces", "hfmh", "--n-bins", 10, "--no-controls")
+SPACES = ("--spaces", "hfmh", "--n-bins", 10, "--no-baselines")
 
 
 @pytest.fixture(scope="module")
@@ -20,18 +20,16 @@ def tools(tmp_path_factory):
     return save(data, tmp_path_factory.mktemp("hold") / "tools.npz")
 
 
-def test_the_table_of_held_out_values_is_printed_and_written(tools, tmp_path):
-    out = ended_well("evaluate", tools, "--hold-out", "tool", *SPACES, "--json", tmp_path / "r.json")
-    assert "hfmh with one tool after the other held out" in out
-    assert "another tool" in out
+def test_held_out_values_are_printed_and_written(tools, tmp_path):
+    out = ended_well(
+        "evaluate", tools, "--hold-out", "tool", *SPACES, "--details", "--json", tmp_path / "r.json"
+    )
+    assert "right with another tool" in out
+    assert "tool: 3 values, held out one by one" in out
     saved = written(tmp_path / "r.json")
-    assert saved["settings"]["hold_out"] == "tool"
-    assert [part["description"] for part in saved["partitions"]["condition"]] == [
-        "tool: wide",
-        "tool: thin",
-        "tool: long",
-    ]
-    assert len(saved["spaces"][0]["protocols"]["matched"]["balanced_accuracies"]) == 3
+    assert saved["settings"]["by"] == "tool"
+    assert [fold["held_out"] for fold in saved["folds"]] == ["wide", "thin", "long"]
+    assert len(saved["spaces"]["hfmh"]["at_random"]) == 19
 
 
 def test_a_condition_that_nobody_states_is_refused_with_those_that_are(tools):
@@ -42,17 +40,11 @@ def test_a_condition_that_nobody_states_is_refused_with_those_that_are(tools):
     )
 
 
-@pytest.mark.parametrize(
-    ("words", "other"),
-    [
-        (["--paper"], "--paper"),
-        (["--protocol", "kfold"], "--protocol kfold"),
-        (["--folds", 3], "--folds"),
-    ],
-)
-def test_it_stands_alone(tools, words, other):
-    line = refused("evaluate", tools, "--hold-out", "tool", *words)
-    assert line == f"error: --hold-out takes each value of 'tool' in turn: leave out {other}"
+def test_it_does_not_go_with_the_papers_partitions(tools):
+    line = refused("evaluate", tools, "--hold-out", "tool", "--paper")
+    assert line == "error: --paper is random partitions: leave out --hold-out tool"
+    line = refused("evaluate", tools, "--train", 3)
+    assert line == "error: --train, --test and --partitions are of --paper: add it, or leave them out"
 
 
 def test_a_model_is_measured_on_held_out_values(tools, tmp_path):

@@ -9,7 +9,7 @@ from granular_id._files import JSON, MODELS, PAGES, TABLES, write_json
 from granular_id.evaluation import EvaluationResult
 from granular_id.evaluation.result import CSV_COLUMNS as PREDICTED
 from granular_id.identifier import Identifier
-from granular_id.identifier.batch import CSV_COLUMNS as ANSWERED, Batch
+from granular_id.identifier.answers import CSV_COLUMNS as ANSWERED, Batch
 from granular_id.io.formats import FORMATS
 
 ARCHIVE = b"PK\x03\x04 a data set"
@@ -79,7 +79,7 @@ def test_what_is_there_is_kept_before_anything_is_read(words, name, tmp_path, mo
         (("demo", "-o", "."), "report.html"),
         (("demo", "-o", "."), "hfmh.png"),
         (("evaluate", "nowhere", "--figures", "."), "accuracy.png"),
-        (("evaluate", "nowhere", "--figures", "."), "confusion_session.png"),
+        (("evaluate", "nowhere", "--figures", "."), "confusion.png"),
     ],
 )
 def test_what_lies_in_a_folder_is_kept(words, name, tmp_path, monkeypatch):
@@ -112,7 +112,7 @@ def test_what_commands_write_is_known_again_and_replaced_by_force(folder, tmp_pa
     [
         (lambda path: write_json(path, {}), JSON),
         (lambda path: EvaluationResult.to_csv(None, path), TABLES),
-        (lambda path: Batch.to_csv(None, path), TABLES),
+        (lambda path: Batch((), (), "", False).to_csv(path), TABLES),
         (lambda path: Identifier.save(None, path), MODELS),
     ],
 )

@@ -81,7 +81,7 @@ def test_missing_extras_are_named_and_the_library_evaluates_without_them():
         assert said == f"exit {needed}", "Python prints it and exits with 1"
     assert lines[2] == "exit 1"
     assert errors == f"error: figures need matplotlib: {install('app')}\n"
-    assert lines[3].startswith("Accuracy on SYNTHETIC recordings")
+    assert lines[3].startswith("raw names ")
 
 
 def test_ctrl_c_while_a_model_is_trained_leaves_no_file(tmp_path):
@@ -106,7 +106,7 @@ def test_the_demo_tells_its_steps_and_ctrl_c_leaves_no_empty_folder(tmp_path):
     with started(*words, stdout=subprocess.DEVNULL) as running:
         try:
             assert running.stderr.readline() == "simulating 220 pushes\n"
-            assert running.stderr.readline().startswith("held-out sessions     raw+hfmh ")
+            assert running.stderr.readline().startswith("held-out sessions  best  ")
             running.send_signal(signal.SIGINT)
             _, errors = running.communicate(timeout=30)
         finally:
@@ -155,13 +155,13 @@ needs_terminal = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a 
 
 @needs_terminal
 def test_a_terminal_gets_accuracies_and_a_progress_bar_that_leaves_nothing_behind(folder):
-    words = ("evaluate", folder, "--paper", *SMALL, "--partitions", 100, "--spaces", "hfmh", "--no-controls")
+    words = ("evaluate", folder, "--paper", *SMALL, "--train", 2, "--test", 1, "--partitions", 100, "--spaces", "hfmh")
     with Terminal(words) as terminal:
         terminal.read_until("a text that never comes")
         out, _ = terminal.running.communicate(timeout=60)
         assert terminal.running.returncode == 0
     assert "hfmh: partition" in terminal.shown
-    assert re.search(r"random partitions +hfmh +[\d.]+ %  \(\d+ s\)", terminal.shown)
+    assert re.search(r"random partitions  hfmh  [\d.]+ %", terminal.shown)
     assert terminal.shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
     assert "partition 4" not in out
     assert f"repeat with: python -m granular_id.cli {shlex.join(terminal.words)}\n" in out

@@ -69,10 +69,6 @@ BEFORE_READING = [
     ("explain broken.npz oat rice --figure f.xyz", "--figure must end in .png, .svg or .pdf ("),
     ("explain broken.npz oat rice --figure a.svg --json a.svg", "a.svg would be written twice"),
     ("train broken.npz -o m --space nose", "--space must be one of 'best', ... got 'nose'"),
-    (
-        "train broken.npz -o m --space hfmh --coding nose",
-        "--coding must be one of 'onevsone', ... got 'nose'",
-    ),
     ("train broken.npz -o x.pkl", "--output writes a model: it must end in .safetensors, ... 'x.pkl'"),
     ("train broken.npz -o x.safetensor", "it must end in .safetensors, ... 'x.safetensor'"),
     ("identify", "error: a model file and recordings are needed, got neither: granular-id identify"),
@@ -111,7 +107,7 @@ def test_what_cannot_be_is_refused_before_anything_is_read(typed, said):
 AFTER_READING = [
     (
         "evaluate {folder} --paper --train 50",
-        "class 'oat' has 10 recordings, wanted ... : add --train 8 --test 2",
+        "class 'oat' has 10 recordings, wanted ... ; add --train 8 --test 2",
     ),
     ("evaluate {folder} {small} --n-samples 999", "too short"),
     (
@@ -137,10 +133,6 @@ AFTER_READING = [
     ("train {folder} -o m --tare-s 0.1", "--tare-s is not for models, ... : leave it out"),
     ("train {folder} -o m --space hfmh --tare-s 0.1", "--tare-s ... : leave it out; --initial steady keeps"),
     ("train {folder} -o m --space dft", "--space must be one of 'best', 'multiband', 'raw', ... got 'dft'"),
-    (
-        "train {folder} -o m --coding onevsall",
-        "--coding must be left out with --space best, which is always one-vs",
-    ),
     ("train {folder} -o m --space raw --block-weights unit", "--space raw, which has a single block"),
     ("train {folder} -o m --exclude oat,rice", "at least 2 classes, got only 'sugar'"),
     ("train {folder} -o m --space hfmh --cutoff-hz 80", "--cutoff-hz must be in ... got 80"),
@@ -232,20 +224,17 @@ def test_options_that_a_space_has_no_use_for_are_refused(folder, command, option
         ("evaluate absent --train 0", "'--train': must be at least 1, got 0"),
         ("evaluate absent --test 0", "'--test': must be at least 1, got 0"),
         ("evaluate absent --partitions 0", "'--partitions': must be at least 1, got 0"),
-        ("evaluate absent --folds 1", "'--folds': must be at least 2, got 1"),
         ("evaluate absent --seed -1", "'--seed': must be at least 0, got -1"),
         ("evaluate absent --threads 0", "'--threads': must be at least 1, got 0"),
         ("evaluate absent --tare-s 0", "'--tare-s': must be positive and finite, got 0"),
         ("evaluate absent --cutoff-hz 0", "'--cutoff-hz': must be positive and finite, got 0"),
         ("evaluate absent --C nan", "'--C': must be positive and finite, got nan"),
-        ("confidence absent --seeds 0", "'--seeds': must be at least 1, got 0"),
-        ("confidence absent --known 1", "'--known': must lie between 0 and 1, got 1"),
+        ("confidence absent --share-known 1", "'--share-known': must lie between 0 and 1, got 1"),
         ("demo -o new --seed -1", "'--seed': must be at least 0, got -1"),
         ("demo -o new --threads 0", "'--threads': must be at least 1, got 0"),
         ("train absent -o new --target-error 1.5", "'--target-error': must lie between 0 and 1, got 1.5"),
         ("train absent -o new --coverage 0", "'--coverage': must lie between 0 and 1, got 0"),
         ("train absent -o new --share-known 1", "'--share-known': must lie between 0 and 1, got 1"),
-        ("train absent -o new --folds 1", "'--folds': must be at least 2, got 1"),
     ],
 )
 def test_bounds_of_options_are_checked_before_anything_else(typed, said):
@@ -288,7 +277,7 @@ def test_gaps_and_short_recordings_are_left_out_when_asked(tmp_path):
     hole = Recording(hole.wrench, time_s=time_s, label="oat", name="oat/oat_90.csv")
     short = recording(rng, 1, 91, samples=30, jitter=0.5)
     saved(Dataset([*make(jitter=0.5), hole, short]), tmp_path / "x")
-    words = ("evaluate", tmp_path / "x", *SMALL, "--rate-hz", 100, "--protocol", "paper")
+    words = ("evaluate", tmp_path / "x", *SMALL, "--rate-hz", 100)
     gap = "'oat/oat_90.csv' has a gap of 1 ... beyond --max-gap-s 0.25; 1 of 32 recordings ... --on-gap skip"
     assert holds(refused(*words), gap)
     line = refused(*words, "--on-gap", "skip", "--n-samples", 40)
@@ -307,7 +296,7 @@ def test_files_without_time_need_the_rate_they_were_recorded_at(tmp_path):
             (tmp_path / label / f"{i}.csv").write_text(f"fx,fy,fz,tx,ty,tz\n{rows}\n")
     line = refused("evaluate", tmp_path, *SMALL)
     assert "has no time column and no rate is stated; pass --recorded-hz, or a rate_hz column" in line
-    out = ended_well("evaluate", tmp_path, *SMALL, "--recorded-hz", 500)
+    out = ended_well("evaluate", tmp_path, *SMALL, "--recorded-hz", 500, "--details")
     assert "halves in time order, by file order: the recordings carry no start time" in out
 
 
@@ -336,14 +325,14 @@ def test_damaged_files_are_refused_left_out_repaired_or_mentioned(tmp_path, faul
         assert "may be cut off, in 1 recording: oat/oat_02.csv\n" in ended_well(*words)
 
 
-def test_no_order_in_time_leaves_the_second_protocol_out_and_says_so(tmp_path):
+def test_no_order_in_time_leaves_halves_out_and_says_so(tmp_path):
     timed = make()
     one = timed[4]
     without = Recording(one.wrench, rate_hz=125.0, label=one.label, name=one.name)
     data = saved(Dataset([*timed[:4], without, *timed[5:]]), tmp_path / "x")
-    out = ended_well("evaluate", data, *SMALL)
-    assert f"halves in time left out: recording {one.name!r} has no start time" in out
-    assert "no start time" in refused("evaluate", data, *SMALL, "--protocol", "chronological")
+    out = ended_well("evaluate", data, *SMALL, "--details")
+    assert f"not halves in time: recording {one.name!r} has no start time" in out
+    assert "no start time" in refused("evaluate", data, *SMALL, "--hold-out", "time")
 
 
 def test_folders_without_recordings_labels_or_samples_are_told(tmp_path):
@@ -379,7 +368,7 @@ def test_rates_that_differ_are_refused_with_the_lowest_proposed():
 
 
 def test_options_that_change_nothing_in_some_spaces_are_noted(folder):
-    words = ("evaluate", folder, *SMALL, "--spaces", "hfmh,raw,dft", "--no-controls")
+    words = ("evaluate", folder, *SMALL, "--spaces", "hfmh,raw,dft", "--no-baselines")
     assert "note: --n-bins changes nothing in raw, dft\n" in ended_well(*words)
     assert "changes nothing" not in ended_well(*words, "--quiet")
 
@@ -415,7 +404,7 @@ def test_messages_speak_in_options():
         "save texts as numpy.array(texts, dtype=str)",
     ):
         assert in_options(untouched) == untouched
-    for argument, option in {"C": "--C", "order": "--order", "n_folds": "--folds", "format": "--to"}.items():
+    for argument, option in {"C": "--C", "order": "--order", "by": "--hold-out", "format": "--to"}.items():
         assert words_of(argument_error(ValueError, argument, "is wrong")) == f"{option} is wrong"
     gap = argument_error(ValueError, "on_gap", "='x'; wanted 'raise' or 'skip'")
     assert str(gap) == "on_gap='x'; wanted 'raise' or 'skip'"

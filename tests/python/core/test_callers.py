@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 import granular_id as gid
 from granular_id import _core
-from granular_id.confidence import ConformalRule
+from granular_id.confidence import CandidateRule
 from granular_id.live import WrenchBuffer
 
 SPEC = gid.FeatureSpec(hfmh=False)
@@ -117,7 +117,6 @@ CHANGED = {
     "classes of a model": "X = np.zeros((1, 1 << 20)); model(X, 1 << 20, 1, Names('ab'))",
     "another array of a model": "X = np.zeros((1, 1 << 20)); model(X, 1 << 20, 1, codes=Array(2, 1))",
     "times of rows": "X = np.zeros((100_000, 6)); WrenchBuffer(1000.0).push_block(X, Array(100_000))",
-    "another array of a distance": "X = np.zeros((1000, 1000)); _core.NearestMean(Array(2, 1000), X)",
     "bins of a histogram": "X = np.zeros(1 << 20); _core.histogram(X, Number(), -1.0, 1.0)",
     "nothing of a subclass": "out = np.empty((2000, 300)).view(Flags); out.flags;"
     "_core.extract_features(X, SPEC, None, out, float); assert len(tried) == 1",
@@ -263,13 +262,12 @@ TOO_LARGE = {
     "_core.StreamingIdentifier(large)",
     "features of a stream": "stream = gid.StreamingExtractor(SPEC, n_samples=1 << 20, n_axes=4); limit(20);"
     "stream.features()",
-    "distances": "X = np.zeros((10**7, 1)); limit(50); _core.NearestMean([[0.0]], [[1.0]]).distances(X)",
     "bytes of a model": "large = model(np.ones((1, 1 << 22)), 1 << 20, 4); limit(20); large.to_bytes()",
     "a file of a model": "file = Path(tempfile.mkdtemp(), 'model');"
     "file.write_bytes(model(np.ones((1, 1 << 22)), 1 << 20, 4).to_bytes()); limit(10);"
     "_core.Model.read(file, max_file_bytes=1 << 30)",
-    "verdicts": "rule = ConformalRule(('a', 'b'), (0.9,), (0.1,), 9).to_dict();"
-    "metadata = {'trained': json.dumps({'confidence': {'conformal': rule}})};"
+    "verdicts": "rule = CandidateRule(('a', 'b'), 0.9, 0.1, 9, 3, 0.9, 0.8).to_dict();"
+    "metadata = {'trained': json.dumps({'confidence': {'candidates': rule}})};"
     "judge = _core.Model(SPEC, [[1.0]], [0.0], [[1], [-1]], list('ab'), n_samples=1, n_axes=1, metadata=metadata);"
     "S = np.ones((10**6, 1)); limit(50); judge.verdicts(S)",
 }
@@ -304,7 +302,6 @@ WITHOUT_LIMIT = {
     "rows of a buffer": "WrenchBuffer().push_block(FAR)",
     "a table": "_core.parse_number_table(b'1', 0, MANY)",
     "a table without columns": "_core.parse_number_table(b'1', 0, 0)",
-    "means": "_core.NearestMean(FAR, np.eye(6))",
 }
 
 

@@ -79,7 +79,6 @@ ARRAYS = {
     "coef": lambda it: _core.Model(SPEC, it, [0.0], [[1], [-1]], ["a", "b"]),
     "scores": MODEL.verdicts,
     "recordings of a model": MODEL.scores,
-    "means": lambda it: _core.NearestMean(it, [[1.0]]),
     "scales": lambda it: _core.MultiBandExtractor(100, 6, scales=it),
     "rows of a stream": lambda it: gid.StreamingExtractor(SPEC).push(it),
     "rows of an identifier": lambda it: _core.StreamingIdentifier(MODEL).push(it),

@@ -109,10 +109,9 @@ def test_parts_come_back():
     assert model.loss == "hinge"
     np.testing.assert_array_equal(model.early, [[2, 0.5], [4, 0.0]])
     np.testing.assert_array_equal(model.raw_mean, np.zeros(10))
-    assert model.sigmoid.shape == (3, 2)
     assert model.metadata["trained"] == '{"C": 1.0, "note": "Grüße"}'
     plain = made()
-    for name in ("raw_mean", "early", "sigmoid", "posterior_weights"):
+    for name in ("raw_mean", "early", "novelty"):
         assert getattr(plain, name) is None
     assert plain.metadata["axes"] == '["axis0"]'
     assert made(n_axes=1, metadata={"lead_s": "0.250"}).metadata["lead_s"] == "0.25"

@@ -1,9 +1,8 @@
-"""Decision: a frozen value whose probability waits until somebody asks."""
+"""Decision: a frozen value, its words and its JSON."""
 
 import dataclasses
 import json
 import pickle
-from functools import partial
 
 import pytest
 
@@ -31,23 +30,8 @@ def test_one_line(changes, line):
     assert str(decided(**changes)) == f"rice after 3.20 s, {line}"
 
 
-def test_the_probability_is_computed_once_and_when_asked():
-    asked = []
-
-    def chance():
-        asked.append(1)
-        return 0.75
-
-    decision = decided(probability=chance)
-    assert not asked
-    assert decision.probability == 0.75
-    assert decision == decided(probability=0.75)
-    assert asked == [1]
-    assert Decision("rice", RANKING, 0.2).probability is None
-
-
 def test_values_for_json_and_for_other_processes():
-    decision = decided(probability=partial(float, "0.5"), warnings=("gap",))
+    decision = decided(probability=0.5, warnings=("gap",))
     again = pickle.loads(pickle.dumps(decision))
     assert again == decision
     said = json.loads(json.dumps(decision.to_dict()))

@@ -9,7 +9,6 @@ from core_cases import N_THREADS, at_once, fill
 from effort import cases
 from granular_id import FeatureSpec, _core
 from granular_id.ecoc import LOSSES, onevsall, onevsone
-from granular_id.identifier.rules import probabilities
 from granular_id.identifier.streaming import StreamingIdentifier
 from model_cases import random_model, small_model
 
@@ -125,18 +124,6 @@ def test_sure_as_the_model_says():
     assert sure == [False, False, True, True, False]
     assert not stream.decision().sure
     assert not StreamingIdentifier(small_model(early=None)).decision().sure
-
-
-def test_the_probability_is_that_of_the_model():
-    model = small_model()
-    stream = StreamingIdentifier(model)
-    stream.push(np.random.default_rng(0).normal(size=(3, 2)))
-    decision = stream.decision()
-    chances = probabilities(model, stream.core.scores()[None])[0]
-    stream.reset()  # the decision keeps what it was made of
-    assert decision.probability == chances[model.classes.index(decision.label)]
-    without = small_model(sigmoid=None, posterior_weights=None, metadata={})
-    assert StreamingIdentifier(without).decision().probability is None
 
 
 def test_warnings_last_as_long_as_the_spoilt_samples():

@@ -18,7 +18,7 @@ X_IRIS, Y_IRIS = load_iris(return_X_y=True)
 
 
 # Figures: MATLAB documentation of fitcsvm, fitcecoc, resubLoss and resubEdge, all on Fisher's iris.
-def test_two_classes_of_iris_give_matlabs_support_vectors_and_bias():
+def test_two_classes_of_iris_give_matlabs_machine():
     shown = Y_IRIS > 0
     X, y = X_IRIS[shown][:, 2:], Y_IRIS[shown]
     assert round(abs(ECOCClassifier().fit(X, y).intercept_[0]), 4) == 14.4149
@@ -107,7 +107,7 @@ class TestCodings:
         for codes, scores in zip(clf.coding_matrix_.T, clf.binary_scores(X).T, strict=True):
             targets = codes[y]
             seen = targets != 0
-            machine = SVC(kernel="linear", tol=1e-6, max_iter=1_000_000).fit(X[seen], targets[seen])
+            machine = SVC(kernel="linear", tol=1e-5).fit(X[seen], targets[seen])
             np.testing.assert_allclose(scores, machine.decision_function(X), atol=1e-3)
 
     def test_weights_equal_repeated_rows(self, coding, n_features):
@@ -202,8 +202,16 @@ def test_bad_parameters_are_named(params, kind, message):
     [
         (X, ["sand"] * 30, "y holds one class only"),
         (X, [None] * 15 + ["oat"] * 15, "y must hold labels of one kind"),
-        (X, np.array([1] * 15 + ["oat"] * 15, dtype=object), "y must hold labels of one kind, .* got 1, 'oat'"),
-        (X, np.linspace(0.0, 1.0, 30), "y must hold labels of one kind, text or whole numbers, got 0.0, 0.03"),
+        (
+            X,
+            np.array([1] * 15 + ["oat"] * 15, dtype=object),
+            "y must hold labels of one kind, .* got 1, 'oat'",
+        ),
+        (
+            X,
+            np.linspace(0.0, 1.0, 30),
+            "y must hold labels of one kind, text or whole numbers, got 0.0, 0.03",
+        ),
         (X, np.repeat([np.nan, 1.0], 15), "y contains NaN"),
         (X, y[:-1], "inconsistent"),
         (with_value(np.nan), y, "NaN"),
@@ -221,8 +229,8 @@ def test_bad_rows_and_labels_are_refused(rows, labels, message):
     ("weights", "message"),
     [
         (["a"] * 30, "could not convert"),
-        (-np.ones(30), "Negative values in data passed to `sample_weight`"),
-        (np.zeros(30), "y holds one class only|at least one|found array with 0"),
+        (-np.ones(30), "sample_weight must not be negative"),
+        (np.zeros(30), "zero"),  # the newest scikit-learn refuses it in its own words
         (np.repeat([1.0, 0.0], [10, 20]), "y holds one class only"),
         (np.ones(29), r"sample_weight.shape == \(29,\)"),
     ],

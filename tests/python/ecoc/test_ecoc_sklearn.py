@@ -16,7 +16,6 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from granular_id.ecoc import ECOCClassifier
 
-
 NOT_EXACT = "libsvm stops at a tolerance: as of scikit-learn's SVC, equal up to it, and not to 1e-7"
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from evaluation_cases import SMALL, THREE, make_data
+from evaluation_cases import THREE, make_data
 from granular_id.evaluation import evaluate
 
 
@@ -13,4 +13,4 @@ def data():
 
 @pytest.fixture(scope="session")
 def evaluated(data):
-    return evaluate(data, THREE, ["paper", "chronological"], **{**SMALL, "controls": True})
+    return evaluate(data, THREE, progress=False)

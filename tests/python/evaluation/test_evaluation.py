@@ -1,4 +1,4 @@
-"""evaluate: equal to a plain loop, seeded, what it records, how it ends."""
+"""evaluate: equal to a plain loop, seeded, what it records, how it ends, and what it refuses."""
 
 import json
 import sys
@@ -14,13 +14,17 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from sklearn.svm import SVC
 
-from evaluation_cases import SMALL, THREE, changed, flat, make_data
+from evaluation_cases import QUIET, THREE, Centroids, changed, flat, make_data, of_levels
 from granular_id._estimators import describe_estimator
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
-from granular_id.partitions import chronological_partitions, paper_partitions
+from granular_id.identifier import Identifier
 from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.spaces import feature_spaces
+from granular_id.score import fit_and_score, space_pipeline
+from granular_id.spaces import HFMH, RawHFMH, RawSignal, Tare, feature_spaces
+from granular_id.splits import hold_out
+
+PAPER = (3, 6, 3)
 
 
 def naive_labels(train, y_train, test):
@@ -38,34 +42,79 @@ def naive_labels(train, y_train, test):
 
 
 @pytest.mark.parametrize("name", THREE)
-def test_equals_a_plain_loop_over_partitions_and_over_pairs(data, evaluated, name):
-    y = data.y
+def test_answers_equal_a_plain_loop_over_folds_and_pairs(data, evaluated, name):
+    y, held = data.y, evaluated.held[name]
     features = feature_spaces()[name].transformer.fit(data.X).transform(data.X)
-    made = {
-        "paper": paper_partitions(y, n_partitions=3, train_per_class=6, test_per_class=3, seed=0),
-        "chronological": chronological_partitions(y, np.argsort(data.start_times)),
+    for k, (train, test, _) in enumerate(hold_out(data)):
+        answers = np.array(evaluated.labels)[held.predicted[held.fold == k]]
+        plain = ECOCClassifier().fit(features[train], y[train])
+        np.testing.assert_array_equal(held.rows[held.fold == k], test)
+        np.testing.assert_array_equal(answers, plain.predict(features[test]))
+        np.testing.assert_array_equal(answers, naive_labels(features[train], y[train], features[test]))
+        np.testing.assert_allclose(held.values[held.fold == k], plain.decision_function(features[test]))
+    assert 0.3 < held.accuracy < 1.0  # labels mean little where all are right
+
+
+def test_headline_is_the_first_space_not_the_best(data):
+    folds = hold_out(data)
+    accuracies = {
+        name: fit_and_score(
+            space_pipeline(feature_spaces()[name].transformer, ECOCClassifier()), data, folds
+        ).accuracy
+        for name in ("raw", "hfmh")
     }
-    for protocol, partitions in made.items():
-        for j, partition in enumerate(partitions):
-            train, test = partition.train, partition.test
-            np.testing.assert_array_equal(evaluated.partitions[protocol][j].train, train)
-            np.testing.assert_array_equal(evaluated.partitions[protocol][j].test, test)
-            found = np.array(evaluated.labels)[evaluated.predicted[protocol, name][j]]
-            plain = ECOCClassifier().fit(features[train], y[train]).predict(features[test])
-            np.testing.assert_array_equal(found, plain)
-            np.testing.assert_array_equal(found, naive_labels(features[train], y[train], features[test]))
-            assert evaluated.accuracies(name, protocol)[j] == np.mean(found == y[test])
-    # a comparison of labels means little where every label is right
-    assert 0.3 < evaluated.mean_accuracy(name) < 1.0
+    worse, better = sorted(accuracies, key=accuracies.get)
+    assert accuracies[worse] < accuracies[better]
+    result = evaluate(data, [worse, better], **QUIET)
+    assert result.accuracy() == accuracies[worse]
+    assert str(result).startswith(
+        f"{worse} names {100 * accuracies[worse]:.1f} % right with held-out sessions"
+    )
 
 
-def test_a_random_classifier_is_seeded_by_partition(data):
+def test_unbalanced_classes_have_balanced_accuracy_beside_chance():
+    """An answer that never varies is at chance, however frequent one class is."""
+    rng = np.random.default_rng(0)
+    data = of_levels(rng.normal(size=(100, 6)), ["a"] * 90 + ["b"] * 10, [f"s{k % 3}" for k in range(100)])
+
+    class Always(Centroids):
+        def decision_function(self, X):
+            return np.zeros(len(X))
+
+        def predict(self, X):
+            return np.repeat(self.classes_[:1], len(X))
+
+    result = evaluate(data, "raw", classifier=Always(), **QUIET)
+    assert result.accuracy() == result.chance == 0.5
+    assert result.headline.right.mean() == 0.9
+
+
+def test_chance_counts_the_materials_that_are_tested():
+    rng = np.random.default_rng(0)
+    labels = ["a", "b"] * 6 + ["c"] * 6
+    data = of_levels(rng.normal(size=(18, 6)), labels, [f"s{k // 4}" for k in range(12)] + ["own"] * 6)
+    result = evaluate(data, "raw", classifier=Centroids(), **QUIET)
+    assert result.chance == 0.5
+    assert np.isnan(result.recall()[2])
+    assert "not tested: c, one session" in str(result)
+
+
+@pytest.mark.parametrize("n_sessions", [2, 8])
+def test_train_and_evaluate_state_the_same_accuracy(n_sessions):
+    data = changed(make_data(n=16), session=lambda r: f"{int(r.name.split('_')[1]) % n_sessions}")
+    estimate = Identifier.fit(data, "raw").trained["estimate"]
+    result = evaluate(data, "raw", **QUIET)
+    assert estimate["accuracy"] == result.accuracy() < 1
+
+
+def test_a_random_classifier_is_seeded_by_fold(data):
     forest = RandomForestClassifier(n_estimators=5)
     one, two, other = (
-        evaluate(data, "raw", "paper", classifier=forest, **{**SMALL, **settings})
+        evaluate(data, "raw", classifier=forest, **QUIET, **settings)
         for settings in ({"n_jobs": 1}, {"n_jobs": 2}, {"random_state": 8})
     )
     assert list(one.predictions()) == list(two.predictions())
+    assert one.gap == two.gap
     assert list(one.predictions()) != list(other.predictions())
     assert forest.random_state is None
 
@@ -78,13 +127,10 @@ def test_any_classifier_fits_training_rows_only(data):
             seen.append((X.shape, np.bincount(y).tolist()))
             return super().fit(X, y)
 
-    result = evaluate(data, "raw", "paper", classifier=Spy(kernel="linear"), **SMALL)
+    result = evaluate(data, "raw", paper=PAPER, classifier=Spy(kernel="linear"), **QUIET)
     assert seen == [((24, 480), [6, 6, 6, 6])] * 3
-    features = flat(data.X.transpose(0, 2, 1))
-    for said, partition in zip(result.predicted["paper", "raw"], result.partitions["paper"], strict=True):
-        plain = SVC(kernel="linear").fit(features[partition.train], data.y[partition.train])
-        expected = plain.predict(features[partition.test])
-        np.testing.assert_array_equal(np.array(result.labels)[said], expected)
+    assert result.folds.name == "random partitions"
+    assert result.gap is None
 
 
 class Memory(TransformerMixin, BaseEstimator):
@@ -108,124 +154,75 @@ def test_what_learns_is_fitted_on_training_rows_and_the_rest_once(data):
         return round(float(np.sum(data.X[rows])), 6)
 
     Memory.fitted_on.clear()
-    result = evaluate(data, {"mine": Memory()}, "paper", **SMALL)
-    assert Memory.fitted_on == [total(p.train) for p in result.partitions["paper"]]
-    assert result.space("mine").learns
+    result = evaluate(data, {"mine": Memory()}, paper=PAPER, **QUIET)
+    assert Memory.fitted_on == [total(fold.train) for fold in result.folds]
     Memory.fitted_on.clear()
-    same = evaluate(data, {"mine": Memory(learns=False)}, "paper", **SMALL)
+    same = evaluate(data, {"mine": Memory(learns=False)}, paper=PAPER, **QUIET)
     assert Memory.fitted_on == [total(slice(None))]
-    assert [p.predicted for p in same.predictions()] == [p.predicted for p in result.predictions()]
+    assert list(same.predictions()) == list(result.predictions())
 
 
-def test_a_transformer_that_does_not_say_counts_as_learning(data):
-    pipeline = make_pipeline(FunctionTransformer(flat), StandardScaler())
-    space = evaluate(data, {"standardised": pipeline}, "paper", **SMALL).space("standardised")
-    assert (space.learns, space.paper_accuracy, space.n_features) == (True, None, 480)
+# What is recorded.
 
 
-def test_what_is_recorded(evaluated):
-    assert evaluated.settings["seed"] == 0
-    assert evaluated.settings["classifier"]["class"] == "ECOCClassifier"
+def test_settings_versions_and_command_are_recorded(evaluated):
+    assert (evaluated.settings["seed"], evaluated.settings["by"]) == (0, "auto")
     assert evaluated.settings["classifier"]["C"] == 1.0
     assert set(evaluated.versions) >= {"granular_id", "numpy", "scikit-learn", "python"}
     assert (evaluated.data["n_recordings"], evaluated.data["rate_hz"]) == (40, 500.0)
-    assert [space.name for space in evaluated.spaces] == ["raw+hfmh", "hfmh", "raw"]
-    assert [space.paper_accuracy for space in evaluated.spaces] == [0.9705, 0.8705, 0.7614]
-    assert [space.n_features for space in evaluated.spaces] == [480 + 600, 600, 480]
-    for space in evaluated.spaces:
-        assert set(space.seconds) == {"features", "gram", "training", "prediction"}
-        assert min(space.seconds.values()) > 0
-    assert "chronological: by start time" in evaluated.notes
-    assert evaluated.command == (
-        "granular_id.evaluate(data, spaces=['raw+hfmh', 'hfmh', 'raw'], protocol=['paper', 'chronological'], "
-        "n_partitions=3, train_per_class=6, test_per_class=3, n_folds=3, random_state=0)"
-    )
-    assert evaluated.wall_s > 0
-    assert not evaluated.synthetic
+    assert evaluated.paper_accuracies == {"raw+hfmh": 0.9705, "hfmh": 0.8705, "raw": 0.7614}
+    assert [held.n_features for held in evaluated.held.values()] == [480 + 600, 600, 480]
+    assert evaluated.folds.notes == ("8 sessions held out whole, in 2 folds",)
+    call = "granular_id.evaluate(data, spaces=['raw+hfmh', 'hfmh', 'raw'], random_state=0)"
+    assert evaluated.command == call
 
 
-def test_history_marks_and_doubts_of_the_data_are_in_the_result():
+def test_history_marks_and_warnings_of_the_data_are_recorded():
     flags = np.where(np.arange(80) % 4 == 0, np.uint8(SampleFlag.GAP_FILLED), np.uint8(0))
-    data = make_data(flags=flags, meta={"synthetic": True}, session="one of all").align(n_samples=60)
-    result = evaluate(data, "raw", "paper", **SMALL)
+    data = make_data(flags=flags, meta={"synthetic": True}).align(n_samples=60)
+    result = evaluate(data, "raw", **QUIET)
     assert [step["step"] for step in result.data["history"]] == ["align"]
-    assert result.data["n_samples"] == 60
     assert result.synthetic
-    assert result.table().startswith("Accuracy on SYNTHETIC recordings")
+    assert "SYNTHETIC" in str(result).splitlines()[0]
     (gaps,) = [note for note in result.notes if "interpolated inside gaps" in note]
     assert gaps.startswith("warning: ")
-    assert "(25 %)" in gaps
-    confounded = changed(make_data(), session=lambda r: r.label)
-    assert any("4 of 4 labels" in note for note in evaluate(confounded, "raw", "paper", **SMALL).notes)
+    assert gaps[:40] in str(result)
 
 
 def test_seed_none_draws_one_and_records_it(data):
-    one, other = (evaluate(data, "raw", "paper", random_state=None, **SMALL) for _ in range(2))
+    one, other = (evaluate(data, "raw", by="random", random_state=None, **QUIET) for _ in range(2))
     assert one.settings["seed"] != other.settings["seed"]
-    again = evaluate(data, "raw", "paper", random_state=one.settings["seed"], **SMALL)
-    assert list(again.predictions()) == list(one.predictions())
-    assert list(again.predictions()) != list(other.predictions())
+    again = evaluate(data, "raw", by="random", random_state=one.settings["seed"], **QUIET)
+    assert list(again.predictions()) == list(one.predictions()) != list(other.predictions())
 
 
-def test_progress_is_told_step_by_step(data):
+def test_progress_counts_every_fit(data):
     steps = []
-    settings = {**SMALL, "progress": lambda *step: steps.append(step)}
-    evaluate(data, ["raw", "hfmh"], "paper", n_jobs=2, **settings)
-    assert [done for done, _, _ in steps] == list(range(1, 7))
-    assert {total for _, total, _ in steps} == {6}
-    assert "hfmh: partition 3" in [what for _, _, what in steps]
+    evaluate(data, ["raw", "hfmh"], n_jobs=2, progress=lambda *step: steps.append(step))
+    # two folds: two spaces and two baselines, held out and at random, then 18 more draws of the headline
+    assert [done for done, _, _ in steps] == list(range(1, 2 * (4 + 4 + 18) + 1 - 4))
+    assert {total for _, total, _ in steps} == {2 * (4 + 4 + 18)}
 
 
 @pytest.mark.parametrize("terminal", [False, True])
 def test_each_accuracy_is_a_line_with_or_without_a_terminal(data, capfd, monkeypatch, terminal):
     monkeypatch.setattr("sys.stderr.isatty", lambda: terminal)
     monkeypatch.setitem(sys.modules, "rich", None)
-    evaluate(data, ["multiband", "raw"], **{**SMALL, "progress": True})
+    evaluate(data, ["hfmh", "raw"], baselines=False)
     out, err = capfd.readouterr()
-    lines = [line.split("  ")[0] for line in err.splitlines() if "%" in line]
+    lines = [line.split("  ")[:2] for line in err.splitlines() if "%" in line]
     assert out == ""
-    assert lines == ["held-out sessions", "held-out sessions", "as many at random", "as many at random"]
-    assert err.index(" raw ") < err.index(" multiband ")  # the cheapest first
+    assert lines == [[how, name] for how in ("held-out sessions", "at random") for name in ("hfmh", "raw")]
 
 
-def test_usual_spaces_and_partitions(data):
-    result = evaluate(data, **SMALL)
-    assert [space.name for space in result.spaces] == ["raw+hfmh", "multiband", "best"]
-    assert result.protocols == ("session", "matched")
-    assert result.gap("raw+hfmh") is not None
-    note = (
-        "n_partitions, train_per_class, test_per_class had no use: that is of the protocol 'paper' (--paper)"
-    )
-    assert any(line.startswith(note) for line in result.notes)
-
-
-def copied(data, session):
-    """The recordings, and one of them again under the next name."""
-    twin = Recording(
-        data[0].wrench, rate_hz=500.0, label=data[0].label, name="twin", session=session, start_time=2e9
-    )
-    return Dataset([*data, twin])
-
-
-def test_copies_on_both_sides_of_a_split_stop_it(data):
-    apart = next(one.session for one in data if one.label == data[0].label and one.session != data[0].session)
-    message = r"'oat_0' and 'twin' share samples, and one trains .* pass accept=\('duplicates',\)"
-    with pytest.raises(ValueError, match=message):
-        evaluate(copied(data, apart), "raw", **SMALL)
-    known = evaluate(copied(data, apart), "raw", **SMALL, accept="duplicates")
-    assert [finding.code for finding in known.findings] == ["duplicates"]
-    assert known.spoiling == ()
-
-
-def test_an_accepted_name_that_nothing_has_is_told(data):
-    result = evaluate(data, "raw", **SMALL, accept="leak-clok")
-    assert "accept: the checks found nothing called 'leak-clok'" in result.notes
-
-
-def test_copies_within_a_session_spoil_nothing_where_sessions_are_held_out(data):
-    result = evaluate(copied(data, data[0].session), "raw", **SMALL)
-    assert result.protocols == ("session", "matched")
-    assert result.findings == ()
+@pytest.mark.parametrize(("rate_hz", "last"), [(40.0, "raw"), (100.0, "raw+hfmh")])
+def test_usual_spaces_suit_the_rate(rate_hz, last):
+    data = changed(make_data(n=4), rate_hz=lambda r: rate_hz)
+    result = evaluate(data, **QUIET)
+    assert result.spaces == ("best", "multiband", last)
+    assert result.gap.space == "multiband"  # the same without a choice, and quicker to draw
+    assert str(result.gap) in " ".join(str(result).split())
+    assert any("a high-pass at 23 Hz" in note for note in result.notes) == (rate_hz == 40)
 
 
 @pytest.mark.parametrize(("error", "n_jobs"), [(KeyboardInterrupt, 1), (RuntimeError, 2)])
@@ -236,14 +233,13 @@ def test_an_exception_from_progress_ends_the_run(data, error, n_jobs):
 
     before = threading.active_count()
     with pytest.raises(error):
-        evaluate(data, "raw", "paper", n_jobs=n_jobs, **{**SMALL, "progress": stop})
+        evaluate(data, "raw", n_jobs=n_jobs, baselines=False, progress=stop)
     assert threading.active_count() <= before + 2
 
 
 def test_input_is_untouched(data):
-    before = data.X.tobytes()
-    classifier = ECOCClassifier()
-    evaluate(data, THREE, "paper", classifier=classifier, **{**SMALL, "controls": True})
+    before, classifier = data.X.tobytes(), ECOCClassifier()
+    evaluate(data, "raw", classifier=classifier, progress=False)
     assert data.X.tobytes() == before
     assert not hasattr(classifier, "classes_")
 
@@ -256,5 +252,129 @@ def test_settings_of_any_estimator_become_json():
     assert described["class"] == "Pipeline"
     assert '"missing_values": "nan"' in text
     assert '"C": 0.5' in text
-    # where the function lies in memory is no setting
-    assert describe_estimator(function)["func"] == "evaluation_cases.flat"
+    assert describe_estimator(function)["func"] == "evaluation_cases.flat"  # not where it lies in memory
+
+
+# Findings.
+
+
+def copied(data, session):
+    """The recordings, and one of them again under the next name."""
+    same = {"rate_hz": 500.0, "label": data[0].label, "session": session, "start_time": 2e9}
+    return Dataset([*data, Recording(data[0].wrench, name="twin", **same)])
+
+
+def test_copies_on_both_sides_of_a_split_stop_it(data):
+    apart = next(one.session for one in data if one.label == data[0].label and one.session != data[0].session)
+    message = r"'oat_0' and 'twin' share samples, and one trains .* pass accept=\('duplicates',\)"
+    with pytest.raises(ValueError, match=message):
+        evaluate(copied(data, apart), "raw", **QUIET)
+    known = evaluate(copied(data, apart), "raw", accept="duplicates", **QUIET)
+    assert [finding.code for finding in known.findings] == ["duplicates"]
+    assert known.spoiling == ()
+    assert "accepted: duplicates" in str(known)
+
+
+def test_copies_within_a_held_out_session_spoil_nothing(data):
+    assert evaluate(copied(data, data[0].session), "raw", **QUIET).findings == ()
+
+
+def test_an_accepted_name_that_nothing_has_is_a_note(data):
+    result = evaluate(data, "raw", accept="leak-clok", **QUIET)
+    assert "accept: the checks found nothing called 'leak-clok'" in result.notes
+
+
+# What is refused.
+
+
+def test_the_counts_that_a_refusal_offers_fit(data):
+    with pytest.raises(ValueError, match=r"pass paper=\(20, 8, 2\)$"):
+        evaluate(data, "raw", paper=True, **QUIET)
+    assert len(evaluate(data, "raw", paper=(2, 8, 2), **QUIET).folds) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "message"),
+    [
+        ({"data": np.zeros((4, 5, 6))}, TypeError, "data must be a granular_id.Dataset, got ndarray"),
+        ({"spaces": "wavelets"}, ValueError, "spaces must be among 'all', 'paper', .*, got 'wavelets'"),
+        ({"spaces": []}, ValueError, "at least one feature space, got none"),
+        ({"spaces": ["raw", "raw"]}, ValueError, "each feature space once"),
+        ({"spaces": {"mine": object()}}, TypeError, r"spaces\['mine'\] must have fit and transform"),
+        ({"spaces": {"": StandardScaler()}}, TypeError, "a name must be non-empty text"),
+        ({"spaces": {"flat": FunctionTransformer()}}, ValueError, r"'flat' must give an array \(n, D\)"),
+        ({"by": "speed"}, ValueError, "by='speed' cannot be held out, as no recording states it"),
+        ({"by": "session", "paper": True}, ValueError, "by='session' has no use with paper"),
+        ({"paper": (1, 2)}, TypeError, r"paper must be True or three numbers, .* got \(1, 2\)"),
+        ({"paper": (3, 9, 3)}, ValueError, r"class 'oat' has 10 .* 12: 9 to train, 3 to test"),
+        ({"classifier": SVC}, TypeError, "classifier must be a classifier of scikit-learn"),
+        ({"baselines": "yes"}, TypeError, "baselines must be"),
+        ({"accept": [3]}, TypeError, "accept must hold names as granular-id data check prints them, got 3"),
+        ({"progress": "yes"}, TypeError, "progress must be a bool or callable, got str"),
+        ({"random_state": -1}, ValueError, "random_state must be at least 0"),
+        ({"random_state": "x"}, TypeError, "random_state must be a whole number or None, got 'x'"),
+    ],
+)
+def test_bad_arguments_are_refused(data, change, kind, message):
+    arguments = {"data": data, "spaces": "raw", **QUIET, **change}
+    with pytest.raises(kind, match=message) as caught:
+        evaluate(arguments.pop("data"), **arguments)
+    (name,) = {*change} - {"data", "paper"} or {*change}
+    assert getattr(caught.value, "argument", name) == name
+
+
+@pytest.mark.parametrize(
+    ("odd", "message"),
+    [
+        ({"label": "oat", "wrench": np.zeros((70, 6))}, r"differ in length .* call \.align\("),
+        ({"label": "oat", "rate_hz": 400.0}, r"differ in rate .* call \.resample\(rate_hz\)"),
+        ({}, "'odd'"),
+    ],
+)
+def test_a_recording_unlike_the_others_is_refused(odd, message):
+    other = Recording(**{"wrench": np.zeros((80, 6)), "rate_hz": 500.0, "name": "odd", **odd})
+    with pytest.raises(ValueError, match=message):
+        evaluate(Dataset([*make_data(), other]), "raw", **QUIET)
+
+
+def test_transformers_take_the_rate_of_the_recordings():
+    data = changed(make_data(n=4), rate_hz=lambda r: 100.0)
+    pipeline = make_pipeline(Tare(tare_s=0.1), RawHFMH())
+    result = evaluate(data, {"mine": pipeline}, **QUIET)
+    assert '"rate_hz": 100.0' in json.dumps(result.settings["transformers"])
+    assert pipeline[0].rate_hz is None
+
+
+@pytest.mark.parametrize(
+    "transformer",
+    [RawHFMH(rate_hz=100.0), make_pipeline(make_pipeline(HFMH(rate_hz=100.0)), StandardScaler())],
+)
+def test_a_transformer_of_another_rate_is_refused(data, transformer):
+    with pytest.raises(ValueError, match=r"spaces\['mine'\]: .* has rate_hz=100, the recordings have 500 Hz"):
+        evaluate(data, {"raw": RawSignal(), "mine": transformer}, **QUIET)
+
+
+class Broken(TransformerMixin, BaseEstimator):
+    def __init__(self, value=np.nan, learns=False):
+        self.value = value
+        self.learns = learns
+
+    def fit(self, X, y=None):
+        return self
+
+    def transform(self, X):
+        features = flat(X).copy()
+        features[:, 3] = self.value
+        return features
+
+
+@pytest.mark.parametrize(("value", "learns"), [(np.nan, True), (np.nan, False), (np.inf, False)])
+def test_features_that_are_not_finite_name_the_space(data, value, learns):
+    wanted = f"feature space 'mine' must give finite features, got {value} in column 3"
+    with pytest.raises(ValueError, match=wanted):
+        evaluate(data, {"mine": Broken(value, learns)}, **QUIET)
+
+
+def test_recordings_that_are_all_equal_are_named_by_chance(data):
+    equal = Dataset([type(r)(**{**vars(r), "wrench": data[0].wrench}) for r in data])
+    assert evaluate(equal, "raw", accept="duplicates", **QUIET).accuracy() == 0.25

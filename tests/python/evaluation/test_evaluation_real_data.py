@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from evaluation_cases import QUIET
 from granular_id.evaluation import evaluate
 from granular_id.io import load
 from granular_id.spaces import feature_spaces, in_paper_order
@@ -19,44 +20,37 @@ def sliding(data_dir):
 
 
 @pytest.fixture(scope="module")
-def result(sliding):
-    counts = {"n_partitions": 2, "train_per_class": 40, "test_per_class": 10}
-    return evaluate(sliding, "raw", ["paper", "chronological"], **counts, progress=False)
+def halves(sliding):
+    return evaluate(sliding, "raw", by="time", progress=False)
 
 
-def test_sliding_recordings_show_the_gap_that_others_found(result):
+def test_sliding_recordings_show_the_gap_that_others_found(halves, sliding):
     """Others report 99.3 % for random partitions and 78 % for the first half against the second (raw)."""
-    assert result.mean_accuracy("raw", "paper") == pytest.approx(0.993, abs=0.01)
-    assert result.accuracies("raw", "chronological") == pytest.approx([0.78, 0.78], abs=0.03)
-    assert result.gap("raw") is None  # 40 and 25 recordings of a class train
+    at_random = evaluate(sliding, "raw", paper=(2, 40, 10), progress=False)
+    assert at_random.accuracy() == pytest.approx(0.993, abs=0.01)
+    assert halves.headline.fold_accuracies() == pytest.approx([0.78, 0.78], abs=0.03)
+    assert halves.gap.is_lost
+    assert halves.gap.points > 0.15
 
 
-def test_a_clock_that_names_the_label_stands_above_the_figures(result):
-    assert [finding.code for finding in result.spoiling] == ["leak-clock"]
-    assert result.table().startswith("SPOILED by leak-clock: the clock alone names 100 % of the labels")
+def test_a_clock_that_names_the_label_stands_above_the_figures(halves):
+    assert [finding.code for finding in halves.spoiling] == ["leak-clock"]
+    assert str(halves).startswith("SPOILED by leak-clock: the clock alone names 100 % of the labels")
 
 
-@pytest.fixture(scope="module")
-def at_random(sliding):
-    counts = {"n_partitions": 2, "train_per_class": 40, "test_per_class": 10}
-    return evaluate(sliding, "raw", "paper", **counts, progress=False)
+def test_the_clock_reaches_what_others_found(halves):
+    """Each material was recorded in one session, so that the clock alone names nearly all of them."""
+    (clock,) = [one for one in halves.baselines if one.name == "clock"]
+    assert clock.held.accuracy == pytest.approx(0.85, abs=0.04)
+    assert clock.at_random > 0.95
 
 
-@pytest.mark.parametrize(("name", "others"), [("clock", 1.0), ("rest", 0.97)])
-def test_controls_reach_without_the_method_what_others_found(at_random, name, others):
-    """Each material was recorded in one session, so the clock alone, or the first 0.3 s, tells nearly all."""
-    control = next(control for control in at_random.controls if control.name == name)
-    assert control.accuracy == pytest.approx(others, abs=0.04)
-    assert "random partitions" in control.verdict
-
-
-def test_the_usual_evaluation_of_sliding_recordings_leads_with_halves_in_time(sliding):
+def test_auto_takes_halves_where_no_session_is_known(sliding):
     few = sliding.select(labels=[f"mat{k:02d}" for k in range(1, 21, 4)])
-    result = evaluate(few, "raw", controls=False, progress=False, accept="leak-clock")
-    assert result.protocols == ("chronological", "matched")
+    result = evaluate(few, "raw", **QUIET, accept="leak-clock")
+    assert result.folds.by == "time"
     assert result.spoiling == ()
-    assert "held-out sessions left out: no recording says which session it is from" in result.notes
-    assert result.gap("raw") is not None
+    assert "not held-out sessions: no recording says which session it is from" in result.notes
 
 
 COPIES = ("duplicates", "near-duplicates")
@@ -71,32 +65,27 @@ FAILURES = {
 
 
 @pytest.mark.parametrize("name", FAILURES)
-def test_unbalanced_classes_of_short_recordings_work_with_every_protocol_of_folds(data_dir, name):
+def test_unbalanced_short_recordings_are_as_hard_as_published(data_dir, name):
     """One draw of folds of 15 samples at 47.6 Hz: others' folds differ, by a few points."""
     data = load_failures(data_dir / "robot_failures", name)
     counts, published = FAILURES[name]
     assert sorted(np.unique(data.y, return_counts=True)[1].tolist()) == counts
-    protocols = ["kfold", "chronological", "session"]
-    result = evaluate(data, "raw", protocols, controls=False, progress=False, accept=COPIES)
-    assert result.mean_accuracy("raw", "kfold") == pytest.approx(published, abs=0.08)
-    for protocol in protocols:
-        tested = np.concatenate([p.test for p in result.partitions[protocol]])
-        assert sorted(tested) == list(range(len(data)))
-        assert all(set(data.y[p.train]) == set(data.y) for p in result.partitions[protocol])
+    for by in ("random", "time"):
+        result = evaluate(data, "raw", by=by, accept=COPIES, **QUIET)
+        assert sorted(result.headline.rows) == list(range(len(data)))
+        if by == "random":
+            assert result.headline.right.mean() == pytest.approx(published, abs=0.08)
 
 
 @pytest.mark.filterwarnings("ignore:cutoff_hz=23 leaves nearly nothing")
-def test_all_spaces_and_controls_over_folds(data_dir):
+def test_all_spaces_and_baselines_over_random_folds(data_dir):
     data = load_failures(data_dir / "robot_failures", "lp2")
     spaces = feature_spaces(rate_hz=RATE_HZ, bin_range=(-100.0, 100.0))
     names = in_paper_order(spaces)
-    result = evaluate(data, {name: spaces[name] for name in names}, "kfold", progress=False, accept=COPIES)
-    assert [space.name for space in result.spaces] == names
-    assert len(names) == 13
-    majority = 20 / 47
-    assert min(result.mean_accuracy(name) for name in names) > 0.3
-    assert result.mean_accuracy("raw") > majority + 0.1
-    controls = {control.name: control for control in result.controls}
-    assert controls["rest"].verdict == "left out: 0.3 s are 14 of 15 samples"
-    assert controls["clock"].verdict == "left out: no recording carries a start time"
-    assert controls["clock"].chance == pytest.approx(majority, abs=0.02)
+    result = evaluate(
+        data, {name: spaces[name] for name in names}, by="random", progress=False, accept=COPIES
+    )
+    assert list(result.spaces) == names
+    assert min(result.accuracy(name) for name in names) > 0.15
+    assert result.accuracy("raw") > 0.4
+    assert [one.held for one in result.baselines] == [None, None]

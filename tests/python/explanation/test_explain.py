@@ -7,7 +7,7 @@ import pytest
 from sklearn.decomposition import PCA
 from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LogisticRegression
-from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.pipeline import FeatureUnion, Pipeline, make_pipeline
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
 from granular_id.ecoc import ECOCClassifier
@@ -20,9 +20,7 @@ from granular_id.spaces import (
     HFMH,
     BestClassifier,
     BlockScaler,
-    BlockUnion,
     MultiBand,
-    PrincipalComponents,
     RangeNormalizer,
     RawHFMH,
     RawHistogram,
@@ -59,13 +57,11 @@ SPACES = {
     "raw histogram": RawHistogram(),
     "tared": make_pipeline(Tare(0.1), RawHFMH()),
     "dft": DFT(rate_hz=500),
-    "union": BlockUnion([("norm", RangeNormalizer()), ("dft", DFT("magnitude"))], block_weights=[2.0, 0.01]),
-    "pca": make_pipeline(RawHFMH(), PrincipalComponents(20)),
+    "union": FeatureUnion([("norm", RangeNormalizer()), ("dft", DFT("magnitude"))]),
+    "pca": make_pipeline(RawHFMH(), PCA(15)),
     "pca of sklearn, whitened": make_pipeline(RawSignal(), PCA(15, whiten=True)),
     "centred only": make_pipeline(RawSignal(), StandardScaler(with_std=False)),
-    "rica standardised": make_pipeline(
-        RawSignal(), PrincipalComponents(10), RICA(12, standardize=True, random_state=0, tol=1e-3)
-    ),
+    "rica": make_pipeline(RawSignal(), PCA(10), RICA(12, random_state=0)),
     "bands": make_pipeline(MultiBand(blocks=ALL), StandardScaler()),
     "bands, whitened": make_pipeline(Tare(0.1), MultiBand(), WithinClassWhitening(0.01)),
 }
@@ -134,8 +130,8 @@ def test_weights_are_slopes_of_the_score(data):
     X, y = data
     model = make_pipeline(
         RawSignal(),
-        PrincipalComponents(15),
-        RICA(10, standardize=True, random_state=0, tol=1e-3),
+        PCA(15),
+        RICA(10, random_state=0),
         ECOCClassifier(),
     ).fit(X, y)
     weights = explain(model, "peas", "rice", X, y).weights.reshape(6, -1)
@@ -153,7 +149,7 @@ def test_weights_are_slopes_of_the_score(data):
     "space",
     [
         (RawSignal(),),
-        (RawSignal(), PrincipalComponents(15), RICA(15, random_state=0, tol=1e-4)),
+        (RawSignal(), PCA(15), RICA(15, random_state=0)),
         (MultiBand(blocks=["level"]),),
     ],
 )
@@ -289,7 +285,7 @@ def test_without_labels_the_model_names_the_recordings(data):
 def test_a_model_that_gives_data_frames_is_explained(data):
     pytest.importorskip("pandas")
     X, y = data
-    model = make_pipeline(RawSignal(), PrincipalComponents(5), ECOCClassifier())
+    model = make_pipeline(RawSignal(), PCA(5, svd_solver="full"), ECOCClassifier())
     plain = explain(model.fit(X, y), "oat", "rice", X, y)
     framed = explain(model.set_output(transform="pandas").fit(X, y), "oat", "rice", X, y)
     np.testing.assert_allclose(framed.contributions, plain.contributions)
@@ -385,7 +381,7 @@ def test_axes_and_units_are_those_of_the_data_set(fitted_on, bin_range):
 
 def test_a_data_set_of_other_axes_is_refused():
     data = imu(*louder())
-    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(data)
+    model = make_pipeline(RawSignal(), ECOCClassifier()).fit(data, data.y)
     with pytest.raises(ValueError, match=r"X has the axes fx .*, in fit they were wx"):
         explain(model, "rice", "oat", as_wrench(data.X), data.y)
 
@@ -471,10 +467,6 @@ def test_models_that_cannot_be_explained_are_refused(model, message):
 def test_models_without_fit_weights_or_space_are_refused():
     model = make_pipeline(RawSignal(), ECOCClassifier())
     with pytest.raises(NotFittedError):
-        explain(model, "oat", "rice", X, Y)
-    features = model.fit(X, Y)[:-1].transform(X)
-    model[-1].fit_gram(features @ features.T, Y)
-    with pytest.raises(TypeError, match=r"model must have linear learners.*has no coef_"):
         explain(model, "oat", "rice", X, Y)
     flat = X[:, :, 0]
     with pytest.raises(TypeError, match="nothing behind filters"):

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sklearn.pipeline import make_pipeline
 
 from evaluation_cases import LABELS
+from granular_id import HFMH, ECOCClassifier
 from granular_id._core import Model, ModelFileError
-from granular_id.confidence import ConformalRule, HeldOutScores, UnknownRule, conformal_rule, unknown_rule
-from granular_id.confidence.held_out import Scores
+from granular_id.confidence import CandidateRule, Novelty, UnknownRule, candidate_rule, softmax
+from granular_id.confidence.novelty import scaled
 from granular_id.identifier import (
     Identifier,
     StreamingIdentifier,
@@ -21,6 +23,7 @@ from granular_id.identifier import (
     describe_performance,
     identify_all,
 )
+from granular_id.identifier.adapt import features_of
 from granular_id.identifier.rules import KEY, confidence_rules
 from granular_id.recording import Dataset
 from model_cases import put_together, taken_apart
@@ -33,7 +36,7 @@ CHOICE = {
     "machines": [],
     "chosen": ["plain, C 1"],
     "accuracy_on_the_folds_that_chose": None,
-    "in_partitions": [],
+    "in_folds": [],
 }
 
 
@@ -50,8 +53,22 @@ def changed(core, trained):
         core.coding_matrix,
         core.classes,
         n_samples=core.n_samples,
-        metadata={**core.metadata, "posterior": "", "trained": json.dumps(trained)},
+        metadata={**core.metadata, "trained": json.dumps(trained)},
+        novelty=core.novelty if "unknown" in trained.get(KEY, ()) else None,
     )
+
+
+def distances(core, X):
+    """Return what the novelty of recordings is made of, in plain numpy."""
+    scaling, *fitted = core.novelty
+    return Novelty(*fitted).parts(scaled(features_of(core, X), scaling))
+
+
+def changed_rule(core, rule):
+    """Return a model with another rule of refusal, and streams of it."""
+    (spec, coef, intercept, coding, classes), options = core.__getnewargs_ex__()
+    metadata = {**core.metadata, "trained": json.dumps({KEY: {"unknown": rule.to_dict()}})}
+    return Model(spec, coef, intercept, coding, classes, **{**options, "metadata": metadata})
 
 
 def file_of(core, trained):
@@ -60,8 +77,8 @@ def file_of(core, trained):
     return put_together({**metadata, "trained": json.dumps(trained)}, tensors)
 
 
-def of_conformal(**changes):
-    return lambda rules: {**rules, "conformal": {**rules["conformal"], **changes}}
+def of_candidates(**changes):
+    return lambda rules: {**rules, "candidates": {**rules["candidates"], **changes}}
 
 
 def of_unknown(**changes):
@@ -69,22 +86,21 @@ def of_unknown(**changes):
 
 
 def test_rules_are_set_on_the_recordings_held_out_and_come_back(identifier, tmp_path):
-    conformal, unknown = rules = confidence_rules(identifier.core)
-    assert (conformal.levels, conformal.n_calibration) == ((0.8,), 32)
-    assert unknown.share_known == 0.9
-    assert conformal.classes == unknown.classes == LABELS
-    assert conformal.held_out == "held-out sessions"
+    candidates, unknown = rules = confidence_rules(identifier.core)
+    assert (candidates.level, candidates.n_rows, candidates.n_sessions) == (0.8, 32, 8)
+    assert (unknown.share_known, unknown.held_out) == (0.9, "held-out sessions")
+    assert candidates.classes == unknown.classes == LABELS
     identifier.save(tmp_path / "m.safetensors")
     assert confidence_rules(Identifier.load(tmp_path / "m.safetensors").core) == rules
     stored = identifier.trained[KEY]
-    assert ConformalRule.from_dict(stored["conformal"]).to_dict() == stored["conformal"]
+    assert CandidateRule.from_dict(stored["candidates"]).to_dict() == stored["candidates"]
     assert UnknownRule.from_dict(stored["unknown"]).to_dict() == stored["unknown"]
 
 
 def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier, data):
-    (conformal, unknown), stream = confidence_rules(identifier.core), StreamingIdentifier(identifier)
-    values, scores = identifier.decision_function(data.X), identifier.scores(data.X)
-    batch = identify_all(identifier, data)
+    (candidates, unknown), stream = confidence_rules(identifier.core), StreamingIdentifier(identifier)
+    values, known = identifier.decision_function(data.X), unknown.knows(distances(identifier.core, data.X))
+    batch = identify_all(identifier.core, data)
     for k, x in enumerate(data.X[:6]):
         stream.reset()
         stream.push(x[:40])
@@ -92,8 +108,8 @@ def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier,
         assert (early.candidates, early.unknown) == ((), None)
         stream.push(x[40:])
         decision = stream.decision()
-        assert decision.candidates == conformal.names(values[k], at_least_one=True)
-        assert decision.unknown == (not unknown.knows(values[k], scores[k]))
+        assert decision.candidates == candidates.names(values[k])
+        assert decision.unknown == (not known[k])
         assert decision.candidates[0] == decision.label
         assert decision.to_dict()["candidates"] == list(decision.candidates)
         whole = identifier.identify(x)
@@ -102,23 +118,19 @@ def test_final_decisions_name_candidates_and_provisional_ones_do_not(identifier,
     assert batch.to_dict()["recordings"][0]["candidates"] == list(batch.each[0].candidates)
 
 
-@pytest.mark.parametrize("of_pairs", [True, False])
-def test_core_rules_judge_as_numpy_does(identifier, data, of_pairs):
+def test_core_rules_judge_as_numpy_does(identifier, data):
     """The answers of streams, recordings and batches are those of the rules in plain numpy."""
-    values, scores = identifier.decision_function(data.X), identifier.scores(data.X)
+    values, novelty = identifier.decision_function(data.X), identifier.core.scores_and_novelty(data.X)[1]
     truth = np.array([LABELS.index(label) for label in data.y])
-    rows = np.arange(truth.size)
-    each = Scores(values, scores, None, identifier.core.coding_matrix) if of_pairs else Scores(values)
-    held = HeldOutScores(LABELS, truth, each, rows=rows, folds=rows % 4, groups=rows, held_out="nothing")
-    rule = conformal_rule(held, [0.8])
-    other = unknown_rule(held, share_known=0.6)
-    core = changed(identifier.core, {KEY: {"conformal": rule.to_dict(), "unknown": other.to_dict()}})
-    known = other.knows(values, scores)
-    assert {True, False} == set(known.tolist())
-    names = [rule.names(row, at_least_one=True) for row in values]
+    rule = candidate_rule(LABELS, values, truth, data.sessions, 0.8)
+    other = replace(confidence_rules(identifier.core)[1], threshold=float(np.median(novelty)))
+    core = changed(identifier.core, {KEY: {"candidates": rule.to_dict(), "unknown": other.to_dict()}})
+    scores, novelty = core.scores_and_novelty(data.X)
+    known = other.knows(distances(core, data.X))
+    names = [rule.names(row) for row in values]
     expected = list(zip(names, (~known).tolist(), strict=True))
-    assert core.verdicts(scores) == expected
-    assert core.verdicts(scores[0]) == expected[:1]
+    assert core.verdicts(scores, novelty) == expected
+    assert core.verdicts(scores[0], novelty[:1]) == expected[:1]
     stream = StreamingIdentifier(core)
     for x, said in zip(data.X, expected, strict=True):
         stream.reset()
@@ -127,19 +139,105 @@ def test_core_rules_judge_as_numpy_does(identifier, data, of_pairs):
         assert (decision.candidates, decision.unknown) == said
 
 
-@pytest.mark.parametrize("settings", [{"coding": "onevsall"}, {"share_known": None}, {"coverage": None}])
+def test_probabilities_are_a_softmax_with_the_temperature(identifier, data, tmp_path):
+    shares = softmax(identifier.decision_function(data.X), identifier.temperature)
+    np.testing.assert_allclose(identifier.predict_proba(data.X), shares)
+    assert (shares.argmax(axis=1) == identifier.decision_function(data.X).argmax(axis=1)).all()
+    batch, stream = identify_all(identifier.core, data), StreamingIdentifier(identifier)
+    for k, x in enumerate(data.X[:5]):
+        stream.reset()
+        stream.push(x[:40])
+        assert stream.decision().probability is None
+        stream.push(x[40:])
+        decision = stream.decision()
+        assert decision.probability == identifier.identify(x).probability == batch.each[k].probability
+        assert decision.probability == pytest.approx(shares[k].max())
+    identifier.save(tmp_path / "m.safetensors")
+    assert Identifier.load(tmp_path / "m.safetensors").temperature == identifier.temperature > 0
+
+
+@pytest.mark.parametrize("space", ["raw", "hfmh", "raw+hfmh", "multiband", "best"])
+def test_novelty_of_the_core_is_that_of_numpy(data, space):
+    model = Identifier.fit(data, space, target_error=0.2)
+    unknown = confidence_rules(model.core)[1]
+    scores, novelty = model.core.scores_and_novelty(data.X)
+    np.testing.assert_allclose(novelty, unknown.novelty(distances(model.core, data.X)), rtol=1e-6)
+    assert scores.tobytes() == model.scores(data.X).tobytes()
+    alone = [model.core.scores_and_novelty(x, threads=1)[1][0] for x in data.X]
+    assert alone == novelty.tolist()
+    # A stream refuses exactly where the batch does, to the last bit.
+    k = int(np.argsort(novelty)[len(novelty) // 2])
+    for limit, refused in ((novelty[k], False), (np.nextafter(novelty[k], 0.0), True)):
+        rule = replace(unknown, threshold=float(limit))
+        stream = StreamingIdentifier(changed_rule(model.core, rule), hop=7)
+        stream.push(np.concatenate([data.X[0][-7:], data.X[k][:10]]))
+        stream.reset()
+        for row in data.X[k]:
+            stream.push(row)
+        assert stream.decision().unknown is refused
+
+
+def test_novelty_of_windows_that_overlap_is_that_of_each_alone(data):
+    model = Identifier.fit(data, "raw", target_error=0.2)
+    unknown, drive = confidence_rules(model.core)[1], np.concatenate(data.X[:2])
+    windows = np.array([drive[k : k + model.n_samples] for k in range(0, model.n_samples, 25)])
+    novelty = model.core.scores_and_novelty(windows)[1]
+    rule = replace(unknown, threshold=float(np.median(novelty)))
+    stream, refused = StreamingIdentifier(changed_rule(model.core, rule), hop=25), []
+    row = 0
+    while len(refused) < len(windows):
+        row += stream.push(drive[row:])
+        refused.append(stream.decision().unknown)
+        stream.next()
+    assert refused == (novelty > rule.threshold).tolist()
+
+
+def test_novelty_parts_that_do_not_fit_are_refused(identifier):
+    core, rule = identifier.core, identifier.trained[KEY]["unknown"]
+    metadata, tensors = taken_apart(core.to_bytes())
+    with pytest.raises(ModelFileError, match="tensor 'unknown_means' is missing"):
+        Model.from_bytes(put_together(metadata, {k: v for k, v in tensors.items() if k != "unknown_means"}))
+    for name, wrong, message in (
+        ("unknown_means", tensors["unknown_means"][1:], r"unknown_means must have shape \(4, "),
+        ("unknown_scaling", tensors["unknown_scaling"][:, 1:], r"unknown_scaling must have shape \(2, "),
+        (
+            "unknown_directions",
+            np.full_like(tensors["unknown_directions"], np.nan),
+            r"\[0, 0\] must be finite",
+        ),
+        ("unknown_means", tensors["unknown_means"].astype("f8"), r"must be float32 \(F32\), got F64"),
+    ):
+        with pytest.raises(ModelFileError, match=message):
+            Model.from_bytes(put_together(metadata, {**tensors, name: wrong}))
+    with pytest.raises(ModelFileError, match="novelty must be there exactly if a rule refuses"):
+        Model.from_bytes(file_of(core, {KEY: {}}))
+    bare = {name: values for name, values in tensors.items() if not name.startswith("unknown")}
+    with pytest.raises(ModelFileError, match="novelty must be there exactly if a rule refuses"):
+        Model.from_bytes(put_together({**metadata, "trained": json.dumps({KEY: {"unknown": rule}})}, bare))
+    with pytest.raises(ValueError, match="novelty"):
+        core.verdicts(np.zeros((1, core.n_learners)))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"space": make_pipeline(HFMH(), ECOCClassifier("onevsall"))},
+        {"share_known": None},
+        {"coverage": None},
+    ],
+)
 @pytest.mark.parametrize("n_classes", [2, 3])
 def test_streams_apply_the_rules_of_other_models(data, settings, n_classes):
     chosen = [k for k, label in enumerate(data.y) if label in LABELS[:n_classes]]
-    model = Identifier.fit(
-        data[chosen], "hfmh", target_error=0.2, **{"coverage": 0.8, "share_known": 0.6} | settings
-    )
-    (conformal, unknown), scores = confidence_rules(model.core), model.scores(data.X)
-    for x, losses, row in zip(data.X, model.core.losses(scores), scores, strict=True):
+    usual = {"space": "hfmh", "coverage": 0.8, "share_known": 0.6}
+    model = Identifier.fit(data[chosen], target_error=0.2, **usual | settings)
+    candidates, unknown = confidence_rules(model.core)
+    for x, losses in zip(data.X, model.losses(data.X), strict=True):
         decision = model.identify(x)
-        names = () if conformal is None else conformal.names(-losses, at_least_one=True)
+        names = () if candidates is None else candidates.names(-losses)
         assert decision.candidates == names
-        assert decision.unknown == (None if unknown is None else not unknown.knows(-losses, row))
+        known = None if unknown is None else unknown.knows(distances(model.core, x[None])).item()
+        assert decision.unknown == (None if known is None else not known)
 
 
 def test_the_package_says_what_plain_numpy_and_the_rust_crate_say():
@@ -150,22 +248,29 @@ def test_the_package_says_what_plain_numpy_and_the_rust_crate_say():
     decisions = [model.identify(x) for x in X]
     assert [f"{d.label}\t{', '.join(d.candidates)}\t{d.unknown}" for d in decisions] == wanted
     for x, decision in zip(X, decisions, strict=True):
-        assert model.core.verdicts(model.scores(x)) == [(decision.candidates, decision.unknown)]
+        assert model.core.verdicts(*model.core.scores_and_novelty(x)) == [
+            (decision.candidates, decision.unknown)
+        ]
 
 
 def test_the_table_has_a_column_for_each_rule_of_the_model(identifier, data):
-    batch = identify_all(identifier, data)
+    batch = identify_all(identifier.core, data)
     rows = [dict(zip(batch.table().header, row, strict=True)) for row in batch.table().rows]
     assert [row["unknown"] for row in rows] == ["yes" if named.unknown else "" for named in batch]
     assert [row["may be"] for row in rows] == [", ".join(named.candidates) for named in batch]
-    header = identify_all(Identifier.fit(data, "hfmh", coverage=None, target_error=0.2), data).table().header
+    header = (
+        identify_all(Identifier.fit(data, "hfmh", coverage=None, target_error=0.2).core, data).table().header
+    )
     assert "unknown" in header
     assert "may be" not in header
 
 
 def test_what_rules_are_worth_is_said(identifier):
     lines = describe_performance(identifier)
-    assert "candidates: hold the right material of 80 % of recordings like those held out" in lines
+    candidates, _ = confidence_rules(identifier.core)
+    assert f"candidates: {candidates.promise}" in lines
+    assert candidates.promise.startswith("hold the right material of 80 % of recordings in the mean over new")
+    assert "probabilities: set on held-out recordings" in lines
     assert "unknown materials: refused, with 10 % of recordings of the known ones" in lines
     loud = np.random.default_rng(0).normal(0, 0.5, (80, 6)) * [1, 0, 0, 0, 0, 1]
     decision = identifier.identify(loud)
@@ -178,7 +283,12 @@ def test_a_model_without_rules_says_nothing(data):
     decision = none.identify(data[0])
     assert (decision.candidates, decision.unknown) == ((), None)
     assert {"candidates: none", "unknown materials: none"} <= set(describe_performance(none))
-    assert KEY not in Identifier.fit(data, "hfmh", estimate=False).trained
+    bare = Identifier.fit(data, "hfmh", estimate=False)
+    assert KEY not in bare.trained
+    assert (bare.temperature, bare.identify(data[0]).probability) == (None, None)
+    assert "probabilities: none: no recordings were held out" in describe_performance(bare)
+    with pytest.raises(ValueError, match="probabilit"):
+        bare.predict_proba(data.X)
 
 
 @pytest.mark.parametrize(
@@ -186,22 +296,22 @@ def test_a_model_without_rules_says_nothing(data):
     [
         (lambda rules: [], "confidence: must be a JSON object, got a list"),
         (lambda rules: {"other": {}}, "confidence: has an unknown entry 'other'"),
-        (lambda rules: {"conformal": {}}, "conformal: 'format' is missing"),
-        (of_conformal(format="2"), "conformal: 'format' must be 'granular-id conformal rule 1'"),
-        (of_conformal(levels=["0.9"]), "conformal: 'levels' must be rising numbers"),
-        (of_conformal(classes=["a", "b", "c", "d"]), "conformal: 'classes' must be the labels of the model"),
+        (lambda rules: {"candidates": {}}, "candidates: 'format' is missing"),
+        (of_candidates(format="2"), "candidates: 'format' must be 'granular-id candidates 1'"),
+        (of_candidates(level=1.5), "candidates: 'level' must be a number from 0 to 1"),
+        (of_candidates(worst="0.9"), "candidates: 'worst' must be a number from 0 to 1"),
         (
-            of_conformal(thresholds=[0.1, 0.2]),
-            "conformal: 'thresholds' must be numbers or null, one for each",
+            of_candidates(classes=["a", "b", "c", "d"]),
+            "candidates: 'classes' must be the labels of the model",
         ),
-        (of_conformal(n_calibration=0.5), "conformal: 'n_calibration' must be a whole number"),
-        (of_conformal(more=1), "conformal: has an unknown entry 'more'"),
+        (of_candidates(threshold=None), "candidates: 'threshold' must be a number, got null"),
+        (of_candidates(n_rows=0.5), "candidates: 'n_rows' must be a whole number"),
+        (of_candidates(more=1), "candidates: has an unknown entry 'more'"),
         (of_unknown(more=1), "unknown: has an unknown entry 'more'"),
-        (of_unknown(of_pairs=1), "unknown: 'of_pairs' must be true or false"),
-        (of_unknown(threshold="1"), "unknown: 'threshold' must be a number or null, got a text"),
+        (of_unknown(threshold="1"), "unknown: 'threshold' must be a number, got a text"),
         (of_unknown(share_known=1.0), "unknown: 'share_known' must be a number between 0 and 1"),
-        (of_unknown(means=np.eye(4, 3).tolist()), "unknown: 'means' must be 4 rows of 4 numbers"),
-        (of_unknown(whitener=np.eye(3).tolist()), "unknown: 'whitener' must be 4 rows of 4 numbers"),
+        (of_unknown(weights=[1.0]), "unknown: 'weights' must be two numbers, at least 0"),
+        (of_unknown(weights=[1.0, -1.0]), "unknown: 'weights' must be two numbers, at least 0"),
         (of_unknown(n_calibration=0.5), "unknown: 'n_calibration' must be a whole number"),
     ],
 )
@@ -214,14 +324,6 @@ def test_rules_that_are_none_are_refused_when_the_file_is_read(identifier, tmp_p
     assert str(caught.value).startswith(str(file))
     with pytest.raises(ValueError, match=message):
         changed(identifier.core, trained)
-
-
-def test_refusal_of_pairs_without_pairs_is_refused(data, identifier):
-    others = Identifier.fit(data, "hfmh", coding="onevsall", estimate=False)
-    trained = {KEY: {"unknown": identifier.trained[KEY]["unknown"]}}
-    assert trained[KEY]["unknown"]["of_pairs"]
-    with pytest.raises(ModelFileError, match=r"unknown: 'of_pairs' is for one learner for each pair"):
-        Model.from_bytes(file_of(others.core, trained))
 
 
 @pytest.mark.parametrize(
@@ -238,8 +340,8 @@ def test_refusal_of_pairs_without_pairs_is_refused(data, identifier):
         ({"choice": {**CHOICE, "machines": []}}, "choice.machines must hold at least one"),
         ({"choice": {**CHOICE, "machines": [{"name": "a"}]}}, r"choice.machines\[0\] must hold 'chosen'"),
         (
-            of_conformal(n_calibration=32.0),
-            "conformal.n_calibration must be a whole number, got 32.0",
+            of_candidates(n_rows=32.0),
+            "candidates.n_rows must be a whole number, got 32.0",
         ),
         (of_unknown(n_calibration=32.0), "unknown.n_calibration must be a whole number, got 32.0"),
     ],

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from granular_id.identifier import Identifier, Timeline, timeline
+from granular_id.identifier import Identifier, Timeline
 from granular_id.recording import Dataset, Recording
 
 N = 80
@@ -28,7 +28,7 @@ def drive(new):
 @pytest.mark.parametrize("hop_s", [0.03, 0.16, 0.21])
 def test_each_answer_is_that_about_its_window_alone(models, drive, kind, hop_s, monkeypatch):
     model = models[kind]
-    monkeypatch.setattr(timeline, "_BLOCK", 3 * N * 6)  # three windows at a time
+    monkeypatch.setattr("granular_id.identifier.answers._BLOCK", 3 * N * 6)  # three windows at a time
     answers = model.predict_over(drive, hop_s)
     n_hop = round(hop_s * RATE)
     starts = range(0, drive.n_samples - N + 1, n_hop)

@@ -4,7 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sklearn.pipeline import make_pipeline
 
+from granular_id import HFMH, ECOCClassifier
 from granular_id.identifier import Identifier
 from granular_id.live import CaptureError, FailureReason, HopIdentifier, LiveIdentifier, ReplaySource, opened
 from granular_id.live.rows import HoppingWindows
@@ -48,7 +50,9 @@ def fitted(axes):
         for k in range(3)
         for i in range(24)
     ]
-    return Identifier.fit(Dataset(windows), "hfmh", cutoff_hz=10, early=False)
+    return Identifier.fit(
+        Dataset(windows), make_pipeline(HFMH(cutoff_hz=10), ECOCClassifier()), target_error=None
+    )
 
 
 @pytest.fixture(scope="module")

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from sklearn.pipeline import make_pipeline
+from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation import explain
 from granular_id.plotting import plot_explanation
-from granular_id.spaces import DFT, HFMH, BlockUnion, MultiBand, RangeNormalizer, RawHFMH
+from granular_id.spaces import DFT, HFMH, MultiBand, RangeNormalizer, RawHFMH
 from multiband_cases import ALL, two_materials
 
 pytest.importorskip("matplotlib")
@@ -69,7 +69,7 @@ def test_tables_and_curves_hold_all_of_the_difference(data, tmp_path):
     [
         (HFMH(bin_range="auto"), ["bin, share of the range of its axis"]),
         (
-            BlockUnion([("norm", RangeNormalizer(rate_hz=500)), ("dft", DFT("magnitude", rate_hz=500))]),
+            FeatureUnion([("norm", RangeNormalizer(rate_hz=500)), ("dft", DFT("magnitude", rate_hz=500))]),
             ["time, s", "frequency, Hz"],
         ),
         (MultiBand(blocks=ALL), ["frequency, Hz", "time, s"]),

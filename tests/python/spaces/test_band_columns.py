@@ -16,7 +16,6 @@ from granular_id.rica import RICA
 from granular_id.spaces import (
     BlockScaler,
     MultiBand,
-    PrincipalComponents,
     RawSignal,
     Tare,
     WithinClassWhitening,
@@ -45,7 +44,7 @@ def test_columns_in_the_order_of_the_twin(n_axes):
     rest = [column.block for column in columns.columns[len(wanted) :]]
     sizes = [8 * n_axes * len(bands), 4 * n_axes * len(bands)]
     assert rest[: sum(sizes)] == ["quantiles"] * sizes[0] + ["envelope"] * sizes[1]
-    assert columns.blocks == (ALL if wanted else ALL[1:])
+    assert tuple(dict.fromkeys(one.block for one in columns.columns)) == (ALL if wanted else ALL[1:])
     assert len(columns.axes) == n_axes
     spectrum, level = columns.read_along()
     assert (spectrum.kind, level.kind) == ("frequency", "time")
@@ -83,10 +82,9 @@ STEPS = {
     "standardised": (StandardScaler(),),
     "centred": (StandardScaler(with_std=False),),
     "scaled only": (StandardScaler(with_mean=False),),
-    "components": (PrincipalComponents(8),),
+    "components": (PCA(8),),
     "whitened components": (StandardScaler(), PCA(8, whiten=True)),
-    "rica": (PrincipalComponents(8), RICA(6, random_state=0, tol=1e-3)),
-    "rica standardised": (PrincipalComponents(8), RICA(6, standardize=True, random_state=0, tol=1e-3)),
+    "rica": (PCA(8), RICA(6, random_state=0)),
 }
 
 

@@ -8,8 +8,7 @@ from sklearn.base import clone
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from granular_id.spaces import BlockScaler, WithinClassWhitening, learns, tell_blocks
-from granular_id.spaces.best import BestClassifier
+from granular_id.spaces import BestClassifier, BlockScaler, WithinClassWhitening, learns
 from granular_id.spaces.scaling import whitened_grams
 
 # --- BlockScaler
@@ -33,7 +32,7 @@ def test_equal_to_a_standard_scaler_with_blocks_of_one_norm(n, first, second, se
     np.testing.assert_allclose(squares.sum(axis=1).mean(), 1.0)
 
 
-def test_a_constant_column_is_left_out_and_its_block_shares_among_the_others():
+def test_scaler_leaves_a_constant_column_out():
     X = rows(10, 5)
     X[:, 1] = 1e6 + np.arange(10) % 2 * 1e-6
     X[:, 4] = -3.0
@@ -95,12 +94,6 @@ def test_the_text_keeps_the_order_of_blocks(kind):
         assert within.index("spectrum") < within.index("coupling") < within.index("bbb") < within.index("aaa")
 
 
-def test_sizes_are_told_where_they_are_open():
-    for scaler, blocks in ((BlockScaler(), {"left": 2, "right": 1}), (BlockScaler([3]), [3])):
-        tell_blocks(scaler, {"left": 2, "right": 1})
-        assert scaler.blocks == blocks
-
-
 # --- WithinClassWhitening
 
 
@@ -143,7 +136,7 @@ def test_equal_to_the_inverse_square_root(n, n_columns, shrinkage, seed):
     np.testing.assert_allclose(cross, crossed, rtol=1e-6, atol=1e-7 * largest)
 
 
-def test_columns_without_variance_and_the_order_of_rows_change_nothing():
+def test_whitening_ignores_constant_columns_and_row_order():
     X, y = labelled(30, 6)
     whitening = WithinClassWhitening(1e-2).fit(X, y)
     wide = np.hstack([X, np.full((30, 50), 3.0)])

@@ -54,7 +54,7 @@ def test_layout_and_width_change_no_bit(layout):
     ids=str,
 )
 @pytest.mark.parametrize("level", [0.0, 1.25, None], ids=["silent", "constant", "noise"])
-def test_short_narrow_and_constant_recordings_have_defined_features(name, shape, level):
+def test_short_narrow_and_constant_recordings_have_features(name, shape, level):
     rng = np.random.default_rng(0)
     X = rng.normal(size=shape) if level is None else np.full(shape, level)
     transformer = clone(EVERY[name])

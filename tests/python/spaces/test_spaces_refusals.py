@@ -1,18 +1,13 @@
 """What feature spaces are not made of: the error names the parameter, what came and what is wanted."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from sklearn.decomposition import PCA
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import FunctionTransformer
 
 from granular_id.spaces import (
     DFT,
     HFMH,
-    BlockUnion,
-    PrincipalComponents,
     RangeNormalizer,
     RawHFMH,
     RawHistogram,
@@ -23,8 +18,6 @@ from granular_id.spaces import (
 )
 from spaces_cases import recordings
 
-TWO = [("raw", RawSignal()), ("hfmh", HFMH())]
-RECORDINGS = ("recordings", FunctionTransformer(lambda X: X, validate=False))
 LARGE = 10**400
 
 
@@ -74,16 +67,6 @@ def test_filters(kind, bin_range, parameters):
         (Tare(rate_hz="500"), TypeError, "rate_hz must be a number of hertz or None, got '500'"),
         (Tare(rate_hz=-1), ValueError, "rate_hz must be positive"),
         (TimePermutation(random_state="now"), ValueError, "seed"),
-        (BlockUnion(()), ValueError, "blocks must be a list of .* at least one"),
-        (BlockUnion(None), TypeError, "blocks must be a list of .* got None"),
-        (BlockUnion([RawSignal()]), TypeError, "blocks must be a list of"),
-        (BlockUnion([("raw", RawSignal)]), TypeError, "'raw' has no fit and transform"),
-        (BlockUnion([("raw", "raw")]), TypeError, "'raw' has no fit and transform, got 'raw'"),
-        (BlockUnion([("", RawSignal())]), TypeError, "name must be non-empty text"),
-        (BlockUnion([("a", RawSignal()), ("a", HFMH())]), ValueError, "not unique"),
-        (BlockUnion([("block_weights", RawSignal())]), ValueError, "conflict"),
-        (BlockUnion([("a__b", RawSignal())]), ValueError, "must not contain __"),
-        (BlockUnion([RECORDINGS]), ValueError, r"'recordings' must give an array \(n, D\), .* \(5, 300, 6\)"),
     ],
 )
 def test_parameters(space, error, message):
@@ -91,17 +74,10 @@ def test_parameters(space, error, message):
         space.fit_transform(recordings())
 
 
-@pytest.mark.parametrize("blocks", [(), None, [RawSignal()], [("raw", "raw")]])
-def test_bad_blocks_do_not_say_whether_they_learn(blocks):
-    with pytest.raises((TypeError, ValueError)):
-        _ = BlockUnion(blocks).learns
-
-
-@pytest.mark.parametrize("made", [RawHFMH, partial(BlockUnion, TWO)], ids=["fast", "union"])
 @pytest.mark.parametrize(
     ("weights", "error", "message"),
     [
-        ("equal", ValueError, "must be None, 'unit' or 2 numbers, one for each of raw, hfmh, got 'equal'"),
+        ("equal", ValueError, "must be None, 'unit' or 2 numbers, of raw and hfmh, got 'equal'"),
         ((1.0,), ValueError, r"must be .* 2 numbers, .* got \(1.0,\)"),
         (1.0, ValueError, "must be"),
         ((1.0, 0.0), ValueError, "must be positive and finite"),
@@ -110,10 +86,10 @@ def test_bad_blocks_do_not_say_whether_they_learn(blocks):
         ((1e308, 1e308), ValueError, "must keep features in the range of float64"),
     ],
 )
-def test_weights(made, weights, error, message):
+def test_weights(weights, error, message):
     X = recordings() * 1e3
     with pytest.raises(error, match=f"block_weights {message}"):
-        made(block_weights=weights).fit(X).transform(X)
+        RawHFMH(block_weights=weights).fit(X).transform(X)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +115,7 @@ def test_recordings_have_no_feature_blocks(space):
     "space",
     [
         make_pipeline(TimePermutation(), RawSignal()),
-        make_pipeline(RawSignal(), PrincipalComponents(2)),
+        make_pipeline(RawSignal(), PCA(2)),
         make_pipeline(Tare()),
         PCA(2),
     ],

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from granular_id.gram import linear_gram
 from granular_id.spaces import DFT, RangeNormalizer, RawHistogram
 from spaces_cases import recordings
 
@@ -49,7 +48,7 @@ def test_half_a_spectrum_has_the_scalar_products_of_the_whole(kind, n_samples):
         "log_magnitude": np.log(np.maximum(np.abs(full), 0.25)),
     }[kind].reshape(3, -1)
     features = DFT(kind, floor=0.25).fit_transform(X)
-    np.testing.assert_allclose(linear_gram(features), linear_gram(expected), rtol=1e-9)
+    np.testing.assert_allclose(features @ features.T, expected @ expected.T, rtol=1e-9)
 
 
 @given(shift=st.integers(0, 49), seed=st.integers(0, 9))

@@ -9,12 +9,12 @@ import sklearn
 from joblib import Parallel, delayed
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
-from sklearn.pipeline import make_pipeline
+from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.utils import estimator_checks
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from granular_id.rica import RICA
-from granular_id.spaces import HFMH, BlockUnion, RawHFMH, RawSignal, Tare, TimePermutation
+from granular_id.spaces import HFMH, RawHFMH, RawSignal, Tare, TimePermutation
 from spaces_cases import FILTERS, ROWS, SCALERS, SPACES, STATISTICS, recordings
 
 EVERY = SPACES | STATISTICS | FILTERS | ROWS
@@ -81,7 +81,7 @@ def features(pipeline, X):
 def test_two_processes_give_the_same_numbers():
     X = recordings()
     pipelines = [make_pipeline(Tare(), space) for space in SPACES.values()]
-    pipelines.append(make_pipeline(RawSignal(), RICA(2, n_init=2, random_state=0)))
+    pipelines.append(make_pipeline(RawSignal(), RICA(2, random_state=0)))
     there = Parallel(n_jobs=2)(delayed(features)(pipeline, X) for pipeline in pipelines)
     for pipeline, found in zip(pipelines, there, strict=True):
         np.testing.assert_array_equal(found, features(pipeline, X))
@@ -95,17 +95,6 @@ def test_pipelines_with_recordings_between_steps(in_front):
     assert frame.columns.tolist() == pipeline.get_feature_names_out().tolist()
     with sklearn.config_context(transform_output="pandas"):
         assert isinstance(clone(in_front).fit_transform(X), np.ndarray)  # three dimensions: no frame
-        union = BlockUnion([("raw", RawSignal()), ("hfmh", HFMH())])
-        np.testing.assert_array_equal(make_pipeline(in_front, union).fit_transform(X), frame)
+    union = FeatureUnion([("raw", RawSignal()), ("hfmh", HFMH())])
+    np.testing.assert_array_equal(make_pipeline(in_front, union).fit_transform(X), frame)
     assert in_front.fit(X).get_feature_names_out().shape == (300,)
-
-
-def test_parameters_of_blocks_are_reached_by_name():
-    union = BlockUnion([("raw", RawSignal()), ("hfmh", HFMH())])
-    assert union.get_params()["hfmh__n_bins"] == 100
-    assert set(union.get_params(deep=False)) == {"blocks", "block_weights"}
-    union.set_params(hfmh__n_bins=7, raw=TimePermutation(), block_weights=(1, 2))
-    assert union.blocks[1][1].n_bins == 7
-    assert isinstance(union.blocks[0][1], TimePermutation)
-    with pytest.raises(ValueError, match="Invalid parameter 'n_bins'"):
-        union.set_params(n_bins=3)

@@ -3,20 +3,19 @@
 import numpy as np
 import pytest
 from sklearn.decomposition import PCA
-from sklearn.pipeline import make_pipeline
+from sklearn.pipeline import FeatureUnion, make_pipeline
 
 from granular_id._core import UNITS
+from granular_id._estimators import learns
 from granular_id.spaces import (
     DFT,
     HFMH,
-    BlockUnion,
     RangeNormalizer,
     RawHFMH,
     RawHistogram,
     RawSignal,
     Tare,
     feature_blocks,
-    unit_weight,
 )
 from spaces_cases import SPACES, data_set, recordings, two_bands
 
@@ -31,53 +30,40 @@ OWN_RANGES = {"bin_range": RANGES, "initial": "steady", "density": True, "outsid
     "options",
     [{}, {"bin_range": "auto", "n_bins": 30}, {**OWN_RANGES, "rate_hz": 100.0, "order": 3}],
 )
-def test_the_fast_path_is_the_union_bit_for_bit(options, block_weights):
+def test_raw_hfmh_is_the_union_bit_for_bit(options, block_weights):
     X, other = recordings(), recordings(seed=1)
     fast = RawHFMH(**options, block_weights=block_weights).fit(X)
     parts = [("raw", RawSignal(rate_hz=options.get("rate_hz", 500.0))), ("hfmh", HFMH(**options))]
-    union = BlockUnion(parts, block_weights=block_weights).fit(X)
+    weights = dict(zip(("raw", "hfmh"), fast.block_weights_, strict=True))
+    union = FeatureUnion(parts, transformer_weights=weights, verbose_feature_names_out=False).fit(X)
     np.testing.assert_array_equal(fast.transform(other), union.transform(other))
-    np.testing.assert_array_equal(fast.block_weights_, union.block_weights_)
     np.testing.assert_array_equal(fast.get_feature_names_out(), union.get_feature_names_out())
-    np.testing.assert_array_equal(union.fit_transform(X), union.transform(X))
-    np.testing.assert_array_equal(fast.fit_transform(X), fast.transform(X))
-    assert fast.learns == union.learns
-    for one, two in zip(fast.feature_blocks(), union.feature_blocks(), strict=True):
+    for one, two in zip(fast.feature_blocks(), feature_blocks(union), strict=True):
         for field in ("name", "kind", "axes", "unit", "columns"):
             assert getattr(one, field) == getattr(two, field)
         np.testing.assert_array_equal(one.coordinates, two.coordinates)
 
 
-def test_unit_weights_of_silent_and_of_enormous_blocks():
+def test_unit_weights_bring_each_block_to_a_mean_norm_of_one():
+    X = recordings()
+    fast = RawHFMH(block_weights="unit").fit(X)
+    raw, hfmh = np.split(fast.transform(X), [1800], axis=1)
+    for block in (raw, hfmh):
+        assert np.linalg.norm(block, axis=1).mean() == pytest.approx(1.0)
+
+
+def test_unit_weights_of_silent_or_huge_blocks_are_finite():
     X = np.zeros((3, 40, 6))
     silent = RawHFMH(block_weights="unit").fit(X)  # all 40 counts of an axis in one bin
     np.testing.assert_allclose(silent.block_weights_, [1.0, 1 / np.sqrt(6 * 40**2)], rtol=1e-12)
     X[:, 0, 0] = 1e200  # its square is beyond float64, its norm is not
-    union = BlockUnion([("raw", RawSignal())], block_weights="unit").fit(X)
-    np.testing.assert_allclose(union.block_weights_, [1e-200], rtol=1e-12)
-    assert unit_weight(np.zeros(4)) == 1.0
-    for norms in ([np.inf], [np.nan], [5e-324]):
-        with pytest.raises(ValueError, match="features in the range of float64"):
-            unit_weight(norms)
+    assert RawHFMH(block_weights="unit").fit(X).block_weights_[0] == pytest.approx(1e-200, rel=1e-12)
 
 
-def test_unions_of_unions_and_of_pipelines():
-    X = recordings()
-    inner = BlockUnion([("raw", RawSignal()), ("hfmh", HFMH())], block_weights=(1, 0.5))
-    union = BlockUnion([("both", inner), ("tared", make_pipeline(Tare(), DFT()))]).fit(X)
-    expected = [inner.fit_transform(X), make_pipeline(Tare(), DFT()).fit_transform(X)]
-    np.testing.assert_array_equal(union.transform(X), np.concatenate(expected, axis=1))
-    assert [block.name for block in union.feature_blocks()] == ["raw", "hfmh", "dft_re", "dft_im"]
-    assert not union.learns
-    assert BlockUnion([("pca", make_pipeline(RawSignal(), PCA(2)))]).learns
-    assert BlockUnion([("auto", HFMH(bin_range="auto"))]).learns
-
-
-def test_fitting_leaves_the_given_blocks_alone():
-    X = recordings()
-    block = HFMH(bin_range="auto")
-    BlockUnion([("hfmh", block)], block_weights="unit").fit(X)
-    assert not hasattr(block, "bin_range_")
+def test_a_union_learns_where_a_part_does():
+    assert not learns(FeatureUnion([("raw", RawSignal()), ("tared", make_pipeline(Tare(), DFT()))]))
+    assert learns(FeatureUnion([("pca", make_pipeline(RawSignal(), PCA(2)))]))
+    assert learns(FeatureUnion([("auto", HFMH(bin_range="auto"))]))
 
 
 # --- What columns stand for
@@ -120,7 +106,7 @@ def test_instants_bins_and_frequencies_in_their_units():
 
 
 def test_axes_with_ranges_of_their_own_have_blocks_of_their_own():
-    slow, fast = two_bands().fit(recordings()).feature_blocks()
+    slow, fast = feature_blocks(two_bands().fit(recordings()))
     assert (slow.name, fast.name) == ("slow__hfmh", "fast__hfmh")
     blocks = RawHistogram(n_bins=10).fit(data_set()).feature_blocks()
     seen = [(block.name, block.axes, block.unit) for block in blocks[2:4]]
@@ -134,3 +120,8 @@ def test_blocks_of_pipelines():
     X = recordings()
     pipeline = make_pipeline(Tare(), make_pipeline("passthrough", RawHFMH())).fit(X)
     assert [block.name for block in feature_blocks(pipeline)] == ["raw", "hfmh"]
+    inner = FeatureUnion([("both", RawHFMH()), ("tared", make_pipeline(Tare(), DFT()))])
+    union = FeatureUnion([("inner", inner), ("range", RangeNormalizer())]).fit(X)
+    blocks = feature_blocks(union)
+    assert [block.name for block in blocks] == ["raw", "hfmh", "dft_re", "dft_im", "norm_raw"]
+    assert blocks[-1].columns.stop == union.transform(X).shape[1]

@@ -1,0 +1,264 @@
+"""The study of confidence: its figures against loops, what is left out trains nowhere, its figure and command."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.metrics import log_loss
+
+import granular_id as gid
+from cli_cases import ended_well, make, refused, saved
+from evaluation_cases import LABELS, changed, make_data
+from granular_id.confidence import candidate_rule, fit_temperature, softmax
+from granular_id.ecoc import ECOCClassifier
+from granular_id.evaluation import ConfidenceStudy, confidence_study
+from granular_id.plotting import plot_confidence
+from granular_id.recording import Dataset
+from granular_id.score import fit_and_score, space_pipeline
+from granular_id.spaces import feature_spaces
+from granular_id.splits import hold_out
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Twelve pushes of each of four materials, in four sessions."""
+    return changed(make_data(12, separation=0.25), session=lambda r: f"day {int(r.name.split('_')[1]) % 4}")
+
+
+@pytest.fixture(scope="module")
+def study(data):
+    return confidence_study(data, "hfmh")
+
+
+@pytest.fixture(scope="module")
+def held(data):
+    space = feature_spaces(rate_hz=data.rate_hz)["hfmh"]
+    return fit_and_score(space_pipeline(space.transformer, ECOCClassifier()), data, hold_out(data))
+
+
+def test_probabilities_come_from_the_temperature_of_other_sessions(study, held):
+    shares, off = np.empty_like(held.values), []
+    for place in range(4):
+        own = held.places == place
+        temperature = fit_temperature(held.values[~own], held.truth[~own], held.places[~own])
+        shares[own] = softmax(held.values[own], temperature)
+        off.append((shares[own].max(axis=1) - held.right[own]).mean())
+    seen = study.reliability
+    assert seen.accuracy == held.right.mean()
+    assert seen.probability == pytest.approx(shares.max(axis=1).mean())
+    assert seen.too_sure == pytest.approx(np.mean(off))
+    assert seen.log_loss == pytest.approx(log_loss(held.truth, shares, labels=range(4)))
+    assert seen.brier == pytest.approx(((shares - np.eye(4)[held.truth]) ** 2).sum(axis=1).mean())
+    gaps = [[] for _ in range(15)]
+    for row, right in zip(shares, held.right, strict=True):
+        gaps[int(np.ceil(15 * row.max())) - 1].append(right - row.max())
+    assert seen.ece == pytest.approx(sum(abs(sum(gap)) for gap in gaps) / 48)
+    assert sum(part.n for part in seen.bins) == study.n_rows == 48
+    assert seen.interval[0] < seen.too_sure < seen.interval[1]
+
+
+def test_each_session_is_covered_by_the_rule_of_the_others(study, held):
+    shares, sizes = [], []
+    for place in range(4):
+        own = held.places == place
+        rule = candidate_rule(LABELS, held.values[~own], held.truth[~own], held.places[~own], 0.9)
+        names = [rule.names(row) for row in held.values[own]]
+        shares.append(np.mean([LABELS[k] in some for k, some in zip(held.truth[own], names, strict=True)]))
+        sizes.append(np.mean([len(some) for some in names]))
+    (found,) = (one for one in study.coverage if one.level == 0.9)
+    assert (found.mean, found.worst) == pytest.approx((np.mean(shares), min(shares)))
+    assert found.size == pytest.approx(np.mean(sizes))
+    assert [one.size for one in study.coverage] == sorted(one.size for one in study.coverage)
+
+
+def test_each_material_is_left_out_once(study, data):
+    assert tuple(one.label for one in study.unknown) == LABELS
+    known, unknown = study.novelty
+    assert (len(known), len(unknown)) == (3 * 48, 48)
+    assert np.mean(known > 1) == pytest.approx(0.05, abs=0.02)
+    for place, one in enumerate(study.unknown):
+        assert one.refused == np.mean(unknown[12 * place : 12 * place + 12] > 1)
+
+
+def oats(data, change):
+    """The same recordings with those of oat changed."""
+    return Dataset([replace(r, wrench=change(r.wrench)) if r.label == "oat" else r for r in data])
+
+
+def test_material_left_out_trains_nowhere(data):
+    """What is left out could be anything: what is said of the known ones stays as it is."""
+    other = oats(data, lambda wrench: 3 * wrench[::-1])
+    first, second = (confidence_study(one, "hfmh").novelty[0][:36] for one in (data, other))
+    np.testing.assert_allclose(first, second, rtol=1e-6)
+
+
+def test_unlike_material_is_told_from_the_known(data):
+    (oat,) = (
+        one for one in confidence_study(oats(data, lambda w: 0.2 * w), "hfmh").unknown if one.label == "oat"
+    )
+    assert oat.auroc > 0.95
+
+
+def test_numbers_do_not_depend_on_threads(data, study):
+    assert confidence_study(data, "hfmh", n_jobs=2).to_dict() == study.to_dict()
+
+
+def sure(study, **changes):
+    return replace(study.reliability, **changes)
+
+
+@pytest.mark.parametrize(
+    ("interval", "words"),
+    [
+        ((0.01, 0.1), "too sure in new sessions"),
+        ((-0.1, -0.01), "not sure enough in new sessions"),
+        ((-0.01, 0.02), "no sign of being off"),
+        ((np.nan, np.nan), "too few sessions to tell of new ones"),
+    ],
+)
+def test_summary_says_which_way_probabilities_are_off(study, interval, words):
+    assert sure(study, interval=interval).summary == words
+
+
+def test_table_and_file_hold_every_figure(study, tmp_path):
+    text = str(study)
+    for words in (
+        "hfmh with ",
+        "48 recordings, 4 sessions",
+        f"right {100 * study.reliability.accuracy:.1f} %",
+        "worst session",
+        "each left out in turn: AUROC",
+        "  worst: ",
+    ):
+        assert words in text
+    study.save(tmp_path / "c.json")
+    stored = json.loads((tmp_path / "c.json").read_text())
+    assert stored == json.loads(json.dumps(study.to_dict()))
+    assert stored["coverage"][1]["mean"] == study.coverage[1].mean
+    assert stored["unknown"][0]["auroc"] == study.unknown[0].auroc
+    assert stored["data"]["n_recordings"] == 48
+
+
+def test_without_sessions_no_promise_is_made_for_new_ones(data):
+    found = confidence_study(changed(data, session=lambda r: None), "hfmh")
+    assert found.n_sessions == 0
+    assert np.isnan(found.reliability.interval).all()
+    assert found.to_dict()["reliability"]["interval"] == [None, None]
+    assert "no sessions were held out: this holds within those of the recordings only" in str(found)
+    assert "worst session" not in str(found)
+
+
+def test_two_synthetic_materials_are_marked_and_none_is_left_out():
+    pytest.importorskip("matplotlib")
+    two = gid.synthesize(["rice", "fine sugar"], n_per_class=6, sessions=3, duration_s=0.3)
+    found = confidence_study(two, "hfmh")
+    assert found.unknown == ()
+    assert found.synthetic
+    assert "two materials only: none can be left out" in found.notes[-1]
+    assert str(found).startswith("SYNTHETIC recordings: ")
+    figure = plot_confidence(found)
+    assert len(figure.axes) == 2
+    assert figure.get_suptitle().endswith(", SYNTHETIC recordings")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"data": np.ones((4, 9, 6))}, r"data must be a granular_id\.Dataset, got ndarray"),
+        ({"space": "paper"}, "space must be one of .*, got 'paper'"),
+        ({"levels": [0.9, 1.0]}, "levels must lie between 0 and 1, got 1"),
+        ({"share_known": 0}, "share_known must lie between 0 and 1, got 0"),
+        ({"by": "speed"}, "speed"),
+        ({"progress": 3}, "progress"),
+    ],
+)
+def test_bad_arguments_are_refused(data, settings, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        confidence_study(**{"data": data, "space": "hfmh", **settings})
+
+
+# -- the figure
+
+
+def test_figure_shows_the_figures(study, tmp_path):
+    pytest.importorskip("matplotlib")
+    figure = plot_confidence(study, path=tmp_path / "f.png")
+    assert (tmp_path / "f.png").read_bytes().startswith(b"\x89PNG")
+    reliable, coverage, unknown = figure.axes
+    dots = reliable.collections[0].get_offsets()
+    assert dots[:, 1].tolist() == [part.accuracy for part in study.reliability.bins]
+    lines = {line.get_label(): line.get_ydata().tolist() for line in coverage.lines}
+    assert lines["mean over sessions"] == [one.mean for one in study.coverage]
+    assert lines["worst session"] == [one.worst for one in study.coverage]
+    assert f"AUROC {np.mean([one.auroc for one in study.unknown]):.3f}" in unknown.get_xlabel()
+    assert "worst session" not in {
+        line.get_label() for line in plot_confidence(replace(study, n_sessions=0)).axes[1].lines
+    }
+
+
+def test_legend_covers_nothing_that_it_explains(study):
+    pytest.importorskip("matplotlib")
+    bins = tuple(
+        replace(study.reliability.bins[0], probability=at, accuracy=1.0, n=48) for at in (0.02, 0.2, 0.42)
+    )
+    figure = plot_confidence(replace(study, reliability=sure(study, bins=bins)))
+    figure.canvas.draw()
+    for panel in figure.axes[:2]:
+        box = panel.get_legend().get_window_extent()
+        radius = 0.5 * np.sqrt(320.0) * figure.dpi / 72 if panel is figure.axes[0] else 3
+        drawn = panel.collections[0].get_offsets() if panel is figure.axes[0] else panel.lines[0].get_xydata()
+        points = panel.transData.transform([*drawn, (panel.get_xlim()[0], 1.0)])
+        assert (points[:, 1] + radius < box.y0).all()
+
+
+@pytest.mark.parametrize(("more", "labels", "height"), [([50.0], ["> 2"], 1 / 46), ([], [], 0.0)])
+def test_what_lies_beyond_the_bars_has_a_bar_of_its_own(study, more, labels, height):
+    pytest.importorskip("matplotlib")
+    novelty = np.linspace(0.0, 0.9, 50), np.append(np.linspace(0.5, 1.5, 45), more)
+    panel = plot_confidence(replace(study, novelty=novelty)).axes[2]
+    assert [text.get_text() for text in panel.get_xticklabels() if ">" in text.get_text()] == labels
+    across, up = panel.patches[1].get_xy().T
+    assert up[across > 2.0].max(initial=0.0) == pytest.approx(height)
+
+
+# -- the command
+
+
+def test_command_writes_what_it_prints(tmp_path):
+    pytest.importorskip("matplotlib")
+    folder = saved(make(6), tmp_path / "set")
+    figure, json_file = tmp_path / "f.svg", tmp_path / "c.json"
+    words = ["--space", "hfmh", "--n-bins", "10", "--levels", "0.6,0.8", "--share-known", "0.9", "--quiet"]
+    output = ended_well("confidence", folder, *words, "--figure", figure, "--json", json_file)
+    assert "Candidates" in output
+    assert "refused while 10 % of the known are" in output
+    stored = json.loads(json_file.read_text())
+    assert [one["level"] for one in stored["coverage"]] == [0.6, 0.8]
+    assert (stored["data"]["n_recordings"], stored["space"], stored["share_known"]) == (18, "hfmh", 0.9)
+    assert figure.read_text().startswith("<?xml")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["--levels", "0.9,1.5"],
+            "--levels must be numbers between 0 and 1, separated by commas, each once, got",
+        ),
+        (["--levels", "0.9,0.9"], "each once, got '0.9,0.9'"),
+        (["--share-known", "1"], "'--share-known': must lie between 0 and 1, got 1"),
+        (["--space", "paper"], "there is no feature space 'paper'"),
+        (["--figure", "f.xyz"], "--figure must end in .png, .svg or .pdf"),
+        (["--figure", "one.svg", "--json", "one.svg"], "would be written twice"),
+    ],
+)
+def test_command_is_refused_before_anything_is_read(tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    assert message in refused("confidence", tmp_path, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_study_is_a_plain_value(study):
+    assert isinstance(study, ConfidenceStudy)
+    assert study.table() == str(study)

@@ -1,0 +1,377 @@
+"""Which recordings train and which are tested: whatever the data, and errors that say why not."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, strategies as st
+
+from evaluation_cases import make_data
+from granular_id.recording import Dataset, Recording
+from granular_id.splits import (
+    FOLDS_OF_MANY,
+    N_FOLDS,
+    checked_groups,
+    describe_order,
+    groups_of,
+    hold_out,
+    matched_draws,
+    paper_folds,
+)
+
+
+def made(labels, sessions=None, times=None, **fields):
+    """Recordings without samples."""
+    sessions = [None] * len(labels) if sessions is None else sessions
+    times = [None] * len(labels) if times is None else times
+    return Dataset(
+        [
+            Recording(
+                np.zeros((2, 6)), 500.0, label=str(label), session=session, start_time=time, name=f"{k}",
+                meta={name: values[k] for name, values in fields.items()},
+            )
+            for k, (label, session, time) in enumerate(zip(labels, sessions, times, strict=True))
+        ]
+    )  # fmt: skip
+
+
+@st.composite
+def collections(draw):
+    """Recordings in any order, with sessions of one material, of several or not known, and a tool."""
+    counts = draw(st.lists(st.integers(1, 9), min_size=2, max_size=4))
+    labels = np.repeat([f"m{k}" for k in range(len(counts))], counts)
+    rng = np.random.default_rng(draw(st.integers(0, 999)))
+    labels = rng.permutation(labels)
+    own = draw(st.booleans())
+    number = rng.integers(0, draw(st.integers(1, 6)), labels.size)
+    sessions = [f"{label if own else 's'} {s}" for label, s in zip(labels, number, strict=True)]
+    if draw(st.booleans()):
+        sessions = [None if rng.random() < 0.1 else session for session in sessions]
+    times = rng.permutation(labels.size).astype(float) if draw(st.booleans()) else None
+    tools = [f"tool {t}" for t in rng.integers(0, 3, labels.size)]
+    return made(labels, sessions, times, tool=tools)
+
+
+PROTOCOLS = st.sampled_from(["auto", "session", "time", "random", "tool"])
+
+
+def drawn(data, by, n_folds=None):
+    """Return folds of a collection that allows them."""
+    try:
+        return hold_out(data, by, n_folds)
+    except ValueError:
+        assume(False)
+
+
+@given(collections(), PROTOCOLS, st.integers(2, 7))
+def test_hold_out_any_collection_gives_folds_that_are_sound(data, by, n_folds):
+    folds = drawn(data, by, n_folds)
+    tested = np.concatenate([fold.test for fold in folds])
+    assert np.unique(tested).size == tested.size, "a row is tested twice"
+    materials = set(data.y[tested])
+    assert not materials & set(folds.untested)
+    assert materials | set(folds.untested) == set(data.y)
+    for fold in folds:
+        assert not set(fold.train) & set(fold.test)
+        assert fold.test.size
+        assert (np.diff(fold.train) > 0).all()
+        assert (np.diff(fold.test) > 0).all()
+        assert set(data.y[fold.test]) <= set(data.y[fold.train])
+        if folds.by != "tool":
+            assert set(data.y[fold.train]) == set(data.y), "a material without training rows"
+    again = hold_out(data, by, n_folds)
+    assert [fold.test.tolist() for fold in again] == [fold.test.tolist() for fold in folds]
+
+
+@given(collections(), st.integers(2, 7))
+def test_hold_out_sessions_trains_no_row_of_a_held_session(data, n_folds):
+    folds = drawn(data, "session", n_folds)
+    for fold in folds:
+        assert not set(data.sessions[fold.train]) & set(data.sessions[fold.test])
+    tested = {row for fold in folds for row in fold.test.tolist()}
+    lone = {label for label in set(data.y) if len(set(data.sessions[data.y == label])) == 1}
+    assert not lone & set(data.y[sorted(tested)])
+
+
+@given(collections(), st.sampled_from(["session", "time", "tool"]))
+def test_matched_draws_keep_counts_of_each_class(data, by):
+    folds = drawn(data, by)
+    draws = matched_draws(data, folds, 3)
+    for draw in draws:
+        for one, strict in zip(draw, folds, strict=True):
+            assert not set(one.train) & set(one.test)
+            for rows, others in ((one.train, strict.train), (one.test, strict.test)):
+                assert sorted(data.y[rows]) == sorted(data.y[others])
+        tested = np.concatenate([one.test for one in draw])
+        assert np.unique(tested).size == tested.size
+    again = matched_draws(data, folds, 3)
+    assert [f.test.tolist() for d in again for f in d] == [f.test.tolist() for d in draws for f in d]
+
+
+def test_matched_draws_mix_sessions():
+    data = make_data(n=8)
+    folds = hold_out(data)
+    draws = matched_draws(data, folds)
+    assert len(draws) == 19
+    mixed = [set(data.sessions[f.train]) & set(data.sessions[f.test]) for draw in draws for f in draw]
+    assert all(mixed)
+    assert len({tuple(draw.folds[0].test) for draw in draws}) == 19
+
+
+# Sessions.
+
+
+def test_sessions_that_all_materials_share_are_held_out_in_turn():
+    days = np.repeat(["mon", "tue", "wed"], 4)
+    folds = hold_out(made(["oat", "rice"] * 6, days))
+    assert folds.name == "held-out sessions"
+    assert folds.sessions_apart
+    assert [fold.held_out for fold in folds] == ["mon", "tue", "wed"]
+    assert [set(days[fold.test]) for fold in folds] == [{"mon"}, {"tue"}, {"wed"}]
+
+
+def test_sessions_of_their_own_are_held_out_one_of_each_material():
+    y = np.repeat(["oat", "rice", "peas"], 6)
+    sessions = [f"{label} {k % 3}" for k, label in enumerate(y)]
+    folds = hold_out(made(y, sessions))
+    assert [fold.held_out[:12] for fold in folds] == ["3 sessions: "[:12]] * 3
+    for fold in folds:
+        held = {sessions[row] for row in fold.test}
+        assert sorted(name.split()[0] for name in held) == ["oat", "peas", "rice"]
+
+
+def test_a_lone_session_trains_and_is_not_tested():
+    """Two of four materials were recorded in one session, which the others share."""
+    y = np.repeat(["a", "b", "c", "d"], 8)
+    sessions = [f"s{k % 4}" if label in "ab" else "s0" for k, label in enumerate(y)]
+    data = made(y, sessions)
+    folds = hold_out(data)
+    assert dict(folds.untested) == {"c": "one session, which always trains", "d": "one session, which always trains"}
+    first = np.flatnonzero(data.sessions == "s0")
+    for fold in folds:
+        assert set(first) <= set(fold.train)
+        assert set(y[fold.test]) == {"a", "b"}
+    assert folds.notes[0] == "3 sessions held out whole, in 3 folds"
+
+
+def test_sessions_that_are_the_only_ones_of_others_always_train():
+    y = np.repeat(list("abcde"), 4)
+    own = {"a": ["s"], "b": ["t"], "c": ["s", "t"], "d": ["u", "v"], "e": ["u", "v"]}
+    folds = hold_out(made(y, [own[label][k % len(own[label])] for k, label in enumerate(y)]), "session")
+    assert folds.untested["c"] == "its sessions are the only ones of other materials"
+    assert [fold.held_out for fold in folds] == ["u", "v"]
+
+
+def test_rows_without_a_session_train():
+    sessions = ["s", "t", "s", "t", "s", "t", None, "t"]
+    folds = hold_out(made(list("aabbcccc"), sessions), "session")
+    assert dict(folds.untested) == {"c": "the session of 1 recording is not known"}
+    assert all(6 in fold.train for fold in folds)
+
+
+@pytest.mark.parametrize(("n", "n_folds"), [(2000, N_FOLDS), (2002, FOLDS_OF_MANY)])
+def test_many_sessions_are_held_out_in_few_folds_of_like_size(n, n_folds):
+    folds = hold_out(made(["oat", "rice"] * (n // 2), [f"s{k // 2 % 25}" for k in range(n)]))
+    assert len(folds) == n_folds
+    sizes = [fold.test.size for fold in folds]
+    assert max(sizes) - min(sizes) <= 0.2 * max(sizes)
+
+
+# What is taken where sessions are not known.
+
+
+@pytest.mark.parametrize(
+    ("sessions", "times", "by", "why"),
+    [
+        (None, None, "time", "not held-out sessions: no recording says which session it is from"),
+        (["a"] * 4 + ["b"] * 4, None, "time", "fewer than two materials have several sessions"),
+        (None, [1, *[None] * 7], "random", "not halves in time: recording '1' has no start time but 1 of 8"),
+        (["s", "t"] * 4, None, "session", "2 sessions held out whole, in 2 folds"),
+    ],
+)
+def test_auto_takes_sessions_else_halves_else_random_folds(sessions, times, by, why):
+    folds = hold_out(made(["a"] * 4 + ["b"] * 4, sessions, times))
+    assert folds.by == by
+    assert why in " ".join(folds.notes)
+
+
+def test_auto_takes_halves_where_few_materials_have_sessions():
+    y = np.repeat(list("abcde"), 4)
+    folds = hold_out(made(y, [f"s{k % 2}" if label in "ab" else label for k, label in enumerate(y)]))
+    assert (folds.by, dict(folds.untested)) == ("time", {})
+    assert "not held-out sessions: 2 of 5 materials have several" in folds.notes
+
+
+@given(st.integers(0, 99), st.integers(2, 9))
+def test_halves_are_early_and_late_in_each_material(seed, n):
+    rng = np.random.default_rng(seed)
+    data = made(["a"] * n + ["b"] * 7, times=rng.permutation(n + 7).astype(float))
+    forward, backward = hold_out(data, "time")
+    assert (forward.train.tolist(), forward.test.tolist()) == (
+        backward.test.tolist(),
+        backward.train.tolist(),
+    )
+    for label, size in (("a", n), ("b", 7)):
+        early, late = (
+            data.start_times[rows[data.y[rows] == label]] for rows in (forward.train, forward.test)
+        )
+        assert early.max() < late.min()
+        assert late.size - early.size == size % 2
+
+
+@given(st.integers(2, 9), st.integers(2, 9), st.integers(2, 6))
+def test_random_folds_are_stratified_and_even(n, m, n_folds):
+    folds = hold_out(made(["a"] * n + ["b"] * m), "random", n_folds)
+    for rows_of in (range(n), range(n, n + m), range(n + m)):
+        sizes = [np.isin(fold.test, rows_of).sum() for fold in folds]
+        assert max(sizes) - min(sizes) <= 1
+    assert not folds.strict
+
+
+def test_random_folds_depend_on_the_seed():
+    data = made(["a", "b"] * 20)
+    one, same, other = (hold_out(data, "random", seed=seed).folds[0].test.tolist() for seed in (0, 0, 1))
+    assert one == same != other
+
+
+@pytest.mark.parametrize(
+    ("times", "note"),
+    [
+        ([3.0, 1.0, 2.0], "by start time"),
+        ([5.0, 1.0, 1.0], "by start time"),  # the equal times are in different classes
+        ([np.nan] * 3, "by file order: the recordings carry no start time"),
+        ([0.0] * 3, "by file order: all recordings start at the same time, so their clocks say nothing"),
+    ],
+)
+def test_order_in_time_says_what_it_goes_by(times, note):
+    assert describe_order(times, ["a", "a", "b"], ["x", "y", "z"]) == note
+
+
+def test_groups_of_rows_keep_their_order():
+    data = made(["a", "b"] * 3, times=[5.0, 4.0, 3.0, 2.0, 1.0, 0.0])
+    assert groups_of(data).take(np.array([0, 2, 5])).order.tolist() == [2, 1, 0]
+    assert checked_groups(3, [1, float("nan"), ""], None).sessions.tolist() == ["1", None, None]
+    with pytest.raises(ValueError, match="order must hold the row numbers 0 to 2, each once"):
+        checked_groups(3, None, [0, 0, 1])
+
+
+# The paper's partitions.
+
+
+@given(st.integers(1, 6), st.integers(1, 6))
+def test_paper_folds_have_exact_counts_of_each_class(train, test):
+    y = np.array(["a"] * 12 + ["b"] * 15)
+    folds = paper_folds(made(y), 3, train, test, seed=7)
+    assert (folds.name, folds.strict, len(folds)) == ("random partitions", False, 3)
+    for fold in folds:
+        assert not set(fold.train) & set(fold.test)
+        for label in "ab":
+            assert ((y[fold.train] == label).sum(), (y[fold.test] == label).sum()) == (train, test)
+
+
+def test_more_paper_folds_keep_the_earlier_ones():
+    data = made(["a", "b", "c"] * 20)
+    few, many, other = (paper_folds(data, n, 10, 5, seed=seed) for n, seed in ((3, 4), (6, 4), (3, 5)))
+    assert [f.train.tolist() for f in few] == [f.train.tolist() for f in many][:3]
+    assert few.folds[0].train.tolist() != other.folds[0].train.tolist()
+
+
+# Windows.
+
+
+def drives(sessions, n=1200, each=1):
+    """Long recordings of noise, some of each material, `each` of them a session."""
+    rng = np.random.default_rng(0)
+    return Dataset(
+        [
+            Recording(
+                rng.normal(size=(n, 6)), 100.0, label=label, name=f"{label}{k}", session=f"{label}{k // each}"
+            )
+            for label, n_sessions in sessions.items()
+            for k in range(n_sessions)
+        ]
+    )
+
+
+def n_parted(data, folds):
+    """Count pairs of windows that share samples and lie on both sides of a fold."""
+    cut = [(r.meta["window"]["recording"], r.meta["window"]["start_s"]) for r in data]
+    return sum(
+        cut[row][0] == cut[other][0] and abs(cut[row][1] - cut[other][1]) < data[0].duration_s - 1e-9
+        for fold in folds
+        for row in fold.train
+        for other in fold.test
+    )
+
+
+@pytest.mark.parametrize("by", ["auto", "session", "time", "random"])
+def test_windows_that_share_samples_never_lie_on_both_sides(by):
+    data = drives({"a": 3, "b": 3, "c": 1}).windows(1.0, 0.5)
+    folds = hold_out(data, by)
+    assert n_parted(data, folds) == 0
+    cleared = [note for note in folds.notes if "share samples with tested ones do not train" in note]
+    assert len(cleared) == (by in ("time", "random"))
+
+
+def test_paper_folds_of_windows_part_none_that_share_samples():
+    data = drives({"a": 3, "b": 3}).windows(1.0, 0.5)
+    assert n_parted(data, paper_folds(data, 3, 20, 5)) == 0
+
+
+@pytest.mark.parametrize("hop_s", [0.5, 1.0])
+def test_matched_draws_never_part_windows_of_a_recording(hop_s):
+    data = drives({"a": 8, "b": 8}, n=300, each=2).windows(1.0, hop_s)
+    folds = hold_out(data)
+    cut = np.array([r.meta["window"]["recording"] for r in data])
+    for draw in matched_draws(data, folds, 5):
+        assert not any(set(cut[fold.train]) & set(cut[fold.test]) for fold in draw)
+        assert [fold.test.size for fold in draw] == [fold.test.size for fold in folds]
+
+
+def test_too_few_long_recordings_give_no_draws():
+    data = drives({"a": 8, "b": 8}, n=300).windows(1.0, 0.5)
+    assert matched_draws(data, hold_out(data, n_folds=2)) == (
+        "a: 8 recordings cut into windows that share samples, too few to mix what 8 sessions hold"
+    )
+
+
+def test_windows_that_share_nothing_of_few_recordings_are_drawn_singly():
+    data = drives({"a": 4, "b": 4}).windows(1.0)
+    (draw,) = matched_draws(data, hold_out(data), 1)
+    assert [fold.train.size + fold.test.size for fold in draw] == [len(data)] * 4
+
+
+def test_windows_of_one_recording_cannot_be_held_out_at_random():
+    data = drives({"a": 1, "b": 1}, n=400).windows(2.0, 0.1)
+    with pytest.raises(ValueError, match="all windows of a and b share samples with tested ones"):
+        hold_out(data, "random")
+
+
+# What is refused.
+
+FEW = np.repeat(["oat", "rice", "peas"], [80, 50, 61])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: hold_out(made("aaa")), "at least 2 classes, got only 'a'"),
+        (lambda: hold_out(made("aab"), "random"), "by='random' cannot be held out: fewer than two materials"),
+        (lambda: hold_out(made("ab")), "fewer than two materials have more than one recording"),
+        (lambda: hold_out(made("aabb"), "session"), "no recording says which session it is from"),
+        (lambda: hold_out(made("aabb", list("stuu")), "session"), "fewer than two materials have several"),
+        (lambda: hold_out(made("aabb"), 3), "by must be text such as 'session' or 'tool', got 3"),
+        (lambda: hold_out(made("aabb"), "random", 1), "n_folds must be at least 2, got 1"),
+        (lambda: hold_out(made("aab", times=[1, None, 2]), "time"), "recording '1' has no start time but 2"),
+        (
+            lambda: hold_out(made("aab", times=[1, 1, 2]), "time"),
+            "'0' and '1' of class 'a' start at the same",
+        ),
+        (lambda: paper_folds(made(FEW)), "pass paper=(20, 40, 10)"),
+        (lambda: paper_folds(made(FEW), 0), "n_partitions must be at least 1, got 0"),
+        (lambda: paper_folds(made(FEW), 3, "3"), "must be a whole number, got '3'"),
+    ],
+)
+def test_what_cannot_be_split_is_refused(make, message):
+    with pytest.raises((ValueError, TypeError), match=re.escape(message)):
+        make()
