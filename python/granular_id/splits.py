@@ -398,6 +398,8 @@ def _condition_folds(data: Dataset, name: str, values: NDArray[np.object_] | Non
             f"{counted(len(both), 'session')} {verb(len(both), 'has', 'have')} several values of {name}: what "
             "recordings of a session share is on both sides"
         )
+    elif name != SESSION and any(session is not None for session in data.sessions):
+        notes.append(f"each session has one {name}: a loss may be that of other sessions")
     tested_at_all = set(y[np.concatenate([fold.test for fold in folds])].tolist())
     untested = {
         label: f"no other {name} to train on" for label in rows_of_class(y) if label not in tested_at_all

@@ -81,7 +81,9 @@ def cluster_interval(
     uncertainty = 0.0
     for g in range(n_groups):
         own = shared[group == g].any(axis=0)
-        n_alike = weight[own].sum() ** 2 / (weight[own] ** 2).sum()  # sessions of one size that weigh the same
+        n_alike = (
+            weight[own].sum() ** 2 / (weight[own] ** 2).sum()
+        )  # sessions of one size that weigh the same
         uncertainty += float((influence[own] ** 2).sum()) ** 2 / max(n_alike - 1, _NO_SPREAD)
     freedom = max(1.0, variance**2 / uncertainty)
     reach = float(stdtrit(freedom, 0.975)) * math.sqrt(variance)

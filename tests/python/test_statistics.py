@@ -62,6 +62,17 @@ def test_interval_of_own_sessions_adds_the_spread_of_each_class():
     assert (low, high) == pytest.approx(stats.t.interval(0.95, 4, 0.65, error))
 
 
+def test_interval_of_unequal_sessions_leaves_each_out():
+    shares, sizes = np.array([0.4, 0.6, 0.5, 0.6, 0.5, 0.7]), np.array([10, 10, 10, 10, 10, 30])
+    right = np.concatenate([np.arange(n) < share * n for share, n in zip(shares, sizes, strict=True)])
+    low, high = cluster_interval(right, np.zeros(80, dtype=np.intp), np.repeat(list("stuvwx"), sizes))
+    mean = np.average(shares, weights=sizes)
+    without = (mean * 80 - shares * sizes) / (80 - sizes)
+    error = math.sqrt(5 / 6 * ((without - mean) ** 2).sum())
+    n_alike = 80**2 / (sizes**2).sum()  # as many sessions of one size weigh the same
+    assert (low, high) == pytest.approx(stats.t.interval(0.95, n_alike - 1, mean, error))
+
+
 def test_interval_stays_among_the_possible_accuracies():
     assert cluster_interval(*answers([1.0, 1.0, 0.5]))[1] == 1.0
     assert cluster_interval(*answers([0.0, 0.0, 0.5]))[0] == 0.0

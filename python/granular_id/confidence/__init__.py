@@ -1,7 +1,7 @@
 """How sure a model may be: probabilities, candidates with a stated coverage, refusal of unknown materials.
 
 What a model states is promised for new sessions, and says on how many held-out ones it stands.
-`granular_id.evaluation.confidence_study` measures whether it holds.
+`granular_id.confidence_study` measures whether it holds.
 """
 
 from granular_id.confidence.candidates import CandidateRule, candidate_rule

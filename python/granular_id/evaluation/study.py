@@ -60,9 +60,9 @@ class Reliability:
     Attributes
     ----------
     accuracy, probability : float
-        Share of right answers; mean probability of the answer.
+        Share of right answers; mean probability of the answer; each session weighing alike.
     too_sure : float
-        Their difference, each session weighing alike: positive where answers are less often right than stated.
+        Their difference: positive where answers are less often right than stated.
     interval : (float, float)
         95 % interval of `too_sure` over new sessions (Student's t); NaN with fewer than three.
     ece : float
@@ -363,7 +363,11 @@ def _reliability(held: Held, places: Codes) -> Reliability:
         shares[own] = softmax(held.values[own], temperature)
     rows = np.arange(len(shares))
     stated, right = shares[rows, held.predicted], held.right.astype(np.float64)
-    too_sure = np.array([(stated[own] - right[own]).mean() for own, _ in _others(places)])
+    n_of = np.bincount(places)
+    probability, accuracy = (
+        np.bincount(places, weights=each)[n_of > 0] / n_of[n_of > 0] for each in (stated, right)
+    )
+    too_sure = probability - accuracy
     interval = mean_interval(too_sure) if held.folds.sessions_apart else (math.nan, math.nan)
     edges = np.linspace(0, 1, _N_BINS + 1)
     place = np.clip(np.searchsorted(edges, stated, side="left") - 1, 0, _N_BINS - 1)
@@ -380,8 +384,8 @@ def _reliability(held: Held, places: Codes) -> Reliability:
     )
     truth = np.eye(shares.shape[1])[held.truth]
     return Reliability(
-        accuracy=float(right.mean()),
-        probability=float(stated.mean()),
+        accuracy=float(accuracy.mean()),
+        probability=float(probability.mean()),
         too_sure=float(too_sure.mean()),
         interval=interval,
         ece=sum(one.n * abs(one.probability - one.accuracy) for one in bins) / len(shares),

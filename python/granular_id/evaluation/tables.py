@@ -12,7 +12,7 @@ from granular_id._text import Table, counted, percent, short, whole_percent
 from granular_id.evaluation.outcome import Outcome
 from granular_id.recording import SEVERE_PREFIXES, labelled_check_note
 from granular_id.score import Held
-from granular_id.splits import PAPER
+from granular_id.splits import NAMES, PAPER
 from granular_id.statistics import MIN_PARTITIONS, sample_sd
 from granular_id.synthetic import PAPER_MATERIALS
 
@@ -30,7 +30,7 @@ def one_screen(result: Outcome) -> str:
 
 
 def remarks(result: Outcome) -> list[str]:
-    """Name the worst materials, those that were not tested, baselines that come near, and warnings of the checks."""
+    """Name the worst materials, what was not tested, baselines that come near, what is open, warnings of the checks."""
     lines = worst_lines(result)
     untested = list(result.folds.untested.items())
     lines += [f"not tested: {label}, {why}" for label, why in untested[:MOST_WORST]]
@@ -40,6 +40,9 @@ def remarks(result: Outcome) -> list[str]:
         for one in result.baselines
         if one.comes_near(result.headline) and not spoiled & {f"baseline-{one.name}", f"leak-{one.name}"}
     ]
+    if result.folds.by not in NAMES:
+        more = result.folds.notes[1 : MOST_FINDINGS + 1]
+        lines += [textwrap.shorten(note, WIDTH, placeholder=" ...") for note in more]
     lines += [f"accepted: {finding.code}" for finding in result.findings if finding not in result.spoiling]
     lines += [note for note in result.notes if note.startswith("accept: ")]
     warnings = [note for note in result.notes if note.startswith(SEVERE_PREFIXES)]

@@ -170,7 +170,9 @@ def _estimate(model: Identifier, estimate: Mapping[str, Any] | None) -> list[str
         f"{estimate['n_answers']} answers in {estimate['n_folds']} folds",
         f"  {estimate['note']}",
     ]
-    weak = sorted((share, label) for label, share in estimate["recall"].items() if share is not None and share < 1)
+    weak = sorted(
+        (share, label) for label, share in estimate["recall"].items() if share is not None and share < 1
+    )
     if weak:
         least = ", ".join(f"{label} {percent(share, 0)}" for share, label in weak[:5])
         lines.append(f"  least recognised: {least}")

@@ -39,6 +39,9 @@ _N_BEGINNINGS, _N_MARGINS = 20, 60
 """Pairs that are tried: moments from which on to answer, and margins. Two numbers, and not a margin for each moment:
 with some hundred recordings those follow chance, and early answers then err more often than asked for."""
 
+MIN_SESSIONS = 3
+"""Held-out sessions below which there is no rule."""
+
 _TOO_UNLIKELY = 0.01
 """No rule where a session errs so much more often than the target that it happens by chance less often than this."""
 
@@ -106,7 +109,8 @@ class EarlyRule:
     """From when on, and from which margin on, an answer is given; false, and with a reason, where there is no rule.
 
     `stops` says where each held-out recording was answered by the rule of the other sessions: a place among the moments
-    of `HeldOut`, -1 where it was not. `worst` is the share of wrong answers in the worst session.
+    of `HeldOut`, -1 where it was not. `worst` is the share of wrong answers in the worst session; without sessions that
+    of all.
     """
 
     target_error: float
@@ -132,7 +136,8 @@ class EarlyRule:
         moments = self.stops[answered]
         return outcome | {
             "answered_early": len(answered) / len(self.stops),
-            "error": float((~held.right[answered, moments]).mean()),
+            # With one more that is wrong: the rule was picked for having few of them here.
+            "error": (int((~held.right[answered, moments]).sum()) + 1) / (len(answered) + 1),
             "worst": self.worst,
             "mean_seconds": float(held.n_seen[moments].mean() / rate_hz),
         }
@@ -150,6 +155,10 @@ def calibrate(held: HeldOut, target: float) -> EarlyRule:
         return EarlyRule(target, why_not=why)
     if len(held.n_seen) < 2:
         return EarlyRule(target, why_not="recordings of one sample leave nothing to wait for")
+    if held.held.folds.sessions_apart and np.unique(held.held.places).size < MIN_SESSIONS:
+        return EarlyRule(
+            target, why_not="two sessions do not show how often early answers are wrong in a third"
+        )
     pairs = _Pairs(held)
     found = pairs.rule(target)
     if found is not None:
@@ -225,7 +234,12 @@ class _Pairs:
                 and all(binom.sf(n_wrong - 1, n, target) >= _TOO_UNLIKELY for n_wrong, n in counts)
             ):
                 beginning, margin = self.each[chosen]
-                return EarlyRule(target, int(held.n_seen[beginning]), margin, stops, max(errors, default=0.0))
+                worst = (
+                    max(errors, default=0.0)
+                    if held.held.folds.sessions_apart
+                    else wrong.sum() / answered.sum()
+                )
+                return EarlyRule(target, int(held.n_seen[beginning]), margin, stops, float(worst))
         return None
 
     def soonest(self, members: npt.NDArray[np.bool_], level: float) -> int | None:

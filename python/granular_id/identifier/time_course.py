@@ -36,8 +36,8 @@ class OverTime:
     answered : ndarray, shape (M,)
         Share of recordings that the early rule has answered by then.
     error : ndarray, shape (M,)
-        Share of those answers that are wrong; NaN before the first. A little lower than on fresh recordings: the
-        rule was chosen on these.
+        Share of those answers that are wrong; NaN before the first. Lower than on fresh recordings, with two
+        sessions by half: the rule was chosen on these.
     chance : float
         Accuracy of guessing with every class as likely.
     n_answers : int
@@ -51,7 +51,7 @@ class OverTime:
     mean_seconds : float
         Mean signal seen at an early answer, s; NaN without any.
     worst : float
-        Share of wrong early answers in the worst held-out session; NaN without any.
+        Share of wrong early answers in the worst held-out session, without sessions of all; NaN without any.
     synthetic : bool
         Recordings were simulated: figures show that the program works, not how well it knows materials.
     """

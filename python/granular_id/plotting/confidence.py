@@ -35,7 +35,7 @@ def plot_confidence(study: ConfidenceStudy, *, path: str | os.PathLike[str] | No
 
     Parameters
     ----------
-    study : granular_id.evaluation.ConfidenceStudy
+    study : granular_id.ConfidenceStudy
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 

@@ -155,7 +155,20 @@ needs_terminal = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a 
 
 @needs_terminal
 def test_a_terminal_gets_accuracies_and_a_progress_bar_that_leaves_nothing_behind(folder):
-    words = ("evaluate", folder, "--paper", *SMALL, "--train", 2, "--test", 1, "--partitions", 100, "--spaces", "hfmh")
+    words = (
+        "evaluate",
+        folder,
+        "--paper",
+        *SMALL,
+        "--train",
+        2,
+        "--test",
+        1,
+        "--partitions",
+        100,
+        "--spaces",
+        "hfmh",
+    )
     with Terminal(words) as terminal:
         terminal.read_until("a text that never comes")
         out, _ = terminal.running.communicate(timeout=60)

@@ -58,6 +58,12 @@ def test_probabilities_come_from_the_temperature_of_other_sessions(study, held):
     assert seen.interval[0] < seen.too_sure < seen.interval[1]
 
 
+def test_unequal_sessions_weigh_alike_in_what_is_stated_and_right(data):
+    few = Dataset([r for k, r in enumerate(data) if r.session != "day 0" or k % 3])
+    seen = confidence_study(few, "hfmh").reliability
+    assert seen.too_sure == pytest.approx(seen.probability - seen.accuracy)
+
+
 def test_each_session_is_covered_by_the_rule_of_the_others(study, held):
     shares, sizes = [], []
     for place in range(4):

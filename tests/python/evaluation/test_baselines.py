@@ -176,7 +176,7 @@ def test_clock_is_found_where_materials_follow_each_other():
 @pytest.mark.parametrize(
     ("fields", "name", "why"),
     [
-        ({"trigger_index": lambda r: None}, "rest", "the onset of the motion is not known"),
+        ({"trigger_index": lambda r: None}, "rest", "no onset known"),
         ({"trigger_index": lambda r: 0}, "rest", "a motion begins at the first sample"),
         (
             {"start_time": lambda r: None if r.name == "rice_3" else 7.0},

@@ -49,6 +49,13 @@ def test_each_value_is_held_out_whole(data):
         np.testing.assert_array_equal(fold.train, np.flatnonzero(tools != tool))
 
 
+def test_condition_that_comes_with_its_session_is_noted(data):
+    note = "each session has one tool: a loss may be that of other sessions"
+    assert note in hold_out(data, "tool").notes
+    assert note not in hold_out(Dataset([replace(r, session="one") for r in data]), "tool").notes
+    assert note in str(evaluate(data, {"own": own_space()}, by="tool", baselines=False, progress=False))
+
+
 # Adapted.
 
 

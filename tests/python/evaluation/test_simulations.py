@@ -24,9 +24,10 @@ CENTROIDS = Pipeline([("features", FunctionTransformer()), ("classifier", Centro
 class Law:
     """Levels on six axes: a mean of each material, an effect of the session, and noise of one."""
 
-    def __init__(self, n_sessions, n_rows, effect, own=True):
-        """`effect`: the SD of that of a session, of `own` or of all materials together."""
+    def __init__(self, n_sessions, n_rows, effect, own=True, sizes=(1.0,)):
+        """`effect`: the SD of that of a session, of `own` or of all materials together; `sizes`: shares of `n_rows`."""
         self.n_sessions, self.n_rows, self.effect, self.own = n_sessions, n_rows, effect, own
+        self.sizes = np.resize(sizes, n_sessions)
 
     def levels(self, rng, n_sessions):
         """Return levels (n, 6), materials and sessions of `n_rows` of each material in each session."""
@@ -38,6 +39,8 @@ class Law:
     def draw(self, rng):
         """Return a data set without samples, and what stands for them."""
         levels, material, session = self.levels(rng, self.n_sessions)
+        some = np.arange(material.size) % self.n_rows < (self.sizes * self.n_rows).round()[session]
+        levels, material, session = levels[some], material[some], session[some]
         names = [f"{m if self.own else ''}{s}" for m, s in zip(material, session, strict=True)]
         return Dataset(
             [
@@ -89,13 +92,16 @@ def test_gap_of_six_points_is_found():
 
 
 N_INTERVALS = cases(40)
+UNEQUAL = 0.2, 0.5, 1.0, 0.3, 0.7
+"""One session has five times the recordings of another."""
 
 
+@pytest.mark.parametrize(("n_rows", "sizes"), [(6, (1.0,)), (12, UNEQUAL)], ids=["equal", "unequal"])
 @pytest.mark.parametrize("own", [True, False], ids=["own", "shared"])
 @pytest.mark.parametrize("n_sessions", [3, 4, 5, 6, 7, 8])
-def test_interval_covers_the_accuracy_in_new_sessions(n_sessions, own):
+def test_interval_covers_the_accuracy_in_new_sessions(n_sessions, own, n_rows, sizes):
     rng, covered, widths = np.random.default_rng(2), [], []
-    law = Law(n_sessions, 6, 1.0, own)
+    law = Law(n_sessions, n_rows, 1.0, own, sizes)
     for draw in range(N_INTERVALS):
         data, levels = law.draw(rng)
         low, high = fit_and_score(CENTROIDS, data, hold_out(data, seed=draw), X=levels).interval

@@ -146,7 +146,10 @@ def test_a_lone_session_trains_and_is_not_tested():
     sessions = [f"s{k % 4}" if label in "ab" else "s0" for k, label in enumerate(y)]
     data = made(y, sessions)
     folds = hold_out(data)
-    assert dict(folds.untested) == {"c": "one session, which always trains", "d": "one session, which always trains"}
+    assert dict(folds.untested) == {
+        "c": "one session, which always trains",
+        "d": "one session, which always trains",
+    }
     first = np.flatnonzero(data.sessions == "s0")
     for fold in folds:
         assert set(first) <= set(fold.train)

@@ -9,7 +9,7 @@ from granular_id.score import Held
 from granular_id.splits import Fold, Folds
 
 
-def held_of(truth, winners, margins, sessions):
+def held_of(truth, winners, margins, sessions, by="session"):
     """Held-out answers (n, M), each session a fold of its own."""
     n, m = winners.shape
     names, folds = np.unique(sessions, return_inverse=True)
@@ -24,7 +24,7 @@ def held_of(truth, winners, margins, sessions):
         winners[:, -1],
         np.zeros((n, 3)),
         *[np.array([f"day {one}" for one in sessions], dtype=object)] * 2,
-        Folds(parts, "session"),
+        Folds(by, parts),
     )
     return HeldOut(held, np.arange(1, m + 1), winners, margins, ())
 
@@ -61,7 +61,7 @@ def test_early_answers_keep_the_target_with_one_more_error(held, target):
     assert rule.table().tolist() == [[rule.n_seen, rule.margin]]
     assert 1 <= rule.n_seen < held.n_seen[-1]
     said = rule.to_dict(held, 500.0)
-    assert said["error"] == wrong / len(answered)
+    assert said["error"] == (wrong + 1) / (len(answered) + 1)
     assert said["mean_seconds"] == pytest.approx((rule.stops[answered] + 1).mean() / 500.0)
 
 
@@ -70,10 +70,10 @@ def test_session_is_answered_by_what_the_others_choose():
     winners[20:30, :3] = (
         1  # the first session is right from the start, half of the other from the fourth moment on
     )
-    held = held_of(np.zeros(40, int), winners, np.full((40, 5), 0.5), np.repeat([0, 1], 20))
+    held = held_of(np.zeros(40, int), winners, np.full((40, 5), 0.5), np.repeat([0, 1], 20), "random")
     rule = calibrate(held, 0.6)
     assert rule.stops.tolist() == [3] * 20 + [0] * 20
-    assert (rule.to_dict(held, 1.0)["error"], rule.worst) == (0.25, 0.5)
+    assert rule.to_dict(held, 1.0)["error"] == 11 / 41
 
 
 def test_session_that_errs_far_more_often_forbids_a_rule():
@@ -83,6 +83,13 @@ def test_session_that_errs_far_more_often_forbids_a_rule():
     in_one[:10] = 1
     assert calibrate(held_of(truth, spread_out, margins, sessions), 0.15).worst == 1 / 20
     assert calibrate(held_of(truth, in_one, margins, sessions), 0.15).why_not.startswith("no rule keeps")
+
+
+def test_without_sessions_none_is_the_worst():
+    winners, halves = np.zeros((400, 3), int), np.repeat([0, 1], 200)
+    winners[:1] = 1
+    rule = calibrate(held_of(np.zeros(400, int), winners, np.ones((400, 3)), halves, "time"), 0.05)
+    assert rule.worst == 1 / 400
 
 
 def test_sessions_weigh_alike_in_the_error():
@@ -99,7 +106,7 @@ def test_rule_is_the_pair_that_answers_soonest():
     """Written anew, slowly: all pairs of a moment and a margin, on a set small enough to try each."""
     n, m = 60, 8
     truth, winners, margins = answers(np.random.default_rng(4), n, m, 0.4, 0.5)
-    held = held_of(truth, winners, margins.round(1), np.zeros(n, int))
+    held = held_of(truth, winners, margins.round(1), np.zeros(n, int), "random")
     margins, right = held.margins, held.right
     target = 0.1
     options = []
@@ -131,7 +138,7 @@ def test_a_larger_target_answers_no_later():
 def constant(n, m, n_wrong=0):
     """All answers with full margin, the first `n_wrong` recordings answered wrongly all the time."""
     winners = np.repeat(np.arange(n) < n_wrong, m).reshape(n, m).astype(int)
-    return held_of(np.zeros(n, int), winners, np.ones((n, m)), np.arange(n) % 2)
+    return held_of(np.zeros(n, int), winners, np.ones((n, m)), np.arange(n) % 3)
 
 
 @pytest.mark.parametrize(
@@ -155,3 +162,8 @@ def test_thresholds_are_reached_or_not():
     margins = np.array([[0.1, 0.5, 0.2], [0.3, 0.0, 0.0], [0.0, 0.0, 0.0]])
     assert first_reached(margins, 0.3).tolist() == [1, 0, -1]
     assert first_reached(margins, 0.2, beginning=2).tolist() == [2, -1, -1]
+
+
+def test_two_sessions_give_no_rule():
+    held = held_of(np.zeros(40, int), np.zeros((40, 3), int), np.ones((40, 3)), np.repeat([0, 1], 20))
+    assert calibrate(held, 0.1).why_not.startswith("two sessions do not show")

@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -220,7 +221,9 @@ def test_accuracy_over_time_counts_answers(training, data):
     assert course.accuracy[-1] == pytest.approx(held.right[:, -1].mean())
     assert course.answered[-1] == pytest.approx((rule.stops >= 0).mean())
     assert (np.diff(course.answered) >= 0).all()
-    assert course.error[-1] == pytest.approx(training.trained["early"]["error"])
+    n_answered = course.answered[-1] * course.n_answers
+    with_one_more = (course.error[-1] * n_answered + 1) / (n_answered + 1)
+    assert training.trained["early"]["error"] == pytest.approx(with_one_more)
     assert course.mean_seconds == pytest.approx(training.trained["early"]["mean_seconds"])
     assert (course.chance, course.n_answers, course.synthetic) == (0.25, 32, False)
     first = int(np.argmax(course.answered > 0))
@@ -236,6 +239,17 @@ def test_without_a_rule_accuracy_over_time_says_why(training):
     assert course.answered.max() == 0
     assert "SYNTHETIC" in str(course)
     assert "no early answers: no early rule was asked for" in str(course)
+
+
+def test_material_that_is_never_recognised_is_named(training):
+    estimate = training.trained["estimate"] | {"recall": {"oat": 0.0, "peas": 1.0, "rice": None}}
+    trained = training.trained | {"estimate": estimate}
+    model = SimpleNamespace(
+        core=training.core, trained=trained, synthetic=False, temperature=1.0, rate_hz=500.0
+    )
+    assert [line for line in describe_performance(model) if "least" in line] == [
+        "  least recognised: oat 0 %"
+    ]
 
 
 def test_a_model_describes_itself_in_words(training):
