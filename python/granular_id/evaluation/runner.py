@@ -312,6 +312,11 @@ def _planned(data: Dataset, spaces: Any, paper: bool) -> tuple[list[FeatureSpace
         if not paper and rate_hz <= 2 * FeatureSpec().cutoff_hz:
             spaces = (*USUAL_SPACES[:2], "raw")
             notes.append(f"raw instead of raw+hfmh: a high-pass at 23 Hz leaves nothing of {rate_hz:g} Hz")
+    if hasattr(spaces, "fit"):
+        wanted = (
+            "must be names or a mapping, as in {'mine': transformer}, with classifier= for what classifies"
+        )
+        raise argument_error(TypeError, "spaces", f"{wanted}, got {type(spaces).__name__}")
     if isinstance(spaces, Mapping):
         planned = [_own_space(name, transformer, rate_hz) for name, transformer in spaces.items()]
     else:

@@ -299,6 +299,7 @@ def test_the_counts_that_a_refusal_offers_fit(data):
         ({"data": np.zeros((4, 5, 6))}, TypeError, "data must be a granular_id.Dataset, got ndarray"),
         ({"spaces": "wavelets"}, ValueError, "spaces must be among 'all', 'paper', .*, got 'wavelets'"),
         ({"spaces": []}, ValueError, "at least one feature space, got none"),
+        ({"spaces": StandardScaler()}, TypeError, "names or a mapping, .* got StandardScaler"),
         ({"spaces": ["raw", "raw"]}, ValueError, "each feature space once"),
         ({"spaces": {"mine": object()}}, TypeError, r"spaces\['mine'\] must have fit and transform"),
         ({"spaces": {"": StandardScaler()}}, TypeError, "a name must be non-empty text"),
