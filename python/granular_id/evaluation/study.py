@@ -292,7 +292,8 @@ def confidence_study(
     n_unknown = len(set(data.y.tolist())) if len(set(data.y.tolist())) > 2 else 0
     with displaying(progress) as display:
         tick = Ticker(len(folds) + n_unknown, display.step).tick
-        pipeline = space_pipeline(planned.transformer, planned.classifier or ECOCClassifier())
+        classifier = ECOCClassifier() if planned.classifier is None else planned.classifier
+        pipeline = space_pipeline(planned.transformer, classifier)
         held = fit_and_score(
             pipeline, data, folds, seed=random_state, n_jobs=n_jobs, tick=tick, name=planned.name
         )

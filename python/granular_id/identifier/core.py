@@ -52,7 +52,8 @@ def pipeline_of(space: Any, rate_hz: float, threads: int | None) -> tuple[str, P
             "its features while samples arrive",
         )
     known = feature_spaces(rate_hz=rate_hz, threads=threads)[space]
-    return space, space_pipeline(known.transformer, known.classifier or ECOCClassifier())
+    classifier = ECOCClassifier() if known.classifier is None else known.classifier
+    return space, space_pipeline(known.transformer, classifier)
 
 
 def model_of(

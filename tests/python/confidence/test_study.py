@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sklearn.ensemble import RandomForestClassifier
 from sklearn.metrics import log_loss
 
 import granular_id as gid
@@ -35,6 +36,15 @@ def study(data):
 def held(data):
     space = feature_spaces(rate_hz=data.rate_hz)["hfmh"]
     return fit_and_score(space_pipeline(space.transformer, ECOCClassifier()), data, hold_out(data))
+
+
+def test_a_forest_of_ones_own_space_is_the_classifier(data):
+    forest = RandomForestClassifier(
+        n_estimators=5, random_state=0
+    )  # an ensemble that is not fitted has no length
+    own = replace(feature_spaces(rate_hz=data.rate_hz)["hfmh"], name="own", classifier=forest)
+    held = fit_and_score(space_pipeline(own.transformer, forest), data, hold_out(data))
+    assert confidence_study(data, own).reliability.accuracy == pytest.approx(held.right.mean())
 
 
 def test_probabilities_come_from_the_temperature_of_other_sessions(study, held):
