@@ -81,6 +81,14 @@ def positive_number(name: str, value: object, wanted: str = "a number") -> float
     return number
 
 
+def checked_share(name: str, value: object) -> float:
+    """Return a float in (0, 1)."""
+    number = finite_number(name, value)
+    if not 0 < number < 1:
+        raise argument_error(ValueError, name, f"must lie between 0 and 1, got {number:g}")
+    return number
+
+
 def sampling_rate(name: str, value: object) -> float:
     """Return the rate of something that is to be simulated, up to 50 kHz."""
     return finite_number(name, value, positive=True, most=_MAX_RATE_HZ)

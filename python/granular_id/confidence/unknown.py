@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from granular_id._checks import argument_error
+from granular_id._checks import checked_share
 from granular_id._schema import check_form
 from granular_id.confidence.novelty import Parts, limit, weights_of
 
@@ -162,8 +162,7 @@ def unknown_rule(
     >>> rule.knows(Novelty.fit(rows, codes, 2).parts(np.array([[4.0, 4.0, 4.0], [9.0, -9.0, 0.0]]))).tolist()
     [True, False]
     """
-    if not 0 < share_known < 1:
-        raise argument_error(ValueError, "share_known", f"must lie between 0 and 1, got {share_known}")
+    share_known = checked_share("share_known", share_known)
     rows = np.flatnonzero(~np.isnan(parts.d).any(axis=1))
     parts, codes = parts.take(rows), codes[rows]
     weights = weights_of(parts, codes)
@@ -174,4 +173,4 @@ def unknown_rule(
         of_folds=of_folds,
         blocks=None if blocks is None else blocks[rows],
     )
-    return UnknownRule(classes, weights, threshold, float(share_known), len(rows), held_out)
+    return UnknownRule(classes, weights, threshold, share_known, len(rows), held_out)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.metrics import roc_auc_score
 
-from granular_id._checks import argument_error, finite_number
+from granular_id._checks import argument_error, checked_share
 from granular_id._estimators import versions
 from granular_id._files import json_value, write_json
 from granular_id._parallel import in_threads, single_threaded_blas
@@ -285,8 +285,8 @@ def confidence_study(
     if not isinstance(data, Dataset):
         raise argument_error(TypeError, "data", f"must be a granular_id.Dataset, got {type(data).__name__}")
     check_progress(progress)
-    wanted = tuple(_share("levels", level) for level in levels)
-    share_known = _share("share_known", share_known)
+    wanted = tuple(checked_share("levels", level) for level in levels)
+    share_known = checked_share("share_known", share_known)
     folds = hold_out(data, by, seed=random_state)
     planned = space if isinstance(space, FeatureSpace) else _known(space, data.rate_hz)
     n_unknown = len(set(data.y.tolist())) if len(set(data.y.tolist())) > 2 else 0
@@ -334,13 +334,6 @@ def confidence_study(
         versions=versions(),
         synthetic=data.is_synthetic,
     )
-
-
-def _share(name: str, share: Any) -> float:
-    value = finite_number(name, share)
-    if not 0 < value < 1:
-        raise argument_error(ValueError, name, f"must lie between 0 and 1, got {value:g}")
-    return value
 
 
 def _known(space: str, rate_hz: float) -> FeatureSpace:

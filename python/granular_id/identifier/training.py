@@ -13,7 +13,7 @@ from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
 from granular_id import _core
-from granular_id._checks import argument_error, checked_flag, finite_number
+from granular_id._checks import argument_error, checked_flag, checked_share
 from granular_id._estimators import convergence_warnings, describe_estimator, seeded_clone, versions
 from granular_id._files import json_value
 from granular_id._memory import taken
@@ -95,7 +95,8 @@ def train(
     trained.
     """
     for name, share in (("target_error", target_error), ("coverage", coverage), ("share_known", share_known)):
-        _check_share(name, share)
+        if share is not None:
+            checked_share(name, share)
     if not isinstance(data, Dataset):
         raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
     _check_background(
@@ -169,11 +170,6 @@ def train(
         )
     core = with_source(core, lambda: rows, y, MAX_FILE_BYTES)
     return Training(core, trained, held, early)
-
-
-def _check_share(name: str, share: float | None) -> None:
-    if share is not None and not 0 < finite_number(name, share) < 1:
-        raise argument_error(ValueError, name, f"must lie between 0 and 1, got {share:g}")
 
 
 def _check_background(background: Sequence[str], data: Dataset, *, has_use: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from granular_id._checks import argument_error, finite_number
+from granular_id._checks import checked_share
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.recording.checks import leaks, signal, stated
 from granular_id.recording.checks.measured import Measured, SensorRange, resolve_range
@@ -42,9 +42,7 @@ def check_recordings(
     progress: bool | ProgressCallback,
 ) -> CheckReport:
     """Run all checks; see :meth:`Dataset.check`, which calls this."""
-    rate = finite_number("false_alarm_rate", false_alarm_rate)
-    if not 0 < rate < 1:
-        raise argument_error(ValueError, "false_alarm_rate", f"must lie between 0 and 1, got {rate:g}")
+    rate = checked_share("false_alarm_rate", false_alarm_rate)
     axes = list(dict.fromkeys(axis for r in recordings for axis in r.axes))
     data = Measured(recordings, None if sensor_range is None else resolve_range(sensor_range, axes), rate)
     findings: list[Finding] = []
