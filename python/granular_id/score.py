@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.pipeline import Pipeline
@@ -120,11 +121,12 @@ class Held:
         """95 % interval of `accuracy` over new sessions, or values of the condition; NaN where fewer than three."""
         if not self.folds.sessions_apart:
             return math.nan, math.nan
-        return cluster_interval(self.right, self.truth, self.clusters)
+        return cluster_interval(self.right, self.truth, self.places)
 
-    def fold_accuracies(self) -> Floats:
-        """Balanced accuracy of each fold."""
-        return np.array([self.take(self.fold == k).accuracy for k in range(len(self.folds))])
+    def fold_accuracies(self, n_together: int = 1) -> Floats:
+        """Balanced accuracy of each fold, or of as many after each other as belong together."""
+        part = self.fold // n_together
+        return np.array([self.take(part == k).accuracy for k in range(len(self.folds) // n_together)])
 
     def take(self, some: NDArray[Any]) -> Held:
         """Return some of the rows."""
@@ -181,14 +183,16 @@ def fit_and_score(
     by_name = type(pipeline[-1]).__module__.startswith("granular_id.")
     with named_errors(name), single_threaded_blas(), convergence_warnings(name) as notes:
         begun = time.perf_counter()
-        shared = None if learns(pipeline[0]) else _seeded(pipeline[0], seed, 3)
+        shared = (
+            None if learns(pipeline[0]) else seeded_clone(pipeline[0], SeedSequence(seed, spawn_key=(3,)))
+        )
         features = samples if shared is None else _features(shared, samples, name)
         seconds["features"] += time.perf_counter() - begun
 
         def score(k: int) -> tuple[Codes, Floats, Any, int]:
             train, test, held_out = folds.folds[k]
             y: Any = classes[truth[train]] if by_name else truth[train]
-            fitted = _seeded(pipeline, seed, 1, k)
+            fitted = seeded_clone(pipeline, SeedSequence(seed, spawn_key=(1, k)))
             begun = time.perf_counter()
             own, new = (taken(features, rows, f"rows of the space {name!r}") for rows in (train, test))
             if shared is None:
@@ -231,11 +235,6 @@ def fit_and_score(
         seconds=seconds,
         notes=tuple(notes),
     )
-
-
-def _seeded(estimator: Any, seed: int, *key: int) -> Any:
-    """Clone, and give every open ``random_state`` a number."""
-    return seeded_clone(estimator, np.random.SeedSequence(seed, spawn_key=key))
 
 
 def _class_values(fitted: Pipeline, X: Floats, codes: Codes, known: Codes, n_classes: int) -> Floats:

@@ -2,13 +2,12 @@
 
 Recordings made minutes apart share tool, fill, zero offset and temperature, so random folds flatter a method that has
 learned the session instead of the material. `hold_out` holds out what new recordings will not share: whole sessions
-where they are known, else halves in time. `matched_draws` draws as many recordings at random, so that the difference
-shows how much was the session.
+where they are known, else halves in time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from granular_id._checks import argument_error, whole_number
 from granular_id._estimators import routed
 from granular_id._text import counted, listed, verb
-from granular_id.recording import Dataset, Recording, condition_of, cut_from, overlapping_windows
+from granular_id.recording import Dataset, condition_of, overlapping_windows
 
 Rows = NDArray[np.intp]
 Values = Sequence[str | None] | NDArray[Any]
@@ -36,9 +35,6 @@ NAMES = {
 
 N_FOLDS = 5
 MANY_RECORDINGS, FOLDS_OF_MANY = 2000, 3  # fewer folds: time grows faster than the number of recordings
-
-N_DRAWS = 19
-"""Draws beside the strict folds: the least with which a rank of 1 in 20 is a p-value of 0.05."""
 
 _TOO_FEW = "fewer than two materials have more than one recording"
 
@@ -71,6 +67,8 @@ class Folds:
         Material to why it is never tested.
     seed : int
         Of what is drawn at random.
+    overlapping : bool
+        Whether the recordings are windows of which some share samples.
     """
 
     by: str
@@ -78,6 +76,7 @@ class Folds:
     notes: tuple[str, ...] = ()
     untested: Mapping[str, str] = field(default_factory=dict)
     seed: int = 0
+    overlapping: bool = False
 
     @property
     def name(self) -> str:
@@ -136,42 +135,37 @@ class Groups:
 def groups_of(data: Dataset, by: str = AUTO) -> Groups:
     """Gather sessions and the order in time of a data set, and the condition that is to be held out."""
     conditions = None if by in (AUTO, *NAMES) else condition_of(data, by)[1]
-    try:
-        basis = describe_order(data.start_times, data.y, data.names)
-    except ValueError as why:  # an order that contradicts itself counts as none
-        return Groups(data.sessions, None, str(why), conditions)
-    rank = np.argsort(data.chronological_order()[0], kind="stable")
-    return Groups(data.sessions, rank, basis, conditions)
+    return Groups(data.sessions, *_order_in_time(data), conditions)
 
 
-def describe_order(start_times: ArrayLike, labels: ArrayLike, names: Sequence[str]) -> str:
-    """Say where the order of recordings in time comes from, or raise ValueError where there is none.
+def _order_in_time(data: Dataset) -> tuple[Rows | None, str]:
+    """Place of each recording in time, and what that goes by; None and the reason where no order is known.
 
-    Start times (n,) decide when every recording has one, and no two of a class share theirs. When none has (NaN), or
-    all share one, as clocks that start at zero do, the order of the data set stands in: for a folder the natural order
-    of its files.
+    Start times decide when every recording has one, and no two of a material share theirs. When none has, or all share
+    one, as clocks that start at zero do, the order of the data set stands in: for a folder the natural order of its
+    files.
     """
-    times = np.asarray(start_times, dtype=np.float64)
+    rank: Rows = np.argsort(data.chronological_order()[0], kind="stable")
+    times, names = data.start_times, data.names
     known = np.isfinite(times)
     if not known.any():
-        return "by file order: the recordings carry no start time"
+        return rank, "by file order: the recordings carry no start time"
     if not known.all():
-        row = int(np.flatnonzero(~known)[0])
-        raise ValueError(
-            f"recording {names[row]!r} has no start time but {int(known.sum())} of {times.size} recordings "
-            "have one: no order in time"
+        return None, (
+            f"recording {names[int(known.argmin())]!r} has no start time but {int(known.sum())} of {times.size} "
+            "recordings have one: no order in time"
         )
     if times.size > 1 and (times == times[0]).all():
-        return "by file order: all recordings start at the same time, so their clocks say nothing"
+        return rank, "by file order: all recordings start at the same time, so their clocks say nothing"
     seen: dict[tuple[str, float], int] = {}
-    for row, (label, time) in enumerate(zip(np.asarray(labels).tolist(), times.tolist(), strict=True)):
-        twin = seen.setdefault((label, time), row)
+    for row, moment in enumerate(zip(data.y.tolist(), times.tolist(), strict=True)):
+        twin = seen.setdefault(moment, row)
         if twin != row:
-            raise ValueError(
-                f"recordings {names[twin]!r} and {names[row]!r} of class {label!r} start at the same time: "
+            return None, (
+                f"recordings {names[twin]!r} and {names[row]!r} of class {moment[0]!r} start at the same time: "
                 "no order in time"
             )
-    return "by start time"
+    return rank, "by start time"
 
 
 def rows_of_class(y: ArrayLike) -> dict[Any, Rows]:
@@ -234,7 +228,7 @@ def hold_out(data: Dataset, by: str = AUTO, n_folds: int | None = None, seed: in
     if n_folds is not None:
         most = whole_number("n_folds", n_folds, least=2)
     rows_of_class(data.y)  # what no folds can do without is an error, not a reason to take others
-    groups = groups_of(data, by)
+    groups = groups_of(data)
     drawn: Folds | str
     if by == AUTO:
         drawn = _auto(data.y, groups, most, seed)
@@ -245,7 +239,7 @@ def hold_out(data: Dataset, by: str = AUTO, n_folds: int | None = None, seed: in
     elif by == RANDOM:
         drawn = _random_folds(data.y, most, seed)
     else:
-        drawn = _condition_folds(data, condition_of(data, by)[0], groups.conditions)
+        drawn = _condition_folds(data, *condition_of(data, by))
     if isinstance(drawn, str):
         raise argument_error(ValueError, "by", f"={by!r} cannot be held out: {drawn}")
     return _without_shared_samples(replace(drawn, seed=seed), data)
@@ -253,20 +247,30 @@ def hold_out(data: Dataset, by: str = AUTO, n_folds: int | None = None, seed: in
 
 def _auto(y: NDArray[np.str_], groups: Groups, n_folds: int, seed: int) -> Folds:
     """Take sessions where half of the materials are tested, else halves in time, else random folds."""
-    sessions, in_time = _session_folds(y, groups.sessions, n_folds), _time_folds(y, groups)
-    if isinstance(sessions, Folds):
-        n_materials = np.unique(y).size
-        n_tested = n_materials - len(sessions.untested)
-        if n_tested >= n_materials / 2 or isinstance(in_time, str):
-            return sessions
-        sessions = f"{n_tested} of {counted(n_materials, 'material')} have several"
-    why = f"not held-out sessions: {sessions}"
+    sessions, why = _most_by_session(y, groups.sessions, n_folds)
+    if sessions is not None and not why:
+        return sessions
+    why = f"not held-out sessions: {why}"
+    in_time = _time_folds(y, groups)
     if isinstance(in_time, Folds):
         return replace(in_time, notes=(*in_time.notes, why))
+    if sessions is not None:
+        return sessions
     drawn = _random_folds(y, n_folds, seed)
     if isinstance(drawn, str):
         raise ValueError(drawn)  # noqa: TRY004 - the reason, not the type, is wrong
     return replace(drawn, notes=(*drawn.notes, f"{why}; not halves in time: {in_time}"))
+
+
+def _most_by_session(y: NDArray[Any], sessions: Values, n_folds: int) -> tuple[Folds | None, str]:
+    """Hold out whole sessions; say why that is not enough where fewer than half of the materials are tested."""
+    drawn = _session_folds(y, sessions, n_folds)
+    if isinstance(drawn, str):
+        return None, drawn
+    n_materials = np.unique(y).size
+    n_tested = n_materials - len(drawn.untested)
+    few = f"{n_tested} of {counted(n_materials, 'material')} have several"
+    return drawn, "" if n_tested >= n_materials / 2 else few
 
 
 def _session_folds(y: NDArray[Any], sessions: Values, n_folds: int) -> Folds | str:
@@ -337,68 +341,71 @@ def _time_folds(y: NDArray[Any], groups: Groups) -> Folds | str:
     """
     if groups.rank is None:
         return groups.basis
-    if len(rows_of_class(y)) - len(_singles(y)) < 2:
+    several, untested = _with_several_rows(y)
+    if len(several) < 2:
         return _TOO_FEW
     side = np.zeros(len(y), dtype=np.intp)
-    for own in rows_of_class(y).values():
-        if own.size > 1:
-            in_time = own[np.argsort(groups.rank[own])]
-            side[in_time[: own.size // 2]], side[in_time[own.size // 2 :]] = 1, 2
+    for own in several:
+        in_time = own[np.argsort(groups.rank[own])]
+        side[in_time[: own.size // 2]], side[in_time[own.size // 2 :]] = 1, 2
     folds = tuple(
         Fold(np.flatnonzero(side != test), np.flatnonzero(side == test), name)
         for test, name in ((2, "1st->2nd half"), (1, "2nd->1st half"))
     )
-    return Folds(TIME, folds, (f"halves in time order, {groups.basis}",), _singles(y))
+    return Folds(TIME, folds, (f"halves in time order, {groups.basis}",), untested)
 
 
 def _random_folds(y: NDArray[Any], n_folds: int, seed: int) -> Folds | str:
     """Draw stratified random folds: sizes differ by at most one recording, in all and within each class."""
-    several = {label: own for label, own in rows_of_class(y).items() if own.size > 1}
+    several, untested = _with_several_rows(y)
     if len(several) < 2:
         return _TOO_FEW
-    n_used = min(n_folds, max(own.size for own in several.values()))
+    n_used = min(n_folds, max(own.size for own in several))
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2, n_used)))
     # Dealt like cards, class after class: no fold gets two of a class before each other has one.
-    dealt = np.concatenate([rng.permutation(own) for own in several.values()])
+    dealt = np.concatenate([rng.permutation(own) for own in several])
     fold_of = np.full(len(y), -1, dtype=np.intp)
     fold_of[dealt] = np.arange(dealt.size) % n_used
     folds = tuple(
         Fold(np.flatnonzero(fold_of != j), np.flatnonzero(fold_of == j), f"fold {j + 1} of {n_used}")
         for j in range(n_used)
     )
-    return Folds(RANDOM, folds, (f"{n_used} random folds, seed {seed}",), _singles(y), seed)
+    return Folds(RANDOM, folds, (f"{n_used} random folds, seed {seed}",), untested, seed)
 
 
-def _singles(y: NDArray[Any]) -> dict[str, str]:
-    """Name the materials of which one recording is all there is: it trains."""
-    return {label: "one recording" for label, own in rows_of_class(y).items() if own.size == 1}
+def _with_several_rows(y: NDArray[Any]) -> tuple[list[Rows], dict[str, str]]:
+    """Return the rows of each material that has several, and why the others, whose one recording trains, have none."""
+    of_class = rows_of_class(y)
+    several = [own for own in of_class.values() if own.size > 1]
+    return several, {label: "one recording" for label, own in of_class.items() if own.size == 1}
 
 
-def _condition_folds(data: Dataset, name: str, values: NDArray[np.object_] | None) -> Folds:
+def _condition_folds(data: Dataset, name: str, values: NDArray[np.object_]) -> Folds:
     """Hold out one value of a condition after the other; a material without another value is not tested there."""
-    assert values is not None  # `groups_of` found them
     y, folds, notes = data.y, [], []
     for value in dict.fromkeys(values.tolist()):
         held = values == value
         trains = np.unique(y[~held])
-        tested = held & np.isin(y, trains)
-        lost = np.unique(y[held & ~tested]).tolist()
         if trains.size < 2:
             notes.append(f"{name} {value!r} is not held out: fewer than two materials have another value")
-        elif tested.any():
+            continue
+        tested = held & np.isin(y, trains)
+        if tested.any():
             folds.append(Fold(np.flatnonzero(~held), np.flatnonzero(tested), str(value)))
-        if lost and trains.size >= 2:
+        lost = np.unique(y[held & ~tested]).tolist()
+        if lost:
             notes.append(
                 f"{name} {value!r}: {listed(lost)} {verb(len(lost), 'has', 'have')} no other value to train on, and "
                 f"{verb(len(lost), 'is', 'are')} not tested there"
             )
-    both = {s for s in set(data.sessions.tolist()) - {None} if len(set(values[data.sessions == s])) > 1}
+    known = set(data.sessions.tolist()) - {None}
+    both = [session for session in known if len(set(values[data.sessions == session])) > 1]
     if both:
         notes.append(
             f"{counted(len(both), 'session')} {verb(len(both), 'has', 'have')} several values of {name}: what "
             "recordings of a session share is on both sides"
         )
-    elif name != SESSION and any(session is not None for session in data.sessions):
+    elif name != SESSION and known:
         notes.append(f"each session has one {name}: a loss may be that of other sessions")
     tested_at_all = set(y[np.concatenate([fold.test for fold in folds])].tolist())
     untested = {
@@ -443,88 +450,24 @@ def paper_folds(
 
 def _without_shared_samples(drawn: Folds, data: Dataset) -> Folds:
     """Leave windows out of the training that share samples with tested ones."""
-    pairs = list(overlapping_windows(data.recordings))
-    if not pairs:
+    pairs = np.array(list(overlapping_windows(data.recordings)), dtype=np.intp).reshape(-1, 2)
+    if not len(pairs):
         return drawn
     y, apart, left_out = data.y, [], set[int]()
     for fold in drawn:
-        train = _clear_of(fold.test, fold.train, pairs)
-        lost = sorted(set(y[fold.train].tolist()) - set(y[train].tolist()))
+        spoiled = np.concatenate([pairs[np.isin(pairs[:, k], fold.test), 1 - k] for k in (0, 1)])
+        train = np.setdiff1d(fold.train, spoiled)
+        lost = np.setdiff1d(y[fold.train], y[train]).tolist()
         if lost:
             raise ValueError(
                 f"all windows of {listed(lost)} share samples with tested ones, and none is left to train on: cut "
                 "windows that do not overlap, or hold out whole recordings (by='session')"
             )
-        left_out |= set(fold.train.tolist()) - set(train.tolist())
+        left_out.update(np.setdiff1d(fold.train, train).tolist())
         apart.append(fold._replace(train=train))
-    if not left_out:
-        return drawn
     note = f"{counted(len(left_out), 'window')} that share samples with tested ones do not train"
-    return replace(drawn, folds=tuple(apart), notes=(*drawn.notes, note))
-
-
-def _clear_of(test: Rows, train: Rows, pairs: Iterable[tuple[int, int]]) -> Rows:
-    tested = set(test.tolist())
-    spoiled = [one for pair in pairs for one, other in (pair, pair[::-1]) if other in tested]
-    return np.setdiff1d(train, spoiled)
-
-
-def _cut_from(recordings: Sequence[Recording]) -> Rows:
-    """Return the number of the recording that each row was cut from; what is no window is one of its own."""
-    found: dict[Any, int] = {}
-    return np.array(
-        [
-            found.setdefault(row if (window := cut_from(recording)) is None else window[0], len(found))
-            for row, recording in enumerate(recordings)
-        ],
-        dtype=np.intp,
-    )
-
-
-# As many at random.
-
-
-def matched_draws(data: Dataset, strict: Folds, n_draws: int = N_DRAWS) -> list[Folds] | str:
-    """Draw at random folds of the sizes of strict ones, so that sessions are mixed; say why not where that cannot be.
-
-    In each draw as many recordings of each class train and are tested as in the strict folds, fold by fold: they are
-    the strict folds with the rows of each class exchanged. Without an effect of what the strict folds hold out, strict
-    and drawn folds are exchangeable, so that the rank of the strict one among 19 draws is an exact p-value. Windows of
-    one recording resemble each other, and are exchanged as one. Where sessions hold hardly more than one recording of a
-    material that mixes nothing: windows that share no samples are then exchanged one by one, others not at all.
-    """
-    y = data.y
-    units, sessions = _cut_from(data.recordings), data.sessions
-    first_tested = np.full(len(y), len(strict))
-    for k, fold in enumerate(strict):
-        first_tested[fold.test] = np.minimum(first_tested[fold.test], k)
-    for label, own in rows_of_class(y).items():
-        n_units = np.unique(units[own]).size
-        n_groups = len(set(sessions[own].tolist())) if strict.by == SESSION else len(strict)
-        if label in strict.untested or n_units == own.size or n_units >= 2 * n_groups:
-            continue
-        if any(overlapping_windows(data.recordings)):
-            return (
-                f"{label}: {counted(n_units, 'recording')} cut into windows that share samples, too few to mix "
-                f"what {counted(n_groups, 'session' if strict.by == SESSION else 'fold')} hold"
-            )
-        units = np.arange(len(y))
-        break
-    draws = []
-    for draw in range(n_draws):
-        rng = np.random.default_rng(np.random.SeedSequence(strict.seed, spawn_key=(8, draw)))
-        exchanged = np.arange(len(y))
-        for own in rows_of_class(y).values():
-            in_folds = own[np.argsort(first_tested[own], kind="stable")]
-            turn = rng.permutation(len(y))
-            exchanged[in_folds] = own[np.argsort(turn[units[own]], kind="stable")]
-        folds = []
-        for fold in strict:
-            train, test = np.sort(exchanged[fold.train]), np.sort(exchanged[fold.test])
-            clear = ~np.isin(units[train], units[test])
-            folds.append(Fold(train[clear], test, f"as many as {fold.held_out}"))
-        draws.append(Folds(RANDOM, tuple(folds), untested=strict.untested, seed=strict.seed))
-    return draws
+    notes = (*drawn.notes, note) if left_out else drawn.notes
+    return replace(drawn, folds=tuple(apart), notes=notes, overlapping=True)
 
 
 # Folds of training rows, for estimators that choose by holding rows out.
@@ -560,22 +503,21 @@ def choice_folds(
     Where fewer than two classes have two rows there are no folds.
     """
     wanted = whole_number("n_folds", n_folds, least=2)
-    groups = checked_groups(len(codes), sessions, order)
-    apart = _checked_names("groups", conditions, len(codes))
-    y = np.asarray(codes)
-    if np.count_nonzero(np.bincount(y) > 1) < 2:
+    y, groups = np.asarray(codes), _checked_groups(len(codes), sessions, order)
+    apart, counts = _checked_names("groups", conditions, len(codes)), np.bincount(y)
+    if np.count_nonzero(counts > 1) < 2:
         return ChoiceFolds((), NONE, "no folds: fewer than two classes have more than one recording")
-    n_classes, why = np.unique(y).size, ""
+    why = ""
     for names, what in ((apart, CONDITIONS), (groups.sessions, SESSIONS)):
-        drawn = _session_folds(y, names, wanted)
-        if isinstance(drawn, Folds) and n_classes - len(drawn.untested) >= n_classes / 2:
+        drawn, why = _most_by_session(y, names, wanted)
+        if drawn is not None and not why:
             return ChoiceFolds(_pairs(drawn), what, f"{len(drawn)} folds of whole {what}")
-        why = drawn if isinstance(drawn, str) else "fewer than half of the classes have several sessions"
+        why = why if drawn is None else "fewer than half of the classes have several sessions"
     halves = _time_folds(y, groups)
     if isinstance(halves, Folds):
         note = f"the earlier and the later half of each class in time ({why})"
         return ChoiceFolds(_pairs(halves), BLOCKS, note)
-    n_used = min(wanted, int(np.bincount(y).max()))
+    n_used = min(wanted, int(counts.max()))
     repeats = min(_MOST_REPEATS, -(-_ENOUGH_ROWS // len(y)))
     seeds = np.random.SeedSequence(seed, spawn_key=(7,)).generate_state(repeats).tolist()
     folds = tuple(pair for draw in seeds for pair in _pairs(_random_folds(y, n_used, draw)))
@@ -600,20 +542,14 @@ def _checked_names(name: str, given: Any, n_rows: int) -> NDArray[np.object_]:
     return known
 
 
-def checked_groups(n_rows: int, sessions: Any, order: Any) -> Groups:
-    """Check the sessions and the order, or None, that come with `n_rows` rows of features."""
+def _checked_groups(n_rows: int, sessions: Any, order: Any) -> Groups:
+    """Check the sessions and the order, or None, that come with rows of features."""
     known = _checked_names("sessions", sessions, n_rows)
     if order is None:
         return Groups(known, None, "no order in time is known")
     rows = np.asarray(order)
-    if (
-        rows.shape != (n_rows,)
-        or rows.dtype.kind not in "iu"
-        or not np.array_equal(np.sort(rows), np.arange(n_rows))
-    ):
-        raise argument_error(
-            ValueError,
-            "order",
-            f"must hold the row numbers 0 to {n_rows - 1}, each once, from the earliest to the latest",
-        )
+    each_once = rows.ndim == 1 and np.array_equal(np.sort(rows), np.arange(n_rows))
+    if rows.dtype.kind not in "iu" or not each_once:
+        wanted = f"must hold the row numbers 0 to {n_rows - 1}, each once, from the earliest to the latest"
+        raise argument_error(ValueError, "order", wanted)
     return Groups(known, np.argsort(rows, kind="stable"))

@@ -7,7 +7,6 @@ chance a difference. The tests here allow for the overlap.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,28 +42,28 @@ def corrected_resampled_t(differences: ArrayLike, n_train: float, n_test: float)
 
 
 def cluster_interval(
-    right: NDArray[np.bool_], truth: NDArray[np.intp], clusters: NDArray[Any]
+    right: NDArray[np.bool_], truth: NDArray[np.intp], clusters: NDArray[np.intp]
 ) -> tuple[float, float]:
     """95 % interval of balanced accuracy over new clusters, inside [0, 1]: Student's t over sessions.
 
-    `right`, `truth` and `clusters` (n,) say of each answer whether it is right, its class and its session. Answers of a
-    session resemble each other: the session is what is drawn anew, and its share in the mean recall over classes is
-    what varies. The error is that of leaving one session out after the other. Degrees of freedom (Welch) come from
-    groups of classes that share sessions, each with its sessions less one; a session of many recordings makes the
-    others count for less. NaN for fewer than three sessions, where some class has one alone, and where all answers are
-    alike.
+    `right`, `truth` and `clusters` (n,) say of each answer whether it is right, and number its class and its session.
+    Answers of a session resemble each other: the session is what is drawn anew, and its share in the mean recall over
+    classes is what varies. The error is that of leaving one session out after the other. Degrees of freedom (Welch)
+    come from groups of classes that share sessions, each with its sessions less one; a session of many recordings makes
+    the others count for less. NaN for fewer than three sessions, where some class has one alone, and where all answers
+    are alike.
     """
-    names, cluster = np.unique(np.array([str(one) for one in clusters]), return_inverse=True)
+    numbers, cluster = np.unique(clusters, return_inverse=True)
     classes, of_class = np.unique(truth, return_inverse=True)
-    if names.size < MIN_SESSIONS:
+    if numbers.size < MIN_SESSIONS:
         return math.nan, math.nan
-    influence, weight = np.zeros(names.size), np.zeros(names.size)
+    influence, weight = np.zeros(numbers.size), np.zeros(numbers.size)
     recalls = np.zeros(classes.size)
-    shared = np.zeros((classes.size, names.size), dtype=np.bool_)
+    shared = np.zeros((classes.size, numbers.size), dtype=np.bool_)
     for k in range(classes.size):
         own = of_class == k
-        n_of = np.bincount(cluster[own], minlength=names.size)
-        hits = np.bincount(cluster[own], weights=right[own], minlength=names.size)
+        n_of = np.bincount(cluster[own], minlength=numbers.size)
+        hits = np.bincount(cluster[own], weights=right[own], minlength=numbers.size)
         shared[k] = n_of > 0
         n_clusters = int(shared[k].sum())
         if n_clusters < 2:
@@ -81,9 +80,8 @@ def cluster_interval(
     uncertainty = 0.0
     for g in range(n_groups):
         own = shared[group == g].any(axis=0)
-        n_alike = (
-            weight[own].sum() ** 2 / (weight[own] ** 2).sum()
-        )  # sessions of one size that weigh the same
+        # As many sessions of one size weigh the same.
+        n_alike = weight[own].sum() ** 2 / (weight[own] ** 2).sum()
         uncertainty += float((influence[own] ** 2).sum()) ** 2 / max(n_alike - 1, _NO_SPREAD)
     freedom = max(1.0, variance**2 / uncertainty)
     reach = float(stdtrit(freedom, 0.975)) * math.sqrt(variance)

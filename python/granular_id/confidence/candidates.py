@@ -137,7 +137,7 @@ def candidate_rule(
     classes: tuple[str, ...],
     values: FloatArray,
     truth: npt.NDArray[np.intp],
-    sessions: npt.NDArray[Any] | None,
+    sessions: npt.NDArray[np.intp] | None,
     level: float,
 ) -> CandidateRule:
     """Set the threshold of candidates on held-out recordings.
@@ -153,8 +153,8 @@ def candidate_rule(
         Class values by models that did not train on the recording, nor on its session.
     truth : (n,) int array
         Its material.
-    sessions : (n,) array, optional
-        Its session; None where none were held out.
+    sessions : (n,) int array, optional
+        Number of its session; None where none were held out.
     level : float
         In (0, 1).
 
@@ -163,28 +163,23 @@ def candidate_rule(
     CandidateRule
     """
     own = behind_best(values)[np.arange(len(truth)), truth]
-    names, session = (
-        np.unique(np.array([str(one) for one in sessions]), return_inverse=True)
-        if sessions is not None
-        else ((), None)
-    )
-    if session is None or len(names) < 2:
+    numbers = () if sessions is None else np.unique(sessions)
+    if len(numbers) < 2:
         threshold = quantile(own, level)
         reached = float((own <= threshold).mean())
         return CandidateRule(classes, level, threshold, len(own), 0, reached, reached)
     shares = np.r_[np.arange(level, 0.9901, 0.01), 0.995, 1.0]
     covered = np.array(
         [
-            [(own[session == s] <= quantile(own[session != s], share)).mean() for s in range(len(names))]
+            [(own[sessions == s] <= quantile(own[sessions != s], share)).mean() for s in numbers]
             for share in shares.tolist()
         ]
     )
     enough = np.flatnonzero(covered.mean(axis=1) >= level - _ROUNDING)
     best = int(enough[0]) if enough.size else len(shares) - 1
     mean, worst = float(covered[best].mean()), float(covered[best].min())
-    return CandidateRule(
-        classes, level, quantile(own, float(shares[best])), len(own), len(names), mean, worst
-    )
+    threshold = quantile(own, float(shares[best]))
+    return CandidateRule(classes, level, threshold, len(own), len(numbers), mean, worst)
 
 
 def quantile(scores: FloatArray, share: float) -> float:

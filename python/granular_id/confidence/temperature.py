@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,9 +22,11 @@ def softmax(values: npt.ArrayLike, temperature: float) -> FloatArray:
 
 
 def fit_temperature(
-    values: FloatArray, truth: npt.NDArray[np.intp], sessions: npt.NDArray[Any] | None = None
+    values: FloatArray, truth: npt.NDArray[np.intp], sessions: npt.NDArray[np.intp] | None = None
 ) -> float:
     """Return the temperature that makes held-out class values (n, K) the likeliest, each session weighing alike.
+
+    Sessions (n,) are numbers from 0 on.
 
     One recording in n + 2 counts as of another material, as in Platt's scaling: n right answers do not make the next
     one certain.
@@ -37,8 +38,8 @@ def fit_temperature(
 
     weights = np.full(len(truth), 1 / len(truth))
     if sessions is not None:
-        names, session = np.unique(np.array([str(one) for one in sessions]), return_inverse=True)
-        weights = 1 / (len(names) * np.bincount(session)[session])
+        n_of = np.bincount(sessions)
+        weights = 1 / (np.count_nonzero(n_of) * n_of[sessions])
     known = np.isfinite(values)
     spread = float(values[known].std()) or 1.0
     others = known.copy()

@@ -3,10 +3,10 @@
 `evaluate` gives an `EvaluationResult`.
 """
 
-from granular_id.evaluation.baselines import Baseline
-from granular_id.evaluation.compare import Pair
-from granular_id.evaluation.gap import Gap
-from granular_id.evaluation.outcome import Prediction
+from granular_id.evaluation.confidence import ConfidenceStudy, confidence_study
+from granular_id.evaluation.differences import Gap, Pair, matched_draws as matched_draws
+from granular_id.evaluation.evaluating import USUAL_SPACES as USUAL_SPACES, evaluate
+from granular_id.evaluation.leakage import Baseline
 from granular_id.evaluation.report_data import (
     MOST_AXES as MOST_AXES,
     POINTS as POINTS,
@@ -14,11 +14,10 @@ from granular_id.evaluation.report_data import (
     most_different as most_different,
     window_starts as window_starts,
 )
-from granular_id.evaluation.result import EvaluationResult
-from granular_id.evaluation.runner import USUAL_SPACES as USUAL_SPACES, evaluate
-from granular_id.evaluation.study import ConfidenceStudy, confidence_study
-from granular_id.evaluation.tables import (
+from granular_id.evaluation.result import (
     PAPER_NOTE as PAPER_NOTE,
+    EvaluationResult,
+    Prediction,
     accuracy_table as accuracy_table,
     choice_tables as choice_tables,
     comparison_tables as comparison_tables,

@@ -67,7 +67,7 @@ def test_rule_without_sessions_promises_less():
     rule = candidate_rule(CLASSES, values, truth, None, 0.9)
     assert (rule.n_sessions, rule.mean, rule.worst) == (0, rule.mean, rule.mean)
     assert rule.promise.endswith("90 % of recordings, within the sessions of the training only")
-    one = candidate_rule(CLASSES, values, truth, np.zeros(200), 0.9)
+    one = candidate_rule(CLASSES, values, truth, np.zeros(200, dtype=np.intp), 0.9)
     assert one == rule
     several = candidate_rule(CLASSES, values, truth, sessions, 0.9)
     assert "in the mean over new sessions (9" in several.promise

@@ -29,7 +29,7 @@ def test_sessions_weigh_alike_whatever_their_size():
     rng = np.random.default_rng(1)
     few, many = rng.normal(size=(2000, 3)), rng.normal(size=(20_000, 3))
     truth = np.r_[labels_drawn(rng, few, 2.0), labels_drawn(rng, many, 0.2)]
-    values, sessions = np.r_[few, many], np.repeat(["mon", "tue"], [2000, 20_000])
+    values, sessions = np.r_[few, many], np.repeat([0, 2], [2000, 20_000])
     alike = fit_temperature(np.r_[few, many[:2000]], np.r_[truth[:2000], truth[2000:4000]])
     by_session = fit_temperature(values, truth, sessions)
     assert by_session == pytest.approx(alike, rel=0.1)

@@ -12,7 +12,7 @@ from sklearn.preprocessing import StandardScaler
 from cli_cases import written
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
-from granular_id.evaluation.tables import choice_tables
+from granular_id.evaluation.result import choice_tables
 from granular_id.recording import Dataset, Recording
 from granular_id.report import write
 from granular_id.spaces import HFMH, feature_spaces

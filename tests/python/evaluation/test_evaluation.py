@@ -196,12 +196,14 @@ def test_seed_none_draws_one_and_records_it(data):
     assert list(again.predictions()) == list(one.predictions()) != list(other.predictions())
 
 
-def test_progress_counts_every_fit(data):
+@pytest.mark.parametrize("start_time", [True, False])
+def test_progress_counts_every_fit_and_ends_at_its_total(data, start_time):
     steps = []
-    evaluate(data, ["raw", "hfmh"], n_jobs=2, progress=lambda *step: steps.append(step))
-    # two folds: two spaces and two baselines, held out and at random, then 18 more draws of the headline
-    assert [done for done, _, _ in steps] == list(range(1, 2 * (4 + 4 + 18) + 1 - 4))
-    assert {total for _, total, _ in steps} == {2 * (4 + 4 + 18)}
+    some = data if start_time else changed(data, start_time=lambda r: None)
+    evaluate(some, ["raw", "hfmh"], n_jobs=2, progress=lambda *step: steps.append(step))
+    # two folds: two spaces and the clock, where it can be had, held out and at random, 18 more draws of the headline
+    n_steps = 2 * (2 * (2 + start_time) + 18)
+    assert [step[:2] for step in steps] == [(done, n_steps) for done in range(1, n_steps + 1)]
 
 
 @pytest.mark.parametrize("terminal", [False, True])

@@ -12,10 +12,10 @@ from sklearn.preprocessing import FunctionTransformer
 
 from effort import cases
 from evaluation_cases import Centroids
-from granular_id.evaluation import Gap
+from granular_id.evaluation import Gap, matched_draws
 from granular_id.recording import Dataset, Recording
 from granular_id.score import fit_and_score
-from granular_id.splits import hold_out, matched_draws
+from granular_id.splits import hold_out
 
 N_MATERIALS, SEPARATION = 4, 2.5
 CENTROIDS = Pipeline([("features", FunctionTransformer()), ("classifier", Centroids())])
@@ -63,7 +63,7 @@ def gaps(law, n_draws):
         data, levels = law.draw(rng)
         folds = hold_out(data, seed=draw)
         held = fit_and_score(CENTROIDS, data, folds, X=levels)
-        drawn = [fit_and_score(CENTROIDS, data, one, X=levels).accuracy for one in matched_draws(data, folds)]
+        drawn = [fit_and_score(CENTROIDS, data, one, X=levels).accuracy for one in matched_draws(data, folds)[0]]
         found.append(Gap.of("levels", held, drawn))
     return found
 

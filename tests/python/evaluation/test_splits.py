@@ -7,15 +7,14 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 from evaluation_cases import make_data
+from granular_id.evaluation import matched_draws
 from granular_id.recording import Dataset, Recording
 from granular_id.splits import (
     FOLDS_OF_MANY,
     N_FOLDS,
-    checked_groups,
-    describe_order,
+    choice_folds,
     groups_of,
     hold_out,
-    matched_draws,
     paper_folds,
 )
 
@@ -96,7 +95,7 @@ def test_hold_out_sessions_trains_no_row_of_a_held_session(data, n_folds):
 @given(collections(), st.sampled_from(["session", "time", "tool"]))
 def test_matched_draws_keep_counts_of_each_class(data, by):
     folds = drawn(data, by)
-    draws = matched_draws(data, folds, 3)
+    draws, _ = matched_draws(data, folds, 3)
     for draw in draws:
         for one, strict in zip(draw, folds, strict=True):
             assert not set(one.train) & set(one.test)
@@ -104,14 +103,14 @@ def test_matched_draws_keep_counts_of_each_class(data, by):
                 assert sorted(data.y[rows]) == sorted(data.y[others])
         tested = np.concatenate([one.test for one in draw])
         assert np.unique(tested).size == tested.size
-    again = matched_draws(data, folds, 3)
+    again, _ = matched_draws(data, folds, 3)
     assert [f.test.tolist() for d in again for f in d] == [f.test.tolist() for d in draws for f in d]
 
 
 def test_matched_draws_mix_sessions():
     data = make_data(n=8)
     folds = hold_out(data)
-    draws = matched_draws(data, folds)
+    draws, _ = matched_draws(data, folds)
     assert len(draws) == 19
     mixed = [set(data.sessions[f.train]) & set(data.sessions[f.test]) for draw in draws for f in draw]
     assert all(mixed)
@@ -247,15 +246,25 @@ def test_random_folds_depend_on_the_seed():
     ],
 )
 def test_order_in_time_says_what_it_goes_by(times, note):
-    assert describe_order(times, ["a", "a", "b"], ["x", "y", "z"]) == note
+    assert groups_of(made("aab", times=[None if np.isnan(t) else t for t in times])).basis == note
 
 
 def test_groups_of_rows_keep_their_order():
     data = made(["a", "b"] * 3, times=[5.0, 4.0, 3.0, 2.0, 1.0, 0.0])
     assert groups_of(data).take(np.array([0, 2, 5])).order.tolist() == [2, 1, 0]
-    assert checked_groups(3, [1, float("nan"), ""], None).sessions.tolist() == ["1", None, None]
+
+
+def test_rows_whose_session_is_not_known_choose_by_others():
+    codes, known = np.repeat([0, 1, 2], 4), [1, 2] * 4
+    folds = choice_folds(codes, [*known, float("nan"), "", None, 2], None, n_folds=5, seed=0)
+    assert (folds.held_out, len(folds.folds)) == ("sessions", 2)
+    assert all(test.max() < 8 for _, test in folds.folds)
+
+
+@pytest.mark.parametrize("order", [[0, 0, 1], [[0, 1, 2]], [0.0, 1.0, 2.0]])
+def test_order_that_names_no_rows_is_refused(order):
     with pytest.raises(ValueError, match="order must hold the row numbers 0 to 2, each once"):
-        checked_groups(3, None, [0, 0, 1])
+        choice_folds(np.array([0, 1, 1]), None, order, n_folds=2, seed=0)
 
 
 # The paper's partitions.
@@ -326,7 +335,7 @@ def test_matched_draws_never_part_windows_of_a_recording(hop_s):
     data = drives({"a": 8, "b": 8}, n=300, each=2).windows(1.0, hop_s)
     folds = hold_out(data)
     cut = np.array([r.meta["window"]["recording"] for r in data])
-    for draw in matched_draws(data, folds, 5):
+    for draw in matched_draws(data, folds, 5)[0]:
         assert not any(set(cut[fold.train]) & set(cut[fold.test]) for fold in draw)
         assert [fold.test.size for fold in draw] == [fold.test.size for fold in folds]
 
@@ -334,13 +343,14 @@ def test_matched_draws_never_part_windows_of_a_recording(hop_s):
 def test_too_few_long_recordings_give_no_draws():
     data = drives({"a": 8, "b": 8}, n=300).windows(1.0, 0.5)
     assert matched_draws(data, hold_out(data, n_folds=2)) == (
-        "a: 8 recordings cut into windows that share samples, too few to mix what 8 sessions hold"
+        [],
+        "a: 8 recordings cut into windows that share samples, too few to mix what 8 sessions hold",
     )
 
 
 def test_windows_that_share_nothing_of_few_recordings_are_drawn_singly():
     data = drives({"a": 4, "b": 4}).windows(1.0)
-    (draw,) = matched_draws(data, hold_out(data), 1)
+    ((draw,), _) = matched_draws(data, hold_out(data), 1)
     assert [fold.train.size + fold.test.size for fold in draw] == [len(data)] * 4
 
 

@@ -1,13 +1,13 @@
-"""What could be known without touching the material: from the rest before the motion, and from the clock.
+"""What spoils an evaluation: copies on both sides, findings of the checks, and what is known without touching.
 
 A material that was recorded on its own day is told apart by anything that differs between days. No accuracy shows that,
-however high; what the clock or the rest reach alone does.
+however high; what the clock or the rest before the motion reach alone does.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,11 +17,15 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import FunctionTransformer
 
+from granular_id._checks import argument_error
 from granular_id._text import fixed, percent
 from granular_id.ecoc import ECOCClassifier
-from granular_id.recording import Dataset, Finding
+from granular_id.recording import CheckReport, Dataset, Finding
 from granular_id.score import Held
 from granular_id.spaces import RawSignal
+from granular_id.splits import Folds
+
+Floats = NDArray[np.float64]
 
 MOST_INSTANTS = 200
 """Samples of the rest are thinned to so many: what gives the material away in more does in these."""
@@ -29,6 +33,9 @@ MOST_INSTANTS = 200
 ABOVE_CHANCE_P = 0.005
 SPOILS_FROM = 2 / 3
 """Share of the way from chance to the headline from which on a baseline spoils it."""
+
+_COPIES = {"duplicates", "near-duplicates"}
+_CLOCKS = {"leak-clock", "leak-hour"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,45 +99,100 @@ class Baseline:
         return Finding("error", f"baseline-{self.name}", message, values=values)
 
 
-Score = Callable[[str, Pipeline, NDArray[np.float64]], tuple[Held, float]]
-"""Called with the name, the pipeline and what stands for the samples; returns answers and the accuracy at random."""
+Untouched = tuple[Baseline, Pipeline | None, Floats | None]
+"""A baseline without answers, its pipeline, and what stands for the samples; None where it cannot be had."""
 
 
-def run_baselines(data: Dataset, score: Score) -> tuple[Baseline, ...]:
-    """Score both baselines under the folds of the headline."""
-    return _rest(data, score), _clock(data, score)
+def planned_baselines(data: Dataset) -> tuple[Untouched, ...]:
+    """Return what could be known of these recordings without touching the material."""
+    return _rest(data), _clock(data)
 
 
-def _rest(data: Dataset, score: Score) -> Baseline:
+def _rest(data: Dataset) -> Untouched:
     onsets = [recording.trigger_index for recording in data]
     known = [onset for onset in onsets if onset is not None]
-    what = "the rest before the motion"
+    n_rest = min(known, default=0)
+    why_not = "a motion begins at the first sample" if n_rest == 0 else ""
     if len(known) < len(onsets):
-        return Baseline(
-            "rest",
-            what,
-            why_not="no onset known (--begin-at onset --lead-s 0.1 --duration-s S)",
-        )
-    n_rest = min(known)
-    if n_rest == 0:
-        return Baseline("rest", what, why_not="a motion begins at the first sample")
+        why_not = "no onset known (--begin-at onset --lead-s 0.1 --duration-s S)"
+    if why_not:
+        return Baseline("rest", "the rest before the motion", why_not=why_not), None, None
     thinned = np.ascontiguousarray(data.X[:, : n_rest : math.ceil(n_rest / MOST_INSTANTS)])
     pipeline = Pipeline([("raw", RawSignal()), ("classifier", ECOCClassifier())])
-    what = f"the {fixed(n_rest / data.rate_hz, 2)} s before the motion"
-    return Baseline("rest", what, *score("rest", pipeline, thinned))
+    return Baseline("rest", f"the {fixed(n_rest / data.rate_hz, 2)} s before the motion"), pipeline, thinned
 
 
-def _clock(data: Dataset, score: Score) -> Baseline:
+def _clock(data: Dataset) -> Untouched:
     what = "seconds since the session began, nearest neighbour"
     times = data.start_times
-    if np.isnan(times).any():
-        missing = int(np.isnan(times).sum())
-        return Baseline("clock", what, why_not=f"{missing} of {times.size} recordings carry no start time")
-    if (times == times[0]).all():
-        return Baseline("clock", what, why_not="all recordings start at the same time")
+    n_missing = int(np.isnan(times).sum())
+    why_not = "all recordings start at the same time" if (times == times[0]).all() else ""
+    if n_missing:
+        why_not = f"{n_missing} of {times.size} recordings carry no start time"
+    if why_not:
+        return Baseline("clock", what, why_not=why_not), None, None
     since = times.copy()
     sessions = np.array([session or "" for session in data.sessions], dtype=object)
     for session in set(sessions.tolist()):
         since[sessions == session] -= times[sessions == session].min()
     pipeline = Pipeline([("clock", FunctionTransformer()), ("classifier", KNeighborsClassifier(1))])
-    return Baseline("clock", what, *score("clock", pipeline, since[:, np.newaxis]))
+    return Baseline("clock", what), pipeline, since[:, np.newaxis]
+
+
+# Findings of the checks.
+
+
+def accepted_names(accept: str | Sequence[str]) -> tuple[str, ...]:
+    """Return the findings that are known, by the names that ``data check`` prints."""
+    names = (accept,) if isinstance(accept, str) else tuple(accept)
+    for name in names:
+        if not isinstance(name, str):
+            wanted = f"must hold names as granular-id data check prints them, got {name!r}"
+            raise argument_error(TypeError, "accept", wanted)
+    return names
+
+
+def spoiling(report: CheckReport, folds: Folds, data: Dataset) -> tuple[Finding, ...]:
+    """Return the findings that spoil an evaluation: errors, and clocks that name the label.
+
+    Of recordings that hold each other's samples only where one trains while the other is tested.
+    """
+    return tuple(
+        finding
+        for finding in report
+        if _apart(finding, folds, len(data))
+        or (finding.code not in _COPIES and finding.severity == "error")
+        or finding.code in _CLOCKS
+    )
+
+
+def refuse_copies(findings: Sequence[Finding], accepted: Sequence[str], folds: Folds, data: Dataset) -> None:
+    """Refuse recordings that share samples on both sides of a split, unless that is accepted."""
+    apart = {
+        finding.code: pairs
+        for finding in findings
+        if finding.code not in accepted and (pairs := _apart(finding, folds, len(data)))
+    }
+    if not apart:
+        return
+    every = set[tuple[int, int]]().union(*apart.values())
+    one, other = min(every)
+    more = f", and {len(every) - 1} more such pairs" if len(every) > 1 else ""
+    raise ValueError(
+        f"{data.names[one]!r} and {data.names[other]!r} share samples, and one trains while the other is tested{more}: "
+        f"leave one out, give both one session, or pass accept={tuple(apart)!r}"
+    )
+
+
+def _apart(finding: Finding, folds: Folds, n_rows: int) -> set[tuple[int, int]]:
+    """Pairs of copies of which one trains while the other is tested."""
+    found = set[tuple[int, int]]()
+    if finding.code not in _COPIES:
+        return found
+    for fold in folds:
+        side = [0] * n_rows
+        for rows, sign in ((fold.train, 1), (fold.test, -1)):
+            for row in rows.tolist():
+                side[row] = sign
+        found |= {(one, other) for one, other, *_ in finding.values["pairs"] if side[one] * side[other] < 0}
+    return found

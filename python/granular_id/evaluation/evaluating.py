@@ -5,8 +5,9 @@ from __future__ import annotations
 import secrets
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +20,14 @@ from granular_id._estimators import describe_estimator, versions, with_rate
 from granular_id._progress import ProgressCallback, Ticker, check_progress, displaying
 from granular_id._text import percent, verb
 from granular_id.ecoc import ECOCClassifier
-from granular_id.evaluation.baselines import Baseline, run_baselines
-from granular_id.evaluation.findings import accepted_names, refuse_copies, spoiling
-from granular_id.evaluation.gap import Gap
+from granular_id.evaluation.differences import Gap, matched_draws
+from granular_id.evaluation.leakage import (
+    Untouched,
+    accepted_names,
+    planned_baselines,
+    refuse_copies,
+    spoiling,
+)
 from granular_id.evaluation.report_data import report_data_of
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.features import FeatureSpec
@@ -38,7 +44,7 @@ from granular_id.spaces import (
     in_paper_order,
     paper_spaces,
 )
-from granular_id.splits import NAMES, Folds, hold_out, matched_draws, paper_folds
+from granular_id.splits import NAMES, Folds, hold_out, paper_folds
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -139,62 +145,57 @@ def evaluate(
     if not isinstance(data, Dataset):
         raise argument_error(TypeError, "data", f"must be a granular_id.Dataset, got {type(data).__name__}")
     check_progress(progress)
-    accepted, seed = accepted_names(accept), _seed(random_state)
     checked_flag("baselines", baselines)
-    _check_classifier(classifier)
+    accepted, seed = accepted_names(accept), _seed(random_state)
     _ = data.X  # before anything is drawn: resampling and cropping come first, and may change the counts
     common_units(data)
-    folds = _folds(data, by, paper, seed)
     planned, notes = _planned(data, spaces, paper is not False)
+    usual = _usual(classifier, planned)
+
+    folds = _folds(data, by, paper, seed)
     checked = data.check()
     findings = spoiling(checked, folds, data)
     refuse_copies(findings, accepted, folds, data)
-    draws = matched_draws(data, folds) if folds.strict else ""
-    run = _Run(data, folds, [] if isinstance(draws, str) else draws, seed, n_jobs)
-    names = [space.name for space in planned]
-    drawn_for = "multiband" if names[0] == "best" and "multiband" in names else names[0]
-    for space in planned:
-        notes += _fewer_components(space, min(fold.train.size for fold in folds))
-    usual = ECOCClassifier() if classifier is None else classifier  # an ensemble that is not fitted is False
-    if classifier is not None and all(space.classifier is not None for space in planned):
-        problem = f"has no use: {', '.join(names)} {verb(len(names), 'has', 'have')} one of its own"
-        raise argument_error(ValueError, "classifier", problem)
-    pipelines = {
-        space.name: space_pipeline(space.transformer, usual if space.classifier is None else space.classifier)
-        for space in planned
-    }
-    truth = np.unique(data.y, return_inverse=True)[1]
-
-    def observe(fitted: Pipeline, X: Floats, train: Rows, X_new: Floats, test: Rows) -> tuple[Any, Any]:
-        adapted = None
-        if folds.by not in NAMES:
-            adapted = _adapted_answers(fitted, X, data.y[train], X_new, truth[test])
-        return choice_of(fitted), adapted
+    draws, why_no_gap = matched_draws(data, folds)
+    untouched = planned_baselines(data) if baselines else ()
+    trials, drawn_for, fewer = _trials(planned, usual, untouched, folds, len(draws))
 
     held: dict[str, Held] = {}
     at_random: dict[str, tuple[float, ...]] = {}
-    measured: tuple[Baseline, ...] = ()
     with displaying(progress) as display:
-        run.ticker = Ticker(run.n_steps(len(planned), 2 if baselines else 0), display.step)
-        for name, pipeline in pipelines.items():
-            held[name] = run.strict(name, pipeline, observe=observe)
-            display.line(f"{folds.name}  {name}  {percent(held[name].accuracy)}")
-        if baselines:
-            measured = run_baselines(data, run.baseline)
-        for name in sorted(pipelines, key=lambda name: name != drawn_for):
-            drawn = run.at_random(name, pipelines[name], len(run.draws) if name == drawn_for else 1)
-            if drawn:
-                at_random[name] = drawn
-                display.line(f"at random  {name}  {percent(float(np.mean(drawn)))}")
-    more = [
-        one.finding(held[names[0]])
-        for one in measured
-        if f"leak-{one.name}" not in {f.code for f in findings}
-    ]
+        ticker = Ticker(len(folds) * sum(1 + trial.n_draws for trial in trials), display.step)
+        score = partial(fit_and_score, data=data, seed=seed, n_jobs=n_jobs, tick=ticker.tick)
+        observe = partial(_observed, data.y, folds.by not in NAMES)
+        for name, pipeline, _, X in trials:
+            held[name] = score(pipeline, folds=folds, X=X, observe=observe, name=name)
+            if X is None:
+                display.line(f"{folds.name}  {name}  {percent(held[name].accuracy)}")
+        for name, pipeline, n_draws, X in sorted(trials, key=lambda trial: -trial.n_draws):
+            if not n_draws:
+                continue
+            together = replace(draws[0], folds=tuple(fold for draw in draws[:n_draws] for fold in draw))
+            drawn = score(pipeline, folds=together, X=X, name=name).fold_accuracies(len(folds))
+            at_random[name] = tuple(drawn.tolist())
+            if X is None:
+                display.line(f"at random  {name}  {percent(float(drawn.mean()))}")
+
+    measured = tuple(
+        replace(
+            one,
+            held=held.pop(f"baseline {one.name}"),
+            at_random=_mean(at_random.pop(f"baseline {one.name}", ())),
+        )
+        if pipeline is not None
+        else one
+        for one, pipeline, _ in untouched
+    )
+    headline = held[planned[0].name]
+    spoiled = {finding.code for finding in findings}
+    more = [one.finding(headline) for one in measured if f"leak-{one.name}" not in spoiled]
     findings += tuple(finding for finding in more if finding is not None)
-    unknown = [name for name in accepted if name not in {one.code for one in (*checked, *findings)}]
+    unknown = set(accepted) - {finding.code for finding in (*checked, *findings)}
     settings = {
-        "spaces": names,
+        "spaces": list(held),
         "by": by,
         **({"paper": paper} if paper else {}),
         "classifier": describe_estimator(usual),
@@ -208,7 +209,7 @@ def evaluate(
         folds=folds,
         at_random=at_random,
         gap=Gap.of(drawn_for, held[drawn_for], at_random[drawn_for]) if at_random else None,
-        why_no_gap=draws if isinstance(draws, str) else "",
+        why_no_gap=why_no_gap,
         baselines=measured,
         adapted=_adapted(held),
         paper_accuracies={s.name: s.paper_accuracy for s in planned if s.paper_accuracy is not None},
@@ -222,7 +223,8 @@ def evaluate(
         notes=(
             *folds.notes,
             *notes,
-            *(f"accept: the checks found nothing called {name!r}" for name in unknown),
+            *fewer,
+            *(f"accept: the checks found nothing called {name!r}" for name in accepted if name in unknown),
             *data_warnings(data, [finding for finding in checked if finding not in findings]),
             *dict.fromkeys(note for one in held.values() for note in one.notes),
         ),
@@ -232,46 +234,37 @@ def evaluate(
     )
 
 
-@dataclass(eq=False)
-class _Run:
-    """What all spaces share: recordings, folds and draws."""
+class _Trial(NamedTuple):
+    """A pipeline that is scored under the folds of the headline, then under some of the draws."""
 
-    data: Dataset
-    folds: Folds
-    draws: Sequence[Folds]
-    seed: int
-    n_jobs: int | None
-    ticker: Ticker | None = None
+    name: str
+    pipeline: Pipeline
+    n_draws: int
+    X: Floats | None = None  # what stands for the samples
 
-    def n_steps(self, n_spaces: int, n_baselines: int) -> int:
-        """Count the fits."""
-        one_draw = n_spaces + n_baselines if self.draws else 0
-        return len(self.folds) * (n_spaces + n_baselines + one_draw + max(0, len(self.draws) - 1))
 
-    def strict(self, name: str, pipeline: Pipeline, **given: Any) -> Held:
-        """Score a space under the folds of the headline."""
-        return self._score(name, pipeline, self.folds, **given)
-
-    def at_random(self, name: str, pipeline: Pipeline, n_draws: int, **given: Any) -> tuple[float, ...]:
-        """Score a space under some of the draws; return an accuracy of each."""
-        some = self.draws[:n_draws]
-        if not some:
-            return ()
-        together = replace(some[0], folds=tuple(fold for draw in some for fold in draw))
-        held = self._score(name, pipeline, together, **given)
-        n_folds = len(self.folds)
-        return tuple(held.take(held.fold // n_folds == draw).accuracy for draw in range(len(some)))
-
-    def baseline(self, name: str, pipeline: Pipeline, X: Floats) -> tuple[Held, float]:
-        """Score a baseline under the folds of the headline, and under one draw."""
-        held = self.strict(f"baseline {name}", pipeline, X=X)
-        drawn = self.at_random(f"baseline {name}", pipeline, 1, X=X)
-        return held, drawn[0] if drawn else np.nan
-
-    def _score(self, name: str, pipeline: Pipeline, folds: Folds, **given: Any) -> Held:
-        shared: dict[str, Any] = {"seed": self.seed, "n_jobs": self.n_jobs}
-        tick = None if self.ticker is None else self.ticker.tick
-        return fit_and_score(pipeline, self.data, folds, name=name, tick=tick, **shared, **given)
+def _trials(
+    planned: Sequence[FeatureSpace],
+    usual: BaseEstimator,
+    untouched: Sequence[Untouched],
+    folds: Folds,
+    n_draws: int,
+) -> tuple[list[_Trial], str, list[str]]:
+    """Return all that is scored, the space that takes all draws, and notes."""
+    names = [space.name for space in planned]
+    drawn_for = "multiband" if names[0] == "best" and "multiband" in names else names[0]
+    few = min(1, n_draws)
+    trials, notes = [], []
+    for space in planned:
+        notes += _fewer_components(space, min(fold.train.size for fold in folds))
+        pipeline = space_pipeline(space.transformer, usual if space.classifier is None else space.classifier)
+        trials.append(_Trial(space.name, pipeline, n_draws if space.name == drawn_for else few))
+    trials += [
+        _Trial(f"baseline {one.name}", pipeline, few, X)
+        for one, pipeline, X in untouched
+        if pipeline is not None
+    ]
+    return trials, drawn_for, notes
 
 
 # The arguments.
@@ -283,12 +276,18 @@ def _seed(random_state: int | None) -> int:
     return whole_number("random_state", random_state, least=0, or_else=" or None")
 
 
-def _check_classifier(classifier: Any) -> None:
-    if classifier is not None and (
-        isinstance(classifier, type) or not all(hasattr(classifier, name) for name in ("fit", "get_params"))
-    ):
+def _usual(classifier: Any, planned: Sequence[FeatureSpace]) -> BaseEstimator:
+    """Return the classifier of the spaces that bring none, by default the paper's."""
+    if classifier is None:
+        return ECOCClassifier()
+    if isinstance(classifier, type) or not all(hasattr(classifier, name) for name in ("fit", "get_params")):
         wanted = f"must be a classifier of scikit-learn such as LinearSVC(), got {classifier!r:.60}"
         raise argument_error(TypeError, "classifier", wanted)
+    names = [space.name for space in planned if space.classifier is not None]
+    if len(names) == len(planned):
+        problem = f"has no use: {', '.join(names)} {verb(len(names), 'has', 'have')} one of its own"
+        raise argument_error(ValueError, "classifier", problem)
+    return classifier
 
 
 def _folds(data: Dataset, by: str, paper: bool | tuple[int, int, int], seed: int) -> Folds:
@@ -380,30 +379,37 @@ def _fewer_components(space: FeatureSpace, n_rows: int) -> list[str]:
 # What each fold shows beside its answers.
 
 
+def _observed(
+    y: NDArray[np.str_], adapts: bool, fitted: Pipeline, X: Floats, train: Rows, X_new: Floats, test: Rows
+) -> tuple[Choice | None, NDArray[np.bool_] | None]:
+    """Return what a model chose and, where models are to adapt, what it names right then."""
+    return choice_of(fitted), _adapted_answers(fitted, X, y[train], X_new, y[test]) if adapts else None
+
+
 def _adapted_answers(
-    fitted: Pipeline, X: Floats, y: NDArray[Any], X_new: Floats, truth: NDArray[np.intp]
+    fitted: Pipeline, X: Floats, y: NDArray[np.str_], X_new: Floats, y_new: NDArray[np.str_]
 ) -> NDArray[np.bool_] | None:
     """Whether each recording is named right by a model that was adapted to the other half of them.
 
     The halves take turns; each is declared to hold all materials. None where a half holds too few of one, or far more
     of one than of another.
     """
-    counts = np.bincount(truth)[np.unique(truth)]
+    labels, truth, counts = np.unique(y_new, return_inverse=True, return_counts=True)
     if (
         not isinstance(fitted[-1], BestClassifier)
-        or np.unique(truth).size < len(fitted[-1].classes_)
+        or labels.size < len(fitted[-1].classes_)
         or counts.min() < 2 * _LEAST_TO_ADAPT
         or counts.max() > _ABOUT_EQUAL * counts.min()
     ):
         return None
-    half = np.zeros(len(truth), dtype=np.intp)
-    for k in np.unique(truth).tolist():
-        half[truth == k] = np.arange((truth == k).sum()) % 2
-    right = np.zeros(len(truth), dtype=np.bool_)
+    half = np.zeros(len(y_new), dtype=np.intp)
+    for k, count in enumerate(counts.tolist()):
+        half[truth == k] = np.arange(count) % 2
+    right = np.zeros(len(y_new), dtype=np.bool_)
     for turn in (0, 1):
         adapted = adapted_classifier(fitted[-1], X, y, X_new[half == turn])
         others = half != turn
-        right[others] = adapted.predict(X_new[others]) == fitted[-1].classes_[truth[others]]
+        right[others] = adapted.predict(X_new[others]) == y_new[others]
     return right
 
 
@@ -418,14 +424,14 @@ def _adapted(held: Mapping[str, Held]) -> dict[str, Floats]:
     for name, one in held.items():
         right = [adapted for _, adapted in one.observed]
         if all(own is not None for own in right):
-            truth = [one.truth[one.fold == k] for k in range(len(right))]
-            found[name] = np.array(
-                [
-                    np.mean([own[y == k].mean() for k in np.unique(y)])
-                    for own, y in zip(right, truth, strict=True)
-                ]
-            )
+            wrong = (one.truth + 1) % len(one.classes)
+            adapted = replace(one, predicted=np.where(np.concatenate(right), one.truth, wrong))
+            found[name] = adapted.fold_accuracies()
     return found
+
+
+def _mean(accuracies: Sequence[float]) -> float:
+    return float(np.mean(accuracies)) if accuracies else np.nan
 
 
 def _call(settings: Mapping[str, Any], classifier: BaseEstimator | None) -> str:
