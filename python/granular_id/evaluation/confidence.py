@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.metrics import roc_auc_score
 
-from granular_id._checks import argument_error, checked_share
+from granular_id._checks import argument_error, checked_share, named
 from granular_id._estimators import versions
 from granular_id._files import json_value, write_json
 from granular_id._parallel import in_threads, single_threaded_blas
@@ -288,10 +288,14 @@ def confidence_study(
     wanted = tuple(checked_share("levels", level) for level in levels)
     share_known = checked_share("share_known", share_known)
     folds = hold_out(data, by, seed=random_state)
-    planned = space if isinstance(space, FeatureSpace) else _known(space, data.rate_hz)
-    n_unknown = len(set(data.y.tolist())) if len(set(data.y.tolist())) > 2 else 0
+    planned = space
+    if not isinstance(planned, FeatureSpace):
+        planned = named(feature_spaces(rate_hz=data.rate_hz), "space", space)
+    # Where two are known, a model of all but one has nothing to tell apart.
+    tested = np.unique(data.y[np.concatenate([fold.test for fold in folds])]).tolist()
+    left_out = tested if np.unique(data.y).size > 2 else []
     with displaying(progress) as display:
-        tick = Ticker(len(folds) + n_unknown, display.step).tick
+        tick = Ticker(len(folds) + len(left_out), display.step).tick
         classifier = ECOCClassifier() if planned.classifier is None else planned.classifier
         pipeline = space_pipeline(planned.transformer, classifier)
         held = fit_and_score(
@@ -300,22 +304,16 @@ def confidence_study(
         places = held.places
         reliability = _reliability(held, places)
         coverage = tuple(_coverage(held, places, level) for level in wanted)
-        left_out, novelty = [], ([np.empty(0)], [np.empty(0)])
-        if n_unknown:
-            tested = sorted(set(data.y[held.rows].tolist()))
 
-            def work(label: str) -> tuple[LeftOut, Floats, Floats]:
-                found = _leave_out(data, planned.transformer, folds, label, share_known)
-                tick(f"without {label}")
-                return found
+        def leave_out(label: str) -> tuple[LeftOut, Floats, Floats]:
+            found = _leave_out(data, planned.transformer, folds, label, share_known)
+            tick(f"without {label}")
+            return found
 
-            with single_threaded_blas():
-                for found, known, unknown in in_threads(work, tested, n_jobs):
-                    left_out.append(found)
-                    novelty[0].append(known)
-                    novelty[1].append(unknown)
+        with single_threaded_blas():
+            unknown = in_threads(leave_out, left_out, n_jobs)
     notes = [f"not tested: {label}, {why}" for label, why in folds.untested.items()]
-    if not n_unknown:
+    if not unknown:
         notes.append(
             "two materials only: none can be left out, so nothing is known of how the unknown is refused"
         )
@@ -326,21 +324,17 @@ def confidence_study(
         n_sessions=len(np.unique(places)) if folds.sessions_apart else 0,
         reliability=reliability,
         coverage=coverage,
-        unknown=tuple(left_out),
+        unknown=tuple(found for found, _, _ in unknown),
         share_known=share_known,
-        novelty=(np.concatenate(novelty[0]), np.concatenate(novelty[1])),
+        novelty=(
+            np.concatenate([np.empty(0), *(known for _, known, _ in unknown)]),
+            np.concatenate([np.empty(0), *(beyond for _, _, beyond in unknown)]),
+        ),
         notes=tuple(notes),
         data=describe_data(data),
         versions=versions(),
         synthetic=data.is_synthetic,
     )
-
-
-def _known(space: str, rate_hz: float) -> FeatureSpace:
-    known = feature_spaces(rate_hz=rate_hz)
-    if space not in known:
-        raise argument_error(ValueError, "space", f"must be one of {', '.join(known)}, got {space!r}")
-    return known[space]
 
 
 def _others(places: Codes) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
@@ -357,10 +351,8 @@ def _reliability(held: Held, places: Codes) -> Reliability:
         shares[own] = softmax(held.values[own], temperature)
     rows = np.arange(len(shares))
     stated, right = shares[rows, held.predicted], held.right.astype(np.float64)
-    n_of = np.bincount(places)
-    probability, accuracy = (
-        np.bincount(places, weights=each)[n_of > 0] / n_of[n_of > 0] for each in (stated, right)
-    )
+    n_of = np.bincount(places)  # from 0 on, none without rows
+    probability, accuracy = (np.bincount(places, weights=each) / n_of for each in (stated, right))
     too_sure = probability - accuracy
     interval = mean_interval(too_sure) if held.folds.sessions_apart else (math.nan, math.nan)
     edges = np.linspace(0, 1, _N_BINS + 1)
@@ -396,7 +388,7 @@ def _coverage(held: Held, places: Codes, level: float) -> Coverage:
         sessions = places[others] if held.folds.sessions_apart else None
         rule = candidate_rule(held.classes, held.values[others], held.truth[others], sessions, level)
         sets = rule.sets(held.values[own])
-        sets[np.arange(len(sets)), held.values[own].argmax(axis=1)] = True  # at least one
+        sets[np.arange(len(sets)), held.predicted[own]] = True  # at least one
         shares.append(float(sets[np.arange(len(sets)), held.truth[own]].mean()))
         sizes.append(float(sets.sum(axis=1).mean()))
     return Coverage(level, float(np.mean(shares)), min(shares), float(np.mean(sizes)))

@@ -180,14 +180,8 @@ def evaluate(
                 display.line(f"at random  {name}  {percent(float(drawn.mean()))}")
 
     measured = tuple(
-        replace(
-            one,
-            held=held.pop(f"baseline {one.name}"),
-            at_random=_mean(at_random.pop(f"baseline {one.name}", ())),
-        )
-        if pipeline is not None
-        else one
-        for one, pipeline, _ in untouched
+        replace(one, held=held.pop(trial, None), at_random=at_random.pop(trial, (np.nan,))[0])
+        for trial, one in ((f"baseline {one.name}", one) for one, _, _ in untouched)
     )
     headline = held[planned[0].name]
     spoiled = {finding.code for finding in findings}
@@ -428,10 +422,6 @@ def _adapted(held: Mapping[str, Held]) -> dict[str, Floats]:
             adapted = replace(one, predicted=np.where(np.concatenate(right), one.truth, wrong))
             found[name] = adapted.fold_accuracies()
     return found
-
-
-def _mean(accuracies: Sequence[float]) -> float:
-    return float(np.mean(accuracies)) if accuracies else np.nan
 
 
 def _call(settings: Mapping[str, Any], classifier: BaseEstimator | None) -> str:

@@ -79,7 +79,9 @@ def test_adapted_accuracy_never_tests_a_recording_that_it_saw(data):
             return super().predict(X)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("granular_id.evaluation.evaluating.adapted_classifier", lambda fitted, X, y, new: Spy(new))
+        patch.setattr(
+            "granular_id.evaluation.evaluating.adapted_classifier", lambda fitted, X, y, new: Spy(new)
+        )
         more = Dataset([*data, *(replace(r, name=f"{r.name} again", wrench=r.wrench + 0.1) for r in data)])
         result = evaluate(more, {"raw": RawSignal(), "own": space}, by="tool", accept="duplicates", **QUIET)
     assert len(asked) == 2 * len(TOOLS)

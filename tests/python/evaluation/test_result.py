@@ -19,8 +19,7 @@ from granular_id.evaluation import (
     recall_table,
 )
 from granular_id.evaluation.differences import compare
-from granular_id.evaluation.result import CSV_COLUMNS
-from granular_id.evaluation.result import comparison_tables, fold_table, seconds_table
+from granular_id.evaluation.result import CSV_COLUMNS, comparison_tables, fold_table, seconds_table
 from granular_id.recording import Finding
 from granular_id.statistics import holm
 from granular_id.synthetic import PAPER_MATERIALS

@@ -63,7 +63,9 @@ def gaps(law, n_draws):
         data, levels = law.draw(rng)
         folds = hold_out(data, seed=draw)
         held = fit_and_score(CENTROIDS, data, folds, X=levels)
-        drawn = [fit_and_score(CENTROIDS, data, one, X=levels).accuracy for one in matched_draws(data, folds)[0]]
+        drawn = [
+            fit_and_score(CENTROIDS, data, one, X=levels).accuracy for one in matched_draws(data, folds)[0]
+        ]
         found.append(Gap.of("levels", held, drawn))
     return found
 
