@@ -1,9 +1,13 @@
 """Small data sets for the tests of the evaluation."""
 
+from dataclasses import replace
+
 import numpy as np
 from sklearn.base import BaseEstimator, ClassifierMixin
 
 from granular_id.recording import Dataset, Recording
+from granular_id.score import Held
+from granular_id.splits import Fold, Folds
 
 LABELS = ("oat", "peas", "rice", "sugar")
 
@@ -76,4 +80,43 @@ def of_levels(levels, labels, sessions, **fields):
             )
             for k, (level, label, session) in enumerate(zip(levels, labels, sessions, strict=True))
         ]
+    )
+
+
+TOOLS = ("wide", "thin", "long")
+
+
+def with_tools(**meta):
+    """Twelve recordings of each material, four with each tool; a tool has sessions of its own."""
+    tools = [TOOLS[k % 12 // 4] for k in range(48)]
+    return Dataset(
+        [
+            replace(
+                r,
+                session=f"{tool} {k % 2}",
+                meta={"source": {"tool": tool}, **{name: of(k, tool) for name, of in meta.items()}},
+            )
+            for k, (r, tool) in enumerate(zip(make_data(n=12), tools, strict=True))
+        ]
+    )
+
+
+def held(right, truth, sessions):
+    """Answers about recordings of two materials, in one fold."""
+    right, truth, sessions = (
+        np.asarray(right, dtype=bool),
+        np.asarray(truth),
+        np.asarray(sessions, dtype=object),
+    )
+    rows = np.arange(truth.size)
+    return Held(
+        classes=("m0", "m1"),
+        rows=rows,
+        fold=np.zeros(truth.size, dtype=np.intp),
+        truth=truth,
+        predicted=np.where(right, truth, 1 - truth),
+        values=np.zeros((truth.size, 2)),
+        sessions=sessions,
+        clusters=sessions,
+        folds=Folds("session", (Fold(rows[:0], rows, "all"),)),
     )

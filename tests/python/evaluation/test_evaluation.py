@@ -20,7 +20,6 @@ from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
 from granular_id.identifier import Identifier
 from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.score import fit_and_score, space_pipeline
 from granular_id.spaces import HFMH, RawHFMH, RawSignal, Tare, feature_spaces
 from granular_id.splits import hold_out
 
@@ -55,35 +54,30 @@ def test_answers_equal_a_plain_loop_over_folds_and_pairs(data, evaluated, name):
     assert 0.3 < held.accuracy < 1.0  # labels mean little where all are right
 
 
-def test_headline_is_the_first_space_not_the_best(data):
-    folds = hold_out(data)
-    accuracies = {
-        name: fit_and_score(
-            space_pipeline(feature_spaces()[name].transformer, ECOCClassifier()), data, folds
-        ).accuracy
-        for name in ("raw", "hfmh")
-    }
-    worse, better = sorted(accuracies, key=accuracies.get)
-    assert accuracies[worse] < accuracies[better]
+def test_headline_is_the_first_space_not_the_best(data, evaluated):
+    worse, better = sorted(("raw", "hfmh"), key=evaluated.accuracy)
+    assert evaluated.accuracy(worse) < evaluated.accuracy(better)
     result = evaluate(data, [worse, better], **QUIET)
-    assert result.accuracy() == accuracies[worse]
+    assert result.accuracy() == evaluated.accuracy(worse)
     assert str(result).startswith(
-        f"{worse} names {100 * accuracies[worse]:.1f} % right with held-out sessions"
+        f"{worse} names {100 * result.accuracy():.1f} % right with held-out sessions"
     )
+
+
+class Always(Centroids):
+    """Names everything the first class."""
+
+    def decision_function(self, X):
+        return np.zeros(len(X))
+
+    def predict(self, X):
+        return np.repeat(self.classes_[:1], len(X))
 
 
 def test_unbalanced_classes_have_balanced_accuracy_beside_chance():
     """An answer that never varies is at chance, however frequent one class is."""
     rng = np.random.default_rng(0)
     data = of_levels(rng.normal(size=(100, 6)), ["a"] * 90 + ["b"] * 10, [f"s{k % 3}" for k in range(100)])
-
-    class Always(Centroids):
-        def decision_function(self, X):
-            return np.zeros(len(X))
-
-        def predict(self, X):
-            return np.repeat(self.classes_[:1], len(X))
-
     result = evaluate(data, "raw", classifier=Always(), **QUIET)
     assert result.accuracy() == result.chance == 0.5
     assert result.headline.right.mean() == 0.9
@@ -103,8 +97,7 @@ def test_chance_counts_the_materials_that_are_tested():
 def test_train_and_evaluate_state_the_same_accuracy(n_sessions):
     data = changed(make_data(n=16), session=lambda r: f"{int(r.name.split('_')[1]) % n_sessions}")
     estimate = Identifier.fit(data, "raw").trained["estimate"]
-    result = evaluate(data, "raw", **QUIET)
-    assert estimate["accuracy"] == result.accuracy() < 1
+    assert estimate["accuracy"] == evaluate(data, "raw", **QUIET).accuracy() < 1
 
 
 def test_a_random_classifier_is_seeded_by_fold(data):
@@ -113,24 +106,9 @@ def test_a_random_classifier_is_seeded_by_fold(data):
         evaluate(data, "raw", classifier=forest, **QUIET, **settings)
         for settings in ({"n_jobs": 1}, {"n_jobs": 2}, {"random_state": 8})
     )
-    assert list(one.predictions()) == list(two.predictions())
+    assert list(one.predictions()) == list(two.predictions()) != list(other.predictions())
     assert one.gap == two.gap
-    assert list(one.predictions()) != list(other.predictions())
     assert forest.random_state is None
-
-
-def test_any_classifier_fits_training_rows_only(data):
-    seen = []
-
-    class Spy(SVC):
-        def fit(self, X, y):
-            seen.append((X.shape, np.bincount(y).tolist()))
-            return super().fit(X, y)
-
-    result = evaluate(data, "raw", paper=PAPER, classifier=Spy(kernel="linear"), **QUIET)
-    assert seen == [((24, 480), [6, 6, 6, 6])] * 3
-    assert result.folds.name == "random partitions"
-    assert result.gap is None
 
 
 class Memory(TransformerMixin, BaseEstimator):
@@ -156,6 +134,7 @@ def test_what_learns_is_fitted_on_training_rows_and_the_rest_once(data):
     Memory.fitted_on.clear()
     result = evaluate(data, {"mine": Memory()}, paper=PAPER, **QUIET)
     assert Memory.fitted_on == [total(fold.train) for fold in result.folds]
+    assert (result.folds.name, result.gap) == ("random partitions", None)
     Memory.fitted_on.clear()
     same = evaluate(data, {"mine": Memory(learns=False)}, paper=PAPER, **QUIET)
     assert Memory.fitted_on == [total(slice(None))]
@@ -196,13 +175,13 @@ def test_seed_none_draws_one_and_records_it(data):
     assert list(again.predictions()) == list(one.predictions()) != list(other.predictions())
 
 
-@pytest.mark.parametrize("start_time", [True, False])
-def test_progress_counts_every_fit_and_ends_at_its_total(data, start_time):
+@pytest.mark.parametrize("clock", [True, False])
+def test_progress_counts_every_fit_and_ends_at_its_total(data, clock):
     steps = []
-    some = data if start_time else changed(data, start_time=lambda r: None)
+    some = data if clock else changed(data, start_time=lambda r: None)
     evaluate(some, ["raw", "hfmh"], n_jobs=2, progress=lambda *step: steps.append(step))
     # two folds: two spaces and the clock, where it can be had, held out and at random, 18 more draws of the headline
-    n_steps = 2 * (2 * (2 + start_time) + 18)
+    n_steps = 2 * (2 * (2 + clock) + 18)
     assert [step[:2] for step in steps] == [(done, n_steps) for done in range(1, n_steps + 1)]
 
 
@@ -219,11 +198,9 @@ def test_each_accuracy_is_a_line_with_or_without_a_terminal(data, capfd, monkeyp
 
 @pytest.mark.parametrize(("rate_hz", "last"), [(40.0, "raw"), (100.0, "raw+hfmh")])
 def test_usual_spaces_suit_the_rate(rate_hz, last):
-    data = changed(make_data(n=4), rate_hz=lambda r: rate_hz)
-    result = evaluate(data, **QUIET)
+    result = evaluate(changed(make_data(n=4), rate_hz=lambda r: rate_hz), **QUIET)
     assert result.spaces == ("best", "multiband", last)
     assert result.gap.space == "multiband"  # the same without a choice, and quicker to draw
-    assert str(result.gap) in " ".join(str(result).split())
     assert any("a high-pass at 23 Hz" in note for note in result.notes) == (rate_hz == 40)
 
 
@@ -251,7 +228,6 @@ def test_settings_of_any_estimator_become_json():
     function = FunctionTransformer(flat, inv_kw_args={"a": np.float64(np.inf)})
     described = describe_estimator(make_pipeline(function, imputer, SVC(C=np.float32(0.5))))
     text = json.dumps(described, allow_nan=False)
-    assert described["class"] == "Pipeline"
     assert '"missing_values": "nan"' in text
     assert '"C": 0.5' in text
     assert describe_estimator(function)["func"] == "evaluation_cases.flat"  # not where it lies in memory
@@ -278,21 +254,30 @@ def test_copies_on_both_sides_of_a_split_stop_it(data):
 
 
 def test_copies_within_a_held_out_session_spoil_nothing(data):
-    assert evaluate(copied(data, data[0].session), "raw", **QUIET).findings == ()
-
-
-def test_an_accepted_name_that_nothing_has_is_a_note(data):
-    result = evaluate(data, "raw", accept="leak-clok", **QUIET)
+    result = evaluate(copied(data, data[0].session), "raw", accept="leak-clok", **QUIET)
+    assert result.findings == ()
     assert "accept: the checks found nothing called 'leak-clok'" in result.notes
 
 
 # What is refused.
 
 
-def test_the_counts_that_a_refusal_offers_fit(data):
-    with pytest.raises(ValueError, match=r"pass paper=\(20, 8, 2\)$"):
-        evaluate(data, "raw", paper=True, **QUIET)
-    assert len(evaluate(data, "raw", paper=(2, 8, 2), **QUIET).folds) == 2
+class Broken(TransformerMixin, BaseEstimator):
+    def __init__(self, value=np.nan, learns=False):
+        self.value = value
+        self.learns = learns
+
+    def fit(self, X, y=None):
+        return self
+
+    def transform(self, X):
+        features = flat(X).copy()
+        features[:, 3] = self.value
+        return features
+
+
+OTHER_RATE = r"spaces\['mine'\]: .* has rate_hz=100, the recordings have 500 Hz"
+NOT_FINITE = "feature space 'mine' must give finite features, got {} in column 3"
 
 
 @pytest.mark.parametrize(
@@ -306,11 +291,21 @@ def test_the_counts_that_a_refusal_offers_fit(data):
         ({"spaces": {"mine": object()}}, TypeError, r"spaces\['mine'\] must have fit and transform"),
         ({"spaces": {"": StandardScaler()}}, TypeError, "a name must be non-empty text"),
         ({"spaces": {"flat": FunctionTransformer()}}, ValueError, r"'flat' must give an array \(n, D\)"),
+        ({"spaces": {"mine": RawHFMH(rate_hz=100.0)}}, ValueError, OTHER_RATE),
+        ({"spaces": {"mine": make_pipeline(make_pipeline(HFMH(rate_hz=100.0)))}}, ValueError, OTHER_RATE),
+        ({"spaces": {"mine": Broken(np.nan, True)}}, ValueError, NOT_FINITE.format("nan")),
+        ({"spaces": {"mine": Broken(np.inf, False)}}, ValueError, NOT_FINITE.format("inf")),
         ({"by": "speed"}, ValueError, "by='speed' cannot be held out, as no recording states it"),
         ({"by": "session", "paper": True}, ValueError, "by='session' has no use with paper"),
+        ({"paper": True}, ValueError, r"pass paper=\(20, 8, 2\)$"),
         ({"paper": (1, 2)}, TypeError, r"paper must be True or three numbers, .* got \(1, 2\)"),
         ({"paper": (3, 9, 3)}, ValueError, r"class 'oat' has 10 .* 12: 9 to train, 3 to test"),
         ({"classifier": SVC}, TypeError, "classifier must be a classifier of scikit-learn"),
+        (
+            {"classifier": SVC(), "spaces": "best"},
+            ValueError,
+            "classifier has no use: best has one of its own",
+        ),
         ({"baselines": "yes"}, TypeError, "baselines must be"),
         ({"accept": [3]}, TypeError, "accept must hold names as granular-id data check prints them, got 3"),
         ({"progress": "yes"}, TypeError, "progress must be a bool or callable, got str"),
@@ -322,8 +317,11 @@ def test_bad_arguments_are_refused(data, change, kind, message):
     arguments = {"data": data, "spaces": "raw", **QUIET, **change}
     with pytest.raises(kind, match=message) as caught:
         evaluate(arguments.pop("data"), **arguments)
-    (name,) = {*change} - {"data", "paper"} or {*change}
-    assert getattr(caught.value, "argument", name) == name
+    assert getattr(caught.value, "argument", next(iter(change))) in change
+
+
+def test_the_counts_that_a_refusal_offers_fit(data):
+    assert len(evaluate(data, "raw", paper=(2, 8, 2), **QUIET).folds) == 2
 
 
 @pytest.mark.parametrize(
@@ -343,39 +341,9 @@ def test_a_recording_unlike_the_others_is_refused(odd, message):
 def test_transformers_take_the_rate_of_the_recordings():
     data = changed(make_data(n=4), rate_hz=lambda r: 100.0)
     pipeline = make_pipeline(Tare(tare_s=0.1), RawHFMH())
-    result = evaluate(data, {"mine": pipeline}, **QUIET)
+    result = evaluate(data, {"mine": pipeline, "raw": RawSignal()}, **QUIET)
     assert '"rate_hz": 100.0' in json.dumps(result.settings["transformers"])
     assert pipeline[0].rate_hz is None
-
-
-@pytest.mark.parametrize(
-    "transformer",
-    [RawHFMH(rate_hz=100.0), make_pipeline(make_pipeline(HFMH(rate_hz=100.0)), StandardScaler())],
-)
-def test_a_transformer_of_another_rate_is_refused(data, transformer):
-    with pytest.raises(ValueError, match=r"spaces\['mine'\]: .* has rate_hz=100, the recordings have 500 Hz"):
-        evaluate(data, {"raw": RawSignal(), "mine": transformer}, **QUIET)
-
-
-class Broken(TransformerMixin, BaseEstimator):
-    def __init__(self, value=np.nan, learns=False):
-        self.value = value
-        self.learns = learns
-
-    def fit(self, X, y=None):
-        return self
-
-    def transform(self, X):
-        features = flat(X).copy()
-        features[:, 3] = self.value
-        return features
-
-
-@pytest.mark.parametrize(("value", "learns"), [(np.nan, True), (np.nan, False), (np.inf, False)])
-def test_features_that_are_not_finite_name_the_space(data, value, learns):
-    wanted = f"feature space 'mine' must give finite features, got {value} in column 3"
-    with pytest.raises(ValueError, match=wanted):
-        evaluate(data, {"mine": Broken(value, learns)}, **QUIET)
 
 
 def test_recordings_that_are_all_equal_are_named_by_chance(data):

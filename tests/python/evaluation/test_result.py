@@ -3,11 +3,9 @@
 import csv
 import json
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
-from scipy import stats
 from sklearn.metrics import balanced_accuracy_score, confusion_matrix, recall_score
 
 from evaluation_cases import LABELS, QUIET, make_data
@@ -18,10 +16,8 @@ from granular_id.evaluation import (
     mistakes_table,
     recall_table,
 )
-from granular_id.evaluation.differences import compare
 from granular_id.evaluation.result import CSV_COLUMNS, comparison_tables, fold_table, seconds_table
 from granular_id.recording import Finding
-from granular_id.statistics import holm
 from granular_id.synthetic import PAPER_MATERIALS
 
 
@@ -54,9 +50,8 @@ def test_csv_alone_recomputes_every_figure_of_the_json(evaluated, tmp_path):
 def test_json_is_strict_and_marks_the_paper(evaluated, paper):
     saved = json.loads(json.dumps(evaluated.to_dict(), allow_nan=False))
     assert saved["spaces"]["raw"]["accuracy_in_the_paper_on_its_own_data"] == 0.7614
-    assert saved["gap"]["p"] == evaluated.gap.p
+    assert (saved["gap"]["p"], paper.to_dict()["gap"]) == (evaluated.gap.p, None)
     assert [one["name"] for one in saved["baselines"]] == ["rest", "clock"]
-    assert paper.to_dict()["gap"] is None
 
 
 def test_unknown_spaces_are_refused(evaluated):
@@ -67,11 +62,6 @@ def test_unknown_spaces_are_refused(evaluated):
 # One screen.
 
 
-def words(result):
-    """The screen on one line."""
-    return " ".join(str(result).split())
-
-
 def test_one_screen_holds_24_lines_of_80_columns(data):
     result = evaluate(data, progress=False)
     noted = replace(result, notes=("warning: " + 40 * "long ", *result.notes))
@@ -80,20 +70,15 @@ def test_one_screen_holds_24_lines_of_80_columns(data):
     assert max(map(len, lines)) <= 80
 
 
-def test_headline_states_interval_and_chance(evaluated):
+@pytest.mark.parametrize("n_sessions", [2, 3])
+def test_headline_states_interval_and_chance(n_sessions):
     data = make_data(n=12)
-    three = type(data)([replace(r, session=f"day {k % 3}") for k, r in enumerate(data)])
-    result = evaluate(three, "raw", **QUIET)
-    low, high = result.interval()
-    assert 0 <= low < result.accuracy() < high <= 1
-    assert f"(95 % interval {100 * low:.0f} to {100 * high:.0f}, chance 25.0 %)" in words(result)
-
-
-def test_two_sessions_have_no_interval(data):
-    shared = type(data)([replace(r, session=f"day {k % 2}") for k, r in enumerate(data)])
+    shared = type(data)([replace(r, session=f"day {k % n_sessions}") for k, r in enumerate(data)])
     result = evaluate(shared, "raw", **QUIET)
-    assert np.isnan(result.interval()).all()
-    assert "right with held-out sessions (chance 25.0 %)" in words(result)
+    low, high = result.interval()
+    interval = "" if n_sessions == 2 else f"95 % interval {100 * low:.0f} to {100 * high:.0f}, "
+    assert np.isnan(low) if n_sessions == 2 else 0 <= low < result.accuracy() < high <= 1
+    assert f"with held-out sessions ({interval}chance 25.0 %)" in " ".join(str(result).split())
 
 
 def test_table_shows_strict_and_random_accuracies_and_the_gap(evaluated):
@@ -160,14 +145,6 @@ def test_details_hold_folds_mistakes_comparisons_and_seconds(evaluated, paper):
     assert comparison_tables(replace(paper, held={"raw": paper.held["raw"]})) == ()
 
 
-def test_pairs_are_compared_on_the_same_folds(paper):
-    (pair,) = compare(paper.held)
-    shares = {name: held.fold_accuracies() for name, held in paper.held.items()}
-    assert (pair.first, pair.second) == ("raw+hfmh", "raw")
-    assert pair.difference == pytest.approx((shares["raw+hfmh"] - shares["raw"]).mean())
-    assert pair.holm_p == pair.corrected_p
-
-
 def test_confusion_rows_sum_to_hundred_percent(evaluated):
     table = confusion_table(evaluated, "raw")
     assert table.header == ("true \\ named", "1", "2", "3", "4")
@@ -195,17 +172,3 @@ def test_recall_lists_the_worst_first_and_who_is_not_tested(evaluated):
     recall = evaluated.recall()
     assert [row[0] for row in table.rows] == [LABELS[k] for k in recall.argsort(kind="stable")]
     assert table.notes == ("peas: one session; it trains and is not tested",)
-
-
-def test_every_pair_has_the_figures_of_scipy(data):
-    result = evaluate(data, ["raw", "hfmh", "raw-histogram"], paper=(5, 6, 3), **QUIET)
-    shares = {name: held.fold_accuracies() for name, held in result.held.items()}
-    pairs = result.comparison()
-    assert [(pair.first, pair.second) for pair in pairs] == list(combinations(shares, 2))
-    for pair in pairs:
-        d = shares[pair.first] - shares[pair.second]
-        scale = np.sqrt((1 / 5 + 12 / 24) * d.var(ddof=1))
-        assert pair.corrected_p == pytest.approx(2 * stats.t.sf(abs(d.mean()) / scale, 4))
-        untied = stats.mannwhitneyu(shares[pair.first], shares[pair.second]).pvalue
-        assert pair.mann_whitney_p == pytest.approx(untied)
-    assert [pair.holm_p for pair in pairs] == holm([pair.corrected_p for pair in pairs]).tolist()

@@ -1,14 +1,16 @@
 """Which recordings train and which are tested: whatever the data, and errors that say why not."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
 
-from evaluation_cases import make_data
+from evaluation_cases import LABELS, TOOLS, make_data, with_tools
 from granular_id.evaluation import matched_draws
 from granular_id.recording import Dataset, Recording
+from granular_id.recording.conditions import conditions_in
 from granular_id.splits import (
     FOLDS_OF_MANY,
     N_FOLDS,
@@ -123,52 +125,41 @@ def test_matched_draws_mix_sessions():
 def test_sessions_that_all_materials_share_are_held_out_in_turn():
     days = np.repeat(["mon", "tue", "wed"], 4)
     folds = hold_out(made(["oat", "rice"] * 6, days))
-    assert folds.name == "held-out sessions"
-    assert folds.sessions_apart
+    assert (folds.name, folds.sessions_apart) == ("held-out sessions", True)
     assert [fold.held_out for fold in folds] == ["mon", "tue", "wed"]
     assert [set(days[fold.test]) for fold in folds] == [{"mon"}, {"tue"}, {"wed"}]
 
 
 def test_sessions_of_their_own_are_held_out_one_of_each_material():
-    y = np.repeat(["oat", "rice", "peas"], 6)
+    y = np.repeat(["oat", "rice", "peas"], 12)
     sessions = [f"{label} {k % 3}" for k, label in enumerate(y)]
     folds = hold_out(made(y, sessions))
-    assert [fold.held_out[:12] for fold in folds] == ["3 sessions: "[:12]] * 3
+    assert [fold.held_out[:12] for fold in folds] == ["3 sessions: "] * 3
     for fold in folds:
-        held = {sessions[row] for row in fold.test}
-        assert sorted(name.split()[0] for name in held) == ["oat", "peas", "rice"]
+        assert sorted({sessions[row].split()[0] for row in fold.test}) == ["oat", "peas", "rice"]
+        assert len({sessions[row] for row in fold.test}) == 3
 
 
-def test_a_lone_session_trains_and_is_not_tested():
-    """Two of four materials were recorded in one session, which the others share."""
-    y = np.repeat(["a", "b", "c", "d"], 8)
-    sessions = [f"s{k % 4}" if label in "ab" else "s0" for k, label in enumerate(y)]
-    data = made(y, sessions)
-    folds = hold_out(data)
-    assert dict(folds.untested) == {
-        "c": "one session, which always trains",
-        "d": "one session, which always trains",
-    }
-    first = np.flatnonzero(data.sessions == "s0")
+LONE, UNKNOWN = "one session, which always trains", "the session of 1 recording is not known"
+
+
+@pytest.mark.parametrize(
+    ("materials", "sessions", "held", "untested"),
+    [
+        ("aaaabbbbccdd", "stuvstuvssss", ["t", "u", "v"], {"c": LONE, "d": LONE}),
+        ("aabbccddee", "ssttstuvuv", ["u", "v"], {"c": "its sessions are the only ones of other materials"}),
+        ("aabbcccc", "ststst t", ["s", "t"], {"c": UNKNOWN}),
+    ],
+)
+def test_what_has_no_other_session_trains_and_is_not_tested(materials, sessions, held, untested):
+    data = made(materials, [name.strip() or None for name in sessions])
+    folds = hold_out(data, "session")
+    assert [fold.held_out for fold in folds] == held
+    assert untested.items() <= dict(folds.untested).items()
     for fold in folds:
-        assert set(first) <= set(fold.train)
-        assert set(y[fold.test]) == {"a", "b"}
-    assert folds.notes[0] == "3 sessions held out whole, in 3 folds"
-
-
-def test_sessions_that_are_the_only_ones_of_others_always_train():
-    y = np.repeat(list("abcde"), 4)
-    own = {"a": ["s"], "b": ["t"], "c": ["s", "t"], "d": ["u", "v"], "e": ["u", "v"]}
-    folds = hold_out(made(y, [own[label][k % len(own[label])] for k, label in enumerate(y)]), "session")
-    assert folds.untested["c"] == "its sessions are the only ones of other materials"
-    assert [fold.held_out for fold in folds] == ["u", "v"]
-
-
-def test_rows_without_a_session_train():
-    sessions = ["s", "t", "s", "t", "s", "t", None, "t"]
-    folds = hold_out(made(list("aabbcccc"), sessions), "session")
-    assert dict(folds.untested) == {"c": "the session of 1 recording is not known"}
-    assert all(6 in fold.train for fold in folds)
+        assert set(data.sessions[fold.test]) == {fold.held_out}
+        assert {row for row, name in enumerate(sessions) if name not in held} <= set(fold.train)
+        assert not set(data.y[fold.test]) & set(untested)
 
 
 @pytest.mark.parametrize(("n", "n_folds"), [(2000, N_FOLDS), (2002, FOLDS_OF_MANY)])
@@ -183,25 +174,32 @@ def test_many_sessions_are_held_out_in_few_folds_of_like_size(n, n_folds):
 
 
 @pytest.mark.parametrize(
-    ("sessions", "times", "by", "why"),
+    ("materials", "sessions", "times", "by", "why"),
     [
-        (None, None, "time", "not held-out sessions: no recording says which session it is from"),
-        (["a"] * 4 + ["b"] * 4, None, "time", "fewer than two materials have several sessions"),
-        (None, [1, *[None] * 7], "random", "not halves in time: recording '1' has no start time but 1 of 8"),
-        (["s", "t"] * 4, None, "session", "2 sessions held out whole, in 2 folds"),
+        ("ab", None, None, "time", "not held-out sessions: no recording says which session it is from"),
+        ("ab", "sssstttt", None, "time", "fewer than two materials have several sessions"),
+        (
+            "ab",
+            None,
+            [1, *[None] * 7],
+            "random",
+            "not halves in time: recording '1' has no start time but 1 of",
+        ),
+        ("ab", "stststst", None, "session", "2 sessions held out whole, in 2 folds"),
+        (
+            "abcde",
+            "ststststccccddddeeee",
+            None,
+            "time",
+            "not held-out sessions: 2 of 5 materials have several",
+        ),
+        ("abcde", "ststststccccddddeeee", [1, *[None] * 19], "session", "2 sessions held out whole"),
     ],
 )
-def test_auto_takes_sessions_else_halves_else_random_folds(sessions, times, by, why):
-    folds = hold_out(made(["a"] * 4 + ["b"] * 4, sessions, times))
+def test_auto_takes_sessions_else_halves_else_random_folds(materials, sessions, times, by, why):
+    folds = hold_out(made(np.repeat(list(materials), 4), sessions, times))
     assert folds.by == by
     assert why in " ".join(folds.notes)
-
-
-def test_auto_takes_halves_where_few_materials_have_sessions():
-    y = np.repeat(list("abcde"), 4)
-    folds = hold_out(made(y, [f"s{k % 2}" if label in "ab" else label for k, label in enumerate(y)]))
-    assert (folds.by, dict(folds.untested)) == ("time", {})
-    assert "not held-out sessions: 2 of 5 materials have several" in folds.notes
 
 
 @given(st.integers(0, 99), st.integers(2, 9))
@@ -228,12 +226,9 @@ def test_random_folds_are_stratified_and_even(n, m, n_folds):
         sizes = [np.isin(fold.test, rows_of).sum() for fold in folds]
         assert max(sizes) - min(sizes) <= 1
     assert not folds.strict
-
-
-def test_random_folds_depend_on_the_seed():
-    data = made(["a", "b"] * 20)
-    one, same, other = (hold_out(data, "random", seed=seed).folds[0].test.tolist() for seed in (0, 0, 1))
-    assert one == same != other
+    assert [
+        fold.test.tolist() for fold in hold_out(made(["a"] * n + ["b"] * m), "random", n_folds, seed=1)
+    ] != [fold.test.tolist() for fold in folds] or n + m < 12
 
 
 @pytest.mark.parametrize(
@@ -265,6 +260,87 @@ def test_rows_whose_session_is_not_known_choose_by_others():
 def test_order_that_names_no_rows_is_refused(order):
     with pytest.raises(ValueError, match="order must hold the row numbers 0 to 2, each once"):
         choice_folds(np.array([0, 1, 1]), None, order, n_folds=2, seed=0)
+
+
+# Conditions.
+
+
+def test_each_value_of_a_condition_is_held_out_whole():
+    data = with_tools(depth_mm=lambda k, _: 10.0 * (k % 2))
+    tools, folds = np.array([TOOLS[k % 12 // 4] for k in range(48)]), hold_out(data, "tool")
+    assert [fold.held_out for fold in folds] == list(TOOLS)
+    assert (folds.name, folds.strict, folds.sessions_apart) == ("another tool", True, True)
+    for fold, tool in zip(folds, TOOLS, strict=True):
+        np.testing.assert_array_equal(fold.test, np.flatnonzero(tools == tool))
+        np.testing.assert_array_equal(fold.train, np.flatnonzero(tools != tool))
+
+
+@pytest.mark.parametrize(
+    ("session", "notes"),
+    [
+        (lambda k: f"{k // 4 % 3}", ["each session has one tool: a loss may be that of other sessions"]),
+        (lambda k: None, []),
+        (
+            lambda k: "one day",
+            [
+                "1 session has several values of tool: what recordings of a session share is on both sides",
+            ],
+        ),
+    ],
+)
+def test_a_condition_beside_sessions_is_noted(session, notes):
+    data = Dataset([replace(r, session=session(k)) for k, r in enumerate(with_tools())])
+    assert list(hold_out(data, "tool").notes[1:]) == notes
+
+
+def test_a_material_without_another_value_is_not_tested_there():
+    folds = hold_out(made([*"abc" * 4, "d", "d"], tool=["one"] * 6 + ["two"] * 8), "tool")
+    assert set(folds.folds[1].test) == set(range(6, 12))
+    assert dict(folds.untested) == {"d": "no other tool to train on"}
+    assert "tool 'two': d has no other value to train on, and is not tested there" in folds.notes
+
+
+def test_conditions_are_session_set_up_metadata_and_day():
+    meta = {"tool": "rod", "rig": {"speed_m_s": 0.03, "lid": True}}
+    known = conditions_in(Dataset([replace(r, meta=meta) for r in with_tools()]))
+    assert list(known) == ["session", "tool", "motion", "rig.speed_m_s", "rig.lid", "day"]
+    assert [values[0] for name, values in known.items() if name != "session"] == [
+        *("rod", "0.03 m/s", "0.03", "True", "2001-09-09")
+    ]
+
+
+@pytest.mark.parametrize("name", ["depth_mm", "rig.depth_mm"])
+def test_the_end_of_a_path_is_enough(name):
+    data = with_tools(rig=lambda k, _: {"depth_mm": 10.0 + k % 2})
+    folds = hold_out(data, name)
+    assert (folds.by, folds.name) == ("rig.depth_mm", "another rig.depth_mm")
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("speed", "no recording states it; those that can be: session .6 values., tool .3 values., "),
+        ("label", "the labels are what is told apart"),
+        ("day", "all recordings have the same value, '2001-09-09'"),
+        ("run", "it has 48 values in 48 recordings, each a training of its own: note a few rounded values"),
+        ("robot", "47 of 48 recordings do not state it, the first is 'oat_1'"),
+        ("kind", "each material has one value of it only .oat: 'oat'., and would not train when held out"),
+        ("width", "it is several things: a.width, b.width"),
+        ("a", "it is no single value: take one within it, such as 'a.width'"),
+    ],
+)
+def test_what_cannot_be_held_out_is_refused_with_those_that_can(name, reason):
+    data = with_tools(
+        depth_mm=lambda k, _: 10.0 * (k % 2),
+        run=lambda k, _: k,
+        robot=lambda k, _: "left" if k == 0 else None,
+        kind=lambda k, _: LABELS[k // 12],
+        a=lambda k, _: {"width": 1},
+        b=lambda k, _: {"width": 2},
+    )
+    with pytest.raises(ValueError, match=rf"by='{name}' cannot be held out, as {reason}") as caught:
+        hold_out(data, name)
+    assert caught.value.argument == "by"
 
 
 # The paper's partitions.
@@ -354,12 +430,6 @@ def test_windows_that_share_nothing_of_few_recordings_are_drawn_singly():
     assert [fold.train.size + fold.test.size for fold in draw] == [len(data)] * 4
 
 
-def test_windows_of_one_recording_cannot_be_held_out_at_random():
-    data = drives({"a": 1, "b": 1}, n=400).windows(2.0, 0.1)
-    with pytest.raises(ValueError, match="all windows of a and b share samples with tested ones"):
-        hold_out(data, "random")
-
-
 # What is refused.
 
 FEW = np.repeat(["oat", "rice", "peas"], [80, 50, 61])
@@ -368,6 +438,11 @@ FEW = np.repeat(["oat", "rice", "peas"], [80, 50, 61])
 @pytest.mark.parametrize(
     ("make", "message"),
     [
+        (
+            lambda: hold_out(drives({"a": 1, "b": 1}, 400).windows(2.0, 0.1), "random"),
+            "all windows of a and b share",
+        ),
+        (lambda: hold_out(made("aabb"), "tool"), "these recordings state none that can be"),
         (lambda: hold_out(made("aaa")), "at least 2 classes, got only 'a'"),
         (lambda: hold_out(made("aab"), "random"), "by='random' cannot be held out: fewer than two materials"),
         (lambda: hold_out(made("ab")), "fewer than two materials have more than one recording"),

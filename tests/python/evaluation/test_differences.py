@@ -1,0 +1,81 @@
+"""What differs by more than chance: the gap to as many recordings at random, one space from another."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from evaluation_cases import QUIET, Centroids, held, of_levels
+from granular_id.evaluation import Gap, evaluate
+from granular_id.recording import Dataset, Recording
+
+
+@pytest.mark.parametrize(("n_below", "p", "lost"), [(0, 0.05, True), (1, 0.10, False), (19, 1.0, False)])
+def test_p_of_the_gap_is_the_rank_among_twenty(n_below, p, lost):
+    strict = held([1, 1, 0, 0], [0, 1, 0, 1], list("stst"))
+    gap = Gap.of("raw", strict, [0.5] * n_below + [0.6] * (19 - n_below))
+    assert (gap.p, gap.is_lost) == (pytest.approx(p), lost)
+    assert str(gap).startswith(
+        "10.0 points are lost" if lost else "no loss shown with held-out sessions (p ="
+    )
+
+
+def test_gap_is_at_most_the_draws_less_the_lower_end_of_the_interval():
+    strict = held([1, 1, 1, 0, 1, 1, 0, 1], [0, 1] * 4, np.repeat(list("stuv"), 2))
+    gap = Gap.of("raw", strict, [0.8] * 19)
+    assert gap.points == pytest.approx(0.05)
+    assert gap.most == pytest.approx(0.8 - strict.interval[0])
+    assert Gap.of("raw", strict, [0.0] * 19).most == 0
+    few = held([1, 1, 0, 0], [0, 1, 0, 1], list("ssst"))
+    assert np.isnan(Gap.of("raw", few, [0.4] * 19).most)
+
+
+@pytest.mark.parametrize(("effect", "lost"), [(0.0, False), (1.5, True)])
+def test_sessions_that_cost_are_found_and_others_not(effect, lost):
+    """Four materials that differ in level, in sessions of their own that add an offset."""
+    rng = np.random.default_rng(3)
+    session, material = (rows.ravel() for rows in np.indices((4, 4, 6))[:2])
+    offsets = effect * rng.normal(size=(4, 4, 6))
+    levels = 2.5 * np.eye(6)[material] + offsets[session, material] + rng.normal(size=(96, 6))
+    sessions = [f"{m} {s}" for m, s in zip(material, session, strict=True)]
+    data = of_levels(levels, [f"m{m}" for m in material], sessions)
+    result = evaluate(data, "raw", classifier=Centroids(), **QUIET)
+    assert result.gap.is_lost is lost
+    assert result.gap.points == pytest.approx(np.mean(result.at_random["raw"]) - result.accuracy())
+    assert len(result.at_random["raw"]) == 19
+
+
+def test_overlapping_windows_without_sessions_show_no_gap():
+    """Half of each window is that of the next: drawn apart they would be told by their copies."""
+    rng = np.random.default_rng(0)
+    long = [
+        Recording(
+            (1 + 0.2 * m) * rng.normal(size=(300, 6)), 100.0, label=f"m{m}", session=f"{m} {s // 2}", name=f"{m} {s}"
+        )
+        for m in range(3)
+        for s in range(10)
+    ]  # fmt: skip
+    gap = evaluate(Dataset(long).windows(0.6, 0.3), "hfmh", classifier=Centroids(), **QUIET).gap
+    assert not gap.is_lost
+    assert abs(gap.points) < 0.05
+    few = evaluate(Dataset(long[::2]).windows(0.6, 0.3), "hfmh", classifier=Centroids(), **QUIET)
+    assert few.gap is None
+    why = "gap not measured: m0: 5 recordings cut into windows that share samples"
+    assert why in " ".join(str(few).split())
+
+
+def test_every_pair_has_the_figures_of_scipy(data):
+    result = evaluate(data, ["raw", "hfmh", "raw-histogram"], paper=(5, 6, 3), **QUIET)
+    shares = {name: held.fold_accuracies() for name, held in result.held.items()}
+    pairs = result.comparison()
+    names = [(pair.first, pair.second) for pair in pairs]
+    assert names == [("raw", "hfmh"), ("raw", "raw-histogram"), ("hfmh", "raw-histogram")]
+    for pair in pairs:
+        d = shares[pair.first] - shares[pair.second]
+        assert pair.difference == pytest.approx(d.mean())
+        scale = np.sqrt((1 / 5 + 12 / 24) * d.var(ddof=1))
+        assert pair.corrected_p == pytest.approx(2 * stats.t.sf(abs(d.mean()) / scale, 4))
+        untied = stats.mannwhitneyu(shares[pair.first], shares[pair.second]).pvalue
+        assert pair.mann_whitney_p == pytest.approx(untied)
+    least, *others = sorted(pairs, key=lambda pair: pair.corrected_p)
+    assert least.holm_p == pytest.approx(min(1.0, 3 * least.corrected_p))
+    assert all(pair.holm_p >= pair.corrected_p for pair in others)
