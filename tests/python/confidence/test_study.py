@@ -193,21 +193,6 @@ def test_figure_shows_the_figures(study, tmp_path):
     }
 
 
-def test_legend_covers_nothing_that_it_explains(study):
-    pytest.importorskip("matplotlib")
-    bins = tuple(
-        replace(study.reliability.bins[0], probability=at, accuracy=1.0, n=48) for at in (0.02, 0.2, 0.42)
-    )
-    figure = plot_confidence(replace(study, reliability=replace(study.reliability, bins=bins)))
-    figure.canvas.draw()
-    for panel in figure.axes[:2]:
-        box = panel.get_legend().get_window_extent()
-        radius = 0.5 * np.sqrt(320.0) * figure.dpi / 72 if panel is figure.axes[0] else 3
-        drawn = panel.collections[0].get_offsets() if panel is figure.axes[0] else panel.lines[0].get_xydata()
-        points = panel.transData.transform([*drawn, (panel.get_xlim()[0], 1.0)])
-        assert (points[:, 1] + radius < box.y0).all()
-
-
 @pytest.mark.parametrize(("more", "labels", "height"), [([50.0], ["> 2"], 1 / 46), ([], [], 0.0)])
 def test_what_lies_beyond_the_bars_has_a_bar_of_its_own(study, more, labels, height):
     pytest.importorskip("matplotlib")
