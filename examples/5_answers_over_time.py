@@ -25,9 +25,9 @@ data = gid.synthesize(["rice", "fine sugar", "macaroni", "oat flakes"], n_per_cl
 # that are right. An early answer is given as soon as it is far enough ahead of the next; how far is
 # chosen so that at most 5 % are wrong.
 
-course = gid.accuracy_over_time(data, "multiband", target_error=0.05)
-print(course.summary())
-plot_over_time(course)
+model = gid.Identifier.fit(data, "multiband", target_error=0.05)
+print(model.over_time_.summary())
+plot_over_time(model.over_time_)
 
 # %%
 # One push, sample by sample
@@ -37,7 +37,6 @@ plot_over_time(course)
 # says that the whole push was seen: then the answer is that of the whole recording, bit for bit.
 # ``reset`` makes the stream ready for the next push.
 
-model = gid.Identifier.fit(data, "multiband", target_error=0.05)
 stream = gid.StreamingIdentifier(model)
 push = gid.synthesize(["macaroni"], n_per_class=1, seed=3)[0]
 

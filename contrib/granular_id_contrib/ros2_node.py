@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from granular_id._core import WindowError
-from granular_id.identifier import Identifier, setup_comparison
+from granular_id.identifier import Identifier
 from granular_id.live import (
     CaptureError,
     ForceTrigger,
@@ -158,10 +158,13 @@ class _Node:
 
 def _frame_for(model: Identifier) -> Callable[[str], str | None]:
     """Return a function of the frame of messages: the one frame that the model knows, where that is another one."""
-    compared = setup_comparison(model.core)
 
     def wanted(frame_id: str) -> str | None:
-        trained = [one.trained for one in compared(Setup(frame=frame_id), {}) if one.name == "frame"]
+        trained = [
+            one.trained
+            for one in model.requirements.differences(Setup(frame=frame_id), {})
+            if one.name == "frame"
+        ]
         return trained[0][0] if trained and len(trained[0]) == 1 else None
 
     return wanted

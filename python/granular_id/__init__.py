@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from granular_id.ecoc import ECOCClassifier
     from granular_id.evaluation import ConfidenceStudy, EvaluationResult, confidence_study, evaluate
     from granular_id.explanation import Explanation, explain
-    from granular_id.identifier import Decision, Identifier, StreamingIdentifier, accuracy_over_time
+    from granular_id.identifier import Decision, Identifier, StreamingIdentifier
     from granular_id.io import RecordingFileError, load, save
     from granular_id.live import WrenchBuffer, identify
     from granular_id.recording import (
@@ -84,7 +84,6 @@ __all__ = [
     "WithinClassWhitening",
     "WrenchBuffer",
     "__version__",
-    "accuracy_over_time",
     "confidence",
     "confidence_study",
     "evaluate",
@@ -132,7 +131,6 @@ _LAZY = {
     "TimePermutation": "spaces",
     "WithinClassWhitening": "spaces",
     "WrenchBuffer": "live",
-    "accuracy_over_time": "identifier",
     "confidence_study": "evaluation",
     "evaluate": "evaluation",
     "explain": "explanation",

@@ -18,8 +18,7 @@ from sklearn.pipeline import make_pipeline
 import granular_id as gid
 from granular_id.confidence import Novelty
 from granular_id.confidence.novelty import scaled
-from granular_id.identifier.adapt import features_of
-from granular_id.identifier.rules import confidence_rules
+from granular_id.identifier.core import features_of
 
 HERE = Path(__file__).resolve().parent
 KNOWN = ("rice", "wheat flour", "oat flakes", "sunflower seeds", "fine sugar", "macaroni")
@@ -39,7 +38,7 @@ def main(folder=HERE / "rules", seconds=0.5, space="hfmh"):
     )
     X = np.concatenate([known.X, others.X]).astype("<f4")
     (folder / "wrench.f32").write_bytes(X.tobytes())
-    (candidates, unknown), values = confidence_rules(model.core), -model.losses(X)
+    (candidates, unknown), values = model.confidence_rules(), -model.losses(X)
     scaling, *fitted = model.core.novelty
     known = unknown.knows(Novelty(*fitted).parts(scaled(features_of(model.core, X.astype(float)), scaling)))
     lines = [

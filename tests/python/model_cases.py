@@ -77,6 +77,15 @@ def with_rules(n_features, labels=("material 0", "material 1", "material 2")):
     }
 
 
+def with_trained(core, trained):
+    """Return a model that says something else of its training."""
+    parts, options = core.__getnewargs_ex__()
+    if "unknown" not in trained.get("confidence", ()):
+        options["novelty"] = None
+    metadata = {**core.metadata, "trained": json.dumps(trained)}
+    return Model(*parts, **{**options, "metadata": metadata})
+
+
 NUMBERS = {"F64": "<f8", "F32": "<f4"}
 
 

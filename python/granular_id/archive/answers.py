@@ -24,21 +24,18 @@ from granular_id.archive.extraction import Extraction, run
 from granular_id.archive.manifest import MANIFEST, Partitions
 from granular_id.archive.work import INDEX_COLUMNS, one_of_each, read_samples
 from granular_id.identifier import (
-    Begin,
     Identifier,
-    Metadata,
-    check_recordings,
+    answers_about,
     flags_in_words,
+    known_marks,
     mark_of,
-    named,
     notes_of_answers,
-    starts_in,
     synthetic_words,
 )
 from granular_id.io.errors import need
 from granular_id.io.parquet.archive import Archive, RowGroup
 from granular_id.io.parquet.layout import DIGEST
-from granular_id.recording import setup_mismatch
+from granular_id.recording import Begin, setup_mismatch
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -136,7 +133,7 @@ def identify(
         begin_at=begin_at,
         lead_s=lead_s,
         on_short=on_short,
-        loaded=known.core,
+        loaded=known,
     )
     extraction = run(
         opened,
@@ -175,13 +172,13 @@ class AnswerWork:
     begin_at: Begin = "auto"
     lead_s: float | None = None
     on_short: Literal["raise", "skip"] = "raise"
-    loaded: _core.Model | None = field(default=None, repr=False, compare=False)
+    loaded: Identifier | None = field(default=None, repr=False, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "loaded": None}
 
     @property
-    def core(self) -> _core.Model:
+    def identifier(self) -> Identifier:
         """The model."""
         return _model(self.model, self.sha256) if self.loaded is None else self.loaded
 
@@ -192,8 +189,8 @@ class AnswerWork:
 
     def check(self, archive: Archive) -> None:
         """Refuse other axes, rates and set-ups, and recordings that are too short; warn of what else is another."""
-        core, index = self.core, archive.index
-        differences = check_recordings(one_of_each(archive, core.rate_hz), core, self.accept)
+        model, index = self.identifier, archive.index
+        differences = model.requirements.check(one_of_each(archive, model.rate_hz), self.accept)
         starts = self._starts(index)
         without = np.flatnonzero(starts < 0)
         if len(without) == len(starts) or (len(without) and self.on_short == "raise"):
@@ -205,7 +202,7 @@ class AnswerWork:
             skip = "" if len(without) == len(starts) else ": pass on_short='skip' to give them no answer"
             raise ValueError(
                 f"recording {one['name']!r} has {counted(one['n_samples'], 'sample')} and {trigger}, the model takes "
-                f"{core.n_samples}; {how_many}{skip}"
+                f"{model.n_samples}; {how_many}{skip}"
             )
         if differences:
             warnings.warn(setup_mismatch(*differences), stacklevel=4)  # of `identify`, by `run`
@@ -220,21 +217,15 @@ class AnswerWork:
     def columns(self, archive: Archive, group: RowGroup) -> list[Any]:
         """Answers about one row group."""
         arrow = need("pyarrow", extra="app", why="to work on archives")
-        core = self.core
         rows = archive.index.slice(group.start, group.stop - group.start)
         n, starts = rows.num_rows, self._starts(rows)
         answered = np.flatnonzero(starts >= 0)
         if not len(answered):
             return [arrow.nulls(n, own.type) for own in self.fields()]
         X, flags = self._cropped(archive, group, rows, starts)
-        said = named(core, X, 1)
-        candidates, unknown = zip(*said.verdicts, strict=True)
+        each = list(answers_about(self.identifier, X, 1).each())
         values = (
-            np.array(core.classes, dtype=object)[said.order[:, 0]].tolist(),
-            said.margin.tolist(),
-            [None] * len(X) if said.probability is None else said.probability.tolist(),
-            candidates,
-            unknown,
+            *([row[name] for row in each] for name in ("label", *COLUMNS[1:5])),
             [flags_in_words(one) for one in flags],
             self._trained_on(rows, answered, X, flags),
         )
@@ -251,13 +242,15 @@ class AnswerWork:
         lengths = np.asarray(rows["n_samples"].to_numpy(), np.int64)
         triggers = np.asarray(rows["trigger_index"].fill_null(-1).to_numpy(), np.int64)
         names = _Names(rows)
-        return starts_in(names, lengths, triggers, self.core, begin_at=self.begin_at, lead_s=self.lead_s)
+        return self.identifier.requirements.starts(
+            names, lengths, triggers, begin_at=self.begin_at, lead_s=self.lead_s
+        )
 
     def _cropped(
         self, archive: Archive, group: RowGroup, rows: Any, starts: npt.NDArray[np.int64]
     ) -> tuple[FloatArray, list[npt.NDArray[np.uint8] | None]]:
         """Return samples (n, T, C) of the recordings that are answered, and their flags."""
-        n, n_axes = self.core.n_samples, len(archive.axes)
+        n, n_axes = self.identifier.n_samples, len(archive.axes)
         lengths = np.asarray(rows["n_samples"].to_numpy(), np.int64)
         answered = np.flatnonzero(starts >= 0)
         if archive.has_flags(group):
@@ -283,7 +276,7 @@ class AnswerWork:
         flags: Sequence[npt.NDArray[np.uint8] | None],
     ) -> list[bool | None]:
         """Tell which recordings the model was trained on; None where it does not know them one by one."""
-        marks = Metadata(self.core).marks
+        marks = known_marks(self.identifier)
         if marks is None:
             return [None] * len(answered)
         stored = rows[DIGEST].to_pylist()
@@ -310,12 +303,12 @@ class _Names(Sequence[str]):
 
 
 @lru_cache(maxsize=_KEPT_MODELS)
-def _model(path: str, sha256: str) -> _core.Model:
+def _model(path: str, sha256: str) -> Identifier:
     """Read a model once a process."""
     content = Path(path).read_bytes()
     if hashlib.sha256(content).hexdigest() != sha256:
         raise ValueError(f"{path} is no longer the model that answers here")
-    return _core.Model.from_bytes(content, max_file_bytes=len(content))
+    return Identifier(_core.Model.from_bytes(content, max_file_bytes=len(content)))
 
 
 class Answers(Partitions):

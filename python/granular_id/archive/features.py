@@ -174,10 +174,10 @@ class FeatureWork:
         accept: str | Sequence[str],
         dtype: str,
     ) -> FeatureWork:
-        from granular_id.identifier import Identifier, check_recordings
+        from granular_id.identifier import Identifier
 
         known = model if isinstance(model, Identifier) else Identifier.load(model)
-        differences = check_recordings(one_of_each(archive, known.rate_hz), known.core, accept)
+        differences = known.requirements.check(one_of_each(archive, known.rate_hz), accept)
         if differences:
             warnings.warn(setup_mismatch(*differences), stacklevel=4)
         spec, n_samples = known.spec, known.n_samples

@@ -208,9 +208,6 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"\ballow_missing=True": "--allow-missing",
     r"\ball_materials(=True)?": "--all-materials",
     r"\bgive labels$": "add --labelled in its place",
-    r"pass the recordings of its training, trained_on=data": (
-        "train it again with granular-id train, or adapt it in Python, which takes them: trained_on=data"
-    ),
     r"^labels must hold labels of the training": (
         "every label must be one that the model knows (granular-id model info MODEL)"
     ),

@@ -146,16 +146,13 @@ class Fitting(StepOptions):
 
     def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> tuple[Dataset, tuple[str, ...]]:
         """Bring recordings to the length of a model, saying what each step did; return how they differ."""
-        from granular_id.identifier import check_recordings, cropped_to_model
-
-        accepted = self.accepted
-        differences = check_recordings(data, identifier.core, accepted)
+        wanted, accepted = identifier.requirements, self.accepted
+        differences = wanted.check(data, accepted)
         if self.begin_at == "onset":
             data = say_step(self.with_onsets(data), quiet=quiet)
-            differences = check_recordings(data, identifier.core, accepted)  # the trigger is another one
-        cropped = cropped_to_model(
+            differences = wanted.check(data, accepted)  # the trigger is another one
+        cropped = wanted.crop(
             data,
-            identifier.core,
             begin_at="trigger" if self.begin_at == "onset" else self.begin_at,
             lead_s=self.lead_s,
             on_short=self.on_short,
@@ -324,11 +321,11 @@ def _answer_each(
     from granular_id.identifier import identify_all
 
     taken, differences = fitting.taken(data, identifier, quiet=quiet)
-    answers = identify_all(identifier.core, taken, differences)
+    answers = identify_all(identifier, taken, differences)
     if quiet:
-        for answer in answers:
-            said = f"like no known material, nearest {answer.label}" if answer.unknown else answer.label
-            typer.echo(f"{answer.name}\t{said}")  # rich would turn the tab into blanks
+        for answer in answers.each():
+            nearest = "like no known material, nearest " if answer["unknown"] else ""
+            typer.echo(f"{answer['name']}\t{nearest}{answer['label']}")  # rich would turn the tab into blanks
         warn_of_setups(differences, err=True)
         if answers.synthetic:
             show(answers.synthetic, "bold yellow", err=True)

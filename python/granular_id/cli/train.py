@@ -85,9 +85,9 @@ def train(
     method.refuse_unused()
     data = equal_recordings(reading, steps, quiet=quiet)
 
-    from granular_id.identifier import Identifier, describe_performance, over_time, train as fit
+    from granular_id.identifier import Identifier, describe_performance
 
-    training = fit(
+    identifier = Identifier.fit(
         data,
         method.space if not method.given() else method.pipeline(data.rate_hz),
         by=hold_out,
@@ -99,21 +99,19 @@ def train(
         threads=method.threads,
         progress=not quiet,
     )
-    identifier = Identifier(training.core)
-    if figure is not None and training.held is None:
-        why = training.trained["why_no_estimate"]
+    course = identifier.over_time_
+    if figure is not None and course is None:
+        why = identifier.trained["why_no_estimate"]
         raise ValueError(f"--figure shows held-out recordings, and there are none: {why}")
     _print(describe_performance(identifier))
     identifier.save(output)  # first: what goes wrong with a figure must not cost the training
-    course = None
-    if training.held is not None:
-        course = over_time(training.held, data.rate_hz, training.early, synthetic=data.is_synthetic)
     if figure is not None and course is not None:
         from granular_id.plotting import plot_over_time
 
         plot_over_time(course, path=figure)
     if json is not None:
-        write_json(json, {**training.trained, "over_time": None if course is None else course.to_dict()})
+        known = {name: value for name, value in identifier.trained.items() if name != "source"}
+        write_json(json, {**known, "over_time": None if course is None else course.to_dict()})
     say_written([output, figure, json], repeat=not quiet)
 
 

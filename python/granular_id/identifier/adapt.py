@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from typing import Any
@@ -15,24 +15,21 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import checked_flag
-from granular_id._memory import empty
 from granular_id._parallel import single_threaded_blas
 from granular_id._text import counted, percent, verb
 from granular_id.features import FeatureSpec
-from granular_id.identifier.metadata import (
+from granular_id.identifier.core import features_of
+from granular_id.identifier.model import (
     ADAPTED,
     MARKS,
     MAX_FILE_BYTES,
+    RULES,
     SOURCE,
-    Begin,
-    Metadata,
-    check_recordings,
-    cropped_to_model,
-    fingerprint,
-    marks_of,
+    TrainedModel,
+    known_marks,
+    mark_of,
     stored_marks,
 )
-from granular_id.identifier.rules import KEY as CONFIDENCE
 from granular_id.recording import Dataset, setups_in, values_in
 from granular_id.spaces import (
     LEAST_ROWS,
@@ -46,75 +43,54 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
 
 _MOST_SOURCE = 2**19
-"""Bytes of text; a model of more materials or features keeps none, and asks for its recordings again."""
+"""Bytes of text; a model of more materials or features keeps none, and cannot be adapted."""
 
-_FOR_MORE = 2**17
-"""Bytes that are left for what adapting adds in the largest file."""
+_FOR_MORE = 2**18
+"""Bytes that are left for what else is said of the training, and what adapting adds, in the largest file."""
 
 _DONE_TO_SAMPLES = ("tare", "payload", "compensated")
 
-_LEAST_KNOWN = 0.9  # linear learners name nearly all of what trained them
 _CHANCE = 1.5  # recordings
-_AT_ONCE = 1024
 _MOST_FOLDS = 5
 
 
-def features_of(core: _core.Model, X: FloatArray, threads: int | None = None) -> FloatArray:
-    """Extract what the weights of a model are for, (n, D), from recordings (n, T, C)."""
-    spec = core.spec
-    features = empty((len(X), core.n_features), "features of the recordings")
-    for start in range(0, len(X), _AT_ONCE):
-        rows = slice(start, start + _AT_ONCE)
-        if isinstance(spec, FeatureSpec):
-            features[rows] = _core.extract_features(X[rows], spec, threads, None, np.float64)
-        else:
-            features[rows] = spec.extract(X[rows], threads)
-    return features
-
-
-def with_source(
-    core: _core.Model, rows: Callable[[], FloatArray], y: npt.NDArray[np.str_], max_file_bytes: int
-) -> _core.Model:
-    """Return the model with what adapting it needs of its training rows; as it is where that is too large."""
-    if not _has_room(core, max_file_bytes):
-        return core
-    with single_threaded_blas():
-        stored = _stored_source(_statistics(core, rows(), y))
-    trained = {**Metadata(core).trained, SOURCE: stored}
-    return _changed(core, trained)
-
-
-def _has_room(core: _core.Model, max_file_bytes: int = MAX_FILE_BYTES) -> bool:
-    text = 4 * 8 * (2 * core.n_features + core.coding_matrix.size) // 3
-    return text <= _MOST_SOURCE and len(core.to_bytes()) + text + _FOR_MORE <= max_file_bytes
+def check_way(labels: object, *, all_materials: bool, allow_missing: bool) -> None:
+    """Refuse neither and both of the two ways to adapt; missing materials may be allowed where labels are given."""
+    if (labels is not None) == checked_flag("all_materials", all_materials):
+        raise ValueError(
+            f"adapting needs one of two ways, got {'both' if all_materials else 'neither'}: give the labels of a few "
+            "recordings of each material, or pass all_materials=True, which declares that the recordings hold all "
+            "materials about equally"
+        )
+    if checked_flag("allow_missing", allow_missing) and all_materials:
+        raise ValueError(
+            "leave out allow_missing=True: all_materials=True declares that no material is missing"
+        )
 
 
 def adapted_model(
-    core: _core.Model,
-    recordings: Dataset,
+    model: TrainedModel,
+    data: Dataset,
     labels: npt.ArrayLike | None,
+    differences: Sequence[str],
     *,
-    all_materials: bool,
     allow_missing: bool,
-    trained_on: Dataset | None,
-    begin_at: Begin,
-    lead_s: float | None,
-    accept: str | Sequence[str],
-    threads: int | None,
 ) -> _core.Model:
-    """Bring a model to the set-up of recordings; `Identifier.adapt` describes it."""
-    _check_way(labels, all_materials, allow_missing)
-    if not isinstance(recordings, Dataset):
-        raise TypeError(f"recordings must be a granular_id.Dataset, got {type(recordings).__name__}")
-    differences = check_recordings(recordings, core, accept)
-    data = cropped_to_model(recordings, core, begin_at=begin_at, lead_s=lead_s, over_all=False)
-    truth = _known_codes(data, core.classes)
+    """Bring a model to the set-up of recordings of its length; without labels they hold all materials.
+
+    `differences` are those of their set-up. `Identifier.adapt` describes it.
+    """
+    core = model.core
+    places: dict[str | None, int] = {label: code for code, label in enumerate(core.classes)}
+    truth = np.array([places.get(one.label, -1) for one in data], dtype=np.intp)
     missing: list[str] = []
     if labels is not None:
-        truth = _codes_of(np.asarray(labels), core.classes, len(data), "labels")
+        truth = _codes_of(np.asarray(labels), core.classes, len(data))
         missing = _refuse_too_little(truth, core.classes, allow_missing)
-    source, learners, blocks = _source(core, trained_on, threads), _learners(core), _blocks(core)
-    rows = features_of(core, data.X, threads)
+    source, learners = _read_source(model), _learners(core)
+    # Of samples and counts too few rows tell too little: there regression costs what recentring gains.
+    blocks = None if isinstance(core.spec, FeatureSpec) else core.spec.block_sizes
+    rows = features_of(core, data.X)
 
     def corrected(members: npt.NDArray[np.bool_]) -> Learners:
         return adapted_by_labels(learners, source, rows[members], truth[members], blocks)
@@ -131,7 +107,7 @@ def adapted_model(
     accuracies = None
     if after is not None and judged.any():
         accuracies = _balanced(before[judged], truth[judged]), _balanced(after[judged], truth[judged])
-    doubts = _doubts_of_labels(core, data, truth) if labels is not None else _doubts_of_all(core, data)
+    doubts = _doubts_of_all(core, data) if labels is None else _doubts_of_labels(model, data, truth)
     if accuracies is not None and (accuracies[0] - accuracies[1]) * judged.sum() > _CHANCE:
         doubts.append(
             f"balanced accuracy on the recordings with a label fell from {percent(accuracies[0])} to "
@@ -140,37 +116,18 @@ def adapted_model(
     for doubt in doubts:
         warnings.warn(doubt, stacklevel=3)  # of `Identifier.adapt`
     line = _line(len(data), labels is not None, missing, differences, accuracies)
-    return _new_model(core, made, known, data, line, labelled=labels is not None)
+    return _new_model(model, made, known, data, line, labelled=labels is not None)
 
 
-def _check_way(labels: object, all_materials: bool, allow_missing: bool) -> None:
-    """Refuse neither and both of the two ways to adapt; missing materials may be allowed where labels are given."""
-    if (labels is not None) == checked_flag("all_materials", all_materials):
-        raise ValueError(
-            f"adapting needs one of two ways, got {'both' if all_materials else 'neither'}: give the labels of a few "
-            "recordings of each material, or pass all_materials=True, which declares that the recordings hold all "
-            "materials about equally"
-        )
-    if checked_flag("allow_missing", allow_missing) and all_materials:
-        raise ValueError(
-            "leave out allow_missing=True: all_materials=True declares that no material is missing"
-        )
-
-
-def _codes_of(labels: npt.NDArray[Any], classes: Sequence[str], n: int, name: str) -> IntArray:
+def _codes_of(labels: npt.NDArray[Any], classes: Sequence[str], n: int) -> IntArray:
     """Return the place of each of n labels among the classes; refuse others."""
     if labels.shape != (n,):
-        raise ValueError(f"{name} must hold a label for each of {n} recordings, got shape {labels.shape}")
+        raise ValueError(f"labels must hold a label for each of {n} recordings, got shape {labels.shape}")
     codes = {label: code for code, label in enumerate(classes)}
     unknown = next((label for label in labels.tolist() if label not in codes), None)
     if unknown is not None:
-        raise ValueError(f"{name} must hold labels of the training, got {unknown!r}")
+        raise ValueError(f"labels must hold labels of the training, got {unknown!r}")
     return np.array([codes[label] for label in labels.tolist()], dtype=np.intp)
-
-
-def _missing(codes: IntArray, classes: Sequence[str]) -> list[str]:
-    """Return the classes that no recording has."""
-    return [label for code, label in enumerate(classes) if code not in set(codes.tolist())]
 
 
 def _refuse_too_little(codes: IntArray, classes: Sequence[str], allow_missing: bool) -> list[str]:
@@ -180,7 +137,7 @@ def _refuse_too_little(codes: IntArray, classes: Sequence[str], allow_missing: b
             f"adapting by labels needs at least {LEAST_ROWS} recordings, got {len(codes)}: the offset of one cannot be "
             "told from its material; record more, of more materials"
         )
-    missing = _missing(codes, classes)
+    missing = [label for code, label in enumerate(classes) if code not in codes]
     if missing and not allow_missing:
         raise ValueError(
             f"adapting by labels needs recordings of every material, {', '.join(missing)} "
@@ -188,12 +145,6 @@ def _refuse_too_little(codes: IntArray, classes: Sequence[str], allow_missing: b
             "or pass allow_missing=True"
         )
     return missing
-
-
-def _known_codes(data: Dataset, classes: Sequence[str]) -> IntArray:
-    """Return the place of each recording's label among the classes; -1 where it has none of them."""
-    places: dict[str | None, int] = {label: code for code, label in enumerate(classes)}
-    return np.array([places.get(one.label, -1) for one in data], dtype=np.intp)
 
 
 def _answers_held_out(
@@ -226,16 +177,16 @@ def _doubts_of_all(core: _core.Model, data: Dataset) -> list[str]:
     ]
 
 
-def _doubts_of_labels(core: _core.Model, data: Dataset, codes: IntArray) -> list[str]:
+def _doubts_of_labels(model: TrainedModel, data: Dataset, codes: IntArray) -> list[str]:
     """Say where labelled recordings are of one material, or have trained the model before."""
     doubts = []
     if len(set(codes.tolist())) == 1:
         doubts.append(
-            f"all recordings are of one material, {core.classes[codes[0]]}: the set-up cannot be told from it, and the "
-            "new model may name other materials less well; record several"
+            f"all recordings are of one material, {model.classes[codes[0]]}: the set-up cannot be told from it, and "
+            "the new model may name other materials less well; record several"
         )
-    known = Metadata(core).marks
-    if known and (again := sum(mark in known for mark in marks_of(data))):
+    known = known_marks(model)
+    if known and (again := sum(mark_of(samples) in known for samples in data.X)):
         doubts.append(
             f"{again} of {counted(len(data))} {verb(again, 'has', 'have')} trained or adapted the model before, and "
             "count twice now: record others"
@@ -265,85 +216,47 @@ def _line(
     return "; ".join(parts)
 
 
+# What a model keeps of its training, to be adapted with.
+
+
 def _learners(core: _core.Model) -> Learners:
     return Learners(core.coef, core.intercept, core.coding_matrix, core.losses)
 
 
-def _blocks(core: _core.Model) -> dict[str, int] | None:
-    """Of samples and counts too few rows tell too little: there regression costs what recentring gains."""
-    return None if isinstance(core.spec, FeatureSpec) else core.spec.block_sizes
-
-
-# What a model keeps of its training.
-
-
-def _statistics(core: _core.Model, rows: FloatArray, y: npt.NDArray[np.str_]) -> SourceStatistics:
-    codes = _codes_of(y, core.classes, len(rows), "trained_on")
-    missing = _missing(codes, core.classes)
-    if missing:
-        raise ValueError(
-            f"trained_on must hold every material that the model knows, {missing[0]!r} is missing"
-        )
-    return SourceStatistics.of(rows, codes, _learners(core))
-
-
-def _source(core: _core.Model, trained_on: Dataset | None, threads: int | None) -> SourceStatistics:
-    """Read what the model keeps of its training, or compute it from the recordings."""
-    known = Metadata(core)
-    stored = known.trained.get(SOURCE)
-    if trained_on is not None:
-        _check_trained_on(core, trained_on)
-    if stored is not None:
-        return _read_source(stored, core)
-    if known.trained.get(ADAPTED):
-        raise ValueError(
-            "the model keeps nothing of its training, and was adapted before: adapt the model that it was made from"
-        )
-    if trained_on is None:
-        raise ValueError(
-            "the model keeps nothing of its training that it could be adapted with: it was taken over from a pipeline "
-            "or has too many materials; pass the recordings of its training, trained_on=data"
-        )
-    if Metadata(core).trained.get("background"):  # never named, and no part of the weights
-        trained_on = trained_on.select(labels=list(core.classes))
-    rows, y = features_of(core, trained_on.X, threads), trained_on.y
+def stored_source(core: _core.Model, rows: FloatArray, codes: IntArray) -> dict[str, Any]:
+    """Return what a model keeps of the rows (n, D) that trained it; nothing where that is too large."""
+    if not _has_room(core):
+        return {}
     with single_threaded_blas():
-        source, named = _statistics(core, rows, y), _learners(core).answers(rows)
-    accuracy = _balanced(named, _codes_of(y, core.classes, len(rows), "trained_on"))
-    if accuracy < _LEAST_KNOWN:
-        warnings.warn(
-            f"the model names only {percent(accuracy)} of trained_on rightly: if these are not the recordings of its "
-            "training, what follows is wrong",
-            stacklevel=4,
-        )
-    return source
+        return _as_text(SourceStatistics.of(rows, codes, _learners(core)))
 
 
-def _check_trained_on(core: _core.Model, trained_on: Dataset) -> None:
-    """Refuse what is not the recordings of the training; a model that was taken over does not know them."""
-    if not isinstance(trained_on, Dataset):
-        raise TypeError(f"trained_on must be a granular_id.Dataset, got {type(trained_on).__name__}")
-    trained, digest = Metadata(core).trained, core.metadata["training_sha256"]
-    settings = trained.get("settings")
-    if not trained.get(ADAPTED):  # which names the set-up of the new recordings
-        check_recordings(trained_on, core)
-    if settings is not None and digest and fingerprint(trained_on, settings) != digest:
-        raise ValueError(
-            "trained_on must be the recordings that the model was trained on, in their order and as they were "
-            "prepared then; these are others"
-        )
+def _has_room(core: _core.Model) -> bool:
+    """Whether what is kept of the training fits into a model file, beside novelty in float32."""
+    n_features, n_learners, n_classes = core.n_features, core.n_learners, core.n_classes
+    text = 4 * 8 * (2 * n_features + n_classes * n_learners) // 3
+    tensors = 8 * n_features * n_learners + 4 * n_features * (2 * n_classes + 1)
+    return text <= _MOST_SOURCE and tensors + text + _FOR_MORE <= MAX_FILE_BYTES
 
 
-def _stored_source(source: SourceStatistics) -> dict[str, str | None]:
+def _as_text(source: SourceStatistics) -> dict[str, Any]:
     parts = {"mean": source.mean, "sd": source.sd, "scores": source.scores}
     return {
-        name: None if v is None else base64.b64encode(v.astype("<f8").tobytes()).decode("ascii")
-        for name, v in parts.items()
+        SOURCE: {
+            name: None if v is None else base64.b64encode(v.astype("<f8").tobytes()).decode("ascii")
+            for name, v in parts.items()
+        }
     }
 
 
-def _read_source(stored: Mapping[str, str | None], core: _core.Model) -> SourceStatistics:
-    n_features, shape = core.n_features, core.coding_matrix.shape
+def _read_source(model: TrainedModel) -> SourceStatistics:
+    stored = model.trained.get(SOURCE)
+    if stored is None:
+        raise ValueError(
+            "the model keeps nothing of its training that it could be adapted with: it was taken over from a pipeline, "
+            "or has too many learners; train one from recordings, of many materials with ECOCClassifier('onevsall')"
+        )
+    n_features, shape = model.core.n_features, model.core.coding_matrix.shape
     mean = None if stored["mean"] is None else _numbers(stored["mean"], "mean", n_features)
     sd = _numbers(stored["sd"], "sd", n_features)
     if (sd < 0).any():
@@ -352,9 +265,9 @@ def _read_source(stored: Mapping[str, str | None], core: _core.Model) -> SourceS
     return SourceStatistics(mean, sd, scores.reshape(shape))
 
 
-def _numbers(text: str | None, name: str, size: int) -> FloatArray:
+def _numbers(text: str, name: str, size: int) -> FloatArray:
     try:
-        numbers = np.frombuffer(base64.b64decode(text or "", validate=True), dtype="<f8").astype(np.float64)
+        numbers = np.frombuffer(base64.b64decode(text, validate=True), dtype="<f8").astype(np.float64)
     except ValueError:
         numbers = np.empty(0)
     if numbers.size != size or not np.isfinite(numbers).all():
@@ -370,48 +283,37 @@ def _balanced(named: IntArray, truth: IntArray) -> float:
 
 
 def _new_model(
-    core: _core.Model, made: Learners, source: SourceStatistics, data: Dataset, line: str, *, labelled: bool
+    model: TrainedModel,
+    made: Learners,
+    source: SourceStatistics,
+    data: Dataset,
+    line: str,
+    *,
+    labelled: bool,
 ) -> _core.Model:
     """Put weights and how they were made into a new model, and leave out what was measured on the old one."""
-    trained = dict(Metadata(core).trained)
-    trained.pop(CONFIDENCE, None)
-    trained.pop("temperature", None)
-    setup = trained.get("setup") or {}
+    trained = {name: value for name, value in model.trained.items() if name not in (RULES, "temperature")}
     # What was done to samples is that of the new recordings; what a frame or a sensor is called may only be unsaid.
-    kept_setup = {name: values for name, values in setup.items() if name not in _DONE_TO_SAMPLES}
-    why = "the model was adapted to another set-up, of which no recordings were held out"
+    setup = trained.get("setup", {}).items()
+    kept_setup = {name: values for name, values in setup if name not in _DONE_TO_SAMPLES}
     trained |= {
         "estimate": None,
-        "why_no_estimate": why,
-        "synthetic": bool(trained.get("synthetic", False)) or data.is_synthetic,
+        "why_no_estimate": "the model was adapted to another set-up, of which no recordings were held out",
+        "synthetic": model.synthetic or data.is_synthetic,
         "setup": {**kept_setup, **values_in(setups_in(data))},
         ADAPTED: line,
-    }
-    if SOURCE in trained or _has_room(core):
         # Another time the columns are no longer those of the training.
-        trained[SOURCE] = _stored_source(replace(source, mean=None))
+        **_as_text(replace(source, mean=None)),
+    }
     if trained.get("early") is not None:
-        target = trained["early"]["target_error"]
-        trained["early"] = {
-            "target_error": target,
-            "why_not": "the model was adapted since its margins were measured",
-        }
+        why_not = "the model was adapted since its margins were measured"
+        trained["early"] = {"target_error": trained["early"]["target_error"], "why_not": why_not}
     if labelled and trained.get(MARKS):  # they have trained it, too
         trained[MARKS] += stored_marks(data).get(MARKS, "")
-    parts: dict[str, Any] = {"early": None, "novelty": None}
-    if core.raw_mean is not None:
-        parts["raw_mean"] = data.X.mean(axis=0).T.ravel()
-    return _changed(core, trained, made, **parts)
-
-
-def _changed(
-    core: _core.Model, trained: Mapping[str, Any], learners: Learners | None = None, **parts: Any
-) -> _core.Model:
-    """Return a model with other metadata, and other weights where they are given."""
-    (spec, coef, intercept, coding, classes), options = core.__getnewargs_ex__()
+    core = model.core
+    (spec, _, _, coding, classes), options = core.__getnewargs_ex__()
     text = json.dumps(trained, ensure_ascii=False, sort_keys=True, allow_nan=False)
-    metadata = {**core.metadata, "trained": text}
-    if learners is not None:
-        coef, intercept = learners.coef, learners.intercept
-    options = {**options, **parts, "metadata": metadata}
-    return _core.Model(spec, coef, intercept, coding, classes, **options)
+    options |= {"early": None, "novelty": None, "metadata": {**core.metadata, "trained": text}}
+    if core.raw_mean is not None:
+        options["raw_mean"] = data.X.mean(axis=0).T.ravel()
+    return _core.Model(spec, made.coef, made.intercept, coding, classes, **options)

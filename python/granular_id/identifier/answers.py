@@ -12,23 +12,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from granular_id import _core
 from granular_id._checks import argument_error, finite_number
 from granular_id._columns import samples_of
 from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
-from granular_id.identifier.metadata import (
-    Metadata,
-    check_recordings,
+from granular_id.identifier.model import (
+    TrainedModel,
     fingerprint,
+    known_marks,
     mark_of,
-    marks_of,
+    probabilities,
     synthetic_words,
 )
-from granular_id.identifier.rules import probabilities
 from granular_id.recording import Dataset, Recording, SampleFlag, setup_mismatch, unit_of
 
 FloatArray = npt.NDArray[np.float64]
+Marks = npt.NDArray[np.bool_]
 
 CSV_COLUMNS = (
     *("recording", "label", "margin", "probability", "truth", "warnings"),
@@ -46,174 +45,177 @@ _MOST_STRETCHES, _MOST_ROWS = 6, 40
 """In one sentence, and in a table."""
 
 
-@dataclass(frozen=True, eq=False)
-class Named:
-    """What follows from the samples of n recordings or windows, of a model of K classes."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Answers:
+    """What a model of K classes says of n recordings or windows, in their order."""
 
+    classes: tuple[str, ...]
     losses: FloatArray  # (n, K) mean loss of each class
     probabilities: FloatArray | None  # (n, K), None of a model that knows none
-    verdicts: list[
-        tuple[tuple[str, ...], bool | None]
-    ]  # candidates; whether it is like none of the materials
+    candidates: tuple[tuple[str, ...], ...]
+    unknown: Marks | None  # (n,) like none of the materials; None of a model that does not say
+    trained_on: Marks | None = (
+        None  # (n,) on these very samples; None where the model does not know its recordings
+    )
+
+    def __len__(self) -> int:
+        return len(self.losses)
 
     @property
-    def order(self) -> npt.NDArray[np.intp]:
-        """Classes (n, K) from the likeliest; of equal losses the first label, as everywhere."""
-        return np.argsort(self.losses, axis=1, kind="stable")
+    def labels(self) -> npt.NDArray[np.str_]:
+        """The best material of each; of tied ones the first of `classes`."""
+        labels: npt.NDArray[np.str_] = np.array(self.classes)[self.losses.argmin(axis=1)]
+        return labels
 
     @property
-    def margin(self) -> FloatArray:
-        """Mean loss (n,) of the second class less that of the first."""
-        return _margins(self.losses)
+    def margins(self) -> FloatArray:
+        """Loss of the second material minus that of the first."""
+        two = np.partition(self.losses, 1, axis=1)
+        margins: FloatArray = two[:, 1] - two[:, 0]
+        return margins
 
-    @property
-    def probability(self) -> FloatArray | None:
-        """That of the likeliest class (n,)."""
-        return _of_best(self.losses, self.probabilities)
+    def each(self) -> Iterator[dict[str, Any]]:
+        """Yield label, margin, probability, candidates, unknown and trained_on of each, in plain types."""
+        best = self.losses.argmin(axis=1)
+        shares = None if self.probabilities is None else self.probabilities[range(len(best)), best]
+        columns: dict[str, npt.NDArray[Any] | None] = {
+            "label": self.labels,
+            "margin": self.margins,
+            "probability": shares,
+            "unknown": self.unknown,
+            "trained_on": self.trained_on,
+        }
+        lists = [[None] * len(self) if column is None else column.tolist() for column in columns.values()]
+        for candidates, *row in zip(self.candidates, *lists, strict=True):
+            yield dict(zip(columns, row, strict=True)) | {"candidates": candidates}
 
 
-def named(core: _core.Model, X: FloatArray, threads: int | None = None) -> Named:
+def answers_about(model: TrainedModel, X: FloatArray, threads: int | None = None) -> Answers:
     """Name the material of recordings (n, T, C) of a model's length."""
-    scores, novelty = core.scores_and_novelty(X, threads)
-    losses = core.losses(scores)
-    return Named(losses, probabilities(Metadata(core).temperature, losses), core.verdicts(scores, novelty))
-
-
-def _margins(losses: FloatArray) -> FloatArray:
-    two: FloatArray = np.partition(losses, 1, axis=1)[:, :2]
-    return two[:, 1] - two[:, 0]
-
-
-def _of_best(losses: FloatArray, shares: FloatArray | None) -> FloatArray | None:
-    return None if shares is None else shares[range(len(losses)), losses.argmin(axis=1)]
+    scores, novelty = model.core.scores_and_novelty(X, threads)
+    losses = model.core.losses(scores)
+    candidates, unknown = zip(*model.core.verdicts(scores, novelty), strict=True)
+    return Answers(
+        classes=model.classes,
+        losses=losses,
+        probabilities=probabilities(model, losses),
+        candidates=candidates,
+        unknown=None if unknown[0] is None else np.array(unknown),
+    )
 
 
 def _write_csv(
-    path: str | os.PathLike[str], columns: Sequence[str], rows: Iterable[Iterable[object]]
+    path: str | os.PathLike[str], columns: Sequence[str], rows: Iterable[Mapping[str, Any]]
 ) -> None:
     refuse_other_kind(path, TABLES)
     with whole_file(path) as draft, draft.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(columns)
-        writer.writerows(map(_cell, row) for row in rows)
+        writer.writerows([_cell(row[name]) for name in columns] for row in rows)
+
+
+def _lists(row: dict[str, Any]) -> dict[str, Any]:
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in row.items()}
 
 
 def _cell(value: object) -> str:
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, tuple):
+        return "; ".join(value)
     return "" if value is None else repr(value) if isinstance(value, float) else str(value)
 
 
 # One answer about each recording.
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What a model says of one recording, as a final `granular_id.Decision`, and what is known of the recording."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Batch(Answers):
+    """Answers about recordings."""
 
-    name: str
-    label: str
-    margin: float
-    probability: float | None
-    truth: str | None  # its label
-    warnings: tuple[str, ...]  # what is wrong with its samples
-    candidates: tuple[str, ...]
-    unknown: bool | None
-    trained_on: bool | None  # on these very samples; None where the model does not know its recordings
-    ranking: tuple[tuple[str, float], ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """Answers about recordings, in their order; iterate over them."""
-
-    each: tuple[Answer, ...]
-    classes: tuple[str, ...]  # that the model knows
+    names: tuple[str, ...]
+    truth: tuple[str | None, ...]  # their labels
+    warnings: tuple[tuple[str, ...], ...]  # what is wrong with their samples
     synthetic: str  # what is simulated, in words
     trained_on_these: bool  # exactly
-    differences: tuple[str, ...] = ()  # what of their set-up is not as in the training
+    differences: tuple[str, ...]  # what of their set-up is not as in the training
 
-    def __iter__(self) -> Iterator[Answer]:
-        return iter(self.each)
-
-    def __len__(self) -> int:
-        return len(self.each)
-
-    @property
-    def judged(self) -> tuple[Answer, ...]:
-        """Answers about recordings with a label that the model knows."""
-        return tuple(answer for answer in self.each if answer.truth in self.classes)
-
-    @property
-    def accuracy(self) -> float | None:
-        """Share of right answers among `judged`; None where there are none."""
-        judged = self.judged
-        return sum(n.label == n.truth for n in judged) / len(judged) if judged else None
-
-    @property
-    def n_trained_on(self) -> int | None:
-        """Recordings that the model was trained on; None where it does not know."""
-        known = [answer.trained_on for answer in self.each if answer.trained_on is not None]
-        return sum(known) if known else None
+    def each(self) -> Iterator[dict[str, Any]]:
+        """Yield the answer about each recording as `Answers.each`, with what is known of the recording."""
+        about = zip(self.names, self.truth, self.warnings, strict=True)
+        for (name, truth, warnings), row in zip(about, super().each(), strict=True):
+            yield {"name": name, **row, "truth": truth, "warnings": warnings}
 
     def table(self) -> Table:
         """Return answers, margins and truth as a table with notes."""
-        title = f"Materials named{', ' + self.synthetic if self.synthetic else ''}"
-        columns = {"recording": [n.name for n in self.each], "answer": [n.label for n in self.each]}
-        columns["margin"] = [fixed(n.margin, 3) for n in self.each]
-        if any(n.probability is not None for n in self.each):
-            columns["probability"] = [percent(n.probability) for n in self.each]
+        each = list(self.each())
+        columns = {"recording": [*self.names], "answer": [row["label"] for row in each]}
+        columns["margin"] = [fixed(row["margin"], 3) for row in each]
+        if self.probabilities is not None:
+            columns["probability"] = [percent(row["probability"]) for row in each]
         # There wherever the model has the rule: that it has nothing to say is an answer.
-        if any(n.candidates for n in self.each):
-            columns["may be"] = [", ".join(n.candidates) for n in self.each]
-        if any(n.unknown is not None for n in self.each):
-            columns["unknown"] = ["yes" if n.unknown else "" for n in self.each]
-        if any(n.truth is not None for n in self.each):
-            wrong = [" (!)" if n.truth not in (None, n.label) else "" for n in self.each]
-            columns["truth"] = [f"{n.truth or ''}{mark}" for n, mark in zip(self.each, wrong, strict=True)]
-        if 0 < (self.n_trained_on or 0) < len(self):
-            columns["trained on"] = ["yes" if n.trained_on else "" for n in self.each]
-        if any(n.warnings for n in self.each):
-            columns["samples"] = [", ".join(n.warnings) for n in self.each]
-        rows = tuple(zip(*columns.values(), strict=True))
-        return Table(title, tuple(columns), rows, tuple(self._notes()))
+        if any(self.candidates):
+            columns["may be"] = [", ".join(row["candidates"]) for row in each]
+        if self.unknown is not None:
+            columns["unknown"] = ["yes" if row["unknown"] else "" for row in each]
+        if any(truth is not None for truth in self.truth):
+            columns["truth"] = [
+                f"{row['truth'] or ''}{' (!)' * (row['truth'] not in (None, row['label']))}" for row in each
+            ]
+        if self.trained_on is not None and 0 < self.trained_on.sum() < len(self):
+            columns["trained on"] = ["yes" if row["trained_on"] else "" for row in each]
+        if any(self.warnings):
+            columns["samples"] = [", ".join(row["warnings"]) for row in each]
+        notes = [f"warning: {setup_mismatch(*self.differences)}"] if self.differences else []
+        counts = Counter((row["truth"], row["label"], row["trained_on"]) for row in each)
+        notes += notes_of_answers(counts, self.classes, trained_on_these=self.trained_on_these)
+        title = f"Materials named{', ' + self.synthetic if self.synthetic else ''}"
+        return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)), tuple(notes))
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows."""
+        judged = [
+            name == truth
+            for name, truth in zip(self.labels, self.truth, strict=True)
+            if truth in self.classes
+        ]
+        order = np.argsort(self.losses, axis=1, kind="stable")
+        rankings = zip(order.tolist(), self.losses.tolist(), strict=True)
         return {
             "synthetic": self.synthetic,
             "trained_on_these": self.trained_on_these,
-            "n_trained_on": self.n_trained_on,
+            "n_trained_on": None if self.trained_on is None else int(self.trained_on.sum()),
             "differences": list(self.differences),
-            "accuracy": self.accuracy,
-            "n_judged": len(self.judged),
+            "accuracy": sum(judged) / len(judged) if judged else None,
+            "n_judged": len(judged),
             "recordings": [
-                vars(n)
-                | {
-                    "warnings": list(n.warnings),
-                    "candidates": list(n.candidates),
-                    "ranking": [{"label": label, "mean_loss": loss} for label, loss in n.ranking],
-                }
-                for n in self.each
+                _lists(row)
+                | {"ranking": [{"label": self.classes[k], "mean_loss": losses[k]} for k in ranked]}
+                for row, (ranked, losses) in zip(self.each(), rankings, strict=True)
             ],
         }
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write one line for each recording, whole or not at all."""
-        rows = (
-            [
-                *(n.name, n.label, n.margin, n.probability, n.truth, "; ".join(n.warnings)),
-                *("; ".join(n.candidates), n.unknown, n.trained_on),
-            ]
-            for n in self.each
-        )
-        _write_csv(path, CSV_COLUMNS, rows)
+        _write_csv(path, CSV_COLUMNS, ({"recording": row["name"], **row} for row in self.each()))
 
-    def _notes(self) -> Iterator[str]:
-        if self.differences:
-            yield f"warning: {setup_mismatch(*self.differences)}"
-        counts = Counter((n.truth, n.label, n.trained_on) for n in self.each)
-        yield from notes_of_answers(counts, self.classes, trained_on_these=self.trained_on_these)
+
+def identify_all(model: TrainedModel, data: Dataset, differences: tuple[str, ...] = ()) -> Batch:
+    """Name the material of every recording of a model's length; `differences` are those of their set-up."""
+    settings, truth = model.trained.get("settings"), tuple(recording.label for recording in data)
+    marks, these = known_marks(model), False
+    if settings is not None and None not in truth:
+        these = fingerprint(data, settings) == model.core.metadata["training_sha256"]
+    seen = None if marks is None else np.array([mark_of(samples) in marks for samples in data.X])
+    return Batch(
+        **vars(answers_about(model, data.X)) | {"trained_on": seen},
+        names=data.names,
+        truth=truth,
+        warnings=tuple(flags_in_words(recording.flags) for recording in data),
+        synthetic=synthetic_words(recordings=data.is_synthetic, model=model.synthetic),
+        trained_on_these=these,
+        differences=differences,
+    )
 
 
 def notes_of_answers(
@@ -260,39 +262,6 @@ def notes_of_answers(
         )
 
 
-def identify_all(core: _core.Model, data: Dataset, differences: tuple[str, ...] = ()) -> Batch:
-    """Name the material of every recording of a model's length; `differences` are those of `check_recordings`."""
-    answers = named(core, data.X)
-    order, margins, probability = answers.order.tolist(), answers.margin.tolist(), answers.probability
-    shares = [None] * len(data) if probability is None else probability.tolist()
-    known = Metadata(core)
-    marks, settings = known.marks, known.trained.get("settings")
-    seen = [None] * len(data) if marks is None else [mark in marks for mark in marks_of(data)]
-    each = []
-    for i, recording in enumerate(data):
-        candidates, unknown = answers.verdicts[i]
-        ranking = tuple((core.classes[k], float(answers.losses[i, k])) for k in order[i])
-        each.append(
-            Answer(
-                name=recording.name,
-                label=ranking[0][0],
-                margin=margins[i],
-                probability=shares[i],
-                truth=recording.label,
-                warnings=flags_in_words(recording.flags),
-                candidates=candidates,
-                unknown=unknown,
-                trained_on=seen[i],
-                ranking=ranking,
-            )
-        )
-    simulated = synthetic_words(recordings=data.is_synthetic, model=known.trained.get("synthetic", False))
-    trained_on_these = False
-    if settings is not None and None not in {recording.label for recording in data}:
-        trained_on_these = fingerprint(data, settings) == core.metadata["training_sha256"]
-    return Batch(tuple(each), core.classes, simulated, trained_on_these, differences)
-
-
 def flags_in_words(flags: npt.NDArray[np.uint8] | None) -> tuple[str, ...]:
     """Count the samples with each flag, in words."""
     if flags is None:
@@ -323,8 +292,8 @@ class Stretch(NamedTuple):
         return f"{fixed(self.from_s, digits)} to {fixed(self.to_s, digits)} s {what}"
 
 
-@dataclass(frozen=True, eq=False)
-class Timeline:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Timeline(Answers):
     """Answers over one recording, by `Identifier.predict_over`; ``print`` it for its stretches in a sentence.
 
     Answer `i` is about the window that ends `times_s[i]` seconds after the beginning of the recording. It stands for
@@ -383,14 +352,8 @@ class Timeline:
     """
 
     name: str
-    classes: tuple[str, ...]
     times_s: FloatArray
-    losses: FloatArray
-    probabilities: FloatArray | None
-    candidates: tuple[tuple[str, ...], ...]
-    unknown: npt.NDArray[np.bool_] | None
-    flagged: npt.NDArray[np.bool_]
-    trained_on: npt.NDArray[np.bool_] | None
+    flagged: Marks
     window_s: float
     hop_s: float
     duration_s: float
@@ -398,20 +361,6 @@ class Timeline:
     synthetic: str = ""
     differences: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.times_s)
-
-    @property
-    def labels(self) -> npt.NDArray[np.str_]:
-        """The best material of each window; of tied ones the first of `classes`."""
-        labels: npt.NDArray[np.str_] = np.array(self.classes)[self.losses.argmin(axis=1)]
-        return labels
-
-    @property
-    def margins(self) -> FloatArray:
-        """Loss of the second material minus that of the first."""
-        return _margins(self.losses)
 
     @property
     def n_right(self) -> int:
@@ -434,11 +383,6 @@ class Timeline:
             made.append(Stretch(from_s, to_s, nearest, bool(unknown[begin]), end - begin, margin))
             begin, from_s = end, to_s
         return tuple(made)
-
-    def shares(self) -> dict[str, float]:
-        """Return the share of all answers that each material has, the largest first; of none known as "unknown"."""
-        labels = self.labels if self.unknown is None else np.where(self.unknown, "", self.labels)
-        return {label or "unknown": n / len(self) for label, n in Counter(labels.tolist()).most_common()}
 
     def sentence(self) -> str:
         """Return the stretches in a sentence: the first ones where they are many."""
@@ -472,8 +416,10 @@ class Timeline:
 
     def _notes(self) -> list[str]:
         notes = [f"warning: {setup_mismatch(*self.differences)}"] if self.differences else []
+        names = self.labels if self.unknown is None else np.where(self.unknown, "", self.labels)
+        counts = Counter(names.tolist()).most_common()
+        shares = ", ".join(f"{name or 'unknown'} {percent(n / len(self), 0)}" for name, n in counts)
         step = f"one each {self.hop_s:g} s about the last {self.window_s:g} s"
-        shares = ", ".join(f"{name} {percent(share, 0)}" for name, share in self.shares().items())
         notes.append(f"{counted(len(self), 'answer')}, {step}: {shares}")
         if self.truth in self.classes:
             notes.append(f"the recording is labelled {self.truth}: {self.n_right} of {len(self)} name it")
@@ -489,6 +435,13 @@ class Timeline:
             )
         return [*notes, *trained_on_note([self])]
 
+    def each(self) -> Iterator[dict[str, Any]]:
+        """Yield each answer as `Answers.each`, with the seconds that it is about."""
+        ends = [round(end_s, 9) for end_s in self.times_s.tolist()]
+        for end_s, flagged, row in zip(ends, self.flagged.tolist(), super().each(), strict=True):
+            times = {"from_s": round(end_s - self.window_s, 9), "to_s": end_s}
+            yield {**times, **row, "truth": self.truth, "flagged": flagged}
+
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows."""
         return {
@@ -502,39 +455,14 @@ class Timeline:
             "duration_s": self.duration_s,
             "stretches": [one._asdict() for one in self.stretches],
             "answers": [
-                row | {"losses": losses, "candidates": list(candidates)}
-                for row, losses, candidates in zip(
-                    self._rows(), self.losses.tolist(), self.candidates, strict=True
-                )
+                _lists(row) | {"losses": losses}
+                for row, losses in zip(self.each(), self.losses.tolist(), strict=True)
             ],
         }
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write one line for each answer, whole or not at all."""
         write_csv(path, [self])
-
-    def _rows(self) -> list[dict[str, Any]]:
-        n, labels, margins = len(self), self.labels.tolist(), self.margins.tolist()
-        probability = _of_best(self.losses, self.probabilities)
-        shares = [None] * n if probability is None else probability.tolist()
-        unknown = [None] * n if self.unknown is None else self.unknown.tolist()
-        trained_on = [None] * n if self.trained_on is None else self.trained_on.tolist()
-        ends = [round(end_s, 9) for end_s in self.times_s.tolist()]
-        return [
-            {
-                "from_s": round(ends[i] - self.window_s, 9),
-                "to_s": ends[i],
-                "label": labels[i],
-                "margin": margins[i],
-                "probability": shares[i],
-                "candidates": "; ".join(self.candidates[i]),
-                "unknown": unknown[i],
-                "truth": self.truth,
-                "flagged": bool(self.flagged[i]),
-                "trained_on": trained_on[i],
-            }
-            for i in range(n)
-        ]
 
 
 def notes_of_all(timelines: Sequence[Timeline]) -> list[str]:
@@ -559,19 +487,18 @@ def trained_on_note(timelines: Sequence[Timeline]) -> list[str]:
 
 def write_csv(path: str | os.PathLike[str], timelines: Sequence[Timeline]) -> None:
     """Write one line for each answer over some recordings, whole or not at all."""
-    rows = ((one.name, *row.values()) for one in timelines for row in one._rows())
+    rows = ({"recording": one.name, **row} for one in timelines for row in one.each())
     _write_csv(path, OVER_TIME_COLUMNS, rows)
 
 
-def predict_over(
-    core: _core.Model,
+def timeline_of(
+    model: TrainedModel,
     recording: Recording | npt.ArrayLike,
     hop_s: float | None,
     accept: str | Sequence[str],
-    threads: int | None,
 ) -> Timeline:
     """Answer for each window of a recording; see `Identifier.predict_over`."""
-    rate_hz, n, known = core.rate_hz, core.n_samples, Metadata(core)
+    rate_hz, n = model.rate_hz, model.n_samples
     n_hop = n if hop_s is None else round(finite_number("hop_s", hop_s, positive=True) * rate_hz)
     if n_hop < 1:
         problem = f"={hop_s:g} is less than a sample: at {rate_hz:g} Hz at least {1 / rate_hz:g}"
@@ -581,9 +508,9 @@ def predict_over(
             raise TypeError(
                 "recording must be one Recording or an array, got a Dataset: pass them one by one"
             )
-        samples, _ = samples_of(recording, "recording", known.axes)
-        recording = Recording(samples, rate_hz=rate_hz, axes=known.axes)
-    differences = check_recordings(Dataset([recording]), core, accept)
+        samples, _ = samples_of(recording, "recording", model.axes)
+        recording = Recording(samples, rate_hz=rate_hz, axes=model.axes)
+    differences = model.requirements.check(Dataset([recording]), accept)
     if recording.n_samples < n:
         raise ValueError(
             f"recording {recording.name!r} has {recording.n_samples} samples ({recording.duration_s:g} s), the model "
@@ -591,37 +518,36 @@ def predict_over(
         )
     n_hop = min(n_hop, recording.n_samples)
     windows = np.lib.stride_tricks.sliding_window_view(recording.wrench, n, axis=0)[::n_hop]
-    marks = known.marks
-    blocks = []
+    marks = known_marks(model)
+    blocks: list[Answers] = []
     seen: list[bool] = []
     step = max(1, _BLOCK // (n * recording.wrench.shape[1]))
     for begin in range(0, len(windows), step):
         # As each window alone: contiguous, axes last.
         block = np.ascontiguousarray(windows[begin : begin + step].transpose(0, 2, 1))
-        blocks.append(named(core, block, threads))
+        blocks.append(answers_about(model, block))
         if marks is not None:
             seen += [mark_of(window) in marks for window in block]
     losses = np.concatenate([block.losses for block in blocks])
-    candidates, unknown = zip(*(one for block in blocks for one in block.verdicts), strict=True)
+    unknown = [block.unknown for block in blocks if block.unknown is not None]
     flags = np.zeros(recording.n_samples, np.bool_) if recording.flags is None else recording.flags != 0
-    of_model = known.trained.get("synthetic", False)
     return Timeline(
         name=recording.name,
-        classes=core.classes,
+        classes=model.classes,
         times_s=(n + n_hop * np.arange(len(windows))) / rate_hz,
         losses=losses,
-        probabilities=probabilities(known.temperature, losses),
-        candidates=candidates,
-        unknown=None if unknown[0] is None else np.array(unknown),
+        probabilities=probabilities(model, losses),
+        candidates=tuple(few for block in blocks for few in block.candidates),
+        unknown=np.concatenate(unknown) if unknown else None,
         flagged=np.asarray(np.lib.stride_tricks.sliding_window_view(flags, n)[::n_hop].any(axis=1)),
         trained_on=None if marks is None else np.array(seen),
         window_s=n / rate_hz,
         hop_s=n_hop / rate_hz,
         duration_s=recording.n_samples / rate_hz,
         truth=recording.label,
-        synthetic=synthetic_words(recordings=recording.is_synthetic, model=of_model),
+        synthetic=synthetic_words(recordings=recording.is_synthetic, model=model.synthetic),
         differences=differences,
         units=tuple(
-            unit_of(axis, recording.meta) or unit for axis, unit in zip(known.axes, known.units, strict=True)
+            unit_of(axis, recording.meta) or unit for axis, unit in zip(model.axes, model.units, strict=True)
         ),
     )

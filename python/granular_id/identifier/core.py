@@ -15,9 +15,10 @@ from sklearn.utils.validation import check_is_fitted
 from granular_id import _core
 from granular_id._checks import argument_error
 from granular_id._estimators import real_steps, with_rate
+from granular_id._memory import empty
 from granular_id.ecoc import ECOCClassifier
 from granular_id.features import FeatureSpec
-from granular_id.identifier.metadata import SPACES
+from granular_id.identifier.model import SPACES
 from granular_id.recording import unit_of
 from granular_id.score import space_pipeline
 from granular_id.spaces import (
@@ -37,6 +38,8 @@ FloatArray = npt.NDArray[np.float64]
 
 OWN = "pipeline"
 """What the space of a pipeline of one's own is called."""
+
+_AT_ONCE = 1024
 
 
 def pipeline_of(space: Any, rate_hz: float, threads: int | None) -> tuple[str, Pipeline]:
@@ -156,6 +159,19 @@ def _on_plain_features(
         return space.spec_, coef
     # The filter is never used: a cut-off that fits any rate.
     return FeatureSpec(rate_hz=rate_hz, cutoff_hz=min(23.0, rate_hz / 4), raw=True, hfmh=False), coef
+
+
+def features_of(core: _core.Model, X: FloatArray, threads: int | None = None) -> FloatArray:
+    """Extract what the weights of a model are for, (n, D), from recordings (n, T, C)."""
+    spec = core.spec
+    features = empty((len(X), core.n_features), "features of the recordings")
+    for start in range(0, len(X), _AT_ONCE):
+        rows = slice(start, start + _AT_ONCE)
+        if isinstance(spec, FeatureSpec):
+            features[rows] = _core.extract_features(X[rows], spec, threads, None, np.float64)
+        else:
+            features[rows] = spec.extract(X[rows], threads)
+    return features
 
 
 def plain_features(

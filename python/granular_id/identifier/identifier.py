@@ -2,43 +2,40 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
+from granular_id._checks import checked_flag, checked_share
 from granular_id._columns import samples_of
-from granular_id._files import MODELS, refuse_other_kind, whole_file
-from granular_id._progress import ProgressCallback
-from granular_id.features import FeatureSpec
+from granular_id._progress import ProgressCallback, Ticker, showing
+from granular_id.confidence import candidate_rule, fit_temperature
+from granular_id.identifier.answers import Timeline, timeline_of
 from granular_id.identifier.decision import Decision, decision_of
-from granular_id.identifier.metadata import (
-    BANDED,
-    MAX_FILE_BYTES,
+from granular_id.identifier.early import HeldOut, OverTime, calibrate
+from granular_id.identifier.model import RULES, TrainedModel, fingerprint, probabilities, stored_marks
+from granular_id.recording import (
     Begin,
-    Metadata,
-    check_recordings,
-    check_trained,
-    cropped_to_model,
+    Dataset,
+    Recording,
+    common_units,
+    data_warnings,
+    mixed_setup_warnings,
 )
-from granular_id.identifier.rules import probabilities
-from granular_id.recording import Dataset, Recording
 
-# Training, adapting and probabilities are imported where they are called for: they bring in scikit-learn.
+# What trains and adapts is imported where it is called for: it brings in scikit-learn, for which a robot that only
+# identifies does not wait.
 
 if TYPE_CHECKING:
     from sklearn.pipeline import Pipeline
 
-    from granular_id.identifier.answers import Timeline
-
 FloatArray = npt.NDArray[np.float64]
 
 
-class Identifier:
+class Identifier(TrainedModel):
     """A trained model that names materials: features, linear learners, classes and metadata of the training.
 
     Made by `fit`, `from_classifier` or `load`. Everything that decides about an answer is in `core`, the same object
@@ -49,6 +46,14 @@ class Identifier:
     ----------
     core : granular_id._core.Model
         The model.
+
+    Attributes
+    ----------
+    over_time_ : OverTime or None
+        Accuracy of provisional answers against seconds of signal, and what early answers are worth, on the recordings
+        that `fit` held out; None where none were, and of a model that was read from a file.
+    held_ : HeldOut or None
+        The answers that this and all estimates were made of.
 
     Examples
     --------
@@ -67,14 +72,8 @@ class Identifier:
     True
     """
 
-    def __init__(self, core: _core.Model | None = None) -> None:
-        if not isinstance(core, _core.Model):
-            came = "nothing" if core is None else type(core).__name__
-            raise TypeError(
-                "an Identifier is made by Identifier.fit(data), Identifier.load(path) or "
-                f"Identifier.from_classifier(pipeline); it holds a granular_id._core.Model, got {came}"
-            )
-        self.core = core
+    held_: HeldOut | None = None
+    over_time_: OverTime | None = None
 
     @classmethod
     def fit(
@@ -144,22 +143,88 @@ class Identifier:
             here, a setting out of range, a condition that cannot be held out, or a model too large: the message names
             ways out.
         """
-        from granular_id.identifier.training import train
+        from granular_id._estimators import convergence_warnings
+        from granular_id._parallel import single_threaded_blas
+        from granular_id.identifier import core, training
+        from granular_id.identifier.adapt import stored_source
+        from granular_id.splits import groups_of, rows_of_class
 
-        training = train(
-            data,
-            space,
-            by=by,
-            background=background,
-            estimate=estimate,
-            target_error=target_error,
-            coverage=coverage,
-            share_known=share_known,
-            random_state=random_state,
-            threads=threads,
-            progress=progress,
-        )
-        return cls(training.core)
+        shares = {"target_error": target_error, "coverage": coverage, "share_known": share_known}
+        for argument, share in shares.items():
+            if share is not None:
+                checked_share(argument, share)
+        if not isinstance(data, Dataset):
+            raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
+        refuses = checked_flag("estimate", estimate) and share_known is not None
+        beside = training.background_of(data, background, has_use=refuses)
+        units, whole = common_units(data), data
+        data = data if beside is None else data.select(where=lambda r: r.label not in background)
+        classes = tuple(rows_of_class(data.y))
+        name, pipeline = core.pipeline_of(space, data.rate_hz, threads)
+        training.refuse_large(pipeline, len(classes), data.X)
+        groups = groups_of(data, by)
+        folds, why_none = None, "no recordings were held out, as asked"
+        if estimate:
+            folds, why_none = training.folds_of(data, by, random_state)
+
+        held = early = novelty = None
+        rules: dict[str, Any] = {}
+        with showing(progress or False) as callback, convergence_warnings(name) as not_converged:
+            ticker = Ticker(1 + (0 if folds is None else len(folds)), callback)
+            fitted = training.fit_all(pipeline, data, groups, random_state, threads)
+            ticker.tick("all recordings")
+            if folds is not None:
+                held = training.held_out_answers(
+                    pipeline, data, folds, seed=random_state, tick=ticker.tick, name=name
+                )
+        if held is not None:
+            judged = held.held.values, held.truth, held.sessions
+            rules["temperature"] = fit_temperature(*judged)
+            early = None if target_error is None else calibrate(held, float(target_error))
+            confidence: dict[str, Any] = {}
+            if coverage is not None:
+                confidence["candidates"] = candidate_rule(classes, *judged, float(coverage)).to_dict()
+            if share_known is not None:
+                random = training.random_folds(data, len(held.held.folds))
+                confidence["unknown"], novelty = training.refusal(
+                    fitted, beside, held.held, random, groups, float(share_known), threads
+                )
+            rules |= {RULES: confidence} if confidence else {}
+        trained = {
+            **training.described(data, name, pipeline),
+            **stored_marks(whole),
+            **({} if beside is None else {"background": training.counts(beside)}),
+            **training.estimated(held, why_none),
+            "early": None if early is None else early.to_dict(),
+            **training.chosen(fitted, held),
+            **rules,
+            "left_out": getattr(fitted.pipeline[0], "dropped_", ""),
+            # What may mislead a reader of the estimate.
+            "notes": [
+                *(mixed_setup_warnings(data) if held is None else data_warnings(data)),
+                *not_converged,
+            ],
+            **stored_source(fitted.plain, fitted.rows, fitted.codes),
+        }
+        with single_threaded_blas():
+            identifier = cls(
+                core.model_of(
+                    fitted.pipeline,
+                    data.rate_hz,
+                    axes=data.axes,
+                    units=units,
+                    lead_s=training.common_lead(data),
+                    samples=data.X,
+                    early=None if early is None else early.table(),
+                    novelty=novelty,
+                    trained=trained,
+                    training_sha256=fingerprint(whole, trained["settings"]),
+                )
+            )
+        if held is not None:
+            identifier.held_ = held
+            identifier.over_time_ = OverTime.of(held, early, synthetic=data.is_synthetic)
+        return identifier
 
     @classmethod
     def from_classifier(
@@ -217,116 +282,6 @@ class Identifier:
         raw = None if samples is None else np.asarray(samples, dtype=np.float64)
         return cls(model_of(pipeline, rate_hz, axes=axes, lead_s=lead_s, samples=raw))
 
-    @classmethod
-    def load(cls, path: str | os.PathLike[str], *, max_file_bytes: int = MAX_FILE_BYTES) -> Identifier:
-        """Read a model file. Nothing in it is executed; what is not exactly a model is refused.
-
-        Parameters
-        ----------
-        path : path-like
-            Written by `save`.
-        max_file_bytes : int, default 32 MiB
-            Largest file to read.
-
-        Raises
-        ------
-        FileNotFoundError, OSError
-            There is no such file, or it cannot be read.
-        ValueError
-            The file is no model, is damaged or too large: the first fault.
-        """
-        if os.path.isdir(path):  # noqa: PTH112 - bytes are paths, too
-            wanted = "wanted a model file, as granular-id train and Identifier.save write it"
-            raise IsADirectoryError(f"{os.fsdecode(path)} is a folder, {wanted}")
-        core = _core.Model.read(path, max_file_bytes=max_file_bytes)
-        try:
-            check_trained(Metadata(core).trained)
-        except (TypeError, ValueError) as fault:
-            raise _core.ModelFileError(f"{os.fspath(path)}: trained: {fault}") from None
-        return cls(core)
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the model into one file (safetensors), whole or not at all; one that is there is replaced.
-
-        Raises
-        ------
-        ValueError
-            The path ends like another kind of file.
-        OSError
-            It cannot be written.
-        """
-        refuse_other_kind(path, MODELS)
-        with whole_file(path) as draft:
-            draft.write_bytes(self.core.to_bytes())
-
-    @property
-    def classes(self) -> tuple[str, ...]:
-        """The K labels, sorted."""
-        return self.core.classes
-
-    @property
-    def spec(self) -> FeatureSpec | _core.MultiBandExtractor:
-        """What is extracted from a recording: samples and counts, or multi-band features with their scales."""
-        return self.core.spec
-
-    @property
-    def space(self) -> str:
-        """Feature space that the model was trained in: "raw", "hfmh", "raw+hfmh", "multiband" or "best".
-
-        Of another pipeline with multi-band features: "multiband", with the blocks added or left out.
-        """
-        spec = self.spec
-        if isinstance(spec, FeatureSpec):
-            return "+".join(name for name in ("raw", "hfmh") if getattr(spec, name))
-        settings = self.trained.get("settings")
-        if isinstance(settings, dict) and settings.get("space") in BANDED:
-            return str(settings["space"])
-        from granular_id.spaces import USUAL_BLOCKS  # brings in scikit-learn
-
-        left_out = [name for name in USUAL_BLOCKS if name not in spec.blocks]
-        added = [name for name in spec.blocks if name not in USUAL_BLOCKS]
-        return "+".join(["multiband", *added]) + "".join(f"-{name}" for name in left_out)
-
-    @cached_property
-    def temperature(self) -> float | None:
-        """What class values are divided by before the softmax of probabilities; None where none were held out."""
-        return Metadata(self.core).temperature
-
-    @property
-    def n_samples(self) -> int:
-        """Samples T of a recording."""
-        return self.core.n_samples
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of the C axes."""
-        return Metadata(self.core).axes
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Unit of each axis; empty where nobody stated it."""
-        return tuple(Metadata(self.core).units)
-
-    @property
-    def rate_hz(self) -> float:
-        """Sampling rate, Hz."""
-        return self.core.rate_hz
-
-    @property
-    def lead_s(self) -> float | None:
-        """Seconds of rest ahead of the trigger, where all recordings of the training had the same; else None."""
-        return Metadata(self.core).lead_s
-
-    @cached_property
-    def trained(self) -> dict[str, Any]:
-        """What it was trained on and how, and the estimates; empty where nothing is known."""
-        return Metadata(self.core).trained
-
-    @property
-    def synthetic(self) -> bool:
-        """Whether it is known to be trained on simulated recordings: its answers say nothing about real materials."""
-        return bool(self.trained.get("synthetic", False))
-
     def scores(self, X: npt.ArrayLike, *, threads: int | None = None) -> FloatArray:
         """Scores (n, L) of the binary learners; positive speaks for the classes with code +1.
 
@@ -346,7 +301,7 @@ class Identifier:
         if isinstance(X, Recording):
             raise TypeError("X must be an array or a Dataset, got a Recording: pass it to identify")
         if isinstance(X, Dataset):
-            check_recordings(X, self.core)
+            self.requirements.check(X)
             X = X.X
         samples, _ = samples_of(X, "X", self.axes)
         return self.core.scores(samples, threads)
@@ -379,7 +334,7 @@ class Identifier:
         ValueError
             The model held no recordings out when it was trained, and knows no temperature.
         """
-        shares = probabilities(self.temperature, self.losses(X))
+        shares = probabilities(self, self.losses(X))
         if shares is None:
             raise ValueError(
                 "the model knows no probabilities: train it with recordings held out (estimate=True)"
@@ -424,8 +379,8 @@ class Identifier:
         differences: tuple[str, ...] = ()
         if isinstance(recording, Recording):
             data = Dataset([recording])
-            differences = check_recordings(data, self.core, accept)
-            wrench = cropped_to_model(data, self.core, begin_at=begin_at, lead_s=lead_s)[0].wrench
+            differences = self.requirements.check(data, accept)
+            wrench = self.requirements.crop(data, begin_at=begin_at, lead_s=lead_s)[0].wrench
         elif isinstance(recording, Dataset):
             raise TypeError(
                 "recording must be one Recording or an array, got a Dataset: pass them one by one, or call predict"
@@ -437,7 +392,7 @@ class Identifier:
                 raise ValueError(f"recording must have shape {wanted} as in the training, got {wrench.shape}")
         stream = _core.StreamingIdentifier(self.core)
         stream.push(wrench)
-        return decision_of(stream, dict.fromkeys(differences, 0), self.temperature)
+        return decision_of(stream, self, dict.fromkeys(differences, 0))
 
     def predict_over(
         self,
@@ -445,7 +400,6 @@ class Identifier:
         hop_s: float | None = None,
         *,
         accept: str | Sequence[str] = (),
-        threads: int | None = None,
     ) -> Timeline:
         """Name the materials in a long recording: one answer for the window of the model's length at each hop.
 
@@ -458,8 +412,6 @@ class Identifier:
             shares samples with another.
         accept : str or sequence of str, default ()
             As in `identify`.
-        threads : int, optional
-            As in `scores`.
 
         Returns
         -------
@@ -481,9 +433,7 @@ class Identifier:
         >>> len(answers), answers.times_s[:3].tolist()
         (10, [0.5, 0.8, 1.1])
         """
-        from granular_id.identifier.answers import predict_over
-
-        return predict_over(self.core, recording, hop_s, accept, threads)
+        return timeline_of(self, recording, hop_s, accept)
 
     def adapt(
         self,
@@ -492,11 +442,9 @@ class Identifier:
         *,
         all_materials: bool = False,
         allow_missing: bool = False,
-        trained_on: Dataset | None = None,
         begin_at: Begin = "auto",
         lead_s: float | None = None,
         accept: str | Sequence[str] = (),
-        threads: int | None = None,
     ) -> Identifier:
         """Return a model for another set-up (tool, mounting, zero, room), learned from recordings of it.
 
@@ -516,14 +464,8 @@ class Identifier:
             recordings have only tell the accuracy before and after.
         allow_missing : bool, default False
             With labels, go on without some of the materials. What the others show does not carry over to these.
-        trained_on : Dataset, optional
-            The recordings of the training, for a model that keeps nothing of it: taken over from a pipeline, or of too
-            many materials; one that keeps what it needs goes by that. Other recordings are refused by a model that
-            knows its own, needed or not; one that was taken over warns where it names fewer than 90 % of them rightly.
         begin_at, lead_s, accept
             As in `identify`.
-        threads : int, optional
-            As in `scores`.
 
         Returns
         -------
@@ -539,30 +481,21 @@ class Identifier:
         ValueError
             Neither labels nor `all_materials`, or both; what `identify` refuses; too few recordings; a label that the
             model does not know; materials that are missing: the message names them; with `all_materials` a model that
-            was adapted before; a model that keeps nothing of its training, without `trained_on`.
+            was adapted before; a model that keeps nothing of its training: it was taken over from a pipeline, or its
+            learners are too many.
 
         Warns
         -----
         UserWarning
             Labels are of one material, or of recordings that have trained the model before; with `all_materials`,
-            labels of recordings in which some are missing; balanced accuracy fell by more than a recording; doubts
-            about `trained_on`.
+            labels of recordings in which some are missing; balanced accuracy fell by more than a recording.
 
         Notes
         -----
         With labels the score of each pair is recentred on its own two materials, with few recordings more on all of
         them; the difference that is left to the mean scores of the training is learned by kernel ridge regression on
-        standardised features, with a ridge of 0.1 of their mean squared norm; not of samples and counts. All of it is
-        linear, and ends in the weights.
-
-        With `all_materials` two rounds of self-training do the same with memberships in place of labels:
-        exp(-loss / w), w = 0.15 of the median margin, over their sum. 30 steps of Sinkhorn and Knopp make the shares of
-        all materials equal for recentring, one step for the regression, whose ridge is the mean squared norm.
-
-        References
-        ----------
-        Equal shares: Asano et al., "Self-labelling via simultaneous clustering and representation learning" (ICLR
-        2020).
+        standardised features, not of samples and counts. With `all_materials` two rounds of self-training do the same
+        with memberships in place of labels, whose shares are made equal. All of it is linear, and ends in the weights.
 
         Examples
         --------
@@ -576,24 +509,11 @@ class Identifier:
         'by 6 labelled recordings'
         >>> declared = model.adapt(shallow, all_materials=True)
         """
-        from granular_id.identifier.adapt import adapted_model
+        from granular_id.identifier.adapt import adapted_model, check_way
 
-        return Identifier(
-            adapted_model(
-                self.core,
-                recordings,
-                labels,
-                all_materials=all_materials,
-                allow_missing=allow_missing,
-                trained_on=trained_on,
-                begin_at=begin_at,
-                lead_s=lead_s,
-                accept=accept,
-                threads=threads,
-            )
-        )
-
-    def __repr__(self) -> str:
-        on = ", trained on SYNTHETIC recordings" if self.synthetic else ""
-        size = f"{self.n_samples} samples at {self.rate_hz:g} Hz"
-        return f"Identifier({self.space!r}, {len(self.classes)} classes, {size}{on})"
+        check_way(labels, all_materials=all_materials, allow_missing=allow_missing)
+        if not isinstance(recordings, Dataset):
+            raise TypeError(f"recordings must be a granular_id.Dataset, got {type(recordings).__name__}")
+        differences = self.requirements.check(recordings, accept)
+        data = self.requirements.crop(recordings, begin_at=begin_at, lead_s=lead_s, over_all=False)
+        return Identifier(adapted_model(self, data, labels, differences, allow_missing=allow_missing))

@@ -11,16 +11,15 @@ import numpy as np
 from granular_id import _core
 from granular_id._text import counted, fixed, percent
 from granular_id.features import FeatureSpec
-from granular_id.identifier.identifier import Identifier
-from granular_id.identifier.metadata import ADAPTED, Metadata
-from granular_id.identifier.rules import confidence_rules, outcome_text
+from granular_id.identifier.early import outcome_text
+from granular_id.identifier.model import ADAPTED, TrainedModel
 from granular_id.recording import SEVERE_PREFIXES, labelled_check_note
 
 _MOST_NOTES = 8
 _PARSED = ("axes", "units", "trained", "lead_s")
 
 
-def describe_model(model: Identifier) -> list[str]:
+def describe_model(model: TrainedModel) -> list[str]:
     """Say what a model takes, knows and was trained on, one line each; without the estimates."""
     core, spec, trained = model.core, model.spec, model.trained
     lines = []
@@ -40,11 +39,16 @@ def describe_model(model: Identifier) -> list[str]:
         counts = [f"{name} ({n})" for name, n in background.items()]
         lines.append(f"background, never named: {shorten(', '.join(counts), 400)}")
     seconds = f"{model.n_samples / model.rate_hz:g} s"
+    lead = "not known, or not the same in all recordings"
+    if model.lead_s is not None:
+        lead = f"{model.lead_s:g} s"
+    elif model.requirements.at_first:
+        lead = "not known, recordings begin at their first sample"
+    units = " and ".join(dict.fromkeys(model.units)) if all(model.units) else ""
     lines += [
         f"takes: {model.n_samples} samples at {model.rate_hz:g} Hz ({seconds}) of {' '.join(model.axes)}; rest ahead "
-        f"of the motion: {_lead(model)}",
-        f"features: {model.space}, {core.n_features} numbers{_content(spec, _units(model))}",
-        *_bands(spec, _units(model)),
+        f"of the motion: {lead}",
+        f"features: {model.space}, {core.n_features} numbers{_content(spec, units)}",
         f"classifier: {counted(core.n_learners, 'learner')}, {core.loss} loss",
         f"size: {len(core.to_bytes()) / 2**20:.2f} MiB",
         f"made by: granular-id {core.metadata['library_version']} from {core.metadata['training_sha256'][:16] or '?'}",
@@ -60,7 +64,7 @@ def describe_model(model: Identifier) -> list[str]:
     return lines
 
 
-def describe_performance(model: Identifier) -> list[str]:
+def describe_performance(model: TrainedModel) -> list[str]:
     """Say how a model did on recordings held out, what it chose there, and when it answers early, one line each."""
     trained = model.trained
     lines = [
@@ -82,9 +86,9 @@ def describe_performance(model: Identifier) -> list[str]:
     return lines
 
 
-def model_facts(model: Identifier) -> dict[str, Any]:
+def model_facts(model: TrainedModel) -> dict[str, Any]:
     """Return everything that a model file holds but the weights, in types that JSON knows."""
-    core, known = model.core, Metadata(model.core)
+    core = model.core
     texts = {name: text for name, text in sorted(core.metadata.items()) if name not in _PARSED}
     settings = core.spec.__getnewargs_ex__()[1]
     spec = {
@@ -99,37 +103,15 @@ def model_facts(model: Identifier) -> dict[str, Any]:
         "spec": spec,
         "n_samples": model.n_samples,
         "rate_hz": model.rate_hz,
-        "lead_s": known.lead_s,
-        "axes": list(known.axes),
-        "units": known.units,
+        "lead_s": model.lead_s,
+        "axes": list(model.axes),
+        "units": list(model.units),
         "n_features": core.n_features,
         "n_learners": core.n_learners,
         "loss": core.loss,
         "early": None if core.early is None else core.early.tolist(),
-        "trained": known.trained,
+        "trained": model.trained,
     }
-
-
-def _lead(model: Identifier) -> str:
-    """Say how much rest the recordings of the training have ahead of their trigger."""
-    if model.lead_s is not None:
-        return f"{model.lead_s:g} s"
-    if Metadata(model.core).begins_at_first:
-        return "not known, recordings begin at their first sample"
-    n_triggers = model.trained.get("n_triggers")
-    n_recordings = sum(model.trained.get("recordings", {}).values())
-    if n_triggers is None:
-        return "not known, or not the same in all recordings"
-    if n_triggers == 0:
-        return "not known, recordings have no trigger"
-    if n_triggers < n_recordings:
-        return f"not known of all, {n_triggers} of {n_recordings} recordings have a trigger"
-    return "not the same in all recordings"
-
-
-def _units(model: Identifier) -> str:
-    """Return the units of the axes, each once; nothing where one is not known."""
-    return " and ".join(dict.fromkeys(model.units)) if all(model.units) else ""
 
 
 def _content(spec: FeatureSpec | _core.MultiBandExtractor, units: str) -> str:
@@ -146,20 +128,7 @@ def _content(spec: FeatureSpec | _core.MultiBandExtractor, units: str) -> str:
     return f"; histogram of {spec.n_bins} bins, {within}, above {spec.cutoff_hz:g} Hz"
 
 
-def _bands(spec: FeatureSpec | _core.MultiBandExtractor, units: str) -> list[str]:
-    """Give the edges of each band, and its typical size per axis in the training recordings."""
-    if isinstance(spec, FeatureSpec):
-        return []
-    lines = [f"  band, Hz: typical size of each axis{', ' + units if units else ''}"]
-    for number, ((low, high, *_), scales) in enumerate(zip(spec.bands, spec.scales, strict=True)):
-        edges = "all but the mean" if number == 0 else f"{low:.3g} to {high:.3g}"
-        lines.append(f"  {edges}: {' '.join(f'{scale:.2g}' for scale in scales)}")
-    if "level" in spec.blocks:
-        lines.append(f"  level: {' '.join(f'{scale:.2g}' for scale in spec.level_scales)}")
-    return lines
-
-
-def _estimate(model: Identifier, estimate: Mapping[str, Any] | None) -> list[str]:
+def _estimate(model: TrainedModel, estimate: Mapping[str, Any] | None) -> list[str]:
     if not estimate:
         return [f"accuracy: not known: {model.trained.get('why_no_estimate') or 'not measured'}"]
     interval = estimate["interval_95"]
@@ -206,7 +175,7 @@ def _choice(choice: Mapping[str, Any] | None) -> list[str]:
     return lines
 
 
-def _early(model: Identifier, outcome: Mapping[str, Any] | None) -> str:
+def _early(model: TrainedModel, outcome: Mapping[str, Any] | None) -> str:
     table = model.core.early
     if table is None:
         why = "" if outcome is None else outcome.get("why_not", "")
@@ -215,13 +184,12 @@ def _early(model: Identifier, outcome: Mapping[str, Any] | None) -> str:
     first = f"from {fixed(n_seen / model.rate_hz, 2)} s on, with a margin of {margin:.3g} or more"
     if not outcome:
         return first
-    figures = (outcome[name] for name in ("answered_early", "mean_seconds", "error", "target_error", "worst"))
-    return f"{first}; {outcome_text(*figures)}"
+    return f"{first}; {outcome_text(**{name: value for name, value in outcome.items() if name != 'why_not'})}"
 
 
-def _confidence(model: Identifier) -> list[str]:
+def _confidence(model: TrainedModel) -> list[str]:
     """Say what probabilities, candidates and refusals are worth."""
-    candidates, unknown = confidence_rules(model.core)
+    candidates, unknown = model.confidence_rules()
     none = f"none{_why_none(model.trained)}"
     return [
         f"probabilities: {none if model.temperature is None else 'set on held-out recordings'}",

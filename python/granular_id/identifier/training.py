@@ -1,9 +1,9 @@
-"""Training: a model of all recordings, and what held-out recordings say about it."""
+"""The steps of `Identifier.fit`: weights of all recordings, answers about held-out ones, what both say."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,19 +13,16 @@ from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 
 from granular_id import _core
-from granular_id._checks import argument_error, checked_flag, checked_share
-from granular_id._estimators import convergence_warnings, describe_estimator, seeded_clone, versions
+from granular_id._checks import argument_error
+from granular_id._estimators import describe_estimator, seeded_clone, versions
 from granular_id._files import json_value
 from granular_id._memory import taken
 from granular_id._parallel import single_threaded_blas
-from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence import (
     N_RANDOM_FOLDS,
     Novelty,
     Parts,
     blocks_in_time,
-    candidate_rule,
-    fit_temperature,
     held_out_parts,
     rotated,
     scaled,
@@ -33,29 +30,13 @@ from granular_id.confidence import (
 )
 from granular_id.ecoc import design
 from granular_id.features import FeatureSpec
-from granular_id.identifier.adapt import features_of, with_source
-from granular_id.identifier.core import model_of, pipeline_of, plain_features
-from granular_id.identifier.metadata import MAX_FILE_BYTES, fingerprint, stored_marks
-from granular_id.identifier.rules import (
-    KEY,
-    EarlyRule,
-    HeldOut,
-    calibrate,
-    checkpoints,
-    provisional_answers,
-)
-from granular_id.recording import (
-    Dataset,
-    common_units,
-    data_warnings,
-    describe_data,
-    mixed_setup_warnings,
-    setups_in,
-    values_in,
-)
+from granular_id.identifier.core import features_of, model_of, plain_features
+from granular_id.identifier.early import HeldOut, checkpoints, provisional_answers
+from granular_id.identifier.model import MAX_FILE_BYTES
+from granular_id.recording import Dataset, describe_data, setups_in, values_in
 from granular_id.score import Held, fit_and_score
 from granular_id.spaces import BlockScaler, Choice, choice_of, fit_on_features
-from granular_id.splits import AUTO, TIME, Fold, Folds, groups_of, hold_out, rows_of_class
+from granular_id.splits import AUTO, TIME, Fold, Folds, Groups, hold_out
 
 FloatArray = npt.NDArray[np.float64]
 FloatArray32 = npt.NDArray[np.float32]
@@ -65,115 +46,8 @@ _HEADER_BYTES = 2**16
 """Room for what is no weight: names, settings, estimates."""
 
 
-@dataclass(frozen=True, eq=False)
-class Training:
-    """A model of all recordings, and what is known about it."""
-
-    core: _core.Model
-    trained: dict[str, Any]  # what the model says of its training, in types that JSON knows
-    held: HeldOut | None
-    early: EarlyRule | None  # None where it was not asked for, or nothing was held out
-
-
-def train(
-    data: Dataset,
-    space: str | Pipeline = "best",
-    *,
-    by: str = AUTO,
-    background: Sequence[str] = (),
-    estimate: bool = True,
-    target_error: float | None = 0.01,
-    coverage: float | None = 0.9,
-    share_known: float | None = 0.95,
-    random_state: int = 0,
-    threads: int | None = None,
-    progress: bool | ProgressCallback | None = None,
-) -> Training:
-    """Train a model on all recordings, and measure on models of parts of them what may be expected of it.
-
-    Parameters and errors are those of `granular_id.Identifier.fit`; what is wrong with them is said before anything is
-    trained.
-    """
-    for name, share in (("target_error", target_error), ("coverage", coverage), ("share_known", share_known)):
-        if share is not None:
-            checked_share(name, share)
-    if not isinstance(data, Dataset):
-        raise TypeError(f"data must be a granular_id.Dataset, got {type(data).__name__}")
-    _check_background(
-        background, data, has_use=checked_flag("estimate", estimate) and share_known is not None
-    )
-    units = common_units(data)
-    recordings, data = data, data.select(where=lambda r: r.label not in background) if background else data
-    X, y, rate_hz = data.X, data.y, data.rate_hz
-    classes = tuple(rows_of_class(y))
-    name, pipeline = pipeline_of(space, rate_hz, threads)
-    refuse_large(pipeline, len(classes), X)
-    folds, why_none = (
-        _folds(data, by, random_state) if estimate else (None, "no recordings were held out, as asked")
-    )
-    held = novelty = None
-    # The bits of a model must not depend on how many threads multiply its matrices: here, and where it is built.
-    with showing(progress or False) as callback, convergence_warnings(name) as not_converged:
-        ticker = Ticker(1 + (0 if folds is None else len(folds)), callback)
-        with single_threaded_blas():
-            fitted = seeded_clone(pipeline, np.random.SeedSequence(random_state, spawn_key=(4,)))
-            features = fitted[0].fit(X, y).transform(X)
-            fit_on_features(fitted, features, y, groups_of(data, by))
-            ticker.tick("all recordings")
-            if folds is not None:
-                held = _answers(data, name, pipeline, folds, random_state, ticker.tick)
-    early = None if target_error is None or held is None else calibrate(held, float(target_error))
-    plain = model_of(fitted, rate_hz, axes=data.axes)
-    rows = plain_features(fitted[0], features, plain.spec)
-    rows = features_of(plain, X, threads) if rows is None else rows
-    rules: dict[str, Any] = {}
-    if held is not None and coverage is not None:
-        rules["candidates"] = candidate_rule(
-            classes, held.held.values, held.truth, _sessions(held.held), float(coverage)
-        ).to_dict()
-    if held is not None and share_known is not None:
-        beside = recordings.select(labels=list(background)) if background else None
-        rules["unknown"], novelty = _refusal(
-            plain, rows, data, beside, held.held, float(share_known), threads
-        )
-    choice = choice_of(fitted)
-    trained = {
-        **_described(data, name, pipeline),
-        **stored_marks(recordings),
-        **(
-            {"background": {label: _counts(recordings.y)[label] for label in background}}
-            if background
-            else {}
-        ),
-        "estimate": None if held is None else _estimate(held.held),
-        "why_no_estimate": why_none,
-        "early": None if held is None or early is None else early.to_dict(held, rate_hz),
-        **({} if choice is None else {"choice": _choice(choice, held)}),
-        **({KEY: rules} if rules else {}),
-        **({} if held is None else {"temperature": _temperature(held.held)}),
-        "left_out": getattr(fitted[0], "dropped_", ""),
-        # What may mislead a reader of the estimate.
-        "notes": [*(mixed_setup_warnings(data) if held is None else data_warnings(data)), *not_converged],
-    }
-    with single_threaded_blas():
-        core = model_of(
-            fitted,
-            rate_hz,
-            axes=data.axes,
-            units=units,
-            lead_s=_common_lead(data),
-            samples=X,
-            early=None if early is None else early.table(),
-            novelty=novelty,
-            trained=trained,
-            training_sha256=fingerprint(recordings, trained["settings"]),
-        )
-    core = with_source(core, lambda: rows, y, MAX_FILE_BYTES)
-    return Training(core, trained, held, early)
-
-
-def _check_background(background: Sequence[str], data: Dataset, *, has_use: bool) -> None:
-    """Refuse background materials of which there is no recording, or where nothing is refused."""
+def background_of(data: Dataset, background: Sequence[str], *, has_use: bool) -> Dataset | None:
+    """Return the recordings of materials that are never named; refuse those that are missing, or have no use."""
     if isinstance(background, str):
         raise argument_error(TypeError, "background", f"must be a sequence of labels, got {background!r}")
     missing = sorted(set(background) - set(data.y.tolist()))
@@ -184,14 +58,14 @@ def _check_background(background: Sequence[str], data: Dataset, *, has_use: bool
     if background and not has_use:
         problem = "has no use where nothing is refused: leave it out, or give share_known and estimate"
         raise argument_error(ValueError, "background", problem)
+    return data.select(labels=list(background)) if background else None
 
 
 def refuse_large(pipeline: Pipeline, n_classes: int, X: FloatArray) -> None:
     """Refuse a model that no file could hold, before any time is spent on it; name ways out."""
     n_values = int(np.prod(X.shape[1:]))
     space, coding = pipeline[0], getattr(pipeline[-1], "coding", "onevsone")
-    is_banded = hasattr(space, "blocks")
-    if is_banded and n_values > _core.MAX_MULTIBAND_VALUES:
+    if hasattr(space, "blocks") and n_values > _core.MAX_MULTIBAND_VALUES:
         raise ValueError(
             f"recordings of {X.shape[1]} samples of {X.shape[2]} axes are too long for a model of multi-band features: "
             f"{n_values} values, at most {_core.MAX_MULTIBAND_VALUES}; shorten them, or take space='hfmh'"
@@ -209,30 +83,53 @@ def refuse_large(pipeline: Pipeline, n_classes: int, X: FloatArray) -> None:
         )
 
 
-# What held-out recordings say.
-
-
-def _folds(data: Dataset, by: str, seed: int) -> tuple[Folds | None, str]:
-    """Return the folds of the estimate; or why there are none."""
-    if by != AUTO:
-        return hold_out(data, by, seed=seed), ""
+def folds_of(data: Dataset, by: str, seed: int) -> tuple[Folds | None, str]:
+    """Draw the folds of the estimate; or say why there are none, which a model does not need."""
     try:
-        return hold_out(data, seed=seed), ""
-    except ValueError as why:  # a model all the same, of which nobody knows how good it is
+        return hold_out(data, by, seed=seed), ""
+    except ValueError as why:
+        if by != AUTO:
+            raise
         return None, str(why)
 
 
-def _answers(
-    data: Dataset, name: str, pipeline: Pipeline, folds: Folds, seed: int, tick: Callable[[str], None]
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A pipeline that was fitted on all recordings."""
+
+    pipeline: Pipeline
+    plain: _core.Model  # its weights alone
+    rows: FloatArray  # (n, D) what these are for
+    codes: IntArray  # (n,) material of each row
+
+
+def fit_all(
+    pipeline: Pipeline, data: Dataset, groups: Groups, random_state: int, threads: int | None
+) -> Fitted:
+    """Fit a clone of a pipeline on all recordings."""
+    X, y = data.X, data.y
+    with (
+        single_threaded_blas()
+    ):  # the bits of a model must not depend on how many threads multiply its matrices
+        fitted = seeded_clone(pipeline, np.random.SeedSequence(random_state, spawn_key=(4,)))
+        features = fitted[0].fit(X, y).transform(X)
+        fit_on_features(fitted, features, y, groups)
+        plain = model_of(fitted, data.rate_hz, axes=data.axes)
+    rows = plain_features(fitted[0], features, plain.spec)
+    rows = features_of(plain, X, threads) if rows is None else rows
+    return Fitted(fitted, plain, rows, np.searchsorted(plain.classes, y))
+
+
+def held_out_answers(
+    pipeline: Pipeline, data: Dataset, folds: Folds, *, seed: int, tick: Callable[[str], None], name: str
 ) -> HeldOut:
     """Train on the rows of each fold, and answer about the recordings that it holds out, moment by moment."""
     X, classes = data.X, np.unique(data.y)
     n_seen = checkpoints(X.shape[1])
 
     def observe(fitted: Pipeline, _: Any, train: IntArray, __: Any, test: IntArray) -> tuple[Any, ...]:
-        core = model_of(
-            fitted, data.rate_hz, axes=data.axes, samples=taken(X, train, "recordings that train")
-        )
+        own = taken(X, train, "recordings that train")
+        core = model_of(fitted, data.rate_hz, axes=data.axes, samples=own)
         winners, margins = zip(
             *(provisional_answers(core, X[row], n_seen) for row in test.tolist()), strict=True
         )
@@ -241,50 +138,31 @@ def _answers(
 
     held = fit_and_score(pipeline, data, folds, seed=seed, tick=tick, observe=observe, name=name)
     winners, margins, chosen = zip(*held.observed, strict=True)
-    return HeldOut(held, n_seen, np.concatenate(winners), np.concatenate(margins), chosen)
+    return HeldOut(held, n_seen, data.rate_hz, np.concatenate(winners), np.concatenate(margins), chosen)
 
 
-def _sessions(held: Held) -> IntArray | None:
-    """Return the session of each row; None where no sessions were held out."""
-    return held.places if held.folds.sessions_apart else None
+def random_folds(data: Dataset, n_folds: int) -> tuple[Folds, Folds]:
+    """Draw the random folds that say how much stranger a recording is to models that train on less."""
+    return hold_out(data, "random", n_folds=N_RANDOM_FOLDS), hold_out(data, "random", n_folds=max(2, n_folds))
 
 
-def _estimate(held: Held) -> dict[str, Any]:
-    """Return the accuracy on held-out recordings and how it was found, in types that JSON knows."""
-    low, high = held.interval
-    return {
-        "by": held.folds.by,
-        "held_out": held.folds.name,
-        "note": "; ".join(held.folds.notes),
-        "n_folds": len(held.folds),
-        "n_answers": len(held.rows),
-        "accuracy": held.accuracy,
-        "interval_95": None if math.isnan(low) else [low, high],
-        "recall": dict(zip(held.classes, json_value(held.recall), strict=True)),
-        "untested": dict(held.folds.untested),
-    }
-
-
-def _temperature(held: Held) -> float:
-    return fit_temperature(held.values, held.truth, _sessions(held))
-
-
-def _refusal(
-    core: _core.Model,
-    rows: FloatArray,
-    data: Dataset,
+def refusal(
+    fitted: Fitted,
     beside: Dataset | None,
     held: Held,
+    random: tuple[Folds, Folds],
+    groups: Groups,
     share_known: float,
     threads: int | None,
 ) -> tuple[dict[str, Any], tuple[FloatArray32, FloatArray32, FloatArray32]]:
     """Set the rule of refusal on held-out recordings, and fit what their novelty is computed with.
 
-    `rows` are plain features of the recordings. Those of background materials train in all folds.
+    Recordings of background materials, `beside`, train in all folds.
     """
-    n, codes = len(rows), np.searchsorted(core.classes, data.y)
+    core, rows, codes = fitted.plain, fitted.rows, fitted.codes
+    n, n_classes = len(rows), len(core.classes)
     if beside is not None:
-        own = len(core.classes) + np.unique(beside.y, return_inverse=True)[1]
+        own = n_classes + np.unique(beside.y, return_inverse=True)[1]
         rows, codes = np.concatenate([rows, features_of(core, beside.X, threads)]), np.r_[codes, own]
     always = np.arange(n, len(codes))
     scaler = BlockScaler(_blocks(core)).fit(rows)
@@ -295,24 +173,24 @@ def _refusal(
 
         def parts(folds: Sequence[Fold]) -> Parts:
             drawn = ((np.r_[fold.train, always], fold.test) for fold in folds)
-            return held_out_parts(small, codes, len(core.classes), drawn).take(slice(n))
+            return held_out_parts(small, codes, n_classes, drawn).take(slice(n))
 
-        def random_parts(n_folds: int) -> Parts:
-            drawn = hold_out(data, "random", n_folds=n_folds).folds
-            return parts(drawn).take(np.sort(np.concatenate([fold.test for fold in drawn])))
-
-        rank = groups_of(data).rank
+        ten, as_many = (
+            parts(drawn.folds).take(np.sort(np.concatenate([fold.test for fold in drawn])))
+            for drawn in random
+        )
+        in_time = held.folds.by == TIME and groups.rank is not None
         rule = unknown_rule(
             core.classes,
             parts(held.folds.folds),
             codes[:n],
             share_known=share_known,
-            of_folds=(random_parts(N_RANDOM_FOLDS), random_parts(max(2, len(held.folds)))),
-            blocks=blocks_in_time(rank, codes[:n]) if held.folds.by == TIME and rank is not None else None,
+            of_folds=(ten, as_many),
+            blocks=blocks_in_time(groups.rank, codes[:n]) if in_time and groups.rank is not None else None,
             held_out=held.folds.name if held.folds.sessions_apart else "",
         )
-        fitted = Novelty.fit(s, codes, len(core.classes))
-    return rule.to_dict(), (scaling, fitted.directions, fitted.means)
+        learned = Novelty.fit(s, codes, n_classes)
+    return rule.to_dict(), (scaling, learned.directions, learned.means)
 
 
 def _blocks(core: _core.Model) -> dict[str, int]:
@@ -327,7 +205,7 @@ def _blocks(core: _core.Model) -> dict[str, int]:
 # What a model says of its training, in types that JSON knows.
 
 
-def _described(data: Dataset, name: str, pipeline: Pipeline) -> dict[str, Any]:
+def described(data: Dataset, name: str, pipeline: Pipeline) -> dict[str, Any]:
     """Return settings, recordings and the steps that prepared them."""
     # Rows name files: a model is handed on, and says what was done, not to which file.
     parts = ("step", "parameters", "totals")
@@ -339,34 +217,56 @@ def _described(data: Dataset, name: str, pipeline: Pipeline) -> dict[str, Any]:
             "steps": [{key: value for key, value in step.items() if key not in without} for step in steps],
         },
         "synthetic": data.is_synthetic,
-        "recordings": _counts(data.y),
+        "recordings": counts(data),
         "n_sessions": len(set(data.sessions.tolist()) - {None}),
-        "n_triggers": sum(recording.trigger_index is not None for recording in data),
         "setup": values_in(setups_in(data)),
         "history": [{key: step[key] for key in parts} for step in describe_data(data)["history"]],
         "versions": versions(),
     }
 
 
-def _counts(labels: npt.NDArray[np.str_]) -> dict[str, int]:
+def counts(data: Dataset) -> dict[str, int]:
     """Count the recordings of each label."""
-    names, counts = np.unique(labels, return_counts=True)
-    return dict(zip(names.tolist(), counts.tolist(), strict=True))
+    names, found = np.unique(data.y, return_counts=True)
+    return dict(zip(names.tolist(), found.tolist(), strict=True))
 
 
-def _choice(choice: Choice, held: HeldOut | None) -> dict[str, Any]:
-    """Return what the model chose, and what those of the estimate chose."""
+def estimated(held: HeldOut | None, why_none: str) -> dict[str, Any]:
+    """Return the accuracy on held-out recordings and how it was found; or why it was not."""
+    if held is None:
+        return {"estimate": None, "why_no_estimate": why_none}
+    own = held.held
+    low, high = own.interval
+    estimate = {
+        "by": own.folds.by,
+        "held_out": own.folds.name,
+        "note": "; ".join(own.folds.notes),
+        "n_folds": len(own.folds),
+        "n_answers": len(own.rows),
+        "accuracy": own.accuracy,
+        "interval_95": None if math.isnan(low) else [low, high],
+        "recall": dict(zip(own.classes, json_value(own.recall), strict=True)),
+        "untested": dict(own.folds.untested),
+    }
+    return {"estimate": estimate, "why_no_estimate": why_none}
+
+
+def chosen(fitted: Fitted, held: HeldOut | None) -> Mapping[str, Any]:
+    """Return what the model chose, and what those of the estimate chose; nothing where it had no choice."""
+    choice = choice_of(fitted.pipeline)
+    if choice is None:
+        return {}
     elsewhere = [] if held is None else zip(held.held.folds, held.chosen, strict=True)
     of_each = ("chosen", "note", "accuracy_on_the_folds_that_chose")
     in_folds = [
-        {"held_out": fold.held_out, **{name: chosen.to_dict()[name] for name in of_each}}
-        for fold, chosen in elsewhere
-        if chosen is not None
+        {"held_out": fold.held_out, **{name: own.to_dict()[name] for name in of_each}}
+        for fold, own in elsewhere
+        if isinstance(own, Choice)
     ]
-    return {**choice.to_dict(), "in_folds": in_folds}
+    return {"choice": {**choice.to_dict(), "in_folds": in_folds}}
 
 
-def _common_lead(data: Dataset) -> float | None:
+def common_lead(data: Dataset) -> float | None:
     """Seconds ahead of the trigger, where every recording has the same."""
     triggers = {recording.trigger_index for recording in data}
     trigger = triggers.pop()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from granular_id._checks import whole_number
 from granular_id._text import counted
 from granular_id.features import FeatureSpec
-from granular_id.identifier import Identifier, StreamingIdentifier, setup_comparison
+from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.live.capture import meta_of
 from granular_id.live.limits import Limits
 from granular_id.live.outcome import Push
@@ -122,11 +122,13 @@ class Session(ABC):
         """Hold the set-up against that of the training; return how many samples at rest give the zero of each push."""
         info, model = self.stream.info, self.model
         meta = meta_of(info, facts)
-        compared, now = setup_comparison(model.core), Setup.of(meta)
+        now = Setup.of(meta)
         # Recordings that are played again may be of several set-ups.
         each = [now.completed(one) for one in getattr(self.stream.source, "setups", ())] or [now]
         n_tare, each = _tare(model, each, rest_s)
-        found = dict.fromkeys(difference for one in each for difference in compared(one, meta))
+        found = dict.fromkeys(
+            difference for one in each for difference in model.requirements.differences(one, meta)
+        )
         self.differences = refuse_or_list(found, self._accept, f"{info.name} has ")
         synthetic = (_SYNTHETIC_MODEL,) if model.synthetic and not info.synthetic else ()
         self._always = (*synthetic, *self.differences)

@@ -277,7 +277,7 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
     Parameters
     ----------
     course : granular_id.identifier.OverTime
-        From `accuracy_over_time`.
+        `Identifier.over_time_` of a model that was just fitted.
     path : path-like, optional
         As in `granular_id.plotting.plot_mean_forces`.
 
@@ -296,9 +296,9 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
     Examples
     --------
     >>> from granular_id import synthesize
-    >>> from granular_id import accuracy_over_time
+    >>> from granular_id import Identifier
     >>> data = synthesize(["rice", "fine sugar"], n_per_class=10, duration_s=0.5)
-    >>> plot_over_time(accuracy_over_time(data, target_error=0.1)).axes[0].get_xlabel()
+    >>> plot_over_time(Identifier.fit(data, target_error=0.1).over_time_).axes[0].get_xlabel()
     'signal seen, s'
     """
     figure = new_figure(5.6, 3.4)

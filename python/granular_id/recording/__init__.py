@@ -34,6 +34,7 @@ from granular_id.recording.report import (
     skipped_lines as skipped_lines,
     text_table as text_table,
 )
+from granular_id.recording.requirements import Begin as Begin, Requirements as Requirements
 from granular_id.recording.resampling import (
     STATED_TOLERANCE as STATED_TOLERANCE,
     RepairedTime as RepairedTime,

@@ -13,7 +13,7 @@ from granular_id._core import FeatureSpec
 from granular_id.archive import Answers, PartitionError, append, extract, identify
 from granular_id.archive.answers import COLUMNS, MODEL, AnswerWork
 from granular_id.archive.work import one_of_each
-from granular_id.identifier import Identifier, check_recordings, cropped_to_model, identify_all, starts_in
+from granular_id.identifier import Identifier, identify_all
 from granular_id.io import load
 from granular_id.io.parquet.archive import Archive
 from granular_id.io.parquet.writing import save_parquet
@@ -58,25 +58,24 @@ def saved(data, folder):
 
 
 def rows_of(answers):
-    return [{name: row[name] for name in ("name", "label", *COLUMNS)} for row in answers.table.to_pylist()]
+    return [
+        {**{name: row[name] for name in ("name", "label", *COLUMNS)}, "truth": row["label"]}
+        for row in answers.table.to_pylist()
+    ]
 
 
 def expected(model, data, **crop):
     """What `granular-id identify` answers of a data set."""
-    taken = cropped_to_model(data, model.core, **crop)
+    taken = model.requirements.crop(data, **crop)
     return [
         {
-            "name": one.name,
-            "label": one.truth,
-            "answer": one.label,
-            "margin": one.margin,
-            "probability": one.probability,
-            "candidates": list(one.candidates),
-            "unknown": one.unknown,
-            "warnings": list(one.warnings),
-            "trained_on": one.trained_on,
+            **one,
+            "label": one["truth"],
+            "answer": one["label"],
+            "candidates": list(one["candidates"]),
+            "warnings": list(one["warnings"]),
         }
-        for one in identify_all(model.core, taken)
+        for one in identify_all(model, taken).each()
     ]
 
 
@@ -139,8 +138,8 @@ def test_longer_recordings_begin_as_elsewhere(model, begin_at, lead_s):
     data = Dataset([*longer, *pushes(3), *without, *pushes(3, n_samples=40)])
     lengths = np.array([one.n_samples for one in data])
     triggers = np.array([-1 if one.trigger_index is None else one.trigger_index for one in data])
-    starts = starts_in(data.names, lengths, triggers, model.core, begin_at=begin_at, lead_s=lead_s)
-    cropped = cropped_to_model(data, model.core, begin_at=begin_at, lead_s=lead_s, on_short="skip")
+    starts = model.requirements.starts(data.names, lengths, triggers, begin_at=begin_at, lead_s=lead_s)
+    cropped = model.requirements.crop(data, begin_at=begin_at, lead_s=lead_s, on_short="skip")
     kept = [(one, start) for one, start in zip(data, starts.tolist(), strict=True) if start >= 0]
     assert [one.name for one, _ in kept] == list(cropped.names)
     for (one, start), other in zip(kept, cropped, strict=True):
@@ -201,7 +200,7 @@ def test_a_frame_of_another_name_may_be_accepted(model, tmp_path):
 
 def test_what_else_differs_is_told_once(model, tmp_path):
     data = pushes(11, meta={"sensor": "Nano17"})
-    assert check_recordings(data, model.core) == ("sensor 'Nano17', in training 'Mini45'",)
+    assert model.requirements.check(data) == ("sensor 'Nano17', in training 'Mini45'",)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         answered(model, data, tmp_path)
@@ -215,8 +214,8 @@ def test_what_was_done_to_appended_recordings_is_compared_too(model, tmp_path):
     data = pushes(6)
     found = Dataset(data.recordings, (StepReport(ONSET_STEP),))
     append(tmp_path / "archive", found)
-    expected = check_recordings(load(tmp_path / "archive"), model.core)
-    assert check_recordings(one_of_each(Archive(tmp_path / "archive"), 500.0), model.core) == expected
+    expected = model.requirements.check(load(tmp_path / "archive"))
+    assert model.requirements.check(one_of_each(Archive(tmp_path / "archive"), 500.0)) == expected
 
 
 def test_an_archive_in_the_place_of_another_has_its_own_flags(model, tmp_path):
@@ -273,12 +272,10 @@ def test_a_model_is_a_path_too(model, tmp_path):
 
 def test_no_model_travels_to_workers(model, tmp_path):
     answers = answered(model, pushes(6), tmp_path)
-    work = AnswerWork(
-        str(answers.folder / MODEL), answers.spec["work"]["answers"]["model"], loaded=model.core
-    )
+    work = AnswerWork(str(answers.folder / MODEL), answers.spec["work"]["answers"]["model"], loaded=model)
     sent = pickle.dumps(work)
     assert len(sent) < 1000
-    assert pickle.loads(sent).core == model.core
+    assert pickle.loads(sent).identifier.core == model.core
 
 
 def test_answers_of_another_model_are_refused(model, trained, tmp_path):
@@ -314,7 +311,7 @@ def test_a_damaged_row_group_fails_alone(model, tmp_path, monkeypatch):
 
 def test_the_summary_says_of_each_material_what_a_batch_says(model, trained, tmp_path):
     data = mixed(trained)
-    batch = identify_all(model.core, cropped_to_model(data, model.core))
+    batch = identify_all(model, model.requirements.crop(data))
     table = answered(model, data, tmp_path).summary()
     assert table.title == "Materials named in 24 recordings"
     assert table.header == (
@@ -322,7 +319,7 @@ def test_the_summary_says_of_each_material_what_a_batch_says(model, trained, tmp
         *("unknown", "several candidates"),
     )
     assert [row[:2] for row in table.rows] == [
-        (name, str(sum(one.label == name for one in batch))) for name in model.classes
+        (name, str((batch.labels == name).sum())) for name in model.classes
     ]
     assert table.notes[: len(batch.table().notes)] == batch.table().notes
     assert "1 recording with flagged samples: see the column warnings" in table.notes

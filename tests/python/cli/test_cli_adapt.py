@@ -11,6 +11,7 @@ from granular_id.identifier import Identifier, adapt as adapting
 from granular_id.io import load
 from granular_id.recording import Dataset
 from granular_id.synthetic import synthesize
+from model_cases import with_trained
 
 
 def moved(n, *, labels=True, **fields):
@@ -218,9 +219,9 @@ def test_a_model_that_keeps_nothing_of_its_training_says_the_way_out(model, fres
     known = Identifier.load(model)
     trained = {name: value for name, value in known.trained.items() if name != "source"}
     old = tmp_path / "old.safetensors"
-    Identifier(adapting._changed(known.core, trained)).save(old)
+    Identifier(with_trained(known.core, trained)).save(old)
     line = refused("adapt", old, fresh, "-o", tmp_path / "new", "--labelled")
-    assert "has too many materials; train it again with granular-id train, or adapt it in Python, " in line
+    assert "has too many learners; train one from recordings, " in line
 
 
 def test_an_adapted_model_is_not_declared_again(model, fresh, tmp_path):

@@ -11,7 +11,7 @@ from sklearn.pipeline import make_pipeline
 
 from cli_cases import LABELS, SMALL_MODEL, ended_well, make, recording, refused, run, saved, written
 from granular_id import ECOCClassifier, RawHFMH, _core, save
-from granular_id.identifier import Identifier, accuracy_over_time, identify_all, metadata
+from granular_id.identifier import Identifier, identify_all, model as model_file
 from granular_id.io import load
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.synthetic import synthesize
@@ -39,8 +39,7 @@ def test_train_writes_the_model_of_the_library_and_says_what_it_may_be_worth(fol
         assert line in out
     assert out.endswith("repeat with: python -m granular_id train 'my folder' --force\n")
     assert figure.read_bytes().startswith(b"\x89PNG")
-    course = accuracy_over_time(data, pipeline, target_error=0.2)
-    assert written(figures)["over_time"] == course.to_dict()
+    assert written(figures)["over_time"] == same.over_time_.to_dict()
     assert written(figures)["estimate"] == same.trained["estimate"]
 
 
@@ -120,9 +119,8 @@ def test_every_command_says_that_a_model_is_of_simulated_recordings(tmp_path):
     assert "SYNTHETIC recordings and a model of such" in quiet.stderr
 
 
-@pytest.mark.parametrize("space", ["best", "hfmh"])
 @pytest.mark.parametrize(("unit", "said"), [("m/s2", " m/s2"), (None, "")])
-def test_model_info_has_the_units_of_the_model_where_they_are_known(tmp_path, space, unit, said):
+def test_model_info_has_the_units_of_the_model_where_they_are_known(tmp_path, unit, said):
     rng = np.random.default_rng(2)
     axes = ("ax", "ay", "az")
     meta = {} if unit is None else {"units": dict.fromkeys(axes, unit)}
@@ -131,12 +129,9 @@ def test_model_info_has_the_units_of_the_model_where_they_are_known(tmp_path, sp
         for k in range(2)
         for _ in range(6)
     ]
-    Identifier.fit(Dataset(each), space, estimate=False).save(tmp_path / "m.safetensors")
+    Identifier.fit(Dataset(each), "hfmh", estimate=False).save(tmp_path / "m.safetensors")
     lines = ended_well("model", "info", tmp_path / "m.safetensors").splitlines()
-    if space == "best":
-        assert f"  band, Hz: typical size of each axis{',' + said if said else ''}" in lines
-    else:
-        assert any(f"-1.5 to 1.5{said}, above" in line for line in lines)
+    assert any(f"-1.5 to 1.5{said}, above" in line for line in lines)
     assert not any("N m" in line for line in lines)
 
 
@@ -183,10 +178,10 @@ def test_identify_names_recordings_and_compares_with_what_is_known(folder, model
         (name, label, truth) for name, label, truth in zip(data.names, said, data.y, strict=True)
     ]
     assert [float(row["margin"]) for row in rows] == [row["margin"] for row in told["recordings"]]
-    for named, one in zip(identify_all(identifier.core, data), data, strict=True):
+    for row, one in zip(told["recordings"], data, strict=True):
         decision = identifier.identify(one)  # as in a stream
-        given = (decision.label, decision.margin, decision.ranking)
-        assert given == (named.label, named.margin, named.ranking)
+        assert (decision.label, decision.margin) == (row["label"], row["margin"])
+        assert decision.ranking == tuple((known["label"], known["mean_loss"]) for known in row["ranking"])
 
 
 def test_some_of_the_recordings_of_the_training_are_known_again(folder, model, fresh, tmp_path):
@@ -206,15 +201,14 @@ def test_some_of_the_recordings_of_the_training_are_known_again(folder, model, f
 
 def test_a_model_knows_its_recordings_one_by_one_where_they_are_not_too_many(folder, model, monkeypatch):
     data = load(folder)
-    monkeypatch.setattr(metadata, "_MOST_MARKS", 29)
+    monkeypatch.setattr(model_file, "_MOST_MARKS", 29)
     older = Identifier.fit(data, "hfmh", estimate=False)
-    assert metadata.MARKS not in older.trained
-    assert len(Identifier.load(model).trained[metadata.MARKS]) == 30 * 8
-    answers = identify_all(older.core, data)
+    assert model_file.MARKS not in older.trained
+    assert len(Identifier.load(model).trained[model_file.MARKS]) == 30 * 8
+    answers = identify_all(older, data)
     assert answers.trained_on_these
-    assert answers.n_trained_on is None
-    some = identify_all(older.core, data[:3])
-    assert {named.trained_on for named in some} == {None}
+    some = identify_all(older, data[:3])
+    assert answers.trained_on is some.trained_on is None
     assert "trained" not in str(some.table())
 
 

@@ -9,8 +9,12 @@ from core_cases import N_THREADS, at_once, fill
 from effort import cases
 from granular_id import FeatureSpec, _core
 from granular_id.ecoc import LOSSES, onevsall, onevsone
-from granular_id.identifier.streaming import StreamingIdentifier
+from granular_id.identifier import Identifier, StreamingIdentifier
 from model_cases import random_model, small_model
+
+
+def stream_of(core, **options):
+    return StreamingIdentifier(Identifier(core), **options)
 
 
 def scores_of(model, features, share=1.0, rest=0.0):
@@ -53,7 +57,7 @@ def test_the_final_answer_is_that_of_the_whole_recording(case):
     model, rows, blocks = case
     scores = model.scores(rows)
     losses = model.losses(scores)[0]
-    stream = StreamingIdentifier(model)
+    stream = stream_of(model)
     for _ in range(2):
         assert fill(stream, rows, blocks) == len(rows)
         decision = stream.decision()  # what provisional answers leave behind must not matter
@@ -80,7 +84,7 @@ def test_a_provisional_answer_fills_up_what_is_missing(case, data):
         model = type(model)(*parts, **{**keywords, "raw_mean": mean})
     n_seen = data.draw(st.integers(0, n_samples - 1))
     features = _core.StreamingExtractor(spec, n_samples=n_samples, n_axes=n_axes)
-    stream = StreamingIdentifier(model)
+    stream = stream_of(model)
     for one in (features, stream):
         fill(one, rows[:n_seen], blocks)
     unseen = (np.arange(n_samples * n_axes) % n_samples) >= n_seen
@@ -101,7 +105,7 @@ def test_sliding_windows_have_the_scores_of_their_features(case, hop):
     n_samples, n_axes = rows.shape
     rows = np.concatenate((rows, rows[::-1], rows / 2, rows))
     features = _core.StreamingExtractor(model.spec, n_samples=n_samples, n_axes=n_axes, hop=hop)
-    stream = StreamingIdentifier(model, hop=hop)
+    stream = stream_of(model, hop=hop)
     taken = 0
     while True:
         fill(features, rows[taken:], blocks)
@@ -116,18 +120,18 @@ def test_sliding_windows_have_the_scores_of_their_features(case, hop):
 
 def test_sure_as_the_model_says():
     model = small_model(early=[[2, 0.0], [4, 1e300]])
-    stream = StreamingIdentifier(model)
+    stream = stream_of(model)
     sure = []
     for _ in range(5):
         sure.append(stream.decision().sure)
         stream.push([0.1, -0.2])
     assert sure == [False, False, True, True, False]
     assert not stream.decision().sure
-    assert not StreamingIdentifier(small_model(early=None)).decision().sure
+    assert not stream_of(small_model(early=None)).decision().sure
 
 
 def test_warnings_last_as_long_as_the_spoilt_samples():
-    stream = StreamingIdentifier(random_model(0, 3, 4, 1, FeatureSpec(n_bins=4)), hop=2)
+    stream = stream_of(random_model(0, 3, 4, 1, FeatureSpec(n_bins=4)), hop=2)
     stream.push(np.zeros((1, 1)))
     stream.warn("gap")
     stream.warn("gap")
@@ -145,7 +149,7 @@ def test_warnings_last_as_long_as_the_spoilt_samples():
 
 def test_bad_rows_change_nothing():
     model = small_model()
-    stream = StreamingIdentifier(model)
+    stream = stream_of(model)
     rows = np.random.default_rng(0).normal(size=(5, 2))
     stream.push(rows[:2])
     before = stream.decision()
@@ -162,7 +166,7 @@ def test_bad_rows_change_nothing():
 
 def test_scores_that_leave_float64_are_refused():
     model = random_model(0, 2, 2, 1, FeatureSpec(hfmh=False), scale=1e10)
-    stream = StreamingIdentifier(model)
+    stream = stream_of(model)
     stream.push([1e303])
     with pytest.raises(ValueError, match="score"):
         stream.decision()
@@ -175,19 +179,19 @@ def test_bad_arguments():
     with pytest.raises(TypeError, match="identifier must be an Identifier, got str"):
         StreamingIdentifier("rice")
     with pytest.raises(ValueError, match="hop must be an integer of at least 1, got 0"):
-        StreamingIdentifier(model, hop=0)
+        stream_of(model, hop=0)
     with pytest.raises(ValueError, match=r"wrench must have shape \(k, 2\) or \(2,\), got shape \(3, 6\)"):
-        StreamingIdentifier(model).push(np.zeros((3, 6)))
+        stream_of(model).push(np.zeros((3, 6)))
     with pytest.raises(ValueError, match="a stream without hop has one window"):
-        StreamingIdentifier(model).next()
-    assert repr(StreamingIdentifier(model, hop=3)) == f"StreamingIdentifier({model!r}, hop=3)"
-    assert repr(StreamingIdentifier(model).core) == f"StreamingIdentifier({model!r}, hop=None)"
+        stream_of(model).next()
+    assert repr(stream_of(model, hop=3)) == f"StreamingIdentifier({model!r}, hop=3)"
+    assert repr(stream_of(model).core) == f"StreamingIdentifier({model!r}, hop=None)"
 
 
 def test_decisions_from_other_threads_while_rows_arrive():
     model = random_model(0, 5, 4000, 6, FeatureSpec(n_bins=20))
     rows = np.random.default_rng(0).normal(size=(4000, 6))
-    stream = StreamingIdentifier(model)
+    stream = stream_of(model)
 
     def watch():
         seen = [stream.decision().n_seen for _ in range(300)]

@@ -1,9 +1,13 @@
-"""Recordings, and two models of them, that many tests read and none changes."""
+"""Recordings and models of them that many tests read and none changes."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from evaluation_cases import make_data
+from evaluation_cases import LABELS, make_data
 from granular_id.identifier import Identifier
+from granular_id.recording import Dataset
 
 
 @pytest.fixture(scope="session")
@@ -17,11 +21,30 @@ def new():
 
 
 @pytest.fixture(scope="session")
+def levels():
+    """Materials that differ in level, with some pushes off theirs."""
+    rng = np.random.default_rng(0)
+
+    def wrench(r):
+        level = LABELS.index(r.label)
+        return rng.normal(level + rng.normal(0, 0.24), 0.3, (60, 6))
+
+    return Dataset([replace(r, wrench=wrench(r)) for r in make_data(8)])
+
+
+@pytest.fixture(scope="session")
+def leveled(levels):
+    """A model of these, with an early rule."""
+    return Identifier.fit(levels, "raw+hfmh", target_error=0.3)
+
+
+@pytest.fixture(scope="session")
 def models(data):
-    """One of plain features, and one of multi-band features that chose its classifier."""
+    """Models of plain features, and of multi-band ones with and without a choice; all with rules."""
+    settings = {"coverage": 0.8, "share_known": 0.9, "target_error": 0.2}
     return {
-        "raw+hfmh": Identifier.fit(data, "raw+hfmh", target_error=0.2),
-        "best": Identifier.fit(data, "best", target_error=0.2),
+        space: Identifier.fit(data, space, **settings)
+        for space in ("hfmh", "raw", "raw+hfmh", "multiband", "best")
     }
 
 

@@ -11,7 +11,7 @@ import pytest
 import granular_id as gid
 from cli_cases import ended_well, refused, run
 from granular_id import _core
-from granular_id.identifier import check_recordings, describe_model, describe_performance
+from granular_id.identifier import describe_model, describe_performance
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
 from granular_id.live.robot import Robot
@@ -96,10 +96,10 @@ def test_each_mismatch_is_refused_or_warned_of(data, model, name):
     refused = name in ACCEPTABLE
     accept = (name,) if refused else ()
     if refused:
-        for asked in (lambda: model.identify(changed[0]), lambda: check_recordings(changed, model.core)):
+        for asked in (lambda: model.identify(changed[0]), lambda: model.requirements.check(changed)):
             with pytest.raises(ValueError, match=rf"{data[0].name}.*{name}"):
                 asked()
-    (told,) = check_recordings(changed, model.core, accept)
+    (told,) = model.requirements.check(changed, accept)
     assert told.startswith(name)
     decision = model.identify(changed[0], accept=accept)
     assert decision.warnings == (told,)
@@ -115,7 +115,7 @@ def test_each_mismatch_is_refused_or_warned_of(data, model, name):
 
 def test_the_same_set_up_an_unknown_one_and_an_array_say_nothing(data, model):
     for same in (data, with_meta(data), with_meta(data, frame=None, tool="")):
-        assert check_recordings(same, model.core) == model.identify(same[0]).warnings == ()
+        assert model.requirements.check(same) == model.identify(same[0]).warnings == ()
         assert replayed(same, model)[0] == ()
     assert model.identify(np.asarray(data[0].wrench)).warnings == ()
     known_by_its_number = replace(data[0], meta={**FLANGE, "sensor": "Mini45 at the gantry"})
@@ -170,11 +170,11 @@ def test_a_training_on_several_set_ups_knows_each(data):
     mixed = Dataset([replace(recording, meta=several[k % 2]) for k, recording in enumerate(data)])
     model = gid.Identifier.fit(mixed, "hfmh", estimate=False)
     assert model.trained["setup"] == {"frame": ["flange", "sensor"], "tool": ["fork", "spoon"]}
-    assert check_recordings(mixed, model.core) == ()
+    assert model.requirements.check(mixed) == ()
     told = ("tool 'knife', in training 'fork' or 'spoon'",)
-    assert check_recordings(with_meta(data, tool="knife"), model.core) == told
+    assert model.requirements.check(with_meta(data, tool="knife")) == told
     with pytest.raises(ValueError, match="flange"):
-        check_recordings(with_meta(data, frame="table"), model.core)
+        model.requirements.check(with_meta(data, frame="table"))
     note = "recordings differ in their frame: 'flange' (6), 'sensor' (6)"
     assert note in "\n".join(describe_performance(model))
     assert note in "\n".join(data_warnings(mixed))
@@ -231,8 +231,8 @@ def test_what_a_step_took_off_is_missed_where_nothing_is_stated(data, step, told
         (taken, plain, re.sub("'.*", "not stated, in training ", told) + re.search("'.*'", told)[0]),
     ]:
         model = gid.Identifier.fit(trained, "hfmh", estimate=False)
-        assert check_recordings(trained, model.core) == ()
-        assert check_recordings(now, model.core) == (wanted,)
+        assert model.requirements.check(trained) == ()
+        assert model.requirements.check(now) == (wanted,)
         tares_itself = step is TARED and trained is taken
         assert replayed(now, model)[0] == (() if tares_itself else (wanted,))
 
@@ -247,9 +247,9 @@ def test_what_some_recordings_of_a_training_lack_is_no_difference(data):
     half = Dataset([*with_meta(data[:6]), *with_meta(data[6:], **TARED)])
     assert values_in(setups_in(half)) == {"tare": ["rest", "not stated"]}
     model = gid.Identifier.fit(half, "hfmh", estimate=False)
-    assert check_recordings(half, model.core) == ()
+    assert model.requirements.check(half) == ()
     told = ("tare 'by hand', in training 'rest' or not stated",)
-    assert check_recordings(with_meta(data, tare="by hand"), model.core) == told
+    assert model.requirements.check(with_meta(data, tare="by hand")) == told
     (warned,) = mixed_setup_warnings(half)
     assert warned == (
         "warning: recordings differ in their tare: not stated (6), 'rest' (6); their forces do not count from one zero"

@@ -1,12 +1,24 @@
-"""The rule of early answers: found among all, judged by sessions that did not choose it."""
+"""Provisional and early answers: the rule is found among all, and judged by sessions that did not choose it."""
+
+import math
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from granular_id.identifier.rules import HeldOut, calibrate, first_reached
+from granular_id import Identifier, extract_features
+from granular_id.identifier.early import (
+    HeldOut,
+    OverTime,
+    calibrate,
+    checkpoints,
+    first_reached,
+    provisional_answers,
+)
 from granular_id.score import Held
 from granular_id.splits import Fold, Folds
+
+RATE = 500.0
 
 
 def held_of(truth, winners, margins, sessions, by="session"):
@@ -26,7 +38,7 @@ def held_of(truth, winners, margins, sessions, by="session"):
         *[np.array([f"day {one}" for one in sessions], dtype=object)] * 2,
         Folds(by, parts),
     )
-    return HeldOut(held, np.arange(1, m + 1), winners, margins, ())
+    return HeldOut(held, np.arange(1, m + 1), RATE, winners, margins)
 
 
 def answers(rng, n, m, start, wrong_margins):
@@ -60,9 +72,9 @@ def test_early_answers_keep_the_target_with_one_more_error(held, target):
     assert rule.stops.max() < len(held.n_seen) - 1, "an answer at the end is not early"
     assert rule.table().tolist() == [[rule.n_seen, rule.margin]]
     assert 1 <= rule.n_seen < held.n_seen[-1]
-    said = rule.to_dict(held, 500.0)
+    said = rule.to_dict()
     assert said["error"] == (wrong + 1) / (len(answered) + 1)
-    assert said["mean_seconds"] == pytest.approx((rule.stops[answered] + 1).mean() / 500.0)
+    assert said["mean_seconds"] == pytest.approx((rule.stops[answered] + 1).mean() / RATE)
 
 
 def test_session_is_answered_by_what_the_others_choose():
@@ -73,7 +85,7 @@ def test_session_is_answered_by_what_the_others_choose():
     held = held_of(np.zeros(40, int), winners, np.full((40, 5), 0.5), np.repeat([0, 1], 20), "random")
     rule = calibrate(held, 0.6)
     assert rule.stops.tolist() == [3] * 20 + [0] * 20
-    assert rule.to_dict(held, 1.0)["error"] == 11 / 41
+    assert rule.error == 11 / 41
 
 
 def test_session_that_errs_far_more_often_forbids_a_rule():
@@ -129,10 +141,9 @@ def test_rule_is_the_pair_that_answers_soonest():
 
 def test_a_larger_target_answers_no_later():
     held = held_of(*answers(np.random.default_rng(0), 300, 20, 0.5, 0.6), np.arange(300) % 4)
-    shares = [calibrate(held, target).to_dict(held, 1.0) for target in (0.02, 0.05, 0.2)]
-    assert [said["answered_early"] for said in shares] == sorted(said["answered_early"] for said in shares)
-    seconds = [said["mean_seconds"] for said in shares]
-    assert seconds == sorted(seconds, reverse=True)
+    rules = [calibrate(held, target) for target in (0.02, 0.05, 0.2)]
+    shares, seconds = ([getattr(rule, name) for rule in rules] for name in ("answered_early", "mean_seconds"))
+    assert (shares, seconds) == (sorted(shares), sorted(seconds, reverse=True))
 
 
 def constant(n, m, n_wrong=0):
@@ -167,3 +178,102 @@ def test_thresholds_are_reached_or_not():
 def test_two_sessions_give_no_rule():
     held = held_of(np.zeros(40, int), np.zeros((40, 3), int), np.ones((40, 3)), np.repeat([0, 1], 20))
     assert calibrate(held, 0.1).why_not.startswith("two sessions do not show")
+
+
+# -- of models
+
+
+def provisional_scores(core, wrench, n_seen):
+    """Scores (L,) after some samples: unseen raw samples at their mean, counts scaled up to the whole length."""
+    spec, n, blocks = core.spec, core.n_samples, []
+    if spec.raw:
+        raw = core.raw_mean.reshape(core.n_axes, n).copy()
+        raw[:, :n_seen] = wrench[:n_seen].T
+        blocks.append(raw.ravel())
+    if spec.hfmh:
+        keywords = {**spec.__getnewargs_ex__()[1], "raw": False}
+        blocks.append(extract_features(wrench[:n_seen], **keywords) * n / n_seen)
+    return core.intercept + core.coef @ np.concatenate(blocks)
+
+
+def hinge_losses(core, scores):
+    """Mean hinge loss (K,) of the classes, loss-weighted."""
+    codes = core.coding_matrix.astype(float)
+    losses = np.maximum(0.0, 1.0 - codes * scores) / 2.0 * np.abs(codes)
+    return losses.sum(axis=1) / np.abs(codes).sum(axis=1)
+
+
+@pytest.mark.parametrize("space", ["raw", "hfmh", "raw+hfmh"])
+def test_provisional_answers_are_those_of_the_definition(models, data, space):
+    core, moments = models[space].core, [1, 7, 8, 41, 79, 80]
+    winners, margins = provisional_answers(core, data.X[3], moments)
+    for n, winner, margin in zip(moments, winners, margins, strict=True):
+        losses = hinge_losses(core, provisional_scores(core, data.X[3], n))
+        best, second = np.sort(losses)[:2]
+        assert margin == pytest.approx(second - best, abs=1e-9)
+        assert losses[winner] == pytest.approx(best, abs=1e-9)
+
+
+@given(st.integers(1, 5000), st.integers(1, 300))
+def test_checkpoints_rise_to_the_end_evenly(n_samples, most):
+    moments = checkpoints(n_samples, most)
+    assert moments[-1] == n_samples
+    assert len(moments) == min(n_samples, most)
+    steps = np.diff(np.concatenate(([0], moments)))
+    assert steps.min() >= 1
+    assert steps.max() - steps.min() <= 1
+
+
+def test_early_rule_is_in_the_model_and_can_be_left_out(leveled, levels):
+    rule = calibrate(leveled.held_, 0.3)
+    assert np.array_equal(leveled.core.early, rule.table())
+    assert leveled.trained["early"] == rule.to_dict()
+    assert leveled.trained["early"]["target_error"] == 0.3
+    without = Identifier.fit(levels, "raw+hfmh", target_error=None)
+    assert without.core.early is None
+    assert without.trained["early"] is None
+    assert without.trained["estimate"] == leveled.trained["estimate"]
+
+
+def test_over_time_counts_answers(leveled):
+    course, held = leveled.over_time_, leveled.held_
+    rule = calibrate(held, 0.3)
+    assert course.seconds[-1] == pytest.approx(0.12)
+    assert course.accuracy[-1] == pytest.approx(held.right[:, -1].mean())
+    assert course.answered[-1] == pytest.approx((rule.stops >= 0).mean())
+    assert (np.diff(course.answered) >= 0).all()
+    n_answered = course.answered[-1] * course.n_answers
+    with_one_more = (course.error[-1] * n_answered + 1) / (n_answered + 1)
+    assert leveled.trained["early"]["error"] == pytest.approx(with_one_more)
+    assert course.mean_seconds == leveled.trained["early"]["mean_seconds"]
+    assert (course.chance, course.n_answers, course.synthetic) == (0.25, 32, False)
+    first = int(np.argmax(course.answered > 0))
+    assert np.isnan(course.error[:first]).all()
+    assert course.to_dict()["error"][:first] == [None] * first
+    assert str(course).startswith("Accuracy over time\n")
+    assert "aim: at most 30 %" in str(course)
+
+
+def test_over_time_without_a_rule_says_why(leveled):
+    course = OverTime.of(leveled.held_, None, synthetic=True)
+    assert math.isnan(course.mean_seconds)
+    assert course.answered.max() == 0
+    assert "SYNTHETIC" in str(course)
+    assert "no early answers: no early rule was asked for" in str(course)
+
+
+def test_figure_over_time_shows_what_was_counted(leveled, tmp_path):
+    pytest.importorskip("matplotlib")
+    from granular_id.plotting import plot_over_time
+
+    course = leveled.over_time_
+    panel = plot_over_time(course, path=tmp_path / "o.png").axes[0]
+    line = next(line for line in panel.lines if line.get_label() == "provisional answers right")
+    assert np.array_equal(line.get_ydata(), course.accuracy)
+    assert np.array_equal(line.get_xdata(), course.seconds)
+    assert "held-out sessions: 32 answers" in panel.get_title()
+    assert {"answered early", "of these wrong"} <= {*panel.get_legend_handles_labels()[1]}
+    assert (tmp_path / "o.png").read_bytes().startswith(b"\x89PNG")
+    without = plot_over_time(OverTime.of(leveled.held_, None, synthetic=True)).axes[0]
+    assert "answered early" not in without.get_legend_handles_labels()[1]
+    assert "SYNTHETIC" in without.get_title()

@@ -1,0 +1,160 @@
+"""Recordings as a trained model takes them: its axes, rate and set-up; its length, with its rest before the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from granular_id._text import counted, verb
+from granular_id.recording.dataset import Dataset
+from granular_id.recording.setup import (
+    Difference,
+    Setup,
+    refuse_or_list,
+    setup_differences,
+    setups_in,
+    unit_differences,
+)
+
+Begin = Literal["auto", "first", "trigger"]
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """What the recordings of a training had in common, and those that a model names must have.
+
+    `setup` holds values of the training as `values_in` gives them. `lead_s` is the rest ahead of the trigger, where all
+    had the same; without it `at_first` says that they began at their first sample, or were windows.
+    """
+
+    n_samples: int
+    rate_hz: float
+    axes: tuple[str, ...]
+    units: tuple[str, ...]
+    setup: Mapping[str, Sequence[str]]
+    lead_s: float | None
+    at_first: bool
+
+    def differences(self, setup: Setup, meta: Mapping[str, Any]) -> list[Difference]:
+        """Compare a set-up, and units in metadata, with those of the training."""
+        units = dict(zip(self.axes, self.units, strict=True))
+        return [*unit_differences(units, meta), *setup_differences(self.setup, setup)]
+
+    def check(self, data: Dataset, accept: str | Sequence[str] = ()) -> tuple[str, ...]:
+        """Refuse recordings of other axes, another rate or another set-up.
+
+        What of the set-up is in `accept` may differ. Returns what else is not as in the training, by name, each once.
+        """
+        for recording in data:
+            if recording.axes != self.axes:
+                can = set(recording.axes) >= set(self.axes)
+                help_ = f": call .select(axes={list(self.axes)})" if can else ""
+                raise ValueError(
+                    f"recording {recording.name!r} has the axes {' '.join(recording.axes)}; the model was trained on "
+                    f"{' '.join(self.axes)}{help_}"
+                )
+            if recording.rate_hz != self.rate_hz:
+                own = recording.rate_hz
+                came = "is sampled irregularly" if own is None else f"has {own:g} Hz"
+                raise ValueError(
+                    f"recording {recording.name!r} {came}, the model was trained at {self.rate_hz:g} Hz; nothing is "
+                    f"resampled unasked: call .resample({self.rate_hz:g})"
+                )
+        found: dict[str, None] = {}
+        for recording, setup in zip(data, setups_in(data), strict=True):
+            differences = self.differences(setup, recording.meta)
+            where = f"recording {recording.name!r} has "
+            found.update(dict.fromkeys(refuse_or_list(differences, accept, where)))
+        return tuple(found)
+
+    def crop(
+        self,
+        data: Dataset,
+        *,
+        begin_at: Begin = "auto",
+        lead_s: float | None = None,
+        on_short: Literal["raise", "skip"] = "raise",
+        over_all: bool = True,
+    ) -> Dataset:
+        """Crop recordings of the rate and axes to the length; the same data set where all have it already.
+
+        They begin at the first sample, or at the trigger less the lead. Automatically those of the length begin at the
+        first sample, and longer ones as in the training: at the trigger where all had the same lead, else at the first
+        sample where that is how they were cropped. `on_short` is for recordings that are too short, or longer and
+        without trigger; `over_all` says whether answers over all of a recording would do, too.
+        """
+        n, rate_hz = self.n_samples, self.rate_hz
+        lengths = [recording.n_samples for recording in data]
+        if begin_at == "auto" and set(lengths) == {n}:
+            return data
+        short = [recording for recording in data if recording.n_samples < n]
+        if short and on_short == "raise":
+            skip = f": call .align({n}, on_short='skip') to leave such recordings out"
+            raise ValueError(
+                f"recording {short[0].name!r} has {short[0].n_samples} samples "
+                f"({short[0].n_samples / rate_hz:g} s), the model takes {n} ({n / rate_hz:g} s); {len(short)} of "
+                f"{counted(len(data))} {verb(len(short), 'is', 'are')} shorter{skip if len(short) < len(data) else ''}"
+            )
+        if begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
+            return data.align(n, on_short=on_short)
+        if begin_at == "auto" and lead_s is None and self._begins_at_first:
+            *before, step = (cropped := data.align(n, on_short=on_short)).history
+            as_trained = replace(step, notes=["begins at the first sample, as in the training"])
+            return Dataset(cropped.recordings, [*before, as_trained])
+        longer = next((r for r in data if r.n_samples > n), data[0])
+        lead = self._known_lead(lead_s, longer.name, longer.n_samples, over_all=over_all)
+        marked = data
+        if begin_at == "auto":
+            start = round(lead * rate_hz)
+            recordings = [replace(r, trigger_index=start) if r.n_samples <= n else r for r in data]
+            marked = Dataset(recordings, data.history)
+        return marked.align(n, trigger="recorded", lead_s=lead, on_short=on_short, on_missing=on_short)
+
+    def starts(
+        self,
+        names: Sequence[str],
+        lengths: npt.NDArray[np.int64],
+        triggers: npt.NDArray[np.int64],
+        *,
+        begin_at: Begin = "auto",
+        lead_s: float | None = None,
+    ) -> npt.NDArray[np.int64]:
+        """Return the sample at which `crop` has each of n recordings begin; -1 where it leaves one out.
+
+        `triggers` are -1 where there is none. A ValueError where nothing says how much rest comes before the motion.
+        """
+        n = self.n_samples
+        starts = np.zeros(len(lengths), np.int64)
+        from_trigger = np.full(len(lengths), begin_at == "trigger")
+        if begin_at == "auto" and (lead_s is not None or not self._begins_at_first):
+            from_trigger = lengths > n
+        if from_trigger.any():
+            first = int(from_trigger.argmax())
+            lead = self._known_lead(lead_s, names[first], int(lengths[first]))
+            begun = np.where(triggers >= 0, triggers - round(lead * self.rate_hz), -1)
+            starts = np.where(from_trigger, begun, starts)
+        fits: npt.NDArray[np.int64] = np.where((starts >= 0) & (starts + n <= lengths), starts, -1)
+        return fits
+
+    @property
+    def _begins_at_first(self) -> bool:
+        return self.lead_s is None and self.at_first
+
+    def _known_lead(self, lead_s: float | None, name: str, length: int, *, over_all: bool = True) -> float:
+        """Return the rest before the motion, seconds: stated, or that of the training."""
+        lead = self.lead_s if lead_s is None else lead_s
+        if lead is None:
+            ways = (
+                ", pass begin_at='first', or call .predict_over(recording)"
+                if over_all
+                else " or pass begin_at='first'"
+            )
+            raise ValueError(
+                f"recording {name!r} has {length} samples, the model takes {self.n_samples}, and does not know how "
+                f"much rest comes before the motion: state lead_s{ways}"
+            )
+        return lead

@@ -1,0 +1,202 @@
+"""Training: what is held out, the estimate that it gives, and what a model says of itself."""
+
+import json
+import re
+from dataclasses import replace
+from itertools import cycle
+
+import numpy as np
+import pytest
+from sklearn.pipeline import make_pipeline
+
+from cli_cases import ended_well, saved
+from evaluation_cases import LABELS, changed, make_data
+from granular_id import ECOCClassifier, confidence_study, evaluate, synthesize
+from granular_id.identifier import Identifier, describe_model, describe_performance
+from granular_id.recording import Dataset
+from granular_id.spaces import feature_spaces
+from granular_id.splits import hold_out
+from model_cases import with_trained
+
+
+@pytest.fixture(scope="module")
+def tools(levels):
+    """The same recordings: four of each material with each of two tools, beside sessions that both share."""
+    return changed(levels, meta=lambda r: {"tool": "wide" if int(r.name[-1]) < 4 else "thin"})
+
+
+def test_condition_is_held_out_value_by_value(tools):
+    model = Identifier.fit(tools, "hfmh", by="tool", target_error=0.3)
+    folds = model.held_.held.folds
+    assert [fold.held_out for fold in folds] == ["wide", "thin"]
+    assert folds.folds[0].test.tolist() == [8 * k + i for k in range(4) for i in range(4)]
+    assert describe_performance(model)[0].startswith("accuracy, another tool: ")
+
+
+def test_best_chooses_by_the_condition_that_is_held_out(tools):
+    choice = Identifier.fit(tools, by="tool").trained["choice"]
+    assert choice["note"] == "2 folds of whole conditions"
+    assert [one["held_out"] for one in choice["in_folds"]] == ["wide", "thin"]
+    assert Identifier.fit(tools, by="tool", estimate=False).trained["choice"] == {**choice, "in_folds": []}
+
+
+def test_condition_that_cannot_be_held_out_is_refused(tools):
+    with pytest.raises(ValueError, match="speed"):
+        Identifier.fit(tools, "hfmh", by="speed")
+    with pytest.raises(ValueError, match="tool"):
+        Identifier.fit(tools.select(where=lambda r: r.meta["tool"] == "wide"), "hfmh", by="tool")
+
+
+@pytest.mark.filterwarnings("error")
+def test_material_of_one_tool_is_neither_trained_nor_tested(tools):
+    """The model of the other tool does not know it, and is asked for its novelty all the same."""
+    data = Dataset([r for r in tools if r.label != "oat" or r.meta["tool"] == "wide"])
+    model = Identifier.fit(data, "hfmh", by="tool", target_error=0.3)
+    assert model.trained["estimate"]["untested"] == {"oat": "no other tool to train on"}
+    assert model.identify(data[0]).unknown is False
+    assert np.isfinite(model.trained["confidence"]["unknown"]["threshold"])
+    held = model.held_
+    assert (held.winners[:, -1] == held.held.predicted).all()
+    assert not np.isin(held.winners[held.held.fold == 0], LABELS.index("oat")).any()
+    study = confidence_study(data, "hfmh", by="tool")
+    assert [one.label for one in study.unknown] == ["peas", "rice", "sugar"]
+
+
+def test_sessions_are_held_out_where_materials_have_several(levels, leveled):
+    held, estimate = leveled.held_.held, leveled.trained["estimate"]
+    assert (estimate["by"], estimate["held_out"]) == ("session", "held-out sessions")
+    for fold in held.folds:
+        assert not {*levels.sessions[fold.train]} & {*levels.sessions[fold.test]}
+    assert sorted(held.rows.tolist()) == list(range(32))
+
+
+def test_held_out_answers_are_those_of_models_of_the_others(levels, leveled):
+    held, space = leveled.held_, feature_spaces(rate_hz=500.0)["raw+hfmh"]
+    assert held.n_seen[-1] == 60
+    for k, fold in enumerate(held.held.folds):
+        pipeline = make_pipeline(space.transformer, ECOCClassifier())
+        pipeline.fit(levels.X[fold.train], levels.y[fold.train])
+        mine = held.held.fold == k
+        assert held.held.rows[mine].tolist() == fold.test.tolist()
+        answers = [LABELS[winner] for winner in held.winners[mine, -1]]
+        assert answers == pipeline.predict(levels.X[fold.test]).tolist()
+    assert leveled.trained["estimate"]["accuracy"] == held.held.accuracy < 1
+
+
+@pytest.mark.parametrize("n_sessions", [2, 3])
+def test_estimate_is_that_of_an_evaluation(n_sessions):
+    data = changed(
+        make_data(9, separation=0.2), session=lambda r: f"day {int(r.name.split('_')[1]) % n_sessions}"
+    )
+    result = evaluate(data, "raw+hfmh", baselines=False, progress=False)
+    estimate = Identifier.fit(data, "raw+hfmh").trained["estimate"]
+    assert estimate["accuracy"] == result.accuracy("raw+hfmh")
+    assert estimate["recall"] == pytest.approx(dict(zip(LABELS, result.recall().tolist(), strict=True)))
+    assert (estimate["n_answers"], estimate["n_folds"]) == (36, n_sessions)
+    if n_sessions == 2:  # an interval needs three
+        assert estimate["interval_95"] is None
+    else:
+        assert estimate["interval_95"] == pytest.approx(list(result.interval("raw+hfmh")))
+
+
+def test_material_of_one_session_is_not_tested_and_it_is_said(levels):
+    lone = Dataset([r for r in levels if r.label != "oat" or r.session == "oat day 0"])
+    model = Identifier.fit(lone, "hfmh", target_error=0.3)
+    assert list(model.trained["estimate"]["untested"]) == ["oat"]
+    assert any(line.startswith("  not tested: oat, ") for line in describe_performance(model))
+
+
+def test_one_recording_of_a_material_gives_no_estimate(levels):
+    few = Dataset([*levels[:8], levels[8]])
+    model = Identifier.fit(few, "hfmh")
+    assert (model.held_, model.over_time_, model.trained["estimate"]) == (None, None, None)
+    why = model.trained["why_no_estimate"]
+    with pytest.raises(ValueError, match=re.escape(why)):
+        hold_out(few)
+    assert model.predict(few.X).tolist() == few.y.tolist()
+    assert any(f"not known: {why}" in line for line in describe_performance(model))
+    one_of_each = levels[::8]
+    assert Identifier.fit(one_of_each, "raw").predict(one_of_each.X).tolist() == list(LABELS)
+
+
+# -- what a model says of itself
+
+
+def test_material_that_is_never_recognised_is_named(leveled):
+    estimate = leveled.trained["estimate"] | {"recall": {"oat": 0.0, "peas": 1.0, "rice": None}}
+    model = Identifier(with_trained(leveled.core, leveled.trained | {"estimate": estimate}))
+    assert [line for line in describe_performance(model) if "least" in line] == [
+        "  least recognised: oat 0 %"
+    ]
+
+
+def test_model_describes_itself_in_words(leveled):
+    text = "\n".join((*describe_model(leveled), *describe_performance(leveled)))
+    for words in (
+        "materials: 4: oat, peas, rice, sugar",
+        "trained on: 32 recordings, 8 of each material, 8 sessions",
+        "takes: 60 samples at 500 Hz (0.12 s) of fx fy fz tx ty tz",
+        "6 learners, hinge loss",
+        "accuracy, held-out sessions: ",
+        "least recognised: ",
+        "aim: at most 30 %",
+    ):
+        assert words in text, text
+    assert "SYNTHETIC" not in text
+    made = synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.3)
+    simulated = Identifier.fit(made, "hfmh")
+    assert describe_model(simulated)[0].startswith("SYNTHETIC: trained on simulated recordings")
+    assert "(SYNTHETIC recordings)" in describe_performance(simulated)[0]
+
+
+def test_choice_is_known_and_said(best):
+    choice, said = best.trained["choice"], describe_performance(best)
+    assert (choice["held_out"], len(choice["machines"])) == ("sessions", 12)
+    chosen = f"{len(choice['chosen'])} of 12 candidate models, on {choice['note']}"
+    assert any(chosen in line for line in said)
+    elsewhere = choice["in_folds"]
+    assert len({one["held_out"] for one in elsewhere}) == best.trained["estimate"]["n_folds"]
+    names = {machine["name"] for machine in choice["machines"]}
+    for one in elsewhere:
+        assert set(one["chosen"]) <= names
+        assert one["note"].startswith("the earlier and the later half")  # of two sessions one trains
+        assert one["accuracy_on_the_folds_that_chose"] > 0.5
+    for machine in choice["machines"]:
+        (line,) = (line for line in said if line[4:].startswith(f"{machine['name']} "))
+        assert line.startswith("  > ") == (machine["name"] in choice["chosen"])
+        assert f" {100 * np.mean(machine['accuracies']):.1f} % " in line
+        times = sum(machine["name"] in one["chosen"] for one in elsewhere)
+        assert line.endswith(f" {times} of {len(elsewhere)}")
+
+
+def test_notes_of_the_data_check_are_called_so(plain):
+    notes = ["error: 2 recordings are one", "warning: no sessions", "too short"]
+    model = Identifier(with_trained(plain.core, {**plain.trained, "notes": notes}))
+    said = describe_performance(model)[-3:]
+    assert said == [*(f"data check: {note}" for note in notes[:2]), "note: too short"]
+
+
+@pytest.mark.parametrize(
+    ("triggers", "said"),
+    [([4, *[5] * 7], "not known, or not the same in all recordings"), ([5] * 8, "0.01 s")],
+)
+def test_rest_ahead_of_the_motion_is_said(data, triggers, said):
+    some = Dataset([replace(r, trigger_index=t) for r, t in zip(data, cycle(triggers))])
+    lines = describe_model(Identifier.fit(some, "hfmh", estimate=False))
+    assert next(line for line in lines if "rest" in line).endswith(f"rest ahead of the motion: {said}")
+
+
+def test_train_command_chooses_and_says_so(tmp_path, data):
+    folder, file = saved(data, tmp_path / "data"), tmp_path / "m.safetensors"
+    out = ended_well("train", folder, "-o", file, "--target-error", 0.2)
+    assert "accuracy, held-out sessions: " in out
+    said = ended_well("model", "info", file, "--json", tmp_path / "m.json")
+    assert "features: best, " in said
+    chosen = said[said.index("chosen (>)") : said.index("early answers")]
+    assert chosen in out
+    assert len(chosen.splitlines()) == 2 + 12 + 1
+    assert "note: recordings of 80 samples are too short for couplings of axes in the lowest" in out
+    known = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
+    assert known["trained"]["choice"]["chosen"]
+    assert len(known["spec"]["scales"]) == len(known["spec"]["bands"])
+    assert "named rightly" in ended_well("identify", file, folder)
