@@ -18,7 +18,7 @@ from sklearn.pipeline import make_pipeline
 import granular_id as gid
 from granular_id.confidence import Novelty
 from granular_id.confidence.novelty import scaled
-from granular_id.identifier.core import features_of
+from granular_id.identifier.training import features_of
 
 HERE = Path(__file__).resolve().parent
 KNOWN = ("rice", "wheat flour", "oat flakes", "sunflower seeds", "fine sugar", "macaroni")

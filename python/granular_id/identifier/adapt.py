@@ -18,7 +18,6 @@ from granular_id._checks import checked_flag
 from granular_id._parallel import single_threaded_blas
 from granular_id._text import counted, percent, verb
 from granular_id.features import FeatureSpec
-from granular_id.identifier.core import features_of
 from granular_id.identifier.model import (
     ADAPTED,
     MARKS,
@@ -30,6 +29,7 @@ from granular_id.identifier.model import (
     mark_of,
     stored_marks,
 )
+from granular_id.identifier.training import features_of
 from granular_id.recording import Dataset, setups_in, values_in
 from granular_id.spaces import (
     LEAST_ROWS,
@@ -253,8 +253,9 @@ def _read_source(model: TrainedModel) -> SourceStatistics:
     stored = model.trained.get(SOURCE)
     if stored is None:
         raise ValueError(
-            "the model keeps nothing of its training that it could be adapted with: it was taken over from a pipeline, "
-            "or has too many learners; train one from recordings, of many materials with ECOCClassifier('onevsall')"
+            f"the model keeps nothing of its training that it could be adapted with: {model.core.n_learners} learners "
+            f"on {model.core.n_features} features are too many; train one on a pipeline that ends in "
+            "ECOCClassifier('onevsall'), or on fewer features"
         )
     n_features, shape = model.core.n_features, model.core.coding_matrix.shape
     mean = None if stored["mean"] is None else _numbers(stored["mean"], "mean", n_features)

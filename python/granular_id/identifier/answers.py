@@ -18,7 +18,6 @@ from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.model import (
     TrainedModel,
-    fingerprint,
     known_marks,
     mark_of,
     probabilities,
@@ -137,7 +136,6 @@ class Batch(Answers):
     truth: tuple[str | None, ...]  # their labels
     warnings: tuple[tuple[str, ...], ...]  # what is wrong with their samples
     synthetic: str  # what is simulated, in words
-    trained_on_these: bool  # exactly
     differences: tuple[str, ...]  # what of their set-up is not as in the training
 
     def each(self) -> Iterator[dict[str, Any]]:
@@ -168,7 +166,7 @@ class Batch(Answers):
             columns["samples"] = [", ".join(row["warnings"]) for row in each]
         notes = [f"warning: {setup_mismatch(*self.differences)}"] if self.differences else []
         counts = Counter((row["truth"], row["label"], row["trained_on"]) for row in each)
-        notes += notes_of_answers(counts, self.classes, trained_on_these=self.trained_on_these)
+        notes += notes_of_answers(counts, self.classes)
         title = f"Materials named{', ' + self.synthetic if self.synthetic else ''}"
         return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)), tuple(notes))
 
@@ -183,7 +181,6 @@ class Batch(Answers):
         rankings = zip(order.tolist(), self.losses.tolist(), strict=True)
         return {
             "synthetic": self.synthetic,
-            "trained_on_these": self.trained_on_these,
             "n_trained_on": None if self.trained_on is None else int(self.trained_on.sum()),
             "differences": list(self.differences),
             "accuracy": sum(judged) / len(judged) if judged else None,
@@ -202,27 +199,20 @@ class Batch(Answers):
 
 def identify_all(model: TrainedModel, data: Dataset, differences: tuple[str, ...] = ()) -> Batch:
     """Name the material of every recording of a model's length; `differences` are those of their set-up."""
-    settings, truth = model.trained.get("settings"), tuple(recording.label for recording in data)
-    marks, these = known_marks(model), False
-    if settings is not None and None not in truth:
-        these = fingerprint(data, settings) == model.core.metadata["training_sha256"]
+    marks = known_marks(model)
     seen = None if marks is None else np.array([mark_of(samples) in marks for samples in data.X])
     return Batch(
         **vars(answers_about(model, data.X)) | {"trained_on": seen},
         names=data.names,
-        truth=truth,
+        truth=tuple(recording.label for recording in data),
         warnings=tuple(flags_in_words(recording.flags) for recording in data),
         synthetic=synthetic_words(recordings=data.is_synthetic, model=model.synthetic),
-        trained_on_these=these,
         differences=differences,
     )
 
 
 def notes_of_answers(
-    counts: Mapping[tuple[str | None, str, bool | None], int],
-    classes: Sequence[str],
-    *,
-    trained_on_these: bool = False,
+    counts: Mapping[tuple[str | None, str, bool | None], int], classes: Sequence[str]
 ) -> Iterator[str]:
     """Say how many answers are right, and about which recordings they say nothing new.
 
@@ -250,9 +240,7 @@ def notes_of_answers(
         named_others = ", ".join(f"{label} ({count})" for label, count in others.most_common(5))
         yield f"labels that the model does not know, not counted: {named_others}"
     n_trained_on = sum(count for (_, _, trained_on), count in counts.items() if trained_on)
-    if trained_on_these:
-        yield "the model was trained on exactly these recordings: this says nothing about new ones"
-    elif n_trained_on == n:
+    if n_trained_on == n:
         yield "the model was trained on each of these recordings: this says nothing about new ones"
     elif n_trained_on:
         rest = f"; of the others {fresh[True]} of {n_fresh} named rightly" if n_fresh else ""

@@ -38,7 +38,7 @@ FloatArray = npt.NDArray[np.float64]
 class Identifier(TrainedModel):
     """A trained model that names materials: features, linear learners, classes and metadata of the training.
 
-    Made by `fit`, `from_classifier` or `load`. Everything that decides about an answer is in `core`, the same object
+    Made by `fit` or `load`. Everything that decides about an answer is in `core`, the same object
     that the Rust crate and the streaming identification use: the same labels and scores, to the last bit, from whole
     recordings and from streams.
 
@@ -145,9 +145,8 @@ class Identifier(TrainedModel):
         """
         from granular_id._estimators import convergence_warnings
         from granular_id._parallel import single_threaded_blas
-        from granular_id.identifier import core, training
+        from granular_id.identifier import training
         from granular_id.identifier.adapt import stored_source
-        from granular_id.splits import groups_of, rows_of_class
 
         shares = {"target_error": target_error, "coverage": coverage, "share_known": share_known}
         for argument, share in shares.items():
@@ -159,23 +158,19 @@ class Identifier(TrainedModel):
         beside = training.background_of(data, background, has_use=refuses)
         units, whole = common_units(data), data
         data = data if beside is None else data.select(where=lambda r: r.label not in background)
-        classes = tuple(rows_of_class(data.y))
-        name, pipeline = core.pipeline_of(space, data.rate_hz, threads)
-        training.refuse_large(pipeline, len(classes), data.X)
-        groups = groups_of(data, by)
-        folds, why_none = None, "no recordings were held out, as asked"
-        if estimate:
-            folds, why_none = training.folds_of(data, by, random_state)
+        split = training.split_of(data, by, random_state, estimate=estimate)
+        name, pipeline = training.pipeline_of(space, data.rate_hz, threads)
+        training.refuse_large(pipeline, split.n_classes, data.X)
 
         held = early = novelty = None
         rules: dict[str, Any] = {}
         with showing(progress or False) as callback, convergence_warnings(name) as not_converged:
-            ticker = Ticker(1 + (0 if folds is None else len(folds)), callback)
-            fitted = training.fit_all(pipeline, data, groups, random_state, threads)
+            ticker = Ticker(1 + (0 if split.folds is None else len(split.folds)), callback)
+            fitted = training.fit_all(pipeline, data, split.groups, random_state, threads)
             ticker.tick("all recordings")
-            if folds is not None:
+            if split.folds is not None:
                 held = training.held_out_answers(
-                    pipeline, data, folds, seed=random_state, tick=ticker.tick, name=name
+                    pipeline, data, split.folds, seed=random_state, tick=ticker.tick, name=name
                 )
         if held is not None:
             judged = held.held.values, held.truth, held.sessions
@@ -183,18 +178,19 @@ class Identifier(TrainedModel):
             early = None if target_error is None else calibrate(held, float(target_error))
             confidence: dict[str, Any] = {}
             if coverage is not None:
-                confidence["candidates"] = candidate_rule(classes, *judged, float(coverage)).to_dict()
+                confidence["candidates"] = candidate_rule(
+                    fitted.plain.classes, *judged, float(coverage)
+                ).to_dict()
             if share_known is not None:
-                random = training.random_folds(data, len(held.held.folds))
                 confidence["unknown"], novelty = training.refusal(
-                    fitted, beside, held.held, random, groups, float(share_known), threads
+                    fitted, beside, held.held, split, float(share_known), threads
                 )
             rules |= {RULES: confidence} if confidence else {}
         trained = {
             **training.described(data, name, pipeline),
             **stored_marks(whole),
             **({} if beside is None else {"background": training.counts(beside)}),
-            **training.estimated(held, why_none),
+            **training.estimated(held, split.why_none),
             "early": None if early is None else early.to_dict(),
             **training.chosen(fitted, held),
             **rules,
@@ -208,13 +204,11 @@ class Identifier(TrainedModel):
         }
         with single_threaded_blas():
             identifier = cls(
-                core.model_of(
+                training.model_of(
                     fitted.pipeline,
-                    data.rate_hz,
-                    axes=data.axes,
-                    units=units,
-                    lead_s=training.common_lead(data),
+                    data,
                     samples=data.X,
+                    units=units,
                     early=None if early is None else early.table(),
                     novelty=novelty,
                     trained=trained,
@@ -226,63 +220,7 @@ class Identifier(TrainedModel):
             identifier.over_time_ = OverTime.of(held, early, synthetic=data.is_synthetic)
         return identifier
 
-    @classmethod
-    def from_classifier(
-        cls,
-        pipeline: Any,
-        *,
-        rate_hz: float | None = None,
-        axes: Sequence[str] | None = None,
-        lead_s: float | None = None,
-        samples: npt.ArrayLike | None = None,
-    ) -> Identifier:
-        """Take over a scikit-learn pipeline that was fitted on recordings.
-
-        Parameters
-        ----------
-        pipeline : Pipeline
-            Fitted, on labels of text: `RawSignal`, `HFMH`, `RawHFMH` or `MultiBand`; then steps that scale, whiten or
-            project (`BlockScaler`, `WithinClassWhitening`, `StandardScaler` ...), if any; then an `ECOCClassifier` of
-            linear learners or a `BestClassifier`.
-        rate_hz : float, optional
-            Rate of the recordings, Hz, where the feature space does not know it (`RawSignal` need not).
-        axes : sequence of str, optional
-            Names of the axes. Default: those that the pipeline was fitted on, if they had names; else fx fy fz tx ty tz
-            where there are six, else axis0, axis1 ...
-        lead_s : float, optional
-            Seconds of rest ahead of the trigger in the recordings.
-        samples : ndarray, shape (n, T, C), optional
-            The recordings of the training. Provisional answers of models on raw samples take their mean for what
-            has not been seen; without them zero.
-
-        Returns
-        -------
-        Identifier
-            Without estimates and without an early rule; whether its recordings were simulated is not known.
-
-        Raises
-        ------
-        TypeError, ValueError
-            Another kind of pipeline, not fitted, learners that are not linear, no rate, labels that are no text,
-            samples of another shape than the pipeline was fitted on.
-
-        Examples
-        --------
-        >>> import granular_id as gid
-        >>> from sklearn.pipeline import make_pipeline
-        >>> from granular_id import Identifier
-        >>> data = gid.synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.5)
-        >>> pipeline = make_pipeline(gid.RawHFMH(), gid.ECOCClassifier()).fit(data.X, data.y)
-        >>> identifier = Identifier.from_classifier(pipeline, samples=data.X)
-        >>> bool((identifier.predict(data.X) == pipeline.predict(data.X)).all())
-        True
-        """
-        from granular_id.identifier.core import model_of
-
-        raw = None if samples is None else np.asarray(samples, dtype=np.float64)
-        return cls(model_of(pipeline, rate_hz, axes=axes, lead_s=lead_s, samples=raw))
-
-    def scores(self, X: npt.ArrayLike, *, threads: int | None = None) -> FloatArray:
+    def scores(self, X: npt.ArrayLike) -> FloatArray:
         """Scores (n, L) of the binary learners; positive speaks for the classes with code +1.
 
         Parameters
@@ -290,8 +228,6 @@ class Identifier(TrainedModel):
         X : Dataset or array-like, shape (n, T, C) or (T, C)
             Recordings of the length, rate, axes and units of the training. Of a Dataset these are checked. Tables with
             named columns, one or a list of them, come into the order of `axes`; other names are refused.
-        threads : int, optional
-            Threads of a batch; the result does not depend on it. Default: all cores.
 
         Raises
         ------
@@ -304,7 +240,7 @@ class Identifier(TrainedModel):
             self.requirements.check(X)
             X = X.X
         samples, _ = samples_of(X, "X", self.axes)
-        return self.core.scores(samples, threads)
+        return self.core.scores(samples)
 
     def losses(self, X: npt.ArrayLike) -> FloatArray:
         """Mean binary loss (n, K) of each class for recordings as in `scores`: the smallest wins."""
@@ -481,8 +417,7 @@ class Identifier(TrainedModel):
         ValueError
             Neither labels nor `all_materials`, or both; what `identify` refuses; too few recordings; a label that the
             model does not know; materials that are missing: the message names them; with `all_materials` a model that
-            was adapted before; a model that keeps nothing of its training: it was taken over from a pipeline, or its
-            learners are too many.
+            was adapted before; a model whose learners are too many to keep what it needs of its training.
 
         Warns
         -----

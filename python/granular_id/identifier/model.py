@@ -25,10 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 MAX_FILE_BYTES: int = _core.MAX_MODEL_FILE_BYTES
 """Largest model file that is made, and read unless more is allowed: 32 MiB."""
 
-BANDED = ("best", "multiband")
-"""Spaces of multi-band features, most of the work on which waits until an answer is asked for."""
-
-SPACES = (*BANDED, "raw", "hfmh", "raw+hfmh")
+SPACES = ("best", "multiband", "raw", "hfmh", "raw+hfmh")
 """Those of `granular_id.spaces.feature_spaces` that can be computed while samples arrive."""
 
 # Entries of what a model says of its training that more than one file knows.
@@ -94,8 +91,8 @@ class TrainedModel:
         if not isinstance(core, _core.Model):
             came = "nothing" if core is None else type(core).__name__
             raise TypeError(
-                "an Identifier is made by Identifier.fit(data), Identifier.load(path) or "
-                f"Identifier.from_classifier(pipeline); it holds a granular_id._core.Model, got {came}"
+                "an Identifier is made by Identifier.fit(data) or Identifier.load(path); it holds a "
+                f"granular_id._core.Model, got {came}"
             )
         self.core = core
 
@@ -153,21 +150,10 @@ class TrainedModel:
 
     @property
     def space(self) -> str:
-        """Feature space that the model was trained in: "raw", "hfmh", "raw+hfmh", "multiband" or "best".
-
-        Of another pipeline with multi-band features: "multiband", with the blocks added or left out.
-        """
-        spec = self.spec
-        if isinstance(spec, FeatureSpec):
-            return "+".join(name for name in ("raw", "hfmh") if getattr(spec, name))
-        known = self.trained.get("settings", {}).get("space")
-        if known in BANDED:
-            return str(known)
-        from granular_id.spaces import USUAL_BLOCKS  # brings in scikit-learn
-
-        left_out = [name for name in USUAL_BLOCKS if name not in spec.blocks]
-        added = [name for name in spec.blocks if name not in USUAL_BLOCKS]
-        return "+".join(["multiband", *added]) + "".join(f"-{name}" for name in left_out)
+        """Feature space that the model was trained in: "raw", "hfmh", "raw+hfmh", "multiband" or "best"."""
+        if isinstance(self.spec, FeatureSpec):
+            return "+".join(name for name in ("raw", "hfmh") if getattr(self.spec, name))
+        return "best" if self.trained.get("settings", {}).get("space") == "best" else "multiband"
 
     @property
     def n_samples(self) -> int:

@@ -153,25 +153,23 @@ def _choice(choice: Mapping[str, Any] | None) -> list[str]:
     """Say what was chosen of what, on which recordings, and how often the models of the estimate chose the same."""
     if not choice:
         return []
-    candidates, elsewhere = choice["machines"], choice["in_folds"]
+    chosen, elsewhere = choice["chosen"], choice["in_folds"]
     seed = "" if choice["random_state"] is None else f"; seed {choice['random_state']}"
-    width = max(len(candidate["name"]) for candidate in candidates)
     lines = [
-        f"chosen (>): {len(choice['chosen'])} of {len(candidates)} candidate models, on {choice['note']}{seed}",
-        f"    {'':<{width}}  held out{'  chosen in the estimate' if elsewhere else ''}",
+        f"chosen: {len(chosen)} of {len(choice['machines'])} candidate models, on {choice['note']}{seed}"
     ]
-    for candidate in candidates:
-        shares = candidate["accuracies"]
-        reached = f"{100 * sum(shares) / len(shares):.1f} %" if shares else "-"
-        line = f"  {'>' if candidate['chosen'] else ' '} {candidate['name']:<{width}}  {reached:>8}"
-        if elsewhere:
-            times = sum(candidate["name"] in one["chosen"] for one in elsewhere)
-            line += f"  {f'{times} of {len(elsewhere)}':>22}"
-        lines.append(line)
+    for machine in choice["machines"]:
+        if machine["name"] in chosen:
+            shares = machine["accuracies"]
+            reached = f"{100 * sum(shares) / len(shares):.1f} % held out" if shares else "nothing held out"
+            times = sum(machine["name"] in one["chosen"] for one in elsewhere)
+            again = f", chosen {times} of {len(elsewhere)} times in the estimate" if elsewhere else ""
+            lines.append(f"  {machine['name']}: {reached}{again}")
     together = choice["accuracy_on_the_folds_that_chose"]
     if together is not None:
-        reached = percent(together)
-        lines.append(f"  {reached} together, on the recordings that chose: not what to expect of new ones")
+        lines.append(
+            f"  {percent(together)} together, on the recordings that chose: not what to expect of new ones"
+        )
     return lines
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,9 +15,9 @@ from sklearn.pipeline import Pipeline
 
 from granular_id import _core
 from granular_id._checks import argument_error
-from granular_id._estimators import describe_estimator, seeded_clone, versions
+from granular_id._estimators import describe_estimator, real_steps, seeded_clone, versions, with_rate
 from granular_id._files import json_value
-from granular_id._memory import taken
+from granular_id._memory import empty, taken
 from granular_id._parallel import single_threaded_blas
 from granular_id.confidence import (
     N_RANDOM_FOLDS,
@@ -28,22 +29,195 @@ from granular_id.confidence import (
     scaled,
     unknown_rule,
 )
-from granular_id.ecoc import design
+from granular_id.ecoc import ECOCClassifier, design
 from granular_id.features import FeatureSpec
-from granular_id.identifier.core import features_of, model_of, plain_features
 from granular_id.identifier.early import HeldOut, checkpoints, provisional_answers
-from granular_id.identifier.model import MAX_FILE_BYTES
-from granular_id.recording import Dataset, describe_data, setups_in, values_in
-from granular_id.score import Held, fit_and_score
-from granular_id.spaces import BlockScaler, Choice, choice_of, fit_on_features
-from granular_id.splits import AUTO, TIME, Fold, Folds, Groups, hold_out
+from granular_id.identifier.model import MAX_FILE_BYTES, SPACES
+from granular_id.recording import Dataset, describe_data, setups_in, unit_of, values_in
+from granular_id.score import Held, fit_and_score, space_pipeline
+from granular_id.spaces import (
+    HFMH,
+    BestClassifier,
+    BlockScaler,
+    Choice,
+    MultiBand,
+    RawHFMH,
+    RawSignal,
+    choice_of,
+    feature_spaces,
+    fit_on_features,
+    folded_back,
+    is_linear_step,
+)
+from granular_id.splits import AUTO, TIME, Fold, Folds, Groups, groups_of, hold_out, rows_of_class
 
 FloatArray = npt.NDArray[np.float64]
 FloatArray32 = npt.NDArray[np.float32]
 IntArray = npt.NDArray[np.intp]
 
+OWN = "pipeline"
+"""What the space of a pipeline of one's own is called."""
+
 _HEADER_BYTES = 2**16
 """Room for what is no weight: names, settings, estimates."""
+
+_AT_ONCE = 1024
+
+
+# Pipelines, and the compiled model that a fitted one becomes.
+
+
+def pipeline_of(space: Any, rate_hz: float, threads: int | None) -> tuple[str, Pipeline]:
+    """Return the name of a feature space, and it with its classifier, not fitted, for recordings of a rate."""
+    if isinstance(space, Pipeline):
+        _refuse_other_steps(space)
+        return OWN, with_rate(clone(space), rate_hz)
+    if space not in SPACES:
+        raise argument_error(
+            ValueError,
+            "space",
+            f"must be one of {', '.join(map(repr, SPACES))} or a pipeline, got {space!r:.60}: an identifier computes "
+            "its features while samples arrive",
+        )
+    known = feature_spaces(rate_hz=rate_hz, threads=threads)[space]
+    classifier = ECOCClassifier() if known.classifier is None else known.classifier
+    return space, space_pipeline(known.transformer, classifier)
+
+
+def _refuse_other_steps(pipeline: Pipeline) -> None:
+    """Refuse a pipeline that does not end in one matrix of weights on features of ours."""
+    space, *between, classifier = steps = real_steps(pipeline)
+    if not (
+        len(steps) > 1
+        and type(space) in (RawSignal, HFMH, RawHFMH, MultiBand)
+        and isinstance(classifier, (ECOCClassifier, BestClassifier))
+        and all(map(is_linear_step, between))
+    ):
+        raise argument_error(
+            TypeError,
+            "space",
+            "must be a pipeline of RawSignal, HFMH, RawHFMH or MultiBand, steps that scale or whiten, and "
+            f"ECOCClassifier or BestClassifier, got {', '.join(type(step).__name__ for step in steps)}",
+        )
+
+
+def model_of(
+    pipeline: Pipeline,
+    data: Dataset,
+    *,
+    samples: FloatArray | None = None,
+    units: Sequence[str] | None = None,
+    early: FloatArray | None = None,
+    novelty: tuple[FloatArray32, FloatArray32, FloatArray32] | None = None,
+    trained: Mapping[str, Any] | None = None,
+    training_sha256: str = "",
+) -> _core.Model:
+    """Build a model of a pipeline fitted on recordings: scaling and whitening end in the weights of the learners.
+
+    `samples` (n, T, C) are the recordings that trained it: what has not been seen counts as their mean.
+    """
+    space, *between, classifier = real_steps(pipeline)
+    own_hz = getattr(space, "rate_hz_", data.rate_hz)
+    if own_hz != data.rate_hz:
+        problem = f"is for {own_hz:g} Hz, the recordings have {data.rate_hz:g} Hz"
+        raise argument_error(ValueError, "space", problem)
+    triggers = {recording.trigger_index for recording in data}
+    trigger = triggers.pop()
+    arrays: dict[str, Any] = {}
+    with np.errstate(over="ignore"):  # the model refuses what is not finite
+        coef, intercept = folded_back(between, classifier.coef_, classifier.intercept_)
+        spec, coef = _on_plain_features(space, coef, data.rate_hz)
+        if samples is not None and isinstance(spec, FeatureSpec) and spec.raw:
+            arrays["raw_mean"] = samples.mean(axis=0).T.ravel()
+    return _core.Model(
+        spec,
+        coef,
+        np.array(intercept, dtype=np.float64),
+        classifier.coding_matrix_,
+        classifier.classes_.tolist(),
+        loss=classifier.loss,
+        n_samples=int(space.n_features_in_),
+        n_axes=int(space.n_axes_in_),
+        early=early,
+        novelty=novelty,
+        metadata={
+            "axes": json.dumps(data.axes),
+            "units": json.dumps(units or [unit_of(axis) for axis in data.axes]),
+            "training_sha256": training_sha256,
+            # Where every recording has the same rest ahead of the trigger.
+            "lead_s": "" if triggers or trigger is None else repr(trigger / data.rate_hz),
+            "trained": json.dumps(trained or {}, ensure_ascii=False, sort_keys=True, allow_nan=False),
+        },
+        **arrays,
+    )
+
+
+def _on_plain_features(
+    space: Any, coef: FloatArray, rate_hz: float
+) -> tuple[FeatureSpec | _core.MultiBandExtractor, FloatArray]:
+    """Return what `_core` extracts, and the weights of that, from those of a feature space's columns."""
+    if isinstance(space, MultiBand):
+        return _without_unused_blocks(space.extractor_, coef)
+    if isinstance(space, RawHFMH):
+        n_raw = space.n_features_in_ * space.n_axes_in_
+        weights = np.repeat(space.block_weights_, [n_raw, coef.shape[1] - n_raw])
+        return space.spec_, coef * weights
+    if isinstance(space, HFMH):
+        return space.spec_, coef
+    # The filter is never used: a cut-off that fits any rate.
+    return FeatureSpec(rate_hz=rate_hz, cutoff_hz=min(23.0, rate_hz / 4), raw=True, hfmh=False), coef
+
+
+def features_of(core: _core.Model, X: FloatArray, threads: int | None = None) -> FloatArray:
+    """Extract what the weights of a model are for, (n, D), from recordings (n, T, C)."""
+    spec = core.spec
+    features = empty((len(X), core.n_features), "features of the recordings")
+    for start in range(0, len(X), _AT_ONCE):
+        rows = slice(start, start + _AT_ONCE)
+        if isinstance(spec, FeatureSpec):
+            features[rows] = _core.extract_features(X[rows], spec, threads, None, np.float64)
+        else:
+            features[rows] = spec.extract(X[rows], threads)
+    return features
+
+
+def plain_features(
+    space: Any, features: FloatArray, spec: FeatureSpec | _core.MultiBandExtractor
+) -> FloatArray | None:
+    """Return what the weights of a model are for, of the features of its training; None where these are weighted."""
+    if isinstance(space, RawHFMH):
+        return features if (space.block_weights_ == 1).all() else None
+    if isinstance(spec, FeatureSpec):
+        return features
+    sizes = space.extractor_.block_sizes
+    present = spec.block_sizes  # without those that recordings are too short for
+    if sizes == present:
+        return features
+    parts = dict(zip(sizes, np.split(features, np.cumsum(list(sizes.values()))[:-1], axis=1), strict=True))
+    return np.concatenate([parts[name] for name in present], axis=1)
+
+
+def _without_unused_blocks(
+    spec: _core.MultiBandExtractor, coef: FloatArray
+) -> tuple[_core.MultiBandExtractor, FloatArray]:
+    """Leave blocks out of which all weights are 0: no score changes, and nobody computes them."""
+    ends = np.cumsum(list(spec.block_sizes.values()))
+    parts = dict(zip(spec.block_sizes, np.split(coef, ends[:-1], axis=1), strict=True))
+    used = [name for name, part in parts.items() if part.any()]
+    if not used or len(used) == len(parts):
+        return spec, coef
+    smaller = _core.MultiBandExtractor(
+        spec.n_samples,
+        spec.n_axes,
+        rate_hz=spec.rate_hz,
+        blocks=used,
+        scales=spec.scales,
+        level_scales=spec.level_scales,
+    )
+    return smaller, np.concatenate([parts[name] for name in used], axis=1)
+
+
+# What trains.
 
 
 def background_of(data: Dataset, background: Sequence[str], *, has_use: bool) -> Dataset | None:
@@ -83,14 +257,30 @@ def refuse_large(pipeline: Pipeline, n_classes: int, X: FloatArray) -> None:
         )
 
 
-def folds_of(data: Dataset, by: str, seed: int) -> tuple[Folds | None, str]:
-    """Draw the folds of the estimate; or say why there are none, which a model does not need."""
+@dataclass(frozen=True, eq=False)
+class Split:
+    """What of the recordings is held out, and what must not lie on both sides of a split."""
+
+    groups: Groups
+    n_classes: int
+    folds: Folds | None = None  # of the estimate
+    random: tuple[Folds, ...] = ()  # say how much stranger a recording is to models that train on less
+    why_none: str = "no recordings were held out, as asked"
+
+
+def split_of(data: Dataset, by: str, seed: int, *, estimate: bool) -> Split:
+    """Draw the folds of the estimate, which a model does not need."""
+    groups, n_classes = groups_of(data, by), len(rows_of_class(data.y))
+    if not estimate:
+        return Split(groups, n_classes)
     try:
-        return hold_out(data, by, seed=seed), ""
+        folds = hold_out(data, by, seed=seed)
     except ValueError as why:
         if by != AUTO:
             raise
-        return None, str(why)
+        return Split(groups, n_classes, why_none=str(why))
+    sizes = N_RANDOM_FOLDS, max(2, len(folds))
+    return Split(groups, n_classes, folds, tuple(hold_out(data, "random", n_folds=n) for n in sizes), "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +304,7 @@ def fit_all(
         fitted = seeded_clone(pipeline, np.random.SeedSequence(random_state, spawn_key=(4,)))
         features = fitted[0].fit(X, y).transform(X)
         fit_on_features(fitted, features, y, groups)
-        plain = model_of(fitted, data.rate_hz, axes=data.axes)
+        plain = model_of(fitted, data)
     rows = plain_features(fitted[0], features, plain.spec)
     rows = features_of(plain, X, threads) if rows is None else rows
     return Fitted(fitted, plain, rows, np.searchsorted(plain.classes, y))
@@ -129,7 +319,7 @@ def held_out_answers(
 
     def observe(fitted: Pipeline, _: Any, train: IntArray, __: Any, test: IntArray) -> tuple[Any, ...]:
         own = taken(X, train, "recordings that train")
-        core = model_of(fitted, data.rate_hz, axes=data.axes, samples=own)
+        core = model_of(fitted, data, samples=own)
         winners, margins = zip(
             *(provisional_answers(core, X[row], n_seen) for row in test.tolist()), strict=True
         )
@@ -141,17 +331,11 @@ def held_out_answers(
     return HeldOut(held, n_seen, data.rate_hz, np.concatenate(winners), np.concatenate(margins), chosen)
 
 
-def random_folds(data: Dataset, n_folds: int) -> tuple[Folds, Folds]:
-    """Draw the random folds that say how much stranger a recording is to models that train on less."""
-    return hold_out(data, "random", n_folds=N_RANDOM_FOLDS), hold_out(data, "random", n_folds=max(2, n_folds))
-
-
 def refusal(
     fitted: Fitted,
     beside: Dataset | None,
     held: Held,
-    random: tuple[Folds, Folds],
-    groups: Groups,
+    split: Split,
     share_known: float,
     threads: int | None,
 ) -> tuple[dict[str, Any], tuple[FloatArray32, FloatArray32, FloatArray32]]:
@@ -177,16 +361,16 @@ def refusal(
 
         ten, as_many = (
             parts(drawn.folds).take(np.sort(np.concatenate([fold.test for fold in drawn])))
-            for drawn in random
+            for drawn in split.random
         )
-        in_time = held.folds.by == TIME and groups.rank is not None
+        rank = split.groups.rank if held.folds.by == TIME else None
         rule = unknown_rule(
             core.classes,
             parts(held.folds.folds),
             codes[:n],
             share_known=share_known,
             of_folds=(ten, as_many),
-            blocks=blocks_in_time(groups.rank, codes[:n]) if in_time and groups.rank is not None else None,
+            blocks=None if rank is None else blocks_in_time(rank, codes[:n]),
             held_out=held.folds.name if held.folds.sessions_apart else "",
         )
         learned = Novelty.fit(s, codes, n_classes)
@@ -264,10 +448,3 @@ def chosen(fitted: Fitted, held: HeldOut | None) -> Mapping[str, Any]:
         if isinstance(own, Choice)
     ]
     return {"choice": {**choice.to_dict(), "in_folds": in_folds}}
-
-
-def common_lead(data: Dataset) -> float | None:
-    """Seconds ahead of the trigger, where every recording has the same."""
-    triggers = {recording.trigger_index for recording in data}
-    trigger = triggers.pop()
-    return None if triggers or trigger is None else trigger / data.rate_hz

@@ -221,7 +221,7 @@ def test_a_model_that_keeps_nothing_of_its_training_says_the_way_out(model, fres
     old = tmp_path / "old.safetensors"
     Identifier(with_trained(known.core, trained)).save(old)
     line = refused("adapt", old, fresh, "-o", tmp_path / "new", "--labelled")
-    assert "has too many learners; train one from recordings, " in line
+    assert "learners on 420 features are too many; train one on a pipeline that ends in " in line
 
 
 def test_an_adapted_model_is_not_declared_again(model, fresh, tmp_path):

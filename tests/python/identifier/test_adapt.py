@@ -12,8 +12,8 @@ from evaluation_cases import make_data
 from granular_id import ECOCClassifier, Identifier, RawHFMH, _core, load, synthesize
 from granular_id._parallel import single_threaded_blas
 from granular_id.identifier import adapt as adapting, describe_performance
-from granular_id.identifier.core import features_of
 from granular_id.identifier.model import known_marks, mark_of
+from granular_id.identifier.training import features_of
 from granular_id.recording import Dataset, Recording
 from granular_id.spaces import Learners, SourceStatistics
 from granular_id.synthetic import Rig

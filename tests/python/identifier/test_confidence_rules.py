@@ -22,8 +22,8 @@ from granular_id.identifier import (
     describe_performance,
     identify_all,
 )
-from granular_id.identifier.core import features_of
 from granular_id.identifier.model import RULES
+from granular_id.identifier.training import features_of
 from granular_id.synthetic import PAPER_MATERIALS
 from model_cases import put_together, taken_apart, with_trained
 
