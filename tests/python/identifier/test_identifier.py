@@ -306,7 +306,10 @@ OURS = "must be a pipeline of RawSignal, HFMH, RawHFMH or MultiBand, .*got"
             {"space": make_pipeline(MultiBand(), MultiBand(), ECOCClassifier())},
             f"{OURS} MultiBand, MultiBand",
         ),
-        ({"space": make_pipeline(HFMH(rate_hz=100.0), ECOCClassifier())}, "space is for 100 Hz, the recordings have 500 Hz"),
+        (
+            {"space": make_pipeline(HFMH(rate_hz=100.0), ECOCClassifier())},
+            "space is for 100 Hz, the recordings have 500 Hz",
+        ),
         ({"space": make_pipeline(HFMH(n_bins=0), ECOCClassifier())}, "n_bins"),
         ({"space": make_pipeline(HFMH(), ECOCClassifier(C=-1.0))}, "C"),
         ({"target_error": 1.0}, "target_error must lie between 0 and 1, got 1"),
