@@ -26,7 +26,7 @@ data = gid.synthesize(["rice", "fine sugar", "macaroni", "oat flakes"], n_per_cl
 # chosen so that at most 5 % are wrong.
 
 model = gid.Identifier.fit(data, "multiband", target_error=0.05)
-print(model.over_time_.summary())
+print(model.over_time_)
 plot_over_time(model.over_time_)
 
 # %%

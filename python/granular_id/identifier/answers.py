@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -147,28 +147,30 @@ class Batch(Answers):
     def table(self) -> Table:
         """Return answers, margins and truth as a table with notes."""
         each = list(self.each())
-        columns = {"recording": [*self.names], "answer": [row["label"] for row in each]}
-        columns["margin"] = [fixed(row["margin"], 3) for row in each]
-        if self.probabilities is not None:
-            columns["probability"] = [percent(row["probability"]) for row in each]
-        # There wherever the model has the rule: that it has nothing to say is an answer.
-        if any(self.candidates):
-            columns["may be"] = [", ".join(row["candidates"]) for row in each]
-        if self.unknown is not None:
-            columns["unknown"] = ["yes" if row["unknown"] else "" for row in each]
-        if any(truth is not None for truth in self.truth):
-            columns["truth"] = [
-                f"{row['truth'] or ''}{' (!)' * (row['truth'] not in (None, row['label']))}" for row in each
-            ]
-        if self.trained_on is not None and 0 < self.trained_on.sum() < len(self):
-            columns["trained on"] = ["yes" if row["trained_on"] else "" for row in each]
-        if any(self.warnings):
-            columns["samples"] = [", ".join(row["warnings"]) for row in each]
+        n_trained_on = 0 if self.trained_on is None else int(self.trained_on.sum())
+        # A rule has its column wherever the model has it: that it has nothing to say is an answer.
+        columns: tuple[tuple[str, bool, Callable[[dict[str, Any]], str]], ...] = (
+            ("recording", True, lambda row: row["name"]),
+            ("answer", True, lambda row: row["label"]),
+            ("margin", True, lambda row: fixed(row["margin"], 3)),
+            ("probability", self.probabilities is not None, lambda row: percent(row["probability"])),
+            ("may be", any(self.candidates), lambda row: ", ".join(row["candidates"])),
+            ("unknown", self.unknown is not None, lambda row: "yes" if row["unknown"] else ""),
+            (
+                "truth",
+                any(self.truth),
+                lambda row: (row["truth"] or "") + " (!)" * (row["truth"] not in (None, row["label"])),
+            ),
+            ("trained on", 0 < n_trained_on < len(self), lambda row: "yes" if row["trained_on"] else ""),
+            ("samples", any(self.warnings), lambda row: ", ".join(row["warnings"])),
+        )
+        shown = [(title, text) for title, is_there, text in columns if is_there]
+        rows = tuple(tuple(text(row) for _, text in shown) for row in each)
         notes = [f"warning: {setup_mismatch(*self.differences)}"] if self.differences else []
         counts = Counter((row["truth"], row["label"], row["trained_on"]) for row in each)
         notes += notes_of_answers(counts, self.classes)
         title = f"Materials named{', ' + self.synthetic if self.synthetic else ''}"
-        return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)), tuple(notes))
+        return Table(title, tuple(title for title, _ in shown), rows, tuple(notes))
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows."""

@@ -19,7 +19,6 @@ import numpy.typing as npt
 from granular_id import _core
 from granular_id._files import json_value
 from granular_id._text import fixed
-from granular_id.recording import text_table
 
 if TYPE_CHECKING:
     from granular_id.score import Held
@@ -49,8 +48,6 @@ and levels from 1 on gave 7 % of wrong answers in new sessions for 5 % asked for
 
 _OTHER_TARGETS = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
 """Proposed where the one asked for cannot be reached."""
-
-_N_PRINTED = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +257,7 @@ class _Pairs:
 
 @dataclass(frozen=True, eq=False)
 class OverTime:
-    """Answers about held-out recordings against seconds of signal seen; ``print`` it for a table.
+    """Answers about held-out recordings against seconds of signal seen; ``print`` it for a summary.
 
     Attributes
     ----------
@@ -344,34 +341,18 @@ class OverTime:
             synthetic=synthetic,
         )
 
-    def summary(self) -> str:
-        """Say in a line or two what the figures show."""
+    def __str__(self) -> str:
+        """Say in two lines what the figures show."""
         whole = f"{100 * self.accuracy[-1]:.1f} % of whole recordings right ({self.seconds[-1]:g} s)"
         near = np.flatnonzero(self.accuracy >= self.accuracy[-1] - 0.01)
         first = f"within 1 % of that from {fixed(self.seconds[near[0]], 2)} s on"
-        lines = [f"{self.n_answers} answers, {self.held_out}: {whole}; {first}"]
+        mark = "SYNTHETIC: " if self.synthetic else ""
+        early = f"no early answers: {self.why_not}"
         if self.target_error is not None and self.answered[-1] > 0:
             answered, error = float(self.answered[-1]), float(self.error[-1])
             text = outcome_text(answered, self.mean_seconds, error, self.target_error, self.worst)
-            lines.append(f"early answers: {text}")
-        elif self.why_not:
-            lines.append(f"no early answers: {self.why_not}")
-        return "\n".join(lines)
-
-    def __str__(self) -> str:
-        """Return a table of some moments, and the summary."""
-        places = np.unique(np.linspace(0, len(self.seconds) - 1, _N_PRINTED).round().astype(int))
-        rows = [
-            {
-                "seconds": fixed(self.seconds[i], 2),
-                "accuracy": f"{100 * self.accuracy[i]:.1f} %",
-                "answered early": f"{100 * self.answered[i]:.1f} %",
-                "of these wrong": "" if math.isnan(self.error[i]) else f"{100 * self.error[i]:.1f} %",
-            }
-            for i in places.tolist()
-        ]
-        title = f"Accuracy over time{' on SYNTHETIC recordings' if self.synthetic else ''}"
-        return "\n".join((title, *text_table(rows), self.summary(), self.note))
+            early = f"early answers: {text}"
+        return f"{mark}{self.n_answers} answers, {self.held_out}: {whole}; {first}\n{early}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return all figures, in types that JSON knows (NaN as None)."""

@@ -250,7 +250,7 @@ def test_over_time_counts_answers(leveled):
     first = int(np.argmax(course.answered > 0))
     assert np.isnan(course.error[:first]).all()
     assert course.to_dict()["error"][:first] == [None] * first
-    assert str(course).startswith("Accuracy over time\n")
+    assert str(course).startswith("32 answers, held-out sessions: ")
     assert "aim: at most 30 %" in str(course)
 
 
