@@ -14,7 +14,6 @@ from model_cases import DIGEST, N_AXES, entries, framed, put_together, sealed, s
 
 GOOD = small_model().to_bytes()
 METADATA, TENSORS = taken_apart(GOOD)
-HEADER_END = 8 + int.from_bytes(GOOD[:8], "little")
 SPEC = json.loads(METADATA["feature_spec"])
 COEF, MATRIX = TENSORS["coef"], TENSORS["coding_matrix"]
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import base64
 import json
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.model_selection import StratifiedKFold
 
 from granular_id import _core
 from granular_id._checks import checked_flag
@@ -85,14 +86,14 @@ def adapted_model(
     truth = np.array([places.get(one.label, -1) for one in data], dtype=np.intp)
     missing: list[str] = []
     if labels is not None:
-        truth = _codes_of(np.asarray(labels), core.classes, len(data))
+        truth = _codes_of(np.asarray(labels), places, len(data))
         missing = _refuse_too_little(truth, core.classes, allow_missing)
     source, learners = _read_source(model), _learners(core)
     # Of samples and counts too few rows tell too little: there regression costs what recentring gains.
     blocks = None if isinstance(core.spec, FeatureSpec) else core.spec.block_sizes
     rows = features_of(core, data.X)
 
-    def corrected(members: npt.NDArray[np.bool_]) -> Learners:
+    def corrected(members: IntArray) -> Learners:
         return adapted_by_labels(learners, source, rows[members], truth[members], blocks)
 
     with single_threaded_blas():
@@ -100,7 +101,7 @@ def adapted_model(
             made, known = adapted_to_all(learners, source, rows, blocks)
             after: IntArray | None = made.answers(rows)
         else:
-            made, known = corrected(np.ones(len(rows), dtype=np.bool_)), source
+            made, known = corrected(np.arange(len(rows))), source
             after = _answers_held_out(corrected, rows, truth)
         before = learners.answers(rows)
     judged = truth >= 0
@@ -119,15 +120,14 @@ def adapted_model(
     return _new_model(model, made, known, data, line, labelled=labels is not None)
 
 
-def _codes_of(labels: npt.NDArray[Any], classes: Sequence[str], n: int) -> IntArray:
+def _codes_of(labels: npt.NDArray[Any], places: Mapping[str | None, int], n: int) -> IntArray:
     """Return the place of each of n labels among the classes; refuse others."""
     if labels.shape != (n,):
         raise ValueError(f"labels must hold a label for each of {n} recordings, got shape {labels.shape}")
-    codes = {label: code for code, label in enumerate(classes)}
-    unknown = next((label for label in labels.tolist() if label not in codes), None)
+    unknown = next((label for label in labels.tolist() if label not in places), None)
     if unknown is not None:
         raise ValueError(f"labels must hold labels of the training, got {unknown!r}")
-    return np.array([codes[label] for label in labels.tolist()], dtype=np.intp)
+    return np.array([places[label] for label in labels.tolist()], dtype=np.intp)
 
 
 def _refuse_too_little(codes: IntArray, classes: Sequence[str], allow_missing: bool) -> list[str]:
@@ -148,20 +148,16 @@ def _refuse_too_little(codes: IntArray, classes: Sequence[str], allow_missing: b
 
 
 def _answers_held_out(
-    corrected: Callable[[npt.NDArray[np.bool_]], Learners], rows: FloatArray, codes: IntArray
+    corrected: Callable[[IntArray], Learners], rows: FloatArray, codes: IntArray
 ) -> IntArray | None:
     """Answers of models that were made without the rows they name; None where a class has one row."""
     counts = np.bincount(codes)
     n_folds = min(_MOST_FOLDS, int(counts[counts > 0].min()))
     if n_folds < 2:
         return None
-    fold = np.empty(len(codes), dtype=np.intp)
-    for k in np.flatnonzero(counts):
-        fold[codes == k] = np.arange(counts[k]) % n_folds
     named = np.empty_like(codes)
-    for number in range(n_folds):
-        held = fold == number
-        named[held] = corrected(~held).answers(rows[held])
+    for others, held in StratifiedKFold(n_folds).split(rows, codes):
+        named[held] = corrected(others).answers(rows[held])
     return named
 
 
