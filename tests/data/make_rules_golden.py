@@ -4,7 +4,7 @@
     python tests/data/make_rules_golden.py FOLDER SECONDS SPACE  # longer pushes, another space
 
 SYNTHETIC pushes: 60 of the six materials of the training, then 20 of two others. ``tests/model.rs`` lets the example
-of the Rust crate name them, ``tests/python/identifier/test_identifier_sure.py`` the package. Samples are little-endian
+of the Rust crate name them, ``tests/python/identifier/test_confidence_rules.py`` the package. Samples are little-endian
 float32, push by push; ``answers.txt`` has a line for each: label, candidates, unknown or not, tabs between. Made with
 numpy 2.4.
 """

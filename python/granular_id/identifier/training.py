@@ -181,22 +181,6 @@ def features_of(core: _core.Model, X: FloatArray, threads: int | None = None) ->
     return features
 
 
-def plain_features(
-    space: Any, features: FloatArray, spec: FeatureSpec | _core.MultiBandExtractor
-) -> FloatArray | None:
-    """Return what the weights of a model are for, of the features of its training; None where these are weighted."""
-    if isinstance(space, RawHFMH):
-        return features if (space.block_weights_ == 1).all() else None
-    if isinstance(spec, FeatureSpec):
-        return features
-    sizes = space.extractor_.block_sizes
-    present = spec.block_sizes  # without those that recordings are too short for
-    if sizes == present:
-        return features
-    parts = dict(zip(sizes, np.split(features, np.cumsum(list(sizes.values()))[:-1], axis=1), strict=True))
-    return np.concatenate([parts[name] for name in present], axis=1)
-
-
 def _without_unused_blocks(
     spec: _core.MultiBandExtractor, coef: FloatArray
 ) -> tuple[_core.MultiBandExtractor, FloatArray]:
@@ -298,16 +282,12 @@ def fit_all(
 ) -> Fitted:
     """Fit a clone of a pipeline on all recordings."""
     X, y = data.X, data.y
-    with (
-        single_threaded_blas()
-    ):  # the bits of a model must not depend on how many threads multiply its matrices
+    # The bits of a model must not depend on how many threads multiply its matrices.
+    with single_threaded_blas():
         fitted = seeded_clone(pipeline, np.random.SeedSequence(random_state, spawn_key=(4,)))
-        features = fitted[0].fit(X, y).transform(X)
-        fit_on_features(fitted, features, y, groups)
+        fit_on_features(fitted, fitted[0].fit(X, y).transform(X), y, groups)
         plain = model_of(fitted, data)
-    rows = plain_features(fitted[0], features, plain.spec)
-    rows = features_of(plain, X, threads) if rows is None else rows
-    return Fitted(fitted, plain, rows, np.searchsorted(plain.classes, y))
+    return Fitted(fitted, plain, features_of(plain, X, threads), np.searchsorted(plain.classes, y))
 
 
 def held_out_answers(

@@ -207,12 +207,6 @@ def test_source_is_mean_and_spread_of_what_weights_are_for(data, models, space):
         assert getattr(kept, name).tobytes() == getattr(wanted, name).tobytes()
 
 
-@pytest.mark.parametrize("space", SPACES)
-def test_features_are_extracted_once(data, space, monkeypatch):
-    monkeypatch.setattr("granular_id.identifier.training.features_of", None)
-    assert "source" in Identifier.fit(data, space, estimate=False).trained
-
-
 @pytest.mark.parametrize(("limit", "value"), [("_MOST_SOURCE", 1000), ("_FOR_MORE", 2**25)])
 def test_model_too_large_for_its_source_is_not_adapted(rig_data, elsewhere, monkeypatch, limit, value):
     monkeypatch.setattr(adapting, limit, value)
