@@ -180,20 +180,10 @@ def plot(
     elif what == "onset":
         data = steps.with_onsets(data)
         show(str(data.history[-1]))
-        plotting.plot_onsets(data, output, n=n or 10, rest_s=steps.rest_s)
+        plotting.plot_onsets(data, n=n or 10, path=output)
     else:
-        plotting.plot_recordings(data, output, axes=chosen or _of_one_unit(data), n=n or 5)
+        plotting.plot_recordings(data, axes=chosen or None, n=n or 5, path=output)
     say_written([output])
-
-
-def _of_one_unit(data: Dataset) -> list[str] | None:
-    """Return the axes with the unit of the first one; None for a wrench, of which its forces are drawn."""
-    from granular_id.recording import AXES, unit_of
-
-    if data.axes == AXES:
-        return None
-    units = {axis: unit_of(axis, data[0].meta) for axis in data.axes}
-    return [axis for axis, unit in units.items() if unit == units[data.axes[0]]]
 
 
 @command

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 from rich.console import Console
 
+from granular_id._files import made_folder
 from granular_id.cli.evaluate import Outputs, evaluate_and_show
 from granular_id.cli.options import FORCE, command, count
 from granular_id.cli.outputs import show
@@ -34,8 +35,8 @@ def demo(
     """Evaluate SYNTHETIC recordings, 11 simulated materials in 4 sessions, then name simulated pushes live.
 
     The recordings come from a physical model, not from a sensor. The accuracies show that the program works;
-    they say nothing about real materials. Writes report.html (open it in a browser), its figures as PNG,
-    result.json and predictions.csv. It takes less than a minute of processor time.
+    they say nothing about real materials. Writes report.html (open it in a browser), result.json and
+    predictions.csv. It takes less than a minute of processor time.
 
     Examples:
 
@@ -47,10 +48,10 @@ def demo(
         report=page,
         json=output / "result.json",
         csv=output / "predictions.csv",
-        figures=output,
         force=force,
     )
-    with outputs.ready(name="--output"):
+    with made_folder(output):
+        outputs.check(name="--output")
         from granular_id.evaluation import USUAL_SPACES
         from granular_id.spaces import feature_spaces
         from granular_id.synthetic import PAPER_MATERIALS, synthesize

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from granular_id._files import made_folder
 from granular_id._text import install
 from granular_id.cli.errors import FOUND_ERRORS
 from granular_id.cli.method import Method, chosen_spaces
@@ -19,7 +17,6 @@ from granular_id.cli.options import FORCE, command, count, option
 from granular_id.cli.outputs import (
     JSON_FILE,
     PAGE,
-    PICTURE,
     PREDICTIONS,
     check_outputs,
     print_table,
@@ -45,49 +42,30 @@ BY = (
 
 @dataclass(kw_only=True)
 class Outputs:
-    """Files of an evaluation to write, and a folder for figures; None leaves one out."""
+    """Files of an evaluation to write; None leaves one out."""
 
     report: Path | None = option(OUTPUT, "Write one HTML file with everything.")
     json: Path | None = option(OUTPUT, "Write figures, settings and predictions.")
     csv: Path | None = option(OUTPUT, "Write every prediction.")
-    figures: Path | None = option(OUTPUT, "Write the figures of the report into this folder.")
     force: bool = FORCE
 
-    @contextmanager
-    def ready(self, source: Path | None = None, name: str | None = None) -> Iterator[None]:
+    def check(self, source: Path | None = None, name: str | None = None) -> None:
         """Refuse what could not be written, before any time is spent on it.
 
-        The folder for figures is made, and removed again when the block raises and left it empty. `source`: what is
-        read. `name`: the one option for all of them, of commands that have no others.
+        `source`: what is read. `name`: the one option for all of them, of commands that have no others.
         """
-        for wanted, module, path in (
-            ("figures need", "matplotlib", self.figures),
-            ("a report needs", "matplotlib", self.report),
-            ("a report needs", "jinja2", self.report),
-        ):
-            if path is not None and importlib.util.find_spec(module) is None:
-                raise ImportError(f"{wanted} {module}: {install('app')}")
-        with nullcontext() if self.figures is None else made_folder(self.figures):
-            outputs = [
-                ("--report", self.report, PAGE),
-                ("--json", self.json, JSON_FILE),
-                ("--csv", self.csv, PREDICTIONS),
-                *(("--figures", path, PICTURE) for path in self._figures_there()),
-            ]
-            named = [(name or option, path, kind) for option, path, kind in outputs]
-            check_outputs(*named, source=source, force=self.force)
-            yield
+        for module in ("matplotlib", "jinja2"):
+            if self.report is not None and importlib.util.find_spec(module) is None:
+                raise ImportError(f"a report needs {module}: {install('app')}")
+        outputs = [
+            ("--report", self.report, PAGE),
+            ("--json", self.json, JSON_FILE),
+            ("--csv", self.csv, PREDICTIONS),
+        ]
+        named = [(name or option, path, kind) for option, path, kind in outputs]
+        check_outputs(*named, source=source, force=self.force)
 
-    def _figures_there(self) -> list[Path]:
-        """Figures that would be replaced; which of all there will be depends on the evaluation."""
-        if self.figures is None or not any(self.figures.glob("*.png")):
-            return []
-        from granular_id.report import FIGURES
-
-        paths = (self.figures / f"{name}.png" for name in FIGURES)
-        return [path for path in paths if path.exists()]
-
-    def write(self, result: EvaluationResult, space: str | None) -> list[Path]:
+    def write(self, result: EvaluationResult) -> list[Path]:
         """Write everything that was asked for; return the paths."""
         written = []
         for path, write in ((self.json, result.to_json), (self.csv, result.to_csv)):
@@ -99,10 +77,6 @@ class Outputs:
 
             write_report(result, self.report)
             written.append(self.report)
-        if self.figures is not None:
-            from granular_id.report import figures
-
-            written += figures(result, self.figures, "png", space=space)
         return written
 
 
@@ -147,7 +121,7 @@ def evaluate_and_show(
         print_table(confusion_table(result, confusion), tight=True)
     if details:
         show(result.details())
-    written = outputs.write(result, confusion)
+    written = outputs.write(result)
     if not quiet and not details and outputs.report is None:
         show("more: --details; all tables and figures on one page: --report FILE.html")
     say_written(written, repeat=not quiet)
@@ -223,32 +197,32 @@ def evaluate(
     clock that names the label; `--accept NAME` says that it is known.
     """
     method.refuse_impossible(steps.rate_hz)
-    with outputs.ready(reading.path):
-        reading.refuse_absent()  # before imports that take longer than a look
-        from granular_id.evaluation import USUAL_SPACES
+    outputs.check(reading.path)
+    reading.refuse_absent()  # before imports that take longer than a look
+    from granular_id.evaluation import USUAL_SPACES
 
-        wanted = ("paper" if held.paper else ",".join(USUAL_SPACES)) if spaces is None else spaces
-        chosen = chosen_spaces(wanted, confusion)
-        notes = method.unused_in(chosen)
-        data = equal_recordings(reading, steps, quiet=quiet)
+    wanted = ("paper" if held.paper else ",".join(USUAL_SPACES)) if spaces is None else spaces
+    chosen = chosen_spaces(wanted, confusion)
+    notes = method.unused_in(chosen)
+    data = equal_recordings(reading, steps, quiet=quiet)
 
-        from granular_id.ecoc import ECOCClassifier
+    from granular_id.ecoc import ECOCClassifier
 
-        for note in [] if quiet else notes:
-            show(f"note: {note}")
-        known = method.spaces(data.rate_hz)
-        evaluate_and_show(
-            data,
-            {name: known[name] for name in chosen},
-            outputs,
-            confusion=confusion,
-            details=details,
-            quiet=quiet,
-            by=held.hold_out,
-            paper=(held.partitions, held.train, held.test) if held.paper else False,
-            baselines=baselines,
-            accept=held.accept or (),
-            classifier=None if all(known[name].classifier for name in chosen) else ECOCClassifier(C=method.c),
-            n_jobs=method.n_jobs,
-            random_state=held.seed,
-        )
+    for note in [] if quiet else notes:
+        show(f"note: {note}")
+    known = method.spaces(data.rate_hz)
+    evaluate_and_show(
+        data,
+        {name: known[name] for name in chosen},
+        outputs,
+        confusion=confusion,
+        details=details,
+        quiet=quiet,
+        by=held.hold_out,
+        paper=(held.partitions, held.train, held.test) if held.paper else False,
+        baselines=baselines,
+        accept=held.accept or (),
+        classifier=None if all(known[name].classifier for name in chosen) else ECOCClassifier(C=method.c),
+        n_jobs=method.n_jobs,
+        random_state=held.seed,
+    )

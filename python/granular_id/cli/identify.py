@@ -371,7 +371,7 @@ def _answer_over(
     def draw(path: Path) -> None:
         from granular_id.plotting import plot_answers
 
-        plot_answers(each[0], next(one for one in data if one.name == each[0].name), path)
+        plot_answers(each[0], next(one for one in data if one.name == each[0].name), path=path)
 
     write_files(
         (json, lambda path: write_json(path, {"recordings": [one.to_dict() for one in each]})),

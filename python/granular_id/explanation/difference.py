@@ -107,9 +107,9 @@ def explain(
     >>> X[y == "oat", 50:, 2] += 1.0
     >>> model = make_pipeline(RawSignal(rate_hz=500), ECOCClassifier()).fit(X, y)
     >>> oat_or_rice = explain(model, "oat", "rice", X, y, axes=["fx", "fy", "fz", "tx", "ty", "tz"])
-    >>> max(oat_or_rice.by_axis(), key=oat_or_rice.by_axis().get)
+    >>> by_axis, by_time = oat_or_rice.sums("axis"), oat_or_rice.sums("time")
+    >>> max(by_axis, key=by_axis.get)
     'fz'
-    >>> by_time = oat_or_rice.by_time()
     >>> list(by_time)[0], sum(list(by_time.values())[4:]) > 0.9 * oat_or_rice.difference
     ('0.000-0.025 s', True)
     """

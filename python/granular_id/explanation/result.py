@@ -104,22 +104,28 @@ class Explanation:
         ]
         return dict(zip(names, shares.T @ spread, strict=True))
 
-    def by_block(self) -> dict[str, float]:
-        """Sum of the contributions of each block; histograms of one space with a range per axis count as one."""
-        return _sums(self.table("block"))
+    def sums(self, by: Literal["axis", "block", "band", "time"]) -> dict[str, float]:
+        """Sum the contributions of each axis, block, band or stretch of time.
 
-    def by_band(self) -> dict[str, float]:
-        """Sum of the contributions of each band, and of each block that has no bands."""
-        return _sums(self.table("band"))
+        Parameters
+        ----------
+        by : {"axis", "block", "band", "time"}
+            As the rows of `table`; or each axis, of which a coupling counts half for each of its two.
 
-    def by_time(self) -> dict[str, float]:
-        """Sum of the contributions of each stretch of time, and of each block that is about no time."""
-        return _sums(self.table("time"))
+        Returns
+        -------
+        dict of float
+            By name, such as "fz", "hfmh", "61-122 Hz" or "0.40-0.80 s"; they add up to `difference`.
 
-    def by_axis(self) -> dict[str, float]:
-        """Sum of the contributions of each axis; a coupling counts half for each of its two."""
-        sums = self.contributions @ self.columns.axis_shares
-        return dict(zip(self.columns.axes, sums.tolist(), strict=True))
+        Raises
+        ------
+        ValueError
+            Another `by`.
+        """
+        if by == "axis":
+            sums = self.contributions @ self.columns.axis_shares
+            return dict(zip(self.columns.axes, sums.tolist(), strict=True))
+        return {name: sum(row.values()) for name, row in self.table(by).items()}
 
     def along(self, block: FeatureBlock) -> FloatArray:
         """Return the contributions (n_axes, m) of one of ``columns.along``, over its coordinate."""
@@ -141,7 +147,7 @@ class Explanation:
             "counts": list(self.counts),
             "difference": self.difference,
             "factors": self.factors.tolist(),
-            "by_axis": self.by_axis(),
+            "by_axis": self.sums("axis"),
             "tables": self.tables(),
             "features": {
                 "names": list(self.columns.names),
@@ -152,31 +158,24 @@ class Explanation:
 
     def __str__(self) -> str:
         """Give the scores and the tables."""
-        each = "1 recording each" if self.counts == (1, 1) else "{} and {} recordings".format(*self.counts)
-        scores = " and ".join(f"{score:+.3g}" for score in self.scores)
-        lines = [f"{self.first} against {self.second}, {each}: mean scores {scores}."]
-        single = [str(name) for name, n in zip((self.first, self.second), self.counts, strict=True) if n == 1]
-        if single:
-            lines.append(f"Only one recording of {' and of '.join(single)}: others may differ.")
-        scale, unit, digits = self.scale()
-        if self.difference <= 0:
-            lines.append(f"The model does not score {self.first} above {self.second} here.")
-        lines.append(f"Contributions, in {unit}:")
+        materials = [["material", "recordings", "mean score"]]
+        for label, count, score in zip((self.first, self.second), self.counts, self.scores, strict=True):
+            materials.append([str(label), str(count), f"{score:+.3g}"])
+        lines = [*in_columns(materials, right=True), "", f"Contributions, in {self.scale()[1]}:"]
         for by, table in self.tables().items():
-            rows = [*table.items(), ("sum", self.by_axis())]
             shown = [[by, *self.columns.axes, "sum"]]
-            for name, row in rows:
-                values = [scale * value for value in (*row.values(), sum(row.values()))]
-                shown.append([name, *(fixed(round(value, digits) + 0.0, digits) for value in values)])
+            for name, row in [*table.items(), ("sum", self.sums("axis"))]:
+                shown.append([name, *map(self.shown, (*row.values(), sum(row.values())))])
             lines += ["", *in_columns(shown, right=True)]
         return "\n".join(lines)
 
-    def scale(self) -> tuple[float, str, int]:
-        """Return what contributions are multiplied with to be shown, their unit and digits; no share of nothing."""
+    def scale(self) -> tuple[float, str]:
+        """Return what contributions are multiplied with to be shown, and their unit; no share of nothing."""
         if self.difference > 0:
-            return 100.0 / self.difference, "% of the difference", 1
-        return 1.0, "units of the score", 3
+            return 100.0 / self.difference, "% of the difference"
+        return 1.0, f"units of the score, which is not higher for {self.first} here"
 
-
-def _sums(table: dict[str, dict[str, float]]) -> dict[str, float]:
-    return {name: sum(row.values()) for name, row in table.items()}
+    def shown(self, contribution: float) -> str:
+        """Return a contribution as a rounded number in the unit of `scale`, without a minus before zero."""
+        digits = 1 if self.difference > 0 else 3
+        return fixed(round(self.scale()[0] * contribution, digits) + 0.0, digits)

@@ -17,6 +17,7 @@ from granular_id.plotting.style import (
     grid,
     heading,
     legend,
+    name_axes,
     new_figure,
     pretty,
     quiet,
@@ -39,7 +40,7 @@ _MOST_GROUPS, _MOST_LINES = 2, 3
 
 
 def plot_answers(
-    timeline: Timeline, recording: Recording, path: str | os.PathLike[str] | None = None
+    timeline: Timeline, recording: Recording, *, path: str | os.PathLike[str] | None = None
 ) -> Figure:
     """Plot the answers over a recording: its signal above, below it a row for each material.
 
@@ -50,7 +51,7 @@ def plot_answers(
     recording : Recording
         The one that it is about.
     path : path-like, optional
-        Where to save; the ending chooses the format (png, svg, pdf). Whole or not at all.
+        As in `granular_id.plotting.plot_recordings`.
 
     Returns
     -------
@@ -96,8 +97,7 @@ def plot_answers(
     _draw_answers(answers, timeline, names)
     answers.set_xlim(0.0, lasts_s)
     left_out = f" ({hidden} materials that are named least left out)" if hidden else ""
-    about = f"time, s; each answer is about the {timeline.window_s:g} s before{left_out}"
-    answers.set_xlabel(about, fontsize=9, color=INK)
+    name_axes(answers, f"time, s; each answer is about the {timeline.window_s:g} s before{left_out}")
     title = f"Answers over {short(timeline.name, 60) or 'a recording'}"
     heading(figure, ", ".join(filter(None, (title, timeline.synthetic))))
     _legend(figure, timeline, names)
@@ -106,12 +106,12 @@ def plot_answers(
 
 
 def _groups(timeline: Timeline, recording: Recording) -> list[tuple[str, list[int]]]:
-    """Choose the columns to draw: a panel a unit, or of axes without one, by their names but the last letter."""
+    """Choose the columns to draw, a panel a unit."""
     units = timeline.units or tuple(unit_of(axis, recording.meta) for axis in recording.axes)
-    groups: dict[tuple[str, str], list[int]] = {}
-    for column, (axis, unit) in enumerate(zip(recording.axes, units, strict=True)):
-        groups.setdefault((unit, "" if unit else axis[:-1]), []).append(column)
-    return [(unit, columns[:_MOST_LINES]) for (unit, _), columns in list(groups.items())[:_MOST_GROUPS]]
+    groups: dict[str, list[int]] = {}
+    for column, unit in enumerate(units):
+        groups.setdefault(unit, []).append(column)
+    return [(unit, columns[:_MOST_LINES]) for unit, columns in list(groups.items())[:_MOST_GROUPS]]
 
 
 def _rows(timeline: Timeline) -> tuple[list[str], int]:
@@ -127,15 +127,14 @@ def _draw_signal(panel: Any, recording: Recording, columns: list[int], unit: str
         axis = recording.axes[column]
         signal = recording.wrench[:, column]
         at, values = _outline(signal if axis in AXES else signal - np.median(signal))
-        line = axis_line(axis, place) | (
-            {"linestyle": "-", "linewidth": 0.4} if len(at) < len(recording.wrench) else {}
-        )
-        panel.plot(at / rate_hz, values, **{"linewidth": 0.8, "label": pretty(axis)} | line)
+        line = axis_line(axis, place) | {"linewidth": 0.8, "label": pretty(axis)}
+        if len(at) < len(signal):
+            line |= {"linewidth": 0.4, "linestyle": "-"}
+        panel.plot(at / rate_hz, values, **line)
     curve_panel(panel)
     # A force is drawn as it is; gravity and offsets of other sensors would flatten what happens.
     is_wrench = recording.axes[columns[0]] in AXES
-    label = unit if is_wrench else f"{unit}\nless median".strip()
-    panel.set_ylabel(label, fontsize=9, color=INK)
+    name_axes(panel, up=unit if is_wrench else f"{unit}\nless median".strip())
     beside: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "handlelength": 1.5}
     panel.legend(frameon=False, fontsize=8, labelcolor=INK, **beside)
 
@@ -164,7 +163,6 @@ def _draw_answers(panel: Any, timeline: Timeline, names: list[str]) -> None:
     if timeline.unknown is not None:
         _bars(panel, len(names), edges, unknown, **_STRANGE)
     row_names(panel, rows)
-    panel.tick_params(axis="y", labelsize=8)
     quiet(panel, "left")
     grid(panel, "x")
     for edge in range(1, len(rows)):

@@ -7,22 +7,23 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from granular_id._text import fixed, short, whole_percent
+from granular_id.evaluation import shows_paper
 from granular_id.plotting.style import (
     FAINT,
     INK,
     SHARE_TICKS,
-    chance_line,
     grid,
     heading,
     legend,
+    name_axes,
     new_figure,
     note,
     quiet,
+    row_names,
     save,
-    share_rows,
+    share_axis,
     synthetic_mark,
 )
 from granular_id.recording import AXIS_COLOURS
@@ -37,25 +38,22 @@ _PAPER = "the paper, on its own recordings"
 _STRICT, _AT_RANDOM, _GAP = "#D55E00", "#0072B2", "#E69F00"  # Okabe and Ito; marks differ, too
 
 
-def plot_accuracy(
-    result: EvaluationResult, *, paper: bool = False, path: str | os.PathLike[str] | None = None
-) -> Figure:
+def plot_accuracy(result: EvaluationResult, *, path: str | os.PathLike[str] | None = None) -> Figure:
     """Plot the balanced accuracy of each feature space and baseline: held out, at random, and the gap between.
 
     Parameters
     ----------
     result : EvaluationResult
-    paper : bool, default False
-        Mark the accuracies that the paper reports for its own recordings, where a space has one.
     path : path-like, optional
-        As in `granular_id.plotting.plot_mean_forces`.
+        As in `granular_id.plotting.plot_recordings`.
 
     Returns
     -------
     matplotlib.figure.Figure
         One row a space, the headline's on top; baselines in brackets. A square is the accuracy on what was held out,
         its line the 95 % interval over sessions where there is one; a circle the accuracy of as many recordings at
-        random, the shaded line between them the gap. The dashed line is chance.
+        random, the shaded line between them the gap. The dashed line is chance. Of the materials of the paper, strokes
+        are the accuracies that it reports for its own recordings.
 
     Raises
     ------
@@ -79,30 +77,40 @@ def plot_accuracy(
         for one in result.baselines
         if one.held is not None
     ]
+    names, strict, intervals, at_random = zip(*rows, strict=True)
+    places = range(len(rows))
     figure = new_figure(4.7, 1.0 + 0.32 * len(rows))
     panel = figure.subplots()
-    for row, (_, strict, interval, at_random) in enumerate(rows):
-        panel.plot(
-            [strict, at_random], [row, row], color=_GAP, linewidth=7, alpha=0.35, solid_capstyle="butt"
-        )
-        panel.plot(interval, [row, row], color=_STRICT, linewidth=2)
-        note(panel, f"{100 * strict:.1f}", (1.0, row), (4, 0), va="center", fontsize=8, annotation_clip=False)
-    places = range(len(rows))
+    panel.hlines(places, strict, at_random, color=_GAP, linewidth=7, alpha=0.35)
+    panel.hlines(places, *zip(*intervals, strict=True), color=_STRICT, linewidth=2)
+    for place, share in enumerate(strict):
+        note(panel, f"{100 * share:.1f}", (1.0, place), (4, 0), va="center", annotation_clip=False)
     marks: dict[str, Any] = {"linestyle": "none", "markersize": 7, "clip_on": False}
-    panel.plot(
-        [row[3] for row in rows], places, marker="o", color=_AT_RANDOM, label="as many at random", **marks
-    )
-    panel.plot([row[1] for row in rows], places, marker="s", color=_STRICT, label=result.folds.name, **marks)
-    if paper:
+    panel.plot(at_random, places, marker="o", color=_AT_RANDOM, label="as many at random", **marks)
+    panel.plot(strict, places, marker="s", color=_STRICT, label=result.folds.name, **marks)
+    if shows_paper(result):
         known = [result.paper_accuracies.get(name, np.nan) for name in result.spaces]
-        style: dict[str, Any] = {"linestyle": "none", "marker": "|", "markersize": 11, "markeredgewidth": 1.6}
-        panel.plot(known, range(len(known)), color=INK, label=_PAPER, **style)
-    chance_line(panel, result.chance, "chance")
-    share_rows(panel, [row[0] for row in rows])
-    panel.set_xlabel("balanced accuracy", fontsize=9, color=INK)
-    legend(figure, "upper left", ncols=2)
+        stroke: dict[str, Any] = {
+            "linestyle": "none",
+            "marker": "|",
+            "markersize": 11,
+            "markeredgewidth": 1.6,
+        }
+        panel.plot(known, range(len(known)), color=INK, label=_PAPER, **stroke)
+    _finish_shares(panel, result, names, "balanced accuracy")
     save(figure, path)
     return figure
+
+
+def _finish_shares(panel: Any, result: EvaluationResult, names: Sequence[str], what: str) -> None:
+    """Make a panel one of shares with named rows, a line at chance, and a legend above."""
+    panel.axvline(result.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
+    share_axis(panel)
+    row_names(panel, names)
+    quiet(panel, "left")
+    grid(panel, "x")
+    name_axes(panel, what + synthetic_mark(result.synthetic))
+    legend(panel.figure, "upper left", ncols=2)
 
 
 def plot_recall(
@@ -116,7 +124,7 @@ def plot_recall(
     space : str, optional
         Default: the headline's.
     path : path-like, optional
-        As in `granular_id.plotting.plot_mean_forces`.
+        As in `granular_id.plotting.plot_recordings`.
 
     Returns
     -------
@@ -139,103 +147,66 @@ def plot_recall(
     ['fine sugar', 'rice']
     """
     recall = result.recall(space)
+    places = range(len(recall))
     figure = new_figure(4.7, 0.9 + 0.22 * len(recall))
     panel = figure.subplots()
-    for row, share in enumerate(recall.tolist()):
-        panel.plot([0, share], [row, row], color=FAINT, linewidth=2, zorder=1)
-    panel.plot(
-        recall, range(len(recall)), linestyle="none", marker="s", markersize=6, color=_STRICT, clip_on=False
-    )
-    chance_line(panel, result.chance, "chance")
-    share_rows(panel, result.labels)
-    panel.set_xlabel(f"recall, {result.folds.name}", fontsize=9, color=INK)
-    legend(figure, "upper left", ncols=3)
+    panel.hlines(places, 0.0, recall, color=FAINT, linewidth=2, zorder=1)
+    panel.plot(recall, places, linestyle="none", marker="s", markersize=6, color=_STRICT, clip_on=False)
+    _finish_shares(panel, result, result.labels, f"recall, {result.folds.name}")
     save(figure, path)
     return figure
 
 
 _CELL = "#0072B2"
 
-_WHITE_ABOVE = 78.0
-"""Per cent from which on white stands out from a cell on white paper better than ink does."""
+_WHITE_ABOVE = 0.78
+"""Share from which on white stands out from a cell on white paper better than ink does."""
 
 
 def plot_confusion(
-    matrix: ArrayLike,
-    labels: Sequence[str],
-    *,
-    title: str | None = None,
-    path: str | os.PathLike[str] | None = None,
+    result: EvaluationResult, space: str | None = None, *, path: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Plot a confusion matrix as a heat map, each row as per cent of its true class.
+    """Plot which materials are taken for which, in per cent of the recordings of each true material.
 
     Parameters
     ----------
-    matrix : array_like, shape (k, k)
-        Counts; row = true class, column = predicted class.
-    labels : sequence of str, length k
-        Names of the classes in the matrix's order.
-    title : str, optional
+    result : EvaluationResult
+    space : str, optional
+        Default: the headline's.
     path : path-like, optional
-        As in `plot_mean_forces`.
+        As in `granular_id.plotting.plot_recordings`.
 
     Returns
     -------
     matplotlib.figure.Figure
-        A class without any recording keeps an empty row.
+        One row a true material, one column a predicted one; a material that was not tested keeps an empty row.
 
     Raises
     ------
     ImportError
         Without matplotlib, saying what to install.
     ValueError
-        For a matrix that is not square, holds negative or non-finite counts, or does not match the labels.
+        For a space that was not evaluated.
 
     Examples
     --------
-    >>> from granular_id.plotting import plot_confusion
-    >>> figure = plot_confusion([[9, 1], [0, 10]], ["peas", "rice"])
-    >>> [text.get_text() for text in figure.axes[0].texts]
-    ['90', '10', '100']
+    >>> from granular_id import evaluate, synthesize
+    >>> data = synthesize(["rice", "fine sugar"], n_per_class=6, duration_s=0.5)
+    >>> result = evaluate(data, "hfmh", baselines=False, progress=False)
+    >>> [label.get_text() for label in plot_confusion(result).axes[0].get_xticklabels()]
+    ['fine sugar', 'rice']
     """
-    counts = _checked_counts(matrix, labels)
-    percent = as_percent(counts)
-    k = len(labels)
-    side = 1.8 + 0.5 * k
-    figure = new_figure(side + 0.8, side)
-    draw_confusion(figure.subplots(), percent, labels)
-    above = "" if title is None else f"{title}\n"
-    heading(figure.axes[0], f"{above}per cent of each true class", 10)
-    save(figure, path)
-    return figure
-
-
-def draw_confusion(panel: Any, percent: NDArray[np.float64], labels: Sequence[str]) -> None:
-    """Draw a matrix of per cent (K, K) with the numbers in its cells."""
-    from matplotlib.patches import Rectangle  # an extra
-
-    for row, column in np.argwhere(percent > 0):
-        value = float(percent[row, column])
-        # Faint to full in one hue: order survives any colour vision, a grey print and a dark page.
-        corner = (column - 0.47, row - 0.47)
-        panel.add_patch(
-            Rectangle(corner, 0.94, 0.94, color=_CELL, alpha=0.08 + 0.92 * value / 100, linewidth=0)
-        )
-        panel.text(
-            column,
-            row,
-            whole_percent(value),
-            ha="center",
-            va="center",
-            fontsize=9,
-            color="white" if value > _WHITE_ABOVE else INK,
-        )
-    k = len(labels)
-    names = [short(label) for label in labels]
+    counts = result.confusion(space)
+    k = len(counts)
+    names = [short(label) for label in result.labels]
+    figure = new_figure(1.8 + 0.34 * k, 1.7 + 0.34 * k)
+    panel = figure.subplots()
+    for (row, column), count in np.ndenumerate(counts):
+        if count:
+            _draw_cell(panel, row, column, float(count / counts[row].sum()))
     # A label with $ in it is a label, no mathematics.
-    panel.set_xticks(
-        range(k), names, rotation=45, ha="right", rotation_mode="anchor", fontsize=9, parse_math=False
-    )
+    turned: dict[str, Any] = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"}
+    panel.set_xticks(range(k), names, fontsize=9, parse_math=False, **turned)
     panel.set_yticks(range(k), names, fontsize=9, parse_math=False)
     panel.set_xticks(np.arange(k + 1) - 0.5, minor=True)
     panel.set_yticks(np.arange(k + 1) - 0.5, minor=True)
@@ -245,27 +216,22 @@ def draw_confusion(panel: Any, percent: NDArray[np.float64], labels: Sequence[st
     panel.set_xlim(-0.5, k - 0.5)
     panel.set_ylim(k - 0.5, -0.5)
     panel.set_aspect("equal")
-    panel.set_xlabel("predicted", color=INK)
-    panel.set_ylabel("true", color=INK)
+    name_axes(panel, "predicted", "true, per cent of each")
+    mark = "\nSYNTHETIC recordings" if result.synthetic else ""
+    heading(figure, f"{space or result.spaces[0]}, {result.folds.name}{mark}", 9)
+    save(figure, path)
+    return figure
 
 
-def as_percent(counts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return each row as per cent of its sum; a row without counts stays zero."""
-    totals = counts.sum(axis=1, keepdims=True)
-    percent = np.zeros(counts.shape)
-    np.divide(100.0 * counts, totals, out=percent, where=totals > 0)
-    return percent
+def _draw_cell(panel: Any, row: int, column: int, share: float) -> None:
+    """Draw a square, faint to full in one hue: order survives any colour vision, a grey print and a dark page."""
+    from matplotlib.patches import Rectangle  # an extra
 
-
-def _checked_counts(matrix: ArrayLike, labels: Sequence[str]) -> NDArray[np.float64]:
-    counts = np.asarray(matrix, dtype=np.float64)
-    if counts.ndim != 2 or counts.shape[0] != counts.shape[1] or counts.size == 0:
-        raise ValueError(f"matrix must be square, got shape {counts.shape}")
-    if len(labels) != counts.shape[0]:
-        raise ValueError(f"labels must name the {counts.shape[0]} classes of matrix, got {len(labels)}")
-    if not np.all(np.isfinite(counts)) or np.any(counts < 0):
-        raise ValueError("matrix must hold finite counts that are not negative")
-    return counts
+    corner = (column - 0.47, row - 0.47)
+    panel.add_patch(Rectangle(corner, 0.94, 0.94, color=_CELL, alpha=0.08 + 0.92 * share, linewidth=0))
+    colour = "white" if share > _WHITE_ABOVE else INK
+    centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9}
+    panel.text(column, row, whole_percent(100 * share), color=colour, **centred)
 
 
 _ACCURACY, _ANSWERED, _WRONG = AXIS_COLOURS[0], AXIS_COLOURS[1], AXIS_COLOURS[2]
@@ -279,7 +245,7 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
     course : granular_id.identifier.OverTime
         `Identifier.over_time_` of a model that was just fitted.
     path : path-like, optional
-        As in `granular_id.plotting.plot_mean_forces`.
+        As in `granular_id.plotting.plot_recordings`.
 
     Returns
     -------
@@ -305,12 +271,15 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
     panel = figure.subplots()
     seconds = course.seconds
     if course.answered[-1] > 0:
-        _fill(panel, seconds, course.answered, _ANSWERED, "answered early")
-        wrong = [
-            share * error if share > 0 else 0.0
-            for share, error in zip(course.answered, course.error, strict=True)
-        ]
-        _fill(panel, seconds, wrong, _WRONG, "of these wrong", alpha=0.9)
+        answered = np.asarray(course.answered)
+        wrong = np.where(answered > 0, answered * np.asarray(course.error), 0.0)
+        for shares, colour, alpha, name in (
+            (answered, _ANSWERED, 0.3, "answered early"),
+            (wrong, _WRONG, 0.9, "of these wrong"),
+        ):
+            panel.fill_between(
+                seconds, shares, step="post", color=colour, alpha=alpha, linewidth=0, label=name
+            )
         panel.axvline(course.mean_seconds, color=_ANSWERED, linewidth=1.0, linestyle=":")
         note(
             panel, f"mean {fixed(course.mean_seconds, 2)} s", (course.mean_seconds, 0.5), (-4, 0), ha="right"
@@ -324,12 +293,8 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
     panel.set_yticks(*SHARE_TICKS)
     grid(panel, "y")
     quiet(panel)
-    panel.set_xlabel("signal seen, s", fontsize=9, color=INK)
+    name_axes(panel, "signal seen, s")
     heading(panel, f"{course.held_out}: {course.n_answers} answers{synthetic_mark(course.synthetic)}", 9)
     legend(figure, "lower center", ncols=4)
     save(figure, path)
     return figure
-
-
-def _fill(panel: Any, seconds: Any, shares: Any, colour: str, name: str, alpha: float = 0.3) -> None:
-    panel.fill_between(seconds, shares, step="post", color=colour, alpha=alpha, linewidth=0, label=name)

@@ -13,13 +13,14 @@ from granular_id._text import short
 from granular_id.evaluation import window_starts
 from granular_id.plotting.style import (
     INK,
+    axis_keys,
     axis_line,
     curve_panel,
     heading,
     legend,
-    log_axis,
+    log_ticks,
+    name_axes,
     new_figure,
-    number_text,
     pretty,
     row_names,
     save,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 _COLOURS = "PuOr_r"
 # Single samples jitter; sums over windows show where a difference is made, and still sum to all of it.
 _WINDOWS = 80
+_MINUS = "\N{MINUS SIGN}"
 
 
 def plot_explanation(
@@ -49,7 +51,7 @@ def plot_explanation(
     title : str, optional
         First line of the heading, for instance "SYNTHETIC recordings".
     path : path-like, optional
-        As in `granular_id.plotting.plot_mean_forces`.
+        As in `granular_id.plotting.plot_recordings`.
 
     Returns
     -------
@@ -77,55 +79,46 @@ def plot_explanation(
     >>> [panel.get_title() for panel in plot_explanation(seen, title="SYNTHETIC recordings").axes]
     ['by block', 'by time', 'raw', 'hfmh']
     """
-    scale, unit, digits = explanation.scale()
+    _, unit = explanation.scale()
     tables = explanation.tables()
     groups: dict[str, list[FeatureBlock]] = {}
     for block in explanation.columns.along:
         groups.setdefault(explanation.columns.blocks[block.columns][0], []).append(block)
     heights = [*(0.6 + 0.2 * len(table) for table in tables.values()), *[1.9] * len(groups)]
     figure = new_figure(max(6.4, 2.2 + 0.62 * len(explanation.columns.axes)), 1.0 + sum(heights))
-    panels = iter(figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False).ravel())
-    for by, table in tables.items():
-        panel = next(panels)
-        _draw_table(panel, table, scale, digits)
+    panels = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False).ravel()
+    for panel, (by, table) in zip(panels, tables.items(), strict=False):
+        _draw_table(panel, explanation, table)
         heading(panel, f"by {by}", 9)
-    handles: dict[str, Any] = {}
-    for name, blocks in groups.items():
-        panel = next(panels)
-        handles |= _draw_curves(panel, explanation, blocks, scale)
+    for panel, (name, blocks) in zip(panels[len(tables) :], groups.items(), strict=True):
+        _draw_curves(panel, explanation, blocks)
         heading(panel, name, 9)
-        panel.set_ylabel(unit.partition(" ")[0] if unit.startswith("%") else unit, fontsize=8, color=INK)
-    if handles:
-        names = [pretty(axis) for axis in handles]
-        legend(figure, "lower center", handles=list(handles.values()), labels=names, ncols=min(len(names), 7))
+        name_axes(panel, up="%" if unit.startswith("%") else "score", size=8)
+    if groups:
+        keys = axis_keys(explanation.columns.axes, 1.1)
+        legend(figure, "lower center", handles=keys, ncols=min(len(keys), 7))
     first, second = (short(str(label)) for label in (explanation.first, explanation.second))
+    scores = " and ".join(f"{score:+.2g}" for score in explanation.scores).replace("-", _MINUS)
     above = "" if title is None else f"{title}\n"
-    scores = " and ".join(f"{score:+.2g}".replace("-", "\N{MINUS SIGN}") for score in explanation.scores)
-    heading(figure, f"{above}{first} against {second}, mean scores {scores}: {unit}")
+    heading(figure, f"{above}{first} against {second}, mean scores {scores}\nin {unit}")
     save(figure, path)
     return figure
 
 
-def _draw_table(panel: Any, table: dict[str, dict[str, float]], scale: float, digits: int) -> None:
+def _draw_table(panel: Any, explanation: Explanation, table: dict[str, dict[str, float]]) -> None:
     """Draw a heat map with its numbers, and sums beside and below."""
-    axes = list(next(iter(table.values())))
-    values = scale * np.array([list(row.values()) for row in table.values()])
+    axes = explanation.columns.axes
+    values = np.array([list(row.values()) for row in table.values()])
     rows, across = values.shape
     limit = float(np.abs(values).max()) or 1.0
     panel.imshow(values, cmap=_COLOURS, vmin=-limit, vmax=limit, aspect="auto", interpolation="none")
     whole = np.block([[values, values.sum(axis=1, keepdims=True)], [values.sum(axis=0), values.sum()]])
+    centred: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 7}
     for (row, column), value in np.ndenumerate(whole):
         inside = row < rows and column < across
-        panel.text(
-            column,
-            row,
-            number_text(float(value), digits),
-            ha="center",
-            va="center",
-            fontsize=7,
-            color="white" if inside and abs(value) > 0.6 * limit else INK,
-            fontweight="normal" if inside else "bold",
-        )
+        colour = "white" if inside and abs(value) > 0.6 * limit else INK
+        text = explanation.shown(float(value)).replace("-", _MINUS)
+        panel.text(column, row, text, color=colour, fontweight="normal" if inside else "bold", **centred)
     row_names(panel, [*table, "sum"])
     panel.set_xlim(-0.5, across + 0.5)
     turned = 90 if len(axes) > 3 and not set(axes) <= set(AXES) else 0
@@ -134,12 +127,11 @@ def _draw_table(panel: Any, table: dict[str, dict[str, float]], scale: float, di
     panel.spines[:].set_visible(False)
 
 
-def _draw_curves(
-    panel: Any, explanation: Explanation, blocks: list[FeatureBlock], scale: float
-) -> dict[str, Any]:
-    """Draw the contributions of each axis over the coordinate of the blocks, and return the line of each."""
+def _draw_curves(panel: Any, explanation: Explanation, blocks: list[FeatureBlock]) -> None:
+    """Draw the contributions of each axis over the coordinate of the blocks."""
+    scale, _ = explanation.scale()
     own_range = len(blocks) > 1  # histograms with a range for each axis
-    kind, lines, reach = blocks[0].kind, dict[str, Any](), 0.0
+    kind, reach = blocks[0].kind, 0.0
     for block in blocks:
         coordinates, values = block.coordinates, scale * explanation.along(block)
         if kind == "frequency":  # high ones tend to say nothing
@@ -154,17 +146,18 @@ def _draw_curves(
         reach = max(reach, _used(coordinates, values))
         for axis, row in zip(block.axes, values, strict=True):
             style = axis_line(axis, explanation.columns.axes.index(axis))
-            (lines[axis],) = panel.plot(coordinates, row, linewidth=1.1, drawstyle="steps-mid", **style)
+            panel.plot(coordinates, row, linewidth=1.1, drawstyle="steps-mid", **style)
     curve_panel(panel)
     low, high = panel.get_xlim()
     if kind == "magnitude" and reach > 0:  # most bins of a wide range stay empty
         panel.set_xlim(max(low, -reach), min(high, reach))
     if kind == "frequency" and low > 0:
-        log_axis(panel, low, high)
+        panel.set_xscale("log")
+        panel.set_xticks(*log_ticks(low, high))
+        panel.minorticks_off()
     what = {"magnitude": "bin"}.get(kind, kind)
     label = "bin, share of the range of its axis" if own_range else with_unit(what, blocks[0].unit)
-    panel.set_xlabel(label, fontsize=8, color=INK)
-    return lines
+    name_axes(panel, label, size=8)
 
 
 def _used(coordinates: NDArray[np.float64], values: NDArray[np.float64]) -> float:

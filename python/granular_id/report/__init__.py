@@ -1,8 +1,5 @@
-"""An evaluation as one page of HTML, and as files of figures."""
-
-from __future__ import annotations
+"""An evaluation as one page of HTML."""
 
 from granular_id.report.page import write
-from granular_id.report.pictures import FIGURES, figures
 
-__all__ = ["FIGURES", "figures", "write"]
+__all__ = ["write"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from dataclasses import replace
 from importlib.resources import files
 from typing import Any
@@ -25,8 +26,11 @@ from granular_id.evaluation import (
     shows_paper,
     spoiled_lines,
 )
-from granular_id.recording import SEVERE_PREFIXES, StepReport, text_table
-from granular_id.report.pictures import inline_svg, mean_lines, pictures
+from granular_id.plotting import axis_line, means_of, plain, quantity_of
+from granular_id.recording import AXIS_COLOURS, SEVERE_PREFIXES, StepReport, text_table
+from granular_id.report.pictures import inline_svg, pictures
+
+_DASHES = {"-": "", "--": "6 4", ":": "2 3"}  # of matplotlib, as SVG writes them
 
 
 def write(result: EvaluationResult, path: str | os.PathLike[str]) -> None:
@@ -72,6 +76,7 @@ def html(result: EvaluationResult) -> str:
     """Return the page that `write` writes."""
     template = _template()
     warnings, notes = split_notes(result)
+    means = means_of(result.report_data)
     accepted = (finding for finding in result.findings if finding not in result.spoiling)
     accuracies = accuracy_table(result)
     return str(
@@ -83,7 +88,7 @@ def html(result: EvaluationResult) -> str:
             warnings=(*(f"{one.code}, accepted: {one.message}" for one in accepted), *warnings),
             notes=notes,
             spoiled=spoiled_lines(result),
-            figures=pictures(result),
+            figures=list(pictures(result, means)),
             accuracies=replace(
                 accuracies,
                 notes=tuple(dict.fromkeys((*accuracies.notes, *[PAPER_NOTE] * shows_paper(result)))),
@@ -98,7 +103,8 @@ def html(result: EvaluationResult) -> str:
             history=[str(StepReport(**step)) for step in result.data["history"]],
             settings=json.dumps(result.settings, ensure_ascii=False, indent=2),
             report_data=result.report_data,
-            means=mean_lines(result.report_data),
+            quantity=quantity_of(means.axes, means.unit),
+            lines=[_line(axis, place) for place, axis in enumerate(means.axes)],
         )
     )
 
@@ -116,10 +122,16 @@ def _template() -> Any:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["is_words"] = lambda cell: cell[:1].isalpha()
+    environment.filters["is_words"] = lambda cell: re.match(r"[<>+-]?\d|-?$", cell) is None
     # matplotlib escapes what it writes.
     environment.filters["svg"] = lambda one, key: Markup(inline_svg(one.figure, key, one.alt))
     return environment.get_template("page.html")
+
+
+def _line(axis: str, place: int) -> tuple[str, int, str]:
+    """Return the name of an axis, the number of its colour, and its dashes as SVG writes them."""
+    line = axis_line(axis, place)
+    return plain(axis), AXIS_COLOURS.index(line["color"]), _DASHES[line["linestyle"]]
 
 
 def split_notes(result: EvaluationResult) -> tuple[tuple[str, ...], tuple[str, ...]]:

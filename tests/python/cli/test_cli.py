@@ -12,16 +12,13 @@ from cli_cases import SMALL, ended_well, make, refused, run, saved, written
 from granular_id.cli.method import chosen_spaces
 from granular_id.cli.outputs import repeated_command
 from granular_id.recording import Dataset
-from granular_id.report import pictures
-
-FIGURES = tuple(f"{name}.png" for name in pictures.FIGURES)
 
 
 def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path, monkeypatch, no_pictures):
     monkeypatch.setattr(sys, "argv", ["granular_id/__main__.py", "evaluate", "my folder"])
     out = ended_well(
         "evaluate", folder, *SMALL, "--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv",
-        "--figures", tmp_path / "new" / "figures", "--report", tmp_path / "r.html",
+        "--report", tmp_path / "r.html",
     )  # fmt: skip
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "</html>" in page
@@ -44,9 +41,6 @@ def test_evaluate_prints_tables_and_writes_what_it_prints(folder, tmp_path, monk
     assert result["command"] == "python -m granular_id evaluate 'my folder'"
     assert f"repeat with: {result['command']} --force\n" in out
     assert result["data"]["history"][0]["step"] == "load"
-    for figure in FIGURES:
-        assert (tmp_path / "new" / "figures" / figure).read_bytes().startswith(b"\x89PNG")
-        assert f"wrote {tmp_path / 'new' / 'figures' / figure}" in out
 
 
 def test_the_line_to_repeat_names_how_the_program_was_started(tmp_path, monkeypatch):
@@ -98,17 +92,8 @@ def test_quiet_prints_accuracies_and_names_files_written_and_skipped(folder, tmp
     assert [line.split()[0] for line in lines if "%" in line][-4:] == ["raw+hfmh", "hfmh", "raw", "(clock)"]
 
 
-def test_the_space_asked_for_is_the_one_drawn_and_printed(folder, tmp_path, monkeypatch):
-    drawn = []
-    for name in (name for name in vars(pictures) if name.startswith("plot_")):
-        monkeypatch.setattr(pictures, name, lambda *_, **more: None)
-    monkeypatch.setattr(pictures, "plot_confusion", lambda counts, _, **more: drawn.append((counts, more)))
-    words = ("--figures", tmp_path / "figures", "--confusion", "raw", "--json", tmp_path / "r.json")
-    out = ended_well("evaluate", folder, *SMALL, *words)
-    ((counts, more),) = drawn
-    assert counts.tolist() == written(tmp_path / "r.json")["spaces"]["raw"]["confusion"]
-    assert more["path"].name == "confusion.png"
-    assert more["title"].startswith("raw, ")
+def test_the_space_asked_for_is_the_one_printed(folder):
+    out = ended_well("evaluate", folder, *SMALL, "--confusion", "raw")
     assert "Confusion of raw, " in out
     assert "Confusion of raw+hfmh" not in out
 
@@ -125,7 +110,7 @@ def test_help_names_every_option_with_examples():
     options = (
         "rate-hz max-gap-s duration-s n-samples on-gap on-short on-error train test partitions hold-out "
         "paper accept baselines no-baselines details spaces cutoff-hz order n-bins bin-range initial tare-s "
-        "block-weights C seed threads report json csv figures quiet"
+        "block-weights C seed threads report json csv quiet"
     )
     for option in options.split():
         assert f"--{option}" in out
@@ -170,17 +155,15 @@ def test_copies_across_a_split_are_refused_with_the_option_that_accepts_them(tmp
 def test_demo_says_that_it_is_synthetic_writes_its_files_and_what_to_open(tmp_path, monkeypatch, no_pictures):
     monkeypatch.setattr("granular_id.cli.demo.PER_CLASS", 4)
     monkeypatch.setattr("granular_id.cli.demo.LIVE_SPEED", 50)
-    for name in (name for name in vars(pictures) if name.startswith("plot_")):
-        monkeypatch.setattr(pictures, name, lambda *_, path, **more: path.touch())
     out = ended_well("demo", "-o", tmp_path / "demo")
     assert out.startswith("SYNTHETIC data: 44 simulated pushes through 11 materials")
     assert "of SYNTHETIC recordings right with held-out sessions" in out
     assert len(re.findall(r"^push \d: .+ \((right|wrong: it was .+)\)$", out, re.M)) == 3
     assert out.endswith(f"\nopen {tmp_path / 'demo' / 'report.html'} in a browser\n")
     files = {path.name for path in (tmp_path / "demo").iterdir()}
-    assert files >= {"report.html", "result.json", "predictions.csv", "mean_forces.png", "accuracy.png"}
+    assert files == {"report.html", "result.json", "predictions.csv"}
     shown = ended_well("demo", "--help")
-    assert all(name in shown for name in files if not name.endswith(".png"))
+    assert all(name in shown for name in files)
     result = written(tmp_path / "demo" / "result.json")
     assert result["synthetic"] is True
     assert len(result["labels"]) == 11

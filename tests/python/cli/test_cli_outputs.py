@@ -78,9 +78,7 @@ def test_what_is_there_is_kept_before_anything_is_read(words, name, tmp_path, mo
     ("words", "name"),
     [
         (("demo", "-o", "."), "report.html"),
-        (("demo", "-o", "."), "hfmh.png"),
-        (("evaluate", "nowhere", "--figures", "."), "accuracy.png"),
-        (("evaluate", "nowhere", "--figures", "."), "confusion.png"),
+        (("demo", "-o", "."), "result.json"),
     ],
 )
 def test_what_lies_in_a_folder_is_kept(words, name, tmp_path, monkeypatch):

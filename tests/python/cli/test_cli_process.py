@@ -67,7 +67,7 @@ def test_missing_extras_are_named_and_the_library_evaluates_without_them():
         "    run('demo')\n"
         "    del sys.modules[name]\n"
         "sys.modules['matplotlib'] = None\n"
-        "run('evaluate', '.', '--figures', 'figures')\n"
+        "run('evaluate', '.', '--report', 'r.html')\n"
         "sys.modules['typer'] = sys.modules['rich'] = None\n"
         "from granular_id.evaluation import evaluate\n"
         "from granular_id.synthetic import synthesize\n"
@@ -80,7 +80,7 @@ def test_missing_extras_are_named_and_the_library_evaluates_without_them():
         needed = f"granular-id: the command line needs {missing}: {install('app')}"
         assert said == f"exit {needed}", "Python prints it and exits with 1"
     assert lines[2] == "exit 1"
-    assert errors == f"error: figures need matplotlib: {install('app')}\n"
+    assert errors == f"error: a report needs matplotlib: {install('app')}\n"
     assert lines[3].startswith("raw names ")
 
 

@@ -193,12 +193,12 @@ def test_figure_shows_the_figures(study, tmp_path):
     }
 
 
-@pytest.mark.parametrize(("more", "labels", "height"), [([50.0], ["> 2"], 1 / 46), ([], [], 0.0)])
-def test_what_lies_beyond_the_bars_has_a_bar_of_its_own(study, more, labels, height):
+@pytest.mark.parametrize(("more", "height"), [([50.0], 1 / 46), ([], 0.0)])
+def test_what_lies_beyond_the_bars_has_a_bar_of_its_own(study, more, height):
     pytest.importorskip("matplotlib")
     novelty = np.linspace(0.0, 0.9, 50), np.append(np.linspace(0.5, 1.5, 45), more)
     panel = plot_confidence(replace(study, novelty=novelty)).axes[2]
-    assert [text.get_text() for text in panel.get_xticklabels() if ">" in text.get_text()] == labels
+    assert panel.get_xticklabels()[-1].get_text().endswith(" 2")
     across, up = panel.patches[1].get_xy().T
     assert up[across > 2.0].max(initial=0.0) == pytest.approx(height)
 

@@ -99,7 +99,7 @@ def test_every_table_adds_up_to_the_difference(name, pair, data):
     assert seen.contributions.sum() == exactly
     for by in ("block", "band", "time"):
         assert added_up(seen.table(by)) == exactly
-    assert sum(seen.by_axis().values()) == exactly
+    assert sum(seen.sums("axis").values()) == exactly
     assert seen.counts == (6, 6)
     assert len(seen.columns.names) == len(set(seen.columns.names)) == len(seen.weights)
 
@@ -120,9 +120,9 @@ def test_tables_of_bands_are_those_of_the_names():
         bands[place] = bands.get(place, 0.0) + value
         block = next((word for word in words if word in ALL), "quantiles")
         blocks[block] = blocks.get(block, 0.0) + value
-    assert seen.by_axis() == pytest.approx(axes)
-    assert list(seen.by_band().values()) == pytest.approx(list(bands.values()))
-    assert seen.by_block() == pytest.approx(blocks)
+    assert seen.sums("axis") == pytest.approx(axes)
+    assert list(seen.sums("band").values()) == pytest.approx(list(bands.values()))
+    assert seen.sums("block") == pytest.approx(blocks)
 
 
 def test_weights_are_slopes_of_the_score(data):
@@ -159,8 +159,8 @@ def test_a_planted_time_is_found(space):
     y = np.repeat(["oat", "rice"], 15)
     X[y == "oat", 450:550, 2] += 0.5
     seen = explain(make_pipeline(*space, ECOCClassifier()).fit(as_wrench(X), y), "oat", "rice", X, y)
-    assert largest(seen.by_axis()) == "fz"
-    assert largest(seen.by_time()) == "0.80-1.20 s"
+    assert largest(seen.sums("axis")) == "fz"
+    assert largest(seen.sums("time")) == "0.80-1.20 s"
     assert seen.table("time")["0.80-1.20 s"]["fz"] > 0.7 * seen.difference
 
 
@@ -168,7 +168,7 @@ def test_time_of_a_feature_is_shared_by_how_long_it_lasts():
     X, y, _ = two_materials(n_each=4, n_samples=80)
     X[y == "rice", :20, 2] *= 5  # the first of four stretches of the envelope: two of eight
     model = make_pipeline(MultiBand(blocks=["envelope"]), ECOCClassifier()).fit(as_wrench(X), y)
-    by_time = list(explain(model, "rice", "oat", X, y).by_time().values())
+    by_time = list(explain(model, "rice", "oat", X, y).sums("time").values())
     assert by_time[0] == pytest.approx(by_time[1])
     assert by_time[0] > 0.2 * sum(by_time)
 
@@ -182,7 +182,7 @@ def test_a_planted_vibration_is_found(bin_range):
     model = make_pipeline(RawHFMH(bin_range=bin_range, block_weights="unit"), ECOCClassifier())
     # On recordings that are new to it: what it learned of the noise of others adds up to nothing there.
     seen = explain(model.fit(as_wrench(X[:10]), y[:10]), "rice", "oat", X[10:], y[10:])
-    assert set(seen.by_block()) == set(seen.by_band()) == {"raw", "hfmh"}
+    assert set(seen.sums("block")) == set(seen.sums("band")) == {"raw", "hfmh"}
     assert seen.table("block")["hfmh"]["tx"] > 0.9 * seen.difference
     hfmh = next(block for block in seen.columns.along if "tx" in block.axes and block.kind == "magnitude")
     assert seen.along(hfmh).shape == (len(hfmh.axes), 100)
@@ -198,7 +198,7 @@ def test_a_planted_band_is_found(planted, blocks, band, axes):
     space = MultiBand(blocks=blocks).fit(X)
     model = make_pipeline(MultiBand(blocks=blocks), BlockScaler(block_sizes(space)), ECOCClassifier())
     seen = explain(model.fit(as_wrench(X[:16]), y[:16]), "rice", "oat", X[16:], y[16:])
-    octaves = {name: value for name, value in seen.by_band().items() if name.endswith("Hz")}
+    octaves = {name: value for name, value in seen.sums("band").items() if name.endswith("Hz")}
     assert largest(octaves) == band
     row = seen.table("band")[band]
     assert set(sorted(row, key=row.get)[-len(axes) :]) == axes
@@ -300,7 +300,7 @@ def test_the_best_classifier_is_explained():
     scores = best.binary_scores(features)[:, 0] * found.factors[0]
     assert found.difference == pytest.approx(scores[y == "rice"].mean() - scores[y == "oat"].mean())
     assert found.contributions.sum() == pytest.approx(found.difference)
-    assert largest(found.by_axis()) == "fz"
+    assert largest(found.sums("axis")) == "fz"
 
 
 @pytest.mark.parametrize(
@@ -351,9 +351,9 @@ def test_axes_in_another_order_keep_their_names(space):
     model = make_pipeline(space, ECOCClassifier()).fit(X[..., ORDER], y)
     plain = explain(model, "rice", "oat", X[..., ORDER], y)
     seen = explain(model, "rice", "oat", X[..., ORDER], y, axes=NAMES)
-    assert tuple(seen.by_axis()) == NAMES
-    assert list(seen.by_axis().values()) == list(plain.by_axis().values())
-    assert (largest(plain.by_axis()), largest(seen.by_axis())) == ("axis0", "fz")
+    assert tuple(seen.sums("axis")) == NAMES
+    assert list(seen.sums("axis").values()) == list(plain.sums("axis").values())
+    assert (largest(plain.sums("axis")), largest(seen.sums("axis"))) == ("axis0", "fz")
     assert not any("axis" in name for name in seen.columns.names)
 
 
@@ -372,7 +372,7 @@ def test_axes_and_units_are_those_of_the_data_set(fitted_on, bin_range):
     given = data if fitted_on == "a data set" else data.X
     model = make_pipeline(HFMH(rate_hz=100, bin_range=bin_range), ECOCClassifier()).fit(given, data.y)
     seen = explain(model, "rice", "oat", data)
-    assert tuple(seen.by_axis()) == GYRO
+    assert tuple(seen.sums("axis")) == GYRO
     assert seen.columns.along[0].units[0] == "rad/s"
     assert seen.scores == explain(model, "rice", "oat", data.X, data.y).scores
     if bin_range == "auto":
@@ -392,8 +392,8 @@ def test_short_recordings_have_eight_different_stretches(n_samples, rate_hz):
     X, y, _ = two_materials(n_each=4, n_samples=n_samples)
     model = make_pipeline(RawSignal(rate_hz=rate_hz), ECOCClassifier()).fit(X, y)
     found = explain(model, "rice", "oat", X, y)
-    assert len(found.by_time()) == 8
-    assert sum(found.by_time().values()) == pytest.approx(found.difference)
+    assert len(found.sums("time")) == 8
+    assert sum(found.sums("time").values()) == pytest.approx(found.difference)
 
 
 @pytest.mark.parametrize("n_axes", [1, 2, 13])
@@ -402,8 +402,8 @@ def test_any_number_of_axes_adds_up(n_axes):
     X[y == "rice", :, -1] *= 3
     model = make_pipeline(MultiBand(blocks=ALL), StandardScaler(), ECOCClassifier()).fit(X, y)
     found = explain(model, "rice", "oat", X, y)
-    assert len(found.by_axis()) == n_axes
-    assert sum(found.by_axis().values()) == pytest.approx(found.difference)
+    assert len(found.sums("axis")) == n_axes
+    assert sum(found.sums("axis").values()) == pytest.approx(found.difference)
     assert f"axis{n_axes - 1}" in str(found)
 
 

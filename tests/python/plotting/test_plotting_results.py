@@ -1,4 +1,4 @@
-"""Figures of results: what they show, and what is refused."""
+"""Figures of results: what they show is what the arrays hold."""
 
 from __future__ import annotations
 
@@ -6,40 +6,42 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sklearn.pipeline import FeatureUnion, make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 from granular_id._text import short
+from granular_id.ecoc import ECOCClassifier
+from granular_id.explanation import explain
+from granular_id.identifier import Timeline
 from granular_id.plotting import (
     plot_accuracy,
+    plot_answers,
     plot_confusion,
+    plot_explanation,
     plot_hfmh,
-    plot_mean_forces,
     plot_recall,
 )
-from granular_id.plotting.materials import shared_limits
-from report_cases import HOSTILE, result_of, small_result
+from granular_id.plotting.recordings import shared_limits
+from granular_id.recording import Recording
+from granular_id.spaces import DFT, HFMH, MultiBand, RangeNormalizer, RawHFMH
+from multiband_cases import ALL, two_materials
+from report_cases import HOSTILE, result_of
 
 
 @pytest.fixture(scope="module")
 def result():
-    return small_result()
-
-
-@pytest.fixture(scope="module")
-def report_data(result):
-    return result.report_data
+    return result_of("four classes")
 
 
 def texts(panel):
-    return [text.get_text() for text in panel.texts]
+    return [text.get_text().replace("\N{MINUS SIGN}", "-") for text in panel.texts]
 
 
 def row_names(panel):
     return [label.get_text() for label in panel.get_yticklabels()]
 
 
-def flat_lines(panel, row):
-    """Horizontal extents of the lines drawn into a row."""
-    return [line.get_xdata() for line in panel.lines if set(np.asarray(line.get_ydata()).tolist()) == {row}]
+# -- evaluations
 
 
 def test_accuracy_has_a_row_a_space_and_a_baseline(result):
@@ -49,90 +51,276 @@ def test_accuracy_has_a_row_a_space_and_a_baseline(result):
     assert texts(panel) == [f"{100 * share:.1f}" for share in held]
     drawn = {line.get_label(): line.get_xdata() for line in panel.lines}
     assert drawn["held-out sessions"] == pytest.approx(held)
-    at_random = [np.mean(result.at_random[name]) for name in ("raw", "hfmh")]
-    assert drawn["as many at random"] == pytest.approx([*at_random, result.baselines[1].at_random])
-    assert [tuple(x) for x in flat_lines(panel, 0)[:2]] == [
-        pytest.approx((held[0], at_random[0])),
-        pytest.approx(result.interval("raw"), nan_ok=True),
-    ]
+    at_random = [*(np.mean(result.at_random[name]) for name in result.spaces), result.baselines[1].at_random]
+    assert drawn["as many at random"] == pytest.approx(at_random)
+    gaps, intervals = (lines.get_segments() for lines in panel.collections)
+    assert gaps[0][:, 0] == pytest.approx((held[0], at_random[0]))
+    assert intervals[0][:, 0] == pytest.approx(result.interval("raw"), nan_ok=True)
 
 
-def test_the_papers_accuracies_are_marked_when_asked_for(result):
-    points = [tuple(line.get_xdata()) for line in plot_accuracy(result, paper=True).axes[0].lines]
-    assert (0.7614, 0.8705) in points
-    assert (0.7614, 0.8705) not in [tuple(line.get_xdata()) for line in plot_accuracy(result).axes[0].lines]
+def test_the_papers_accuracies_are_marked_for_its_materials(monkeypatch, result):
+    strokes = (0.7614, 0.8705)
+    for shown in (True, False):
+        monkeypatch.setattr("granular_id.plotting.evaluation.shows_paper", lambda _, shown=shown: shown)
+        lines = [tuple(line.get_xdata()) for line in plot_accuracy(result).axes[0].lines]
+        assert (strokes in lines) is shown
 
 
 def test_recall_has_a_row_a_class(result):
     panel = plot_recall(result, "raw").axes[0]
     assert row_names(panel) == list(result.labels)
     assert any(np.array_equal(line.get_xdata(), result.recall("raw")) for line in panel.lines)
+
+
+@pytest.mark.parametrize("plot", [plot_recall, plot_confusion])
+def test_spaces_that_were_not_evaluated_are_refused(result, plot):
     with pytest.raises(ValueError, match="space must be one of 'raw', 'hfmh', got 'nose'"):
-        plot_recall(result, "nose")
+        plot(result, "nose")
 
 
-def maps(figure):
-    return [panel for panel in figure.axes if panel.images]
+class Counts:
+    """An evaluation with a confusion matrix of its own."""
+
+    def __init__(self, counts):
+        self.counts = np.asarray(counts)
+        self.labels = tuple(f"class {k}" for k in range(len(counts)))
+
+    def __getattr__(self, name):
+        return getattr(result_of("four classes"), name)
+
+    def confusion(self, space):
+        return self.counts
 
 
-def test_histogram_maps_of_a_unit_share_colours_and_cut_off_what_stays_empty_in_all(report_data):
-    panels = maps(plot_hfmh(report_data))
-    for start in (0, 3):
-        own = panels[start : start + 3]
-        shown = np.array([panel.images[0].get_array().filled(0.0) for panel in own])
-        for axis, values in enumerate(shown, start):
-            assert values.sum() == pytest.approx(report_data.hfmh.counts[:, axis].sum())
-        assert shown[..., 0].any()
+def test_confusion_is_per_cent_of_each_true_class():
+    panel = plot_confusion(Counts([[199, 1, 0], [0, 0, 0], [1, 2, 1]])).axes[0]
+    shown = {text.get_position(): text.get_text() for text in panel.texts}
+    # a class nobody tested keeps an empty row; rounding hides neither the last error nor the only hit
+    assert shown == {(0, 0): ">99", (1, 0): "<1", (0, 2): "25", (1, 2): "50", (2, 2): "25"}
+    assert row_names(panel) == ["class 0", "class 1", "class 2"]
+
+
+def luminance(colour):
+    linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in colour]
+    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+
+@pytest.mark.parametrize(("ground", "ink"), [("#ffffff", "#333333"), ("#14181d", "#e6eaee")])
+def test_numbers_stand_out_from_their_cells(ground, ink):
+    from matplotlib.colors import to_rgb
+
+    values = np.arange(2, 100, 3)
+    panel = plot_confusion(Counts(np.diag(values) + np.roll(np.diag(100 - values), 1, axis=1))).axes[0]
+    assert len(panel.patches) == len(panel.texts) == 2 * len(values)
+    for cell, text in zip(panel.patches, panel.texts, strict=True):
+        alpha = cell.get_alpha()
+        behind = alpha * np.array(to_rgb(cell.get_facecolor())) + (1 - alpha) * np.array(to_rgb(ground))
+        front = to_rgb(ink if text.get_color() == "#333333" else text.get_color())
+        light, dark = sorted((luminance(behind), luminance(front)), reverse=True)
+        assert (light + 0.05) / (dark + 0.05) > 3.5
+
+
+def test_histograms_of_a_unit_share_colours_and_bins(result):
+    seen = result.report_data
+    for unit in ("N", "N m"):
+        own = [axis for axis, of in zip(seen.axes, seen.units, strict=True) if of == unit]
+        panels = [plot_hfmh(seen, axis).axes[0] for axis in own]
+        shown = np.array([panel.images[0].get_array().filled(0.0) for panel in panels])
+        for axis, values in zip(own, shown, strict=True):
+            assert values.sum() == pytest.approx(seen.hfmh.counts[:, seen.axes.index(axis)].sum())
+        assert shown[..., 0].any()  # what stays empty in all is cut off
         assert shown[..., -1].any()
-        ((low, high),) = {panel.get_xlim() for panel in own}
+        ((low, high),) = {panel.get_xlim() for panel in panels}
         assert (high - low) / shown.shape[2] == pytest.approx(3.0 / 100)
-        ((_, top),) = {panel.images[0].get_clim() for panel in own}
+        ((_, top),) = {panel.images[0].get_clim() for panel in panels}
         assert top == shown.max()
 
 
-def test_histograms_of_other_bins_share_nothing(report_data):
-    ranges = report_data.hfmh.bin_range.copy()
+def test_histograms_of_other_bins_share_nothing(result):
+    seen = result.report_data
+    ranges = seen.hfmh.bin_range.copy()
     ranges[2] *= 2
-    panels = maps(plot_hfmh(replace(report_data, hfmh=replace(report_data.hfmh, bin_range=ranges))))
-    alone = report_data.hfmh.counts[:, 2]
-    assert panels[2].images[0].get_clim()[1] == alone.max()
-    used = np.flatnonzero(alone.any(axis=0))
-    edges = np.linspace(*ranges[2], 101)
-    assert panels[2].get_xlim() == pytest.approx((edges[used[0]], edges[used[-1] + 1]))
-    assert panels[0].get_xlim() == panels[1].get_xlim()
+    panel = plot_hfmh(replace(seen, hfmh=replace(seen.hfmh, bin_range=ranges)), "fz").axes[0]
+    alone = seen.hfmh.counts[:, 2]
+    assert panel.images[0].get_clim()[1] == alone.max()
+    used, edges = np.flatnonzero(alone.any(axis=0)), np.linspace(*ranges[2], 101)
+    assert panel.get_xlim() == pytest.approx((edges[used[0]], edges[used[-1] + 1]))
 
 
-def test_mean_forces_may_be_those_of_report_data(report_data):
-    figure = plot_mean_forces(report_data, axes=("ty",))
-    assert [panel.get_title() for panel in figure.axes] == list(report_data.labels)
-    line = next(line for line in figure.axes[2].lines if len(line.get_xdata()) == len(report_data.time_s))
-    np.testing.assert_array_equal(line.get_ydata(), report_data.mean[2, 4])
-    assert figure.get_suptitle().startswith("Torque")
-    some = replace(report_data, n_synthetic=3)
-    assert plot_mean_forces(some).get_suptitle().startswith("3 of 40 recordings synthetic")
+@pytest.mark.parametrize("values", [[0.0, 0.0], [0.0, 2.0], [1e-9, 1.0], [0.5, 0.6]])
+def test_limits_of_colours_hold_all(values):
+    low, high = shared_limits(np.array(values))
+    assert 0 < low < high
+    assert high >= max(values)
+    assert low >= 1e-4 * high
 
 
-def test_figures_of_simulated_recordings_say_so(report_data):
-    synthetic = replace(report_data, n_synthetic=40)
-    assert "synthetic" in plot_hfmh(synthetic).get_suptitle().lower()
+def test_figures_of_simulated_recordings_say_so(result):
+    simulated = replace(result.report_data, n_synthetic=40)
+    assert "SYNTHETIC" in plot_hfmh(simulated, "fx").axes[0].get_title()
 
 
 @pytest.mark.filterwarnings("ignore:Glyph .* missing from")  # a label in Chinese: true of files
-def test_names_that_look_like_mathematics_are_names():
-    result = result_of("hostile names")
-    for figure in (
-        plot_recall(result),
-        plot_mean_forces(result.report_data),
-        plot_confusion(result.confusion(), result.labels),
-    ):
-        figure.draw_without_rendering()
-        words = [text.get_text() for panel in figure.axes for text in (*panel.get_yticklabels(), panel.title)]
-        assert short(HOSTILE["peas"]) in words
+@pytest.mark.parametrize("plot", [plot_recall, plot_confusion])
+def test_names_that_look_like_mathematics_are_names(plot):
+    figure = plot(result_of("hostile names"))
+    figure.draw_without_rendering()
+    assert short(HOSTILE["peas"]) in row_names(figure.axes[0])
 
 
-def test_limits_of_colours_hold_all():
-    for values in ([0.0, 0.0], [0.0, 2.0], [1e-9, 1.0], [0.5, 0.6]):
-        low, high = shared_limits(np.array(values))
-        assert 0 < low < high
-        assert high >= max(values)
-        assert low >= 1e-4 * high
+# -- explanations
+
+
+@pytest.fixture(scope="module")
+def data():
+    """Oat differs from rice by half a newton in fz, from 0.4 s to 0.6 s."""
+    random = np.random.default_rng(0)
+    y = np.repeat(["oat", "rice"], 8)
+    X = random.normal(scale=0.1, size=(16, 400, 6))
+    X[y == "oat", 200:300, 2] += 0.5
+    return X, y
+
+
+def explained(space, data, *after, labels=None):
+    X, y = data
+    model = make_pipeline(space, *after, ECOCClassifier()).fit(X, y)
+    return explain(model, "oat", "rice", X, y if labels is None else labels)
+
+
+def curves(panel):
+    return [line for line in panel.lines if len(line.get_xdata()) > 2]
+
+
+def test_tables_and_curves_hold_all_of_the_difference(data):
+    seen = explained(RawHFMH(), data)
+    figure = plot_explanation(seen, title="SYNTHETIC recordings")
+    assert figure.get_suptitle().startswith("SYNTHETIC recordings\noat against rice, mean scores +")
+    assert figure.get_suptitle().endswith("in % of the difference")
+    blocks, times, *along = figure.axes
+    assert [panel.get_title() for panel in figure.axes] == ["by block", "by time", "raw", "hfmh"]
+    for table in (blocks, times):
+        assert table.images[0].get_array().sum() == pytest.approx(seen.difference)
+        assert texts(table)[-1] == "100.0"
+    sums = np.array(texts(blocks), dtype=float).reshape(3, 7)[-1, :6]
+    wanted = [100 * value / seen.difference for value in seen.sums("axis").values()]
+    assert sums == pytest.approx(wanted, abs=0.06)
+    lines = [line for panel in along for line in curves(panel)]
+    assert sum(line.get_ydata().sum() for line in lines) == pytest.approx(100)
+    fz = curves(along[0])[2]
+    assert 0.4 <= fz.get_xdata()[np.argmax(fz.get_ydata())] <= 0.6
+
+
+@pytest.mark.parametrize(
+    ("space", "labels"),
+    [
+        (HFMH(bin_range="auto"), ["bin, share of the range of its axis"]),
+        (
+            FeatureUnion([("norm", RangeNormalizer(rate_hz=500)), ("dft", DFT("magnitude", rate_hz=500))]),
+            ["time, s", "frequency, Hz"],
+        ),
+        (MultiBand(blocks=ALL), ["frequency, Hz", "time, s"]),
+        (MultiBand(blocks=["coupling"]), []),
+    ],
+)
+def test_each_block_that_is_read_along_has_a_panel(data, space, labels):
+    figure = plot_explanation(explained(space, data))
+    figure.draw_without_rendering()
+    along = [panel for panel in figure.axes if not panel.images]
+    assert [panel.get_xlabel() for panel in along] == labels
+    assert all(len(curves(panel)) == 6 for panel in along)
+
+
+def test_where_the_model_fails_numbers_are_scores(data):
+    swapped = np.where(data[1] == "oat", "rice", "oat")
+    seen = explained(RawHFMH(), data, labels=swapped)
+    figure = plot_explanation(seen)
+    assert "units of the score" in figure.get_suptitle()
+    assert float(texts(figure.axes[0])[-1]) == pytest.approx(seen.difference, abs=5e-4)
+
+
+@pytest.mark.parametrize("n_axes", [1, 13])
+def test_any_number_of_axes_is_drawn(n_axes):
+    X, y, _ = two_materials(n_each=3, n_samples=64, n_axes=n_axes)
+    X[y == "rice"] *= 2
+    figure = plot_explanation(explained(MultiBand(blocks=ALL), (X, y), StandardScaler()))
+    figure.draw_without_rendering()
+    assert figure.axes[0].images[0].get_array().shape[1] == n_axes
+    assert [panel.get_title() for panel in figure.axes[:3]] == ["by block", "by band", "by time"]
+
+
+# -- answers over a recording
+
+IMU = ("wx", "wy", "wz", "ax", "ay", "az")
+UNITS = dict(zip(IMU, ["rad/s"] * 3 + ["m/s2"] * 3, strict=True))
+
+
+def timeline(classes=("asphalt", "grass", "gravel"), n=40, **fields):
+    usual = {
+        "name": "drive",
+        "classes": tuple(classes),
+        "times_s": 2.0 + 0.5 * np.arange(n),
+        "losses": np.random.default_rng(0).uniform(0, 1, (n, len(classes))),
+        "probabilities": None,
+        "candidates": ((),) * n,
+        "unknown": None,
+        "flagged": np.zeros(n, bool),
+        "trained_on": None,
+        "window_s": 2.0,
+        "hop_s": 0.5,
+        "duration_s": 22.0,
+    }
+    return Timeline(**{**usual, **fields})
+
+
+def recording(n=2200, units=UNITS):
+    wrench = np.random.default_rng(1).normal(size=(n, 6))
+    return Recording(wrench, rate_hz=100.0, axes=IMU, meta={"units": dict(units)})
+
+
+@pytest.mark.parametrize(
+    ("units", "stated", "labels"),
+    [(UNITS, None, ["rad/s\nless median", "m/s2\nless median"]), ({}, ("g",) * 6, ["g\nless median"])],
+)
+def test_each_material_has_a_row_and_each_unit_a_panel(units, stated, labels):
+    *signals, answers = plot_answers(timeline(units=stated), recording(units=units)).axes
+    assert row_names(answers) == ["asphalt", "grass", "gravel"]
+    assert [panel.get_ylabel() for panel in signals] == labels
+
+
+def test_the_bars_of_a_row_are_its_answers():
+    losses = np.array([[0.0, 1.0], [0.0, 1.0], [1.0, 0.0]])
+    figure = plot_answers(timeline(("grass", "gravel"), 3, losses=losses), recording())
+    bars = [path for bars in figure.axes[-1].collections for path in bars.get_paths()]
+    assert [path.get_extents().intervalx.tolist() for path in bars] == [[0.0, 2.5], [2.5, 3.0]]
+
+
+def test_unknown_label_and_candidates_are_marked():
+    unknown = np.zeros(40, bool)
+    unknown[5:9] = True
+    candidates = (("grass", "gravel"),) * 40
+    marked = timeline(unknown=unknown, candidates=candidates, truth="grass", synthetic="SYNTHETIC recordings")
+    figure = plot_answers(marked, recording())
+    assert figure.get_suptitle() == "Answers over drive, SYNTHETIC recordings"
+    assert row_names(figure.axes[-1])[-1] == "like none of them"
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert words == ["answer", "may be, or nearest", "like no known material", "label of the recording"]
+
+
+@pytest.mark.parametrize(("n", "shown"), [(11, 11), (30, 15)])
+def test_of_many_materials_the_most_named_are_shown(n, shown):
+    figure = plot_answers(timeline(tuple(f"material {i:02d}" for i in range(n))), recording())
+    assert len(row_names(figure.axes[-1])) == shown
+    assert ("15 materials that are named least" in figure.axes[-1].get_xlabel()) == (n > shown)
+
+
+def test_a_long_signal_keeps_its_extremes():
+    one = recording(n=90_000)
+    line = plot_answers(timeline(duration_s=900.0), one).axes[0].lines[0]
+    assert len(line.get_xdata()) < 4000
+    signal = one.wrench[:, 0] - np.median(one.wrench[:, 0])
+    assert (line.get_ydata().min(), line.get_ydata().max()) == (signal.min(), signal.max())
+
+
+def test_another_recording_is_refused():
+    with pytest.raises(ValueError, match="lasts 10 s, the answers are about one of 22 s"):
+        plot_answers(timeline(), recording(n=1000))

@@ -12,7 +12,7 @@ import pytest
 from granular_id.evaluation import accuracy_table, comparison_tables, fold_table, headline, recall_table
 from granular_id.plotting import INK, new_figure
 from granular_id.recording import Finding
-from granular_id.report import FIGURES, figures, write
+from granular_id.report import write
 from granular_id.report.page import html, split_notes
 from granular_id.report.pictures import inline_svg
 from granular_id.synthetic import synthesize
@@ -145,26 +145,22 @@ def test_synthetic_recordings_are_called_so_first_of_all(no_pictures):
     assert page.text.index("SYNTHETIC recordings.") < page.text.index("granular_id ")
 
 
-def test_what_spoils_the_figures_stands_before_them(result, no_pictures):
-    finding = Finding("warning", "leak-clock", "the clock alone names 100 % of the labels")
-    page = Page(html(replace(result, findings=(finding,))))
-    assert page.sections[0] == "findings"
-    assert "SPOILED by leak-clock: the clock alone names 100 % of the labels" in page.text
-    assert "Do not rely on the figures below" in page.text
-
-
 @pytest.mark.parametrize("accept", [(), ("leak-clock",)])
-def test_warnings_do_not_contradict_what_spoils_the_figures(result, no_pictures, accept):
+def test_what_spoils_the_figures_stands_before_them(result, no_pictures, accept):
     finding = Finding("warning", "leak-clock", "the clock alone names 100 % of the labels")
     known = replace(result, notes=(), findings=(finding,), settings={**result.settings, "accept": accept})
     page = Page(html(known))
     assert "None: no check" not in page.text
+    assert (page.sections[0] == "findings") is not bool(accept)
+    assert ("SPOILED by leak-clock: the clock alone names 100 % of the labels" in page.text) is not bool(
+        accept
+    )
     assert ("What the checks of the recordings found stands at the top" in page.text) is not bool(accept)
     assert ("leak-clock, accepted: the clock alone names" in page.text) is bool(accept)
     assert ("Do not rely" in page.text) is not bool(accept)
 
 
-def test_warnings_are_told_from_notes(result, no_pictures):
+def test_warnings_and_notes_are_listed_apart(result, no_pictures):
     noted = replace(result, notes=("warning: beware", "5 random folds", "error: broken"))
     assert split_notes(noted) == (("beware", "broken"), ("5 random folds",))
     assert "Warnings (2)" in Page(html(noted)).text
@@ -199,24 +195,4 @@ def test_without_its_libraries_the_extra_is_named(result, tmp_path, monkeypatch,
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ImportError, match=r"pip install 'typer"):
         write(result, tmp_path / "report.html")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_figures_are_written_for_every_part(result, tmp_path):
-    written = figures(result, tmp_path / "new", ".svg")
-    assert [path.name for path in written] == [f"{name}.svg" for name in FIGURES]
-    assert sorted((tmp_path / "new").iterdir()) == sorted(written)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"formats": []}, "formats must name at least one ending"),
-        ({"formats": "xyz"}, r"path must end in \.png"),
-        ({"space": "nose"}, "space must be one of"),
-    ],
-)
-def test_figures_refuse_what_they_do_not_know(result, tmp_path, arguments, message):
-    with pytest.raises(ValueError, match=message):
-        figures(result, tmp_path / "new", **arguments)
     assert list(tmp_path.iterdir()) == []
