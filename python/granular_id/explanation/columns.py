@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.pipeline import Pipeline
 
-from granular_id.spaces import BandColumns, FeatureBlock
+from granular_id.spaces import (
+    BandColumns,
+    FeatureBlock,
+    band_columns,
+    feature_blocks,
+    joined_units,
+    renamed,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -47,9 +55,45 @@ class Columns:
     along: tuple[FeatureBlock, ...]
 
 
-def columns_of_blocks(blocks: Sequence[FeatureBlock]) -> Columns:
+def columns_of(space: Pipeline, axes: Sequence[str] | None, units: Sequence[str] | None) -> Columns:
+    """Describe the columns of a fitted feature space, with other names of the axes where they are given."""
+    bands = band_columns(space)
+    try:
+        blocks = () if bands is not None else feature_blocks(space)
+    except TypeError as reason:
+        raise TypeError(f"model cannot be followed back to the recording: {reason}") from None
+    own = _axes_of(blocks) if bands is None else bands.axes
+    if axes is not None and units is not None:
+        are_names = not isinstance(axes, str) and all(isinstance(axis, str) for axis in axes)
+        if not are_names or len(axes) != len(own) or len(set(axes)) < len(axes):
+            raise ValueError(
+                f"axes must be {len(own)} different names, one for each axis of X, got {axes!r:.80}"
+            )
+        if bands is None:
+            of = {old: (new, unit) for old, new, unit in zip(own, axes, units, strict=True)}
+            blocks = tuple(_renamed_block(block, of) for block in blocks)
+        else:
+            names = tuple(renamed(space[-1].extractor_.names, axes))
+            bands = replace(bands, axes=tuple(axes), units=tuple(units), names=names)
+    return _of_blocks(blocks) if bands is None else _of_bands(bands)
+
+
+def _axes_of(blocks: Sequence[FeatureBlock]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(axis for block in blocks for axis in block.axes))
+
+
+def _renamed_block(block: FeatureBlock, of: Mapping[str, tuple[str, str]]) -> FeatureBlock:
+    """Return a block with other names and units of its axes."""
+    axes, units = zip(*(of[axis] for axis in block.axes), strict=True)
+    # A histogram with a range of its own is named after its axis.
+    name = block.name if group_of(block) == block.name else f"{group_of(block)}_{axes[0]}"
+    block = replace(block, name=name, axes=axes)
+    return replace(block, units=units, unit=joined_units(units)) if block.kind == "magnitude" else block
+
+
+def _of_blocks(blocks: Sequence[FeatureBlock]) -> Columns:
     """Describe the columns of blocks that lie one behind the other."""
-    axes = tuple(dict.fromkeys(axis for block in blocks for axis in block.axes))
+    axes = _axes_of(blocks)
     time_unit = next((block.unit for block in blocks if block.kind == "time"), "s")
     names, groups, numbers, spans = list[str](), list[str](), list[int](), list[FloatArray]()
     for block in blocks:
@@ -78,7 +122,7 @@ def columns_of_blocks(blocks: Sequence[FeatureBlock]) -> Columns:
     )
 
 
-def columns_of_bands(bands: BandColumns) -> Columns:
+def _of_bands(bands: BandColumns) -> Columns:
     """Describe the columns of the multi-band space."""
     stretches = {
         key: bands.stretch_s(*key)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,23 +13,17 @@ from sklearn.utils.validation import check_is_fitted, column_or_1d
 from granular_id._columns import samples_of
 from granular_id._estimators import real_steps
 from granular_id.ecoc import ECOCClassifier
-from granular_id.explanation.columns import Columns, columns_of_bands, columns_of_blocks, group_of
+from granular_id.explanation.columns import columns_of
 from granular_id.explanation.result import Explanation
 from granular_id.recording import Dataset, common_units, unit_of
 from granular_id.spaces import (
     LINEAR_STEPS,
-    BandColumns,
     BestClassifier,
-    FeatureBlock,
     RecordingFilter,
-    band_columns,
     choice_of,
-    feature_blocks,
     fit_pipeline,
     folded_back,
     is_linear_step,
-    joined_units,
-    renamed,
 )
 from granular_id.splits import groups_of, hold_out
 
@@ -113,38 +106,40 @@ def explain(
     >>> list(by_time)[0], sum(list(by_time.values())[4:]) > 0.9 * oat_or_rice.difference
     ('0.000-0.025 s', True)
     """
-    chain = chain_of(model)
-    classes = chain.classifier.classes_
-    pair = (_row_of("first", first, classes), _row_of("second", second, classes))
+    space, after, classifier = _parts(model)
+    classes = classifier.classes_
+    pair = (_place_of("first", first, classes), _place_of("second", second, classes))
     if pair[0] == pair[1]:
         raise ValueError(f"first and second must be two materials, got {first!r} twice")
     known = getattr(model[0], "axes_in_", None)
     recordings = X if isinstance(X, Dataset) else _recordings(X, known)
+    units = None if axes is None else [unit_of(axis) for axis in axes]
     if isinstance(X, Dataset):
         if y is None and all(recording.label is not None for recording in X):
             y = X.y
-        if known is None:
-            chain = _with_axis_names(chain, X.axes, common_units(X))
-    if axes is not None:
-        names = _checked_names(axes, len(chain.axes))
-        chain = _with_axis_names(chain, names, [unit_of(axis) for axis in names])
+        if known is None and axes is None:
+            axes, units = X.axes, common_units(X)
+    columns = columns_of(space, axes, units)
     labels = _labels(model, recordings, y)
-    rows = [_rows_of(classes[row], labels, given=y is not None) for row in pair]
-    factors = pair_factors(chain.classifier.coding_matrix_, *pair)
+    rows = [_rows_of(classes[place], labels, given=y is not None) for place in pair]
+    factors = pair_factors(classifier.coding_matrix_, *pair)
 
+    of_features, offset = factors @ classifier.coef_, factors @ classifier.intercept_
     means, scores = [], []
     for members in rows:
-        columns, scored = chain.columns_and_scores(recordings[members], factors)
-        means.append(columns.mean(axis=0))
-        scores.append(float(scored.mean()))
-    weights, _ = folded_back(chain.after, factors @ chain.classifier.coef_)
+        own = features = space.transform(recordings[members])
+        for step in after:  # not as arrays: a step fitted on a data frame wants its names again
+            features = step.transform(features)
+        means.append(np.asarray(own, dtype=np.float64).mean(axis=0))
+        scores.append(float((np.asarray(features, dtype=np.float64) @ of_features + offset).mean()))
+    weights, _ = folded_back(after, of_features)
     return Explanation(
         first=classes.tolist()[pair[0]],
         second=classes.tolist()[pair[1]],
         scores=(scores[0], scores[1]),
         counts=(len(rows[0]), len(rows[1])),
         factors=factors,
-        columns=chain.columns,
+        columns=columns,
         weights=weights,
         contributions=weights * (means[0] - means[1]),
     )
@@ -188,7 +183,7 @@ def _recordings(X: npt.ArrayLike, axes: Sequence[str] | None) -> npt.NDArray[Any
     return recordings
 
 
-def _row_of(argument: str, label: Any, classes: npt.NDArray[Any]) -> int:
+def _place_of(argument: str, label: Any, classes: npt.NDArray[Any]) -> int:
     known: list[Any] = classes.tolist()
     if isinstance(label, np.ndarray) or label not in known:
         raise ValueError(f"{argument} must be one of {', '.join(map(repr, known))}, got {label!r}")
@@ -216,40 +211,8 @@ def _rows_of(label: Any, labels: npt.NDArray[Any], *, given: bool) -> npt.NDArra
     return rows
 
 
-@dataclass(frozen=True)
-class Chain:
-    """A fitted model in three parts."""
-
-    space: Pipeline
-    after: tuple[Any, ...]
-    classifier: ECOCClassifier | BestClassifier
-    blocks: tuple[FeatureBlock, ...]
-    bands: BandColumns | None = None
-
-    @property
-    def columns(self) -> Columns:
-        """What the columns of the space stand for."""
-        return columns_of_blocks(self.blocks) if self.bands is None else columns_of_bands(self.bands)
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Names of the axes."""
-        return self.columns.axes
-
-    def columns_and_scores(
-        self, recordings: Dataset | npt.NDArray[Any], factors: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Columns (n, D) of recordings (n, T, C), and weighted sums (n,) of the learners' scores."""
-        columns = features = self.space.transform(recordings)
-        for step in self.after:  # not as arrays: a step fitted on a data frame wants its names again
-            features = step.transform(features)
-        weights, offset = factors @ self.classifier.coef_, factors @ self.classifier.intercept_
-        scores: FloatArray = np.asarray(features, dtype=np.float64) @ weights + offset
-        return np.asarray(columns, dtype=np.float64), scores
-
-
-def chain_of(model: Any) -> Chain:
-    """Take a fitted model apart."""
+def _parts(model: Any) -> tuple[Pipeline, tuple[Any, ...], ECOCClassifier | BestClassifier]:
+    """Take a fitted model apart: its feature space, the linear steps after it, and its classifier."""
     if not isinstance(model, Pipeline):
         raise TypeError(
             "model must be a Pipeline of a feature space and an ECOCClassifier, "
@@ -262,11 +225,6 @@ def chain_of(model: Any) -> Chain:
             f"model must end in an ECOCClassifier or a BestClassifier, got {type(classifier).__name__}"
         )
     check_is_fitted(classifier, "classes_")
-    if getattr(classifier, "coef_", None) is None:
-        raise TypeError(
-            "model must have linear learners, whose score is a sum over features, trained by fit: "
-            f"{classifier} has no coef_"
-        )
     n_before = 0
     while n_before < len(steps) and isinstance(steps[n_before], RecordingFilter):
         n_before += 1
@@ -278,17 +236,8 @@ def chain_of(model: Any) -> Chain:
                 f"model may have {known} between feature space and classifier, "
                 f"got {type(step).__name__}, which cannot be followed back to instants and bins"
             )
-    before = Pipeline(
-        [(f"step{number}", step) for number, step in enumerate(space)] or [("none", "passthrough")]
-    )
-    bands = band_columns(before)
-    if bands is not None:
-        return Chain(before, tuple(after), classifier, (), bands)
-    try:
-        blocks = feature_blocks(before)
-    except TypeError as reason:
-        raise TypeError(f"model cannot be followed back to the recording: {reason}") from None
-    return Chain(before, tuple(after), classifier, blocks)
+    named = [(f"step{number}", step) for number, step in enumerate(space)]
+    return Pipeline(named or [("none", "passthrough")]), tuple(after), classifier
 
 
 def pair_factors(coding_matrix: npt.NDArray[np.int8], first: int, second: int) -> npt.NDArray[np.float64]:
@@ -307,31 +256,3 @@ def pair_factors(coding_matrix: npt.NDArray[np.int8], first: int, second: int) -
         codes[first] / divisors[first] - codes[second] / divisors[second]
     )
     return factors
-
-
-def _checked_names(axes: Any, n_axes: int) -> tuple[str, ...]:
-    if isinstance(axes, str) or not isinstance(axes, Sequence) or not all(isinstance(a, str) for a in axes):
-        raise TypeError(f"axes must be a sequence of names of axes, got {axes!r}")
-    if len(axes) != n_axes or len(set(axes)) < n_axes:
-        raise ValueError(f"axes must be {n_axes} different names, one for each axis of X, got {tuple(axes)}")
-    return tuple(axes)
-
-
-def _with_axis_names(chain: Chain, axes: Sequence[str], units: Sequence[str]) -> Chain:
-    """Return a chain whose columns have these names of the axes, in these units."""
-    own, unit = (dict(zip(chain.axes, values, strict=True)) for values in (axes, units))
-
-    def named(block: FeatureBlock) -> FeatureBlock:
-        renamed_block = replace(block, axes=tuple(own[axis] for axis in block.axes))
-        if group_of(block) != block.name:  # a histogram with a range of its own
-            renamed_block = replace(renamed_block, name=f"{group_of(block)}_{own[block.axes[0]]}")
-        if block.kind == "magnitude":
-            of_axes = tuple(unit[axis] for axis in block.axes)
-            renamed_block = replace(renamed_block, units=of_axes, unit=joined_units(of_axes))
-        return renamed_block
-
-    bands = chain.bands
-    if bands is not None:
-        names = renamed(chain.space[-1].extractor_.names, axes)
-        bands = replace(bands, axes=tuple(axes), units=tuple(units), names=tuple(names))
-    return replace(chain, blocks=tuple(map(named, chain.blocks)), bands=bands)
