@@ -8,24 +8,17 @@ stick-slip and the noise of breaking contacts; it reaches all six axes through t
 recordings with everything that varies between them (`Nuisance`).
 """
 
-from granular_id.synthetic.drag import Rig
+from granular_id.synthetic.drag import FRAME as FRAME, SIGN as SIGN, Rig
 from granular_id.synthetic.generate import (
-    FRAME as FRAME,
-    SIGN as SIGN,
     Nuisance,
     draw_push as draw_push,
     push_meta as push_meta,
+    simulate_rests,
     synthesize,
 )
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials as resolve_materials
-from granular_id.synthetic.push import (
-    PARTS,
-    Conditions,
-    Sensor,
-    random_stream as random_stream,
-    simulate_push,
-)
-from granular_id.synthetic.rest import rest_noise as rest_noise, simulate_rests
+from granular_id.synthetic.push import PARTS, Conditions, simulate_push
+from granular_id.synthetic.sensors import Sensor, random_stream as random_stream, rest_noise as rest_noise
 
 __all__ = [
     "PAPER_MATERIALS",

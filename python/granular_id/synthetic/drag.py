@@ -39,6 +39,11 @@ BACK_FLOW_DIAMETERS = 1.0
 WALL_REACH_DIAMETERS = 1.3
 
 
+# The frame of `Rig`, and whose force on whom.
+FRAME = "x along the push, z along the tool (down), y completes; origin at the sensor"
+SIGN = "load of the tool on the material: fx positive while pushing"
+
+
 @dataclass(frozen=True)
 class Rig:
     """A vertical cylinder, almost submerged, pushed sideways through a container.

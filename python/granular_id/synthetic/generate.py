@@ -1,4 +1,4 @@
-"""Whole sets of synthetic recordings: materials, sessions, and how much varies between pushes."""
+"""Whole sets of synthetic recordings: materials, sessions, and how much varies between pushes; rests of a tool."""
 
 from __future__ import annotations
 
@@ -10,14 +10,22 @@ from itertools import count
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from granular_id._checks import argument_error, finite_number, positive_number, sampling_rate, whole_number
 from granular_id._text import fixed
-from granular_id.recording import AXES, Dataset, Recording, SampleFlag
-from granular_id.synthetic.drag import Rig
-from granular_id.synthetic.imu import IMU_AXES, IMU_UNITS, STROKE_S, simulate_drive
+from granular_id.recording import AXES, Dataset, Payload, Recording, SampleFlag
+from granular_id.synthetic.drag import FRAME, SIGN, Rig
 from granular_id.synthetic.materials import PAPER_MATERIALS, Material, resolve_materials
-from granular_id.synthetic.push import Conditions, Sensor, random_stream, simulate_push
+from granular_id.synthetic.push import (
+    IMU_AXES,
+    IMU_UNITS,
+    STROKE_S,
+    Conditions,
+    simulate_drive,
+    simulate_push,
+)
+from granular_id.synthetic.sensors import Sensor, random_stream, rest_noise
 
 # Draws beyond this many standard deviations are cut: a bed a centimetre too deep would be seen and redone.
 CUT_SD = 2.5
@@ -96,26 +104,20 @@ class Nuisance:
         levels = np.array([getattr(self, name) for name in names])
         total = np.einsum("nk,knj->nj", levels, np.clip(draws, -CUT_SD, CUT_SD))
         drawn = dict(zip(names, total.tolist(), strict=True))
+        same = {field.name for field in fields(Conditions)}
         roll_deg, pitch_deg, yaw_deg = drawn["tilt_deg"][:3]
         return Conditions(
-            depth_offset_m=drawn["depth_m"][0],
-            packing_percent=drawn["packing_percent"][0],
-            overshoot_log=drawn["overshoot_log"][0],
-            heap_log=drawn["heap_log"][0],
-            back_flow_log=drawn["back_flow_log"][0],
-            wall_offset_m=drawn["wall_m"][0],
+            **{name: values[0] for name, values in drawn.items() if name in same - {"lift_ratio"}},
             lift_ratio=Conditions.lift_ratio + drawn["lift_ratio"][0],
-            lateral_ratio=drawn["lateral_ratio"][0],
+            depth_offset_m=drawn["depth_m"][0],
+            wall_offset_m=drawn["wall_m"][0],
             off_axis_x_m=drawn["off_axis_m"][0],
             off_axis_y_m=drawn["off_axis_m"][1],
             roll_rad=math.radians(roll_deg),
             pitch_rad=math.radians(pitch_deg),
             yaw_rad=math.radians(yaw_deg),
-            gain_log=drawn["gain_log"][0],
             tare=(*drawn["tare_n"][:3], *drawn["tare_n_m"][3:]),
             drift_per_s=(*drawn["drift_n_s"][:3], *drawn["drift_n_m_s"][3:]),
-            fluctuation_log=drawn["fluctuation_log"][0],
-            sharpness_log=drawn["sharpness_log"][0],
         )
 
 
@@ -128,9 +130,6 @@ SESSION_EVERY_S = 86_400.0
 # Every material is pushed once per round. A push with its reset takes about a minute.
 PUSH_EVERY_S = 55.0
 RESET_S = 10.0
-# The frame of `Rig`, and whose force on whom.
-FRAME = "x along the push, z along the tool (down), y completes; origin at the sensor"
-SIGN = "load of the tool on the material: fx positive while pushing"
 # First element of the key of each random stream.
 _RECORDING, _FILL, _SESSION, _BIAS, _ORDER = 1, 2, 3, 4, 5
 _CONDITIONS, _PUSH = 0, 1
@@ -326,3 +325,59 @@ def push_meta(material: Material, rig: Rig, conditions: Conditions, lead_s: floa
         "conditions": asdict(conditions),
         "gain": math.exp(conditions.gain_log),
     }
+
+
+def simulate_rests(
+    payload: Payload,
+    gravity: ArrayLike,
+    *,
+    duration_s: float = 2.0,
+    rate_hz: float = 500.0,
+    seed: int = 0,
+) -> Dataset:
+    """Simulate rests of a tool in several orientations, to identify its payload from.
+
+    Parameters
+    ----------
+    payload : Payload
+        Weight and zero that the sensor reads.
+    gravity : array_like, shape (n, 3)
+        Direction of gravity in the frame of the sensor at each rest, of any length.
+    duration_s : float, default 2
+        Of each rest.
+    rate_hz : float, default 500
+    seed : int, default 0
+
+    Returns
+    -------
+    Dataset
+        One recording a rest, labelled "rest"; its metadata hold its ``gravity``, and frame and sign of the payload
+        or those of `synthesize`.
+
+    Examples
+    --------
+    >>> from granular_id.recording import Payload
+    >>> from granular_id.synthetic import simulate_rests
+    >>> down = [[0, 0, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> rests = simulate_rests(Payload(0.3, (0, 0, 0.05)), down)
+    >>> round(Payload.identify(rests, gravity=down).mass_kg, 1)
+    0.3
+    """
+    directions = np.asarray(gravity, dtype=np.float64)
+    if directions.ndim != 2 or directions.shape[1] != 3:
+        raise argument_error(ValueError, "gravity", f"has shape {directions.shape}; wanted (n, 3)")
+    rate = sampling_rate("rate_hz", rate_hz)
+    n = round(positive_number("duration_s", duration_s) * rate)
+    stated = {"synthetic": True, "frame": payload.frame or FRAME, "sign": payload.sign or SIGN}
+    return Dataset(
+        [
+            Recording(
+                load + rest_noise(n, rate, seed=random_stream(seed, i)),
+                rate_hz=rate,
+                label="rest",
+                name=f"rest_{i:02d}",
+                meta={**stated, "gravity": direction.tolist()},
+            )
+            for i, (load, direction) in enumerate(zip(payload.wrench(directions), directions, strict=True))
+        ]
+    )

@@ -1,24 +1,18 @@
-"""One push of the tool through one material, as the sensor reads it."""
+"""One push of the tool through one material as the sensor reads it, and many of them as an IMU feels them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
-from scipy.signal import lfilter
 
-from granular_id._checks import (
-    FloatArray,
-    argument_error,
-    finite_number,
-    positive_number,
-    sampling_rate,
-    whole_number,
-)
+from granular_id._checks import FloatArray, argument_error, finite_number, positive_number, sampling_rate
 from granular_id._text import fixed
 from granular_id.synthetic.drag import (
+    GRAVITY_M_S2,
     N_LAYERS,
     Rig,
     contact_breaks,
@@ -31,6 +25,7 @@ from granular_id.synthetic.drag import (
     stick_slip,
 )
 from granular_id.synthetic.materials import Material
+from granular_id.synthetic.sensors import Sensor, random_stream, vibration
 
 PARTS = ("texture", "slip", "contacts", "resonance")
 """Parts of the model that `simulate_push` can leave out; what remains is the mean course."""
@@ -127,97 +122,6 @@ class Conditions:
         return rotation
 
 
-# What the numbers of the instrument are made of: resonances of the arm, and an ATI Mini45.
-
-# Bending modes of tool, sensor and arm: natural frequency (Hz) and damping ratio. Light arms with a
-# stiff tool ring between 30 and 100 Hz; a bed of grains damps them well.
-MODES = ((34.0, 0.20), (40.0, 0.18), (70.0, 0.16), (90.0, 0.15))
-# Share of each axis (fx fy fz tx ty tz) that passes through each mode; what is left of 1 goes straight
-# through. Bending torques follow their forces, the stiff vertical axis mostly follows directly.
-MODE_SHARE = np.array(
-    [
-        [0.45, 0.10, 0.25, 0.10],
-        [0.10, 0.45, 0.10, 0.25],
-        [0.05, 0.05, 0.20, 0.20],
-        [0.10, 0.45, 0.10, 0.25],
-        [0.45, 0.10, 0.25, 0.10],
-        [0.05, 0.05, 0.30, 0.40],
-    ]
-)
-
-
-def tool_resonance(wrench: FloatArray, step_s: float) -> FloatArray:
-    """Pass a wrench (6, n) through the vibration of tool and arm; steady loads come out unchanged.
-
-    Each mode is ``w^2 / (s^2 + 2 zeta w s + w^2)``, brought to discrete time by the bilinear transform with its
-    frequency kept: steps below 5 ms, or the highest mode could not be represented.
-    """
-    result: FloatArray = (1.0 - MODE_SHARE.sum(axis=1, keepdims=True)) * wrench
-    for mode, share in zip(MODES, MODE_SHARE.T, strict=True):
-        omega, _, poles = mode_filter(*mode, step_s)
-        gain = np.array([1.0, 2.0, 1.0]) * omega**2
-        result += share[:, np.newaxis] * lfilter(gain, poles, wrench, axis=-1)
-    return result
-
-
-def mode_filter(frequency_hz: float, damping: float, step_s: float) -> tuple[float, float, list[float]]:
-    """Return the angular frequency of a mode, that of the bilinear transform, and the denominator of its filter."""
-    omega = 2.0 * math.pi * frequency_hz
-    warp = omega / math.tan(0.5 * omega * step_s)
-    poles = [
-        warp**2 + 2.0 * damping * omega * warp + omega**2,
-        2.0 * (omega**2 - warp**2),
-        warp**2 - 2.0 * damping * omega * warp + omega**2,
-    ]
-    return omega, warp, poles
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """Noise, resolution and range of a 6-axis force-torque sensor; default: ATI Mini45 (SI-145-5).
-
-    Parameters
-    ----------
-    noise_rms : tuple of 6 float
-        White noise per axis (fx fy fz in N, tx ty tz in N m).
-    full_scale : tuple of 6 float
-        Calibrated range, N and N m; readings saturate there.
-    bits : int, default 16
-        Of the converter, over plus and minus the full scale.
-
-    Examples
-    --------
-    >>> from granular_id.synthetic import Sensor
-    >>> (1000 * Sensor().resolution()[:3]).round(2).tolist()          # mN
-    [4.43, 4.43, 8.85]
-    """
-
-    noise_rms: tuple[float, ...] = (0.020, 0.019, 0.050, 0.53e-3, 0.53e-3, 0.50e-3)
-    full_scale: tuple[float, ...] = (145.0, 145.0, 290.0, 5.0, 5.0, 5.0)
-    bits: int = 16
-
-    def __post_init__(self) -> None:
-        for field, low in (("noise_rms", 0.0), ("full_scale", np.finfo(float).tiny)):
-            values = np.asarray(getattr(self, field), dtype=np.float64)
-            if values.shape != (6,) or not np.all(np.isfinite(values)) or np.any(values < low):
-                wanted = "6 finite numbers, " + ("at least 0" if low == 0 else "positive")
-                raise ValueError(f"{field} must hold {wanted}, got {getattr(self, field)!r:.60}")
-        if isinstance(self.bits, bool) or not isinstance(self.bits, int) or not 2 <= self.bits <= 32:
-            raise ValueError(f"bits must be a whole number from 2 to 32, got {self.bits!r:.60}")
-
-    def resolution(self) -> FloatArray:
-        """Step of the converter per axis, shape (6,), N and N m."""
-        return np.asarray(self.full_scale, dtype=np.float64) / float(2 ** (self.bits - 1))
-
-    def read(self, wrench: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return what the sensor reports for a true wrench of shape (n, 6)."""
-        noisy = wrench + rng.standard_normal(wrench.shape) * np.asarray(self.noise_rms)
-        step = self.resolution()
-        limit = np.asarray(self.full_scale)
-        read: FloatArray = np.clip(np.rint(noisy / step) * step, -limit, limit)
-        return read
-
-
 # The push itself.
 
 # The model runs at no less than this, so that slips and the 90 Hz mode are resolved at any output rate.
@@ -233,13 +137,6 @@ VERTICAL_SHARE, LATERAL_SHARE = 0.6, 0.8
 # Effective friction of grains on the polished tool, times the share of the flanks that slide: the twist
 # Tz that a sideways load brings with it, over half the diameter.
 WALL_FRICTION = 0.3
-
-
-def random_stream(seed: int | np.random.SeedSequence, *key: int) -> np.random.SeedSequence:
-    """Return the seed of one independent stream; depends on `seed` and `key` only, never on call order."""
-    if isinstance(seed, np.random.SeedSequence):
-        return np.random.SeedSequence(entropy=seed.entropy, spawn_key=(*seed.spawn_key, *key))
-    return np.random.SeedSequence(entropy=whole_number("seed", seed, least=0), spawn_key=key)
 
 
 def simulate_push(
@@ -329,7 +226,7 @@ def simulate_push(
         )
     load = _wrench_on_tool(material, rig, conditions, travel_m, step_s=step_s, parts=parts, seed=seed)
     if "resonance" in parts:
-        load = tool_resonance(load, step_s)
+        load = vibration(load, step_s)
     wrench = _mounted(load[:, ::per_sample], conditions, 1.0 / rate_hz)
     return wrench if sensor is None else sensor.read(wrench, np.random.default_rng(random_stream(seed, 3)))
 
@@ -388,3 +285,68 @@ def _mounted(load: FloatArray, conditions: Conditions, step_s: float) -> FloatAr
     zero_point = np.asarray(conditions.tare) + time_s * np.asarray(conditions.drift_per_s)
     wrench: FloatArray = felt + zero_point
     return wrench
+
+
+# Many pushes to and fro, as a gyroscope and an accelerometer on the holder of the tool feel them.
+
+IMU_AXES = ("wx", "wy", "wz", "ax", "ay", "az")
+IMU_UNITS = dict(zip(IMU_AXES, ("rad/s",) * 3 + ("m/s2",) * 3, strict=True))
+# One stroke from wall to wall, the rest before it included, and how long it takes to relieve the tool at its end.
+STROKE_S = 3.2
+RELIEF_S = 0.1
+# Holder, sensor and tool: a kilogram and a half, of the size of a hand.
+MASS_KG = 1.5
+INERTIA_KG_M2 = 0.006
+# A cheap sensor (InvenSense MPU-6050: 0.005 deg/s and 400 ug per root Hz) at some 50 Hz, and a bias that each session
+# has anew.
+NOISE = np.array([0.001] * 3 + [0.03] * 3)
+BIAS = np.array([0.01] * 3 + [0.15] * 3)
+
+Stroke = tuple[Conditions, float, np.random.SeedSequence]
+"""What a stroke meets: its conditions, its rest in s, its seed."""
+
+
+def simulate_drive(
+    material: Material,
+    strokes: Iterator[Stroke],
+    rig: Rig,
+    rate_hz: float,
+    n_samples: int,
+    bias: np.random.SeedSequence,
+) -> FloatArray:
+    """Simulate what an IMU on the tool holder reads while the tool strokes to and fro, shape (n_samples, 6).
+
+    Each stroke is a push of `simulate_push`, every other one backwards. The arm holds against steady loads; what it
+    lets through is the vibration of its modes, over mass and inertia. `bias` seeds the sensor's zero point.
+    """
+    per_sample = math.ceil(MIN_MODEL_RATE_HZ / rate_hz)
+    step_s = 1.0 / (rate_hz * per_sample)
+    n_steps = n_samples * per_sample
+    n_strokes = math.ceil(n_steps / round(STROKE_S / step_s))
+    met, loads = list(islice(strokes, n_strokes)), list[FloatArray]()
+    for number, (conditions, lead_s, seed) in enumerate(met):
+        load = simulate_push(
+            material,
+            rig=rig,
+            rate_hz=1.0 / step_s,
+            duration_s=STROKE_S,
+            lead_s=lead_s,
+            parts=[part for part in PARTS if part != "resonance"],
+            conditions=replace(conditions, tare=(0.0,) * 6, drift_per_s=(0.0,) * 6),
+            seed=seed,
+        )
+        relief = np.linspace(1.0, 0.0, round(RELIEF_S / step_s))
+        load[-len(relief) :] *= relief[:, np.newaxis]
+        if number % 2:
+            load[:, [0, 1, 3, 4]] *= -1.0  # the tool has turned about its axis
+        loads.append(load)
+    load = np.concatenate(loads)[:n_steps]
+    rates = vibration(load[:, 3:].T, step_s, order=1, axes=slice(3, 6)) / INERTIA_KG_M2
+    accelerations = vibration(load[:, :3].T, step_s, order=2, axes=slice(3)) / MASS_KG
+    # z points down: at rest an accelerometer reads what holds it up.
+    accelerations += (met[0][0].rotation() @ np.array([0.0, 0.0, -GRAVITY_M_S2]))[:, np.newaxis]
+    # The sensor's own filter: the mean since its last reading.
+    read: FloatArray = np.vstack([rates, accelerations]).T.reshape(n_samples, per_sample, 6).mean(axis=1)
+    read += BIAS * np.random.default_rng(bias).standard_normal(6)
+    read += NOISE * np.random.default_rng(random_stream(met[0][2], 3)).standard_normal(read.shape)
+    return read

@@ -20,7 +20,7 @@ from granular_id.synthetic.drag import (
     slip_length_m,
     stick_slip,
 )
-from granular_id.synthetic.push import tool_resonance
+from granular_id.synthetic.sensors import vibration
 
 BY_NAME = {material.name: material for material in PAPER_MATERIALS}
 PEAS = BY_NAME["dry peas"]
@@ -163,19 +163,23 @@ def test_shear_band_wave_loads_slowly_and_collapses_quickly():
     assert 30 / crossings == pytest.approx(0.85, rel=0.12)
 
 
-def test_tool_resonance_is_the_stated_sum_of_modes():
+def test_vibration_is_the_stated_sum_of_modes():
     step_s = 1e-4
     rng = np.random.default_rng(0)
     t = np.arange(5000) * step_s
     load = np.cumsum(rng.standard_normal((6, t.size)), axis=1)
     load = signal.sosfilt(signal.butter(4, 60, fs=1 / step_s, output="sos"), load)
-    ours = tool_resonance(load, step_s)
+    ours = vibration(load, step_s)
+    moved = vibration(load[:3], step_s, order=2, axes=slice(3))[0]  # accelerations of a unit mass
     shares = [0.45, 0.10, 0.25, 0.10]  # fx
-    twin = (1 - sum(shares)) * load[0]
+    twin, moved_twin = (1 - sum(shares)) * load[0], 0.0
     for share, (hz, zeta) in zip(shares, ((34, 0.20), (40, 0.18), (70, 0.16), (90, 0.15)), strict=True):
         w = 2 * np.pi * hz
-        twin = twin + share * signal.lsim(([w * w], [1, 2 * zeta * w, w * w]), load[0], t)[1]
+        poles = [1, 2 * zeta * w, w * w]
+        twin = twin + share * signal.lsim(([w * w], poles), load[0], t)[1]
+        moved_twin = moved_twin + share * signal.lsim(([1, 0, 0], poles), load[0], t)[1]
     np.testing.assert_allclose(ours[0], twin, atol=2e-3 * np.abs(twin).max())
+    np.testing.assert_allclose(moved, moved_twin, atol=2e-3 * np.abs(moved_twin).max())
 
 
 @pytest.mark.parametrize("rate_hz", [100.0, 500.0, 1000.0, 2500.0])
