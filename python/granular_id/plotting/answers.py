@@ -9,21 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._text import short
-from granular_id.plotting.style import (
-    FAINT,
-    INK,
-    axis_line,
-    curve_panel,
-    grid,
-    heading,
-    legend,
-    name_axes,
-    new_figure,
-    pretty,
-    quiet,
-    row_names,
-    save,
-)
+from granular_id.plotting import style
+from granular_id.plotting.style import FAINT, INK
 from granular_id.recording import AXES, Recording, unit_of
 
 if TYPE_CHECKING:
@@ -88,7 +75,7 @@ def plot_answers(
     groups = _groups(timeline, recording)
     names, hidden = _rows(timeline)
     heights = [1.1] * len(groups) + [0.5 + 0.24 * len(names)]
-    figure = new_figure(9.0, 1.0 + sum(heights))
+    figure = style.new_figure(9.0, 1.0 + sum(heights))
     *panels, answers = figure.subplots(
         len(heights), 1, sharex=True, squeeze=False, height_ratios=heights
     ).ravel()
@@ -97,11 +84,11 @@ def plot_answers(
     _draw_answers(answers, timeline, names)
     answers.set_xlim(0.0, lasts_s)
     left_out = f" ({hidden} materials that are named least left out)" if hidden else ""
-    name_axes(answers, f"time, s; each answer is about the {timeline.window_s:g} s before{left_out}")
+    style.name_axes(answers, f"time, s; each answer is about the {timeline.window_s:g} s before{left_out}")
     title = f"Answers over {short(timeline.name, 60) or 'a recording'}"
-    heading(figure, ", ".join(filter(None, (title, timeline.synthetic))))
+    style.heading(figure, ", ".join(filter(None, (title, timeline.synthetic))))
     _legend(figure, timeline, names)
-    save(figure, path)
+    style.save(figure, path)
     return figure
 
 
@@ -127,14 +114,14 @@ def _draw_signal(panel: Any, recording: Recording, columns: list[int], unit: str
         axis = recording.axes[column]
         signal = recording.wrench[:, column]
         at, values = _outline(signal if axis in AXES else signal - np.median(signal))
-        line = axis_line(axis, place) | {"linewidth": 0.8, "label": pretty(axis)}
+        line = style.axis_line(axis, place) | {"linewidth": 0.8, "label": style.pretty(axis)}
         if len(at) < len(signal):
             line |= {"linewidth": 0.4, "linestyle": "-"}
         panel.plot(at / rate_hz, values, **line)
-    curve_panel(panel)
+    style.curve_panel(panel)
     # A force is drawn as it is; gravity and offsets of other sensors would flatten what happens.
     is_wrench = recording.axes[columns[0]] in AXES
-    name_axes(panel, up=unit if is_wrench else f"{unit}\nless median".strip())
+    style.name_axes(panel, up=unit if is_wrench else f"{unit}\nless median".strip())
     beside: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "handlelength": 1.5}
     panel.legend(frameon=False, fontsize=8, labelcolor=INK, **beside)
 
@@ -162,9 +149,9 @@ def _draw_answers(panel: Any, timeline: Timeline, names: list[str]) -> None:
         _bars(panel, row, edges, is_it & ~unknown, _NAMED)
     if timeline.unknown is not None:
         _bars(panel, len(names), edges, unknown, **_STRANGE)
-    row_names(panel, rows)
-    quiet(panel, "left")
-    grid(panel, "x")
+    style.row_names(panel, rows)
+    style.quiet(panel, "left")
+    style.grid(panel, "x")
     for edge in range(1, len(rows)):
         panel.axhline(edge - 0.5, color=FAINT, linewidth=0.3, zorder=0)
     if timeline.truth in names:
@@ -178,14 +165,14 @@ def _bars(
     edges: NDArray[np.float64],
     where: NDArray[np.bool_],
     facecolor: str,
-    **style: Any,
+    **look: Any,
 ) -> None:
     """Draw answers in a row as one bar."""
     steps = np.diff(np.concatenate([[False], where, [False]]).astype(np.int8))
     begins, ends = edges[np.flatnonzero(steps == 1)], edges[np.flatnonzero(steps == -1)]
     if len(begins):
         spans = np.column_stack([begins, ends - begins]).tolist()
-        panel.broken_barh(spans, (row - 0.36, 0.72), **{"facecolor": facecolor, "linewidth": 0, **style})
+        panel.broken_barh(spans, (row - 0.36, 0.72), **{"facecolor": facecolor, "linewidth": 0, **look})
 
 
 def _legend(figure: Figure, timeline: Timeline, names: list[str]) -> None:
@@ -200,4 +187,4 @@ def _legend(figure: Figure, timeline: Timeline, names: list[str]) -> None:
         handles.append(Patch(**_STRANGE, label="like no known material"))
     if timeline.truth in names:
         handles.append(Line2D([], [], **_TRUTH, label="label of the recording"))
-    legend(figure, "lower right", handles=handles, ncols=len(handles))
+    style.legend(figure, "lower right", handles=handles, ncols=len(handles))

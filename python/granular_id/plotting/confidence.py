@@ -7,19 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from granular_id.plotting.style import (
-    INK,
-    SHARE_TICKS,
-    grid,
-    heading,
-    legend,
-    name_axes,
-    new_figure,
-    quiet,
-    save,
-    share_axis,
-    synthetic_mark,
-)
+from granular_id.plotting import style
+from granular_id.plotting.style import INK
 from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
@@ -66,33 +55,33 @@ def plot_confidence(study: ConfidenceStudy, *, path: str | os.PathLike[str] | No
     ['probabilities', 'candidates', 'unknown materials']
     """
     n_panels = 3 if study.unknown else 2
-    figure = new_figure(0.6 + 3.1 * n_panels, 3.6)
+    figure = style.new_figure(0.6 + 3.1 * n_panels, 3.6)
     panels = figure.subplots(1, n_panels)
     _draw_reliability(panels[0], study)
     _draw_coverage(panels[1], study)
     if study.unknown:
         _draw_unknown(panels[2], study)
     for panel in panels:
-        quiet(panel)
-    heading(figure, f"{study.space}, {study.held_out}{synthetic_mark(study.synthetic)}", 10)
-    legend(figure, "lower center", ncols=7)
-    save(figure, path)
+        style.quiet(panel)
+    style.heading(figure, f"{study.space}, {study.held_out}{style.synthetic_mark(study.synthetic)}", 10)
+    style.legend(figure, "lower center", ncols=7)
+    style.save(figure, path)
     return figure
 
 
 def _draw_reliability(panel: Any, study: ConfidenceStudy) -> None:
     seen = study.reliability
     bins = np.array([(part.probability, part.accuracy, part.n / study.n_rows) for part in seen.bins])
-    share_axis(panel)
+    style.share_axis(panel)
     panel.set_ylim(0.0, 1.0)
-    panel.set_yticks(*SHARE_TICKS)
+    panel.set_yticks(*style.SHARE_TICKS)
     panel.plot([0, 1], [0, 1], label="as it should be", **_WANTED)
-    grid(panel)
+    style.grid(panel)
     dots: dict[str, Any] = {"color": _FIRST, "alpha": 0.75, "linewidths": 0, "clip_on": False, "zorder": 3}
     panel.scatter(bins[:, 0], bins[:, 1], s=20 + 300 * bins[:, 2], **dots)
-    heading(panel, "probabilities", 10)
+    style.heading(panel, "probabilities", 10)
     across = f"probability of the answer, {study.n_rows} recordings\ntoo sure by {100 * seen.too_sure:+.1f} points\n"
-    name_axes(panel, across + seen.summary, "share of right answers", 8)
+    style.name_axes(panel, across + seen.summary, "share of right answers", 8)
 
 
 def _draw_coverage(panel: Any, study: ConfidenceStudy) -> None:
@@ -111,9 +100,9 @@ def _draw_coverage(panel: Any, study: ConfidenceStudy) -> None:
     ticks = ticks[:: 1 + len(ticks) // 7]
     for set_ticks in (panel.set_xticks, panel.set_yticks):
         set_ticks(ticks, [f"{100 * tick:.0f} %" for tick in ticks])
-    grid(panel)
-    heading(panel, "candidates", 10)
-    name_axes(panel, "share asked for", "candidates that hold the right one", 8)
+    style.grid(panel)
+    style.heading(panel, "candidates", 10)
+    style.name_axes(panel, "share asked for", "candidates that hold the right one", 8)
 
 
 def _draw_unknown(panel: Any, study: ConfidenceStudy) -> None:
@@ -122,20 +111,20 @@ def _draw_unknown(panel: Any, study: ConfidenceStudy) -> None:
     high = float(np.ceil(2 * max(2.0, np.quantile(unknown, 0.9), np.quantile(known, 0.99))) / 2)
     width = (high - low) / _N_BINS
     edges = low + width * np.arange(_N_BINS + 2)  # the last for all that is larger
-    for values, colour, name, style in (
+    for values, colour, name, look in (
         (known, _FIRST, "known", {"alpha": 0.45, "histtype": "stepfilled"}),
         (unknown, _SECOND, "left out", {"histtype": "step", "linewidth": 1.6}),
     ):
         weights = np.full(len(values), 1 / len(values))
         shown = np.minimum(values, high + width / 2)
-        panel.hist(shown, bins=edges, weights=weights, color=colour, label=name, **style)
+        panel.hist(shown, bins=edges, weights=weights, color=colour, label=name, **look)
     panel.axvline(1.0, color=INK, linewidth=0.9, linestyle=":", label="limit")
     panel.set_xlim(low, edges[-1])
     ticks = [tick for tick in panel.get_xticks() if low <= tick <= high - 0.12 * (high - low)]
     beyond = f"\N{GREATER-THAN OR EQUAL TO} {high:g}"
     panel.set_xticks([*ticks, high], [*(f"{tick:g}" for tick in ticks), beyond])
     panel.yaxis.set_major_formatter(lambda share, _: f"{100 * share:.0f} %")
-    heading(panel, "unknown materials", 10)
+    style.heading(panel, "unknown materials", 10)
     auroc, refused = (np.mean([getattr(one, name) for one in study.unknown]) for name in ("auroc", "refused"))
     across = f"novelty score, 1 at the limit\nAUROC {auroc:.3f}, refused {100 * refused:.0f} %"
-    name_axes(panel, across, "share of recordings", 8)
+    style.name_axes(panel, across, "share of recordings", 8)

@@ -10,22 +10,8 @@ import numpy as np
 
 from granular_id._text import fixed, short, whole_percent
 from granular_id.evaluation import shows_paper
-from granular_id.plotting.style import (
-    FAINT,
-    INK,
-    SHARE_TICKS,
-    grid,
-    heading,
-    legend,
-    name_axes,
-    new_figure,
-    note,
-    quiet,
-    row_names,
-    save,
-    share_axis,
-    synthetic_mark,
-)
+from granular_id.plotting import style
+from granular_id.plotting.style import FAINT, INK
 from granular_id.recording import AXIS_COLOURS
 
 if TYPE_CHECKING:
@@ -79,12 +65,12 @@ def plot_accuracy(result: EvaluationResult, *, path: str | os.PathLike[str] | No
     ]
     names, strict, intervals, at_random = zip(*rows, strict=True)
     places = range(len(rows))
-    figure = new_figure(4.7, 1.0 + 0.32 * len(rows))
+    figure = style.new_figure(4.7, 1.0 + 0.32 * len(rows))
     panel = figure.subplots()
     panel.hlines(places, strict, at_random, color=_GAP, linewidth=7, alpha=0.35)
     panel.hlines(places, *zip(*intervals, strict=True), color=_STRICT, linewidth=2)
     for place, share in enumerate(strict):
-        note(panel, f"{100 * share:.1f}", (1.0, place), (4, 0), va="center", annotation_clip=False)
+        style.note(panel, f"{100 * share:.1f}", (1.0, place), (4, 0), va="center", annotation_clip=False)
     marks: dict[str, Any] = {"linestyle": "none", "markersize": 7, "clip_on": False}
     panel.plot(at_random, places, marker="o", color=_AT_RANDOM, label="as many at random", **marks)
     panel.plot(strict, places, marker="s", color=_STRICT, label=result.folds.name, **marks)
@@ -98,19 +84,19 @@ def plot_accuracy(result: EvaluationResult, *, path: str | os.PathLike[str] | No
         }
         panel.plot(known, range(len(known)), color=INK, label=_PAPER, **stroke)
     _finish_shares(panel, result, names, "balanced accuracy")
-    save(figure, path)
+    style.save(figure, path)
     return figure
 
 
 def _finish_shares(panel: Any, result: EvaluationResult, names: Sequence[str], what: str) -> None:
     """Make a panel one of shares with named rows, a line at chance, and a legend above."""
     panel.axvline(result.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
-    share_axis(panel)
-    row_names(panel, names)
-    quiet(panel, "left")
-    grid(panel, "x")
-    name_axes(panel, what + synthetic_mark(result.synthetic))
-    legend(panel.figure, "upper left", ncols=2)
+    style.share_axis(panel)
+    style.row_names(panel, names)
+    style.quiet(panel, "left")
+    style.grid(panel, "x")
+    style.name_axes(panel, what + style.synthetic_mark(result.synthetic))
+    style.legend(panel.figure, "upper left", ncols=2)
 
 
 def plot_recall(
@@ -148,12 +134,12 @@ def plot_recall(
     """
     recall = result.recall(space)
     places = range(len(recall))
-    figure = new_figure(4.7, 0.9 + 0.22 * len(recall))
+    figure = style.new_figure(4.7, 0.9 + 0.22 * len(recall))
     panel = figure.subplots()
     panel.hlines(places, 0.0, recall, color=FAINT, linewidth=2, zorder=1)
     panel.plot(recall, places, linestyle="none", marker="s", markersize=6, color=_STRICT, clip_on=False)
     _finish_shares(panel, result, result.labels, f"recall, {result.folds.name}")
-    save(figure, path)
+    style.save(figure, path)
     return figure
 
 
@@ -199,7 +185,7 @@ def plot_confusion(
     counts = result.confusion(space)
     k = len(counts)
     names = [short(label) for label in result.labels]
-    figure = new_figure(1.8 + 0.34 * k, 1.7 + 0.34 * k)
+    figure = style.new_figure(1.8 + 0.34 * k, 1.7 + 0.34 * k)
     panel = figure.subplots()
     for (row, column), count in np.ndenumerate(counts):
         if count:
@@ -216,10 +202,10 @@ def plot_confusion(
     panel.set_xlim(-0.5, k - 0.5)
     panel.set_ylim(k - 0.5, -0.5)
     panel.set_aspect("equal")
-    name_axes(panel, "predicted", "true, per cent of each")
+    style.name_axes(panel, "predicted", "true, per cent of each")
     mark = "\nSYNTHETIC recordings" if result.synthetic else ""
-    heading(figure, f"{space or result.spaces[0]}, {result.folds.name}{mark}", 9)
-    save(figure, path)
+    style.heading(figure, f"{space or result.spaces[0]}, {result.folds.name}{mark}", 9)
+    style.save(figure, path)
     return figure
 
 
@@ -267,7 +253,7 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
     >>> plot_over_time(Identifier.fit(data, target_error=0.1).over_time_).axes[0].get_xlabel()
     'signal seen, s'
     """
-    figure = new_figure(5.6, 3.4)
+    figure = style.new_figure(5.6, 3.4)
     panel = figure.subplots()
     seconds = course.seconds
     if course.answered[-1] > 0:
@@ -281,20 +267,24 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
                 seconds, shares, step="post", color=colour, alpha=alpha, linewidth=0, label=name
             )
         panel.axvline(course.mean_seconds, color=_ANSWERED, linewidth=1.0, linestyle=":")
-        note(
+        style.note(
             panel, f"mean {fixed(course.mean_seconds, 2)} s", (course.mean_seconds, 0.5), (-4, 0), ha="right"
         )
     panel.plot(seconds, course.accuracy, color=_ACCURACY, linewidth=1.8, label="provisional answers right")
     panel.axhline(course.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
     end = course.accuracy[-1]
-    note(panel, f"{100 * end:.1f} %", (seconds[-1], end), (-3, 5), ha="right", fontsize=9, fontweight="bold")
+    style.note(
+        panel, f"{100 * end:.1f} %", (seconds[-1], end), (-3, 5), ha="right", fontsize=9, fontweight="bold"
+    )
     panel.set_xlim(0.0, seconds[-1])
     panel.set_ylim(0.0, 1.08)
-    panel.set_yticks(*SHARE_TICKS)
-    grid(panel, "y")
-    quiet(panel)
-    name_axes(panel, "signal seen, s")
-    heading(panel, f"{course.held_out}: {course.n_answers} answers{synthetic_mark(course.synthetic)}", 9)
-    legend(figure, "lower center", ncols=4)
-    save(figure, path)
+    panel.set_yticks(*style.SHARE_TICKS)
+    style.grid(panel, "y")
+    style.quiet(panel)
+    style.name_axes(panel, "signal seen, s")
+    style.heading(
+        panel, f"{course.held_out}: {course.n_answers} answers{style.synthetic_mark(course.synthetic)}", 9
+    )
+    style.legend(figure, "lower center", ncols=4)
+    style.save(figure, path)
     return figure

@@ -11,21 +11,8 @@ from numpy.typing import NDArray
 from granular_id._core import AXES
 from granular_id._text import short
 from granular_id.evaluation import window_starts
-from granular_id.plotting.style import (
-    INK,
-    axis_keys,
-    axis_line,
-    curve_panel,
-    heading,
-    legend,
-    log_ticks,
-    name_axes,
-    new_figure,
-    pretty,
-    row_names,
-    save,
-    with_unit,
-)
+from granular_id.plotting import style
+from granular_id.plotting.style import INK
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,23 +72,23 @@ def plot_explanation(
     for block in explanation.columns.along:
         groups.setdefault(explanation.columns.blocks[block.columns][0], []).append(block)
     heights = [*(0.6 + 0.2 * len(table) for table in tables.values()), *[1.9] * len(groups)]
-    figure = new_figure(max(6.4, 2.2 + 0.62 * len(explanation.columns.axes)), 1.0 + sum(heights))
+    figure = style.new_figure(max(6.4, 2.2 + 0.62 * len(explanation.columns.axes)), 1.0 + sum(heights))
     panels = figure.subplots(len(heights), 1, height_ratios=heights, squeeze=False).ravel()
     for panel, (by, table) in zip(panels, tables.items(), strict=False):
         _draw_table(panel, explanation, table)
-        heading(panel, f"by {by}", 9)
+        style.heading(panel, f"by {by}", 9)
     for panel, (name, blocks) in zip(panels[len(tables) :], groups.items(), strict=True):
         _draw_curves(panel, explanation, blocks)
-        heading(panel, name, 9)
-        name_axes(panel, up="%" if unit.startswith("%") else "score", size=8)
+        style.heading(panel, name, 9)
+        style.name_axes(panel, up="%" if unit.startswith("%") else "score", size=8)
     if groups:
-        keys = axis_keys(explanation.columns.axes, 1.1)
-        legend(figure, "lower center", handles=keys, ncols=min(len(keys), 7))
+        keys = style.axis_keys(explanation.columns.axes, 1.1)
+        style.legend(figure, "lower center", handles=keys, ncols=min(len(keys), 7))
     first, second = (short(str(label)) for label in (explanation.first, explanation.second))
     scores = " and ".join(f"{score:+.2g}" for score in explanation.scores).replace("-", _MINUS)
     above = "" if title is None else f"{title}\n"
-    heading(figure, f"{above}{first} against {second}, mean scores {scores}\nin {unit}")
-    save(figure, path)
+    style.heading(figure, f"{above}{first} against {second}, mean scores {scores}\nin {unit}")
+    style.save(figure, path)
     return figure
 
 
@@ -119,10 +106,10 @@ def _draw_table(panel: Any, explanation: Explanation, table: dict[str, dict[str,
         colour = "white" if inside and abs(value) > 0.6 * limit else INK
         text = explanation.shown(float(value)).replace("-", _MINUS)
         panel.text(column, row, text, color=colour, fontweight="normal" if inside else "bold", **centred)
-    row_names(panel, [*table, "sum"])
+    style.row_names(panel, [*table, "sum"])
     panel.set_xlim(-0.5, across + 0.5)
     turned = 90 if len(axes) > 3 and not set(axes) <= set(AXES) else 0
-    panel.set_xticks(range(across + 1), [*map(pretty, axes), "sum"], rotation=turned)
+    panel.set_xticks(range(across + 1), [*map(style.pretty, axes), "sum"], rotation=turned)
     panel.tick_params(labelsize=8, colors=INK, length=0)
     panel.spines[:].set_visible(False)
 
@@ -145,19 +132,19 @@ def _draw_curves(panel: Any, explanation: Explanation, blocks: list[FeatureBlock
             coordinates = coordinates / (np.abs(coordinates).max() or 1.0)
         reach = max(reach, _used(coordinates, values))
         for axis, row in zip(block.axes, values, strict=True):
-            style = axis_line(axis, explanation.columns.axes.index(axis))
-            panel.plot(coordinates, row, linewidth=1.1, drawstyle="steps-mid", **style)
-    curve_panel(panel)
+            look = style.axis_line(axis, explanation.columns.axes.index(axis))
+            panel.plot(coordinates, row, linewidth=1.1, drawstyle="steps-mid", **look)
+    style.curve_panel(panel)
     low, high = panel.get_xlim()
     if kind == "magnitude" and reach > 0:  # most bins of a wide range stay empty
         panel.set_xlim(max(low, -reach), min(high, reach))
     if kind == "frequency" and low > 0:
         panel.set_xscale("log")
-        panel.set_xticks(*log_ticks(low, high))
+        panel.set_xticks(*style.log_ticks(low, high))
         panel.minorticks_off()
     what = {"magnitude": "bin"}.get(kind, kind)
-    label = "bin, share of the range of its axis" if own_range else with_unit(what, blocks[0].unit)
-    name_axes(panel, label, size=8)
+    label = "bin, share of the range of its axis" if own_range else style.with_unit(what, blocks[0].unit)
+    style.name_axes(panel, label, size=8)
 
 
 def _used(coordinates: NDArray[np.float64], values: NDArray[np.float64]) -> float:

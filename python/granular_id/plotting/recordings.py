@@ -14,23 +14,8 @@ from granular_id._checks import whole_number
 from granular_id._core import AXES
 from granular_id._text import fixed, short
 from granular_id.evaluation import most_different
-from granular_id.plotting.style import (
-    INK,
-    axis_keys,
-    axis_line,
-    curve_panel,
-    heading,
-    legend,
-    log_ticks,
-    name_axes,
-    new_figure,
-    plain,
-    quiet,
-    row_names,
-    save,
-    synthetic_mark,
-    with_unit,
-)
+from granular_id.plotting import style
+from granular_id.plotting.style import INK
 from granular_id.recording import ONSET_STEP, Dataset, Recording, common_units, unit_of
 
 if TYPE_CHECKING:
@@ -102,7 +87,7 @@ def plot_recordings(
     for (label, group), panel in zip(groups.items(), panels, strict=True):
         shown = [group[i] for i in evenly(len(group), n)]
         _draw_recordings(panel, shown, columns)
-        heading(panel, f"{short(label)} ({len(shown)} of {len(group)})", 10)
+        style.heading(panel, f"{short(label)} ({len(shown)} of {len(group)})", 10)
     names = [dataset.axes[column] for column in columns]
     what = "Synthetic recordings" if dataset.is_synthetic else "Recordings"
     _name_panels(
@@ -112,7 +97,7 @@ def plot_recordings(
         across="time from the first sample, s",
         up=quantity_of(names, units[columns[0]]),
     )
-    save(figure, path)
+    style.save(figure, path)
     return figure
 
 
@@ -121,14 +106,14 @@ def _draw_recordings(panel: Any, recordings: Sequence[Recording], columns: Seque
     for recording in recordings:
         time_s = recording.times()
         for place, column in enumerate(columns):
-            line = axis_line(recording.axes[column], place)
+            line = style.axis_line(recording.axes[column], place)
             panel.plot(time_s, recording.wrench[:, column], linewidth=0.7, alpha=0.7, **line)
         if recording.flags is not None:
             at = time_s[recording.flags > 0]
             panel.plot(at, np.full(len(at), 0.02), "|", color=_FLAG_COLOUR, markersize=4, transform=foot)
         if recording.trigger_index is not None:
             panel.plot(time_s[recording.trigger_index], 0.98, "v", color=INK, markersize=3, transform=foot)
-    curve_panel(panel)
+    style.curve_panel(panel)
 
 
 def plot_mean_forces(
@@ -183,7 +168,7 @@ def plot_mean_forces(
         what = what.capitalize()
     title = f"{kind}{what} per material, mean \N{PLUS-MINUS SIGN} standard deviation"
     _name_panels(figure, means.axes, title=title, across="time, s", up=quantity)
-    save(figure, path)
+    style.save(figure, path)
     return figure
 
 
@@ -222,11 +207,11 @@ def draw_means(panel: Any, means: Means, number: int) -> None:
     for place, (axis, mean, sd) in enumerate(
         zip(means.axes, means.mean[number], means.sd[number], strict=True)
     ):
-        line = axis_line(axis, place)
+        line = style.axis_line(axis, place)
         panel.fill_between(means.time_s, mean - sd, mean + sd, color=line["color"], alpha=0.25, linewidth=0)
         panel.plot(means.time_s, mean, linewidth=1.3, **line)
-    curve_panel(panel)
-    heading(panel, short(means.labels[number]), 10)
+    style.curve_panel(panel)
+    style.heading(panel, short(means.labels[number]), 10)
 
 
 def axes_of_one_unit(recording: Recording) -> list[str]:
@@ -255,7 +240,7 @@ def quantity_of(axes: Iterable[str], unit: str) -> str:
     names = list(axes)
     if set(names) <= set(AXES) and unit in ("N", "N m"):
         return f"{'force' if unit == 'N' else 'torque'}, {unit}"
-    return with_unit(names[0] if len(names) == 1 else "signal", unit)
+    return style.with_unit(names[0] if len(names) == 1 else "signal", unit)
 
 
 def evenly(total: int, n: int) -> NDArray[np.intp]:
@@ -270,7 +255,9 @@ def _material_panels(n: int) -> tuple[Figure, list[Any]]:
     """Make a figure of `n` small panels that share their scales, up to four in a row."""
     n_columns = min(4, n)
     n_rows = math.ceil(n / n_columns)
-    figure = new_figure(max(1.2 + 2.5 * n_columns, 7.0), 1.4 + 1.9 * n_rows)  # room for label and legend
+    figure = style.new_figure(
+        max(1.2 + 2.5 * n_columns, 7.0), 1.4 + 1.9 * n_rows
+    )  # room for label and legend
     panels = figure.subplots(n_rows, n_columns, sharex=True, sharey=True, squeeze=False).ravel()
     for unused in panels[n:]:
         unused.remove()
@@ -284,10 +271,10 @@ def _name_panels(figure: Figure, axes: Sequence[str], *, title: str, across: str
     """Write what all panels show, and which line is which axis."""
     figure.supxlabel(across, fontsize=10, color=INK)
     figure.supylabel(up, fontsize=10, color=INK)
-    heading(figure, title)
+    style.heading(figure, title)
     few = len(axes) <= 3  # more would run into the label
     side, across_legend = ("lower right", len(axes)) if few else ("right upper", 1)
-    legend(figure, side, size=9, handles=axis_keys(axes, 1.3), ncols=across_legend)
+    style.legend(figure, side, size=9, handles=style.axis_keys(axes, 1.3), ncols=across_legend)
 
 
 # Histograms of what lies above the cut-off.
@@ -336,7 +323,7 @@ def plot_hfmh(report_data: ReportData, axis: str, *, path: str | os.PathLike[str
     first, last = (int(used[0]), int(used[-1]) + 1) if used.size else (0, n_bins)
     low, high = shared_limits(part.counts[:, alike])
 
-    figure = new_figure(3.7, 1.0 + 0.16 * max(3, len(labels)))
+    figure = style.new_figure(3.7, 1.0 + 0.16 * max(3, len(labels)))
     from matplotlib.colors import LogNorm  # an extra, which is there
 
     panel = figure.subplots()
@@ -348,22 +335,22 @@ def plot_hfmh(report_data: ReportData, axis: str, *, path: str | os.PathLike[str
         interpolation="none",  # one pixel a value in an SVG, which stays small
         extent=(float(edges[first]), float(edges[last]), len(labels) - 0.5, -0.5),
     )
-    row_names(panel, labels)
+    style.row_names(panel, labels)
     panel.tick_params(labelsize=7.5, colors=INK)
     panel.spines[:].set_visible(False)
     panel.locator_params(axis="x", nbins=5)
-    name_axes(panel, with_unit("bin", units[own]), size=8)
-    mark = synthetic_mark(report_data.n_synthetic)
-    heading(panel, f"{plain(axis)} above {part.cutoff_hz:g} Hz{mark}", 9)
+    style.name_axes(panel, style.with_unit("bin", units[own]), size=8)
+    mark = style.synthetic_mark(report_data.n_synthetic)
+    style.heading(panel, f"{style.plain(axis)} above {part.cutoff_hz:g} Hz{mark}", 9)
     bar: Any = figure.colorbar(image, ax=panel, pad=0.02, aspect=25)
     bar.solids.set_rasterized(True)  # else a path for each of 256 colours
     bar.outline.set_visible(False)
     bar.set_label("density" if part.density else "samples in a bin", fontsize=8, color=INK)
-    ticks, texts = log_ticks(low, high, most=6)
+    ticks, texts = style.log_ticks(low, high, most=6)
     bar.set_ticks(ticks, labels=texts)
     bar.ax.tick_params(labelsize=7.5, colors=INK, length=2)
     bar.ax.minorticks_off()
-    save(figure, path)
+    style.save(figure, path)
     return figure
 
 
@@ -435,22 +422,26 @@ def plot_onsets(dataset: Dataset, *, n: int = 10, path: str | os.PathLike[str] |
     found = [rows.get(name, {"how": "kept"}) for name in dataset.names]
     places = _places(np.array([row["how"] in ("not found", "overruled") for row in found]), n)
     shown = [dataset[place] for place in places]
-    figure = new_figure(9.5, 1.1 + 1.05 * len(shown))
+    figure = style.new_figure(9.5, 1.1 + 1.05 * len(shown))
     panels = figure.subplots(len(shown), 2, squeeze=False, sharex="col", width_ratios=[1.6, 1.0])
     for panel, place in zip(panels, places, strict=True):
         _draw_onset(panel, dataset[place], found[place], rest_s)
     panels[0, 0].set_xlim(0.0, max(one.duration_s for one in shown) or 1.0)
     every = all(one.trigger_index is not None for one in shown)
-    name_axes(panels[-1, 0], "time from the first sample, s")
-    name_axes(panels[-1, 1], f"time from the onset{'' if every else ' or, without one, the end of rest'}, s")
+    style.name_axes(panels[-1, 0], "time from the first sample, s")
+    style.name_axes(
+        panels[-1, 1], f"time from the onset{'' if every else ' or, without one, the end of rest'}, s"
+    )
     axes = axes_of_one_unit(shown[0])
-    figure.supylabel(with_unit("relative to rest", unit_of(axes[0], shown[0].meta)), fontsize=9, color=INK)
+    figure.supylabel(
+        style.with_unit("relative to rest", unit_of(axes[0], shown[0].meta)), fontsize=9, color=INK
+    )
     kind = "SYNTHETIC recordings" if any(one.is_synthetic for one in shown) else "recordings"
     of = f"Onsets of {len(shown)} of {len(dataset)} {kind}"
-    heading(figure, f"{of}: rest {rest_s:g} s, false-alarm rate {false_alarm_rate:g}")
+    style.heading(figure, f"{of}: rest {rest_s:g} s, false-alarm rate {false_alarm_rate:g}")
     key = _onset_key(axes, {found[place]["how"] for place in places})
-    legend(figure, "lower center", handles=key, ncols=len(key))
-    save(figure, path)
+    style.legend(figure, "lower center", handles=key, ncols=len(key))
+    style.save(figure, path)
     return figure
 
 
@@ -477,13 +468,15 @@ def _draw_onset(panels: Any, recording: Recording, found: Mapping[str, Any], res
         panel.axvspan(-origin_s, rest_s - origin_s, color=_REST_COLOUR, linewidth=0, zorder=0)
         panel.axhspan(-band, band, color=_REST_COLOUR, linewidth=0, zorder=0)
         for place, axis in enumerate(axes):
-            panel.plot(times[part] - origin_s, signal[part, place], linewidth=0.9, **axis_line(axis, place))
+            panel.plot(
+                times[part] - origin_s, signal[part, place], linewidth=0.9, **style.axis_line(axis, place)
+            )
         if index is not None:
             at = times[index] - origin_s
             panel.axvline(at, color=colour, linestyle=dashes, linewidth=1.2, zorder=3)
             top = panel.get_xaxis_transform()
             panel.plot(at, 1.0, marker, color=colour, ms=5, transform=top, clip_on=False, zorder=5)
-        quiet(panel)
+        style.quiet(panel)
         panel.locator_params(axis="y", nbins=3)
     panels[1].set_xlim(-_BEFORE_S, _AFTER_S)
     # A name with $ in it is a name, no mathematics. Onsets lie early: on the right it keeps clear of the mark.
@@ -507,4 +500,4 @@ def _onset_key(axes: Sequence[str], kinds: set[str]) -> list[Any]:
         if how in kinds
     ]
     rest = Patch(color=_REST_COLOUR, label="rest, \N{PLUS-MINUS SIGN}4 s.d.")
-    return [*axis_keys(axes, 0.9), rest, *marks]
+    return [*style.axis_keys(axes, 0.9), rest, *marks]
