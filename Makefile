@@ -31,7 +31,7 @@ unexport MAKEFLAGS
 	memcheck miri arm64 semver bench-decision bench-archive wheel wheels clean toolchain hosted-lint accuracy-data audit
 
 help:
-	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report and figures in ./demo"
+	@echo "make demo       evaluate simulated pushes, half a minute: tables on screen, report in ./demo"
 	@echo "make test       lint, Rust tests, Python tests; with --jobs=3 beside each other"
 	@echo "make check-all  all that takes long: threads, campaign, fuzz, loom, stress, sanitize, memcheck, counts, soak, oldest (hours)"
 	@echo "make docs       the documentation site, in docs/_build/html"

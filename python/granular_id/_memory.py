@@ -79,13 +79,6 @@ def empty(shape: tuple[int, ...], what: str) -> FloatArray:
     return array
 
 
-def copied(array: FloatArray, what: str) -> FloatArray:
-    """Return a copy in rows, in a temporary file where it is large."""
-    copy = empty(array.shape, what)
-    copy[...] = array
-    return copy
-
-
 def stacked(arrays: Sequence[FloatArray], what: str) -> FloatArray:
     """Return arrays of one shape as one, in a temporary file where it is large."""
     stack: FloatArray = np.stack(arrays, out=empty((len(arrays), *arrays[0].shape), what))

@@ -119,14 +119,14 @@ def test_recordings_that_were_cropped_are_gathered_in_a_file(data, small):
 
 
 def test_recordings_in_a_file_are_not_copied_again(small):
-    samples = _memory.copied(np.ones((5000, 6)), "samples")
+    samples = _memory.stacked([np.ones(6)] * 5000, "samples")
     samples.flags.writeable = False
     assert locked(samples[:100]).base is samples
     assert Recording(samples[:100], rate_hz=500).wrench.base is samples
 
 
 def test_no_file_can_be_seen_or_is_left(small, tmp_path):
-    array = _memory.copied(np.ones((5000, 6)), "samples")
+    array = _memory.stacked([np.ones(6)] * 5000, "samples")
     assert array.sum() == 30_000
     assert list(tmp_path.iterdir()) == []
 
