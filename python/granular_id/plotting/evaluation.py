@@ -71,18 +71,15 @@ def plot_accuracy(result: EvaluationResult, *, path: str | os.PathLike[str] | No
     panel.hlines(places, *zip(*intervals, strict=True), color=_STRICT, linewidth=2)
     for place, share in enumerate(strict):
         style.note(panel, f"{100 * share:.1f}", (1.0, place), (4, 0), va="center", annotation_clip=False)
-    marks: dict[str, Any] = {"linestyle": "none", "markersize": 7, "clip_on": False}
-    panel.plot(at_random, places, marker="o", color=_AT_RANDOM, label="as many at random", **marks)
-    panel.plot(strict, places, marker="s", color=_STRICT, label=result.folds.name, **marks)
+    for shares, marker, colour, name in (
+        (at_random, "o", _AT_RANDOM, "as many at random"),
+        (strict, "s", _STRICT, result.folds.name),
+    ):
+        panel.plot(shares, places, marker, color=colour, label=name, markersize=7, clip_on=False)
     if shows_paper(result):
         known = [result.paper_accuracies.get(name, np.nan) for name in result.spaces]
-        stroke: dict[str, Any] = {
-            "linestyle": "none",
-            "marker": "|",
-            "markersize": 11,
-            "markeredgewidth": 1.6,
-        }
-        panel.plot(known, range(len(known)), color=INK, label=_PAPER, **stroke)
+        places = range(len(known))
+        panel.plot(known, places, "|", color=INK, label=_PAPER, markersize=11, markeredgewidth=1.6)
     _finish_shares(panel, result, names, "balanced accuracy")
     style.save(figure, path)
     return figure
@@ -137,7 +134,7 @@ def plot_recall(
     figure = style.new_figure(4.7, 0.9 + 0.22 * len(recall))
     panel = figure.subplots()
     panel.hlines(places, 0.0, recall, color=FAINT, linewidth=2, zorder=1)
-    panel.plot(recall, places, linestyle="none", marker="s", markersize=6, color=_STRICT, clip_on=False)
+    panel.plot(recall, places, "s", markersize=6, color=_STRICT, clip_on=False)
     _finish_shares(panel, result, result.labels, f"recall, {result.folds.name}")
     style.save(figure, path)
     return figure
@@ -263,28 +260,23 @@ def plot_over_time(course: OverTime, *, path: str | os.PathLike[str] | None = No
             (answered, _ANSWERED, 0.3, "answered early"),
             (wrong, _WRONG, 0.9, "of these wrong"),
         ):
-            panel.fill_between(
-                seconds, shares, step="post", color=colour, alpha=alpha, linewidth=0, label=name
-            )
+            look: dict[str, Any] = {"color": colour, "alpha": alpha, "linewidth": 0, "label": name}
+            panel.fill_between(seconds, shares, step="post", **look)
         panel.axvline(course.mean_seconds, color=_ANSWERED, linewidth=1.0, linestyle=":")
-        style.note(
-            panel, f"mean {fixed(course.mean_seconds, 2)} s", (course.mean_seconds, 0.5), (-4, 0), ha="right"
-        )
+        mean = f"mean {fixed(course.mean_seconds, 2)} s"
+        style.note(panel, mean, (course.mean_seconds, 0.5), (-4, 0), ha="right")
     panel.plot(seconds, course.accuracy, color=_ACCURACY, linewidth=1.8, label="provisional answers right")
     panel.axhline(course.chance, color=INK, linewidth=0.8, linestyle="--", label="chance")
-    end = course.accuracy[-1]
-    style.note(
-        panel, f"{100 * end:.1f} %", (seconds[-1], end), (-3, 5), ha="right", fontsize=9, fontweight="bold"
-    )
+    end = seconds[-1], course.accuracy[-1]
+    style.note(panel, f"{100 * end[1]:.1f} %", end, (-3, 5), ha="right", fontsize=9, fontweight="bold")
     panel.set_xlim(0.0, seconds[-1])
     panel.set_ylim(0.0, 1.08)
     panel.set_yticks(*style.SHARE_TICKS)
     style.grid(panel, "y")
     style.quiet(panel)
     style.name_axes(panel, "signal seen, s")
-    style.heading(
-        panel, f"{course.held_out}: {course.n_answers} answers{style.synthetic_mark(course.synthetic)}", 9
-    )
+    mark = style.synthetic_mark(course.synthetic)
+    style.heading(panel, f"{course.held_out}: {course.n_answers} answers{mark}", 9)
     style.legend(figure, "lower center", ncols=4)
     style.save(figure, path)
     return figure
