@@ -111,11 +111,6 @@ def test_axes_that_cannot_be_drawn_are_refused(synthetic, axes, message):
         plot_mean_forces(synthetic, axes=axes)
 
 
-def test_unequal_lengths_are_refused_with_a_remedy():
-    with pytest.raises(ValueError, match=r"\.align"):
-        plot_mean_forces(Dataset([_real(40), replace(_real(50), name="longer")]))
-
-
 # -- onsets
 
 
@@ -167,12 +162,6 @@ def test_figures_are_saved_whole(tmp_path, monkeypatch, ending):
 def test_paths_that_cannot_be_written_are_refused(tmp_path, path, error, message):
     with pytest.raises(error, match=message):
         plot_recordings(Dataset([_real()]), path=tmp_path / path)
-
-
-def test_without_matplotlib_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(ImportError, match=r"pip install 'typer"):
-        plot_recordings(Dataset([_real()]))
 
 
 def test_plotting_is_imported_late_and_leaves_pyplot_alone():

@@ -72,12 +72,6 @@ def test_recall_has_a_row_a_class(result):
     assert any(np.array_equal(line.get_xdata(), result.recall("raw")) for line in panel.lines)
 
 
-@pytest.mark.parametrize("plot", [plot_recall, plot_confusion])
-def test_spaces_that_were_not_evaluated_are_refused(result, plot):
-    with pytest.raises(ValueError, match="space must be one of 'raw', 'hfmh', got 'nose'"):
-        plot(result, "nose")
-
-
 class Counts:
     """An evaluation with a confusion matrix of its own."""
 
@@ -155,11 +149,6 @@ def test_limits_of_colours_hold_all(values):
     assert low >= 1e-4 * high
 
 
-def test_figures_of_simulated_recordings_say_so(result):
-    simulated = replace(result.report_data, n_synthetic=40)
-    assert "SYNTHETIC" in plot_hfmh(simulated, "fx").axes[0].get_title()
-
-
 @pytest.mark.filterwarnings("ignore:Glyph .* missing from")  # a label in Chinese: true of files
 @pytest.mark.parametrize("plot", [plot_recall, plot_confusion])
 def test_names_that_look_like_mathematics_are_names(plot):
@@ -181,10 +170,10 @@ def data():
     return X, y
 
 
-def explained(space, data, *after, labels=None):
+def explained(space, data, *after):
     X, y = data
     model = make_pipeline(space, *after, ECOCClassifier()).fit(X, y)
-    return explain(model, "oat", "rice", X, y if labels is None else labels)
+    return explain(model, "oat", "rice", X, y)
 
 
 def curves(panel):
@@ -228,14 +217,6 @@ def test_each_block_that_is_read_along_has_a_panel(data, space, labels):
     along = [panel for panel in figure.axes if not panel.images]
     assert [panel.get_xlabel() for panel in along] == labels
     assert all(len(curves(panel)) == 6 for panel in along)
-
-
-def test_where_the_model_fails_numbers_are_scores(data):
-    swapped = np.where(data[1] == "oat", "rice", "oat")
-    seen = explained(RawHFMH(), data, labels=swapped)
-    figure = plot_explanation(seen)
-    assert "units of the score" in figure.get_suptitle()
-    assert float(texts(figure.axes[0])[-1]) == pytest.approx(seen.difference, abs=5e-4)
 
 
 @pytest.mark.parametrize("n_axes", [1, 13])
