@@ -92,7 +92,7 @@ class Reliability:
             return "too few sessions to tell of new ones"
         if low > 0:
             return "too sure in new sessions"
-        return "not sure enough in new sessions" if high < 0 else "no sign of being off"
+        return "not sure enough in new sessions" if high < 0 else "not shown to be off"
 
 
 @dataclass(frozen=True)
@@ -167,15 +167,14 @@ class ConfidenceStudy:
         """Return all figures as one screen of text."""
         sure = self.reliability
         low, high = sure.interval
-        within = "" if math.isnan(low) else f" (95 % interval {100 * low:+.1f} to {100 * high:+.1f})"
+        within = "" if math.isnan(low) else f", 95 % interval {100 * low:+.1f} to {100 * high:+.1f}"
         mark = "SYNTHETIC recordings: " if self.synthetic else ""
         sessions = f"{self.n_sessions} sessions" if self.n_sessions else "no sessions"
         lines = [
             f"{mark}{self.space} with {self.held_out}: {self.n_rows} recordings, {sessions}",
-            f"probabilities: stated {percent(sure.probability)}, right {percent(sure.accuracy)}, too sure by "
-            f"{100 * sure.too_sure:+.1f} points{within}",
-            f"  {sure.summary}; calibration error {percent(sure.ece)}, Brier {sure.brier:.3f}, log loss "
-            f"{sure.log_loss:.3f}",
+            f"probabilities: stated {percent(sure.probability)}, right {percent(sure.accuracy)}: {sure.summary}",
+            f"  stated minus right {100 * sure.too_sure:+.1f} points{within}",
+            f"  calibration error {percent(sure.ece)}, Brier {sure.brier:.3f}, log loss {sure.log_loss:.3f}",
             "",
             str(self.coverage_table()),
         ]

@@ -80,8 +80,9 @@ def _draw_reliability(panel: Any, study: ConfidenceStudy) -> None:
     dots: dict[str, Any] = {"color": _FIRST, "alpha": 0.75, "linewidths": 0, "clip_on": False, "zorder": 3}
     panel.scatter(bins[:, 0], bins[:, 1], s=20 + 300 * bins[:, 2], **dots)
     style.heading(panel, "probabilities", 10)
-    across = f"probability of the answer, {study.n_rows} recordings\ntoo sure by {100 * seen.too_sure:+.1f} points\n"
-    style.name_axes(panel, across + seen.summary, "share of right answers", 8)
+    across = f"probability of the answer, {study.n_rows} recordings\n"
+    across += f"stated minus right {100 * seen.too_sure:+.1f} points\n{seen.summary}"
+    style.name_axes(panel, across, "share of right answers", 8)
 
 
 def _draw_coverage(panel: Any, study: ConfidenceStudy) -> None:

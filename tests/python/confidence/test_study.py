@@ -112,7 +112,7 @@ def test_numbers_do_not_depend_on_threads(data, study):
     [
         ((0.01, 0.1), "too sure in new sessions"),
         ((-0.1, -0.01), "not sure enough in new sessions"),
-        ((-0.01, 0.02), "no sign of being off"),
+        ((-0.01, 0.02), "not shown to be off"),
         ((np.nan, np.nan), "too few sessions to tell of new ones"),
     ],
 )
