@@ -65,8 +65,7 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
     Raises
     ------
     ValueError, TypeError
-        From `fit`: a parameter outside its range, NaN or infinity in X, X of zeros only, or so large (some 1e70) that
-        the search would overflow.
+        From `fit`: a parameter outside its range, NaN or infinity in X, or X of zeros only.
 
     Warns
     -----
@@ -109,31 +108,13 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         self.random_state = random_state
 
     def fit(self, X: npt.ArrayLike, y: object = None) -> RICA:  # noqa: ARG002 - scikit-learn passes y
-        """Find the components.
-
-        Parameters
-        ----------
-        X : array-like, shape (n, D)
-            Features, finite.
-        y : ignored
-
-        Returns
-        -------
-        RICA
-            This estimator.
-        """
+        """Find the components of features (n, D)."""
         n_components = whole_number("n_components", self.n_components)
         max_iter = whole_number("max_iter", self.max_iter)
         alpha = finite_number("alpha", self.alpha, least=0)
         rows: FloatArray = validate_data(self, X, dtype=np.float64)
         if not rows.any():
             raise ValueError(f"X must vary: every feature is zero (n_samples = {len(rows)})")
-        largest = float(np.abs(rows).max())
-        # The search squares gradients, which are as large as the sum of squares.
-        if not largest**2 * rows.size < 1e-10 * math.sqrt(np.finfo(np.float64).max):
-            raise ValueError(
-                f"X is too large (up to {largest:.3g}): the search would overflow; use other units"
-            )
         start = check_random_state(self.random_state).standard_normal((rows.shape[1], n_components))
         with single_threaded_blas():
             end = descend(rows, start, alpha, max_iter)
@@ -163,28 +144,35 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         return len(self.components_)
 
 
-def objective(rows: FloatArray, units: FloatArray, alpha: float) -> tuple[float, FloatArray]:
-    """Objective of W (D, p) with unit columns, and its gradient as if these were free."""
+def objective(
+    rows: FloatArray, moments: FloatArray, units: FloatArray, alpha: float
+) -> tuple[float, FloatArray]:
+    """Objective of W (D, p) with unit columns, and its gradient as if these were free; `moments` are X' X."""
+    # ||X W W' - X||^2 and its gradient depend on X' X alone, which has fewer rows than X.
+    projected, overlaps = moments @ units, units.T @ units
+    energies = units.T @ projected
+    lost = np.trace(moments) - 2.0 * np.trace(energies) + np.vdot(overlaps, energies)
+    # log(cosh(2 z)) / 2 and its slope tanh(2 z) from exp(-4 |z|), which cannot overflow
     projections = rows @ units
-    residual = projections @ units.T - rows
     size = np.abs(projections)
-    # log(cosh(2 z)) / 2, written so that nothing overflows
-    contrast = size + 0.5 * np.log1p(np.exp(-4.0 * size)) - 0.5 * math.log(2.0)
-    value = alpha * float(np.vdot(residual, residual)) + float(contrast.sum())
-    gradient = 2.0 * alpha * (rows.T @ (residual @ units) + residual.T @ projections)
-    return value, gradient + rows.T @ np.tanh(2.0 * projections)
+    decay = np.exp(-4.0 * size)
+    contrast = size.sum() + 0.5 * np.log(1.0 + decay).sum() - 0.5 * math.log(2.0) * size.size
+    slopes = np.copysign((1.0 - decay) / (1.0 + decay), projections)
+    gradient = 2.0 * alpha * (projected @ overlaps + units @ energies - 2.0 * projected) + rows.T @ slopes
+    return float(alpha * lost + contrast), gradient
 
 
 def descend(
     rows: FloatArray, start: FloatArray, alpha: float, max_iter: int, tolerance: float = _TOLERANCE
 ) -> OptimizeResult:
     """Follow the objective downhill by L-BFGS, from free vectors (D, p) whose directions are the components."""
+    moments = rows.T @ rows
 
     def of_free_vectors(flat: FloatArray) -> tuple[float, FloatArray]:
         vectors = flat.reshape(start.shape)
         norms = np.linalg.norm(vectors, axis=0)
         units = vectors / norms
-        value, gradient = objective(rows, units, alpha)
+        value, gradient = objective(rows, moments, units, alpha)
         gradient -= units * np.einsum("ij,ij->j", units, gradient)
         return value, (gradient / norms).ravel()
 

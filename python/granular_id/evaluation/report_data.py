@@ -171,7 +171,7 @@ def _histograms(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH, show
     counts = fitted.transform(X).reshape(len(X), X.shape[2], -1)[:, shown]
     return Histograms(
         cutoff_hz=float(fitted.spec_.cutoff_hz),
-        density=bool(fitted.density),
+        density=fitted.spec_.density,
         bin_range=np.array(fitted.bin_range_[shown], dtype=np.float64),
         counts=np.stack([counts[rows].mean(axis=0) for rows in groups]),
     )

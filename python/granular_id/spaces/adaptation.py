@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from granular_id.spaces.scaling import column_moments
+from granular_id.spaces.scaling import block_factors, block_slices, column_moments
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
@@ -162,7 +162,8 @@ def _regressed(
 ) -> Learners:
     """Take from scores what of their difference to the mean scores of the training the columns explain."""
     residuals = learners.scores(X) - members @ source.scores
-    factors = _factors(source.sd, blocks) * learners.coef.any(axis=0)  # a block that was left out stays out
+    factors = block_factors(source.sd, block_slices(blocks, source.sd.size))
+    factors *= learners.coef.any(axis=0)  # a block that was left out stays out
     mean = X.mean(axis=0)
     rows = (X - mean) * factors
     ridge = ridge_share * float((rows * rows).sum()) / len(rows)
@@ -209,17 +210,3 @@ def _own_offsets(
             midpoint = float(np.mean([offsets[side, learner].mean() for side in sides]))
             own[learner] += (midpoint - own[learner]) * least / (least + _PRIOR_ROWS)
     return own
-
-
-def _factors(sd: FloatArray, blocks: Mapping[str, int]) -> FloatArray:
-    """Factor (D,) of each column that gives it unit spread, and blocks equal weight; 0 of a constant one."""
-    varying = sd > 0
-    factors = np.zeros_like(sd)
-    np.divide(1.0, sd, out=factors, where=varying)
-    start = 0
-    for size in blocks.values():
-        columns = slice(start, start + size)
-        n_varying = int(np.count_nonzero(varying[columns]))
-        factors[columns] /= np.sqrt(max(n_varying, 1) * len(blocks))
-        start += size
-    return factors

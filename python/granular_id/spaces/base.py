@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,9 +12,9 @@ import numpy.typing as npt
 from sklearn.base import BaseEstimator, OneToOneFeatureMixin, TransformerMixin
 from sklearn.pipeline import FeatureUnion, Pipeline
 from sklearn.utils import Tags
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import _check_feature_names_in, check_is_fitted, validate_data
 
-from granular_id._checks import argument_error, positive_number
+from granular_id._checks import all_finite, argument_error, positive_number
 from granular_id._columns import column_names, samples_of
 from granular_id._core import AXES, UNITS
 from granular_id._estimators import real_steps
@@ -26,7 +25,6 @@ from granular_id.recording import Dataset, Recording, common_units, unit_differe
 FloatArray = npt.NDArray[np.float64]
 Recordings = Dataset | Sequence[Recording] | npt.ArrayLike
 
-_INSIDE = ("granular_id", "joblib", "sklearn")
 _MOST_AXES = 12
 """Most axes that a sensor, or two, would have: two dimensions that end in as few may be samples and axes."""
 
@@ -41,6 +39,7 @@ class Known(NamedTuple):
     units: tuple[str, ...] = ()
     rate_hz: float | None = None
     dataset: Dataset | None = None
+    n_dims: int = 3
 
 
 class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -48,20 +47,26 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
 
     A subclass fills in `_features` and `_names`; `_learn` where it has parameters to check or something to learn, and
     then `learns`; and `feature_blocks` where its columns are read along one coordinate.
+
+    Attributes
+    ----------
+    n_features_in_, n_axes_in_ : int
+        Samples T of a recording, and its axes C.
+    axes_in_ : tuple of C str, or None
+        Names of the axes; None where recordings had none: features then say axis0, axis1, ...
+    units_in_ : tuple of C str
+        Units of the axes; "" where not known.
+    rate_hz_ : float or None
+        Sampling rate in use, Hz: `rate_hz` or, without it, that of the `Dataset`, or the space's default.
     """
 
     n_features_in_: int
     n_axes_in_: int
     axes_in_: tuple[str, ...] | None
-    """Names of the axes that `fit` saw; None where recordings had none: features then say axis0, axis1, ..."""
     units_in_: tuple[str, ...]
-    """Units of the axes, C of them; "" where not known."""
     rate_hz_: float | None
-    """Sampling rate in use, Hz: `rate_hz` or, without it, that of the `Dataset`, or the space's default."""
 
     _default_rate_hz: ClassVar[float | None] = None
-    _core_refuses_gaps: ClassVar[bool] = False
-    """Whether `_features` hands recordings to the core, which refuses NaN and infinity: looking twice takes time."""
 
     @property
     def learns(self) -> bool:
@@ -108,12 +113,7 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             Another shape, other axes, units or rate where they are known, NaN or infinity.
         """
         check_is_fitted(self)
-        recordings, _ = self._recordings(X, reset=False)
-        try:
-            return self._features(recordings)
-        except ValueError:
-            _refuse_gaps(recordings)  # the core's error knows no name of the caller's
-            raise
+        return self._features(self._recordings(X, reset=False)[0])
 
     def get_feature_names_out(self, input_features: npt.ArrayLike | None = None) -> npt.NDArray[Any]:
         """Names (D,) of the features, for instance ``fx_0000`` or ``hfmh_tz_99``; axes without names are axis0 ...
@@ -124,12 +124,8 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
             Must equal the names seen by `fit`, if there were any. The names given out do not depend on it.
         """
         check_is_fitted(self)
-        check_input_names(self, input_features)
-        return np.asarray(self._own_names(), dtype=object)
-
-    def _own_names(self) -> list[str]:
-        """Names of the D features, with the axes of this one."""
-        return renamed(self._names(), self._axes)
+        _check_feature_names_in(self, input_features, generate_names=False)
+        return np.asarray(renamed(self._names(), self._axes), dtype=object)
 
     @property
     def _axes(self) -> tuple[str, ...]:
@@ -142,7 +138,7 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         Raises
         ------
         TypeError
-            They have no one coordinate to be read along: statistics, for instance.
+            They have no one coordinate to be read along: statistics, or recordings, for instance.
         """
         raise TypeError(f"the columns of {type(self).__name__} have no one coordinate to be read along")
 
@@ -165,42 +161,52 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
 
     def _recordings(self, X: Any, *, reset: bool) -> tuple[FloatArray, Known]:
         """Check recordings, and with `reset` learn their shape, axes and rate; otherwise compare them."""
-        X, known = _taken(X, None if reset else getattr(self, "axes_in_", None))
+        X, known = _taken(X, None if reset else self.axes_in_)
         if reset:
             self._learn_rate(known.rate_hz)
-        if _rank(X) > 3:
-            raise ValueError(f"X must have shape (n, T, C) or (n, T), got {_rank(X)} dimensions")
-        if not reset and self.n_axes_in_ > 1:
-            self._same_shape(np.shape(X))
+        if len(X.shape) > 3:
+            raise ValueError(f"X must have shape (n, T, C) or (n, T), got {len(X.shape)} dimensions")
+        if not reset and (len(X.shape) == 3 or self.n_axes_in_ > 1):
+            self._refuse_other_shape(X.shape)
         values = validate_data(self, X, reset=reset, dtype=np.float64, allow_nd=True, ensure_all_finite=False)
+        known = known._replace(n_dims=values.ndim)
         if values.ndim == 2:
-            if reset:
-                _warn_of_axes(values.shape)
+            if reset and 2 <= values.shape[1] <= _MOST_AXES and len(values) > values.shape[1]:
+                n, n_axes = values.shape
+                warnings.warn(
+                    f"X of shape {values.shape} is taken as {n} recordings of {n_axes} samples on one axis. If it is "
+                    f"one recording of {n} samples on {n_axes} axes, pass X[np.newaxis]; if not, X[:, :, np.newaxis] "
+                    "says so",
+                    UserWarning,
+                    stacklevel=3,
+                )
             values = values[:, :, np.newaxis]
         if 0 in values.shape:
             raise ValueError(
                 f"X must have at least one sample and at least one axis, got shape {values.shape}"
             )
-        if not reset and values.shape[2] != self.n_axes_in_:
-            raise ValueError(f"X must have {self.n_axes_in_} axes as in fit, got {values.shape[2]}")
-        recordings: FloatArray = values
-        if reset or not self._core_refuses_gaps:
-            _refuse_gaps(recordings)
+        if not all_finite(values):
+            recording, sample, axis = np.argwhere(~np.isfinite(values))[0].tolist()
+            value = f"{values[recording, sample, axis]}".replace("nan", "NaN")
+            raise ValueError(
+                f"X must be finite, got {value} at recording {recording}, sample {sample}, axis {axis}"
+            )
         if reset:
-            self.n_axes_in_ = recordings.shape[2]
+            self.n_axes_in_ = values.shape[2]
             self.axes_in_, self.units_in_ = known.axes, known.units or ("",) * self.n_axes_in_
         else:
             self._refuse_other(known)
-        return recordings, known
+        return values, known
 
     def _learn_rate(self, rate_hz: float | None) -> None:
         stated = getattr(self, "rate_hz", None)
-        check_rate(stated)
-        if stated is not None and rate_hz is not None and not np.isclose(stated, rate_hz, rtol=1e-6):
+        if stated is None:
+            self.rate_hz_ = self._default_rate_hz if rate_hz is None else rate_hz
+            return
+        self.rate_hz_ = positive_number("rate_hz", stated, "a number of hertz or None")
+        if rate_hz is not None and not np.isclose(self.rate_hz_, rate_hz, rtol=1e-6):
             problem = f"={stated:g}, but the recordings have {rate_hz:g} Hz: leave it out, or resample them"
             raise argument_error(ValueError, "rate_hz", problem)
-        known = rate_hz if stated is None else float(stated)
-        self.rate_hz_ = self._default_rate_hz if known is None else known
 
     def _refuse_other(self, now: Known) -> None:
         """Refuse recordings of other axes, units or another rate than `fit` saw, as far as both are known."""
@@ -221,21 +227,19 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         if own is not None and other is not None and not np.isclose(own, other, rtol=1e-6):
             raise ValueError(f"X has {other:g} Hz, in fit it was {own:g}: call .resample({own:g}) first")
 
-    def _same_shape(self, shape: tuple[int, ...]) -> None:
+    def _refuse_other_shape(self, shape: tuple[int, ...]) -> None:
         fitted = (self.n_features_in_, self.n_axes_in_)
-        if shape == fitted:
-            raise ValueError(f"X must be a batch, got one recording of shape {shape}: pass X[np.newaxis]")
         if len(shape) != 3 or shape[1:] != fitted:
-            wanted = f"(n, {fitted[0]}, {fitted[1]})"
-            raise ValueError(f"X must have shape {wanted} as in fit, with any n, got {shape}")
+            one = ", of one recording: pass X[np.newaxis]" if shape == fitted else ""
+            raise ValueError(
+                f"X must have shape (n, {fitted[0]}, {fitted[1]}) as in fit, with any n, got {shape}{one}"
+            )
 
 
 class CoreTransformer(RecordingTransformer):
     """What the core extracts in one pass, as the `spec_` says that `_learn` has made; a subclass has `threads`."""
 
     spec_: FeatureSpec
-
-    _core_refuses_gaps = True
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         n, *shape = recordings.shape
@@ -278,13 +282,7 @@ class RecordingFilter(OneToOneFeatureMixin, RecordingTransformer):  # type: igno
         if known.dataset is not None:
             pairs = zip(known.dataset, filtered, strict=True)
             return Dataset([replace(recording, wrench=wrench) for recording, wrench in pairs])
-        return filtered[:, :, 0] if _rank(X) == 2 else filtered
-
-    def feature_blocks(self) -> tuple[FeatureBlock, ...]:
-        """Refused: recordings are no features yet."""
-        raise TypeError(
-            f"{type(self).__name__} gives recordings; ask the step behind it for its feature blocks"
-        )
+        return filtered[:, :, 0] if known.n_dims == 2 else filtered
 
     def _filtered(self, recordings: FloatArray) -> FloatArray:
         raise NotImplementedError
@@ -295,28 +293,6 @@ def axis_series(recordings: FloatArray) -> FloatArray:
     n, n_samples, n_axes = recordings.shape
     rows = extract_features(recordings, hfmh=False, threads=1)  # the transposing copy at memory speed
     return rows.reshape(n, n_axes, n_samples)
-
-
-def check_input_names(estimator: Any, input_features: npt.ArrayLike | None) -> None:
-    """Refuse `input_features` of `get_feature_names_out` that are not those that `fit` saw."""
-    if input_features is None:
-        return
-    given = np.asarray(input_features, dtype=object)
-    if given.shape != (estimator.n_features_in_,):
-        raise ValueError(
-            f"input_features should have length equal to number of features ({estimator.n_features_in_}): a name for "
-            "each column that fit saw, which of recordings are the instants, not the axes; got shape "
-            f"{given.shape}. They can be left out: the names given out do not depend on them"
-        )
-    seen = getattr(estimator, "feature_names_in_", None)
-    if seen is not None and not np.array_equal(seen, given):
-        raise ValueError("input_features is not equal to feature_names_in_")
-
-
-def check_rate(rate_hz: Any) -> None:
-    """Refuse a rate that is no positive number, and not None."""
-    if rate_hz is not None:
-        positive_number("rate_hz", rate_hz, "a number of hertz or None")
 
 
 def _taken(X: Any, axes: tuple[str, ...] | None) -> tuple[Any, Known]:
@@ -333,45 +309,9 @@ def _taken(X: Any, axes: tuple[str, ...] | None) -> tuple[Any, Known]:
             raise ValueError(f"X must be a batch, got one table with the columns {' '.join(names)}: pass [X]")
         return X, Known()
     samples, named = samples_of(X, "X", axes)
+    if not hasattr(samples, "shape"):
+        samples = np.asarray(samples)
     return samples, Known() if named is None else Known(named, tuple(map(unit_of, named)))
-
-
-def _rank(X: Any) -> int:
-    # A data frame of single axes has ndim; what only knows how to become an array counts as one of two dimensions.
-    return np.ndim(X) if hasattr(X, "ndim") or isinstance(X, (list, tuple)) else 2
-
-
-def _warn_of_axes(shape: tuple[int, int]) -> None:
-    n, n_samples = shape
-    if 2 <= n_samples <= _MOST_AXES and n > n_samples:
-        warnings.warn(
-            f"X of shape {shape} is taken as {n} recordings of {n_samples} samples on one axis. If it is one recording "
-            f"of {n} samples on {n_samples} axes, pass X[np.newaxis]; if not, X[:, :, np.newaxis] says so",
-            UserWarning,
-            stacklevel=level_of_caller(),
-        )
-
-
-def level_of_caller() -> int:
-    """Level of the first frame outside of this package and what calls it, as the caller's own would count it."""
-    level, frame = 0, sys._getframe(1)  # from Python 3.12 on warnings could skip packages
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _INSIDE:
-        level, frame = level + 1, frame.f_back
-    return level + 1
-
-
-def _refuse_gaps(recordings: FloatArray) -> None:
-    with np.errstate(over="ignore", invalid="ignore"):
-        if np.isfinite(recordings.sum()):  # no copy where all is well
-            return
-    gaps = np.argwhere(~np.isfinite(recordings))
-    if len(gaps):
-        recording, sample, axis = gaps[0].tolist()
-        value = recordings[recording, sample, axis]
-        got = "NaN" if np.isnan(value) else f"{value}"
-        raise ValueError(
-            f"X must be finite, got {got} at recording {recording}, sample {sample}, axis {axis}"
-        )
 
 
 BlockKind = Literal["time", "magnitude", "frequency"]
@@ -431,8 +371,6 @@ def axis_units(n_axes: int) -> tuple[str, ...]:
 def renamed(names: Sequence[str], axes: Sequence[str]) -> list[str]:
     """Return names of features with these axes in place of those that `axis_names` gives."""
     own = dict(zip(axis_names(len(axes)), axes, strict=True))
-    if all(name == axis for name, axis in own.items()):
-        return list(names)
     return ["_".join([own.get(part, part) for part in name.split("_")]) for name in names]
 
 
@@ -447,17 +385,15 @@ def range_blocks(
     name: str, bounds: FloatArray, n_bins: int, axes: tuple[str, ...], units: tuple[str, ...]
 ) -> tuple[FeatureBlock, ...]:
     """Histograms: one block where all axes share a range, else one an axis, named ``<name>_<axis>``."""
-    if (bounds == bounds[0]).all():
-        unit = joined_units(units)
-        span = slice(0, n_bins * len(axes))
-        return (FeatureBlock(name, "magnitude", axes, _centres(bounds[0], n_bins), unit, span, units),)
-    blocks = []
-    for k, axis in enumerate(axes):
-        span = slice(k * n_bins, (k + 1) * n_bins)
-        centres = _centres(bounds[k], n_bins)
-        blocks.append(
-            FeatureBlock(f"{name}_{axis}", "magnitude", (axis,), centres, units[k], span, units[k : k + 1])
-        )
+    parts = [(name, axes, units)]
+    if (bounds != bounds[0]).any():
+        parts = [(f"{name}_{axis}", (axis,), (unit,)) for axis, unit in zip(axes, units, strict=True)]
+    blocks: list[FeatureBlock] = []
+    for (called, own, of_own), (low, high) in zip(parts, bounds, strict=False):
+        edges = np.linspace(low, high, n_bins + 1)
+        columns = slice(n_bins * len(blocks), n_bins * (len(blocks) + len(own)))
+        centres, unit = edges[:-1] + np.diff(edges) / 2, joined_units(of_own)
+        blocks.append(FeatureBlock(called, "magnitude", own, centres, unit, columns, of_own))
     return tuple(blocks)
 
 
@@ -471,12 +407,6 @@ def shifted(blocks: Sequence[FeatureBlock], by: int) -> tuple[FeatureBlock, ...]
     return tuple(
         replace(block, columns=slice(block.columns.start + by, block.columns.stop + by)) for block in blocks
     )
-
-
-def _centres(bounds: FloatArray, n_bins: int) -> FloatArray:
-    edges = np.linspace(bounds[0], bounds[1], n_bins + 1)
-    centres: FloatArray = edges[:-1] + np.diff(edges) / 2
-    return centres
 
 
 def steps_of(transformer: Any) -> list[Any]:
@@ -493,10 +423,19 @@ def steps_behind_filters(transformer: Any) -> list[Any]:
 
 
 def feature_blocks(transformer: Any) -> tuple[FeatureBlock, ...]:
-    """Say what the columns of a fitted feature space stand for, with or without filters in front that keep time."""
+    """Say what the columns of a fitted feature space stand for, with or without filters in front that keep time.
+
+    Blocks of a `FeatureUnion` come in its order; where two share a name, each is preceded by that of its part.
+    """
     steps = steps_behind_filters(transformer)
     if len(steps) == 1 and isinstance(steps[0], FeatureUnion):
-        return _blocks_of_union(steps[0])
+        found: list[tuple[str, FeatureBlock]] = []
+        for part, inner in steps[0].transformer_list:
+            stop = found[-1][1].columns.stop if found else 0
+            found += [(part, block) for block in shifted(feature_blocks(inner), stop)]
+        if len({block.name for _, block in found}) == len(found):
+            return tuple(block for _, block in found)
+        return tuple(replace(block, name=f"{part}__{block.name}") for part, block in found)
     if len(steps) != 1 or not hasattr(steps[0], "feature_blocks"):
         kinds = ", ".join(type(step).__name__ for step in steps) or "nothing behind filters"
         raise TypeError(
@@ -505,19 +444,6 @@ def feature_blocks(transformer: Any) -> tuple[FeatureBlock, ...]:
         )
     blocks: tuple[FeatureBlock, ...] = steps[0].feature_blocks()
     return blocks
-
-
-def _blocks_of_union(union: FeatureUnion) -> tuple[FeatureBlock, ...]:
-    """Blocks of all parts, in their order; where two share a name, each is preceded by that of its part."""
-    found: list[tuple[str, FeatureBlock]] = []
-    stop = 0
-    for part, transformer in union.transformer_list:
-        inner = shifted(feature_blocks(transformer), stop)
-        stop = max(block.columns.stop for block in inner)
-        found += [(part, block) for block in inner]
-    if len({block.name for _, block in found}) == len(found):
-        return tuple(block for _, block in found)
-    return tuple(replace(block, name=f"{part}__{block.name}") for part, block in found)
 
 
 def block_sizes(transformer: Any) -> dict[str, int] | None:

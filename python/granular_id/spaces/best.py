@@ -32,7 +32,6 @@ from granular_id.spaces.multiband import BAND_LOSS, BAND_SHRINKAGE
 from granular_id.spaces.scaling import (
     BlockScaler,
     BlockSizes,
-    OrderedBlocks,
     WithinClassWhitening,
     block_slices,
     folded_back,
@@ -50,7 +49,7 @@ _ENOUGH_FOLDS = 3  # whose differences have a standard error that means anything
 _LEAST_GAIN = 0.02  # of a block; where the standard error is larger, too few recordings tell
 
 
-class BestClassifier(OrderedBlocks, ClassifierMixin, BaseEstimator):  # type: ignore[misc]
+class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     """A linear one-vs-one classifier that chooses its own preparation of the features.
 
     Every candidate model standardises the columns, gives each block the same weight, may whiten within classes

@@ -6,7 +6,6 @@ Measurements" (arXiv 2403.17606), section on features.
 
 from __future__ import annotations
 
-import operator
 import warnings
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -15,14 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
-from granular_id._checks import argument_error
+from granular_id._checks import argument_error, float_array
 from granular_id.features import FeatureSpec
 from granular_id.signal import butter, sosfilt, sosfilt_zi
 from granular_id.spaces.base import (
     PAPER_RATE_HZ,
     CoreTransformer,
     FeatureBlock,
-    level_of_caller,
     range_blocks,
     shifted,
     time_block,
@@ -40,8 +38,6 @@ _AUTO_QUANTILE = 0.995
 
 # A cut-off above this share of half the rate leaves too little to count.
 _MOST_TAKEN = 0.8
-
-_OF_SPEC = ("cutoff_hz", "order", "n_bins", "outside", "density", "initial")
 
 
 class _Histogram(CoreTransformer):
@@ -71,8 +67,7 @@ class _Histogram(CoreTransformer):
                     "bin_range",
                     f"must be (low, high), one such pair per axis, or 'auto', got {bounds!r}",
                 )
-            self._spec()  # checks all else before it is used
-            bounds = self._learned_range(recordings)
+            bounds = self._learned_range(recordings, self._spec())
         self.spec_ = self._spec(bin_range=bounds)
         n_axes, ranges = recordings.shape[2], np.asarray(bounds, dtype=np.float64)
         if ranges.ndim == 2 and len(ranges) != n_axes:
@@ -82,8 +77,8 @@ class _Histogram(CoreTransformer):
     def _spec(self, **bin_range: Any) -> FeatureSpec:
         raise NotImplementedError
 
-    def _learned_range(self, recordings: FloatArray) -> FloatArray:
-        """Range (C, 2) of each axis of recordings (n, T, C)."""
+    def _learned_range(self, recordings: FloatArray, spec: FeatureSpec) -> FloatArray:
+        """Range (C, 2) of each axis of recordings (n, T, C); of `spec` all but the range holds."""
         raise NotImplementedError
 
 
@@ -105,10 +100,6 @@ class HFMH(_Histogram):
         counts of an axis in its middle bins, or drops most of them. "auto" learns one symmetric range per axis from
         the rows given to `fit`: +- the 99.5 % quantile of the high-passed magnitude. An axis without any signal
         keeps the paper's range.
-    outside : {"drop", "clip"}, default "drop"
-        What becomes of values outside the range; the paper does not count them.
-    density : bool, default False
-        Counts, as in the paper, or a density.
     initial : {"zero", "steady"}, default "zero"
         State of the filter before the first sample: at rest, as in the paper, so that an offset of the sensor
         makes a transient; or as if the first sample had lasted for ever.
@@ -119,8 +110,6 @@ class HFMH(_Histogram):
     ----------
     bin_range_ : ndarray, shape (C, 2)
         Range of each axis.
-    n_features_in_, n_axes_in_ : int
-        Samples T of a recording, and its axes C.
     spec_ : FeatureSpec
         What is extracted.
 
@@ -152,8 +141,6 @@ class HFMH(_Histogram):
         order: int = 8,
         n_bins: int = 100,
         bin_range: BinRange = DEFAULT_RANGE,
-        outside: str = "drop",
-        density: bool = False,
         initial: str = "zero",
         threads: int | None = None,
     ) -> None:
@@ -162,20 +149,8 @@ class HFMH(_Histogram):
         self.order = order
         self.n_bins = n_bins
         self.bin_range = bin_range
-        self.outside = outside
-        self.density = density
         self.initial = initial
         self.threads = threads
-
-    def high_passed(self, signals: FloatArray) -> FloatArray:
-        """One axis of recordings, shape (n, T), after the filter whose output is counted."""
-        rate_hz = getattr(self, "rate_hz_", self.rate_hz) or PAPER_RATE_HZ
-        sos = butter(self.order, self.cutoff_hz, "highpass", fs=rate_hz)
-        signals = np.ascontiguousarray(signals)
-        if self.initial == "steady":
-            state = sosfilt_zi(sos)[:, np.newaxis, :] * signals[:, :1]
-            return sosfilt(sos, signals, axis=1, zi=state)[0]
-        return sosfilt(sos, signals, axis=1)
 
     def _learn(self, recordings: FloatArray) -> None:
         super()._learn(recordings)
@@ -186,19 +161,23 @@ class HFMH(_Histogram):
                 f"carries no more than {carried_hz:g} Hz: choose a lower one, such as cutoff_hz={carried_hz / 2:.2g}, "
                 "or MultiBand, whose bands follow the rate",
                 UserWarning,
-                stacklevel=level_of_caller(),
+                stacklevel=3,
             )
 
     def _spec(self, **bin_range: Any) -> FeatureSpec:
-        options = {name: getattr(self, name) for name in _OF_SPEC}
+        options = {name: getattr(self, name) for name in ("cutoff_hz", "order", "n_bins", "initial")}
         return FeatureSpec(
             raw=self._raw, hfmh=True, rate_hz=self.rate_hz_ or PAPER_RATE_HZ, **options, **bin_range
         )
 
-    def _learned_range(self, recordings: FloatArray) -> FloatArray:
+    def _learned_range(self, recordings: FloatArray, spec: FeatureSpec) -> FloatArray:
+        sos = butter(spec.order, spec.cutoff_hz, "highpass", fs=spec.rate_hz)
+        steady = sosfilt_zi(sos)[:, np.newaxis, :] * (spec.initial == "steady")
         bounds = np.empty((recordings.shape[2], 2))
-        for axis in range(recordings.shape[2]):  # one at a time: a copy of one axis, not of all
-            reach = float(np.quantile(np.abs(self.high_passed(recordings[:, :, axis])), _AUTO_QUANTILE))
+        for axis in range(len(bounds)):  # one at a time: a copy of one axis, not of all
+            signals = np.ascontiguousarray(recordings[:, :, axis])
+            passed, _ = sosfilt(sos, signals, axis=1, zi=steady * signals[:, :1])
+            reach = float(np.quantile(np.abs(passed), _AUTO_QUANTILE))
             bounds[axis] = (-reach, reach) if reach > 0 else DEFAULT_RANGE
         return bounds
 
@@ -210,7 +189,7 @@ class RawHFMH(HFMH):
 
     Parameters
     ----------
-    rate_hz, cutoff_hz, order, n_bins, bin_range, outside, density, initial, threads
+    rate_hz, cutoff_hz, order, n_bins, bin_range, initial, threads
         As in `HFMH`.
     block_weights : None, "unit" or two numbers, default None
         Factors of the raw and of the HFMH block. None is the paper: plain samples next to plain counts, where the
@@ -219,7 +198,7 @@ class RawHFMH(HFMH):
 
     Attributes
     ----------
-    bin_range_, n_features_in_, n_axes_in_, spec_
+    bin_range_, spec_
         As in `HFMH`.
     block_weights_ : ndarray, shape (2,)
         The factors.
@@ -254,8 +233,6 @@ class RawHFMH(HFMH):
         order: int = 8,
         n_bins: int = 100,
         bin_range: BinRange = DEFAULT_RANGE,
-        outside: str = "drop",
-        density: bool = False,
         initial: str = "zero",
         block_weights: BlockWeights = None,
         threads: int | None = None,
@@ -266,8 +243,6 @@ class RawHFMH(HFMH):
             order=order,
             n_bins=n_bins,
             bin_range=bin_range,
-            outside=outside,
-            density=density,
             initial=initial,
             threads=threads,
         )
@@ -293,15 +268,9 @@ class RawHFMH(HFMH):
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         features = super()._features(recordings)
-        for columns, weight in zip(
-            (slice(self._n_raw), slice(self._n_raw, None)), self.block_weights_, strict=True
-        ):
+        for block, weight in zip(np.split(features, [self._n_raw], axis=1), self.block_weights_, strict=True):
             if weight != 1.0:
-                with np.errstate(over="ignore"):  # reported below
-                    features[:, columns] *= weight
-        if not np.isfinite(features).all():
-            problem = f"must keep features in the range of float64, got {self.block_weights!r}"
-            raise argument_error(ValueError, "block_weights", problem)
+                np.multiply(block, weight, out=block)
         return features
 
     @property
@@ -313,34 +282,22 @@ def _checked_weights(block_weights: BlockWeights) -> FloatArray | None:
     """Return the factors of the two blocks; None for "unit", which learns them."""
     if block_weights is None:
         return np.ones(2)
-    if isinstance(block_weights, str) and block_weights == "unit":
-        return None
-    wanted = "None, 'unit' or 2 numbers, of raw and hfmh"
-    try:
-        numbers = np.asarray(block_weights, dtype=np.float64)
-    except (TypeError, ValueError):
-        kind = ValueError if isinstance(block_weights, str) else TypeError
-        raise argument_error(kind, "block_weights", f"must be {wanted}, got {block_weights!r}") from None
-    if numbers.shape != (2,):
-        raise argument_error(ValueError, "block_weights", f"must be {wanted}, got {block_weights!r}")
-    if not (np.isfinite(numbers).all() and (numbers > 0).all()):
-        problem = f"must be positive and finite, got {block_weights!r}"
+    if isinstance(block_weights, str):
+        if block_weights == "unit":
+            return None
+        numbers = np.empty(0)
+    else:
+        numbers = float_array("block_weights", block_weights)
+    if numbers.shape != (2,) or not (np.isfinite(numbers) & (numbers > 0)).all():
+        problem = f"must be None, 'unit' or 2 positive numbers, of raw and hfmh, got {block_weights!r}"
         raise argument_error(ValueError, "block_weights", problem)
     return numbers
 
 
 def _unit_weight(block: FloatArray) -> float:
     """Factor that brings rows (n, D) to a mean Euclidean norm of one; 1 for rows that are all zero."""
-    reach = float(np.abs(block).max()) or 1.0  # divided by it, squares neither overflow nor vanish
-    norms = np.array([np.linalg.norm(row / reach) for row in block])
-    mean = reach * float(norms.mean())
-    if mean == 0.0:
-        return 1.0
-    weight = 1.0 / mean
-    if not (np.isfinite(mean) and np.isfinite(weight) and weight > 0.0):
-        problem = f"='unit' needs features in the range of float64, got a mean norm of {mean:g}"
-        raise argument_error(ValueError, "block_weights", problem)
-    return weight
+    mean = float(np.mean([np.linalg.norm(row) for row in block]))  # row by row: no copy of the block
+    return 1.0 / mean if mean > 0 else 1.0
 
 
 class RawHistogram(_Histogram):
@@ -353,17 +310,13 @@ class RawHistogram(_Histogram):
     bin_range : "auto", (low, high) or array of shape (C, 2), default "auto"
         Range of the bins, in the units of the axes. "auto" learns the smallest and the largest value of each axis
         from the rows given to `fit`: forces under load have no natural range as high-passed ones have, and the paper
-        states none. An axis that never changes gets the range of numpy: half a unit to either side.
-    outside : {"drop", "clip"}, default "drop"
-        What becomes of values outside the range, which later rows may well have: they are not counted, as in
-        `HFMH`, so that a row of strange values has few counts; or they are counted in the first and last bin.
+        states none. An axis that never changes gets the range of numpy: half a unit to either side. What later rows
+        have outside is not counted, as in `HFMH`.
 
     Attributes
     ----------
     bin_range_ : ndarray, shape (C, 2)
         Range of each axis.
-    n_features_in_, n_axes_in_ : int
-        Samples T of a recording, and its axes C.
 
     Examples
     --------
@@ -378,29 +331,23 @@ class RawHistogram(_Histogram):
 
     _block = "hist"
 
-    def __init__(self, *, n_bins: int = 100, bin_range: BinRange = "auto", outside: str = "drop") -> None:
+    def __init__(self, *, n_bins: int = 100, bin_range: BinRange = "auto") -> None:
         self.n_bins = n_bins
         self.bin_range = bin_range
-        self.outside = outside
 
     def _spec(self, **bin_range: Any) -> FeatureSpec:
-        options: Any = {"n_bins": self.n_bins, "outside": self.outside}
-        return FeatureSpec(raw=False, hfmh=True, **options, **bin_range)
+        return FeatureSpec(raw=False, hfmh=True, n_bins=self.n_bins, **bin_range)
 
-    def _learned_range(self, recordings: FloatArray) -> FloatArray:
+    def _learned_range(self, recordings: FloatArray, spec: FeatureSpec) -> FloatArray:
         """Smallest and largest value of each axis, moved apart where there is no room for bins between them."""
         # Over recordings first: long contiguous rows, ten times as fast as both at once.
-        low, high = recordings.min(axis=0).min(axis=0), recordings.max(axis=0).max(axis=0)
-        with np.errstate(over="ignore"):
-            if not np.isfinite(high - low).all():
-                raise ValueError("X must span a range that float64 can hold on each axis")
-        for axis in range(len(low)):
-            edges = np.linspace(low[axis], high[axis], operator.index(self.n_bins) + 1)
-            if not (np.diff(edges) > 0).all():
+        bounds = np.column_stack([recordings.min(axis=0).min(axis=0), recordings.max(axis=0).max(axis=0)])
+        for axis, (low, high) in enumerate(bounds):
+            if not (np.diff(np.linspace(low, high, spec.n_bins + 1)) > 0).all():
                 # Half a unit is nothing beside 1e12: a millionth of the value leaves room for any number of bins.
-                reach = max(0.5, 1e-6 * max(abs(low[axis]), abs(high[axis])))
-                low[axis], high[axis] = low[axis] - reach, high[axis] + reach
-        return np.column_stack([low, high])
+                reach = max(0.5, 1e-6 * max(abs(low), abs(high)))
+                bounds[axis] = low - reach, high + reach
+        return bounds
 
     def _features(self, recordings: FloatArray) -> FloatArray:
         return _core.extract_features(recordings, self.spec_, 1, None, np.float64, filtered=False)

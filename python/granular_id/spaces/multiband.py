@@ -48,9 +48,6 @@ people it gains what it gains without a change, and 0.1 and 0.01 are alike."""
 _ROUNDING = 1e-9
 _BAND_ROUNDING = 1e-6
 
-# The inverse square of a smaller scale leaves float64: an axis as quiet as that counts as silent.
-_LEAST_SCALE = 1e-150
-
 _LEVEL_STRETCHES = 16
 
 
@@ -125,8 +122,6 @@ class MultiBand(RecordingTransformer):
         What such short recordings leave out, in words; "" where nothing is left out.
     extractor_ : MultiBandExtractor
         What computes the features: shape, blocks and learned scales in one.
-    n_features_in_, n_axes_in_ : int
-        Samples T of a recording, and its axes C.
 
     Raises
     ------
@@ -157,8 +152,8 @@ class MultiBand(RecordingTransformer):
     ['b0_coupling_axis0_axis0', 'b0_q02_axis0', 'b0_logrms_axis0', 'b0_envelope_axis0_0', 'spectrum_axis0_00']
     """
 
-    _core_refuses_gaps = True
     _default_rate_hz = PAPER_RATE_HZ
+    learns = True
 
     bands_: tuple[FrequencyBand, ...]
     extractor_: MultiBandExtractor
@@ -178,11 +173,6 @@ class MultiBand(RecordingTransformer):
         self.rate_hz = rate_hz
         self.blocks = blocks
         self.threads = threads
-
-    @property
-    def learns(self) -> bool:
-        """True: the scales come from the rows given to `fit`."""
-        return True
 
     def describe(self) -> str:
         """Say in a few lines which bands and blocks a fitted space has, and what it leaves out."""
@@ -236,7 +226,7 @@ def _levels(recordings: FloatArray) -> FloatArray:
 def _usable(sizes: FloatArray, whole: FloatArray) -> FloatArray:
     """Sizes (..., C) to divide by: nothing that is only rounding of the whole signal, 1 where there is none."""
     floored = np.maximum(sizes, _ROUNDING * whole)
-    return np.where(floored >= _LEAST_SCALE, floored, 1.0)
+    return np.where(floored > 0, floored, 1.0)
 
 
 def _dropped(extractor: MultiBandExtractor) -> str:
@@ -264,38 +254,19 @@ _NAME = re.compile(
 
 
 class BandColumn(NamedTuple):
-    """One feature.
-
-    `block` is "coupling", "quantiles", "envelope", "spectrum" or "level"; `band` is None for the last two. `first`
-    and `second` are numbers of axes, the same one twice where there is but one. `lag` is how many samples (of the
-    band) the second axis is earlier than the first. `detail` is the rest of the name: "q98", "logrms", the number of a
-    stretch or bin.
-    """
+    """One feature: its block, band, axes by number (the same one twice where there is but one), lag of the second."""
 
     block: str
-    band: int | None
+    band: int | None  # of spectrum and level none
     first: int
     second: int
-    lag: int
-    detail: str
+    lag: int  # samples of the band
+    detail: str  # the rest of the name: "q98", "logrms", the number of a stretch or bin
 
 
 @dataclass(frozen=True, eq=False)
 class BandColumns:
-    """Columns of a fitted `MultiBand`, one by one.
-
-    Attributes
-    ----------
-    names : tuple of D str
-    columns : tuple of D BandColumn
-    axes, units : tuple of C str
-    bands : tuple of FrequencyBand
-        From the whole signal and the highest octave down to the lowest.
-    frequencies_hz : ndarray, shape (m,)
-        Of the bins of the spectrum; empty without that block.
-    duration_s : float
-        Of a recording.
-    """
+    """The D columns of a fitted `MultiBand` one by one, with its axes (C), bands and bins of the spectrum."""
 
     names: tuple[str, ...]
     columns: tuple[BandColumn, ...] = field(repr=False)
@@ -325,16 +296,19 @@ class BandColumns:
 
     def read_along(self) -> tuple[FeatureBlock, ...]:
         """Return the blocks that are read along one coordinate: spectrum and level."""
-        found: list[FeatureBlock] = []
-        if (own := self.of("spectrum")).size:
-            columns = slice(int(own[0]), int(own[-1]) + 1)
-            found.append(FeatureBlock("spectrum", "frequency", self.axes, self.frequencies_hz, "Hz", columns))
-        if (own := self.of("level")).size:
-            columns = slice(int(own[0]), int(own[-1]) + 1)
-            n = own.size // len(self.axes)
-            middles = (np.arange(n) + 0.5) * self.duration_s / n
-            found.append(FeatureBlock("level", "time", self.axes, middles, "s", columns))
-        return tuple(found)
+        n_levels = self.of("level").size // len(self.axes)
+        middles = (np.arange(n_levels) + 0.5) * self.duration_s / max(n_levels, 1)
+        blocks = (
+            FeatureBlock(
+                "spectrum", "frequency", self.axes, self.frequencies_hz, "Hz", self._span("spectrum")
+            ),
+            FeatureBlock("level", "time", self.axes, middles, "s", self._span("level")),
+        )
+        return tuple(block for block in blocks if block.columns.stop)
+
+    def _span(self, block: str) -> slice:
+        own = self.of(block).tolist()
+        return slice(own[0], own[-1] + 1) if own else slice(0, 0)
 
 
 def band_columns(transformer: Any) -> BandColumns | None:

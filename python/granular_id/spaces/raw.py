@@ -37,8 +37,6 @@ class RawSignal(CoreTransformer):
 
     Attributes
     ----------
-    n_features_in_, n_axes_in_ : int
-        Samples T of a recording, and its axes C.
     spec_ : FeatureSpec
         What is extracted.
 
@@ -74,11 +72,6 @@ class RangeNormalizer(RecordingTransformer):
     rate_hz : float or None, default None
         As in `RawSignal`.
 
-    Attributes
-    ----------
-    n_features_in_, n_axes_in_ : int
-        Samples T of a recording, and its axes C.
-
     Notes
     -----
     The paper's normalised spaces ("norm. raw"): Hynninen, Nguyen Le, Kyrki, arXiv 2403.17606.
@@ -92,8 +85,6 @@ class RangeNormalizer(RecordingTransformer):
            [0. , 0. , 0. ]])
     """
 
-    _core_refuses_gaps = True
-
     def __init__(self, *, rate_hz: float | None = None) -> None:
         self.rate_hz = rate_hz
 
@@ -105,11 +96,6 @@ class RangeNormalizer(RecordingTransformer):
         series = axis_series(recordings)
         low = series.min(axis=2, keepdims=True)
         high = series.max(axis=2, keepdims=True)
-        with np.errstate(over="ignore"):
-            too_wide = np.isinf(high - low)
-        if too_wide.any():  # from -1e308 to 1e308: halves fit, and halving such numbers is exact
-            factor = np.where(too_wide, 0.5, 1.0)
-            series, low, high = series * factor, low * factor, high * factor
         span = high - low
         span[span == 0.0] = 1.0
         series -= low
@@ -139,8 +125,6 @@ class Tare(RecordingFilter):
     ----------
     n_tare_ : int
         Samples taken for rest.
-    n_features_in_, n_axes_in_ : int
-        Samples T of a recording, and its axes C.
 
     Raises
     ------
@@ -166,22 +150,18 @@ class Tare(RecordingFilter):
     def _learn(self, recordings: FloatArray) -> None:
         tare_s = positive_number("tare_s", self.tare_s, "a number of seconds")
         n_samples = recordings.shape[1]
-        n_tare = round(min(tare_s * float(self.rate_hz_ or 0.0), 1e300))  # infinity has no whole number
-        if not 1 <= n_tare <= n_samples:
+        n_tare = tare_s * float(self.rate_hz_ or PAPER_RATE_HZ)
+        if not 0.5 < n_tare < n_samples + 0.5:
             raise argument_error(
                 ValueError,
                 "tare_s",
-                f"={self.tare_s:g} at rate_hz={self.rate_hz_:g} is {n_tare:g} samples, "
+                f"={tare_s:g} at rate_hz={self.rate_hz_:g} is {n_tare:.0f} samples, "
                 f"must be from 1 to the {n_samples} of a recording",
             )
-        self.n_tare_ = n_tare
+        self.n_tare_ = round(n_tare)
 
     def _filtered(self, recordings: FloatArray) -> FloatArray:
-        with np.errstate(over="ignore", invalid="ignore"):
-            level = recordings[:, : self.n_tare_].mean(axis=1, keepdims=True)
-            tared: FloatArray = recordings - level
-        if not np.isfinite(tared).all():
-            raise ValueError("X must stay in the range of float64 when its mean at rest is subtracted")
+        tared: FloatArray = recordings - recordings[:, : self.n_tare_].mean(axis=1, keepdims=True)
         return tared
 
 
@@ -203,8 +183,6 @@ class TimePermutation(RecordingFilter):
     ----------
     seed_ : int
         The seed in use.
-    n_features_in_, n_axes_in_ : int
-        Samples T of a recording, and its axes C.
 
     Notes
     -----

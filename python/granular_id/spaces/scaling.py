@@ -28,23 +28,7 @@ _CONSTANT = 1e-9
 _ROUNDING = 32.0
 
 
-class OrderedBlocks:
-    """An estimator whose `blocks` are printed in their order, which says which columns each has.
-
-    Of a plain dict scikit-learn sorts the keys: typed in again, the sizes would belong to other columns.
-    """
-
-    def __setattr__(self, name: str, value: object) -> None:
-        # What is no plain dict stays the same object: clone() asks for that.
-        super().__setattr__(name, _Sizes(value) if name == "blocks" and type(value) is dict else value)
-
-
-class _Sizes(dict[str, int]):
-    def __repr__(self) -> str:  # any but that of dict: scikit-learn knows a dict by it
-        return dict.__repr__(self)
-
-
-class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
+class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
     """Standardise every column, and give every block of columns the same weight.
 
     Each column is centred and divided by its standard deviation over the training rows. Then each block is
@@ -73,7 +57,7 @@ class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEst
     Raises
     ------
     TypeError, ValueError
-        From `fit`: blocks that do not add up to the columns, NaN or infinity, or a spread beyond float64.
+        From `fit`: blocks that do not add up to the columns, NaN or infinity.
 
     Notes
     -----
@@ -99,11 +83,6 @@ class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEst
     def __init__(self, blocks: BlockSizes = None) -> None:
         self.blocks = blocks
 
-    @property
-    def learns(self) -> bool:
-        """True: means and factors come from the rows given to `fit`."""
-        return True
-
     def fit(self, X: npt.ArrayLike, y: object = None) -> BlockScaler:  # noqa: ARG002
         """Learn the mean and the factor of each column.
 
@@ -120,31 +99,14 @@ class BlockScaler(OrderedBlocks, OneToOneFeatureMixin, TransformerMixin, BaseEst
         rows = validate_data(self, X, dtype=np.float64)
         self.block_slices_ = block_slices(self.blocks, rows.shape[1])
         self.mean_, deviation = column_moments(rows)
-        self.factor_ = np.zeros(rows.shape[1])
-        varying = deviation > 0
-        living = [columns for columns in self.block_slices_.values() if varying[columns].any()]
-        for columns in living:
-            own = np.flatnonzero(varying[columns]) + columns.start
-            self.factor_[own] = 1.0 / (deviation[own] * np.sqrt(own.size * len(living)))
+        self.factor_ = block_factors(deviation, self.block_slices_)
         return self
 
     def transform(self, X: npt.ArrayLike) -> FloatArray:
-        """Scale rows (m, D).
-
-        Raises
-        ------
-        ValueError
-            Another number of columns, NaN, infinity, or values so far from the training rows that they leave
-            float64.
-        """
+        """Scale rows (m, D)."""
         check_is_fitted(self)
         rows = validate_data(self, X, dtype=np.float64, reset=False)
-        with np.errstate(over="ignore", invalid="ignore"):  # reported below
-            scaled: FloatArray = (rows - self.mean_) * self.factor_
-        if not np.isfinite(scaled).all():
-            raise ValueError(
-                "X must be in reach of the training rows: scaled, it leaves the range of float64"
-            )
+        scaled: FloatArray = (rows - self.mean_) * self.factor_
         return scaled
 
 
@@ -175,15 +137,19 @@ def block_slices(blocks: BlockSizes, n_columns: int) -> dict[str, slice]:
 
 def column_moments(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and standard deviation of each column (population); 0 for one that is constant but for rounding."""
-    with np.errstate(over="ignore", invalid="ignore"):  # reported below
-        mean = rows.mean(axis=0)
-        deviation = rows.std(axis=0)
-    if not (np.isfinite(mean).all() and np.isfinite(deviation).all()):
-        raise ValueError("X must have columns whose spread is in the range of float64")
-    deviation[deviation <= _CONSTANT * np.abs(rows).max(axis=0)] = 0.0
-    with np.errstate(over="ignore", divide="ignore"):
-        deviation[~np.isfinite(1.0 / np.where(deviation > 0, deviation, 1.0))] = 0.0  # denormal: no inverse
-    return mean, deviation
+    deviation = rows.std(axis=0)
+    least = np.maximum(_CONSTANT * np.abs(rows).max(axis=0), np.finfo(np.float64).tiny)
+    return rows.mean(axis=0), np.where(deviation > least, deviation, 0.0)
+
+
+def block_factors(deviation: FloatArray, slices: Mapping[str, slice]) -> FloatArray:
+    """Factor (D,) of each column that gives it unit spread, and blocks equal weight; 0 of a constant one."""
+    factors = np.zeros_like(deviation)
+    living = [columns for columns in slices.values() if deviation[columns].any()]
+    for columns in living:
+        own = np.flatnonzero(deviation[columns]) + columns.start
+        factors[own] = 1.0 / (deviation[own] * np.sqrt(own.size * len(living)))
+    return factors
 
 
 class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # type: ignore[misc]
@@ -217,8 +183,7 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
     Raises
     ------
     TypeError, ValueError
-        From `fit`: a shrinkage that is not positive, labels that are no classes, NaN or infinity, or scalar
-        products beyond float64.
+        From `fit`: a shrinkage that is not positive, labels that are no classes, NaN or infinity.
 
     Notes
     -----
@@ -257,11 +222,6 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
     def __init__(self, shrinkage: float = 1e-3) -> None:
         self.shrinkage = shrinkage
 
-    @property
-    def learns(self) -> bool:
-        """True: directions come from the rows given to `fit`."""
-        return True
-
     def fit(self, X: npt.ArrayLike, y: npt.ArrayLike) -> WithinClassWhitening:
         """Learn how rows vary about the mean of their class.
 
@@ -280,17 +240,11 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
         rows, labels = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(labels)
         self.classes_, codes = np.unique(labels, return_inverse=True)
-        with np.errstate(over="ignore", invalid="ignore"):  # their scalar products are refused below
-            within = _within_class(rows, codes)
+        within = _within_class(rows, codes)
         # Equal rows leave the rounding of their mean.
         within[np.abs(within) <= _ROUNDING * np.finfo(np.float64).eps * np.abs(rows).max(axis=0)] = 0.0
         self.variances_, self.components_ = _directions(within)
-        trace = float(self.variances_.sum())
-        self.ridge_ = shrinkage * trace
-        if trace > 0 and not 0 < self.ridge_ < np.inf:
-            raise ValueError(
-                f"shrinkage must leave a ridge in the range of float64, got {shrinkage:g} of {trace:g}"
-            )
+        self.ridge_ = shrinkage * float(self.variances_.sum())
         return self
 
     def transform(self, X: npt.ArrayLike) -> FloatArray:
@@ -343,11 +297,7 @@ def whitened_grams(
 def _directions(within: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Variances (r,) and unit directions (r, D) of centred rows (n, D), largest first, without those of rounding."""
     n, n_columns = within.shape
-    with np.errstate(over="ignore", invalid="ignore"):
-        products = within @ within.T if n < n_columns else within.T @ within
-    if not np.isfinite(products).all():
-        raise ValueError("X must be finite, with scalar products in the range of float64")
-    squares, vectors = scipy.linalg.eigh(products)
+    squares, vectors = scipy.linalg.eigh(within @ within.T if n < n_columns else within.T @ within)
     squares, vectors = squares[::-1], vectors[:, ::-1]
     noise = _ROUNDING * n * np.finfo(np.float64).eps * max(float(squares[0]), 0.0)
     kept = int(np.count_nonzero(squares > noise))
@@ -360,37 +310,28 @@ LINEAR_STEPS = (RICA, PCA, StandardScaler, BlockScaler, WithinClassWhitening)
 """Steps of the form ``L (x - mean)``: what stands behind them can be folded back."""
 
 
+def is_linear_step(step: Any) -> bool:
+    """Whether a step can be folded back."""
+    return isinstance(step, LINEAR_STEPS)
+
+
 def folded_back(
     steps: Sequence[Any], weights: npt.ArrayLike, intercept: npt.ArrayLike = 0.0
 ) -> tuple[FloatArray, FloatArray]:
     """Turn weights (L, D') or (D',) behind fitted `LINEAR_STEPS`, first to last, into weights in front of them."""
     folded, constant = np.asarray(weights, dtype=np.float64), np.asarray(intercept, dtype=np.float64)
     for step in reversed(steps):
-        folded = _back(step, folded)
+        if isinstance(step, WithinClassWhitening):  # symmetric: (A x) w = x (A w)
+            folded = step.transform(np.atleast_2d(folded)).reshape(folded.shape)
+        elif isinstance(step, BlockScaler):
+            folded = folded * step.factor_
+        elif isinstance(step, StandardScaler):
+            folded = folded if step.scale_ is None else folded / step.scale_
+        else:
+            if getattr(step, "whiten", False):  # as PCA.transform does it, with the same floor
+                folded = folded / np.maximum(np.sqrt(step.explained_variance_), np.finfo(np.float64).eps)
+            folded = folded @ step.components_
         mean = getattr(step, "mean_", None)
         if mean is not None and getattr(step, "with_mean", True):
             constant = constant - folded @ mean
     return folded, constant
-
-
-def is_linear_step(step: Any) -> bool:
-    """Whether a step can be folded back."""
-    return isinstance(step, LINEAR_STEPS)
-
-
-def _back(step: Any, weights: FloatArray) -> FloatArray:
-    if isinstance(step, WithinClassWhitening):  # symmetric: (A x) w = x (A w)
-        rows: FloatArray = step.transform(np.atleast_2d(weights))
-        return rows.reshape(weights.shape)
-    if isinstance(step, BlockScaler):
-        scaled: FloatArray = weights * step.factor_
-        return scaled
-    if isinstance(step, StandardScaler):
-        return weights if step.scale_ is None else weights / step.scale_
-    if isinstance(step, PCA) and step.whiten:
-        # As PCA.transform does it: a component without variance is not blown up.
-        scale = np.sqrt(step.explained_variance_)
-        smallest = np.finfo(scale.dtype).eps
-        weights = weights / np.where(scale < smallest, smallest, scale)
-    passed: FloatArray = weights @ step.components_
-    return passed

@@ -48,8 +48,8 @@ FOUR_CODES = [[1, 1], [-1, 1], [1, -1], [-1, -1]]
     [
         (RawSignal(rate_hz=500), ECOCClassifier()),
         (RawSignal(), ECOCClassifier(coding="onevsall", loss="root")),
-        (HFMH(n_bins=7, bin_range="auto", outside="clip"), ECOCClassifier()),
-        (HFMH(density=True, initial="steady", order=3, cutoff_hz=60.0), ECOCClassifier()),
+        (HFMH(n_bins=7, bin_range="auto"), ECOCClassifier()),
+        (HFMH(initial="steady", order=3, cutoff_hz=60.0), ECOCClassifier()),
         (RawHFMH(block_weights="unit", bin_range="auto"), ECOCClassifier()),
         (RawHFMH(block_weights=(2.0, 0.125)), ECOCClassifier(C=0.01)),
         (RawHFMH(), ECOCClassifier(coding=FOUR_CODES, loss="root")),
