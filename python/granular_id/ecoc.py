@@ -24,7 +24,7 @@ from sklearn.svm import SVC
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
-from granular_id._checks import argument_error, checked_n_jobs, named, positive_number
+from granular_id._checks import argument_error, checked_n_jobs, float_array, named, positive_number
 from granular_id._parallel import in_threads
 
 __all__ = ["ECOCClassifier"]
@@ -42,8 +42,6 @@ _BLOCK_BYTES = 2_000_000
 _TOLERANCE = 1e-5
 # libsvm's own limit. scikit-learn has none, and problems past the accuracy of float32 then never end.
 _MAX_STEPS = 10_000_000
-# A cost far out of the ordinary is brought back to this range.
-_LEAST_COST, _LARGEST_COST = 1e-300, 1e300
 
 
 class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
@@ -173,7 +171,7 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             rows, labels, weights = rows[counted], labels[counted], weights[counted]
         self.classes_, index = class_indices(labels)
         self.coding_matrix_ = design(self.coding, len(self.classes_))
-        origin = mean_row(rows)
+        origin: FloatArray = rows.mean(axis=0)
         wide = rows.shape[1] > len(rows)
         values = centred_gram(rows, origin) if wide else rows - origin
         kernel = "precomputed" if wide else "linear"
@@ -247,7 +245,7 @@ CODINGS: Mapping[str, Callable[[int], CodingMatrix]] = MappingProxyType(
 """Designs by name."""
 
 
-def design(coding: object, n_classes: int) -> CodingMatrix:
+def design(coding: Any, n_classes: int) -> CodingMatrix:
     """Coding matrix (K, L) for K classes, from the name of a design or a matrix of one's own."""
     if not isinstance(coding, str):
         return _own_coding(coding, n_classes)
@@ -263,17 +261,9 @@ def design(coding: object, n_classes: int) -> CodingMatrix:
     return matrix_of(n_classes)
 
 
-def _own_coding(coding: object, n_classes: int) -> CodingMatrix:
+def _own_coding(coding: npt.ArrayLike, n_classes: int) -> CodingMatrix:
     """Check a user's coding matrix: a row for each class, all rows and all learners different."""
-    try:
-        given = np.asarray(coding)
-        is_matrix = given.dtype.kind in "biuf" and given.ndim > 0
-    except ValueError:  # rows of different lengths
-        is_matrix = False
-    if not is_matrix:
-        raise argument_error(
-            TypeError, "coding", f"must be the name of a design or a matrix of -1, 0 and +1, got {coding!r}"
-        )
+    given = float_array("coding", coding)
     if given.ndim != 2 or len(given) != n_classes or given.shape[1] < 1:
         problem = (
             f"must have {n_classes} rows, one per class, and a column per learner, got shape {given.shape}"
@@ -292,14 +282,13 @@ def _own_coding(coding: object, n_classes: int) -> CodingMatrix:
     # A column and its negative make the same learner: compare them with their first sign +.
     leading = matrix[(matrix != 0).argmax(axis=0), np.arange(matrix.shape[1])]
     for what, lines, why in (
-        ("rows", matrix, "these classes are never told apart"),
-        ("columns", (matrix * leading).T, "the same learner twice, but for the sign"),
+        ("row", matrix, "these classes are never told apart"),
+        ("column", (matrix * leading).T, "the same learner twice, but for the sign"),
     ):
-        seen: dict[bytes, int] = {}
-        for number, line in enumerate(lines):
-            first = seen.setdefault(line.tobytes(), number)
-            if first != number:
-                raise argument_error(ValueError, "coding", f"{what} {first} and {number} are alike: {why}")
+        _, first = np.unique(lines, axis=0, return_index=True)
+        again = np.setdiff1d(np.arange(len(lines)), first)
+        if again.size:
+            raise argument_error(ValueError, "coding", f"{what} {again[0]} is like one before: {why}")
     return matrix
 
 
@@ -399,22 +388,14 @@ def class_indices(labels: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], IntArray]
     return classes, index.astype(np.intp)
 
 
-def mean_row(rows: FloatArray) -> FloatArray:
-    """Mean (D,) of rows; infinite where the sums overflow, which `train_learners` refuses."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        mean: FloatArray = rows.mean(axis=0)
-    return mean
-
-
 def centred_gram(rows: FloatArray, origin: FloatArray) -> FloatArray:
     """Scalar products (n, n) of rows (n, D) about an origin (D,), without a copy of the rows."""
     n, n_columns = rows.shape
     step = max(64, _BLOCK_BYTES // (8 * n))
     gram = np.zeros((n, n))
-    with np.errstate(over="ignore", invalid="ignore"):  # `train_learners` refuses what is not finite
-        for start in range(0, n_columns, step):
-            block = rows[:, start : start + step] - origin[start : start + step]
-            gram += block @ block.T
+    for start in range(0, n_columns, step):
+        block = rows[:, start : start + step] - origin[start : start + step]
+        gram += block @ block.T
     return gram
 
 
@@ -433,19 +414,15 @@ def train_learners(
     offset would cost libsvm, whose kernel is float32, its digits.
     """
     n = len(values)
-    with np.errstate(over="ignore", invalid="ignore"):
-        squares = np.diagonal(values) if kernel == "precomputed" else np.einsum("ij,ij->i", values, values)
-        spread = float(squares.mean())
+    squares = np.diagonal(values) if kernel == "precomputed" else np.einsum("ij,ij->i", values, values)
+    spread = float(squares.mean())
     if not math.isfinite(spread):
         raise ValueError("X must be finite, with scalar products in the range of float64")
     # A power of four scales rows without rounding, and keeps their products in the range of float32.
     unit = 2.0 ** (math.frexp(spread)[1] // 2) if spread > 0 else 1.0
     values = values / (unit**2 if kernel == "precomputed" else unit)
-    bound = min(max(cost * unit**2, _LEAST_COST), _LARGEST_COST)
-    factors = None if weights is None else weights / weights.max()
-    if weights is not None:
-        bound = min(bound * float(weights.max()), _LARGEST_COST)
-
+    largest = 1.0 if weights is None else float(weights.max())
+    bound, factors = cost * unit**2 * largest, None if weights is None else weights / largest
     machine = SVC(C=bound, kernel=kernel, tol=_TOLERANCE, shrinking=False, max_iter=_MAX_STEPS)
     dual_coef, intercept = np.zeros((matrix.shape[1], n)), np.zeros(matrix.shape[1])
 

@@ -53,13 +53,7 @@ def test_labels_equal_one_vs_one_where_votes_and_losses_agree(distance):
 
 
 @pytest.mark.parametrize(
-    "names",
-    [
-        np.array(["sand", "gravel", "rice"]),
-        np.array(["sand", "gravel", "rice"], dtype=object),
-        np.array([30, -1, 7]),
-        np.array([2.0, 1.0, 0.0]),
-    ],
+    "names", [np.array(["sand", "gravel", "rice"]), np.array([30, -1, 7]), np.array([2.0, 1.0, 0.0])]
 )
 def test_labels_of_every_kind_come_back(names):
     X, y = blobs(3, distance=3.0)
@@ -97,52 +91,26 @@ def test_probabilities_are_a_softmax_over_the_temperature(n_classes):
 
 @pytest.mark.parametrize("coding", ["onevsone", "onevsall", MATRIX])
 @pytest.mark.parametrize("n_features", [6, 90])  # features, and the Gram matrix of 60 rows
-class TestCodings:
-    def rows(self, n_features):
-        return blobs(per_class=15, n_features=n_features, distance=0.4)
-
-    def test_scores_are_those_of_libsvm(self, coding, n_features):
-        X, y = self.rows(n_features)
-        clf = ECOCClassifier(coding).fit(X, y)
-        for codes, scores in zip(clf.coding_matrix_.T, clf.binary_scores(X).T, strict=True):
-            targets = codes[y]
-            seen = targets != 0
-            machine = SVC(kernel="linear", tol=1e-5).fit(X[seen], targets[seen])
-            np.testing.assert_allclose(scores, machine.decision_function(X), atol=1e-3)
-
-    def test_weights_equal_repeated_rows(self, coding, n_features):
-        X, y = self.rows(n_features)
-        times = np.random.default_rng(1).integers(0, 4, len(y))
-        weighted = ECOCClassifier(coding).fit(X, y, sample_weight=times)
-        repeated = ECOCClassifier(coding).fit(np.repeat(X, times, axis=0), np.repeat(y, times))
-        np.testing.assert_allclose(weighted.binary_scores(X), repeated.binary_scores(X), atol=2e-3)
-
-    def test_offset_and_unit_do_not_matter(self, coding, n_features):
-        X, y = self.rows(n_features)
-        expected = ECOCClassifier(coding).fit(X, y).binary_scores(X)
-        for scale, offset in ((1.0, 1e4), (1e8, 0.0), (1e-6, 1.0)):
-            rows = X * scale + offset
-            scores = ECOCClassifier(coding, C=scale**-2.0).fit(rows, y).binary_scores(rows)
-            np.testing.assert_allclose(scores, expected, atol=2e-3)
-
-    def test_threads_give_the_same_numbers(self, coding, n_features):
-        X, y = self.rows(n_features)
-        one, two = (ECOCClassifier(coding, n_jobs=n).fit(X, y) for n in (1, 2))
-        np.testing.assert_array_equal(one.coef_, two.coef_)
-
-
-def test_input_of_every_kind_is_read_and_not_changed():
-    X, y = blobs(3)
-    X, weights = X.astype(np.float32), np.ones(len(y))
-    before = X.copy()
-    for array in (X, y, weights):
-        array.setflags(write=False)
-    expected = ECOCClassifier().fit(X.astype(np.float64), y).decision_function(X)
-    for rows in (X, X.tolist(), np.asfortranarray(X)):
-        clf = ECOCClassifier().fit(rows, y.tolist(), weights)
-        assert clf.coef_.dtype == np.float64
-        np.testing.assert_allclose(clf.decision_function(rows), expected, rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(X, before)
+def test_scores_are_those_of_libsvm(coding, n_features):
+    X, y = blobs(per_class=15, n_features=n_features, distance=0.4)
+    clf = ECOCClassifier(coding).fit(X, y)
+    expected = clf.binary_scores(X)
+    for codes, scores in zip(clf.coding_matrix_.T, expected.T, strict=True):
+        targets = codes[y]
+        seen = targets != 0
+        machine = SVC(kernel="linear", tol=1e-5).fit(X[seen], targets[seen])
+        np.testing.assert_allclose(scores, machine.decision_function(X), atol=1e-3)
+    # Neither offset nor unit matters, nor threads.
+    for scale, offset in ((1.0, 1e4), (1e8, 0.0), (1e-6, 1.0)):
+        rows = X * scale + offset
+        scores = ECOCClassifier(coding, C=scale**-2.0).fit(rows, y).binary_scores(rows)
+        np.testing.assert_allclose(scores, expected, atol=2e-3)
+    np.testing.assert_array_equal(ECOCClassifier(coding, n_jobs=2).fit(X, y).coef_, clf.coef_)
+    # Weights are repetitions of rows.
+    times = np.random.default_rng(1).integers(0, 4, len(y))
+    weighted = ECOCClassifier(coding).fit(X, y, sample_weight=times)
+    repeated = ECOCClassifier(coding).fit(np.repeat(X, times, axis=0), np.repeat(y, times))
+    np.testing.assert_allclose(weighted.binary_scores(X), repeated.binary_scores(X), atol=2e-3)
 
 
 def test_memory_beside_wide_rows_is_small():
@@ -159,7 +127,7 @@ def test_memory_beside_wide_rows_is_small():
         tracemalloc.stop()
 
 
-def test_a_search_without_end_warns(monkeypatch):
+def test_search_without_end_warns(monkeypatch):
     monkeypatch.setattr(ecoc, "_MAX_STEPS", 2)
     with pytest.warns(ConvergenceWarning, match="terminated early"):
         ECOCClassifier().fit(*blobs(2, distance=0.1))
@@ -167,83 +135,39 @@ def test_a_search_without_end_warns(monkeypatch):
 
 X = np.random.default_rng(0).standard_normal((30, 5))
 y = np.repeat(["oat", "rice", "sand"], 10)
-
-
-def with_value(value):
-    spoiled = X.copy()
-    spoiled[4, 3] = value
-    return spoiled
+GAP = np.where(np.arange(150).reshape(30, 5) == 23, np.nan, X)
 
 
 @pytest.mark.parametrize(
-    ("params", "kind", "message"),
+    ("params", "rows", "labels", "weights", "message"),
     [
-        ({"C": 0}, ValueError, "C must be positive and finite, got 0"),
-        ({"C": np.nan}, ValueError, "C must be positive"),
-        ({"C": "1"}, TypeError, "C must be a number, got '1'"),
-        ({"C": True}, TypeError, "C must be a number, got True"),
-        ({"C": 10**400}, ValueError, "C must be positive and finite"),
-        ({"temperature": 0}, ValueError, "temperature must be positive and finite, got 0"),
-        ({"temperature": "low"}, TypeError, "temperature must be a number"),
-        ({"loss": "votes"}, ValueError, "loss must be one of 'hinge', 'root', got 'votes'"),
-        ({"loss": np.array(["root", "hinge"])}, ValueError, "loss must be one of"),
-        ({"n_jobs": 0}, ValueError, "n_jobs must be None, positive, or negative .* got 0"),
-        ({"n_jobs": "two"}, TypeError, "n_jobs must be None or a whole number, got 'two'"),
-        ({"coding": "pairs"}, ValueError, "coding must be one of 'onevsone', 'onevsall', got 'pairs'"),
+        ({"C": 0}, X, y, None, "C must be positive and finite, got 0"),
+        ({"C": "1"}, X, y, None, "C must be a number, got '1'"),
+        ({"temperature": 0}, X, y, None, "temperature must be positive and finite, got 0"),
+        ({"loss": "votes"}, X, y, None, "loss must be one of 'hinge', 'root', got 'votes'"),
+        ({"n_jobs": 0}, X, y, None, "n_jobs must be None, positive, or negative .* got 0"),
+        ({"coding": "pairs"}, X, y, None, "coding must be one of 'onevsone', 'onevsall', got 'pairs'"),
+        ({}, X, ["sand"] * 30, None, "y holds one class only"),
+        ({}, X, np.array([1, "oat"] * 15, dtype=object), None, "y must hold labels of one kind, .* got 1, 'oat'"),
+        ({}, X, np.linspace(0.0, 1.0, 30), None, "y must hold labels of one kind, .* got 0.0, 0.03"),
+        ({}, X, y[:-1], None, "inconsistent"),
+        ({}, GAP, y, None, "NaN"),
+        ({}, X, y, ["a"] * 30, "could not convert"),
+        ({}, X, y, -np.ones(30), "sample_weight must not be negative"),
+        ({}, X, y, np.zeros(30), "zero"),  # the newest scikit-learn refuses it in its own words
+        ({}, X, y, np.repeat([1.0, 0.0], [10, 20]), "y holds one class only"),
+        ({}, X, y, np.ones(29), r"sample_weight.shape == \(29,\)"),
     ],
-)
-def test_bad_parameters_are_named(params, kind, message):
-    with pytest.raises(kind, match=message):
-        ECOCClassifier(**params).fit(X, y)
-
-
-@pytest.mark.parametrize(
-    ("rows", "labels", "message"),
-    [
-        (X, ["sand"] * 30, "y holds one class only"),
-        (X, [None] * 15 + ["oat"] * 15, "y must hold labels of one kind"),
-        (
-            X,
-            np.array([1] * 15 + ["oat"] * 15, dtype=object),
-            "y must hold labels of one kind, .* got 1, 'oat'",
-        ),
-        (
-            X,
-            np.linspace(0.0, 1.0, 30),
-            "y must hold labels of one kind, text or whole numbers, got 0.0, 0.03",
-        ),
-        (X, np.repeat([np.nan, 1.0], 15), "y contains NaN"),
-        (X, y[:-1], "inconsistent"),
-        (with_value(np.nan), y, "NaN"),
-        (with_value(-np.inf), y, "infinity"),
-        (X * 1e200, y, "scalar products in the range of float64"),
-        (np.sign(X) * 1e307, y, "X must be finite, with scalar products in the range of float64"),
-    ],
-)
-def test_bad_rows_and_labels_are_refused(rows, labels, message):
-    with pytest.raises(ValueError, match=message):
-        ECOCClassifier().fit(rows, labels)
-
-
-@pytest.mark.parametrize(
-    ("weights", "message"),
-    [
-        (["a"] * 30, "could not convert"),
-        (-np.ones(30), "sample_weight must not be negative"),
-        (np.zeros(30), "zero"),  # the newest scikit-learn refuses it in its own words
-        (np.repeat([1.0, 0.0], [10, 20]), "y holds one class only"),
-        (np.ones(29), r"sample_weight.shape == \(29,\)"),
-    ],
-)
-def test_bad_weights_are_refused(weights, message):
-    with pytest.raises(ValueError, match=message):
-        ECOCClassifier().fit(X, y, sample_weight=weights)
+)  # fmt: skip
+def test_bad_input_of_fit_is_refused(params, rows, labels, weights, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        ECOCClassifier(**params).fit(rows, labels, weights)
 
 
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        (with_value(np.inf), "infinity"),
+        (GAP, "NaN"),
         (X[:, :-1], "5 features"),
         (np.full((1, 5), 1.7e308), "X must be finite, with scores in the range of float64"),
     ],
@@ -253,7 +177,7 @@ def test_bad_rows_to_name_are_refused(rows, message):
         ECOCClassifier().fit(X, y).predict(rows)
 
 
-def test_a_failed_fit_leaves_nothing_fitted():
+def test_failed_fit_leaves_nothing_fitted():
     clf = ECOCClassifier(np.ones((2, 3)))
     with pytest.raises(ValueError, match="coding column 0 must hold both"):
         clf.fit(np.ones((6, 2)), [0, 0, 0, 1, 1, 1])
@@ -262,14 +186,7 @@ def test_a_failed_fit_leaves_nothing_fitted():
             use(np.ones((6, 2)))
 
 
-@pytest.mark.filterwarnings("ignore:Solver terminated early:sklearn.exceptions.ConvergenceWarning")
-@pytest.mark.parametrize("cost", [1e-300, 1e308])
-def test_a_cost_far_out_of_the_ordinary_gives_finite_weights(monkeypatch, cost):
-    monkeypatch.setattr(ecoc, "_MAX_STEPS", 100_000)
-    assert np.isfinite(ECOCClassifier(C=cost).fit(X[:20], y[:20]).coef_).all()
-
-
-def test_a_class_of_zero_weight_is_absent():
+def test_class_of_zero_weight_is_absent():
     clf = ECOCClassifier().fit(X, y, sample_weight=(y != "rice").astype(float))
     without = ECOCClassifier().fit(X[y != "rice"], y[y != "rice"])
     assert clf.classes_.tolist() == ["oat", "sand"]
@@ -287,7 +204,7 @@ def test_seventy_classes_of_two_rows_are_told_apart():
 
 @pytest.mark.parametrize("coding", ["onevsone", "onevsall"])
 class TestPoorData:
-    def test_a_class_of_one_row_is_learned(self, coding):
+    def test_class_of_one_row_is_learned(self, coding):
         rows, truth = blobs(3, n_features=60)
         shown = np.flatnonzero((truth != 1) | (np.arange(len(truth)) == np.argmax(truth == 1)))
         clf = ECOCClassifier(coding)

@@ -1,4 +1,4 @@
-"""The contract of scikit-learn: its own checks, clones, pickles, processes, parameters, searches."""
+"""The contract of scikit-learn: its own checks, clones, pickles, processes, searches."""
 
 import os
 import pickle
@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from sklearn.base import clone
 from sklearn.datasets import load_iris
-from sklearn.model_selection import GridSearchCV, cross_val_score
+from sklearn.model_selection import GridSearchCV
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from granular_id.ecoc import ECOCClassifier
@@ -31,41 +31,34 @@ X, y = load_iris(return_X_y=True)
 VARIANTS = {
     "default": ECOCClassifier(),
     "own coding": ECOCClassifier(np.array([[1, 1], [-1, 1], [0, -1]]), n_jobs=2),
-    "root": ECOCClassifier("onevsall", loss="root"),
-    "sure": ECOCClassifier(temperature=0.05),
+    "root": ECOCClassifier("onevsall", loss="root", temperature=0.05),
 }
 
 
-def answers(clf, X):
-    return [clf.predict(X), clf.decision_function(X), clf.binary_scores(X), clf.predict_proba(X)]
-
-
-def assert_same(ours, theirs):
-    for one, other in zip(ours, theirs, strict=True):
-        np.testing.assert_array_equal(one, other)
+def digest(clf, X):
+    return joblib.hash([clf.predict(X), clf.decision_function(X), clf.binary_scores(X), clf.predict_proba(X)])
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_clone_pickle_and_repetition(name):
+def test_copies_and_repeated_fits_give_the_same_numbers(name):
     clf = clone(VARIANTS[name]).fit(X, y)
-    assert_same(answers(clf, X), answers(pickle.loads(pickle.dumps(clf)), X))
+    expected = digest(clf, X)
+    assert digest(pickle.loads(pickle.dumps(clf)), X) == expected
     again = clone(clf)
     assert not hasattr(again, "classes_")
-    assert_same(answers(clf, X), answers(again.fit(X, y), X))
+    assert digest(again.fit(X, y), X) == expected
     # A fit leaves no trace of the one before.
-    assert_same(answers(clf, X), answers(clf.fit(X[:, :2], y[::-1]).fit(X, y), X))
+    assert digest(clf.fit(X[:, :2], y[::-1]).fit(X, y), X) == expected
 
 
-@pytest.mark.parametrize("name", ["own coding", "sure"])
 @pytest.mark.parametrize("dtype", [str, object])
-def test_labels_of_text_and_frames(name, dtype):
+def test_frames_with_labels_of_text_are_taken(dtype):
     kinds = np.array(["sand", "oats", "gravel"], dtype)
     frame = pd.DataFrame(X, columns=list("abcd"))
     order = np.argsort(np.argsort(kinds))  # class indices of the names
-    expected = clone(VARIANTS[name]).fit(X, order[y])
-    clf = clone(VARIANTS[name]).fit(frame, kinds[y])
+    expected = ECOCClassifier().fit(X, order[y])
+    clf = ECOCClassifier().fit(frame, kinds[y])
     assert clf.feature_names_in_.tolist() == list("abcd")
-    assert clf.n_features_in_ == 4
     np.testing.assert_array_equal(clf.predict(frame), np.sort(kinds)[expected.predict(X)])
     # A frame is laid out by columns: products round in their last bits as they like.
     values = expected.decision_function(X)
@@ -74,29 +67,17 @@ def test_labels_of_text_and_frames(name, dtype):
         clf.predict(frame[["b", "a", "c", "d"]])
 
 
-def digest_of_answers():
-    return joblib.hash([answers(clone(VARIANTS[name]).fit(X, y), X) for name in ("default", "root")])
-
-
 @pytest.mark.thread_unsafe(reason="starts a process")
 def test_another_process_gives_the_same_numbers():
-    program = "import test_ecoc_sklearn as tests; print(tests.digest_of_answers())"
+    program = "from test_ecoc_sklearn import *; print(digest(ECOCClassifier().fit(X, y), X))"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-c", program]
     child = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert child.stdout.strip() == digest_of_answers()
-
-
-def test_unknown_parameter_is_refused():
-    with pytest.raises(ValueError, match="Invalid parameter"):
-        ECOCClassifier().set_params(cost=1.0)
+    assert child.stdout.strip() == digest(ECOCClassifier().fit(X, y), X)
 
 
 def test_search_over_codings_and_losses_finds_probabilities():
     grid = {"coding": ["onevsone", "onevsall"], "loss": ["hinge", "root"]}
-    search = GridSearchCV(ECOCClassifier(), grid, cv=3).fit(X, y)
-    assert search.best_score_ > 0.95
+    search = GridSearchCV(ECOCClassifier(temperature=0.05), grid, cv=3, scoring="neg_log_loss").fit(X, y)
+    assert search.best_score_ > -0.4
     assert len(search.cv_results_["params"]) == 4
-    # A string for `scoring` that needs probabilities finds them.
-    losses = cross_val_score(VARIANTS["sure"], X, y, cv=3, scoring="neg_log_loss")
-    assert (losses > -0.4).all()
