@@ -357,17 +357,17 @@ def _own_space(name: Any, given: Any, rate_hz: float) -> FeatureSpace:
 
 
 def _fewer_components(space: FeatureSpace, n_rows: int) -> list[str]:
-    """Lower the number of principal components, and what is made of them, to that of the training rows."""
+    """Lower the number of principal components, and what is made of them, to what centred training rows span."""
     parameters: dict[str, Any] = getattr(space.transformer, "get_params", dict)()
     many = {
-        f"{name}__n_components": n_rows
+        f"{name}__n_components": n_rows - 1
         for name, step in parameters.items()
-        if isinstance(step, PCA | RICA) and isinstance(step.n_components, int) and step.n_components > n_rows
+        if isinstance(step, PCA | RICA) and isinstance(step.n_components, int) and step.n_components >= n_rows
     }
     if not many:
         return []
     space.transformer.set_params(**many)
-    return [f"{space.name}: {n_rows} components, as so many recordings train"]
+    return [f"{space.name}: {n_rows - 1} components, as {n_rows} recordings train"]
 
 
 # What each fold shows beside its answers.

@@ -64,7 +64,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     Parameters
     ----------
-    blocks : mapping of name to number of columns, sequence of int, or None, default None
+    blocks : mapping of name to number of columns, or None, default None
         Blocks of columns, as in `BlockScaler`. None: one block.
     optional_blocks : sequence of str, default ()
         Blocks that may hurt: each is tried with and without, and left out unless it gains in every held-out group,

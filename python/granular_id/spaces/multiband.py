@@ -109,19 +109,15 @@ class MultiBand(RecordingTransformer):
     ----------
     bands_ : tuple of FrequencyBand
         Edges in Hz, rate and samples of each band; band 0 is the recording without its mean.
-    scales_ : ndarray, shape (n_bands, C)
-        Median over the recordings of the RMS of each band and axis, in its unit; at least a billionth of the whole
-        signal and a millionth of the signal without its mean; 1 for an axis without any.
-    level_scales_ : ndarray, shape (C,)
-        Median magnitude of the means over stretches of time, in the unit of the axis, with the same floor.
-    frequencies_hz_ : ndarray, shape (m,)
-        Middle of each bin of the spectrum; empty without that block.
     block_sizes_ : dict of str to int
         Features of each block, in order.
     dropped_ : str
         What such short recordings leave out, in words; "" where nothing is left out.
     extractor_ : MultiBandExtractor
-        What computes the features: shape, blocks and learned scales in one.
+        What computes the features: shape, blocks and learned `scales` (n_bands, C) and `level_scales` (C,) in one.
+        They are medians over the recordings, of the RMS of each band and of the magnitude of means over stretches of
+        time, at least a billionth of the whole signal and a millionth of the signal without its mean; 1 for an axis
+        without any.
 
     Raises
     ------
@@ -157,9 +153,6 @@ class MultiBand(RecordingTransformer):
 
     bands_: tuple[FrequencyBand, ...]
     extractor_: MultiBandExtractor
-    scales_: FloatArray
-    level_scales_: FloatArray
-    frequencies_hz_: FloatArray
     block_sizes_: dict[str, int]
     dropped_: str
 
@@ -197,13 +190,12 @@ class MultiBand(RecordingTransformer):
         whole_scales = np.tile(_usable(whole, whole), (plain.n_bands, 1))
         whole_scaled = MultiBandExtractor(n_samples, n_axes, scales=whole_scales, **settings)
         typical = np.median(whole_scaled.band_rms(recordings, self.threads), axis=0)
-        self.scales_ = _usable(np.maximum(typical, _BAND_ROUNDING * typical[0]), whole)
-        self.level_scales_ = _usable(np.median(np.abs(_levels(recordings)), axis=(0, 1)), whole)
+        scales = _usable(np.maximum(typical, _BAND_ROUNDING * typical[0]), whole)
+        level_scales = _usable(np.median(np.abs(_levels(recordings)), axis=(0, 1)), whole)
         self.extractor_ = MultiBandExtractor(
-            n_samples, n_axes, scales=self.scales_, level_scales=self.level_scales_, **settings
+            n_samples, n_axes, scales=scales, level_scales=level_scales, **settings
         )
         self.bands_ = tuple(FrequencyBand(*band) for band in plain.bands)
-        self.frequencies_hz_ = plain.frequencies_hz
         self.block_sizes_ = plain.block_sizes
         self.dropped_ = _dropped(plain)
 
@@ -325,7 +317,7 @@ def band_columns(transformer: Any) -> BandColumns | None:
         axes=space._axes,
         units=space.units_in_,
         bands=space.bands_,
-        frequencies_hz=space.frequencies_hz_,
+        frequencies_hz=space.extractor_.frequencies_hz,
         duration_s=space.n_features_in_ / space.rate_hz_,
     )
 

@@ -187,13 +187,9 @@ class TimePermutation(RecordingFilter):
     Notes
     -----
     The paper reports about 20 % for permuted signals. What a linear classifier of permuted raw samples still has
-    are the mean levels of the axes, and how far it falls depends on what those tell. On the synthetic recordings of
-    ``synthesize()``, in the paper's protocol, from 78 % to 48 %, where six means alone give 51 %; to 10 %, chance
-    being 9 %, with the mean of each recording subtracted first. (Synthetic: no evidence about real materials.)
-
+    are the mean levels of the axes, and how far it falls depends on what those tell: `Tare` in front takes them away.
     In front of `HFMH` it is another experiment: noise in random order has all its variance in the pass band, so that
-    the histogram of a permuted recording tells how its forces are distributed, which is a lot. raw+HFMH falls from
-    99 % to no less than 96 % on the same recordings.
+    the histogram of a permuted recording tells how its forces are distributed, which is a lot.
 
     Examples
     --------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,12 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from granular_id._checks import positive_number, whole_number
+from granular_id._checks import argument_error, positive_number, whole_number
 from granular_id.rica import RICA
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.intp]
-BlockSizes = Mapping[str, int] | Sequence[int] | None
+BlockSizes = Mapping[str, int] | None
 
 # A column whose spread is this small a share of its magnitude holds rounding, no signal.
 _CONSTANT = 1e-9
@@ -38,9 +39,9 @@ class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # typ
 
     Parameters
     ----------
-    blocks : mapping of name to number of columns, sequence of int, or None, default None
+    blocks : mapping of name to number of columns, or None, default None
         Columns of each block, from left to right, for instance ``{"coupling": 624, "spectrum": 192}``. They must
-        add up to the number of columns, as ``block_sizes_`` of a fitted `MultiBand`. None: one block.
+        add up to the number of columns, as ``block_sizes_`` of a fitted `MultiBand`. None: one block, "all".
 
     Attributes
     ----------
@@ -50,7 +51,7 @@ class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # typ
         What a centred column is multiplied by; 0 for a column that is constant in the training rows, of which
         nothing is known.
     block_slices_ : dict of str to slice
-        Columns of each block. Blocks without a name are called ``block0 ...``.
+        Columns of each block.
     n_features_in_, feature_names_in_
         As in every scikit-learn estimator.
 
@@ -112,27 +113,17 @@ class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # typ
 
 def block_slices(blocks: BlockSizes, n_columns: int) -> dict[str, slice]:
     """Columns of each block by its name, in their order; refuse blocks that do not add up to `n_columns`."""
-    wanted = "blocks must be None, {name: number of columns} or a sequence of numbers of columns"
-    if blocks is None:
-        return {"block0": slice(0, n_columns)}
-    if isinstance(blocks, Mapping):
-        pairs = list(blocks.items())
-    elif isinstance(blocks, (str, bytes)) or not isinstance(blocks, (Sequence, np.ndarray)):
-        raise TypeError(f"{wanted}, got {blocks!r}")
-    else:
-        pairs = [(f"block{k}", size) for k, size in enumerate(blocks)]
-    slices: dict[str, slice] = {}
-    start = 0
-    for name, size in pairs:
-        if not isinstance(name, str) or not name:
-            raise TypeError(f"{wanted}, got the name {name!r}")
-        stop = start + whole_number(f"blocks[{name!r}]", size)
-        slices[name] = slice(start, stop)
-        start = stop
-    if start != n_columns:
-        sizes = ", ".join(f"{name} {size}" for name, size in pairs) or "none"
-        raise ValueError(f"blocks must add up to the {n_columns} columns of X, got {start} ({sizes})")
-    return slices
+    sizes = {"all": n_columns} if blocks is None else blocks
+    if not isinstance(sizes, Mapping):
+        raise argument_error(
+            TypeError, "blocks", f"must be None or {{name: number of columns}}, got {blocks!r}"
+        )
+    ends = np.cumsum([0, *(whole_number(f"blocks[{name!r}]", size) for name, size in sizes.items())]).tolist()
+    if ends[-1] != n_columns:
+        listed = ", ".join(f"{name} {size}" for name, size in sizes.items()) or "none"
+        problem = f"must add up to the {n_columns} columns of X, got {ends[-1]} ({listed})"
+        raise argument_error(ValueError, "blocks", problem)
+    return {name: slice(*span) for name, span in zip(sizes, pairwise(ends), strict=True)}
 
 
 def column_moments(rows: FloatArray) -> tuple[FloatArray, FloatArray]:

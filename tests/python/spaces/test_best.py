@@ -239,7 +239,7 @@ def test_features_that_do_not_vary():
 
 
 BAD = [
-    ({"blocks": [3]}, ValueError, "blocks must add up to the 54 columns"),
+    ({"blocks": {"left": 3}}, ValueError, "blocks must add up to the 54 columns"),
     ({"blocks": BLOCKS, "optional_blocks": ["levels"]}, ValueError, "got 'levels'"),
     ({"blocks": BLOCKS, "optional_blocks": list(BLOCKS)}, ValueError, "leave a block that always stays"),
     ({"blocks": BLOCKS, "optional_blocks": "level"}, TypeError, "optional_blocks must be a sequence"),

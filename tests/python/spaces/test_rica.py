@@ -53,8 +53,8 @@ def test_objective_equals_the_formula(n_rows, n_features, n_components, alpha, s
     residual = rows @ units @ units.T - rows
     contrast = 0.5 * (np.logaddexp(2 * rows @ units, -2 * rows @ units) - np.log(2))
     expected = alpha * np.sum(residual**2) + contrast.sum()
-    # Sums over X' X round in proportion to the norm of X.
-    rounding = 1e-13 * alpha * np.sum(rows**2)
+    # Sums over X' X round in proportion to the norm of X, those of the contrast to their number.
+    rounding = 1e-13 * (alpha * np.sum(rows**2) + n_rows * n_components)
     assert at(rows, units, alpha)[0] == pytest.approx(expected, rel=1e-9, abs=rounding)
 
 
