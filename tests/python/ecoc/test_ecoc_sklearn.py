@@ -1,9 +1,6 @@
-"""The contract of scikit-learn: its own checks, clones, pickles, processes, searches."""
+"""The contract of scikit-learn: its own checks, clones, pickles, frames, searches."""
 
-import os
 import pickle
-import subprocess
-import sys
 
 import joblib
 import numpy as np
@@ -65,15 +62,6 @@ def test_frames_with_labels_of_text_are_taken(dtype):
     np.testing.assert_allclose(clf.decision_function(frame), values, rtol=1e-9, atol=1e-9)
     with pytest.raises(ValueError, match="feature names should match"):
         clf.predict(frame[["b", "a", "c", "d"]])
-
-
-@pytest.mark.thread_unsafe(reason="starts a process")
-def test_another_process_gives_the_same_numbers():
-    program = "from test_ecoc_sklearn import *; print(digest(ECOCClassifier().fit(X, y), X))"
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    command = [sys.executable, "-c", program]
-    child = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert child.stdout.strip() == digest(ECOCClassifier().fit(X, y), X)
 
 
 def test_search_over_codings_and_losses_finds_probabilities():

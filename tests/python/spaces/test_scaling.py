@@ -1,7 +1,6 @@
 """Blocks of one weight, against scikit-learn's scaler; whitening within classes, against an eigendecomposition."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import assume, given, settings, strategies as st
 from sklearn.decomposition import PCA
@@ -17,7 +16,6 @@ from granular_id.spaces import (
     WithinClassWhitening,
     folded_back,
     is_linear_step,
-    learns,
 )
 from granular_id.spaces.scaling import whitened_grams
 from multiband_cases import two_materials
@@ -52,14 +50,6 @@ def test_scaler_leaves_a_constant_column_out():
     later[:, 4] = 100.0
     np.testing.assert_array_equal(scaler.transform(later), scaler.transform(X))
     assert not BlockScaler().fit_transform(np.full((3, 4), 0.1)).any()
-
-
-def test_scaler_names_its_blocks_and_columns():
-    X = pd.DataFrame(rows(6, 3), columns=["a", "b", "c"])
-    scaler = BlockScaler({"ab": 2, "c": 1}).set_output(transform="pandas").fit(X)
-    assert scaler.transform(X).columns.tolist() == ["a", "b", "c"]
-    assert scaler.block_slices_ == {"ab": slice(0, 2), "c": slice(2, 3)}
-    assert learns(make_pipeline(scaler))
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import sklearn
-from joblib import Parallel, delayed
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 from sklearn.pipeline import FeatureUnion, make_pipeline
 from sklearn.utils import estimator_checks
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
-from granular_id.rica import RICA
 from granular_id.spaces import HFMH, RawHFMH, RawSignal, Tare, TimePermutation
 from spaces_cases import FILTERS, ROWS, SCALERS, SPACES, STATISTICS, recordings
 
@@ -65,19 +63,6 @@ def test_copies_and_frames_hold_the_same_features(name):
     assert frame.columns.tolist() == transformer.get_feature_names_out().tolist()
     assert frame.columns.is_unique
     np.testing.assert_array_equal(frame.to_numpy(), expected)
-
-
-def features(pipeline, X):
-    return clone(pipeline).fit(X).transform(X)
-
-
-def test_two_processes_give_the_same_numbers():
-    X = recordings()
-    pipelines = [make_pipeline(Tare(), space) for space in SPACES.values()]
-    pipelines.append(make_pipeline(RawSignal(), RICA(2, random_state=0)))
-    there = Parallel(n_jobs=2)(delayed(features)(pipeline, X) for pipeline in pipelines)
-    for pipeline, found in zip(pipelines, there, strict=True):
-        np.testing.assert_array_equal(found, features(pipeline, X))
 
 
 @pytest.mark.parametrize("in_front", [Tare(0.1), TimePermutation()])
