@@ -169,14 +169,12 @@ def feature_spaces(
 
 def in_paper_order(known: Mapping[str, FeatureSpace]) -> list[str]:
     """Name feature spaces without the controls: the paper's, best accuracy first, then those it does not have."""
-    names = [name for name, space in known.items() if not space.control]
-    return sorted(names, key=lambda name: -(known[name].paper_accuracy or 0.0))
+    return [name for name, space in known.items() if not space.control]
 
 
 def paper_spaces(known: Mapping[str, FeatureSpace]) -> list[str]:
     """Name the feature spaces of the paper's table, best first, then its control."""
-    controls = [name for name, space in known.items() if space.control]
-    return [*(name for name in in_paper_order(known) if known[name].paper_accuracy is not None), *controls]
+    return [name for name, space in known.items() if space.paper_accuracy is not None or space.control]
 
 
 def _tared(space: FeatureSpace, tare_s: float, rate_hz: float) -> FeatureSpace:
