@@ -54,9 +54,7 @@ SPACES = [
     "time-permuted",
 ]
 OWN = {
-    "hfmh of its own": gid.HFMH(
-        cutoff_hz=40, n_bins=7, bin_range=(-1, 2), outside="clip", density=True, initial="steady"
-    ),
+    "hfmh of its own": gid.HFMH(cutoff_hz=40, n_bins=7, bin_range=(-1, 2), initial="steady"),
     "weighed": gid.RawHFMH(block_weights=(2.0, 0.5)),
     "raw histogram": gid.RawHistogram(n_bins=9, bin_range=(-1, 1)),
     "tare": make_pipeline(gid.Tare(0.02), gid.HFMH(n_bins=5)),
