@@ -102,12 +102,13 @@ class Folds:
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Sessions of recordings and their order in time: what must not lie on both sides of a split."""
+    """Sessions of recordings, their order in time, and shared samples: what must not lie on both sides of a split."""
 
     sessions: NDArray[np.object_]  # (n,), None where a session is not known
     rank: Rows | None  # place of each recording in time, None where no order is known
     basis: str = ""  # what the order goes by, or why there is none
     conditions: NDArray[np.object_] | None = None  # (n,) what new recordings do not share, where it is known
+    overlaps: Rows | None = None  # (P, 2) pairs of recordings that share samples, where there are any
 
     @property
     def order(self) -> Rows | None:
@@ -118,24 +119,29 @@ class Groups:
         """Return the groups of some rows."""
         rank = None if self.rank is None else self.rank[rows]
         conditions = None if self.conditions is None else self.conditions[rows]
-        return Groups(self.sessions[rows], rank, self.basis, conditions)
+        overlaps = self.overlaps
+        if overlaps is not None:
+            place = np.full(len(self.sessions), -1)
+            place[rows] = np.arange(len(rows))
+            overlaps = place[overlaps[np.isin(overlaps, rows).all(axis=1)]]
+        return Groups(self.sessions[rows], rank, self.basis, conditions, overlaps)
 
     def fit_arguments(self, estimator: Any) -> dict[str, Any]:
-        """Return those of ``sessions``, ``order`` and ``groups`` that `fit` takes, in a pipeline that of its last step.
+        """Return those of sessions, order, groups and overlaps that `fit` takes, in a pipeline that of its last step.
 
         ``groups`` are conditions; of sessions and order None where none is known.
         """
         known = any(session is not None for session in self.sessions)
-        groups = {} if self.conditions is None else {"groups": self.conditions}
-        return routed(
-            estimator, {"sessions": self.sessions if known else None, "order": self.order, **groups}
-        )
+        always = {"sessions": self.sessions if known else None, "order": self.order}
+        more = {"groups": self.conditions, "overlaps": self.overlaps}
+        more = {name: value for name, value in more.items() if value is not None}
+        return routed(estimator, {**always, **more})
 
 
 def groups_of(data: Dataset, by: str = AUTO) -> Groups:
     """Gather sessions and the order in time of a data set, and the condition that is to be held out."""
     conditions = None if by in (AUTO, *NAMES) else condition_of(data, by)[1]
-    return Groups(data.sessions, *_order_in_time(data), conditions)
+    return Groups(data.sessions, *_order_in_time(data), conditions, _overlaps(data))
 
 
 def _order_in_time(data: Dataset) -> tuple[Rows | None, str]:
@@ -450,13 +456,12 @@ def paper_folds(
 
 def _without_shared_samples(drawn: Folds, data: Dataset) -> Folds:
     """Leave windows out of the training that share samples with tested ones."""
-    pairs = np.array(list(overlapping_windows(data.recordings)), dtype=np.intp).reshape(-1, 2)
-    if not len(pairs):
+    pairs = _overlaps(data)
+    if pairs is None:
         return drawn
     y, apart, left_out = data.y, [], set[int]()
     for fold in drawn:
-        spoiled = np.concatenate([pairs[np.isin(pairs[:, k], fold.test), 1 - k] for k in (0, 1)])
-        train = np.setdiff1d(fold.train, spoiled)
+        train = _clear_of(fold.test, fold.train, pairs)
         lost = np.setdiff1d(y[fold.train], y[train]).tolist()
         if lost:
             raise ValueError(
@@ -468,6 +473,16 @@ def _without_shared_samples(drawn: Folds, data: Dataset) -> Folds:
     note = f"{counted(len(left_out), 'window')} that share samples with tested ones do not train"
     notes = (*drawn.notes, note) if left_out else drawn.notes
     return replace(drawn, folds=tuple(apart), notes=notes, overlapping=True)
+
+
+def _overlaps(data: Dataset) -> Rows | None:
+    pairs = list(overlapping_windows(data.recordings))
+    return np.array(pairs, dtype=np.intp) if pairs else None
+
+
+def _clear_of(test: Rows, train: Rows, pairs: Rows) -> Rows:
+    """Return the rows of `train` that are in no pair with a tested one."""
+    return np.setdiff1d(train, pairs[np.isin(pairs, test)[:, ::-1]])
 
 
 # Folds of training rows, for estimators that choose by holding rows out.
@@ -488,27 +503,34 @@ NONE = "nothing"
 
 
 def choice_folds(
-    codes: Rows,
-    sessions: Values | None,
-    order: ArrayLike | None,
-    *,
-    n_folds: Any,
-    seed: int,
-    conditions: Values | None = None,
+    codes: Rows, groups: Groups, *, n_folds: Any, seed: int, copies: Rows | None = None
 ) -> ChoiceFolds:
-    """Split training rows, with the class, the session and the order in time of each, into folds that make a choice.
+    """Split training rows, with the class and the groups of each, into folds that make a choice.
 
     The rule of `hold_out`: whole conditions, or sessions, where half of the classes have two; else blocks in time; else
     random folds, drawn anew until 500 rows were held out, at most 10 times. The single row of a class always trains.
-    Where fewer than two classes have two rows there are no folds.
+    Rows that share samples with a tested one, or its number in `copies`, do not train. A fold that leaves a class
+    nothing to train on is none, and where fewer than two classes have two rows there are no folds.
     """
-    wanted = whole_number("n_folds", n_folds, least=2)
-    y, groups = np.asarray(codes), _checked_groups(len(codes), sessions, order)
-    apart, counts = _checked_names("groups", conditions, len(codes)), np.bincount(y)
+    drawn, folds = _drawn_to_choose(codes, groups, whole_number("n_folds", n_folds, least=2), seed), []
+    for train, test in drawn.folds:
+        clear = train if groups.overlaps is None else _clear_of(test, train, groups.overlaps)
+        if copies is not None:
+            clear = clear[~np.isin(copies[clear], copies[test])]
+        if np.unique(codes[clear]).size == np.unique(codes).size:
+            folds.append((clear, test))
+    if drawn.folds and not folds:
+        return ChoiceFolds((), NONE, "no folds: what would train shares samples with what would be held out")
+    return drawn._replace(folds=tuple(folds))
+
+
+def _drawn_to_choose(y: Rows, groups: Groups, wanted: int, seed: int) -> ChoiceFolds:
+    counts, why = np.bincount(y), ""
     if np.count_nonzero(counts > 1) < 2:
         return ChoiceFolds((), NONE, "no folds: fewer than two classes have more than one recording")
-    why = ""
-    for names, what in ((apart, CONDITIONS), (groups.sessions, SESSIONS)):
+    for names, what in ((groups.conditions, CONDITIONS), (groups.sessions, SESSIONS)):
+        if names is None:
+            continue
         drawn, why = _most_by_session(y, names, wanted)
         if drawn is not None and not why:
             return ChoiceFolds(_pairs(drawn), what, f"{len(drawn)} folds of whole {what}")
@@ -542,14 +564,24 @@ def _checked_names(name: str, given: Any, n_rows: int) -> NDArray[np.object_]:
     return known
 
 
-def _checked_groups(n_rows: int, sessions: Any, order: Any) -> Groups:
-    """Check the sessions and the order, or None, that come with rows of features."""
-    known = _checked_names("sessions", sessions, n_rows)
-    if order is None:
-        return Groups(known, None, "no order in time is known")
-    rows = np.asarray(order)
-    each_once = rows.ndim == 1 and np.array_equal(np.sort(rows), np.arange(n_rows))
-    if rows.dtype.kind not in "iu" or not each_once:
-        wanted = f"must hold the row numbers 0 to {n_rows - 1}, each once, from the earliest to the latest"
-        raise argument_error(ValueError, "order", wanted)
-    return Groups(known, np.argsort(rows, kind="stable"))
+def checked_groups(
+    n_rows: int, sessions: Any = None, order: Any = None, conditions: Any = None, overlaps: Any = None
+) -> Groups:
+    """Check what comes with rows of features, each None where it is not known."""
+    known, apart = _checked_names("sessions", sessions, n_rows), _checked_names("groups", conditions, n_rows)
+    rank, pairs = None, None
+    if order is not None:
+        rows = np.asarray(order)
+        each_once = rows.ndim == 1 and np.array_equal(np.sort(rows), np.arange(n_rows))
+        if rows.dtype.kind not in "iu" or not each_once:
+            wanted = (
+                f"must hold the row numbers 0 to {n_rows - 1}, each once, from the earliest to the latest"
+            )
+            raise argument_error(ValueError, "order", wanted)
+        rank = np.argsort(rows, kind="stable")
+    if overlaps is not None:
+        pairs = np.asarray(overlaps)
+        in_pairs = pairs.ndim == 2 and pairs.shape[1] == 2 and np.isin(pairs, np.arange(n_rows)).all()
+        if pairs.dtype.kind not in "iu" or not in_pairs:
+            raise argument_error(ValueError, "overlaps", f"must hold pairs of row numbers, 0 to {n_rows - 1}")
+    return Groups(known, rank, "no order in time is known" if rank is None else "", apart, pairs)

@@ -1,4 +1,4 @@
-"""The classifier of the preset "best": tries a few candidate models on held-out rows, and is the mean of the best."""
+"""The classifier of the preset "best": a steady model, and with it the candidate that does best on held-out rows."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from granular_id._checks import checked_n_jobs, named, positive_number
-from granular_id._parallel import in_threads, single_threaded_blas
+from granular_id._checks import named, positive_number
+from granular_id._parallel import single_threaded_blas
 from granular_id._text import Table, percent
 from granular_id.ecoc import (
     LOSSES,
@@ -37,7 +37,7 @@ from granular_id.spaces.scaling import (
     folded_back,
     whitened_grams,
 )
-from granular_id.splits import CONDITIONS, NONE, RANDOM, SESSIONS, ChoiceFolds, choice_folds
+from granular_id.splits import CONDITIONS, NONE, SESSIONS, ChoiceFolds, checked_groups, choice_folds
 
 FloatArray = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
@@ -45,39 +45,34 @@ Rows = npt.NDArray[np.intp]
 # Where more of the rows violate the margin, the classes overlap: no cost pulls them apart, and libsvm takes millions of
 # steps to find that out.
 _MOST_AT_BOUND = 0.5
-_ENOUGH_FOLDS = 3  # whose differences have a standard error that means anything
-_LEAST_GAIN = 0.02  # of a block; where the standard error is larger, too few recordings tell
 
 
 class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     """A linear one-vs-one classifier that chooses its own preparation of the features.
 
     Every candidate model standardises the columns, gives each block the same weight, may whiten within classes
-    (`BlockScaler`, `WithinClassWhitening`) and trains a linear support
-    vector machine for each pair of classes. Which of them generalise is found by holding out what will be new
-    later: whole groups or sessions, else halves in time, else random rows. Those that come within one standard error
-    of the best, or one recording, are as good, and the model is the mean of their scores. All of it is linear, so
-    the model is one matrix of weights for plain features.
-
-    With three held-out groups or sessions or more the standard error is that of the differences to the best candidate
-    over them, else that of the best one's share of right rows.
+    (`BlockScaler`, `WithinClassWhitening`) and trains a linear support vector machine for each pair of classes. Which
+    of them generalises is found by holding out what will be new later: whole groups or sessions, else halves in time,
+    else random rows. The model is the mean of the scores of two: the candidate whose true classes lead most on the
+    rows held out, and the first candidate, whatever it reaches there. What wins within one set-up may lose in another,
+    where the first, whitened mildly and trained with a soft margin, is steady. All of it is linear, so the model is
+    one matrix of weights for plain features.
 
     Parameters
     ----------
     blocks : mapping of name to number of columns, or None, default None
         Blocks of columns, as in `BlockScaler`. None: one block.
     optional_blocks : sequence of str, default ()
-        Blocks that may hurt: each is tried with and without, and left out unless it gains in every held-out group,
-        session or half in time. Of halves and random rows, which tell less of what is new later, also where a gain of
-        two points would show, and does not. The level of the raw signal, for instance, tells materials apart until the
-        zero of the sensor has moved.
-    shrinkages : sequence of float or None, default (None, 0.03, 1e-3)
+        Blocks that may hurt, such as the level of the raw signal, which tells materials apart until the zero of the
+        sensor has moved. They are tried where whole groups or sessions are held out, and left out unless they gain in
+        every one: inside of one session nothing shows whether a block knows the material or the session.
+    shrinkages : sequence of float or None, default (0.03, None, 1e-3)
         Of `WithinClassWhitening`; None: no whitening. Whitening helps where recordings of a class drift and there are
         enough of them to tell in which directions, and costs a few points where there are not. The less is added, the
-        more it helps within a set-up, and the less in another.
+        more it helps within a set-up, and the less in another. The first belongs to the first candidate.
     relative_costs : sequence of float, default (1.0, 10.0)
         C times the mean squared distance of the training rows from their mean. At 1 some rows may violate the
-        margin, at 10 hardly any does: more changes nothing.
+        margin, at 10 hardly any does: more changes nothing. The lowest belongs to the first candidate.
     loss : str, default "root"
         Binary loss that the scores are decoded with, see `ECOCClassifier`. How far a score reaches
         beyond zero shifts with the session, its sign rarely does: the root names nearly the same classes as counting
@@ -86,8 +81,6 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         Folds that choose; fewer where a class has fewer sessions or recordings. Random folds are drawn anew until
         500 rows were held out, at most ten times. Without sessions, but with an order, the earlier and the later
         half of each class are held out, whatever this number.
-    n_jobs : int, optional
-        Threads over folds, as in joblib. The numbers do not depend on it.
     random_state : int or RandomState, default 0
         Seed of random folds, where such are needed.
 
@@ -112,9 +105,9 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
 
     Notes
     -----
-    Where no two classes have two recordings nothing can be held out: the model is then the mean of all candidates, and
+    Where no two classes have two recordings nothing can be held out: the model is then the first candidate, and
     `choice_` says so. A class with one recording always trains. A single candidate needs no choice, and nothing is held
-    out.
+    out. Rows that share samples with held-out ones, or equal one of them, do not train beside them.
 
     The accuracy in `choice_` made the choice, and is too good by what the choice won; judge with folds around `fit`,
     as `granular_id.evaluate` does.
@@ -124,7 +117,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     >>> from sklearn.datasets import load_iris
     >>> from granular_id import BestClassifier
     >>> X, y = load_iris(return_X_y=True)
-    >>> clf = BestClassifier(blocks={"sepal": 2, "petal": 2}, optional_blocks=["sepal"]).fit(X, y)
+    >>> clf = BestClassifier(blocks={"sepal": 2, "petal": 2}).fit(X, y)
     >>> clf.coef_.shape
     (3, 4)
     >>> clf.choice_.held_out
@@ -143,11 +136,10 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         *,
         blocks: BlockSizes = None,
         optional_blocks: Sequence[str] = (),
-        shrinkages: Sequence[float | None] = (None, BAND_SHRINKAGE, 1e-3),
+        shrinkages: Sequence[float | None] = (BAND_SHRINKAGE, None, 1e-3),
         relative_costs: Sequence[float] = (1.0, 10.0),
         loss: str = BAND_LOSS,
         n_folds: int = 5,
-        n_jobs: int | None = None,
         random_state: int | np.random.RandomState | None = 0,
     ) -> None:
         self.blocks = blocks
@@ -156,7 +148,6 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         self.relative_costs = relative_costs
         self.loss = loss
         self.n_folds = n_folds
-        self.n_jobs = n_jobs
         self.random_state = random_state
 
     def fit(
@@ -166,6 +157,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         sessions: Sequence[Any] | npt.NDArray[Any] | None = None,
         order: npt.ArrayLike | None = None,
         groups: Sequence[Any] | npt.NDArray[Any] | None = None,
+        overlaps: npt.ArrayLike | None = None,
     ) -> BestClassifier:
         """Choose, and train on all rows.
 
@@ -182,12 +174,14 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         groups : sequence of n, optional
             What new recordings will not share with these, such as the tool of each row: where every class has two or
             more, they are held out whole in place of sessions.
+        overlaps : array-like of int, shape (P, 2), optional
+            Pairs of row numbers that share samples, as overlapping windows of one recording do: while one of a pair is
+            held out, the other does not train.
 
         Returns
         -------
         self
         """
-        checked_n_jobs(self.n_jobs)
         named(LOSSES, "loss", self.loss)
         rows, labels = validate_data(self, X, y, dtype=np.float64)
         classes, codes = class_indices(labels)
@@ -195,9 +189,10 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         sizes = {name: columns.stop - columns.start for name, columns in slices.items()}
         candidates = plan_candidates(list(sizes), self.optional_blocks, self.shrinkages, self.relative_costs)
         seed = int(check_random_state(self.random_state).randint(np.iinfo(np.int32).max))
-        planned = choice_folds(codes, sessions, order, n_folds=self.n_folds, seed=seed, conditions=groups)
-        if sessions is not None and planned.held_out not in (SESSIONS, CONDITIONS):
-            # Inside of one session an optional block may name the session, and nothing would show it.
+        copies = np.unique(rows, axis=0, return_inverse=True)[1]
+        known = checked_groups(len(codes), sessions, order, groups, overlaps)
+        planned = choice_folds(codes, known, n_folds=self.n_folds, seed=seed, copies=copies)
+        if planned.held_out not in (SESSIONS, CONDITIONS):
             optional = set(self.optional_blocks)
             candidates = tuple(one for one in candidates if not optional.intersection(one.blocks))
         if len(candidates) == 1:
@@ -205,31 +200,25 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         tests = [test for _, test in planned.folds]
         matrix = onevsone(len(classes))
 
-        def accuracy(scores: FloatArray, test: Rows) -> float:
-            winners = decode(scores, matrix, self.loss).argmax(axis=1)
-            return float(np.mean(winners == codes[test]))
+        def judge(scores: FloatArray, test: Rows) -> tuple[float, float]:
+            return _accuracy_and_lead(decode(scores, matrix, self.loss), codes[test])
 
         # One thread of algebra: with more the last bits would depend on their number.
         with single_threaded_blas():
-            scores = in_threads(
-                lambda fold: held_out_scores(rows, codes, sizes, candidates, *fold),
-                planned.folds,
-                self.n_jobs,
-            )
-            each = [[accuracy(own, test) for own in of] for of, test in zip(scores, tests, strict=True)]
-            accuracies = np.array(each).reshape(len(tests), len(candidates))
-            chosen = tuple(range(len(candidates)))
-            if tests:
-                n_rows = np.unique(np.concatenate(tests)).size
-                chosen = choose(candidates, accuracies, n_rows, planned.held_out)
+            scores = [held_out_scores(rows, codes, sizes, candidates, *fold) for fold in planned.folds]
+            each = [[judge(own, test) for own in of] for of, test in zip(scores, tests, strict=True)]
+            accuracies, leads = np.moveaxis(np.array(each).reshape(len(tests), len(candidates), 2), 2, 0)
+            chosen = choose(candidates, leads)
             lines = fitted_lines(rows, codes, sizes, candidates, chosen)
         together = [of_fold[list(chosen)].mean(axis=0) for of_fold in scores]
-        joint = np.array([accuracy(own, test) for own, test in zip(together, tests, strict=True)])
+        joint = np.array([judge(own, test)[0] for own, test in zip(together, tests, strict=True)])
         self.classes_, self.coding_matrix_ = classes, matrix
         self.coef_ = np.mean([coef for coef, _ in lines], axis=0)
         self.intercept_ = np.mean([intercept for _, intercept in lines], axis=0)
         number = int(self.random_state) if isinstance(self.random_state, Integral) else None
-        self.choice_ = Choice(candidates, chosen, accuracies, joint, planned.held_out, planned.note, number)
+        self.choice_ = Choice(
+            candidates, chosen, accuracies, leads, joint, planned.held_out, planned.note, number
+        )
         return self
 
     def binary_scores(self, X: npt.ArrayLike) -> FloatArray:
@@ -287,9 +276,12 @@ class Choice:
     machines : tuple of Candidate
         All candidate models that were tried.
     chosen : tuple of int
-        Which of them make up the model: those within one standard error of the best, see `BestClassifier`.
+        Which of them make up the model: the first, and the best where it is another one.
     accuracies : ndarray, shape (J, n_candidates)
         Of each on each fold; J is 0 where there were no folds.
+    leads : ndarray, shape (J, n_candidates)
+        Mean lead of the true class over the next, over the mean size of the leads: 1 where all rows are right, -1 where
+        all are wrong. The largest mean over folds is the best: it says what accuracy says, and grades it.
     joint : ndarray, shape (J,)
         Accuracy of the chosen ones together. They were chosen on these folds: too good by as much as the choice won.
     held_out : {"conditions", "sessions", "blocks in time", "random recordings", "nothing"}
@@ -303,6 +295,7 @@ class Choice:
     machines: tuple[Candidate, ...]
     chosen: tuple[int, ...]
     accuracies: FloatArray
+    leads: FloatArray
     joint: FloatArray
     held_out: str
     note: str
@@ -325,25 +318,22 @@ class Choice:
         return f"the mean of the candidate models that were chosen, {count}: {'; '.join(self.names)}"
 
     def table(self) -> Table:
-        """All candidates, in the order of their accuracy on the folds; ``>`` marks the chosen ones."""
-        means = spreads = np.full(len(self.machines), np.nan)
+        """All candidates, in the order of their leads on the folds; ``>`` marks the chosen ones."""
         notes = [f"chosen on {self.note}"]
-        if len(self.accuracies):
-            means, spreads = self.accuracies.mean(axis=0), self.accuracies.std(axis=0)
+        figures = [("-", "-")] * len(self.machines)
+        if len(self.leads):
             notes.append(
-                "> chosen: what is within one standard error of the best, or one recording, without optional blocks "
-                "that do not gain throughout; the mean of their scores reaches "
+                "> chosen: the first candidate, and that of the largest lead of the true class (1: all right, -1: all "
+                "wrong), without optional blocks that do not gain throughout; the mean of their scores reaches "
                 f"{percent(self.accuracy)} on the same folds"
             )
+            means = zip(self.accuracies.mean(axis=0).tolist(), self.leads.mean(axis=0).tolist(), strict=True)
+            figures = [(percent(accuracy), f"{lead:.3f}") for accuracy, lead in means]
         rows = tuple(
-            (
-                f"{'> ' if k in self.chosen else '  '}{self.machines[k].name}",
-                percent(float(means[k])),
-                "-" if np.isnan(spreads[k]) else f"{100 * spreads[k]:.1f}",
-            )
-            for k in np.argsort(-np.nan_to_num(means), kind="stable")
+            (f"{'> ' if k in self.chosen else '  '}{self.machines[k].name}", *figures[k])
+            for k in np.argsort(-self.leads.sum(axis=0), kind="stable").tolist()
         )
-        return Table("Candidate models tried", ("candidate", "accuracy", "SD of folds"), rows, tuple(notes))
+        return Table("Candidate models tried", ("candidate", "accuracy", "lead"), rows, tuple(notes))
 
     def __str__(self) -> str:
         return str(self.table())
@@ -392,11 +382,6 @@ class Candidate:
     """Optional blocks that it does not see."""
 
     @property
-    def preparation(self) -> tuple[tuple[str, ...], float | None]:
-        """What is done before a machine is trained."""
-        return self.blocks, self.shrinkage
-
-    @property
     def name(self) -> str:
         """What makes it differ, in a few words, such as ``without level, whitened 0.001, C 1``."""
         parts = [f"without {' and '.join(self.left_out)}"] if self.left_out else ["all blocks"]
@@ -407,7 +392,7 @@ class Candidate:
 def plan_candidates(
     blocks: Sequence[str], optional: Any, shrinkages: Any, relative_costs: Any
 ) -> tuple[Candidate, ...]:
-    """Every combination, from the plainest: fewest blocks first, then no whitening, then the lowest cost."""
+    """Every combination: without optional blocks first, then as whitening is listed, then the lowest cost."""
     extra = _checked("optional_blocks", optional, "names of blocks", empty=True)
     unknown = [name for name in extra if name not in blocks]
     if unknown:
@@ -424,7 +409,6 @@ def plan_candidates(
         positive_number("relative_costs", value)
         for value in _checked("relative_costs", relative_costs, "numbers")
     ]
-    amounts.sort(key=lambda value: (value is not None, -(value or 0.0)))  # the plainest turns down least
     kept_sets = sorted(product((False, True), repeat=len(extra)), key=sum)
     candidates = []
     for kept, shrinkage, cost in product(kept_sets, amounts, sorted(costs)):
@@ -445,48 +429,26 @@ def _checked(argument: str, values: Any, what: str, *, empty: bool = False) -> l
     return every
 
 
-def choose(
-    candidates: Sequence[Candidate], accuracies: FloatArray, n_rows: int, held_out: str
-) -> tuple[int, ...]:
-    """Candidates that are as good as the best on J folds of `held_out`, by their accuracies (J, n_candidates).
-
-    `n_rows` are the different recordings held out. The rule of one standard error is of Breiman, Friedman, Olshen &
-    Stone, "Classification and Regression Trees" (1984). Where they take the simplest, the mean of the scores is taken
-    here: where few recordings choose, chance does, and a mean of equals is steadier than any one of them.
-    """
-    shown = list(range(len(candidates)))
-    if held_out != RANDOM:
-        lost = blocks_without_gain(candidates, accuracies)
-        shown = [k for k in shown if not lost.intersection(candidates[k].blocks)]
-    means = accuracies[:, shown].mean(axis=0)
-    best = int(means.argmax())
-    of_groups = held_out in (CONDITIONS, SESSIONS)
-    if of_groups and len(accuracies) >= _ENOUGH_FOLDS:
-        losses = accuracies[:, [shown[best]]] - accuracies[:, shown]
-        error = losses.std(axis=0, ddof=1) / np.sqrt(len(accuracies))
-    else:
-        error = np.full(len(shown), np.sqrt(means[best] * (1.0 - means[best]) / n_rows))
-    # The error of a share of 1 is 0, and one recording is chance all the same.
-    as_good = means[best] - means <= np.maximum(error, 1.0 / n_rows) + 1e-12
-    near = [k for k, good in zip(shown, as_good, strict=True) if good]
-    if not of_groups and error[best] <= _LEAST_GAIN:
-        # What a block does not gain here it may lose elsewhere.
-        fewest = min(len(candidates[k].blocks) for k in near)
-        near = [k for k in near if len(candidates[k].blocks) == fewest]
-    return tuple(near)
-
-
-def blocks_without_gain(candidates: Sequence[Candidate], accuracies: FloatArray) -> set[str]:
-    """Find optional blocks without which the same candidates are as good on at least one fold."""
-    lost = set()
-    seen = {name for candidate in candidates for name in candidate.blocks}
-    for name in seen & {name for candidate in candidates for name in candidate.left_out}:
+def choose(candidates: Sequence[Candidate], leads: FloatArray) -> tuple[int, ...]:
+    """Return the first candidate and the best by leads (J, n_candidates); optional blocks must gain in every fold."""
+    if not len(leads):
+        return (0,)
+    means = leads.mean(axis=0)
+    for name in {name for candidate in candidates for name in candidate.left_out}:
         sees = np.array([name in candidate.blocks for candidate in candidates])
         # Candidates come in pairs that differ in this block alone: the means compare like with like.
-        gains = accuracies[:, sees].mean(axis=1) - accuracies[:, ~sees].mean(axis=1)
-        if not (gains > 1e-12).all():
-            lost.add(name)
-    return lost
+        if sees.any() and not (leads[:, sees].mean(axis=1) > leads[:, ~sees].mean(axis=1) + 1e-12).all():
+            means[sees] = -np.inf
+    return tuple(sorted({0, int(means.argmax())}))
+
+
+def _accuracy_and_lead(values: FloatArray, codes: Rows) -> tuple[float, float]:
+    """Share of right rows, and the mean lead of the true class over the mean size of leads, of class values (m, K)."""
+    every = np.arange(len(codes))
+    own, right = values[every, codes], values.argmax(axis=1) == codes
+    values[every, codes] = -np.inf
+    lead = own - values.max(axis=1)
+    return float(right.mean()), float(lead.mean() / (np.abs(lead).mean() or 1.0))
 
 
 def held_out_scores(
@@ -521,7 +483,9 @@ def fitted_lines(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Train candidates on all rows: weights (L, D) of each and intercepts (L,), for plain features."""
     lines = []
-    for (blocks, shrinkage), group in groupby(chosen, key=lambda k: candidates[k].preparation):
+    for (blocks, shrinkage), group in groupby(
+        chosen, key=lambda k: (candidates[k].blocks, candidates[k].shrinkage)
+    ):
         wanted = [candidates[k].relative_cost for k in group]
         own = _columns(sizes, blocks)
         steps: list[Any] = [BlockScaler({name: sizes[name] for name in blocks}).fit(X[:, own])]

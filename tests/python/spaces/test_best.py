@@ -12,7 +12,8 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 from granular_id.ecoc import ECOCClassifier
 from granular_id.spaces import BlockScaler, WithinClassWhitening
 from granular_id.spaces.best import BestClassifier, choose, fitted_lines, held_out_scores, plan_candidates
-from granular_id.splits import choice_folds
+from granular_id.splits import checked_groups, choice_folds, groups_of
+from granular_id.synthetic import synthesize
 
 # Two machines and few folds: one that chooses, and one that has no choice.
 FEW = {"shrinkages": [1e-3], "n_folds": 2}
@@ -90,7 +91,9 @@ def test_each_machine_equals_its_pipeline(rows):
 def test_the_model_is_the_mean_of_the_chosen(rows, chosen):
     X, y, codes, _ = rows
     choice = chosen.choice_
-    assert choice.chosen == choose(choice.machines, choice.accuracies, 60, "sessions")
+    assert choice.chosen == choose(choice.machines, choice.leads)
+    assert choice.chosen[0] == 0
+    assert choice.machines[0].name == "without level, whitened 0.03, C 1"
     lines = fitted_lines(X, codes, BLOCKS, choice.machines, choice.chosen)
     np.testing.assert_allclose(chosen.coef_, np.mean([coef for coef, _ in lines], axis=0))
     np.testing.assert_allclose(chosen.binary_scores(X), X @ chosen.coef_.T + chosen.intercept_)
@@ -101,33 +104,33 @@ def test_the_model_is_the_mean_of_the_chosen(rows, chosen):
     np.testing.assert_array_equal(chosen.coding_matrix_, twin.coding_matrix_)
 
 
-PLAIN = plan_candidates(["a"], [], [None, 0.1, 0.01], [1.0])
+PLAIN = plan_candidates(["a"], [], [0.1, None, 0.01], [1.0])
 OPTIONAL = plan_candidates(["a", "level"], ["level"], [None], [1.0])  # without, and with
-STEADY = [[0.70, 0.68, 0.6], [0.90, 0.88, 0.9], [0.80, 0.78, 0.75], [0.75, 0.73, 0.8]]
 
 
 @pytest.mark.parametrize(
-    ("candidates", "accuracies", "held_out", "chosen"),
+    ("candidates", "leads", "chosen"),
     [
-        # two points on every fold are a difference, though folds differ by twenty
-        (PLAIN, STEADY, "sessions", (0, 2)),
-        (PLAIN, STEADY, "conditions", (0, 2)),
-        (PLAIN, STEADY, "random recordings", (0, 1, 2)),
-        # the error of a share of 1 is 0: what is within one recording of 100 is as good
-        (PLAIN, [[1.0, 0.99, 0.98]] * 2, "random recordings", (0, 1)),
-        (PLAIN, [[1.0, 0.99, 0.98]] * 4, "sessions", (0, 1)),
-        # a block must gain in every session
-        (OPTIONAL, [[0.5, 0.9], [0.5, 0.9], [0.5, 0.5]], "sessions", (0,)),
-        (OPTIONAL, [[0.5, 0.9], [0.5, 0.9], [0.5, 0.6]], "sessions", (1,)),
-        (OPTIONAL, [[0.5, 0.9], [0.6, 0.5]], "blocks in time", (0,)),
-        # of random rows, and halves in time, more than the error where that is two points or less
-        (OPTIONAL, [[0.97, 0.98], [0.97, 0.98]], "random recordings", (0,)),
-        (OPTIONAL, [[0.97, 0.98], [0.97, 0.98]], "blocks in time", (0,)),
-        (OPTIONAL, [[0.50, 0.51], [0.50, 0.51]], "random recordings", (0, 1)),
+        (PLAIN, [[0.5, 0.6, 0.9], [0.5, 0.7, 0.3]], (0, 1)),
+        (PLAIN, [[0.8, 0.6, 0.7]], (0,)),
+        (PLAIN, [[1.0, 1.0, 1.0]], (0,)),
+        (PLAIN, np.empty((0, 3)), (0,)),
+        # an optional block must gain in every fold
+        (OPTIONAL, [[0.5, 0.9], [0.5, 0.9], [0.5, 0.5]], (0,)),
+        (OPTIONAL, [[0.5, 0.9], [0.5, 0.9], [0.5, 0.6]], (0, 1)),
     ],
 )
-def test_choose_takes_what_is_as_good_as_the_best(candidates, accuracies, held_out, chosen):
-    assert choose(candidates, np.array(accuracies), 100, held_out) == chosen
+def test_choose_takes_the_first_and_the_best(candidates, leads, chosen):
+    assert choose(candidates, np.array(leads)) == chosen
+
+
+def test_leads_grade_the_accuracy():
+    X, y, sessions = drifting(120)
+    choice = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X, y, sessions=sessions).choice_
+    assert np.corrcoef(choice.accuracies.ravel(), choice.leads.ravel())[0, 1] > 0.9
+    apart = np.repeat(np.eye(3), 4, axis=0) + 1e-3 * X[:12, :3]
+    easy = BestClassifier(shrinkages=[None, 1e-3]).fit(apart, np.repeat(["a", "b", "c"], 4))
+    np.testing.assert_array_equal(easy.choice_.leads, 1.0)
 
 
 def test_best_with_sessions_leaves_a_block_of_the_session_out():
@@ -136,22 +139,86 @@ def test_best_with_sessions_leaves_a_block_of_the_session_out():
     strict = clf.fit(X, y, sessions=sessions)
     assert strict.choice_.held_out == "sessions"
     assert not strict.coef_[:, 50:].any()
-    lenient = clone(clf).fit(X, y)
-    assert lenient.choice_.held_out == "random recordings"
-    assert lenient.coef_[:, 50:].any()
-    assert lenient.choice_.accuracy > strict.choice_.accuracy
+    gains = X.copy()
+    gains[:, 50:] = 3.0 * np.unique(y, return_inverse=True)[1][:, None] + np.random.default_rng(0).normal(
+        size=(600, 4)
+    )
+    assert clone(clf).fit(gains, y, sessions=sessions).coef_[:, 50:].any()
 
 
-def test_best_with_threads_or_pickled_gives_the_same_numbers(rows):
+@pytest.mark.parametrize("known", [{}, {"order": np.arange(240)}, {"sessions": ["day 1"] * 240}])
+def test_best_without_sessions_stands_a_moved_zero(known):
+    X, y, _ = drifting(480)
+    X[:, 50:] = np.unique(y, return_inverse=True)[1][:, None] + 0.5 * np.random.default_rng(0).normal(
+        size=(480, 4)
+    )
+    moved = X[240:].copy()
+    moved[:, 50:] += 10.0
+    best = BestClassifier(blocks=BLOCKS, optional_blocks=["level"]).fit(X[:240], y[:240], **known)
+    steady = BestClassifier(blocks={"left": 10, "right": 40}, shrinkages=[0.03], relative_costs=[1.0])
+    steady.fit(X[:240, :50], y[:240])
+    assert best.score(moved, y[240:]) >= steady.score(moved[:, :50], y[240:]) - 0.05
+
+
+def windows(hop):
+    """Windows of one walk for each of two classes, in time, and the pairs that share samples."""
+    walks = np.random.default_rng(0).normal(size=(2, 400)).cumsum(axis=1)
+    starts = np.arange(0, 360, hop)
+    rows = [walk[start : start + 40] for walk in walks for start in starts]
+    pairs = [(i, j) for i in range(len(rows)) for j in range(i) if i // len(starts) == j // len(starts)]
+    overlaps = [(i, j) for i, j in pairs if abs(i - j) * hop < 40]
+    return np.array(rows), np.repeat(["a", "b"], len(starts)), np.tile(np.arange(len(starts)), 2), overlaps
+
+
+@pytest.mark.parametrize("how", ["time", "random"])
+def test_windows_that_share_samples_are_on_one_side(how, monkeypatch):
+    X, y, places, overlaps = windows(10)
+    drawn = []
+
+    def spied(rows, codes, sizes, candidates, train, test):
+        drawn.append((set(train.tolist()), set(test.tolist())))
+        return held_out_scores(rows, codes, sizes, candidates, train, test)
+
+    monkeypatch.setattr("granular_id.spaces.best.held_out_scores", spied)
+    order = np.argsort(places, kind="stable") if how == "time" else None
+    BestClassifier().fit(X, y, order=order, overlaps=overlaps)
+    assert drawn
+    for train, test in drawn:
+        assert not [pair for pair in overlaps for i, j in (pair, pair[::-1]) if i in train and j in test]
+
+
+def test_a_pipeline_passes_on_which_windows_overlap():
+    data = synthesize(
+        ["rice", "oat flakes"], n_per_class=4, sessions=1, duration_s=2.0, rate_hz=100.0
+    ).windows(1.0, 0.5)
+    groups = groups_of(data)
+    assert len(groups.overlaps) == 16
+    assert groups.take(np.array([0, 1, 5])).overlaps.tolist() == [[0, 1]]
+    assert "overlaps" in groups.fit_arguments(BestClassifier())
+
+
+def test_copies_of_a_row_are_on_one_side(rows):
+    X, y, codes, _ = rows
+    twice, copies = np.tile(codes, 2), np.tile(np.arange(60), 2)
+    for known in (checked_groups(120, None, None), checked_groups(120, None, np.arange(120))):
+        folds = choice_folds(twice, known, n_folds=3, seed=0, copies=copies).folds
+        for train, test in folds:
+            assert not set(copies[train]) & set(copies[test])
+    assert (
+        BestClassifier().fit(np.tile(X, (2, 1)), np.tile(y, 2), order=np.arange(120)).choice_.held_out
+        == "nothing"
+    )
+
+
+def test_best_fitted_again_or_pickled_gives_the_same_numbers(rows):
     X, y, _, _ = rows
     one, two, other = (
-        BestClassifier(blocks=BLOCKS, **FEW, **how).fit(X, y)
-        for how in ({}, {"n_jobs": 2}, {"random_state": 1})
+        BestClassifier(blocks=BLOCKS, **FEW, **how).fit(X, y) for how in ({}, {}, {"random_state": 1})
     )
     for name in ("coef_", "intercept_"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
     assert one.choice_.to_dict() == two.choice_.to_dict()
-    assert not np.array_equal(other.choice_.accuracies, one.choice_.accuracies)
+    assert not np.array_equal(other.choice_.leads, one.choice_.leads)
     copy = pickle.loads(pickle.dumps(one))
     np.testing.assert_array_equal(copy.predict(X), one.predict(X))
 
@@ -168,21 +235,24 @@ def test_what_was_chosen_is_shown(chosen):
 
 
 def test_folds_are_the_strictest_that_there_are():
+    def folds_of(codes, sessions, order, n_folds):
+        return choice_folds(codes, checked_groups(len(codes), sessions, order), n_folds=n_folds, seed=0)
+
     codes = np.arange(40) % 2
     sessions = np.arange(40) // 10
-    folds = choice_folds(codes, sessions, None, n_folds=3, seed=0)
+    folds = folds_of(codes, sessions, None, 3)
     assert (folds.held_out, len(folds.folds)) == ("sessions", 3)
     for train, test in folds.folds:
         assert not set(sessions[train]) & set(sessions[test])
-    in_time = choice_folds(codes, None, np.arange(40)[::-1], n_folds=4, seed=0)
+    in_time = folds_of(codes, None, np.arange(40)[::-1], 4)
     assert in_time.held_out == "blocks in time"
     assert [test.tolist() for _, test in in_time.folds] == [list(range(20)), list(range(20, 40))]
-    one_session = choice_folds(codes, ["a"] * 40, np.arange(40), n_folds=4, seed=0)
+    one_session = folds_of(codes, ["a"] * 40, np.arange(40), 4)
     assert "fewer than two materials have several sessions" in one_session.note
-    drawn = choice_folds(codes, None, None, n_folds=4, seed=0)
+    drawn = folds_of(codes, None, None, 4)
     assert "drawn 10 times" in drawn.note
     assert len(drawn.folds) == 40
-    assert len(choice_folds(np.arange(600) % 2, None, None, n_folds=4, seed=0).folds) == 4
+    assert len(folds_of(np.arange(600) % 2, None, None, 4).folds) == 4
 
 
 def test_classes_with_one_recording_always_train(rows):
@@ -192,11 +262,11 @@ def test_classes_with_one_recording_always_train(rows):
     assert "lonely" in clf.classes_
 
 
-def test_where_nothing_can_be_held_out_every_machine_has_a_say(rows):
+def test_where_nothing_can_be_held_out_the_first_is_taken(rows):
     X = rows[0][:3]
     clf = BestClassifier(blocks=BLOCKS).fit(X, ["a", "b", "c"])
     assert clf.choice_.held_out == "nothing"
-    assert clf.choice_.chosen == tuple(range(6))
+    assert clf.choice_.chosen == (0,)
     assert np.isnan(clf.choice_.accuracy)
     assert "no folds: fewer than two classes" in str(clf.choice_)
     json.dumps(clf.choice_.to_dict(), allow_nan=False)
@@ -250,18 +320,19 @@ BAD = [
     ({"relative_costs": [-1.0]}, ValueError, "relative_costs must be positive"),
     ({"loss": "quadratic"}, ValueError, "loss"),
     ({"n_folds": 1}, ValueError, "n_folds must be at least 2"),
-    ({"n_jobs": 0}, ValueError, "n_jobs"),
     ({"sessions": ["a"]}, ValueError, "sessions must name one session per row of X, 60, got 1"),
     ({"sessions": "a"}, TypeError, "sessions must be a sequence"),
     ({"order": [0] * 60}, ValueError, "order must hold the row numbers 0 to 59"),
     ({"order": [0.5] * 60}, ValueError, "order must hold the row numbers"),
+    ({"overlaps": [0, 1]}, ValueError, "overlaps must hold pairs of row numbers, 0 to 59"),
+    ({"overlaps": [[0, 60]]}, ValueError, "overlaps must hold pairs of row numbers, 0 to 59"),
 ]
 
 
 @pytest.mark.parametrize(("arguments", "kind", "message"), BAD)
 def test_bad_parameters_sessions_and_orders_are_named(rows, arguments, kind, message):
     X, y, _, _ = rows
-    of_rows = {name: value for name, value in arguments.items() if name in ("sessions", "order")}
+    of_rows = {name: value for name, value in arguments.items() if name in ("sessions", "order", "overlaps")}
     parameters = {name: value for name, value in arguments.items() if name not in of_rows}
     with pytest.raises(kind, match=message):
         BestClassifier(**parameters).fit(X, y, **of_rows)
