@@ -152,7 +152,7 @@ def feature_spaces(
             "best",
             MultiBand(rate_hz=rate_hz, blocks=ALL_BLOCKS, threads=threads),
             None,
-            note="multi-band; blocks, whitening and C chosen on recordings held out; not in the paper",
+            note="multiband, and blocks, whitening and C chosen on recordings held out; not in the paper",
             classifier=BestClassifier(optional_blocks=("level",)),
         ),
         FeatureSpace(
