@@ -527,9 +527,11 @@ def choice_tables(result: EvaluationResult) -> tuple[Table, ...]:
     for space, chosen in result.chosen.items():
         taken = Counter(k for one in chosen for k in one.chosen)
         rows = []
-        for k, machine in enumerate(chosen[0].machines):
-            shares = [one.accuracies[:, k].mean() for one in chosen if len(one.accuracies)]
-            mean = percent(float(np.mean(shares)) if shares else None)
+        # Without sessions to hold out, candidates with optional blocks, which come last, are not tried.
+        most = max(chosen, key=lambda one: len(one.machines))
+        for k, machine in enumerate(most.machines):
+            tried = [one for one in chosen if len(one.accuracies) and k < len(one.machines)]
+            mean = percent(float(np.mean([one.accuracies[:, k].mean() for one in tried])) if tried else None)
             rows.append((f"{k + 1} {machine.name}", f"{taken[k]} of {len(chosen)}", mean))
         notes = tuple(f"chosen on {note}" for note in dict.fromkeys(one.note for one in chosen))
         header = ("candidate", "taken in folds", "held-out accuracy")

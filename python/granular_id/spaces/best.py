@@ -101,7 +101,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
     ------
     TypeError, ValueError
         From `fit`: parameters out of range, blocks that do not add up to the columns, one class only, NaN or
-        infinity in X, sessions, groups or an order that do not fit.
+        infinity in X, sessions, groups, overlaps or an order that do not fit.
 
     Notes
     -----
