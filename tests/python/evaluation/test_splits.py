@@ -14,6 +14,7 @@ from granular_id.recording.conditions import conditions_in
 from granular_id.splits import (
     FOLDS_OF_MANY,
     N_FOLDS,
+    checked_groups,
     choice_folds,
     groups_of,
     hold_out,
@@ -244,7 +245,9 @@ def test_groups_of_rows_keep_their_order():
 
 def test_rows_whose_session_is_not_known_choose_by_others():
     codes, known = np.repeat([0, 1, 2], 4), [1, 2] * 4
-    folds = choice_folds(codes, [*known, float("nan"), "", None, 2], None, n_folds=5, seed=0)
+    folds = choice_folds(
+        codes, checked_groups(len(codes), [*known, float("nan"), "", None, 2]), n_folds=5, seed=0
+    )
     assert (folds.held_out, len(folds.folds)) == ("sessions", 2)
     assert all(test.max() < 8 for _, test in folds.folds)
 
@@ -252,7 +255,7 @@ def test_rows_whose_session_is_not_known_choose_by_others():
 @pytest.mark.parametrize("order", [[0, 0, 1], [[0, 1, 2]], [0.0, 1.0, 2.0]])
 def test_order_that_names_no_rows_is_refused(order):
     with pytest.raises(ValueError, match="order must hold the row numbers 0 to 2, each once"):
-        choice_folds(np.array([0, 1, 1]), None, order, n_folds=2, seed=0)
+        checked_groups(3, order=order)
 
 
 # Conditions.
