@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from granular_id._checks import argument_error, whole_number
 from granular_id._estimators import routed
@@ -243,12 +245,12 @@ def hold_out(data: Dataset, by: str = AUTO, n_folds: int | None = None, seed: in
     elif by == TIME:
         drawn = _time_folds(data.y, groups)
     elif by == RANDOM:
-        drawn = _random_folds(data.y, most, seed)
+        drawn = _random_folds(data.y, most, seed, groups.overlaps)
     else:
         drawn = _condition_folds(data, *condition_of(data, by))
     if isinstance(drawn, str):
         raise argument_error(ValueError, "by", f"={by!r} cannot be held out: {drawn}")
-    return _without_shared_samples(replace(drawn, seed=seed), data)
+    return _without_shared_samples(replace(drawn, seed=seed), data.y, groups.overlaps)
 
 
 def _auto(y: NDArray[np.str_], groups: Groups, n_folds: int, seed: int) -> Folds:
@@ -262,7 +264,7 @@ def _auto(y: NDArray[np.str_], groups: Groups, n_folds: int, seed: int) -> Folds
         return replace(in_time, notes=(*in_time.notes, why))
     if sessions is not None:
         return sessions
-    drawn = _random_folds(y, n_folds, seed)
+    drawn = _random_folds(y, n_folds, seed, groups.overlaps)
     if isinstance(drawn, str):
         raise ValueError(drawn)  # noqa: TRY004 - the reason, not the type, is wrong
     return replace(drawn, notes=(*drawn.notes, f"{why}; not halves in time: {in_time}"))
@@ -361,17 +363,32 @@ def _time_folds(y: NDArray[Any], groups: Groups) -> Folds | str:
     return Folds(TIME, folds, (f"halves in time order, {groups.basis}",), untested)
 
 
-def _random_folds(y: NDArray[Any], n_folds: int, seed: int) -> Folds | str:
-    """Draw stratified random folds: sizes differ by at most one recording, in all and within each class."""
+def _random_folds(y: NDArray[Any], n_folds: int, seed: int, overlaps: Rows | None = None) -> Folds | str:
+    """Draw stratified random folds: sizes differ by at most one recording, in all and within each class.
+
+    Windows that share samples are drawn together, as the first of them, unless all of their class do.
+    """
     several, untested = _with_several_rows(y)
     if len(several) < 2:
         return _TOO_FEW
-    n_used = min(n_folds, max(own.size for own in several))
+    unit_of = np.arange(len(y))
+    if overlaps is not None:
+        ones = np.ones(len(overlaps), dtype=np.bool_)
+        linked = coo_array((ones, overlaps.T), (len(y), len(y)))
+        _, first, part_of = np.unique(
+            connected_components(linked, directed=False)[1], return_index=True, return_inverse=True
+        )
+        for own in several:
+            if np.unique(part_of[own]).size > 1:
+                unit_of[own] = first[part_of[own]]
+    units = [np.unique(unit_of[own]) for own in several]
+    n_used = min(n_folds, max(own.size for own in units))
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2, n_used)))
     # Dealt like cards, class after class: no fold gets two of a class before each other has one.
-    dealt = np.concatenate([rng.permutation(own) for own in several])
-    fold_of = np.full(len(y), -1, dtype=np.intp)
-    fold_of[dealt] = np.arange(dealt.size) % n_used
+    dealt = np.concatenate([rng.permutation(own) for own in units])
+    fold_of_unit = np.full(len(y), -1, dtype=np.intp)
+    fold_of_unit[dealt] = np.arange(dealt.size) % n_used
+    fold_of = fold_of_unit[unit_of]
     folds = tuple(
         Fold(np.flatnonzero(fold_of != j), np.flatnonzero(fold_of == j), f"fold {j + 1} of {n_used}")
         for j in range(n_used)
@@ -448,18 +465,18 @@ def paper_folds(
     note = (
         f"random: {train_per_class} recordings of each class train, {test_per_class} are tested, seed {seed}"
     )
-    return _without_shared_samples(Folds(PAPER, tuple(folds), (note,), seed=seed), data)
+    partitions = Folds(PAPER, tuple(folds), (note,), seed=seed)
+    return _without_shared_samples(partitions, data.y, _overlaps(data))
 
 
 # Windows of one recording that share samples.
 
 
-def _without_shared_samples(drawn: Folds, data: Dataset) -> Folds:
+def _without_shared_samples(drawn: Folds, y: NDArray[np.str_], pairs: Rows | None) -> Folds:
     """Leave windows out of the training that share samples with tested ones."""
-    pairs = _overlaps(data)
     if pairs is None:
         return drawn
-    y, apart, left_out = data.y, [], set[int]()
+    apart, left_out = [], set[int]()
     for fold in drawn:
         train = _clear_of(fold.test, fold.train, pairs)
         lost = np.setdiff1d(y[fold.train], y[train]).tolist()
@@ -542,7 +559,7 @@ def _drawn_to_choose(y: Rows, groups: Groups, wanted: int, seed: int) -> ChoiceF
     n_used = min(wanted, int(counts.max()))
     repeats = min(_MOST_REPEATS, -(-_ENOUGH_ROWS // len(y)))
     seeds = np.random.SeedSequence(seed, spawn_key=(7,)).generate_state(repeats).tolist()
-    folds = tuple(pair for draw in seeds for pair in _pairs(_random_folds(y, n_used, draw)))
+    folds = tuple(pair for draw in seeds for pair in _pairs(_random_folds(y, n_used, draw, groups.overlaps)))
     times = f", drawn {repeats} times" if repeats > 1 else ""
     return ChoiceFolds(folds, RANDOMLY, f"{n_used} random folds{times} ({why}, and no order in time)")
 

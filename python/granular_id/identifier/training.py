@@ -248,7 +248,7 @@ class Split:
     groups: Groups
     n_classes: int
     folds: Folds | None = None  # of the estimate
-    random: tuple[Folds, ...] = ()  # say how much stranger a recording is to models that train on less
+    random: tuple[Folds, ...] = ()  # two, for how much stranger a recording is to models of fewer
     why_none: str = "no recordings were held out, as asked"
 
 
@@ -264,7 +264,11 @@ def split_of(data: Dataset, by: str, seed: int, *, estimate: bool) -> Split:
             raise
         return Split(groups, n_classes, why_none=str(why))
     sizes = N_RANDOM_FOLDS, max(2, len(folds))
-    return Split(groups, n_classes, folds, tuple(hold_out(data, "random", n_folds=n) for n in sizes), "")
+    try:
+        drawn = tuple(hold_out(data, "random", n_folds=n) for n in sizes)
+    except ValueError:  # windows that share samples with all others of their material
+        drawn = ()
+    return Split(groups, n_classes, folds, drawn, "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,17 +343,17 @@ def refusal(
             drawn = ((np.r_[fold.train, always], fold.test) for fold in folds)
             return held_out_parts(small, codes, n_classes, drawn).take(slice(n))
 
-        ten, as_many = (
+        of_folds = [
             parts(drawn.folds).take(np.sort(np.concatenate([fold.test for fold in drawn])))
             for drawn in split.random
-        )
+        ]
         rank = split.groups.rank if held.folds.by == TIME else None
         rule = unknown_rule(
             core.classes,
             parts(held.folds.folds),
             codes[:n],
             share_known=share_known,
-            of_folds=(ten, as_many),
+            of_folds=(of_folds[0], of_folds[1]) if of_folds else None,
             blocks=None if rank is None else blocks_in_time(rank, codes[:n]),
             held_out=held.folds.name if held.folds.sessions_apart else "",
         )

@@ -397,6 +397,16 @@ def test_windows_that_share_samples_never_lie_on_both_sides(by):
     assert len(cleared) == (by in ("time", "random"))
 
 
+def test_random_folds_of_windows_test_whole_recordings():
+    """Each window shares samples with all others of its recording: drawn singly, none would be left to train on."""
+    data = drives({"a": 6, "b": 6}, n=160).windows(1.0, 0.2)
+    folds = hold_out(data, "random")
+    cut = np.array([r.meta["window"]["recording"] for r in data])
+    assert not any(set(cut[fold.train]) & set(cut[fold.test]) for fold in folds)
+    assert sorted(np.concatenate([fold.test for fold in folds]).tolist()) == list(range(len(data)))
+    assert all(set(data.y[fold.test]) == {"a", "b"} for fold in folds)
+
+
 def test_paper_folds_of_windows_part_none_that_share_samples():
     data = drives({"a": 3, "b": 3}).windows(1.0, 0.5)
     assert n_parted(data, paper_folds(data, 3, 20, 5)) == 0

@@ -120,6 +120,15 @@ def test_one_recording_of_a_material_gives_no_estimate(levels):
 # -- what a model says of itself
 
 
+@pytest.mark.parametrize("n_long", [1, 4])
+def test_windows_that_share_samples_are_held_out(n_long):
+    """Of one long recording of a material no random folds can be drawn: the limit of refusal does without."""
+    data = synthesize(["rice", "fine sugar"], n_long, duration_s=1.6).windows(0.5, 0.1)
+    model = Identifier.fit(data, "hfmh")
+    assert model.held_ is not None
+    assert model.trained["confidence"]["unknown"]["threshold"] > 0
+
+
 def test_material_that_is_never_recognised_is_named(leveled):
     estimate = leveled.trained["estimate"] | {"recall": {"oat": 0.0, "peas": 1.0, "rice": None}}
     model = Identifier(with_trained(leveled.core, leveled.trained | {"estimate": estimate}))
