@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from granular_id.io.formats import save_parquet
+from granular_id.io.parquet.writing import save_parquet
 from granular_id.recording import Dataset, Recording
 
 LABELS = ("rice", "fine sugar", "oat flakes")
@@ -22,26 +25,20 @@ def some_recordings(
     every = []
     for i, length in enumerate(lengths):
         wrench = np.round(rng.normal(size=(length, 6)) * 64) / 128
-        about = {
-            "label": LABELS[i % 3],
-            "session": f"day {i % 2}",
-            "start_time": 1.7e9 + i,
-            "name": f"push {i}",
-        }
-        every.append(Recording(wrench, rate_hz=rate_hz, **about))
+        about = {"label": LABELS[i % 3], "session": f"day {i % 2}", "start_time": 1.7e9 + i}
+        every.append(Recording(wrench, rate_hz=rate_hz, name=f"push {i}", **about))
     return Dataset(every)
 
 
 def some_archive(folder: Path, dataset: Dataset | None = None, *, per_group: int = 2) -> Path:
     """Write an archive of small row groups."""
-    return save_parquet(
-        some_recordings() if dataset is None else dataset, folder, recordings_per_group=per_group
-    )
+    data = some_recordings() if dataset is None else dataset
+    return save_parquet(data, folder, recordings_per_group=per_group)
 
 
 def small_partitions(monkeypatch, n_recordings: int = 4) -> None:
     """Let partitions hold fewer recordings."""
-    monkeypatch.setattr("granular_id.archive.extraction._MOST_RECORDINGS", n_recordings)
+    monkeypatch.setattr("granular_id.archive.partitions._MOST_RECORDINGS", n_recordings)
 
 
 def files_in(folder: Path) -> dict[str, bytes]:
@@ -51,19 +48,84 @@ def files_in(folder: Path) -> dict[str, bytes]:
 
 def partitions_in(folder: Path) -> list[str]:
     """Name the partitions of a folder."""
-    return sorted(path.name for path in folder.glob("*.parquet"))
+    return sorted(path.name for path in folder.glob("[!.]*.parquet"))
 
 
-def poison(archive: Path, row_group: int, file: str = "samples/part-00000.parquet") -> bytes:
-    """Damage the samples of one row group; return the bytes of the file as it was."""
+def index_in(archive: Path) -> Path:
+    """Return the index file of an archive that was written at once."""
+    (path,) = archive.glob("recordings-*.parquet")
+    return path
+
+
+def samples_in(archive: Path) -> Path:
+    """Return the file of samples of an archive that was written at once."""
+    (path,) = archive.glob("samples/part-*.parquet")
+    return path
+
+
+def poison(path: Path, row_group: int) -> bytes:
+    """Flip bits in the first column of a row group; return the bytes of the file as it was."""
     import pyarrow.parquet as pq
 
-    path = archive / file
     whole = path.read_bytes()
     column = pq.read_metadata(path).row_group(row_group).column(0)
     start = column.dictionary_page_offset or column.data_page_offset
     damaged = bytearray(whole)
-    at = start + column.total_compressed_size - 8
-    damaged[at] ^= 0xFF
+    damaged[start + column.total_compressed_size - 8] ^= 0xFF
     path.write_bytes(damaged)
     return whole
+
+
+def rewrite(path: Path, change: Callable[[Any], Any] = lambda table: table, labels=None, **options) -> None:
+    """Write a Parquet file anew by plain pyarrow, its table or its labels changed."""
+    import pyarrow.parquet as pq
+
+    found = pq.read_metadata(path).metadata
+    own = {key: value for key, value in found.items() if key in (b"granular_id", b"history")}
+    table = change(pq.ParquetFile(path).read())
+    pq.write_table(table.replace_schema_metadata(own if labels is None else labels), path, **options)
+
+
+def with_column(name: str, values: Any) -> Callable[[Any], Any]:
+    """Put other values into a column of a table."""
+    return lambda table: table.set_column(table.column_names.index(name), name, values)
+
+
+@dataclass(frozen=True)
+class Sums:
+    """A spec: the sum of the samples of each recording; `before` is called with each row group."""
+
+    about: str = "sums"
+    before: Callable[[Any], object] | None = None
+
+    def describe(self):
+        return {"sums": self.about}
+
+    def check(self, archive):
+        if archive.axes[0] != "fx":
+            raise ValueError("wanted fx")
+
+    def table(self, archive, groups):
+        import pyarrow as pa
+
+        sums = []
+        for group in groups:
+            if self.before is not None:
+                self.before(group)
+            sums += archive.samples(group).reshape(group.stop - group.start, -1).sum(axis=1).tolist()
+        return pa.table({"sum": sums})
+
+
+@dataclass(frozen=True)
+class Dies:
+    """Kills its process: once at one row group, always at another; `words` is a folder where it leaves word of it."""
+
+    words: str
+    once: int = 5
+    always: int = 9
+
+    def __call__(self, group):
+        word = Path(self.words, f"died at {group.row_group}")
+        if group.row_group == self.always or (group.row_group == self.once and not word.exists()):
+            word.touch()
+            os.kill(os.getpid(), 9)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from granular_id.archive.answers import Answers, identify
-from granular_id.archive.check import CheckReport, Problem, check
-from granular_id.archive.extraction import Extraction, PartitionError
+from granular_id.archive.check import CheckReport, check
 from granular_id.archive.features import Features, extract
+from granular_id.archive.partitions import Extraction, PartitionError
 from granular_id.io.parquet.archive import Archive, RowGroup
 from granular_id.io.parquet.writing import Appended, append
 
@@ -17,7 +17,6 @@ __all__ = [
     "Extraction",
     "Features",
     "PartitionError",
-    "Problem",
     "RowGroup",
     "append",
     "check",

@@ -6,7 +6,7 @@ import hashlib
 import os
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -17,12 +17,10 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import checked_choice, finite_number
-from granular_id._files import absolute, durable_file
+from granular_id._files import absolute
 from granular_id._progress import ProgressCallback
 from granular_id._text import Table, counted, percent, verb
-from granular_id.archive.extraction import Extraction, run
-from granular_id.archive.manifest import MANIFEST, Partitions
-from granular_id.archive.work import INDEX_COLUMNS, one_of_each, read_samples
+from granular_id.archive.partitions import ABOUT, Extraction, Outputs, one_of_each, run
 from granular_id.identifier import (
     Identifier,
     answers_about,
@@ -33,18 +31,14 @@ from granular_id.identifier import (
     synthetic_words,
 )
 from granular_id.io.errors import need
-from granular_id.io.parquet.archive import Archive, RowGroup
-from granular_id.io.parquet.layout import DIGEST
+from granular_id.io.parquet.archive import Archive, RowGroup, integers
 from granular_id.recording import Begin, setup_mismatch
-
-FloatArray = npt.NDArray[np.float64]
 
 MODEL = "_model.safetensors"
 """Beside the answers: the model that gave them, which workers read."""
 
 COLUMNS = ("answer", "margin", "probability", "candidates", "unknown", "warnings", "trained_on")
-
-_KEPT_MODELS = 4
+"""What is said of a recording; null where it has no answer."""
 
 
 def identify(
@@ -123,47 +117,26 @@ def identify(
     known = model if isinstance(model, Identifier) else Identifier.load(model)
     checked_choice("begin_at", begin_at, "auto", "first", "trigger")
     checked_choice("on_short", on_short, "raise", "skip")
-    lead_s = None if lead_s is None else finite_number("lead_s", lead_s)
-    folder = Path(out)
     content = known.core.to_bytes()
-    work = AnswerWork(
-        model=absolute(folder / MODEL),
+    spec = AnswersSpec(
+        model=absolute(Path(out) / MODEL),
         sha256=hashlib.sha256(content).hexdigest(),
         accept=(accept,) if isinstance(accept, str) else tuple(accept),
         begin_at=begin_at,
-        lead_s=lead_s,
+        lead_s=None if lead_s is None else finite_number("lead_s", lead_s),
         on_short=on_short,
         loaded=known,
     )
     extraction = run(
-        opened,
-        work,
-        out,
-        n_jobs=n_jobs,
-        scheduler=scheduler,
-        progress=progress,
-        prepare=lambda folder: _keep(folder, content),
+        opened, spec, out, n_jobs=n_jobs, scheduler=scheduler, progress=progress, beside={MODEL: content}
     )
-    answers = Answers(folder)
+    answers = Answers(out)
     answers.extraction = extraction
     return answers
 
 
-def _keep(folder: Path, content: bytes) -> None:
-    """Put the model where workers find it, unless the folder holds something else."""
-    path = folder / MODEL
-    there = path.read_bytes() if path.is_file() else None
-    if there == content:
-        return
-    if any(folder.glob("*.parquet")) or (folder / MANIFEST).exists():
-        other = f"other work already, and no {MODEL}" if there is None else "answers of another model already"
-        raise ValueError(f"{folder} holds {other}; name another folder")
-    with durable_file(path) as draft:
-        draft.write_bytes(content)
-
-
 @dataclass(frozen=True)
-class AnswerWork:
+class AnswersSpec:
     """Answers of one model. What travels to workers is where the model lies, not the model."""
 
     model: str
@@ -182,7 +155,7 @@ class AnswerWork:
         """The model."""
         return _model(self.model, self.sha256) if self.loaded is None else self.loaded
 
-    def about(self) -> dict[str, Any]:
+    def describe(self) -> dict[str, Any]:
         """Return what decides about the answers."""
         begins = {"begin_at": self.begin_at, "lead_s": self.lead_s, "on_short": self.on_short}
         return {Answers.holds: {"model": self.sha256, **begins}}
@@ -195,114 +168,64 @@ class AnswerWork:
         without = np.flatnonzero(starts < 0)
         if len(without) == len(starts) or (len(without) and self.on_short == "raise"):
             one = index.slice(int(without[0]), 1).to_pylist()[0]
-            trigger = (
-                "no trigger" if one["trigger_index"] is None else f"its trigger at {one['trigger_index']}"
-            )
+            at = one["trigger_index"]
+            came = f"{counted(one['n_samples'], 'sample')} and {'no trigger' if at is None else f'its trigger at {at}'}"
             how_many = f"{len(without)} of {counted(len(starts))} {verb(len(without), 'is', 'are')} like this"
             skip = "" if len(without) == len(starts) else ": pass on_short='skip' to give them no answer"
-            raise ValueError(
-                f"recording {one['name']!r} has {counted(one['n_samples'], 'sample')} and {trigger}, the model takes "
-                f"{model.n_samples}; {how_many}{skip}"
-            )
+            problem = f"recording {one['name']!r} has {came}, the model takes {model.n_samples}"
+            raise ValueError(f"{problem}; {how_many}{skip}")
         if differences:
             warnings.warn(setup_mismatch(*differences), stacklevel=4)  # of `identify`, by `run`
 
-    def fields(self) -> list[Any]:
-        """Fields of the answers; null where a recording has none."""
+    def table(self, archive: Archive, groups: Sequence[RowGroup]) -> Any:
+        """Answers about some row groups, samples of one of them at a time in memory."""
         arrow = need("pyarrow", extra="app", why="to work on archives")
-        text, number, flag = arrow.string(), arrow.float64(), arrow.bool_()
-        kinds = (text, number, number, arrow.list_(text), flag, arrow.list_(text), flag)
-        return [arrow.field(name, kind) for name, kind in zip(COLUMNS, kinds, strict=True)]
+        texts, number, flag = arrow.list_(arrow.string()), arrow.float64(), arrow.bool_()
+        kinds = (arrow.string(), number, number, texts, flag, texts, flag)
+        buffer = np.empty((max(group.n_samples for group in groups), len(archive.axes)))
+        columns = zip(*(row for group in groups for row in self._rows(archive, group, buffer)), strict=True)
+        schema = arrow.schema([*zip(COLUMNS, kinds, strict=True)])
+        return arrow.table([*map(arrow.array, columns, kinds)], schema)
 
-    def columns(self, archive: Archive, group: RowGroup) -> list[Any]:
-        """Answers about one row group."""
-        arrow = need("pyarrow", extra="app", why="to work on archives")
-        rows = archive.index.slice(group.start, group.stop - group.start)
-        n, starts = rows.num_rows, self._starts(rows)
+    def _rows(
+        self, archive: Archive, group: RowGroup, buffer: npt.NDArray[np.float64]
+    ) -> list[tuple[Any, ...]]:
+        """Return a row of `COLUMNS` for each recording of a row group."""
+        model, marks = self.identifier, known_marks(self.identifier)
+        index = archive.index.slice(group.start, group.stop - group.start)
+        answers: list[tuple[Any, ...]] = [(None,) * len(COLUMNS)] * index.num_rows
+        starts, lengths, n = self._starts(index), integers(index, "n_samples"), model.n_samples
         answered = np.flatnonzero(starts >= 0)
         if not len(answered):
-            return [arrow.nulls(n, own.type) for own in self.fields()]
-        X, flags = self._cropped(archive, group, rows, starts)
-        each = list(answers_about(self.identifier, X, 1).each())
-        values = (
-            *([row[name] for row in each] for name in ("label", *COLUMNS[1:5])),
-            [flags_in_words(one) for one in flags],
-            self._trained_on(rows, answered, X, flags),
-        )
-        columns = []
-        for of_answered, own in zip(values, self.fields(), strict=True):
-            whole: list[Any] = [None] * n
-            for place, value in zip(answered.tolist(), of_answered, strict=True):
-                whole[place] = value
-            columns.append(arrow.array(whole, own.type))
-        return columns
+            return answers
+        flags = np.zeros(group.n_samples, np.uint8)
+        samples = archive.samples(group, buffer, flags)
+        first = (np.cumsum(lengths) - lengths + starts)[answered].tolist()
+        if (lengths == n).all():
+            X = samples.reshape(-1, n, len(archive.axes))
+        else:
+            X = np.stack([samples[at : at + n] for at in first])
+        digests, any_flags = index["digest"].to_pylist(), flags.any()
+        said = answers_about(model, X, 1).each()
+        for place, at, X_one, one in zip(answered.tolist(), first, X, said, strict=True):
+            own = flags[at : at + n] if any_flags and flags[at : at + n].any() else None
+            known = None
+            if marks is not None:  # of samples alone, all of them, the stored digest begins as the mark does
+                whole = lengths[place] == n and own is None
+                known = (digests[place][:8] if whole else mark_of(X_one)) in marks
+            about = (one[name] for name in ("label", *COLUMNS[1:5]))
+            answers[place] = (*about, flags_in_words(own), known)
+        return answers
 
     def _starts(self, rows: Any) -> npt.NDArray[np.int64]:
         """Sample at which the model's length begins, of rows of the index; -1 where a recording has no answer."""
-        lengths = np.asarray(rows["n_samples"].to_numpy(), np.int64)
-        triggers = np.asarray(rows["trigger_index"].fill_null(-1).to_numpy(), np.int64)
-        names = _Names(rows)
-        return self.identifier.requirements.starts(
-            names, lengths, triggers, begin_at=self.begin_at, lead_s=self.lead_s
-        )
-
-    def _cropped(
-        self, archive: Archive, group: RowGroup, rows: Any, starts: npt.NDArray[np.int64]
-    ) -> tuple[FloatArray, list[npt.NDArray[np.uint8] | None]]:
-        """Return samples (n, T, C) of the recordings that are answered, and their flags."""
-        n, n_axes = self.identifier.n_samples, len(archive.axes)
-        lengths = np.asarray(rows["n_samples"].to_numpy(), np.int64)
-        answered = np.flatnonzero(starts >= 0)
-        if archive.has_flags(group):
-            recordings = archive.read(group).recordings
-            spans = [(recordings[k], slice(starts[k], starts[k] + n)) for k in answered.tolist()]
-            own = [None if one.flags is None else one.flags[span] for one, span in spans]
-            return np.stack([one.wrench[span] for one, span in spans]), own
-        samples = read_samples(archive, group)
-        no_flags: list[npt.NDArray[np.uint8] | None] = [None] * len(answered)
-        if (lengths == n).all() and len(answered) == len(lengths):
-            return samples.reshape(-1, n, n_axes), no_flags
-        begin = (np.cumsum(lengths) - lengths + starts)[answered]
-        X = np.empty((len(answered), n, n_axes))
-        for row, at in zip(X, begin.tolist(), strict=True):
-            row[...] = samples[at : at + n]
-        return X, no_flags
-
-    def _trained_on(
-        self,
-        rows: Any,
-        answered: npt.NDArray[np.intp],
-        X: FloatArray,
-        flags: Sequence[npt.NDArray[np.uint8] | None],
-    ) -> list[bool | None]:
-        """Tell which recordings the model was trained on; None where it does not know them one by one."""
-        marks = known_marks(self.identifier)
-        if marks is None:
-            return [None] * len(answered)
-        stored = rows[DIGEST].to_pylist()
-        lengths = rows["n_samples"].to_pylist()
-        found: list[bool | None] = []
-        for place, samples, own in zip(answered.tolist(), X, flags, strict=True):
-            # Of samples alone, all of them, the stored digest begins as the mark does.
-            whole = own is None and lengths[place] == len(samples)
-            found.append((stored[place][:8] if whole else mark_of(samples)) in marks)
-        return found
+        lengths, triggers = integers(rows, "n_samples"), integers(rows, "trigger_index")
+        names = rows["name"].to_pylist()
+        begins: Any = {"begin_at": self.begin_at, "lead_s": self.lead_s}
+        return self.identifier.requirements.starts(names, lengths, triggers, **begins)
 
 
-class _Names(Sequence[str]):
-    """Names of recordings, looked up when an error names one."""
-
-    def __init__(self, rows: Any) -> None:
-        self._rows = rows
-
-    def __len__(self) -> int:
-        return int(self._rows.num_rows)
-
-    def __getitem__(self, place: Any) -> Any:
-        return self._rows["name"][place].as_py()
-
-
-@lru_cache(maxsize=_KEPT_MODELS)
+@lru_cache(maxsize=4)
 def _model(path: str, sha256: str) -> Identifier:
     """Read a model once a process."""
     content = Path(path).read_bytes()
@@ -311,7 +234,7 @@ def _model(path: str, sha256: str) -> Identifier:
     return Identifier(_core.Model.from_bytes(content, max_file_bytes=len(content)))
 
 
-class Answers(Partitions):
+class Answers(Outputs):
     """Answers that `identify` wrote about an archive.
 
     Parameters
@@ -319,24 +242,23 @@ class Answers(Partitions):
     folder : path
         The `out` of `identify`.
     partial : bool, default False
-        Take what there is where partitions failed; refused unless asked for.
+        Take what there is of answers that were stopped, or of which partitions failed; refused unless asked for.
 
     Attributes
     ----------
     spec : dict
         What was asked: the digest of the model, where recordings begin, and the version of this package.
-    n_recordings : int
-    sha256 : str
-        Over all partitions, as `Extraction.sha256`.
+    n_recordings, n_synthetic : int
+        Recordings, and how many of them were simulated.
     extraction : Extraction or None
         What `identify` did; None where they are read later.
 
     Raises
     ------
     FileNotFoundError
-        There is no manifest: the work is not finished.
+        The work is not finished.
     ValueError
-        Partitions failed, are gone or are cut off; the folder holds something else.
+        The folder holds something else, or a partition is damaged.
 
     Examples
     --------
@@ -357,13 +279,11 @@ class Answers(Partitions):
     """
 
     holds = "answers"
-    again = "identify again, which answers what is missing"
-
     extraction: Extraction | None = None
 
     def __iter__(self) -> Iterator[Any]:
         """Yield a pyarrow.Table of each partition, so that no more is in memory."""
-        return map(self._read, self._files)
+        return self._tables([*ABOUT, *COLUMNS])
 
     def __repr__(self) -> str:
         return f"Answers({os.fspath(self.folder)!r}: {counted(len(self))})"
@@ -389,88 +309,48 @@ class Answers(Partitions):
         """Count the answers by material, with notes on how many are right.
 
         Materials are those of the model. Beside each: answers, their share, how many recordings of it (as far as known)
-        were named rightly, and how many answers are of no known material, or have several candidates.
+        there are, and how many of these were named rightly.
         """
-        found, classes = _Counts.of(self), self.model.classes
-        n, true, right = found.answers.total(), Counter[str | None](), Counter[str | None]()
-        for (truth, answer, _), count in found.by_truth.items():
+        by_truth = Counter[tuple[str | None, str, bool | None]]()
+        n_without, n_flagged, unknown, candidates = 0, 0, Counter[bool | None](), Counter[int]()
+        for table in self._tables(["label", "answer", "trained_on", "unknown", "candidates", "warnings"]):
+            for *kind, strange, several, flags in zip(*table.to_pydict().values(), strict=True):
+                if kind[1] is None:
+                    n_without += 1
+                    continue
+                by_truth[tuple(kind)] += 1
+                unknown[strange] += 1
+                candidates[len(several)] += 1
+                n_flagged += bool(flags)
+        n, classes = by_truth.total(), self.model.classes
+        answers, true, right = Counter[str](), Counter[str | None](), Counter[str | None]()
+        for (truth, answer, _), count in by_truth.items():
+            answers[answer] += count
             true[truth] += count
             right[truth] += count * (truth == answer)
-
-        def shares(part: Mapping[Any, int], whole: Mapping[Any, int]) -> list[str]:
-            return [percent(part[name] / whole[name]) if whole[name] else "" for name in classes]
-
         columns = {
-            "material": list(classes),
-            "answers": [str(found.answers[name]) for name in classes],
-            "share": [percent(found.answers[name] / n) if n else "" for name in classes],
+            "material": [*classes],
+            "answers": [str(answers[name]) for name in classes],
+            "share": [percent(answers[name] / n) if n else "" for name in classes],
         }
         if set(true) & set(classes):
             columns["recordings of it"] = [str(true[name]) for name in classes]
-            columns["named rightly"] = shares(right, true)
-        notes = list(notes_of_answers(found.by_truth, classes)) if n else []
-        of_rules = (
-            (found.knows_unknown, "unknown", found.unknown, "like no known material"),
-            (found.knows_candidates, "several candidates", found.several, "with several candidates"),
-        )
-        for is_there, title, own, words in of_rules:
-            if is_there:
-                columns[title] = shares(own, found.answers)
-                notes.append(f"{own.total()} of {counted(n, 'answer')} {words}: {percent(own.total() / n)}")
-        if found.n_flagged:
-            notes.append(f"{counted(found.n_flagged)} with flagged samples: see the column warnings")
-        if found.n_without:
-            notes.append(f"{counted(found.n_without)} without an answer: too short, or no trigger")
-        if self._n_failed:
-            failed = counted(self._n_failed, "partition")
-            notes.append(f"{failed} failed and {verb(self._n_failed, 'is', 'are')} left out")
-        simulated = synthetic_words(recordings=self._synthetic, model=self.model.synthetic)
+            shares = {name: percent(right[name] / true[name]) for name in classes if true[name]}
+            columns["named rightly"] = [shares.get(name, "") for name in classes]
+        notes = [*notes_of_answers(by_truth, classes)] if n else []
+        several = sum(count for size, count in candidates.items() if size > 1)
+        for is_ruled, count, words in (
+            (set(unknown) - {None}, unknown[True], "like no known material"),
+            (set(candidates) - {0}, several, "with several candidates"),
+        ):
+            if is_ruled:
+                notes.append(f"{count} of {counted(n, 'answer')} {words}: {percent(count / n)}")
+        if n_flagged:
+            notes.append(f"{counted(n_flagged)} with flagged samples: see the column warnings")
+        if n_without:
+            notes.append(f"{counted(n_without)} without an answer: too short, or no trigger")
+        if self.unfinished:
+            notes.append("not finished: these are the answers that there are")
+        simulated = synthetic_words(recordings=bool(self.n_synthetic), model=self.model.synthetic)
         title = f"Materials named in {counted(n)}{', ' + simulated if simulated else ''}"
         return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)), tuple(notes))
-
-    def _read(self, file: str) -> Any:
-        with self._opened(file) as opened:
-            return opened.read([*INDEX_COLUMNS, *COLUMNS])
-
-
-@dataclass
-class _Counts:
-    """Answers, counted partition by partition."""
-
-    answers: Counter[str] = field(default_factory=Counter)
-    unknown: Counter[str] = field(default_factory=Counter)
-    several: Counter[str] = field(default_factory=Counter)
-    by_truth: Counter[tuple[str | None, str, bool | None]] = field(default_factory=Counter)
-    n_without: int = 0
-    n_flagged: int = 0
-    knows_unknown: bool = False
-    knows_candidates: bool = False
-
-    @classmethod
-    def of(cls, tables: Iterable[Any]) -> _Counts:
-        """Count the answers of several tables."""
-        counts = cls()
-        for table in tables:
-            counts.add(table)
-        return counts
-
-    def add(self, table: Any) -> None:
-        """Count those of one more table."""
-        compute = need("pyarrow.compute", extra="app", why="to work on archives")
-        self.n_without += table["answer"].null_count
-        table = table.filter(compute.is_valid(table["answer"]))
-        sizes = compute.list_value_length(table["candidates"])
-        self.n_flagged += (
-            compute.sum(compute.greater(compute.list_value_length(table["warnings"]), 0)).as_py() or 0
-        )
-        self.knows_unknown |= table["unknown"].null_count < table.num_rows
-        self.knows_candidates |= (compute.max(sizes).as_py() or 0) > 0
-        table = table.append_column("several", compute.greater(sizes, 1))
-        keys = ["label", "answer", "trained_on", "unknown", "several"]
-        grouped = table.group_by(keys, use_threads=False).aggregate([([], "count_all")])
-        for row in grouped.to_pylist():
-            answer, count = row["answer"], row["count_all"]
-            self.by_truth[row["label"], answer, row["trained_on"]] += count
-            self.answers[answer] += count
-            self.unknown[answer] += count * bool(row["unknown"])
-            self.several[answer] += count * bool(row["several"])

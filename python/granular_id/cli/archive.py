@@ -6,24 +6,23 @@ import shlex
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from granular_id._files import check_source, made_folder
-from granular_id._text import Table, counted, known_label, verb
+from granular_id._text import Table, counted, verb
 from granular_id.cli.errors import FOUND_ERRORS, words_of
-from granular_id.cli.options import at_least, command, names_in, option
+from granular_id.cli.options import at_least, command, option, with_defaults
 from granular_id.cli.outputs import print_table, show, typed_command
-from granular_id.cli.recordings import ReadingOptions, Steps, UnreadableError
+from granular_id.cli.recordings import Handling, ReadingOptions, UnreadableError
 
 if TYPE_CHECKING:
-    from granular_id._progress import ProgressCallback
     from granular_id.archive import Archive, Extraction
     from granular_id.recording import Dataset, StepReport
 
@@ -31,80 +30,107 @@ OUTPUT, WORKERS, FEATURES = "Output", "Workers", "Features"
 
 ARCHIVE = typer.Argument(metavar="ARCHIVE", help="Folder of an archive.", show_default=False)
 
+_SHOWN = 10
+
 
 # Recordings into an archive, piece by piece.
 
 
-@dataclass(kw_only=True)
-class PieceSteps(Steps):
-    """What to do with recordings of which only a piece is known at a time."""
+@command
+def add(
+    *,
+    archive: Path = typer.Argument(
+        metavar="ARCHIVE", help="Folder of an archive; a new one is made.", show_default=False
+    ),
+    paths: list[Path] = typer.Argument(
+        metavar="PATH...", help="Folders and files of recordings, archives too.", show_default=False
+    ),
+    on_error: Handling = option(
+        "Recordings",
+        "What cannot be read, a row group of an archive too: refuse, or leave it out.",
+        default="raise",
+    ),
+    quiet: bool = option(
+        OUTPUT, "No progress; say only what became of the recordings.", "--quiet", "-q", default=False
+    ),
+) -> None:
+    """Add recordings to an archive, piece by piece, so that any number fits.
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.length == "shortest":
+    It reads folders that follow the convention, what `granular-id data convert` wrote, which prepares recordings, and
+    archives. Several may add to one archive at a time. A recording that is there already is not added again: after a
+    Ctrl-C or a crash the same command adds the rest.
+
+    Examples:
+
+    `granular-id archive add fleet recordings`
+    `granular-id archive add fleet monday.npz tuesday.npz`
+    `granular-id archive add rescued fleet --on-error skip`
+    """
+    for path in paths:
+        check_source(path)
+        target, source = archive.resolve(), path.resolve()
+        if target == source or source in target.parents or target in source.parents:
             raise ValueError(
-                "--n-samples shortest needs all recordings at once, and an archive takes them piece by piece: give a "
-                "number, or --duration-s"
+                f"{path} is, holds or lies in the archive {archive}: give the archive another place"
             )
-        self.refuse_unused_onsets()
-        self._unmet = {*names_in(self.exclude), *self.onsets}
+    from granular_id._progress import showing
+    from granular_id.io.parquet.writing import Appender
 
-    def prepared(self, piece: Dataset) -> tuple[Dataset | None, list[StepReport]]:
-        """Take a piece through the steps; None where nothing of it is left. Also return what the steps reported."""
-        from granular_id.recording import NothingLeftError, StepReport
-
-        known = {known_label(name, piece.labels): name for name in names_in(self.exclude)}
-        self._unmet -= {name for label, name in known.items() if label in piece.labels}
-        kept = [place for place, one in enumerate(piece) if one.label not in known]
-        if not kept:
-            return None, []
-        data = piece if len(kept) == len(piece) else piece.select(indices=kept)
-        here = set(data.names) & set(self.onsets)
-        self._unmet -= here
-        mine = [text for text in self.onset_at or [] if text.rpartition("=")[0] in here]
-        reports = []
-        try:
-            for made in replace(self, onset_at=mine or None).each(data):
-                data = made
-                reports.append(made.history[-1])
-        except NothingLeftError as nothing:  # of a piece that is no fault
-            return None, [*reports, StepReport("skip", rows=nothing.rows)]
-        return data, reports
-
-    def warn_of_unmet(self) -> None:
-        """Warn of names in options that no recording had: known only now."""
-        for name in sorted(self._unmet):
-            what = "--exclude" if name in names_in(self.exclude) else "--onset-at"
-            show(f"warning: {what} names {name!r}, which no recording has", "bold yellow", err=True)
+    reading = with_defaults(ReadingOptions)
+    reading.on_error = on_error
+    tally = _Tally(archive)
+    try:
+        with made_folder(archive), showing(not quiet) as step:
+            appender, rates = Appender(archive), _Rates(archive)
+            for path in paths:
+                for piece in _pieces(reading, path, tally):
+                    rates.check(piece, path)
+                    done = appender.append(piece)
+                    tally.n_added += done.n_added
+                    tally.n_present += done.n_present
+                    if step is not None:
+                        step(tally.n_added + tally.n_present, 0, f"recordings: {path.name}")
+            if not tally.n_added + tally.n_present:
+                raise ValueError("no recording is left to add")
+    finally:
+        for line in tally.lines():
+            show(line)
+    if not quiet:
+        show(f"look at it with: {typed_command('archive', 'info', archive)}")
 
 
-_SHOWN = 10
+def _pieces(reading: ReadingOptions, path: Path, tally: _Tally) -> Iterator[Dataset]:
+    """Read a path piece by piece; with --on-error skip, of one that cannot be read that is told alone."""
+    try:
+        for piece in reading.load_parts(path, None):
+            tally.report(piece.history[-1])
+            yield piece
+    except UnreadableError as error:
+        if reading.on_error == "raise":
+            raise
+        tally.left_out(str(error))
 
 
 class _Tally:
     """Counts what became of recordings, and keeps the first reasons why some were left out."""
 
     def __init__(self, archive: Path) -> None:
-        self.archive, self.n_added, self.n_present, self.labels = archive, 0, 0, Counter[str | None]()
+        self.archive, self.n_added, self.n_present, self._n_skipped = archive, 0, 0, 0
         self._begun_s = time.monotonic()
-        self._skipped: Counter[str] = Counter()
         self._reasons: list[str] = []
         self._notes: dict[str, None] = {}
 
     def report(self, step: StepReport) -> None:
-        reading = step.step == "load"
+        """Take what reading says of a piece."""
         for row in step.rows:
             if "skipped" in row:
-                self._skipped["file" if reading else "recording"] += 1
-                if len(self._reasons) < _SHOWN:
-                    self._reasons.append(f"  {'' if reading else row['name'] + ': '}{row['skipped']}")
+                self.left_out(row["skipped"])
         self._notes.update(dict.fromkeys(f"note: {note}" for note in step.notes))
 
-    def left_out(self, error: UnreadableError) -> None:
-        """Count a path of which nothing, or nothing more, can be read."""
-        self._skipped["file"] += 1
-        if len(self._reasons) < _SHOWN:
-            self._reasons.append(f"  {error}")
+    def left_out(self, reason: str) -> None:
+        """Count a file of which nothing, or nothing more, can be read."""
+        self._n_skipped += 1
+        self._reasons = [*self._reasons, f"  {reason}"][:_SHOWN]
 
     def lines(self) -> Iterator[str]:
         """Yield what to say at the end, however it came about."""
@@ -114,84 +140,12 @@ class _Tally:
             yield f"added {counted(self.n_added)} to {self.archive}{speed}"
         if self.n_present:
             yield f"{counted(self.n_present)} {verb(self.n_present, 'was', 'were')} there already"
-        if self._skipped:
-            yield f"{', '.join(counted(n, what) for what, n in sorted(self._skipped.items()))} skipped:"
+        if self._n_skipped:
+            yield f"{counted(self._n_skipped, 'file')} skipped:"
             yield from self._reasons
-            if more := self._skipped.total() - len(self._reasons):
-                yield f"  ... and {more} more"
+            if self._n_skipped > _SHOWN:
+                yield f"  ... and {self._n_skipped - _SHOWN} more"
         yield from list(self._notes)[:_SHOWN]
-
-
-@command
-def add(
-    reading: ReadingOptions,
-    steps: PieceSteps,
-    *,
-    archive: Path = typer.Argument(
-        metavar="ARCHIVE", help="Folder of an archive; a new one is made.", show_default=False
-    ),
-    paths: list[Path] = typer.Argument(
-        metavar="PATH...", help="Folders and files of recordings, of any format.", show_default=False
-    ),
-    quiet: bool = option(
-        OUTPUT, "No progress; say only what became of the recordings.", "--quiet", "-q", default=False
-    ),
-) -> None:
-    """Add recordings to an archive, piece by piece, so that any number fits.
-
-    It reads what `granular-id evaluate` reads, archives too, takes each piece through the steps that are asked for
-    and appends it. Several may add to one archive at a time. A recording that is there already is not added again:
-    after a Ctrl-C or a crash the same command adds the rest.
-
-    Examples:
-
-    `granular-id archive add fleet recordings`
-    `granular-id archive add fleet monday.h5 bags --rate-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
-    `granular-id archive add fleet drives --axes wx,wy,wz,ax,ay,az --units rad/s,m/s2 --window-s 1.7 --on-error skip`
-    """
-    for path in paths:
-        check_source(path)
-        _refuse_nested(archive, path)
-    from granular_id._progress import displaying
-    from granular_id.archive import append
-    from granular_id.io.parquet.writing import check_archive
-
-    tally = _Tally(archive)
-    try:
-        with made_folder(archive), displaying(not quiet) as display:
-            check_archive(archive)
-            told, rates = _Told(display.step, tally), _Rates(archive)
-            for path in paths:
-                told.begin(path)
-                for piece in _pieces(reading, path, told, tally):
-                    tally.report(piece.history[-1])
-                    data, reports = steps.prepared(piece)
-                    for report in reports:
-                        tally.report(report)
-                    if data is not None:
-                        rates.check(data, path)
-                        done = append(archive, data)
-                        tally.n_added += done.n_added
-                        tally.n_present += done.n_present
-                    told.add(len(piece), path.name)
-            if not tally.n_added + tally.n_present:
-                raise ValueError("no recording is left to add")
-    finally:
-        for line in tally.lines():
-            show(line)
-    steps.warn_of_unmet()
-    if not quiet:
-        show(f"look at it with: {typed_command('archive', 'info', archive)}")
-
-
-def _pieces(reading: ReadingOptions, path: Path, told: _Told, tally: _Tally) -> Iterator[Dataset]:
-    """Read a path piece by piece; with --on-error skip, of one that cannot be read that is told alone."""
-    try:
-        yield from reading.load_parts(path, told.file)
-    except UnreadableError as error:
-        if reading.on_error == "raise":
-            raise
-        tally.left_out(error)
 
 
 class _Rates:
@@ -220,57 +174,12 @@ class _Rates:
             came, wanted = (
                 "no even rate" if rate is None else f"{rate:g} Hz" for rate in (other.rate_hz, known)
             )
-            add = "" if known is None else f"add --rate-hz {known:g}, or "
+            convert = f"granular-id data convert {shlex.quote(str(path))} NEW.npz --rate-hz"
+            help_ = "" if known is None else f"make such by {convert} {known:g}, or "
             raise ValueError(
                 f"{path}: recording {other.name!r} has {came}, those of the archive {self._archive} have "
-                f"{wanted}: {add}name another archive"
+                f"{wanted}: {help_}name another archive"
             )
-
-
-class _Told:
-    """Shows how far a folder is read, by files, or one file, by recordings; and how many recordings were added."""
-
-    def __init__(self, step: ProgressCallback | None, tally: _Tally) -> None:
-        self._step, self._tally = step, tally
-        self._files, self._n_files = 0, 1
-        self._read, self._n_recordings = 0, 0
-
-    def begin(self, path: Path) -> None:
-        """Begin with the next path; only of an archive it is known beforehand what it holds."""
-        from granular_id.io.parquet.layout import is_parquet_archive
-
-        self._files, self._n_files, self._read, self._n_recordings = 0, 1, 0, 0
-        if self._step is not None and is_parquet_archive(path):
-            from granular_id.archive import Archive
-
-            with suppress(ValueError):  # which reading it says
-                self._n_recordings = Archive(path, unreadable=[]).n_recordings
-        self._show(path.name)
-
-    def file(self, done: int, total: int, what: str) -> None:
-        """Count files that have been read."""
-        self._files, self._n_files = done, total
-        self._show(what)
-
-    def add(self, n: int, what: str) -> None:
-        """Count recordings that have been dealt with."""
-        self._read += n
-        self._show(what)
-
-    def _show(self, what: str) -> None:
-        if self._step is None:
-            return
-        said = f"{self._tally.n_added} recordings added: {what}"
-        if self._n_files > 1:
-            self._step(self._files, self._n_files, f"files, {said}")
-        else:
-            self._step(self._read, self._n_recordings, f"recordings, {said}")
-
-
-def _refuse_nested(archive: Path, path: Path) -> None:
-    target, source = archive.resolve(), path.resolve()
-    if target == source or source in target.parents or target in source.parents:
-        raise ValueError(f"{path} is, holds or lies in the archive {archive}: give the archive another place")
 
 
 # What an archive holds, and whether it is whole.
@@ -446,20 +355,16 @@ def extract(
     model: Path | None = option(
         FEATURES, "Take the features of this model, from `granular-id train`.", "--model", "-m"
     ),
-    dtype: Literal["float64", "float32"] = option(
-        FEATURES, "Numbers to store; float32 takes half the room.", default="float64"
-    ),
     quiet: bool = option(OUTPUT, "No progress; the last lines only.", "--quiet", "-q", default=False),
 ) -> None:
     """Extract the features of every recording of an archive, each exactly once.
 
-    OUTPUT gets Parquet files of some thousand recordings each, and a manifest when all are there. After a Ctrl-C, a
-    crash or a worker that died the same command does what is missing, and only that; the files are the same with any
-    number of threads or workers. A part of the archive that cannot be read is named at the end; all others are
-    finished, and the exit code is 2.
+    OUTPUT gets Parquet files of a thousand recordings each. After a Ctrl-C, a crash or a worker that died the same
+    command does what is missing, and only that; the files are the same with any number of threads or workers. A part
+    of the archive that cannot be read is named at the end; all others are finished, and the exit code is 2.
 
     Spaces that learn from recordings, as the multi-band ones do, are those of a model: train one on some recordings
-    and give --model. Recordings are taken as they are: `granular-id archive add` brings them to one rate and length.
+    and give --model. Recordings are taken as they are: `granular-id data convert` brings them to one rate and length.
 
     With `--scheduler` the workers of a Dask cluster do the work, which must see ARCHIVE and OUTPUT under the same
     names. Encryption and all else is that of Dask's own configuration.
@@ -467,7 +372,7 @@ def extract(
     Examples:
 
     `granular-id extract fleet -o features`
-    `granular-id extract fleet -o features --space raw+hfmh --dtype float32 --jobs 8`
+    `granular-id extract fleet -o features --space raw+hfmh --jobs 8`
     `granular-id extract fleet -o features --model kitchen.safetensors --scheduler tcp://10.0.0.7:8786`
     """
     if space is not None and model is not None:
@@ -478,9 +383,7 @@ def extract(
     from granular_id.archive import extract as extract_features
 
     with working_on(archive, partial(say_features, output)):
-        done = extract_features(
-            archive, output, space, model=model, dtype=dtype, progress=not quiet, **workers.given()
-        )
+        done = extract_features(archive, output, space, model=model, progress=not quiet, **workers.given())
     say_features(output, done)
 
 

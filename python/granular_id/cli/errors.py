@@ -130,7 +130,7 @@ def words_of(error: Exception, rate_option: str = "--rate-hz", archive: str | os
         option = rate_option if argument == "rate_hz" else OPTIONS[argument]
         message = option + message.removeprefix(argument)
     if archive:
-        add = f"granular-id archive add NEW {shlex.quote(os.fspath(archive))}"
+        add = f"granular-id data convert {shlex.quote(os.fspath(archive))} NEW --to parquet"
         for way_out, prepared in _ARCHIVE_WAYS_OUT.items():
             message = re.sub(way_out, functools.partial(_by_adding, add, prepared), message)
     return in_options(message, rate_option)

@@ -266,7 +266,7 @@ def _refuse_beside_output(recordings: Recordings, fitting: Fitting, **others: Pa
         if flag not in _OF_ARCHIVES:
             as_they_are = "recordings of an archive are answered as they are"
             raise ValueError(
-                f"{flag} does not go with -o: {as_they_are}; granular-id archive add prepares them"
+                f"{flag} does not go with -o: {as_they_are}; granular-id data convert prepares them"
             )
 
 
@@ -276,7 +276,7 @@ def _answer_archive(
     """Write one answer for each recording of an archive, and print what they are in all."""
     (path,) = recordings.paths
     if fitting.begin_at == "onset":
-        raise ValueError("--begin-at onset is not for archives: find onsets by granular-id archive add")
+        raise ValueError("--begin-at onset is not for archives: find onsets by granular-id data convert")
     check_source(recordings.model_file)
     check_is_archive(path)
     from granular_id.archive import Answers, identify as identify_archive

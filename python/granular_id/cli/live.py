@@ -195,22 +195,23 @@ class Keeping:
         """Yield what writes a push; `about` goes beside each answer."""
         # all that an append needs is loaded before anything moves: in between rows would be lost meanwhile
         from granular_id._files import whole_lines
-        from granular_id.io.parquet.writing import append, check_archive
+        from granular_id.io.parquet.writing import Appender
         from granular_id.recording import Dataset
 
         n_kept = 0
         with ExitStack() as stack:
+            archive = None
             if self.archive is not None:
                 stack.enter_context(made_folder(self.archive))
-                check_archive(self.archive, axes)
+                archive = Appender(self.archive, axes, "the sensor")
             answer = None if self.json is None else stack.enter_context(whole_lines(self.json))
 
             def keep(push: Push) -> None:
                 nonlocal n_kept
                 if answer is not None:
                     answer(json_format.dumps(push.to_dict() | about))
-                if self.archive is not None and push.recording is not None:
-                    append(self.archive, Dataset([push.recording]))
+                if archive is not None and push.recording is not None:
+                    archive.append(Dataset([push.recording]))
                     n_kept += 1
 
             try:

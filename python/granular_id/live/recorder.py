@@ -15,7 +15,7 @@ from granular_id._files import check_target, made_folder
 from granular_id.io.folder_save import safe_name
 from granular_id.io.npz import save_npz
 from granular_id.io.parquet.layout import is_parquet_archive
-from granular_id.io.parquet.writing import append, check_archive
+from granular_id.io.parquet.writing import Appender
 from granular_id.live.capture import Capture
 from granular_id.live.limits import Limits
 from granular_id.live.push import Pushes, Step
@@ -133,9 +133,10 @@ class Recorder:
             direction=direction,
             speed_m_s=speed_m_s,
         )
-        self._archive = checked_flag("archive", archive)
-        if archive:
-            check_archive(self.folder, stream.info.axes)
+        self._archive = None
+        if checked_flag("archive", archive):
+            with made_folder(self.folder):
+                self._archive = Appender(self.folder, stream.info.axes, "the sensor")
         else:
             if is_parquet_archive(self.folder):
                 problem = "pass archive=True to append to it, or name another folder"
@@ -184,8 +185,8 @@ class Recorder:
         self._pushes.resume()
 
     def _write(self, recording: Recording, folder: str, stem: str) -> Path:
-        if self._archive:
-            append(self.folder, Dataset([recording]))
+        if self._archive is not None:
+            self._archive.append(Dataset([recording]))
             return self.folder
         with made_folder(self.folder / folder) as place:
             path = place / f"{stem}.npz"

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import granular_id as gid
-from archive_cases import files_in, poison, small_partitions
+from archive_cases import files_in, poison, samples_in, small_partitions
 from granular_id._core import FeatureSpec
 from granular_id.archive import Answers, PartitionError, append, extract, identify
-from granular_id.archive.answers import COLUMNS, MODEL, AnswerWork
-from granular_id.archive.work import one_of_each
+from granular_id.archive.answers import COLUMNS, MODEL, AnswersSpec
+from granular_id.archive.partitions import one_of_each
 from granular_id.identifier import Identifier, identify_all
 from granular_id.io import load
 from granular_id.io.parquet.archive import Archive
@@ -105,29 +105,18 @@ def test_answers_are_those_of_the_recordings_loaded(trained, space, tmp_path):
     assert rows_of(answered(own, data, tmp_path)) == expected(own, data)
 
 
-def test_probabilities_candidates_and_rejections_are_there(model, tmp_path):
-    rows = rows_of(answered(model, pushes(seed=3), tmp_path))
-    assert all(row["unknown"] in (True, False) for row in rows)
-    assert any(len(row["candidates"]) > 1 for row in rows)
-
-
-def test_what_a_model_does_not_know_is_null(trained, tmp_path):
+def test_answers_that_a_model_does_not_know_are_null(trained, tmp_path):
     own = Identifier.fit(trained, "hfmh", estimate=False)
     row = rows_of(answered(own, pushes(seed=3), tmp_path))[0]
     assert (row["probability"], row["unknown"], row["candidates"]) == (None, None, [])
 
 
-def test_a_model_that_does_not_know_its_recordings_says_nothing_of_them(tmp_path):
+def test_model_without_marks_does_not_say_trained_on(tmp_path):
     from model_cases import random_model
 
     axes = {"axes": '["fx", "fy", "fz", "tx", "ty", "tz"]', "units": '["N", "N", "N", "N m", "N m", "N m"]'}
     core = random_model(0, 3, N_SAMPLES, 6, spec=FeatureSpec(n_bins=5), metadata={**axes, "lead_s": ""})
     assert answered(Identifier(core), pushes(6), tmp_path).table["trained_on"].to_pylist() == [None] * 6
-
-
-def test_recordings_of_the_training_are_known(model, trained, tmp_path):
-    answers = answered(model, trained, tmp_path)
-    assert answers.table["trained_on"].to_pylist() == [True] * len(trained)
 
 
 @pytest.mark.parametrize("begin_at", ["auto", "first", "trigger"])
@@ -146,7 +135,7 @@ def test_longer_recordings_begin_as_elsewhere(model, begin_at, lead_s):
         np.testing.assert_array_equal(one.wrench[start : start + N_SAMPLES], other.wrench)
 
 
-def test_where_recordings_begin_can_be_stated(model, tmp_path):
+def test_identify_begins_where_it_is_told(model, tmp_path):
     data = pushes(6, seed=4, n_samples=80)
     options = {"begin_at": "trigger", "lead_s": 0.01}
     assert rows_of(answered(model, data, tmp_path, **options)) == expected(model, data, **options)
@@ -180,7 +169,7 @@ def test_recordings_too_short_may_stay_without_an_answer(model, tmp_path):
         ),
     ],
 )
-def test_another_set_up_is_refused_before_any_work(model, tmp_path, fields, message):
+def test_another_setup_is_refused_before_any_work(model, tmp_path, fields, message):
     data = Dataset([*pushes(8), replace(pushes(1)[0], **fields)])
     with pytest.raises(ValueError, match=message):
         answered(model, data, tmp_path)
@@ -192,13 +181,13 @@ def test_other_axes_are_refused(model, tmp_path):
         answered(model, pushes(4).select(axes=["fx", "fy"]), tmp_path)
 
 
-def test_a_frame_of_another_name_may_be_accepted(model, tmp_path):
+def test_frame_of_another_name_may_be_accepted(model, tmp_path):
     with pytest.warns(UserWarning, match="frame 'tool', in training 'flange'"):
         answers = answered(model, pushes(4, meta={"frame": "tool"}), tmp_path, accept="frame")
     assert len(answers) == 4
 
 
-def test_what_else_differs_is_told_once(model, tmp_path):
+def test_what_else_differs_is_warned_of_once(model, tmp_path):
     data = pushes(11, meta={"sensor": "Nano17"})
     assert model.requirements.check(data) == ("sensor 'Nano17', in training 'Mini45'",)
     with warnings.catch_warnings(record=True) as told:
@@ -210,41 +199,12 @@ def test_what_else_differs_is_told_once(model, tmp_path):
     assert told[0].filename == answered.__code__.co_filename
 
 
-def test_what_was_done_to_appended_recordings_is_compared_too(model, tmp_path):
+def test_steps_of_appended_recordings_are_compared_too(model, tmp_path):
     data = pushes(6)
     found = Dataset(data.recordings, (StepReport(ONSET_STEP),))
     append(tmp_path / "archive", found)
     expected = model.requirements.check(load(tmp_path / "archive"))
     assert model.requirements.check(one_of_each(Archive(tmp_path / "archive"), 500.0)) == expected
-
-
-def test_an_archive_in_the_place_of_another_has_its_own_flags(model, tmp_path):
-    identify(saved(pushes(3), tmp_path / "archive"), model, tmp_path / "out", progress=False)
-    (tmp_path / "archive").rename(tmp_path / "gone")
-    flags = np.zeros(N_SAMPLES, np.uint8)
-    flags[3] = SampleFlag.SATURATED
-    flagged = Dataset([replace(one, flags=flags) for one in pushes(3)])
-    answers = identify(saved(flagged, tmp_path / "archive"), model, tmp_path / "other", progress=False)
-    assert answers.table["warnings"].to_pylist() == [["1 saturated"]] * 3
-
-
-def test_metadata_that_nobody_stated_are_read(model, tmp_path):
-    folder = saved(pushes(3), tmp_path / "archive")
-    table = pq.read_table(folder / "recordings.parquet")
-    place = table.column_names.index("meta")
-    pq.write_table(table.set_column(place, "meta", pa.nulls(3)), folder / "recordings.parquet")
-    assert len(identify(folder, model, tmp_path / "out", progress=False)) == 3
-
-
-def test_what_is_refused_blocks_no_folder(model, tmp_path):
-    archive = saved(pushes(3), tmp_path / "archive")
-    with pytest.raises(ValueError, match=r"out=.* is or lies in the archive"):
-        identify(archive, model, archive / "out", progress=False)
-    assert not (tmp_path / "out").exists()
-    assert not (archive / "out").exists()
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "_model.safetensors").write_bytes(b"of a driver that was killed before it began")
-    assert len(identify(archive, model, tmp_path / "out", progress=False)) == 3
 
 
 def test_answers_are_the_same_in_partitions_of_any_size(model, trained, tmp_path, monkeypatch):
@@ -255,94 +215,77 @@ def test_answers_are_the_same_in_partitions_of_any_size(model, trained, tmp_path
     assert rows_of(again) == whole
 
 
-def test_a_second_call_answers_nothing_again(model, tmp_path):
-    first = answered(model, pushes(9), tmp_path)
-    before = files_in(first.folder)
-    again = identify(tmp_path / "archive", model, first.folder, progress=False)
-    assert again.extraction.n_resumed == again.extraction.n_partitions
-    assert files_in(first.folder) == before
-
-
-def test_a_model_is_a_path_too(model, tmp_path):
+def test_identify_takes_the_path_of_a_model(model, tmp_path):
     model.save(tmp_path / "kitchen.safetensors")
     archive = saved(pushes(6), tmp_path / "archive")
     answers = identify(archive, tmp_path / "kitchen.safetensors", tmp_path / "out", progress=False)
     assert (answers.folder / MODEL).read_bytes() == model.core.to_bytes()
 
 
-def test_no_model_travels_to_workers(model, tmp_path):
+def test_spec_travels_to_workers_without_its_model(model, tmp_path):
     answers = answered(model, pushes(6), tmp_path)
-    work = AnswerWork(str(answers.folder / MODEL), answers.spec["work"]["answers"]["model"], loaded=model)
-    sent = pickle.dumps(work)
+    spec = AnswersSpec(str(answers.folder / MODEL), answers.spec["answers"]["model"], loaded=model)
+    sent = pickle.dumps(spec)
     assert len(sent) < 1000
     assert pickle.loads(sent).identifier.core == model.core
+    (answers.folder / MODEL).write_bytes(b"another")
+    with pytest.raises(ValueError, match="is no longer the model that answers here"):
+        replace(pickle.loads(sent), sha256="0" * 64).identifier  # noqa: B018
 
 
 def test_answers_of_another_model_are_refused(model, trained, tmp_path):
     answers = answered(model, pushes(6), tmp_path)
+    before = files_in(answers.folder)
     other = Identifier.fit(trained, "raw", estimate=False)
-    with pytest.raises(ValueError, match="holds answers of another model already; name another folder"):
+    with pytest.raises(ValueError, match=r"holds other work already: model '.*; name another folder"):
         identify(tmp_path / "archive", other, answers.folder, progress=False)
-
-
-def test_a_folder_of_features_is_refused_and_stays_as_it_is(model, tmp_path):
-    archive = saved(pushes(6), tmp_path / "archive")
-    extract(archive, tmp_path / "out", "hfmh", progress=False)
-    before = files_in(tmp_path / "out")
-    with pytest.raises(ValueError, match=r"holds other work already, and no _model\.safetensors"):
-        identify(archive, model, tmp_path / "out", progress=False)
-    assert files_in(tmp_path / "out") == before
+    with pytest.raises(ValueError, match=r"already: answers.* there, features.* wanted; name another"):
+        extract(tmp_path / "archive", answers.folder, progress=False)
+    assert files_in(answers.folder) == before
+    extract(tmp_path / "archive", tmp_path / "features", progress=False)
     with pytest.raises(ValueError, match="holds no answers, but features"):
-        Answers(tmp_path / "out")
+        Answers(tmp_path / "features")
 
 
-def test_a_damaged_row_group_fails_alone(model, tmp_path, monkeypatch):
+def test_answers_of_a_damaged_row_group_are_left_out(model, tmp_path, monkeypatch):
     archive = saved(pushes(20), tmp_path / "archive")
-    poison(archive, 1)
+    poison(samples_in(archive), 1)
     small_partitions(monkeypatch, 5)
     with pytest.raises(PartitionError, match="row group 1"):
         identify(archive, model, tmp_path / "out", progress=False)
-    with pytest.raises(ValueError, match=r"1 partition failed.*partial=True"):
+    with pytest.raises(FileNotFoundError, match=r"answers are not finished.*partial=True"):
         Answers(tmp_path / "out")
     answers = Answers(tmp_path / "out", partial=True)
     assert len(answers) == 15
-    assert "1 partition failed and is left out" in answers.summary().notes
+    assert "not finished: these are the answers that there are" in answers.summary().notes
 
 
-def test_the_summary_says_of_each_material_what_a_batch_says(model, trained, tmp_path):
+def test_summary_counts_as_a_batch_does(model, trained, tmp_path):
     data = mixed(trained)
     batch = identify_all(model, model.requirements.crop(data))
     table = answered(model, data, tmp_path).summary()
     assert table.title == "Materials named in 24 recordings"
-    assert table.header == (
-        *("material", "answers", "share", "recordings of it", "named rightly"),
-        *("unknown", "several candidates"),
-    )
+    assert table.header == ("material", "answers", "share", "recordings of it", "named rightly")
     assert [row[:2] for row in table.rows] == [
         (name, str((batch.labels == name).sum())) for name in model.classes
     ]
     assert table.notes[: len(batch.table().notes)] == batch.table().notes
+    each = list(batch.each())
+    unknown, several = sum(one["unknown"] for one in each), sum(len(one["candidates"]) > 1 for one in each)
+    for said in (
+        f"{unknown} of 24 answers like no known",
+        f"{several} of 24 answers with several candidates",
+    ):
+        assert any(note.startswith(said) for note in table.notes)
     assert "1 recording with flagged samples: see the column warnings" in table.notes
 
 
-def test_a_summary_of_unlabelled_recordings_knows_no_truth(model, tmp_path):
+def test_summary_of_unlabelled_recordings_knows_no_truth(model, tmp_path):
     table = answered(model, pushes(6, seed=5, label=None), tmp_path).summary()
-    assert table.header == ("material", "answers", "share", "unknown", "several candidates")
+    assert table.header == ("material", "answers", "share")
 
 
-def test_simulated_recordings_are_called_so(tmp_path):
+def test_summary_marks_simulated_recordings(tmp_path):
     data = gid.synthesize(["rice", "fine sugar"], n_per_class=3, duration_s=0.3)
     own = Identifier.fit(data, "hfmh", estimate=False)
     assert "SYNTHETIC recordings and a model of such" in answered(own, data, tmp_path).summary().title
-
-
-def test_unfinished_answers_are_no_answers(model, tmp_path):
-    answers = answered(model, pushes(6), tmp_path)
-    (answers.folder / "_manifest.json").unlink()
-    with pytest.raises(FileNotFoundError, match="the answers are not finished: identify again"):
-        Answers(answers.folder)
-
-
-def test_an_archive_opened_before_serves_too(model, tmp_path):
-    archive = Archive(saved(pushes(6), tmp_path / "archive"))
-    assert len(identify(archive, model, tmp_path / "out", progress=False)) == 6

@@ -1,23 +1,24 @@
 """``check``: what is damaged, missing, doubled or left over is named, and does not hide the rest."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from granular_id.archive import Archive, Problem, append, check
-from granular_id.io import RecordingFileError, save
+from archive_cases import poison, rewrite, with_column
+from granular_id.archive import Archive, append, check
+from granular_id.io import RecordingFileError
 from granular_id.io.parquet.writing import save_parquet
 from granular_id.recording import Dataset, Recording
 
 pa = pytest.importorskip("pyarrow")
-pq = pytest.importorskip("pyarrow.parquet")
 
 RNG = np.random.default_rng(9)
 PUSHES = [
     Recording(RNG.standard_normal((5, 6)), rate_hz=500, label="rice", name=f"push {i}") for i in range(8)
 ]
-PART = "samples/part-00000.parquet"
 
 
 @pytest.fixture
@@ -31,129 +32,120 @@ def folder(tmp_path, monkeypatch):
     return path
 
 
+@pytest.fixture
+def part(folder):
+    """The file of samples with three row groups."""
+    return folder / Archive(folder).row_groups[0].file
+
+
 def checked(folder, **options):
     return check(folder, progress=False, **options)
 
 
-def rewrite(path, change, **options):
-    labels = pq.read_metadata(path).metadata
-    table = change(pq.ParquetFile(path).read())
-    pq.write_table(table.replace_schema_metadata(labels), path, **options)
-
-
-def flip(path, row_group):
-    data = bytearray(path.read_bytes())
-    column = pq.read_metadata(path).row_group(row_group).column(2)
-    data[column.data_page_offset + column.total_compressed_size - 5] ^= 4
-    path.write_bytes(data)
+def places(report):
+    """File and row group of each problem."""
+    return [(Path(problem.path).name, problem.place) for problem in report.problems]
 
 
 @pytest.mark.parametrize("n_jobs", [None, 2])
-def test_a_sound_archive(folder, n_jobs):
+def test_check_of_a_sound_archive_finds_nothing(folder, n_jobs):
     told = []
     report = check(folder, n_jobs=n_jobs, progress=lambda *step: told.append(step[:2]))
     assert report.ok
-    assert (report.n_recordings, report.n_samples, report.n_files) == (8, 40, 3)
-    assert (report.problems, report.leftovers) == ((), ())
+    assert (report.n_recordings, report.problems, report.leftovers) == (8, (), ())
     assert told == [(i, 5) for i in range(1, 6)]
-    assert "8 recordings, 40 samples in 3 files" in str(report)
-    assert str(report).endswith("recordings/s\nno problems")
+    assert str(report) == f"{folder}: 8 recordings, no problems"
     assert report == checked(Archive(folder))
 
 
-def test_damaged_pages_do_not_hide_the_next_row_group(folder):
-    flip(folder / PART, 0)
-    flip(folder / PART, 2)
+def test_check_finds_damaged_pages_behind_each_other(folder, part):
+    poison(part, 0)
+    poison(part, 2)
     report = checked(folder, n_jobs=2)
     assert not report.ok
-    assert [(p.file, p.row_group) for p in report.problems] == [(PART, 0), (PART, 2)]
-    assert all("CRC" in p.reason or "crc" in p.reason for p in report.problems)
-    assert f"2 problems:\n  {PART}, row group 0: cannot be decoded" in str(report)
+    assert places(report) == [(part.name, "row group 0"), (part.name, "row group 2")]
+    assert all("CRC" in p.problem or "crc" in p.problem for p in report.problems)
+    assert f"8 recordings, 2 problems\n  {part}, row group 0: cannot be decoded" in str(report)
 
 
-@pytest.mark.parametrize("share", [0, 0.5, 0.9])
-def test_a_file_that_is_cut_off_is_named_once(folder, share):
-    data = (folder / PART).read_bytes()
-    (folder / PART).write_bytes(data[: int(len(data) * share)])
-    (problem,) = checked(folder).problems
-    assert (problem.file, problem.row_group) == (PART, None)
+@pytest.mark.parametrize("share", [None, 0, 0.5, 0.9])
+def test_check_names_a_file_cut_off_or_missing_once(folder, part, share):
+    data = part.read_bytes()
+    part.unlink()
+    if share is not None:
+        part.write_bytes(data[: int(len(data) * share)])
+    assert places(checked(folder)) == [(part.name, None)]
 
 
-def test_a_file_that_is_missing_is_named_once(folder):
-    (folder / PART).unlink()
-    assert checked(folder).problems == (Problem(PART, None, "cannot be read: No such file or directory"),)
-
-
-def test_samples_that_changed_have_another_digest(folder):
-    rewrite(folder / PART, lambda t: t.set_column(0, "fx", pa.array(np.arange(25.0))), row_group_size=10)
+def test_check_finds_samples_of_another_digest(folder, part):
+    rewrite(part, with_column("fx", pa.array(np.arange(25.0))), row_group_size=10)
     report = checked(folder)
-    assert [p.row_group for p in report.problems] == [0, 1, 2]
-    wanted = "2 recordings of 2 have another digest than recordings.parquet says, the first is 'push 0'"
-    assert report.problems[0].reason == wanted
+    assert [place for _, place in places(report)] == ["row group 0", "row group 1", "row group 2"]
+    wanted = r"2 recordings of 2 have another digest than recordings-\w+.parquet says, the first is 'push 0'"
+    assert re.fullmatch(wanted, report.problems[0].problem)
 
 
-def test_samples_that_are_no_numbers_are_found(folder):
+def test_check_finds_samples_that_are_no_numbers(folder, part):
     fx = pa.array([1.0] * 12 + [float("nan")] + [1.0] * 12)
-    rewrite(folder / PART, lambda t: t.set_column(0, "fx", fx), row_group_size=10)
-    assert "sample 2) is nan" in checked(folder).problems[1].reason
+    rewrite(part, with_column("fx", fx), row_group_size=10)
+    assert "sample 2 of recording 'push 2' is nan" in checked(folder).problems[1].problem
 
 
-def test_counts_that_differ_from_the_index_are_found(folder):
-    rewrite(
-        folder / "recordings.parquet",
-        lambda t: t.set_column(t.column_names.index("n_samples"), "n_samples", [[5, 5, 4, 5, 5]]),
-    )
-    (problem,) = checked(folder).problems
-    assert problem == Problem(PART, 1, "holds 10 samples; by recordings.parquet its recordings have 9")
+def test_check_finds_counts_that_differ(folder, part):
+    index = folder / f"recordings-{part.stem[5:]}.parquet"
+    rewrite(index, with_column("n_samples", [[5, 5, 4, 5, 5]]))
+    report = checked(folder)
+    assert places(report) == [(part.name, "row group 1")]
+    assert report.problems[0].problem == f"holds 10 samples; by {index.name} its recordings have 9"
 
 
-def test_recordings_that_are_there_twice_are_found(folder, monkeypatch):
-    monkeypatch.setattr("granular_id.io.parquet.writing._present", lambda *_: set())
+def test_check_finds_recordings_that_are_there_twice(folder, monkeypatch):
+    monkeypatch.setattr("granular_id.io.parquet.writing.Appender._update", lambda *_: None)
     append(folder, Dataset([PUSHES[1], replace(PUSHES[2], name="other"), PUSHES[3]]))
     (problem,) = checked(folder).problems
-    assert problem.row_group == 0
-    reason = "holds 2 recordings that are in the archive already, the first is 'push 1' (recording 8 of all, also 1)"
-    assert problem.reason == reason
+    assert problem.place == "row group 0"
+    place = "recording 8 of all, also 1"
+    assert (
+        problem.problem
+        == f"holds 2 recordings that are in the archive already, the first is 'push 1' ({place})"
+    )
 
 
-def test_what_an_append_left_is_named_and_harms_nobody(folder):
+def test_check_names_what_a_killed_append_left(folder):
     draft = ".0123456789abcdef0123-89abcdef01234567.parquet"
-    for place in (f"samples/{'0' * 32}.parquet", f"samples/{draft}", f"recordings/{draft}"):
+    left = (draft, f"samples/{draft}", f"samples/part-{'0' * 32}.parquet")
+    for place in left:
         (folder / place).write_bytes(b"x")
     report = checked(folder)
-    assert report.ok
-    assert report.leftovers == (f"samples/{draft}", f"samples/{'0' * 32}.parquet", f"recordings/{draft}")
+    assert (report.ok, report.leftovers) == (True, left)
     assert "3 files left by an append that was interrupted, or of one that is under way" in str(report)
 
 
-def test_a_damaged_index_file_does_not_hide_the_others(folder):
-    index = folder / Archive(folder).index_files[1]
+def test_check_finds_a_damaged_index_and_the_others(folder):
+    index = folder / f"recordings-{Archive(folder).keys[1]}.parquet"
     index.write_bytes(b"PAR1")
     report = checked(folder)
-    assert (report.n_recordings, report.leftovers) == (6, ())
-    assert [(p.file, p.row_group) for p in report.problems] == [(f"recordings/{index.name}", None)]
-
-
-def test_an_archive_of_which_no_index_can_be_read(tmp_path):
-    folder = save(Dataset(PUSHES), tmp_path / "a", "parquet")
-    (folder / "recordings.parquet").write_bytes(b"")
+    assert (report.n_recordings, report.leftovers, places(report)) == (6, (), [(index.name, None)])
+    for path in folder.glob("recordings-*"):
+        path.write_bytes(b"")
     report = checked(folder)
-    assert (report.n_recordings, [p.file for p in report.problems]) == (0, ["recordings.parquet"])
+    assert (report.n_recordings, len(report.problems)) == (0, 3)
 
 
-def test_many_problems_are_counted(folder):
-    report = replace(checked(folder), problems=tuple(Problem(PART, i, "cut off") for i in range(25)))
-    assert str(report).endswith(f"  {PART}, row group 19: cut off\n  and 5 more")
+def test_report_prints_a_few_of_many_problems(folder):
+    every = tuple(RecordingFileError("part", "cut off", place=f"row group {i}") for i in range(25))
+    report = replace(checked(folder), problems=every)
+    assert str(report).endswith("  part, row group 9: cut off\n  and 15 more")
 
 
-def test_what_is_no_archive_is_refused(tmp_path):
+def test_check_refuses_what_is_no_archive(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such file or folder"):
         checked(tmp_path / "a")
-    with pytest.raises(RecordingFileError, match=r"recordings.parquet: cannot be read: No such file"):
+    with pytest.raises(RecordingFileError, match=r"is no archive: no recordings-\*.parquet lies in it"):
         checked(tmp_path)
 
 
 @pytest.mark.parametrize("options", [{"n_jobs": 0}, {"n_jobs": "all"}, {"progress": 3}])
-def test_bad_arguments_are_named(folder, options):
+def test_check_names_bad_arguments(folder, options):
     with pytest.raises((TypeError, ValueError), match=next(iter(options))):
         check(folder, **{"progress": False, **options})

@@ -5,18 +5,18 @@ from __future__ import annotations
 import csv
 import re
 import shutil
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import granular_id as gid
+from archive_cases import poison, rewrite
 from cli_cases import ended_well, make, recording, refused, run, saved
-from granular_id._progress import Display
 from granular_id.archive import Archive, Features, append
 from granular_id.io import load_parts
-from granular_id.io.parquet.writing import save_parquet
+from granular_id.io.parquet.writing import Appender, save_parquet
 from granular_id.recording import Dataset
 
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -51,7 +51,6 @@ def test_an_archive_holds_what_was_added_and_says_so(folder, tmp_path, pieces):
     out = ended_well("archive", "add", tmp_path / "fleet", folder)
     assert re.match(rf"added 30 recordings to {tmp_path}/fleet, [\d,]+ recordings/s\nlook at it with: ", out)
     assert sorted_by_name(gid.load(tmp_path / "fleet")) == sorted_by_name(gid.load(folder))
-    assert list((tmp_path / "fleet").rglob(".*")) == []
 
 
 def test_what_is_there_is_not_added_again(folder, tmp_path, pieces):
@@ -71,28 +70,22 @@ def test_what_was_interrupted_is_told_and_the_same_command_adds_the_rest(
     archive = tmp_path / "fleet"
     calls = []
 
+    real = Appender.append
+
     def interrupted(*args):
         calls.append(args)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return append(*args)
+        return real(*args)
 
     with monkeypatch.context() as patch:
-        patch.setattr("granular_id.archive.append", interrupted)
+        patch.setattr(Appender, "append", interrupted)
         ended = run("archive", "add", archive, folder)
     assert ended.exit_code == 130
     assert f"added {2 * PIECE} recordings to {archive}" in ended.stdout
     assert ended.stderr == "Interrupted: no file was left half-written.\n"
     assert "16 recordings were there already" in ended_well("archive", "add", archive, folder)
     assert Archive(archive).n_recordings == 30
-
-
-def test_each_piece_goes_through_the_steps(folder, tmp_path, pieces):
-    words = ("--rate-hz", 50, "--duration-s", 0.4, "--window-s", 0.2, "--exclude", "oat,sugar")
-    ended_well("archive", "add", tmp_path / "fleet", folder, *words)
-    rice = gid.load(folder).select(labels="rice")
-    wanted = rice.resample(50).align(duration_s=0.4).windows(0.2)
-    assert sorted_by_name(gid.load(tmp_path / "fleet")) == sorted_by_name(wanted)
 
 
 def pushes(n=20):
@@ -105,64 +98,17 @@ def pushes(n=20):
     return Dataset(data)
 
 
-def test_onsets_are_found_and_stated_whatever_piece_they_are_in(tmp_path, pieces):
-    source = saved(pushes(), tmp_path / "pushes")
-    named = gid.load(source).names[-1]
-    words = ("--begin-at", "onset", "--duration-s", 0.5, "--onset-at", f"{named}=1")
-    ended_well("archive", "add", tmp_path / "fleet", source, *words)
-    every = gid.load(source).find_onsets(overrule={named: 1.0}, replace=True)
-    wanted = every.align(duration_s=0.5, trigger="recorded")
-    assert sorted_by_name(gid.load(tmp_path / "fleet")) == sorted_by_name(wanted)
-
-
-def test_names_that_no_recording_has_are_warned_of(tmp_path, pieces):
-    words = ("--exclude", "flour", "--begin-at", "onset", "--duration-s", 0.1, "--onset-at", "x.csv=1")
-    ended = run("archive", "add", tmp_path / "fleet", saved(pushes(), tmp_path / "pushes"), *words)
-    assert ended.stderr.splitlines() == [
-        "warning: --exclude names 'flour', which no recording has",
-        "warning: --onset-at names 'x.csv', which no recording has",
-    ]
-
-
-def test_what_is_left_out_is_counted_with_the_first_reasons(tmp_path, pieces):
-    data = make()
-    short = [replace(one, wrench=one.wrench[:20]) if one.label == "oat" else one for one in data]
-    source = saved(Dataset(short), tmp_path / "source")
-    (source / "rice" / "rice_12.csv").write_text("nonsense\n", encoding="utf-8")
-    words = ("--on-error", "skip", "--on-short", "skip", "--duration-s", 0.4)
-    out = ended_well("archive", "add", tmp_path / "fleet", source, *words)
-    assert "added 19 recordings" in out
-    assert "1 file, 10 recordings skipped:\n" in out
-    assert "rice_12.csv" in out
-    assert "  ... and 1 more\n" in out
-    assert "  oat/oat_00.csv: is too short: 20 samples, 50 wanted\n" in out
-    nothing = refused(
-        "archive", "add", tmp_path / "other", source, "--on-error", "skip", "--exclude", "oat,rice,sugar"
-    )
-    assert nothing == "error: no recording is left to add"
-    assert not (tmp_path / "other").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "reason"),
-    [
-        (("--duration-s", 4, "--on-short", "skip"), "is too short: 60 samples, 500 wanted"),
-        (
-            ("--window-s", 4, "--on-short", "skip"),
-            "is shorter than a window: 60 samples, 500 wanted",
-        ),
-        (
-            ("--begin-at", "trigger", "--duration-s", 0.1, "--on-short", "skip"),
-            "has no trigger",
-        ),
-        (("--rate-hz", 50, "--max-gap-s", 0.001, "--on-gap", "skip"), "gap of 0.00"),
-    ],
-)
-def test_pieces_of_which_nothing_is_left_say_why_for_each_recording(tmp_path, pieces, words, reason):
-    source = saved(make(2, jitter=0.2 if "--rate-hz" in words else 0.0), tmp_path / "source")
-    ended = run("archive", "add", tmp_path / "fleet", source, *words)
-    assert f"6 recordings skipped:\n  oat/oat_00.csv: {reason}" in ended.stdout
-    assert ended.stderr == "error: no recording is left to add\n"
+def test_add_counts_what_is_left_out_and_says_why(tmp_path, pieces):
+    source = saved(make(), tmp_path / "source")
+    for path in sorted(source.rglob("*_*.csv"))[:12]:
+        path.write_text("nonsense\n", encoding="utf-8")
+    refusal = refused("archive", "add", tmp_path / "fleet", source)
+    assert refusal.endswith("; add --on-error skip to leave such files out")
+    out = ended_well("archive", "add", tmp_path / "fleet", source, "--on-error", "skip")
+    assert "added 18 recordings" in out
+    assert "12 files skipped:\n" in out
+    assert out.count(".csv, line 1") == 10
+    assert "  ... and 2 more\n" in out
 
 
 def test_refused_before_anything_is_read(folder, archive, tmp_path):
@@ -170,11 +116,6 @@ def test_refused_before_anything_is_read(folder, archive, tmp_path):
     other.mkdir()
     (other / "a.jpg").write_bytes(b"x")
     for words, said in [
-        (
-            (tmp_path / "new", folder, "--n-samples", "shortest"),
-            "--n-samples shortest needs all recordings at once",
-        ),
-        ((tmp_path / "new", folder, "--onset-at", "a=1"), "add --begin-at onset"),
         ((tmp_path / "new", tmp_path / "absent"), f"{tmp_path / 'absent'}: no such file or folder"),
         ((other, folder), f"{other}: holds 'a.jpg'; wanted an archive, or a new or empty folder"),
         ((archive, archive), "give the archive another place"),
@@ -185,34 +126,20 @@ def test_refused_before_anything_is_read(folder, archive, tmp_path):
     assert not (tmp_path / "new").exists()
 
 
-def test_an_unreadable_file_is_refused_with_the_way_out_and_what_was_added_is_told(tmp_path, pieces):
-    source = saved(make(), tmp_path / "source")
-    (source / "sugar" / "sugar_29.csv").write_text("nonsense\n", encoding="utf-8")
-    ended = run("archive", "add", tmp_path / "fleet", source)
-    assert ended.exit_code == 2
-    assert ended.stderr.endswith("; add --on-error skip to leave such files out\n")
-    assert Archive(tmp_path / "fleet").n_recordings == int(re.match(r"added (\d+) ", ended.stdout)[1])
-
-
 def test_another_rate_than_that_of_the_archive_is_refused_with_the_way_out(folder, archive, tmp_path):
     fleet = shutil.copytree(archive, tmp_path / "fleet")
     slow = gid.save(gid.load(folder).resample(62.5), tmp_path / "slow.npz")
     said = f"{slow}: recording 'oat/oat_00.csv' has 62.5 Hz, those of the archive {fleet} have 125 Hz: "
-    assert f"{said}add --rate-hz 125, or name another archive" in refused("archive", "add", fleet, slow)
+    convert = f"granular-id data convert {slow} NEW.npz --rate-hz 125"
+    line = refused("archive", "add", fleet, slow)
+    assert f"{said}make such by {convert}, or name another archive" in line
     assert Archive(fleet).n_recordings == 30
-    ended_well("archive", "add", fleet, slow, "--rate-hz", 125)
+    new = tmp_path / "new.npz"
+    ended_well(*convert.replace("NEW.npz", str(new)).split()[1:])
+    ended_well("archive", "add", fleet, new)
     rng = np.random.default_rng(2)
     uneven = saved(Dataset([recording(rng, 0, 0, jitter=0.2)]), tmp_path / "uneven")
     assert "has no even rate, those of" in refused("archive", "add", fleet, uneven)
-
-
-def test_the_first_recording_gives_a_new_archive_its_rate(folder, tmp_path, pieces):
-    data = Dataset([*gid.load(folder)][:10] + [*gid.load(folder).resample(62.5)][10:])
-    mixed = gid.save(data, tmp_path / "mixed.npz")
-    ended = run("archive", "add", tmp_path / "fleet", mixed)
-    assert ended.exit_code == 2
-    assert "have 125 Hz: add --rate-hz 125, or name another archive" in ended.stderr
-    ended_well("archive", "add", tmp_path / "other", mixed, "--rate-hz", 62.5)
 
 
 def test_an_archive_of_several_rates_takes_more_of_them(folder, tmp_path):
@@ -232,21 +159,14 @@ def test_a_bad_file_named_directly_is_left_out_as_in_a_folder(folder, tmp_path):
     assert (ended.exit_code, ended.stderr) == (2, "error: no recording is left to add\n")
 
 
-def test_progress_moves_by_files_or_by_recordings_of_one(folder, archive, tmp_path, pieces, monkeypatch):
+def test_add_shows_how_many_recordings_are_in(folder, tmp_path, pieces, monkeypatch):
     told = []
-
-    @contextmanager
-    def displaying(progress):
-        yield Display(progress if callable(progress) else lambda *said: told.append(said), print)
-
-    monkeypatch.setattr("granular_id._progress.displaying", displaying)
-    one = gid.save(gid.load(folder), tmp_path / "one.npz")
-    for source, total, unit in ((one, 0, "recordings"), (archive, 30, "recordings"), (folder, 30, "files")):
-        ended_well("archive", "add", tmp_path / f"of-{source.name}", source)
-        assert told[-1][:2] == (30, total)
-        assert told[-1][2].startswith(f"{unit}, 30 recordings added")
-        assert len({done for done, *_ in told}) > 2
-        told.clear()
+    monkeypatch.setattr(
+        "granular_id._progress.showing", lambda _: nullcontext(lambda *said: told.append(said))
+    )
+    ended_well("archive", "add", tmp_path / "fleet", folder)
+    assert told[0] == (8, 0, f"recordings: {folder.name}")
+    assert told[-1][0] == 30
 
 
 @pytest.fixture
@@ -256,14 +176,10 @@ def damaged(folder, tmp_path):
     old = tmp_path / "old"
     save_parquet(Dataset(data[:20]), old, recordings_per_group=5)
     append(old, Dataset(data[20:25]))
-    (index,) = (old / "recordings").iterdir()
+    part, index = (old / Archive(old).row_groups[0].file, old / f"recordings-{Archive(old).keys[1]}.parquet")
     append(old, Dataset(data[25:]))
     index.write_bytes(b"nonsense")
-    part = old / "samples" / "part-00000.parquet"
-    content = bytearray(part.read_bytes())
-    with parquet.ParquetFile(part) as opened:
-        content[opened.metadata.row_group(1).column(0).data_page_offset + 100] ^= 255
-    part.write_bytes(content)
+    poison(part, 1)
     return old, index, part, [*data[:5], *data[10:20], *data[25:]]
 
 
@@ -285,13 +201,12 @@ def test_what_is_whole_of_a_damaged_archive_is_rescued(damaged, tmp_path, pieces
 
 def test_an_unreadable_history_does_not_keep_an_archive_from_being_rescued(damaged):
     old, _, _, whole = damaged
-    (old / "history.json").write_text("nonsense", encoding="utf-8")
+    first = old / f"recordings-{Archive(old, unreadable=[]).keys[0]}.parquet"
+    mark = parquet.read_metadata(first).metadata[b"granular_id"]
+    rewrite(first, labels={"granular_id": mark, "history": "nonsense"})
     read = gid.load(old, on_error="skip")
     assert list(read) == whole
-    assert [row["name"] for row in read.history[-1].rows if "skipped" in row][1:] == [
-        "old",
-        "part-00000.parquet",
-    ]
+    assert len([row for row in read.history[-1].rows if "skipped" in row]) == 3
 
 
 def test_an_archive_of_which_nothing_can_be_read_is_refused(damaged):
@@ -370,8 +285,8 @@ def test_extract_says_what_was_written_and_how_to_read_it(archive, tmp_path, mon
     exec(read.removeprefix("read them with: "), namespace)
     assert namespace["features"].X.shape == (30, 600)
     assert "1 of them there before" in ended_well("extract", archive, "-o", "features", "--jobs", 1)
-    ended_well("extract", archive, "-o", "small", "--dtype", "float32", "--space", "raw")
-    assert Features("small").X.dtype == np.float32
+    ended_well("extract", archive, "-o", "raw", "--space", "raw")
+    assert Features("raw").X.shape == (30, 360)
 
 
 def test_extract_takes_the_features_of_a_model(archive, model, tmp_path):
@@ -393,15 +308,15 @@ def half(folder, tmp_path, monkeypatch):
     data = gid.load(folder).recordings
     save_parquet(Dataset(data[:20]), tmp_path / "half", recordings_per_group=10)
     append(tmp_path / "half", Dataset(data[20:]))
-    next(path for path in (tmp_path / "half" / "samples").iterdir() if "part" not in path.name).unlink()
-    monkeypatch.setattr("granular_id.archive.extraction._MOST_RECORDINGS", 10)
+    (tmp_path / "half" / Archive(tmp_path / "half").row_groups[-1].file).unlink()
+    monkeypatch.setattr("granular_id.archive.partitions._MOST_RECORDINGS", 10)
     return tmp_path / "half"
 
 
 def test_what_was_made_is_told_where_a_part_cannot_be_read(half, model, tmp_path):
     ended = run("extract", half, "-o", tmp_path / "features", "-q")
     assert ended.exit_code == 2
-    assert "1 of 3 partitions failed" in ended.stderr
+    assert "1 partition failed" in ended.stderr
     done, read = ended.stdout.splitlines()
     assert "20 recordings in 2 partitions; " in done
     namespace = {}
@@ -410,7 +325,7 @@ def test_what_was_made_is_told_where_a_part_cannot_be_read(half, model, tmp_path
     ended = run("identify", model, half, "-o", tmp_path / "answers")
     assert ended.exit_code == 2
     assert "Materials named in 20 recordings" in ended.stdout
-    assert "1 partition failed and is left out" in ended.stdout
+    assert "not finished: these are the answers that there are" in ended.stdout
     exec(ended.stdout.splitlines()[-1].removeprefix("read them with: "), namespace)
     assert len(namespace["answers"]) == 20
 
@@ -420,7 +335,7 @@ def test_what_stopped_goes_on_with_the_same_command(archive, model, tmp_path, mo
     def stopped(*_args, **_options):
         raise full
 
-    monkeypatch.setattr("granular_id.archive.extraction.run_tasks", stopped)
+    monkeypatch.setattr("granular_id.archive.partitions.run_in_threads", stopped)
     for words in (
         ("extract", archive, "-o", tmp_path / "a"),
         ("identify", model, archive, "-o", tmp_path / "b"),
@@ -455,15 +370,17 @@ def test_spaces_that_do_not_fit_are_refused_in_options(archive, folder, model, t
     append(tmp_path / "mixed", Dataset([*gid.load(folder).resample(62.5)][:2]))
     append(tmp_path / "mixed", Dataset([*gid.load(folder)][:2]))
     mixed = refused("extract", tmp_path / "mixed", "-o", tmp_path / "out")
-    assert f"granular-id archive add NEW {tmp_path / 'mixed'} --rate-hz 62.5" in mixed
+    assert f"granular-id data convert {tmp_path / 'mixed'} NEW --to parquet --rate-hz 62.5" in mixed
     append(
         tmp_path / "lengths",
         Dataset([recording(np.random.default_rng(1), 0, i, samples=60 + i) for i in (0, 1)]),
     )
     lengths = refused("extract", tmp_path / "lengths", "-o", tmp_path / "out", "--space", "raw")
-    assert (
-        f"granular-id archive add NEW {tmp_path / 'lengths'} --n-samples 60, or take --space hfmh" in lengths
-    )
+    convert = f"granular-id data convert {tmp_path / 'lengths'} NEW --to parquet --n-samples 60"
+    assert f"{convert}, or take --space hfmh" in lengths
+    new = tmp_path / "new"
+    ended_well(*convert.replace("NEW", str(new)).split()[1:])
+    ended_well("extract", new, "-o", tmp_path / "out", "--space", "raw")
 
 
 def test_the_way_out_of_other_rates_axes_and_leads_is_another_archive(folder, model, tmp_path):
@@ -472,13 +389,14 @@ def test_the_way_out_of_other_rates_axes_and_leads_is_another_archive(folder, mo
     axes = ("fy", "fx", "fz", "tx", "ty", "tz")
     append(tmp_path / "axes", data.select(axes=axes))
     for name, option in (("slow", "--rate-hz 125"), ("axes", "--axes fx,fy,fz,tx,ty,tz")):
-        said = f"granular-id archive add NEW {tmp_path / name} {option}"
+        said = f"granular-id data convert {tmp_path / name} NEW --to parquet {option}"
         assert said in refused("identify", model, tmp_path / name, "-o", tmp_path / "out")
         assert said in refused("extract", tmp_path / name, "-o", tmp_path / "out", "-m", model)
     append(tmp_path / "long", pushes(3))
     trigger = refused("identify", model, tmp_path / "long", "-o", tmp_path / "out", "--begin-at", "trigger")
     assert "state --lead-s, pass --begin-at first, or answer over all of it: " in trigger
-    assert trigger.endswith(f"granular-id archive add NEW {tmp_path / 'long'} --window-s SECONDS")
+    convert = f"granular-id data convert {tmp_path / 'long'} NEW --to parquet"
+    assert trigger.endswith(f"{convert} --window-s SECONDS")
 
 
 def test_workers_reach_the_work(archive, monkeypatch):
@@ -512,7 +430,7 @@ def test_identify_answers_an_archive_as_it_does_in_memory(archive, model, tmp_pa
     [
         (("--rate-hz", 50), "--rate-hz does not go with -o"),
         (("--on-error", "skip"), "--on-error does not go with -o"),
-        (("--begin-at", "onset"), "find onsets by granular-id archive add"),
+        (("--begin-at", "onset"), "find onsets by granular-id data convert"),
         (("--hop-s", 0.1), "--hop-s does not go with -o"),
         (("--csv", "x.csv"), "--csv does not go with -o, whose folder holds the answers"),
         (("another",), "-o takes the answers about one archive, got 2"),

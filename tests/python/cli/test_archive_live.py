@@ -81,7 +81,7 @@ def test_an_answer_is_shown_and_a_push_that_cannot_be_kept_is_told(live, tmp_pat
     def full(*_):
         raise OSError(28, "No space left on device", "seen")
 
-    monkeypatch.setattr("granular_id.io.parquet.writing.append", full)
+    monkeypatch.setattr("granular_id.io.parquet.writing.Appender.append", full)
     ended = run(*live, "--n", 2, "--archive", tmp_path / "seen")
     assert ended.exit_code == 2
     assert ended.stdout.count("final: margin") == 1

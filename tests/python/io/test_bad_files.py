@@ -96,7 +96,7 @@ def test_what_is_no_file_of_the_folder_is_refused_before_it_is_opened(tmp_path, 
     (tmp_path / "secret").write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n")
     places = [tmp_path / "set" / f"a{suffix}" for suffix in known.suffixes[:1]]
     if known.is_folder:
-        signs = {"parquet": "recordings.parquet", "ros": "metadata.yaml"}
+        signs = {"parquet": f"recordings-{'0' * 32}.parquet", "ros": "metadata.yaml"}
         sign = tmp_path / "set" / "whole" / signs[known.name]
         sign.parent.mkdir(parents=True)
         sign.write_text("")

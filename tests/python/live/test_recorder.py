@@ -102,7 +102,8 @@ def test_full_disk_loses_no_recording(tmp_path, monkeypatch, archive):
         pytest.importorskip("pyarrow")
     world, recorder = bench(tmp_path, archive=archive)
     with monkeypatch.context() as patch:
-        patch.setattr("granular_id.live.recorder.append" if archive else "numpy.lib.format.write_array", full)
+        where = "granular_id.io.parquet.writing._write" if archive else "numpy.lib.format.write_array"
+        patch.setattr(where, full)
         with pytest.raises(OSError, match="No space left on device"):
             recorder.record("rice")
     assert (files(tmp_path), recorder.last.label, world.arm.times("stop")) == ([], "rice", 0)

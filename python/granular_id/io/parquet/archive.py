@@ -1,8 +1,7 @@
 """The native archive, read as a whole or one row group at a time.
 
-``recordings.parquet`` has one row per recording and says in which row group of which file its samples lie;
-``samples/part-00000.parquet`` and so on hold the samples, a column per axis, whole recordings in each row group.
-What was added has an index file of its own in ``recordings/``.
+``recordings-*.parquet`` have a row per recording and say in which row group its samples lie; ``samples/part-*.parquet``
+hold the samples, a column per axis, whole recordings in each row group. Each append wrote a file of both.
 """
 
 from __future__ import annotations
@@ -10,8 +9,8 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from itertools import groupby
+from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +22,52 @@ from granular_id._core import interleave
 from granular_id._files import check_source
 from granular_id._memory import empty
 from granular_id._text import counted
-from granular_id.io.errors import RecordingFileError, attempt, naming
-from granular_id.io.flat import FlatRecordings, checked_history, unflatten
-from granular_id.io.options import MAX_BINARY_BYTES
-from granular_id.io.parquet.index import Index, RowGroup, coded_texts, integers, texts
-from granular_id.io.parquet.layout import FLAGS, TIME, Mark, index_of, labels_of, open_parquet, read_mark
-from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import Dataset, StepReport
+from granular_id.io.errors import RecordingFileError, attempt, naming, need
+from granular_id.io.flat import checked_history
+from granular_id.io.parquet.layout import (
+    FLAGS,
+    HISTORY,
+    INDEX_COLUMNS,
+    TIME,
+    Mark,
+    index_file,
+    index_keys,
+    index_of,
+    index_schema,
+    labels_of,
+    open_parquet,
+    samples_file,
+)
+from granular_id.recording import Dataset, Recording, StepReport
 
 __all__ = ["Archive", "RowGroup"]
 
+_TEXTS = tuple(name for name, kind in INDEX_COLUMNS.items() if kind == "text")
 _BATCH_ROWS = 1 << 14
 """Six columns of so many values stay in the cache of a core from decoding to interleaving: a tenth faster."""
 
-_KEPT_FOOTERS = 64
+
+@dataclass(frozen=True)
+class RowGroup:
+    """A row group of a file of samples.
+
+    Attributes
+    ----------
+    file : str
+        Its file, in the folder of the archive: the name is a digest of all that the archive says of its recordings.
+    row_group : int
+        Its number in that file.
+    start, stop : int
+        The rows of the index that describe it.
+    n_samples : int
+        Samples of its recordings.
+    """
+
+    file: str
+    row_group: int
+    start: int
+    stop: int
+    n_samples: int
 
 
 class Archive:
@@ -45,22 +76,23 @@ class Archive:
     Parameters
     ----------
     folder : str or path
-        What ``save_parquet`` wrote.
-    max_file_bytes : int
-        Largest file that is opened; 2 GiB by default.
+        What ``save_parquet`` or `append` wrote.
     unreadable : list, optional
         Where the errors about index files go that cannot be read, and whose recordings are then left out. By default
         the first is raised.
+    keys : sequence of str, optional
+        Open only a part of the archive: the index files with these keys. By default all.
 
     Attributes
     ----------
     axes : tuple of str
         Names of the columns of the samples.
     index : pyarrow.Table
-        A row per recording: id, name, label, session, start_time, rate_hz, n_samples, trigger_index, file, row_group
-        meta (JSON) and digest (see `digest_of`); texts are dictionary-encoded.
+        A row per recording, appends in the order in which they were written: id (of the recording), name, label,
+        session, start_time, rate_hz, n_samples, trigger_index, file, row_group, meta (JSON) and digest (of its
+        samples, stamps and flags).
     row_groups : tuple of RowGroup
-        In the order of the index; ``group.digest`` identifies the content of each.
+        In the order of the index.
 
     Raises
     ------
@@ -74,46 +106,74 @@ class Archive:
     Examples
     --------
     >>> import numpy as np, tempfile
-    >>> from granular_id.io.parquet.archive import Archive
-    >>> from granular_id.io.parquet.writing import save_parquet
-    >>> from granular_id import Dataset, Recording
-    >>> data = Dataset([Recording(np.full((3, 6), i), rate_hz=500, label="rice") for i in range(5)])
+    >>> from granular_id.archive import Archive
+    >>> from granular_id import Dataset, Recording, save
+    >>> data = Dataset([Recording(np.full((3, 6), i), rate_hz=500, label="rice") for i in range(300)])
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     archive = Archive(save_parquet(data, folder + "/rice", recordings_per_group=2))
+    ...     archive = Archive(save(data, folder + "/rice", "parquet"))
     ...     archive.n_recordings, [len(part) for part in archive]
     ...     buffer = None
     ...     for group in archive.row_groups:  # the fast way: all samples, of the recordings one behind the other
     ...         samples = archive.samples(group, buffer)
     ...         buffer = samples if buffer is None else buffer
-    ...         lengths = archive.index["n_samples"].slice(group.start, group.stop - group.start).to_pylist()
-    ...         print(samples.shape, lengths)
-    (5, [2, 2, 1])
-    (6, 6) [3, 3]
-    (6, 6) [3, 3]
-    (3, 6) [3]
+    ...         print(samples.shape, archive.index["n_samples"][group.start])
+    (300, [128, 128, 44])
+    (384, 6) 3
+    (384, 6) 3
+    (132, 6) 3
     """
 
     def __init__(
         self,
         folder: str | os.PathLike[str],
         *,
-        max_file_bytes: int = MAX_BINARY_BYTES,
         unreadable: list[RecordingFileError] | None = None,
+        keys: Sequence[str] | None = None,
     ) -> None:
         self.folder = check_source(folder)
-        self._max_file_bytes = max_file_bytes
-        self._index = Index(self.folder, max_file_bytes, unreadable)
-        self._mark = self._index.mark
-        self.axes, self.index, self.row_groups = self._mark.axes, self._index.table, self._index.row_groups
-        self._footers: dict[str, Any] = {}
+        known = index_keys(self.folder) if keys is None else keys
+        if not known:
+            raise RecordingFileError(self.folder, "is no archive: no recordings-*.parquet lies in it")
+        problems: list[RecordingFileError] = []
+        found = [attempt(problems, _Part.read, self.folder, key) for key in known]
+        parts: list[_Part] = []
+        for part in sorted(part for part in found if part is not None):
+            if not parts or part.mark == parts[0].mark:
+                parts.append(part)
+            else:
+                problem = f"lists other axes ({' '.join(part.mark.axes)}) than {index_file(parts[0].key)}"
+                problems.append(
+                    RecordingFileError(self.folder / index_file(part.key), problem, place="footer")
+                )
+        if unreadable is not None:
+            unreadable += problems
+        if problems and (unreadable is None or not parts):
+            raise problems[0]
+        self._parts = parts
+        self._mark = parts[0].mark
+        self.axes = self._mark.axes
+        arrow = need("pyarrow", extra="app", why="to read Parquet files")
+        self.index = arrow.concat_tables([part.table for part in parts]).unify_dictionaries()
+        groups: list[RowGroup] = []
+        start = 0
+        for part in parts:
+            for number, (first, last, n) in enumerate(part.groups):
+                groups.append(RowGroup(samples_file(part.key), number, start + first, start + last, n))
+            start += part.table.num_rows
+        self.row_groups = tuple(groups)
 
     def __repr__(self) -> str:
         return f"Archive({os.fspath(self.folder)!r}: {counted(self.n_recordings)} of {' '.join(self.axes)})"
 
     @property
-    def index_files(self) -> tuple[str, ...]:
-        """``recordings.parquet``, and those of appends in the order in which they were written."""
-        return tuple(self._index.names)
+    def keys(self) -> tuple[str, ...]:
+        """Keys of the index files, in the order in which they were written."""
+        return tuple(part.key for part in self._parts)
+
+    @property
+    def written(self) -> tuple[float, int]:
+        """When the first index file was written, seconds since 1970, and its number among those of one append."""
+        return self._parts[0].written, self._parts[0].number
 
     @property
     def n_recordings(self) -> int:
@@ -123,18 +183,33 @@ class Archive:
     def __iter__(self) -> Iterator[Dataset]:
         return map(self.read, self.row_groups)
 
-    def read(self, group: RowGroup) -> Dataset:
-        """Read the recordings of one row group, without the history of the whole.
+    def read(self, group: RowGroup | None = None) -> Dataset:
+        """Read the recordings of one row group, without history; or all, into one block of samples, with it.
 
         Raises
         ------
         RecordingFileError
             With file and row group: damaged, cut off, or not what the index says.
         """
-        source = FileSource(self.folder, self.folder, self.folder.name)
-        return Dataset(self._content([group], source, "[]").recordings)
+        groups = self.row_groups if group is None else [group]
+        index = self.index.slice(groups[0].start, groups[-1].stop - groups[0].start)
+        n_rows, done = sum(one.n_samples for one in groups), 0
+        wrench = empty((n_rows, len(self.axes)), "the samples of the archive")
+        others: dict[str, NDArray[Any]] = {FLAGS: np.zeros(n_rows, np.uint8)}
+        if index["rate_hz"].null_count:
+            others[TIME] = np.full(n_rows, np.nan)
+        for one in groups:
+            rows = slice(done, done + one.n_samples)
+            self._decode(one, wrench[rows], {name: values[rows] for name, values in others.items()})
+            done = rows.stop
+        for array in (wrench, *others.values()):
+            array.flags.writeable = False
+        recordings = self._recordings(index, wrench, others)
+        return Dataset(recordings, self.history if group is None else ())
 
-    def samples(self, group: RowGroup, out: FloatArray | None = None) -> FloatArray:
+    def samples(
+        self, group: RowGroup, out: FloatArray | None = None, flags: NDArray[np.uint8] | None = None
+    ) -> FloatArray:
         """Decode the samples of one row group, without making recordings of them: the fast way to read.
 
         Parameters
@@ -143,6 +218,8 @@ class Archive:
         out : ndarray of shape (N, C), float64, optional
             A buffer to decode into, C-contiguous, for one row group after the other: memory that is taken anew each
             time costs more than the copying. With fewer than ``group.n_samples`` rows it is not used.
+        flags : ndarray of shape (group.n_samples,), uint8, optional
+            Filled with the flags of the samples, where the file holds any.
 
         Returns
         -------
@@ -163,202 +240,179 @@ class Archive:
         elif out.dtype != np.float64 or out.shape[1:] != (n_axes,) or not out.flags.c_contiguous:
             came = f"{out.dtype} of shape {out.shape}"
             raise ValueError(f"out must be C-contiguous float64 of shape (N, {n_axes}), got {came}")
-        samples = out[:n]
-        path = self.folder / group.file
-        with self._opened(group.file) as opened:
-            finite = _decode(opened, group, path, self._mark, samples, {})
-        if not finite:
-            raise self._not_finite(group, samples)
-        return samples
-
-    def _not_finite(self, group: RowGroup, samples: FloatArray) -> RecordingFileError:
-        row, axis = np.argwhere(~np.isfinite(samples))[0].tolist()
-        ends = np.cumsum(integers(self._index.rows_of(group), "n_samples"))
-        i = int(np.searchsorted(ends, row, side="right"))
-        sample = row - (int(ends[i - 1]) if i else 0)
-        name = self.index["name"][group.start + i].as_py()
-        problem = f"sample {sample} of recording {name!r:.60} is {samples[row, axis]}; wanted finite numbers"
-        place = f"row group {group.row_group}"
-        return RecordingFileError(self.folder / group.file, problem, place=place, column=self.axes[axis])
-
-    def has_flags(self, group: RowGroup) -> bool:
-        """Whether samples of the file that a row group is in have flags."""
-        with self._opened(group.file) as opened:
-            return FLAGS in opened.schema_arrow.names
+        self._decode(group, out[:n], {} if flags is None else {FLAGS: flags})
+        return out[:n]
 
     @property
     def history(self) -> tuple[StepReport, ...]:
-        """Steps that made the recordings, of what was saved and of what was added."""
+        """Steps that made the recordings; those that several appends share, once."""
+        steps: list[Any] = []
+        for text in dict.fromkeys(part.history for part in self._parts):
+            with naming(self.folder, "reading the history"):
+                own = json.loads(text)
+                steps += [step for step in own if step not in steps] if steps else own
         with naming(self.folder, "reading the history"):
-            return checked_history(self._index.history_json(), self.n_recordings)
-
-    @property
-    def is_synthetic(self) -> bool:
-        """Whether any recording was simulated, as its metadata say."""
-        return any(self._of_simulation(text) for text in coded_texts(self.index["meta"])[1])
+            return checked_history(json.dumps(steps), self.n_recordings)
 
     @property
     def n_synthetic(self) -> int:
-        """Recordings that were simulated."""
-        codes, values = coded_texts(self.index["meta"])
-        return int(np.array([self._of_simulation(text) for text in values])[codes].sum())
+        """Recordings that were simulated, as their metadata say."""
+        return self.count_synthetic(self.index["meta"])
 
-    def _of_simulation(self, meta_json: str | None) -> bool:
-        if meta_json is None or '"synthetic"' not in meta_json:
-            return False
+    def count_synthetic(self, metas: Any) -> int:
+        """Count the same in cells of the column meta."""
+        codes, values = coded_texts(metas)
+        simulated = [
+            '"synthetic"' in (text or "") and bool(self.meta_of(text).get("synthetic")) for text in values
+        ]
+        return int(np.array(simulated)[codes].sum())
+
+    def meta_of(self, text: str | None) -> Mapping[str, Any]:
+        """Return the metadata in a cell of the index."""
         with naming(self.folder, "reading metadata"):
-            meta = json.loads(meta_json)
-        return isinstance(meta, dict) and bool(meta.get("synthetic"))
+            meta = json.loads(text or "{}")
+            if not isinstance(meta, dict):
+                raise TypeError(f"{text:.80} is no JSON object")
+            return meta
 
-    @property
-    def fingerprint(self) -> str:
-        """32 hexadecimal digits that change with any recording, its place or what is said of it."""
-        return self._index.fingerprint
-
-    def content(self, source: FileSource) -> FileContent:
-        """Read everything, into one block of samples, and the history."""
-        content = self._content(self.row_groups, source, self._index.history_json())
-        content.notes += self._notes()
-        return content
-
-    def pieces(
-        self, source: FileSource, unreadable: list[RecordingFileError] | None
-    ) -> Iterator[FileContent]:
-        """Read the same a row group at a time; notes come with the first, the history with each.
-
-        With a list `unreadable`, errors about row groups and the history go there, and what they are about is left out.
-        """
-        history: Sequence[StepReport] | None = None
-        if unreadable is not None:
-            history = attempt(unreadable, lambda: self.history) or ()
-        notes = self._notes()
-        for group in self.row_groups:
+    def _recordings(
+        self, index: Any, wrench: FloatArray, others: Mapping[str, NDArray[Any]]
+    ) -> list[Recording]:
+        """Make recordings of some rows of the index and their samples."""
+        made: list[Recording] = []
+        metas: dict[str | None, Mapping[str, Any]] = {}
+        start = 0
+        for row in index.drop_columns(["id", "file", "row_group", "digest"]).to_pylist():
+            rows = slice(start, start + row.pop("n_samples"))
+            start, text = rows.stop, row.pop("meta")
+            meta = metas[text] if text in metas else metas.setdefault(text, self.meta_of(text))
+            row["name"] = row["name"] or ""
             try:
-                json_of = self._index.history_json() if history is None else "[]"
-                content = self._content([group], source, json_of)
-            except RecordingFileError as error:
-                if unreadable is None:
-                    raise
-                lost = f"{error.problem}; its {counted(group.stop - group.start)} left out"
-                unreadable.append(RecordingFileError(error.path, lost, place=f"row group {group.row_group}"))
-                continue
-            history = content.history if history is None else history
-            content.history, content.notes, notes = history, [*content.notes, *notes], []
-            yield content
+                made.append(
+                    Recording(
+                        wrench[rows],
+                        time_s=others[TIME][rows] if row["rate_hz"] is None else None,
+                        flags=others[FLAGS][rows],
+                        meta=meta,
+                        axes=self.axes,
+                        **row,
+                    )
+                )
+            except (TypeError, ValueError) as error:
+                raise RecordingFileError(self.folder, f"recording {row['name']!r:.60}: {error}") from error
+        return made
 
-    def _notes(self) -> list[str]:
-        every = self._index.unread.items()
-        return [f"columns of {name} that are not read: {', '.join(unread)[:200]}" for name, unread in every]
+    def _decode(self, group: RowGroup, wrench: FloatArray, others: Mapping[str, NDArray[Any]]) -> None:
+        """Decode a row group into `wrench` (n_samples, C), and into those of `others` that there are."""
+        path, place = self.folder / group.file, f"row group {group.row_group}"
+        with open_parquet(path, self.folder) as opened:
+            if Mark.read(opened, "samples", path)[0] != self._mark:
+                problem = f"holds other axes than {index_of(group.file)} says"
+                raise RecordingFileError(path, problem, place="footer")
+            n_groups = opened.num_row_groups
+            n_samples = (
+                opened.metadata.row_group(group.row_group).num_rows if group.row_group < n_groups else 0
+            )
+            if n_samples != group.n_samples:
+                listed = f"by {index_of(group.file)} its recordings have {group.n_samples}"
+                raise RecordingFileError(path, f"holds {n_samples} samples; {listed}", place=place)
+            there = [name for name in others if name in opened.schema_arrow.names]
+            finite, start = True, 0
+            try:
+                for batch in opened.iter_batches(
+                    _BATCH_ROWS,
+                    row_groups=[group.row_group],
+                    columns=[*self._mark.columns, *there],
+                    use_threads=False,
+                ):
+                    rows = slice(start, start + batch.num_rows)
+                    start = rows.stop
+                    columns = [_values(batch.column(name)) for name in self._mark.columns]
+                    finite = interleave(columns, wrench[rows]) and finite
+                    for name in there:
+                        others[name][rows] = batch.column(name).to_numpy(zero_copy_only=False)
+            except Exception as error:  # checksums, columns that are missing or hold something else
+                raise RecordingFileError(path, f"cannot be decoded: {error}"[:300], place=place) from error
+        if start != n_samples:
+            raise RecordingFileError(path, f"holds {start} samples; its footer says {n_samples}", place=place)
+        if not finite:
+            raise self._not_finite(group, wrench)
 
-    def _content(self, parts: Sequence[RowGroup], source: FileSource, history_json: str) -> FileContent:
-        block = _Block(sum(part.n_samples for part in parts), self._mark)
-        for file, some in groupby(parts, key=lambda part: part.file):
-            with self._opened(file) as opened:
-                for part in some:
-                    block.add(opened, part, self.folder / file)
-        rows = self.index.slice(parts[0].start, parts[-1].stop - parts[0].start)
-        flat = FlatRecordings(
-            axes=self.axes,
-            wrench=block.wrench,
-            n_samples=integers(rows, "n_samples"),
-            rate_hz=rows["rate_hz"].to_numpy(),
-            start_time=rows["start_time"].to_numpy(),
-            trigger_index=integers(rows, "trigger_index"),
-            label=texts(rows, "label"),
-            session=texts(rows, "session"),
-            name=self._names(rows, parts[0].start, source),
-            meta_json=texts(rows, "meta"),
-            time_s=block.time_s,
-            flags=block.flags,
-            history_json=history_json,
-        )
-        return unflatten(flat, self.folder, source, finite=block.finite)
-
-    @contextmanager
-    def _opened(self, file: str) -> Iterator[Any]:
-        """Open a file of samples; what its footer says is checked once, and kept for the next row group of it."""
-        path, known = self.folder / file, self._footers.get(file)
-        with open_parquet(path, self.folder, self._max_file_bytes, footer=known) as opened:
-            if known is None:
-                self._check_footer(opened, file, path)
-                if len(self._footers) >= _KEPT_FOOTERS:
-                    self._footers = {}
-                self._footers[file] = opened.metadata
-            yield opened
-
-    def _check_footer(self, opened: Any, file: str, path: Path) -> None:
-        index, listed = index_of(file), self._index.groups_of[file]
-        if read_mark(labels_of(opened), "samples", path) != self._mark:
-            raise RecordingFileError(path, f"holds other axes than {index} says", place="footer")
-        if opened.num_row_groups != listed:
-            problem = f"holds {opened.num_row_groups} row groups; {index} lists {listed}"
-            raise RecordingFileError(path, problem)
-
-    def _names(self, rows: Any, start: int, source: FileSource) -> list[str | None]:
-        """Return the names in some rows; those that have none are counted through the whole archive."""
-        names = texts(rows, "name")
-        if self.n_recordings == 1:
-            return names
-        return [f"{source.name}[{start + i}]" if name is None else name for i, name in enumerate(names)]
+    def _not_finite(self, group: RowGroup, samples: FloatArray) -> RecordingFileError:
+        row, axis = np.argwhere(~np.isfinite(samples))[0].tolist()
+        lengths = self.index["n_samples"].slice(group.start, group.stop - group.start).to_numpy()
+        ends = np.cumsum(lengths)
+        i = int(np.searchsorted(ends, row, side="right"))
+        name = self.index["name"][group.start + i].as_py()
+        sample = f"sample {row - int(ends[i] - lengths[i])} of recording {name!r:.60}"
+        problem = f"{sample} is {samples[row, axis]}; wanted finite numbers"
+        place = f"row group {group.row_group}"
+        return RecordingFileError(self.folder / group.file, problem, place=place, column=self.axes[axis])
 
 
-class _Block:
-    """The samples of neighbouring row groups, put in row group by row group."""
+@dataclass(frozen=True, order=True)
+class _Part:
+    """One index file, checked; sorted as they were written."""
 
-    def __init__(self, n_rows: int, mark: Mark) -> None:
-        self.n_rows, self._mark, self._filled = n_rows, mark, 0
-        self.wrench: FloatArray = empty((n_rows, len(mark.columns)), "the samples of the archive")
-        self.time_s: FloatArray | None = None
-        self.flags: NDArray[np.uint8] | None = None
-        self.finite = True
+    written: float
+    number: int
+    key: str
+    mark: Mark = field(compare=False)
+    history: str = field(compare=False)
+    table: Any = field(compare=False)
+    groups: list[tuple[int, int, int]] = field(compare=False)  # of each row group: first row, end, samples
 
-    def add(self, opened: Any, part: RowGroup, path: Path) -> None:
-        """Read the next row group."""
-        rows = slice(self._filled, self._filled + part.n_samples)
-        self._filled = rows.stop
-        others: dict[str, Any] = {}
-        names = opened.schema_arrow.names
-        if TIME in names:
-            self.time_s = np.full(self.n_rows, np.nan) if self.time_s is None else self.time_s
-            others[TIME] = self.time_s[rows]
-        if FLAGS in names:
-            self.flags = np.zeros(self.n_rows, np.uint8) if self.flags is None else self.flags
-            others[FLAGS] = self.flags[rows]
-        self.finite = _decode(opened, part, path, self._mark, self.wrench[rows], others) and self.finite
+    @classmethod
+    def read(cls, folder: Path, key: str) -> _Part:
+        path = folder / index_file(key)
+        with open_parquet(path, folder, texts=_TEXTS) as opened:
+            mark, said = Mark.read(opened, "recordings", path)
+            table = opened.read([*INDEX_COLUMNS], use_threads=False)
+            history = labels_of(opened).get(HISTORY, "[]")
+        schema = index_schema()
+        other = next((name for name in schema.names if name not in table.column_names), None)
+        if other is not None:
+            wanted = ", ".join(INDEX_COLUMNS)
+            raise RecordingFileError(path, f"column {other!r} is missing; wanted {wanted}")
+        with naming(path, "reading its columns"):
+            table = table.cast(schema)
+            table.validate(full=True)
+            written, number = float(said["written"]), int(said["part"])
+        if not table.num_rows:
+            raise RecordingFileError(path, "lists no recordings")
+        return cls(written, number, key, mark, history, table, _groups(table, path))
 
 
-def _decode(
-    opened: Any,
-    part: RowGroup,
-    path: Path,
-    mark: Mark,
-    wrench: FloatArray,
-    others: Mapping[str, NDArray[Any]],
-) -> bool:
-    """Decode a row group into `wrench` (n_samples, C) and `others`; tell whether the wrench is finite."""
-    place = f"row group {part.row_group}"
-    n_samples = opened.metadata.row_group(part.row_group).num_rows
-    if n_samples != part.n_samples:
-        problem = f"holds {n_samples} samples; by {index_of(part.file)} its recordings have {part.n_samples}"
-        raise RecordingFileError(path, problem, place=place)
-    finite, start = True, 0
-    try:
-        batches = opened.iter_batches(
-            _BATCH_ROWS, row_groups=[part.row_group], columns=[*mark.columns, *others], use_threads=False
-        )
-        for batch in batches:
-            rows = slice(start, start + batch.num_rows)
-            start = rows.stop
-            columns = [_values(batch.column(name)) for name in mark.columns]
-            finite = interleave(columns, wrench[rows]) and finite
-            for name, values in others.items():
-                values[rows] = batch.column(name).to_numpy(zero_copy_only=False)
-    except Exception as error:  # checksums, columns that are missing or hold something else
-        raise RecordingFileError(path, f"cannot be decoded: {error}"[:300], place=place) from error
-    if start != n_samples:
-        raise RecordingFileError(path, f"holds {start} samples; its footer says {n_samples}", place=place)
-    return finite
+def _groups(table: Any, path: Path) -> list[tuple[int, int, int]]:
+    """Return rows and samples of each row group that an index file lists: every one, in order."""
+    numbers, lengths = integers(table, "row_group"), integers(table, "n_samples")
+    steps = np.diff(numbers, prepend=0)
+    for column, wrong, wanted in (
+        ("n_samples", lengths < 1, "at least 1"),
+        ("row_group", (steps != 0) & (steps != 1), "row groups one after the other"),
+        ("row_group", (numbers != 0) & (np.arange(len(numbers)) == 0), "row group 0 first"),
+    ):
+        if wrong.any():
+            row = int(wrong.argmax())
+            problem = f"row {row} holds {table[column][row].as_py()!r:.80}; wanted {wanted}"
+            raise RecordingFileError(path, problem, column=column)
+    bounds = [*np.flatnonzero(np.diff(numbers, prepend=-1)).tolist(), len(numbers)]
+    return [(start, stop, int(lengths[start:stop].sum())) for start, stop in pairwise(bounds)]
 
 
 def _values(column: Any) -> FloatArray:
     return np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
+
+
+def coded_texts(column: Any) -> tuple[NDArray[np.int64], list[str | None]]:
+    """Return a column of texts as codes and what they mean; the last one, None, is an empty cell."""
+    coded = column if str(column.type).startswith("dictionary") else column.dictionary_encode()
+    whole = coded.unify_dictionaries().combine_chunks()
+    values: list[str | None] = whole.dictionary.to_pylist()
+    codes = whole.indices.fill_null(len(values)).to_numpy(zero_copy_only=False)
+    return codes.astype(np.int64), [*values, None]
+
+
+def integers(table: Any, name: str) -> NDArray[np.int64]:
+    """Return a column of whole numbers; -1 where a cell is empty."""
+    return np.asarray(table[name].fill_null(-1).to_numpy(), np.int64)

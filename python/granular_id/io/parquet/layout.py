@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,27 +16,72 @@ from granular_id.io.errors import RecordingFileError, naming, need
 from granular_id.io.files import open_bounded
 from granular_id.recording import unit_of
 
-INDEX_FILE, INDEX_FOLDER = "recordings.parquet", "recordings"
-"""What lists the recordings that were saved at once, and the folder of those lists that were added."""
-
 SAMPLES_FOLDER = "samples"
 VERSION = 1
 MARK, HISTORY = "granular_id", "history"
 TIME, FLAGS, DIGEST = "time_s", "flags", "digest"
-INDEX_TEXTS = ("name", "label", "session", "file", "meta")
-INDEX_COLUMNS = (
-    *INDEX_TEXTS,
-    "id",
-    "start_time",
-    "rate_hz",
-    "n_samples",
-    "trigger_index",
-    "row_group",
-    DIGEST,
-)
 
-_PART = re.compile(SAMPLES_FOLDER + r"/part-[0-9]{5,9}\.parquet")
-_ADDED = re.compile(r"([0-9a-f]{32})\.parquet")
+INDEX_COLUMNS = {
+    "id": "string",
+    "name": "text",
+    "label": "text",
+    "session": "text",
+    "start_time": "float64",
+    "rate_hz": "float64",
+    "n_samples": "int64",
+    "trigger_index": "int64",
+    "file": "text",
+    "row_group": "int64",
+    "meta": "text",
+    DIGEST: "string",
+}
+"""Columns of an index file and their types; "text" repeats, and is a dictionary in memory."""
+
+_INDEX_FILE = re.compile(r"recordings-([0-9a-f]{32})\.parquet")
+LEFTOVER = re.compile(rf"{SAMPLES_FOLDER}(/part-[0-9a-f]{{32}}\.parquet|/\.[^/]+)?|\.[^/]+")
+"""What an append that was killed may leave of an archive that it began."""
+
+
+def index_file(key: str) -> str:
+    """Name the index file with this key."""
+    return f"recordings-{key}.parquet"
+
+
+def samples_file(key: str) -> str:
+    """Name the file of samples that the index file with this key lists: no name in a file ever becomes a path."""
+    return f"{SAMPLES_FOLDER}/part-{key}.parquet"
+
+
+def key_of(file: str) -> str:
+    """Return the key of a file of samples."""
+    return Path(file).stem.removeprefix("part-")
+
+
+def index_of(file: str) -> str:
+    """Name the index file that lists a file of samples."""
+    return index_file(key_of(file))
+
+
+def index_keys(folder: Path) -> list[str]:
+    """Return the keys of the index files of an archive: what has no index file does not exist."""
+    try:
+        found = [_INDEX_FILE.fullmatch(name) for name in os.listdir(folder)]  # noqa: PTH208 (a third of the time)
+    except OSError:  # there is no such folder, or it may not be listed
+        return []
+    return sorted(match[1] for match in found if match is not None)
+
+
+def is_parquet_archive(folder: Path) -> bool:
+    """Tell whether a folder is a native archive: an index file lies in it."""
+    return bool(index_keys(folder))
+
+
+def index_schema() -> Any:
+    """Return the schema of an index in memory."""
+    arrow = need("pyarrow", extra="app", why="to read Parquet files")
+    kinds = {"text": arrow.dictionary(arrow.int32(), arrow.string()), "string": arrow.string()}
+    kinds |= {"float64": arrow.float64(), "int64": arrow.int64()}
+    return arrow.schema([(name, kinds[kind]) for name, kind in INDEX_COLUMNS.items()])
 
 
 @dataclass(frozen=True)
@@ -45,12 +90,6 @@ class Mark:
 
     axes: tuple[str, ...]
     columns: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        for names in (self.axes, self.columns):
-            texts = all(isinstance(name, str) and name for name in names)
-            if not texts or not 0 < len(set(names)) == len(self.axes) == len(names):
-                raise ValueError("names occur twice, or are none")
 
     @classmethod
     def of_axes(cls, axes: Sequence[str]) -> Mark:
@@ -64,79 +103,28 @@ class Mark:
         units = [unit_of(axis) for axis in self.axes]
         return json.dumps({**about, "units": units, **more}, ensure_ascii=False)
 
-
-def read_mark(labels: Mapping[str, str], what: str, path: Path) -> Mark:
-    """Return what a footer says of an archive; `what` is "recordings" or "samples"."""
-    try:
-        said = json.loads(labels.get(MARK, "null"))
-        mark = Mark(tuple(said["axes"]), tuple(said["columns"]))
-        wanted = json.loads(mark.to_json(what))
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
-        problem = f"has no entry {MARK!r} that names axes and as many columns, each once"
-        raise RecordingFileError(path, problem, place="footer") from error
-    other = next((key for key in wanted if said.get(key) != wanted[key]), None)
-    if other is not None:
-        problem = f"the entry {MARK!r} says that the {other} is {said.get(other)!r:.80}; wanted {wanted[other]!r:.80}"
-        raise RecordingFileError(path, problem, place="footer")
-    return mark
-
-
-def written_at(labels: Mapping[str, str], path: Path) -> float:
-    """Return when an append was written, seconds since 1970; of a footer that `read_mark` has read."""
-    written = json.loads(labels[MARK]).get("written")
-    if isinstance(written, bool) or not isinstance(written, (int, float)) or not math.isfinite(written):
-        problem = f"the entry {MARK!r} says that it was written at {written!r:.80}; wanted seconds since 1970"
-        raise RecordingFileError(path, problem, place="footer")
-    return float(written)
-
-
-def part_name(number: int) -> str:
-    """Name the file of samples with this number, as the index does."""
-    return f"{SAMPLES_FOLDER}/part-{number:05d}.parquet"
-
-
-def added_names(key: str) -> tuple[str, str]:
-    """Name the file of samples and the index file that an append of this key writes."""
-    return f"{SAMPLES_FOLDER}/{key}.parquet", f"{INDEX_FOLDER}/{key}.parquet"
-
-
-def is_sample_name(text: object, index_file: str) -> bool:
-    """Tell whether an index file may name this file of samples: nothing else ever becomes a path."""
-    if index_file == INDEX_FILE:
-        return isinstance(text, str) and _PART.fullmatch(text) is not None
-    return text == f"{SAMPLES_FOLDER}/{index_file.rpartition('/')[2]}"
-
-
-def index_of(file: str) -> str:
-    """Name the index file that lists a file of samples."""
-    return INDEX_FILE if _PART.fullmatch(file) else f"{INDEX_FOLDER}/{file.rpartition('/')[2]}"
-
-
-def index_names(folder: Path) -> list[str]:
-    """Return the index files of an archive: ``recordings.parquet`` first, then what was added, by key."""
-    try:
-        names = [path.name for path in (folder / INDEX_FOLDER).iterdir()]
-    except OSError:  # there is no such folder, or it may not be listed
-        names = []
-    whole = os.path.isfile(folder / INDEX_FILE)  # noqa: PTH113 (says False where is_file raises: no permission)
-    return [INDEX_FILE] * whole + [
-        f"{INDEX_FOLDER}/{name}" for name in sorted(names) if _ADDED.fullmatch(name)
-    ]
-
-
-def is_parquet_archive(folder: Path) -> bool:
-    """Tell whether a folder is a native archive: an index file lies in it."""
-    return bool(index_names(folder))
+    @classmethod
+    def read(cls, opened: Any, what: str, path: Path) -> tuple[Mark, dict[str, Any]]:
+        """Return what the footer of an open file says of the archive, as a mark and whole."""
+        try:
+            said = json.loads(labels_of(opened).get(MARK, "null"))
+            mark = cls.of_axes(said["axes"])
+            wanted = json.loads(mark.to_json(what))
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            problem = f"has no entry {MARK!r} that names axes, each once"
+            raise RecordingFileError(path, problem, place="footer") from error
+        other = next((key for key in wanted if said.get(key) != wanted[key]), None)
+        if other is not None:
+            came = f"says that the {other} is {said.get(other)!r:.80}; wanted {wanted[other]!r:.80}"
+            raise RecordingFileError(path, f"the entry {MARK!r} {came}", place="footer")
+        return mark, said
 
 
 @contextmanager
 def open_parquet(
-    path: Path, root: Path, max_bytes: int, texts: Sequence[str] = (), *, footer: Any = None
+    path: Path, root: Path, max_bytes: int = sys.maxsize, texts: Sequence[str] = ()
 ) -> Iterator[Any]:
-    """Open a file inside `root` as ``pyarrow.parquet.ParquetFile``, some columns to be read dictionary-encoded.
-
-    With the `footer` that it had when it was opened before, a third of the time is needed.
-    """
+    """Open a file inside `root` as ``pyarrow.parquet.ParquetFile``, some columns to be read dictionary-encoded."""
     library = need("pyarrow.parquet", extra="app", why="to read Parquet files")
     with open_bounded(path, root, max_bytes) as (file, _), naming(path, "reading it as Parquet"):
         try:
@@ -145,7 +133,6 @@ def open_parquet(
             place = need("pyarrow", extra="app", why="to read Parquet files").BufferReader(file.read())
         with library.ParquetFile(
             place,
-            metadata=footer,
             read_dictionary=texts,
             page_checksum_verification=True,
             pre_buffer=False,  # which reads by threads of its own
@@ -155,5 +142,5 @@ def open_parquet(
 
 def labels_of(opened: Any) -> dict[str, str]:
     """Return the key-value texts of a footer."""
-    found = opened.metadata.metadata or {}
+    found: Mapping[bytes, bytes] = opened.metadata.metadata or {}
     return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in found.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
+from granular_id._text import counted
 from granular_id.io.columns import (
     FLAGS,
     LABEL,
@@ -24,11 +26,10 @@ from granular_id.io.columns import (
     columns_of,
     split_unit,
 )
-from granular_id.io.errors import RecordingFileError, need
+from granular_id.io.errors import RecordingFileError, attempt, need
 from granular_id.io.long_table import LongTable, Stated, recordings_of, refuse_mask
 from granular_id.io.options import LoadOptions
-from granular_id.io.parquet.archive import Archive
-from granular_id.io.parquet.index import coded_texts
+from granular_id.io.parquet.archive import Archive, coded_texts
 from granular_id.io.parquet.layout import MARK, labels_of, open_parquet
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import AXES
@@ -48,7 +49,10 @@ def read_parquet(source: FileSource, options: LoadOptions) -> FileContent:
     """
     path, most = source.path, options.max_binary_bytes
     if path.is_dir():
-        return Archive(path, max_file_bytes=most).content(source)
+        data = Archive(path).read()
+        known: dict[str, Any] = {"start_time": source.start_time, "trigger_index": source.trigger_index}
+        known = {name: value for name, value in known.items() if value is not None}
+        return FileContent(recordings=[replace(one, **known) for one in data], history=data.history)
     with open_parquet(path, source.root, most) as opened:
         schema = opened.schema_arrow
         columns = _columns(schema, source, options)
@@ -74,13 +78,22 @@ def parquet_parts(source: FileSource, options: LoadOptions) -> Iterator[FileCont
     stated = (
         source.start_time is not None or source.trigger_index is not None
     )  # which only one recording may have
-    if source.path.is_dir() and not stated:
-        problems: list[RecordingFileError] | None = [] if options.on_error == "skip" else None
-        opened = Archive(source.path, max_file_bytes=options.max_binary_bytes, unreadable=problems)
-        yield from opened.pieces(source, problems)
-        yield from problems or []
-    else:
+    if not source.path.is_dir() or stated:
         yield read_parquet(source, options)
+        return
+    problems: list[RecordingFileError] = []
+    unreadable = problems if options.on_error == "skip" else None
+    archive = Archive(source.path, unreadable=unreadable)
+    history = archive.history if unreadable is None else attempt(problems, lambda: archive.history) or ()
+    for group in archive.row_groups:
+        try:
+            yield FileContent(recordings=archive.read(group).recordings, history=history)
+        except RecordingFileError as error:  # noqa: PERF203
+            if unreadable is None:
+                raise
+            lost = f"{error.problem}; its {counted(group.stop - group.start)} left out"
+            problems.append(RecordingFileError(error.path, lost, place=f"row group {group.row_group}"))
+    yield from problems
 
 
 def _metadata(labels: Mapping[str, str]) -> dict[str, Any]:
