@@ -219,6 +219,7 @@ campaign: $(TOOLS)
 	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/core/test_fork.py
 	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/io/test_csv_fuzz.py -k campaign -s
 	GRANULAR_ID_CASES=1500 $(BIN)/python -m pytest tests/python/io/test_bad_files.py -k damaged
+	GRANULAR_ID_CASES=200 $(BIN)/python -m pytest tests/python/archive/test_exactly_once.py
 	GRANULAR_ID_CASES=500 $(BIN)/python -m pytest tests/python/confidence/test_confidence_simulations.py -s
 	GRANULAR_ID_CASES=20000 cargo test --test core buffer_model
 	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/core/test_stream.py tests/python/core/test_stream_identifier.py

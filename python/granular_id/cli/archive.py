@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -237,12 +236,10 @@ def _facts(archive: Archive) -> Iterator[str]:
     begun = pc.min_max(index["start_time"]).as_py()
     if begun["min"] is not None:
         yield f"recorded: {_day(begun['min'])} to {_day(begun['max'])} (UTC)"
-    n_bytes = _sizes(archive.folder)
+    n_bytes = sum(path.stat().st_size for path in archive.folder.rglob("*.parquet"))
     files = {group.file for group in archive.row_groups}
-    yield (
-        f"files: {len(files)} of samples with {counted(len(archive.row_groups), 'row group')}, "
-        f"{_in_bytes(n_bytes['samples'])}; index {_in_bytes(n_bytes['index'])}"
-    )
+    row_groups = counted(len(archive.row_groups), "row group")
+    yield f"files: {len(files)} of samples with {row_groups}, {n_bytes / 1e6:.1f} MB with their index"
 
 
 def _of_materials(archive: Archive) -> Table:
@@ -260,30 +257,12 @@ def _of_materials(archive: Archive) -> Table:
     return Table(f"Archive {archive.folder}", ("material", "recordings", "sessions"), tuple(shown))
 
 
-def _sizes(folder: Path) -> Counter[str]:
-    """Add up the bytes of samples and of the index, hidden files left out."""
-    sizes: Counter[str] = Counter()
-    for path in folder.rglob("*.parquet"):
-        if not path.name.startswith("."):
-            sizes["samples" if path.parent.name == "samples" else "index"] += path.stat().st_size
-    return sizes
-
-
 def _span(values: Any) -> str:
     return " to ".join(dict.fromkeys(f"{value:g}" for value in (values.min(), values.max())))
 
 
 def _day(utc_s: float) -> str:
     return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y-%m-%d")
-
-
-def _in_bytes(n: int) -> str:
-    size = float(n)
-    for unit in ("B", "kB", "MB", "GB"):
-        if size < 1000:
-            return f"{size:.3g} {unit}"
-        size /= 1000
-    return f"{size:.3g} TB"
 
 
 @command

@@ -229,7 +229,7 @@ def test_info_needs_the_index_alone(archive, tmp_path):
         "rate: 125 Hz",
         "length: 60 samples, 0.48 s",
         "recorded: 2020-09-13 to 2020-09-13 (UTC)",
-        "files: 1 of samples with 1 row group, 0 B; index ",
+        "files: 1 of samples with 1 row group, 0.0 MB with their index",
     ):
         assert f"{line}\n" in out or line.endswith(" ")
         assert line in out
