@@ -214,8 +214,8 @@ class _Row:
     @classmethod
     def of(cls, recording: Recording) -> _Row:
         digest = digest_of(recording)
-        about = [recording.name, recording.label, recording.session, recording.start_time]
-        return cls(recording, digest, _hashed([digest, *about]))
+        names = f"{recording.name!a} {recording.label!a} {recording.session!a} {recording.start_time!r}"
+        return cls(recording, digest, _hashed(f"{digest} {names}"))
 
 
 def digest_of(recording: Recording) -> str:
@@ -227,8 +227,8 @@ def digest_of(recording: Recording) -> str:
     return mark.hexdigest()[:32]
 
 
-def _hashed(values: Sequence[Any]) -> str:
-    return hashlib.sha256(json.dumps(values).encode()).hexdigest()[:32]
+def _hashed(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
 def _write(
@@ -249,7 +249,7 @@ def _write(
         index = _index_columns(part)
         # `id` covers samples and names
         about = [index[name] for name in ("id", "row_group", "rate_hz", "trigger_index", "meta")]
-        key = _hashed([number, mark.axes, *about])
+        key = _hashed(json.dumps([number, mark.axes, *about]))
         index["file"] = [samples_file(key)] * sum(map(len, part))
         with durable_file(folder / samples_file(key)) as draft:
             for n in _write_samples(library, draft, part, mark):
