@@ -48,7 +48,7 @@ except ValueError as error:
 # frame of the sensor; then the wrench is turned. Forces are those of Monday again.
 
 rests = simulate_rests(gripper, [[0, 0, 1], [1, 0, 0], [0, 1, 0], [0, 0, -1], [-1, 0, 0], [0, -1, 0]])
-payload = Payload.identify(rests)
+payload = Payload.fit(rests)
 print(payload)
 lighter = tuesday.compensate(payload, gravity=[0, 0, 1])
 brought_back = lighter.transform([[0, 1, 0], [-1, 0, 0], [0, 0, 1]], frame=monday[0].meta["frame"])

@@ -292,13 +292,12 @@ class Steps(StepOptions):
 
 
 GRAVITY = (
-    "Where gravity points, in the frame of the wrench: x,y,z for all recordings, or a CSV file with the columns name "
-    "and gx,gy,gz, or name and qx,qy,qz,qw (orientation of the sensor in a frame whose z points up). Default: what "
-    "their metadata say under these names, or as gravity."
+    "Where gravity points, in the frame of the wrench: x,y,z for all recordings, or a CSV file with the columns "
+    "name,gx,gy,gz. Default: what their metadata say under these names, or as gravity."
 )
 """Help of ``--gravity``."""
 
-GRAVITY_WANTED = "x,y,z, or a CSV file with the columns name and gx,gy,gz, or name and qx,qy,qz,qw"
+GRAVITY_WANTED = "x,y,z, or a CSV file with the columns name,gx,gy,gz"
 
 
 @dataclass(kw_only=True)
@@ -315,18 +314,20 @@ class WrenchSteps:
         "x,y,z,w; as tf gives it for (new frame, old frame).",
     )
     translate: str | None = option(SETUP, "Position of the old origin in the new frame: x,y,z in m.")
-    reverse: str | None = option(
-        SETUP, "Change the sign of all axes; the value says whose force on whom it is then."
+    flip: str = option(
+        SETUP,
+        "Axes whose sign to change before that, such as fx,tx of a driver that mirrors them.",
+        default="",
     )
+    sign: str | None = option(SETUP, "Where all six are flipped: whose force on whom it is then.")
     frame: str | None = option(SETUP, "Name of the new frame, which models compare.")
 
     def __post_init__(self) -> None:
         if self.gravity is not None and self.compensate is None:
             raise ValueError("--gravity says in which direction a payload weighs: add --compensate")
-        for name in ("rotate", "translate", "reverse"):
+        for name in ("rotate", "translate"):
             if getattr(self, name) is not None and self.frame is None:
-                other = "leaves the frame" if name == "reverse" else "makes another frame"
-                raise ValueError(f"--{name} {other}: add --frame with its name")
+                raise ValueError(f"--{name} makes another frame: add --frame with its name")
         wanted = "roll,pitch,yaw in degrees or a quaternion x,y,z,w"
         self._turn = [] if self.rotate is None else numbers_in("--rotate", self.rotate, wanted)
         if len(self._turn) not in (0, 3, 4):
@@ -347,13 +348,10 @@ class WrenchSteps:
         """Take off a payload and turn, as asked; say what each step did."""
         if self.compensate is not None:
             data = say_step(data.compensate(self._payload, gravity_at(data, self._gravity)), quiet=False)
-        if self.frame is not None:
+        flip = names_in(self.flip)
+        if self.frame is not None or flip or self.sign is not None:
             turned = data.transform(
-                self._rotation(),
-                self._origin,
-                frame=self.frame,
-                reverse=self.reverse is not None,
-                sign=self.reverse,
+                self._rotation(), self._origin, frame=self.frame, flip=flip, sign=self.sign
             )
             data = say_step(turned, quiet=False)
         return data
@@ -396,7 +394,10 @@ def gravity_at(data: Dataset, stated: Gravity) -> FloatArray:
         entry = one.meta if stated is None else stated.get(one.name)
         if entry is None:
             raise ValueError(f"--gravity has no line for the recording {one.name!r}")
-        down = read(entry, f"{'metadata' if stated is None else '--gravity'} of {one.name!r}")
+        try:
+            down = read(entry)
+        except ValueError as error:
+            raise ValueError(f"gravity of {one.name!r} must be three numbers: {error}") from None
         if down is None:
             raise ValueError(
                 f"recording {one.name!r} does not say where gravity points: add --gravity {GRAVITY_WANTED}"
@@ -406,16 +407,16 @@ def gravity_at(data: Dataset, stated: Gravity) -> FloatArray:
 
 
 def _poses_in(path: Path) -> dict[str, Mapping[str, Any]]:
-    """Read a table of poses, a line a recording."""
+    """Read a table of directions, a line a recording."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             lines = csv.DictReader(file, skipinitialspace=True)
             columns, rows = lines.fieldnames or (), list(lines)
     except (ValueError, csv.Error) as error:
         raise ValueError(f"--gravity {path}: no CSV file: {error}") from None
-    from granular_id.recording import POSES
+    from granular_id.recording import GRAVITY as DIRECTION
 
-    if "name" not in columns or not any({*names} <= {*columns} for names in POSES):
+    if not {"name", *DIRECTION} <= {*columns}:
         came = ", ".join(columns) or "nothing"
         raise ValueError(f"--gravity {path} must be {GRAVITY_WANTED}, got the columns {came:.200}")
     names = [row["name"] for row in rows]

@@ -14,7 +14,7 @@ import typer
 from granular_id._files import MODELS, check_source
 from granular_id._text import Table, counted, in_columns
 from granular_id.cli.data import Target
-from granular_id.cli.options import FORCE, command, names_in, option, positive
+from granular_id.cli.options import FORCE, command, option, positive
 from granular_id.cli.outputs import JSON_FILE, check_outputs, print_table, say_written, show, typed_command
 from granular_id.cli.recordings import (
     GRAVITY,
@@ -23,7 +23,6 @@ from granular_id.cli.recordings import (
     StepOptions,
     gravity_at,
     gravity_in,
-    say_loaded,
     say_step,
 )
 
@@ -173,7 +172,7 @@ _WAYS_OUT = {
     "axes": "choose them with --axes, state units with --units",
     "frame": _TURN.format("rotate ... --frame", "frame"),
     "transform": "turn recordings with granular-id data convert --rotate ... --frame, and add --accept transform",
-    "sign": _TURN.format("reverse", "sign"),
+    "sign": _TURN.format("flip fx,fy,fz,tx,ty,tz --sign", "sign"),
     "tare": "take the rest before the motion off both with granular-id setup tare",
 }
 
@@ -186,10 +185,6 @@ def payload(
     reading: Reading,
     *,
     gravity: str | None = option(POSES, GRAVITY),
-    acceleration: str | None = option(
-        POSES,
-        "Columns of the files with an accelerometer in the sensor, along the axes of the wrench: ax,ay,az.",
-    ),
     output: Path = option(OUTPUT, "JSON file to write.", "--output", "-o", default=...),
     force: bool = FORCE,
 ) -> None:
@@ -202,26 +197,14 @@ def payload(
 
     `granular-id setup payload rests -o tool.json`
     `granular-id setup payload rests -o tool.json --gravity poses.csv`
-    `granular-id setup payload rests -o tool.json --acceleration ax,ay,az`
     """
     check_outputs(("--output", output, JSON_FILE), source=reading.path, force=force)
-    if gravity is not None and acceleration is not None:
-        raise ValueError("give one of --gravity and --acceleration, not both")
     reading.refuse_absent()
     stated = gravity_in(gravity)
-    from granular_id.recording import AXES, Payload
+    from granular_id.recording import Payload
 
-    if acceleration is None:
-        data = reading.load()
-        found = Payload.identify(data, gravity=gravity_at(data, stated))
-    else:
-        names = names_in(acceleration)
-        if len(names) != 3:
-            raise ValueError(f"--acceleration must be three columns such as ax,ay,az, got {acceleration!r}")
-        data = reading.load_path(reading.path, axes=(*AXES, *names), quiet=False)
-        say_loaded(data, quiet=False)
-        reads = [recording.wrench for recording in data.select(axes=names)]
-        found = Payload.identify(data.select(axes=AXES), accelerations=reads)
+    data = reading.load()
+    found = Payload.fit(data, gravity_at(data, stated))
     print_table(_table_of(found))
     found.save(output)
     say_written([output])
@@ -232,18 +215,15 @@ def payload(
 def _table_of(payload: Payload) -> Table:
     from granular_id.recording import AXES, unit_of
 
-    fit = payload.fit
-    assert fit is not None  # it was identified
     rows = [("mass", f"{payload.mass_kg:.4f} kg", "")]
     for axis, at in zip("xyz", payload.centre_of_mass_m, strict=True):
         rows.append((f"centre of mass {axis}", f"{1000 * at:.2f} mm", ""))
-    for axis, zero, left in zip(AXES, payload.bias, fit.residual, strict=True):
+    for axis, zero, left in zip(AXES, payload.bias, payload.residual or (), strict=True):
         unit = unit_of(axis)
         rows.append((f"zero of {axis}", f"{zero:.4g} {unit}", f"{left:.2g} {unit}"))
-    notes = (f"condition number {fit.condition:.2g}: 1.2 to 2 with poses all around, above 30 refused",)
-    title = f"Payload of {counted(fit.n_rests, 'rest')}" + (
-        f", frame {payload.frame!r}" if payload.frame else ""
-    )
+    notes = (f"condition number {payload.condition:.2g}: 1.2 to 2 with poses all around, above 30 refused",)
+    title = f"Payload of {counted(payload.n_rests or 0, 'rest')}"
+    title += f", frame {payload.frame!r}" * (payload.frame is not None)
     return Table(title, ("", "value", "residual"), tuple(rows), notes)
 
 

@@ -8,7 +8,6 @@ from granular_id._core import AXES
 from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding, Verdict
 from granular_id.recording.conditions import condition_of as condition_of
 from granular_id.recording.dataset import Dataset, describe_data as describe_data
-from granular_id.recording.gravity import gravity_in as gravity_in
 from granular_id.recording.onset import (
     FALSE_ALARM_RATE as FALSE_ALARM_RATE,
     ONSET_STEP as ONSET_STEP,
@@ -17,7 +16,7 @@ from granular_id.recording.onset import (
     find_onset,
     onsets_of as onsets_of,
 )
-from granular_id.recording.payload import Payload, PayloadFit, compensate
+from granular_id.recording.payload import Payload, gravity_in as gravity_in
 from granular_id.recording.recording import (
     AXIS_COLOURS as AXIS_COLOURS,
     KNOWN_FLAGS as KNOWN_FLAGS,
@@ -65,7 +64,7 @@ from granular_id.recording.summary import (
     headline as headline,
 )
 from granular_id.recording.wrench import (
-    POSES as POSES,
+    GRAVITY as GRAVITY,
     TARE_S as TARE_S,
     lead_samples as lead_samples,
     rest_zero as rest_zero,
@@ -80,14 +79,12 @@ __all__ = [
     "Finding",
     "Onset",
     "Payload",
-    "PayloadFit",
     "Recording",
     "SampleFlag",
     "Setup",
     "StepReport",
     "Summary",
     "Verdict",
-    "compensate",
     "find_onset",
     "transform",
 ]

@@ -364,8 +364,8 @@ class Dataset:
         rotation: RotationLike | None = None,
         translation: ArrayLike = (0.0, 0.0, 0.0),
         *,
-        frame: str,
-        reverse: bool = False,
+        frame: str | None = None,
+        flip: Sequence[str] = (),
         sign: str | None = None,
     ) -> Dataset:
         """Give all recordings in another frame: ``F' = R F``, ``T' = R T + p x R F``.
@@ -377,12 +377,15 @@ class Dataset:
             (x, y, z, w). Default: none.
         translation : array_like, shape (3,)
             Position of the old origin in the new frame, m. Default: the same origin.
-        frame : str
-            Name of the new frame, put into the metadata: models compare it (`Setup`).
-        reverse : bool, default False
-            Whether also to change the sign of all axes; then `sign` is wanted.
+        frame : str, optional
+            Name of the new frame, put into the metadata: models compare it (`Setup`). Wanted where the wrench is
+            turned or moved; alone it renames.
+        flip : sequence of str, default none
+            Axes whose sign changes before that, such as ``("fx", "tx")`` of a driver that mirrors them. Gravity in the
+            metadata is left out, as where the wrench is turned.
         sign : str, optional
-            Whose force on whom it is then, in the words of the model's training; put into the metadata.
+            Where all six are flipped: whose force on whom it is then, in the words of the model's training; put into
+            the metadata.
 
         Returns
         -------
@@ -392,7 +395,7 @@ class Dataset:
         ------
         TypeError, ValueError
             As :func:`granular_id.recording.transform`; recordings that are no wrench in N and N m; a turn of recordings
-            that are of several frames, or of `frame` already, by their metadata, as of their signs with `reverse`.
+            that are of several frames, or of `frame` already, by their metadata, as of their signs with `sign`.
 
         Examples
         --------
@@ -402,8 +405,11 @@ class Dataset:
         >>> turned = data.transform(Rotation.from_euler("z", 90, degrees=True), frame="flange")
         >>> bool(abs(turned.X[..., 1] - data.X[..., 0]).max() < 1e-12), turned[0].meta["frame"]
         (True, 'flange')
+        >>> mirrored = data.transform(flip=("fx", "tx"))
+        >>> bool((mirrored.X[..., 0] == -data.X[..., 0]).all())
+        True
         """
-        return self._after(transform_recordings(self.recordings, rotation, translation, frame, reverse, sign))
+        return self._after(transform_recordings(self.recordings, rotation, translation, frame, flip, sign))
 
     def compensate(self, payload: Payload, gravity: ArrayLike | Sequence[ArrayLike] | None = None) -> Dataset:
         """Take weight and zero of a payload off all recordings, before :meth:`transform` and :meth:`tare`.
@@ -423,7 +429,8 @@ class Dataset:
         Raises
         ------
         TypeError, ValueError
-            As :func:`granular_id.recording.compensate`.
+            Recordings that are no wrench in N and N m, are compensated or tared already, or state another frame or sign
+            than the payload; a direction of gravity that is missing, or none.
 
         Examples
         --------

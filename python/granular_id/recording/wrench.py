@@ -14,12 +14,12 @@ from granular_id._checks import (
     FloatArray,
     argument_error,
     as_floats,
-    checked_flag,
     checked_text,
     finite_number,
     float_array,
     thaw,
 )
+from granular_id._core import AXES
 from granular_id._text import counted
 from granular_id.recording.recording import KNOWN_UNITS, Recording, irregular_among, plain_unit, unit_of
 from granular_id.recording.report import StepReport, first_names, subject
@@ -36,8 +36,8 @@ Of ten rests of a Bota Rokubi, zeros from 0.1, 0.25, 0.5, 1, 2 and 4 s differ fr
 0.6, 0.5, 0.4, 0.4 and 0.4 standard deviations of a sample: the longer the better, until the zero has wandered as far.
 """
 
-POSES = (("gx", "gy", "gz"), ("qx", "qy", "qz", "qw"))
-"""Names under which metadata and tables state a direction of gravity, or the orientation of a sensor."""
+GRAVITY = ("gx", "gy", "gz")
+"""Names under which metadata and tables state a direction of gravity, beside ``gravity`` with three numbers."""
 
 _WRENCH = (
     "an array of shape (..., 6): fx fy fz (N) tx ty tz (N m); of recordings call this method of their Dataset"
@@ -56,7 +56,7 @@ def transform(
     rotation: RotationLike | None = None,
     translation: ArrayLike = (0.0, 0.0, 0.0),
     *,
-    reverse: bool = False,
+    flip: Sequence[str] = (),
 ) -> FloatArray:
     """Give a wrench in another frame: ``F' = R F``, ``T' = R T + p x R F``.
 
@@ -72,9 +72,9 @@ def transform(
         Turns components in the old frame into those in the new one; a proper rotation. Default: none.
     translation : array_like, shape (3,)
         Position p of the old origin in the new frame, m. Default: the same origin.
-    reverse : bool, default False
-        Whether also to change the sign of all six axes: the force of the tool on the robot is the negative of that of
-        the robot on the tool.
+    flip : sequence of str, default none
+        Axes whose sign changes before that: single ones of a driver that mirrors them, such as ``("fx", "tx")``; all
+        six where the wrench is that of the tool on the robot, and is to be that of the robot on the tool.
 
     Returns
     -------
@@ -84,7 +84,8 @@ def transform(
     Raises
     ------
     TypeError, ValueError
-        Another shape; a matrix that scales, shears or reflects; a quaternion that is not of length 1.
+        Another shape; a matrix that scales, shears or reflects; a quaternion that is not of length 1; axes to flip that
+        there are not.
 
     References
     ----------
@@ -95,69 +96,59 @@ def transform(
     >>> from granular_id.recording import transform
     >>> transform([0, 0, -3, 0, 0, 0], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [0.1, 0, 0]).tolist()
     [0.0, 0.0, -3.0, 0.0, 0.30000000000000004, 0.0]
+    >>> transform([1, 2, 3, 4, 5, 6], flip=("fx", "tx")).tolist()
+    [-1.0, 2.0, 3.0, -4.0, 5.0, 6.0]
     """
-    matrix = rotation_matrix(rotation)
-    p = _checked_translation(translation)
-    sign = -1.0 if checked_flag("reverse", reverse) else 1.0
-    return _transformed(wrench_array(wrench), matrix, p, sign)
+    matrix, p = _rotation_matrix(rotation), _checked_translation(translation)
+    return _transformed(wrench_array(wrench), matrix, p, _signs(flip))
 
 
-def _transformed(wrench: FloatArray, matrix: FloatArray, p: FloatArray, sign: float) -> FloatArray:
-    force, torque = turned(wrench[..., :3], matrix), turned(wrench[..., 3:], matrix)
-    result: FloatArray = np.concatenate([force, torque + crossed(p, force)], axis=-1)
-    result *= sign
+def _transformed(wrench: FloatArray, matrix: FloatArray, p: FloatArray, signs: FloatArray) -> FloatArray:
+    flipped = wrench * signs
+    force, torque = _turned(flipped[..., :3], matrix), _turned(flipped[..., 3:], matrix)
+    result: FloatArray = np.concatenate([force, torque + np.cross(p, force)], axis=-1)
     result += 0.0  # no -0.0
     return result
 
 
-def turned(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
+def _turned(vectors: FloatArray, matrix: FloatArray) -> FloatArray:
     """Return ``R v`` of each vector, element by element: one sample has the same bits as a million."""
     x, y, z = (vectors[..., k, np.newaxis] * matrix[:, k] for k in range(3))
     result: FloatArray = x + y + z
     return result
 
 
-def crossed(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return ``a x b`` of each pair of vectors, element by element."""
-    ax, ay, az = (a[..., k] for k in range(3))
-    bx, by, bz = (b[..., k] for k in range(3))
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+def _signs(flip: Sequence[str]) -> FloatArray:
+    """Return -1 for each axis of a wrench that is flipped, else 1."""
+    if isinstance(flip, str) or not isinstance(flip, Sequence) or not {*flip} <= {*AXES}:
+        problem = f"={flip!r}; wanted a sequence of axes such as ('fx', 'tx'), of {' '.join(AXES)}"
+        raise argument_error(ValueError, "flip", problem)
+    return np.array([-1.0 if axis in flip else 1.0 for axis in AXES])
 
 
-def rotation_matrix(rotation: RotationLike | None, name: str = "rotation") -> FloatArray:
-    """Return a proper rotation as a 3 x 3 matrix."""
+def _rotation_matrix(rotation: RotationLike | None) -> FloatArray:
+    """Return a proper rotation as a 3 x 3 matrix: the one that was given, to the last bit."""
     if rotation is None:
         return np.eye(3)
-    matrix = getattr(rotation, "as_matrix", None)
-    array = as_floats(rotation if matrix is None else matrix(), name, _ROTATION)
-    if array.shape not in ((3, 3), (4,)):
-        raise argument_error(ValueError, name, f"has shape {array.shape}; wanted {_ROTATION}")
-    if not np.isfinite(array).all():
-        raise argument_error(ValueError, name, "holds NaN or infinity; wanted a rotation")
+    from scipy.spatial.transform import Rotation  # slow to import, and most recordings are not turned
+
+    array = as_floats(getattr(rotation, "as_matrix", lambda: rotation)(), "rotation", _ROTATION)
+    if array.shape not in ((3, 3), (4,)) or not np.isfinite(array).all():
+        problem = f"has shape {array.shape}, or NaN or infinity in it; wanted {_ROTATION}"
+        raise argument_error(ValueError, "rotation", problem)
     if array.shape == (4,):
         length = float(np.linalg.norm(array))
         if abs(length - 1.0) > _UNIT:
             problem = f"is a quaternion of length {length:.4g}; wanted 1 (x, y, z, w)"
-            raise argument_error(ValueError, name, problem)
-        x, y, z, w = array / length
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
-    error = float(np.abs(array @ array.T - np.eye(3)).max())
-    if error > _ORTHONORMAL:
+            raise argument_error(ValueError, "rotation", problem)
+        return np.asarray(Rotation.from_quat(array).as_matrix())
+    proper = np.linalg.det(array) > 0  # scipy refuses others in words of its own
+    if not proper or np.abs(Rotation.from_matrix(array).as_matrix() - array).max() > _ORTHONORMAL:
         problem = (
-            f"is no rotation: its rows are not orthonormal by {error:.2g}; give it with more digits, or as "
-            "a scipy Rotation or a quaternion"
+            "is no rotation: it scales, shears or mirrors, or has too few digits; give a scipy Rotation or a "
+            "quaternion, and axes whose sign is wrong as flip=('fx', 'tx')"
         )
-        raise argument_error(ValueError, name, problem)
-    if np.linalg.det(array) < 0:
-        problem = "is a reflection (its axes are left-handed); wanted a proper rotation"
-        problem += ": where signs are to change, pass reverse=True" * (name == "rotation")
-        raise argument_error(ValueError, name, problem)
+        raise argument_error(ValueError, "rotation", problem)
     return array
 
 
@@ -208,39 +199,45 @@ def transform_recordings(
     recordings: Sequence[Recording],
     rotation: RotationLike | None,
     translation: ArrayLike,
-    frame: str,
-    reverse: bool,
+    frame: str | None,
+    flip: Sequence[str],
     sign: str | None,
 ) -> tuple[list[Recording], StepReport]:
     """Turn the wrench of each recording; see :meth:`Dataset.transform`, which calls this."""
-    matrix, p = rotation_matrix(rotation), _checked_translation(translation)
-    meta: dict[str, str] = {"frame": checked_text(frame, "frame", spaced=False)}
-    if checked_flag("reverse", reverse) != (sign is not None):
-        problem = "is given, and reverse=True is not" if sign is not None else "is wanted with reverse=True"
-        raise argument_error(ValueError, "sign", f"{problem}: the words for whose force on whom it is then")
-    if sign is not None:
-        meta["sign"] = checked_text(sign, "sign", spaced=False)
-    factor = -1.0 if reverse else 1.0
+    matrix, p, signs = _rotation_matrix(rotation), _checked_translation(translation), _signs(flip)
     turns = not np.array_equal(matrix, np.eye(3)) or bool(p.any())
-    changed = {name: new for name, new, is_ in (("frame", frame, turns), ("sign", sign, reverse)) if is_}
-    for name, new in changed.items():
-        _refuse_unclear(recordings, name, str(new))
+    reverses = bool((signs < 0).all())
+    if turns and frame is None:
+        problem = "is None, and a wrench that is turned or moved is in another frame; wanted its name"
+        raise argument_error(ValueError, "frame", problem)
+    if reverses != (sign is not None):
+        problem = (
+            "are the words for whose force on whom it is once all six axes are flipped: give both or none"
+        )
+        raise argument_error(ValueError, "sign", problem)
+    given = {"frame": frame, "sign": sign}
+    meta = {
+        name: checked_text(words, name, spaced=False) for name, words in given.items() if words is not None
+    }
+    for name, changes in (("frame", turns), ("sign", reverses)):
+        if changes:
+            _refuse_unclear(recordings, name, meta[name])
     results = [
         with_samples(
-            _without_poses(recording) if turns else recording,
-            _transformed(wrench_samples(recording), matrix, p, factor),
+            _without_gravity(recording) if turns or (signs < 0).any() else recording,
+            _transformed(wrench_samples(recording), matrix, p, signs),
             **meta,
         )
         for recording in recordings
     ]
-    parameters = {"rotation": matrix.tolist(), "translation_m": p.tolist(), "reverse": reverse or None}
+    parameters = {"rotation": matrix.tolist(), "translation_m": p.tolist(), "flip": [*flip] or None}
     return results, StepReport("transform", {**meta, **parameters}, {"recordings": len(results)})
 
 
-def _without_poses(recording: Recording) -> Recording:
-    """Leave out where gravity points by the metadata: they say it in the frame that the recording is no longer in."""
-    names = {"gravity", *(name for way in POSES for name in way)}
-    return replace(recording, meta={name: v for name, v in thaw(recording.meta).items() if name not in names})
+def _without_gravity(recording: Recording) -> Recording:
+    """Leave out where gravity points by the metadata: they say it of axes that the recording no longer has."""
+    meta = {name: v for name, v in thaw(recording.meta).items() if name not in ("gravity", *GRAVITY)}
+    return replace(recording, meta=meta)
 
 
 def _refuse_unclear(recordings: Sequence[Recording], name: str, new: str) -> None:

@@ -360,7 +360,7 @@ def simulate_rests(
     >>> from granular_id.synthetic import simulate_rests
     >>> down = [[0, 0, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     >>> rests = simulate_rests(Payload(0.3, (0, 0, 0.05)), down)
-    >>> round(Payload.identify(rests, gravity=down).mass_kg, 1)
+    >>> round(Payload.fit(rests, gravity=down).mass_kg, 1)
     0.3
     """
     directions = np.asarray(gravity, dtype=np.float64)

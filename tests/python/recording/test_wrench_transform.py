@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from granular_id.recording import Dataset, Recording, Setup, transform
+from granular_id.io import load
+from granular_id.recording import AXES, Dataset, Recording, Setup, transform
 
 RNG = np.random.default_rng(3)
 TURN = Rotation.from_euler("xyz", [20, -35, 110], degrees=True)
 P = np.array([0.1, -0.02, 0.3])
 WRENCH = RNG.normal(size=(50, 6))
+FILES = ("train", "later_x_flipped")
 
 
 def recorded(wrench=WRENCH, **fields):
@@ -53,24 +55,40 @@ def test_nothing_to_do_changes_no_bit():
     assert transform(WRENCH).tobytes() == WRENCH.tobytes()
 
 
-def test_reversed_is_the_negative():
-    assert np.array_equal(transform(WRENCH, TURN, P, reverse=True), -transform(WRENCH, TURN, P))
-
-
-def test_input_is_not_modified():
+@pytest.mark.parametrize("axes", [(), ("fx",), ("fx", "tx"), ("ty", "fz", "fx"), AXES])
+def test_flip_changes_the_sign_of_these_axes_first(axes):
+    mirrored = WRENCH.copy()
+    mirrored[:, [AXES.index(axis) for axis in axes]] *= -1
     before = WRENCH.copy()
-    transform(WRENCH, TURN, P, reverse=True)
+    assert np.array_equal(transform(WRENCH, TURN, P, flip=axes), transform(mirrored, TURN, P))
     assert np.array_equal(WRENCH, before)
+
+
+def test_flip_of_a_mirrored_driver_brings_it_back(data_dir):
+    """A driver that mirrors x: forces of a mirrored frame change fx, torques as axial vectors would all but tx."""
+    train, later = (load(data_dir / "cases" / "10_mirrored_frame" / f"{name}.npz") for name in FILES)
+    found = later.transform(flip=("fx", "tx"))
+    near, far = (abs(one.X.mean(axis=(0, 1)) - train.X.mean(axis=(0, 1))).max() for one in (found, later))
+    assert near < 0.1 * far
+    assert "frame" not in found[0].meta
+
+
+@pytest.mark.parametrize("flip", ["fx", ("fx", "fw"), 3])
+def test_axes_that_there_are_not_are_not_flipped(flip):
+    with pytest.raises(ValueError, match=r"flip=.*; wanted a sequence of axes such as"):
+        transform(WRENCH, flip=flip)
 
 
 @pytest.mark.parametrize(
     ("rotation", "translation", "problem"),
     [
-        (np.diag([1, 1, -1.0]), (0, 0, 0), "rotation is a reflection"),
-        (2 * np.eye(3), (0, 0, 0), "rotation is no rotation: its rows are not orthonormal by 3"),
+        (np.diag([1, 1, -1.0]), (0, 0, 0), "rotation is no rotation: .* flip="),
+        (2 * np.eye(3), (0, 0, 0), "rotation is no rotation"),
+        (np.zeros((3, 3)), (0, 0, 0), "rotation is no rotation"),
+        (np.eye(3) + 1e-3, (0, 0, 0), "rotation is no rotation"),
         ([0, 0, 0, 2], (0, 0, 0), "rotation is a quaternion of length 2; wanted 1"),
         ([1, 2, 3], (0, 0, 0), "rotation has shape"),
-        ([0, 0, np.nan, 1], (0, 0, 0), "rotation holds NaN"),
+        ([0, 0, np.nan, 1], (0, 0, 0), "NaN"),
         (None, (0, 0), "translation=\\(0, 0\\); wanted three finite numbers"),
         (None, (0, 0, np.inf), "translation="),
     ],
@@ -106,9 +124,9 @@ def test_the_step_names_the_new_frame():
     assert np.array_equal(turned.history[-1].parameters["rotation"], TURN.as_matrix())
 
 
-def test_the_step_reverses_with_the_words_for_it():
+def test_all_six_flipped_need_the_words_of_the_sign():
     data = Dataset([recorded(meta={"sign": "on the tool"})])
-    turned = data.transform(frame="sensor", reverse=True, sign="on the robot")
+    turned = data.transform(flip=AXES, sign="on the robot")
     assert turned[0].meta["sign"] == "on the robot"
     assert np.array_equal(turned.X[0], -WRENCH)
 
@@ -117,10 +135,10 @@ MIXED = Dataset([recorded(meta={"frame": name, "sign": name}) for name in ("flan
 
 
 @pytest.mark.parametrize(
-    "keywords", [{"rotation": TURN}, {"translation": P}, {"reverse": True, "sign": "on the robot"}]
+    "keywords", [{"rotation": TURN}, {"translation": P}, {"flip": AXES, "sign": "on the robot"}]
 )
 def test_recordings_of_several_frames_are_not_turned_together(keywords):
-    name = "sign" if "reverse" in keywords else "frame"
+    name = "sign" if "flip" in keywords else "frame"
     with pytest.raises(ValueError, match=rf"several {name}s: 'wrist' \(2\), 'flange' \(1\)"):
         MIXED.transform(frame="tool", **keywords)
 
@@ -134,13 +152,22 @@ def test_what_is_of_the_frame_or_sign_already_is_not_turned():
     with pytest.raises(ValueError, match="frame is 'flange' already, as the metadata of 1 recording state"):
         data.transform(TURN, frame="flange")
     with pytest.raises(ValueError, match="sign is 'on the tool' already"):
-        data.transform(frame="flange", reverse=True, sign="on the tool")
+        data.transform(flip=AXES, sign="on the tool")
 
 
-@pytest.mark.parametrize("keywords", [{"reverse": True}, {"sign": "on the robot"}])
-def test_a_sign_and_its_words_come_together(keywords):
-    with pytest.raises(ValueError, match="sign"):
-        Dataset([recorded()]).transform(frame="sensor", **keywords)
+@pytest.mark.parametrize(
+    ("keywords", "problem"),
+    [
+        ({"flip": AXES}, "sign are the words"),
+        ({"sign": "on the robot"}, "sign are the words"),
+        ({"flip": ("fx",), "sign": "on the robot"}, "sign are the words"),
+        ({"rotation": TURN}, "frame is None"),
+        ({"translation": P}, "frame is None"),
+    ],
+)
+def test_a_change_without_its_name_is_refused(keywords, problem):
+    with pytest.raises(ValueError, match=problem):
+        Dataset([recorded()]).transform(**keywords)
 
 
 def test_other_units_are_refused():
