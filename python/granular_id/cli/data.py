@@ -14,7 +14,7 @@ from granular_id._text import counted
 from granular_id.cli.errors import FOUND_ERRORS
 from granular_id.cli.options import FORCE, at_least, between, command, names_in, option, positive
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show, write_files
-from granular_id.cli.recordings import Reading, Steps, WrenchSteps
+from granular_id.cli.recordings import PANEL, Reading, Steps, WrenchSteps, say_step
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
@@ -193,6 +193,9 @@ def convert(
     wrench: WrenchSteps,
     target: Target,
     *,
+    split_gap_s: float | None = option(
+        PANEL, "Make a recording of each stretch between longer gaps, before all else: of a log with pauses."
+    ),
     verify: bool = option(OUTPUT, "Read back what was written and compare.", default=True),
 ) -> None:
     """Convert recordings into CSV, NPZ or Parquet.
@@ -209,11 +212,16 @@ def convert(
     `granular-id data convert pushes.mat pushes.npz --recorded-hz 500`
     `granular-id data convert recordings archive --to parquet`
     `granular-id data convert bags pushes.npz --rate-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
+    `granular-id data convert log.csv pushes.npz --split-gap-s 1 --rate-hz 500`
     `granular-id data convert today turned.npz --compensate tool.json --gravity 0,0,1 --rotate 0,0,90 --frame flange`
     """
     from granular_id.io import load
 
-    data = steps.taken(wrench.taken(reading.load()))
+    positive("--split-gap-s", split_gap_s)
+    data = reading.load()
+    if split_gap_s is not None:
+        data = say_step(data.split(split_gap_s), quiet=False)
+    data = steps.taken(wrench.taken(data))
     target.save(data)
     try:
         equal = not verify or load(target.output, max_file_bytes=2**40, progress=True) == data

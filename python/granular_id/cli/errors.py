@@ -196,6 +196,7 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"call \.predict_over\(recording\)": "answer over all of it with --hop-s",
     r"call \.align\(\d+, on_short='skip'\)": "pass --on-short skip",
     r"call \.find_onsets\(\)": "add --begin-at onset",
+    r"call \.split\(gap_s=([\d.e+-]+)\) before": r"convert them with granular-id data convert --split-gap-s \1",
     r"load without window_s, then call \.resample\(rate_hz\) and \.windows\([\d.e+]+\)": "add --rate-hz",
     r"(?:call )?\.resample\(rate_hz\)": "add --rate-hz",
     r"call \.select\(axes=\[([^\]]*)\]\)": _axes_listed,

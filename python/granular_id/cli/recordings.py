@@ -151,7 +151,7 @@ class StepOptions:
     """How recordings come to one rate, and which of them are left out."""
 
     rate_hz: float | None = option(
-        PANEL, "Resample (linear interpolation). For files without a clock: --recorded-hz."
+        PANEL, "Resample, to a lower rate through a low-pass. For files without a clock: --recorded-hz."
     )
     max_gap_s: float = option(PANEL, "Longest gap to fill when resampling; inf: any.", default=MAX_GAP_S)
     on_gap: Handling = option(PANEL, "A longer gap: refuse, or leave the recording out.", default="raise")

@@ -21,7 +21,6 @@ are the columns that somebody names; nothing is guessed of them.
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -75,15 +74,6 @@ def factor(unit: str, wanted: str) -> float | None:
         return None
     plain = plain.lower().replace("\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")
     return _KNOWN[wanted].get(plain)
-
-
-def same_unit(one: str, other: str) -> bool:
-    """Tell whether two texts of units differ in their writing only: m/s^2, m/s2, m/s\N{SUPERSCRIPT TWO}."""
-
-    def plain(unit: str) -> str:
-        return re.sub(r"[\s^*_.\N{MIDDLE DOT}\N{DOT OPERATOR}-]+", "", unicodedata.normalize("NFKC", unit))
-
-    return plain(one) == plain(other)
 
 
 TIME, FLAGS = "time", "flags"

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from granular_id._checks import checked_text, freeze, thaw
-from granular_id.io.columns import axes_among, factor, same_unit
+from granular_id.io.columns import axes_among, factor
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import LoadOptions
-from granular_id.recording import AXES, Recording, StepReport, unit_of
+from granular_id.recording import AXES, Recording, StepReport, same_unit, unit_of
 
 __all__ = ["FileContent", "FileSource", "completed", "obeying"]
 

@@ -23,6 +23,7 @@ from granular_id.recording.recording import (
     Recording,
     SampleFlag,
     checked_axes as checked_axes,
+    same_unit as same_unit,
     shared_base as shared_base,
     unit_of as unit_of,
 )
@@ -39,6 +40,7 @@ from granular_id.recording.resampling import (
     RepairedTime as RepairedTime,
     largest_offset as largest_offset,
     repair_time as repair_time,
+    round_rate as round_rate,
     uniform_rate as uniform_rate,
 )
 from granular_id.recording.setup import (

@@ -14,7 +14,7 @@ from granular_id._checks import argument_error, thaw
 from granular_id.recording.checks import Finding
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.onset import ONSET_STEP as ONSET
-from granular_id.recording.recording import plain_unit, unit_of
+from granular_id.recording.recording import same_unit, unit_of
 
 # What is refused where it differs, unless somebody says that it may.
 ACCEPTABLE = ("frame", "transform", "sign", "units")
@@ -241,7 +241,7 @@ def unit_differences(trained: Mapping[str, str], meta: Mapping[str, Any]) -> lis
     return [
         Difference("units", (f"{axis}: {unit}",), f"{axis}: {now}", "refuse")
         for axis, unit in trained.items()
-        if (now := unit_of(axis, meta)) and plain_unit(now) != plain_unit(unit) and unit
+        if (now := unit_of(axis, meta)) and not same_unit(now, unit) and unit
     ]
 
 

@@ -1,10 +1,11 @@
-"""Steps of a data set: pick recordings and axes out of it, crop recordings to one length, cut them into windows."""
+"""Steps of a data set: pick recordings and axes out of it, crop recordings, cut them into stretches and windows."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -13,8 +14,9 @@ from numpy.typing import ArrayLike
 from granular_id._checks import argument_error, checked_choice, checked_index, finite_number, thaw
 from granular_id._memory import stacked
 from granular_id._text import counted, fixed
-from granular_id.recording.recording import Recording, common_axes, common_rate
+from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate
 from granular_id.recording.report import NothingLeftError, StepReport, first_names, subject
+from granular_id.recording.resampling import round_rate, uniform_rate
 
 
 def select_recordings(
@@ -277,6 +279,50 @@ def _crop(kept: Sequence[tuple[Recording, int]], n: int, rate_hz: float) -> list
     return cropped
 
 
+def split_recordings(recordings: Sequence[Recording], gap_s: float) -> tuple[list[Recording], StepReport]:
+    """Make a recording of each stretch between gaps; see :meth:`Dataset.split`, which calls this."""
+    limit = finite_number("gap_s", gap_s, positive=True)
+    results: list[Recording] = []
+    rows: list[dict[str, Any]] = []
+    for recording in recordings:
+        gaps = np.flatnonzero(np.diff(recording.times()) > limit) + 1
+        if recording.rate_hz is not None or not len(gaps):
+            results.append(recording)
+            continue
+        edges = [0, *gaps.tolist(), recording.n_samples]
+        stretches = [_stretch_of(recording, begin, end) for begin, end in pairwise(edges)]
+        seconds = [stretch.duration_s for stretch in stretches]
+        rows.append(
+            {
+                "name": recording.name,
+                "stretches": len(stretches),
+                "shortest_s": min(seconds),
+                "longest_s": max(seconds),
+            }
+        )
+        results += stretches
+    totals = {"recordings_before": len(recordings), "recordings_after": len(results)}
+    return results, StepReport("split", {"gap_s": limit}, totals, rows)
+
+
+def _stretch_of(recording: Recording, begin: int, end: int) -> Recording:
+    times, start, flags = recording.times()[begin:end], recording.start_time, recording.flags
+    trigger = recording.trigger_index
+    time_s = times - times[0]
+    rate = uniform_rate(time_s)
+    return replace(
+        recording,
+        wrench=recording.wrench[begin:end],
+        rate_hz=None if rate is None else round_rate(rate),
+        time_s=time_s if rate is None else None,
+        name=f"{recording.name} @ {round(float(times[0]), 6):.12g} s".strip(),
+        session=recording.session or recording.name.strip() or None,
+        start_time=None if start is None else start + float(times[0]),
+        trigger_index=None if trigger is None or not begin <= trigger < end else trigger - begin,
+        flags=None if flags is None else flags[begin:end],
+    )
+
+
 _COMPARED = 8  # samples of two windows
 
 WINDOW = "window"
@@ -298,18 +344,20 @@ def cut_windows(
     windows: list[Recording] = []
     rows: list[dict[str, Any]] = []
     skipped: list[dict[str, Any]] = []
+    unmeasured = 0
     for i, recording in enumerate(recordings):
         spare = recording.n_samples - n
         if spare >= 0:
-            starts = range(0, spare + 1, hop)
+            starts = [start for start in range(0, spare + 1, hop) if _is_measured(recording, start, n)]
             name = recording.name.strip() or "recording"
             if names[name] > 1 or not recording.name.strip():  # a window must tell its recording from others
                 name += f" {i + 1}"
             windows += _windows_of(recording, name, starts, n, rate_hz)
-            used = len(starts) * n if hop >= n else starts[-1] + n
+            used = int(np.minimum(np.diff(starts), n).sum()) + n if starts else 0
             rows.append(
                 {"name": recording.name, "windows": len(starts), "dropped": recording.n_samples - used}
             )
+            unmeasured += len(range(0, spare + 1, hop)) - len(starts)
             continue
         short = f"is shorter than a window: {fixed(recording.n_samples)} samples, {fixed(n)} wanted"
         if on_short == "raise":
@@ -319,6 +367,8 @@ def cut_windows(
                 "ask for shorter windows, or pass on_short='skip' to leave such recordings out"
             )
         skipped.append({"name": recording.name, "samples_before": recording.n_samples, "skipped": short})
+    if not windows and rows:
+        raise NothingLeftError("no window has a measured sample: all are filled gaps", rows)
     if not windows:
         longest = max(recording.n_samples for recording in recordings)
         raise NothingLeftError(
@@ -329,11 +379,18 @@ def cut_windows(
     totals = {
         "recordings": len(rows),
         "windows": len(windows),
+        "windows_without_a_measured_sample": unmeasured,
         "recordings_skipped": len(skipped),
         "dropped_samples": sum(row["dropped"] for row in rows),
     }
     parameters = {"duration_s": n / rate_hz, "hop_s": hop / rate_hz, "n_samples": n, "on_short": on_short}
     return windows, StepReport("windows", parameters, totals, skipped + rows)
+
+
+def _is_measured(recording: Recording, start: int, n: int) -> bool:
+    """Whether any of `n` samples was measured rather than filled in inside a gap."""
+    flags = recording.flags
+    return flags is None or not (flags[start : start + n] & SampleFlag.GAP_FILLED).all()
 
 
 def cut_from(recording: Recording) -> tuple[str, float] | None:

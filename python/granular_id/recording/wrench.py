@@ -21,7 +21,7 @@ from granular_id._checks import (
 )
 from granular_id._core import AXES
 from granular_id._text import counted
-from granular_id.recording.recording import KNOWN_UNITS, Recording, irregular_among, plain_unit, unit_of
+from granular_id.recording.recording import KNOWN_UNITS, Recording, irregular_among, same_unit, unit_of
 from granular_id.recording.report import StepReport, first_names, subject
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def wrench_samples(recording: Recording) -> FloatArray:
         )
     for axis, unit in KNOWN_UNITS.items():
         now = unit_of(axis, recording.meta)
-        if plain_unit(now) != plain_unit(unit):
+        if not same_unit(now, unit):
             raise ValueError(
                 f"recording {recording.name!r} has {axis} in {now}; wanted {unit}: convert the samples"
             )

@@ -261,7 +261,7 @@ def test_irregular_stamps_need_a_rate_and_the_proposed_one_works(tmp_path):
     assert "add --n-samples shortest" in refused(*words, "--rate-hz", 100)
     proposed = ("--rate-hz", 100, "--n-samples", "shortest")
     out = ended_well(*words, *proposed, "--json", tmp_path / "r.json")
-    assert "resample: rate_hz=100, method=linear, max_gap_s=0.25" in out
+    assert "resample: rate_hz=100, max_gap_s=0.25" in out
     assert "dropped_samples" in out
     history = written(tmp_path / "r.json")["data"]["history"]
     assert [step["step"] for step in history] == ["load", "resample", "align"]

@@ -1,16 +1,17 @@
-"""Resampling: a stated method, nothing made up without a mark."""
+"""Resampling: no frequency folds back, nothing made up without a mark; logs split at their pauses."""
 
 import re
-from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from scipy.signal import resample_poly
+from scipy.interpolate import make_interp_spline
+from scipy.signal import firwin
 
+from granular_id.io import load
 from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.recording.resampling import MAX_SAMPLES, repair_time, uniform_rate
+from granular_id.recording.resampling import MAX_SAMPLES, repair_time, round_rate, uniform_rate
 
 # whole microseconds: stamps as loggers write them, and differences that do not vanish in rounding
 steps_us = st.lists(st.integers(100, 300_000), min_size=1, max_size=40)
@@ -21,8 +22,8 @@ def times_of(steps):
     return np.concatenate([[0], np.cumsum(steps)]) / 1e6
 
 
-def resampled(recording, rate, **how):
-    return Dataset([recording]).resample(rate, **{"max_gap_s": None, **how})[0]
+def resampled(recording, rate, max_gap_s=None):
+    return Dataset([recording]).resample(rate, max_gap_s=max_gap_s)[0]
 
 
 def straight_line_twin(times, values, rate):
@@ -40,9 +41,10 @@ def straight_line_twin(times, values, rate):
 
 
 @given(steps=steps_us, rate=rates, seed=st.integers(0, 1000))
-def test_linear_is_the_straight_line_between_neighbours(steps, rate, seed):
+def test_a_higher_rate_is_the_straight_line_between_neighbours(steps, rate, seed):
     """Constants stay exactly what they are; nothing is extrapolated, and less than a step is lost."""
     times = times_of(steps)
+    rate = max(rate, np.ceil(len(steps) / times[-1]))
     wrench = np.random.default_rng(seed).normal(size=(len(times), 6))
     wrench[:, :2] = 1 / 3, -7.7
     out = resampled(Recording(wrench, time_s=times), rate)
@@ -79,7 +81,8 @@ def test_the_report_names_the_recordings_and_the_widest_gap():
     assert (totals["gap_filled_samples"], totals["recordings_with_filled_gaps"]) == (29, 1)
     assert (totals["largest_gap_s"], totals["largest_gap_in"]) == (pytest.approx(0.3), "holed")
     assert [row["name"] for row in report.rows] == ["holed", "jittered"]
-    assert report.parameters == {"rate_hz": 100.0, "method": "linear", "max_gap_s": 0.5, "on_gap": "raise"}
+    assert totals["recordings_low_passed"] == 0
+    assert report.parameters == {"rate_hz": 100.0, "max_gap_s": 0.5, "on_gap": "raise"}
 
 
 def test_a_gap_beyond_the_limit_is_refused_or_left_out_when_told():
@@ -91,7 +94,7 @@ def test_a_gap_beyond_the_limit_is_refused_or_left_out_when_told():
         data.resample(100)
     worse = Recording(np.zeros((2, 6)), time_s=[0, 0.7], name="worse")
     many = "2 of 3 recordings have such gaps, the largest 0.7 s"
-    with pytest.raises(ValueError, match=f"'holed' .*beyond max_gap_s=0.25; {many}: raise max_gap_s"):
+    with pytest.raises(ValueError, match=f"'holed' .*beyond max_gap_s=0.25; {many}: call "):
         Dataset([*data, worse]).resample(100)
     for unlimited in (None, np.inf):
         report = data.resample(100, max_gap_s=unlimited).history[-1]
@@ -100,6 +103,7 @@ def test_a_gap_beyond_the_limit_is_refused_or_left_out_when_told():
     assert out.names == ("sound",)
     assert out.history[-1].rows == ({"name": "holed", "skipped": "gap of 0.39 s"},)
     assert data.resample(100, max_gap_s=0.4).names == ("holed", "sound")
+    assert data.split(gap_s=0.25).resample(100).names == ("holed @ 0 s", "holed @ 0.4 s", "sound")
     with pytest.raises(ValueError, match="each of 1 recording has gaps beyond"):
         data[:1].resample(100, on_gap="skip")
 
@@ -115,36 +119,102 @@ def test_flags_trigger_and_names_carry_over():
     assert out.flags.tolist() == [0, 0, 0, 2, 2, 2, 2, 0, 0]
 
 
-def test_faster_sampling_is_said_to_fold_back():
-    data = Dataset([Recording(np.zeros((50, 6)), rate_hz=500)])
-    assert "content above 50 Hz folds back" in data.resample(100).history[-1].notes[0]
-    assert data.resample(1000).history[-1].notes == ()
-    assert data.resample(100, "polyphase").history[-1].notes == ()
+# A lower rate.
 
 
-@pytest.mark.parametrize(
-    ("rate_in", "rate_out"), [(500, 100), (100, 500), (500, 200), (62.5, 500), (500, 500 / 3)]
-)
-def test_polyphase_is_scipys_cut_to_what_was_measured(rate_in, rate_out):
+def tone_left(times, rate_in, tone_hz, rate_hz):
+    """Decibels of a tone that are left at another rate, away from the ends."""
+    samples = np.sin(2 * np.pi * tone_hz * times + 0.3)[:, np.newaxis]
+    clock = {"time_s": times - times[0]} if rate_in is None else {"rate_hz": rate_in}
+    out = resampled(Recording(samples, axes=("fz",), **clock), rate_hz).wrench[30:-30]
+    return 10 * np.log10(2 * np.mean(np.square(out)) + 1e-12)
+
+
+@pytest.mark.parametrize("rate_in", [500.0, 1000.0, 512.3, 7000.0])
+@pytest.mark.parametrize("rate_hz", [400.0, 333.3, 250.0, 100.0, 62.5])
+def test_no_tone_above_half_the_new_rate_is_left(rate_in, rate_hz):
+    times = np.arange(20 * rate_in) / rate_in
+    for part in (1.05, 1.2, 1.5, 2.0, 2.7, 4.0):
+        if (tone := part * rate_hz / 2) < 0.49 * rate_in:
+            assert tone_left(times, rate_in, tone, rate_hz) < -50
+    for part in (0.1, 0.5, 0.75):
+        assert abs(tone_left(times, rate_in, part * rate_hz / 2, rate_hz)) < 0.3
+
+
+@pytest.mark.parametrize("jitter", [0.01, 0.05, 0.1])
+@pytest.mark.parametrize("rate_hz", [500.0, 333.3, 100.0])
+def test_no_tone_is_left_of_jittered_stamps(jitter, rate_hz):
+    times = (np.arange(20_000) + np.random.default_rng(1).uniform(-jitter, jitter, 20_000)) / 1000
+    for part in (1.05, 1.3, 1.6, 2.4, 4.0, 8.0):
+        if (tone := part * rate_hz / 2) <= 400:
+            assert tone_left(times, None, tone, rate_hz) < -40
+    assert abs(tone_left(times, None, 0.37 * rate_hz, rate_hz)) < 0.1
+
+
+@pytest.mark.parametrize(("rate_in", "rate_out", "up", "down"), [(500, 100, 1, 5), (500, 200, 2, 5)])
+def test_uniform_rows_are_filtered_as_by_hand(rate_in, rate_out, up, down):
+    """Zeros between the samples, a symmetric window over a line beyond the ends, every `down`-th kept."""
     wrench = np.random.default_rng(3).normal(size=(400, 6)) + 5
-    ratio = Fraction(rate_out / rate_in).limit_denominator(100)
-    out = resampled(Recording(wrench, rate_hz=rate_in), rate_out, method="polyphase")
-    n = int(np.floor(399 / rate_in * rate_out + 1e-9)) + 1
-    expected = resample_poly(wrench, ratio.numerator, ratio.denominator, axis=0, padtype="line")[:n]
-    np.testing.assert_array_equal(out.wrench, expected)
-    assert out.n_samples == n
+    window = firwin(24 * down + 1, 0.925 / down, window=("kaiser", 4.5))
+    for phase in range(up):
+        window[phase::up] /= window[phase::up].sum()
+    ends = np.arange(-100, 500)
+    line = wrench[0] + ends[:, np.newaxis] / 399 * (wrench[-1] - wrench[0])
+    stuffed = np.zeros((600 * up, 6))
+    stuffed[::up] = np.where(((ends < 0) | (ends > 399))[:, np.newaxis], line, wrench[ends.clip(0, 399)])
+    filtered = np.column_stack([np.convolve(column, window, "same") for column in stuffed.T])
+    out = resampled(Recording(wrench, rate_hz=rate_in), rate_out)
+    np.testing.assert_allclose(out.wrench, filtered[100 * up :: down][: out.n_samples], atol=1e-12)
+    assert out.n_samples == np.floor(399 / rate_in * rate_out + 1e-9) + 1
 
 
-def test_polyphase_keeps_constants_and_removes_what_would_fold_back():
-    t = np.arange(2000) / 500
-    wrench = np.column_stack(
-        [np.full(2000, 3.0), 1 + 2 * t, *(np.sin(2 * np.pi * f * t) for f in (5, 80, 120, 200))]
+@pytest.mark.parametrize("rate_hz", [100, 200, 333.3, 62.5])
+def test_a_steady_force_stays_what_it_is(rate_hz):
+    wrench = np.tile([3.0, -7.7, 1 / 3, 0, 1e3, 1e-3], (400, 1))
+    out = resampled(Recording(wrench, rate_hz=500), rate_hz).wrench
+    np.testing.assert_allclose(out, np.tile(wrench[0], (len(out), 1)), rtol=1e-12)
+
+
+def test_jittered_rows_go_through_the_fine_grid_and_lines_in_gaps():
+    """A straight line over a gap, as where nothing is filtered; a spline of degree 7 elsewhere."""
+    rng = np.random.default_rng(5)
+    times = (np.arange(3000) + rng.uniform(-0.2, 0.2, 3000)) / 1000
+    times -= times[0]
+    keep = (np.arange(3000) < 1500) | (np.arange(3000) > 1700)
+    force = np.sin(2 * np.pi * 20 * times[keep])[:, np.newaxis]
+    out = resampled(Recording(force, time_s=times[keep], axes=("fz",)), 250.0)
+    assert (out.flags == SampleFlag.GAP_FILLED).sum() == pytest.approx(50, abs=2)
+    middle = (out.times() > 1.55) & (out.times() < 1.65)
+    np.testing.assert_allclose(np.diff(out.wrench[middle, 0], 2), 0, atol=1e-3)
+    curve = make_interp_spline(times[:1500], force[:1500, 0], k=7)(out.times()[30:300])
+    np.testing.assert_allclose(out.wrench[30:300, 0], curve, atol=3e-3)
+
+
+def test_bursts_of_stamps_are_not_swung_through_and_said():
+    rng = np.random.default_rng(2)
+    times = np.cumsum(np.where(np.arange(8000) % 4 == 0, 3.7e-3, 0.1e-3))
+    bursts = Recording(rng.normal(size=(8000, 1)), time_s=times - times[0], axes=("fz",), name="bursts")
+    data = Dataset([bursts]).resample(500, max_gap_s=None)
+    assert abs(data[0].wrench).max() < 4
+    assert "1 recording has too uneven stamps" in data.history[-1].notes[0]
+
+
+@pytest.mark.parametrize("rate_hz", [500.02, 490.0, 500.0, 501.0])
+def test_a_rate_close_to_the_own_one_is_not_filtered(rate_hz):
+    wrench = np.random.default_rng(0).normal(size=(200, 6))
+    out = resampled(Recording(wrench, rate_hz=500), rate_hz)
+    np.testing.assert_allclose(
+        out.wrench, straight_line_twin(np.arange(200) / 500, wrench, rate_hz), atol=1e-9
     )
-    out = resampled(Recording(wrench, rate_hz=500), 100, method="polyphase").wrench[50:-50]
-    np.testing.assert_allclose(out[:, 0], 3.0, rtol=1e-12)
-    assert np.ptp(out[:, 1]) > 1
-    assert np.abs(out[:, 2]).max() == pytest.approx(1, abs=0.01)
-    assert np.abs(out[:, 3:]).max() < 0.01
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5])
+@pytest.mark.parametrize("is_uniform", [True, False])
+def test_few_samples_are_resampled_too(n, is_uniform):
+    clock = {"rate_hz": 500} if is_uniform else {"time_s": np.arange(n) ** 1.01 / 500}
+    out = resampled(Recording(np.ones((n, 6)), trigger_index=0, **clock), 100)
+    np.testing.assert_allclose(out.wrench, np.ones((out.n_samples, 6)), rtol=1e-9)
+    assert out.trigger_index == 0
 
 
 @pytest.mark.parametrize(
@@ -155,11 +225,9 @@ def test_polyphase_keeps_constants_and_removes_what_would_fold_back():
         ({"rate_hz": "100"}, TypeError, "rate_hz must be a number"),
         ({"rate_hz": 1e12}, ValueError, f"at most {MAX_SAMPLES} are made"),
         ({"rate_hz": 1e308}, ValueError, f"at most {MAX_SAMPLES} are made"),
-        ({"method": "cubic"}, ValueError, "method='cubic'; wanted 'linear' or 'polyphase'"),
         ({"max_gap_s": 0}, ValueError, "max_gap_s must be positive"),
         ({"max_gap_s": np.nan}, ValueError, "max_gap_s must be finite"),
         ({"on_gap": "fill"}, ValueError, "on_gap='fill'"),
-        ({"method": "polyphase"}, ValueError, "'irregular' is irregular: method='polyphase' needs"),
     ],
 )
 def test_refuses(how, error, message):
@@ -168,18 +236,7 @@ def test_refuses(how, error, message):
         data.resample(**{"rate_hz": 50, **how})
 
 
-@pytest.mark.parametrize("rate", [np.pi, 1e-9, 500.0001])
-def test_polyphase_refuses_odd_ratios(rate):
-    data = Dataset([Recording(np.zeros((30, 6)), rate_hz=500, name="r")])
-    with pytest.raises(ValueError, match="ratio of whole numbers up to 10000; use method='linear'"):
-        data.resample(rate, "polyphase")
-
-
-@pytest.mark.parametrize("method", ["linear", "polyphase"])
-def test_a_single_sample_stays_one(method):
-    out = resampled(Recording(np.arange(6.0)[None], rate_hz=500, trigger_index=0), 100, method=method)
-    np.testing.assert_allclose(out.wrench, np.arange(6.0)[None], rtol=1e-9)
-    assert out.trigger_index == 0
+# Rates of stamps.
 
 
 @given(
@@ -225,3 +282,83 @@ def test_one_stamp_has_no_rate_and_repeated_messages_come_out_unchanged():
     assert uniform_rate(np.zeros(1)) is None
     values = np.full((3, 6), 0.1)
     assert (repair_time(np.zeros(3), values).values == 0.1).all()
+
+
+@pytest.mark.parametrize(
+    ("rate", "figure"),
+    [
+        (500.02, 500),
+        (499.985, 500),
+        (1000.9, 1000),
+        (62.47, 62.5),
+        (124.99, 125),
+        (33.02, 33),
+        (0.2501, 0.25),
+    ],
+)
+def test_rates_near_a_round_figure_are_that_figure(rate, figure):
+    assert round_rate(rate) == figure
+
+
+@pytest.mark.parametrize("rate", [128.0, 333.3, 47.62, 1024.0, 501.0])
+def test_other_rates_stay_what_they_are(rate):
+    assert round_rate(rate) == rate
+
+
+# Logs with pauses.
+
+
+def log_with_pauses(pauses=(30.0, 45.0), n=200, **fields):
+    starts = np.concatenate([[0.0], np.cumsum(np.array(pauses) + n / 500)])
+    times = np.concatenate([start + np.arange(n) / 500 for start in starts])
+    wrench = np.random.default_rng(4).normal(size=(len(times), 6))
+    return Recording(wrench, **{"time_s": times, "label": "rice", "name": "log", **fields})
+
+
+def test_split_makes_a_recording_of_each_stretch():
+    flags = np.zeros(600, np.uint8)
+    flags[450] = SampleFlag.SATURATED
+    log = log_with_pauses(start_time=1e9, trigger_index=250, flags=flags, meta={"tool": "rod"})
+    data = Dataset([log]).split(1)
+    assert data.names == ("log @ 0 s", "log @ 30.4 s", "log @ 75.8 s")
+    assert np.concatenate([r.wrench for r in data]).tobytes() == log.wrench.tobytes()
+    assert {r.rate_hz for r in data} == {500.0}
+    assert [r.trigger_index for r in data] == [None, 50, None]
+    assert [r.flags is not None and int(r.flags.nonzero()[0][0]) for r in data] == [False, False, 50]
+    np.testing.assert_allclose(data.start_times - 1e9, [0, 30.4, 75.8], atol=1e-6)
+    assert {(r.label, r.session, r.meta["tool"]) for r in data} == {("rice", "log", "rod")}
+    assert dict(data.history[-1].totals) == {"recordings_before": 1, "recordings_after": 3}
+
+
+@given(steps=steps_us, gap=st.sampled_from([0.05, 0.2]))
+def test_split_leaves_no_gap_and_loses_no_sample(steps, gap):
+    times = times_of(steps)
+    recording = Recording(np.arange(6.0 * len(times)).reshape(-1, 6), time_s=times)
+    parts = Dataset([recording]).split(gap)
+    assert np.concatenate([r.wrench for r in parts]).tobytes() == recording.wrench.tobytes()
+    for part in parts:
+        assert np.diff(part.times()).max(initial=0) <= gap * (1 + 1e-6)
+    assert len(parts) == 1 + sum(step > gap for step in np.diff(times))
+
+
+def test_split_keeps_what_has_no_gap_and_refuses_what_is_none():
+    sound = [log_with_pauses(()), Recording(np.zeros((5, 6)), rate_hz=0.1, session="s")]
+    assert list(Dataset(sound).split(1)) == sound
+    for wrong in (0, -1, np.nan):
+        with pytest.raises(ValueError, match="gap_s"):
+            Dataset(sound).split(wrong)
+
+
+def test_the_log_of_three_pushes_gives_three_recordings(data_dir):
+    """Its refusal says so, and no window of it is without a measured sample."""
+    data = load(data_dir / "cases" / "07_log_with_pauses")
+    with pytest.raises(ValueError, match=r"call \.split\(gap_s=0\.25\)"):
+        data.resample(500)
+    pushes = data.split(1)
+    assert [sum(r.label == label for r in pushes) for label in data.labels] == [3, 3]
+    assert pushes.resample(500).rate_hz == 500
+    whole = data.resample(500, max_gap_s=None).windows(0.2)
+    assert not any((r.flags & SampleFlag.GAP_FILLED).all() for r in whole if r.flags is not None)
+    assert whole.history[-1].totals["windows_without_a_measured_sample"] > 100
+    every = [flags for r in data.resample(500, max_gap_s=None) if (flags := r.flags) is not None]
+    assert len(every) == 2

@@ -15,7 +15,7 @@ from granular_id.identifier import describe_model, describe_performance
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
 from granular_id.live.robot import Robot
-from granular_id.recording import Dataset, Setup
+from granular_id.recording import AXES, Dataset, Setup
 from granular_id.recording.setup import (
     ACCEPTABLE,
     data_warnings,
@@ -283,7 +283,7 @@ def test_what_people_note_is_missed_by_nobody():
 
 def test_steps_leave_what_is_compared(data):
     """The metadata of each step of the wrench algebra are those that are compared."""
-    turned = with_meta(data).transform(frame="tool", reverse=True, sign="on the robot")
+    turned = with_meta(data).transform(frame="tool", flip=AXES, sign="on the robot")
     lighter = turned.compensate(gid.recording.Payload(0.306, (0, 0, 0.05)), [0, 0, 1])
     now = values_in(setups_in(lighter.tare(lead_s=0.1)))
     assert now == {

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from granular_id.recording import Dataset, Recording, SampleFlag, common_units, overlapping_windows
+from granular_id.recording import (
+    Dataset,
+    Recording,
+    SampleFlag,
+    common_units,
+    overlapping_windows,
+    same_unit,
+)
 
 
 def drive(n=100, **fields):
@@ -156,6 +163,34 @@ def test_windows_of_recordings_without_a_name_are_told_apart_and_other_entries_o
 def test_windows_that_share_samples(hop_s, pairs):
     data = Dataset([drive(n=25 + 2 * round(10 * hop_s))]).windows(2.5, hop_s)
     assert list(overlapping_windows(data.recordings)) == pairs
+
+
+def test_windows_without_a_measured_sample_are_left_out():
+    flags = np.zeros(100, np.uint8)
+    flags[20:60] = SampleFlag.GAP_FILLED
+    data = Dataset([drive(flags=flags)]).windows(2)
+    assert data.names == ("drive @ 0 s", "drive @ 6 s", "drive @ 8 s")
+    assert dict(data.history[-1].rows[0]) == {"name": "drive", "windows": 3, "dropped": 40}
+    assert data.history[-1].totals["windows_without_a_measured_sample"] == 2
+    with pytest.raises(ValueError, match="no window has a measured sample"):
+        Dataset([drive(flags=np.full(100, SampleFlag.GAP_FILLED, np.uint8))]).windows(2)
+
+
+SAME = [
+    ("m/s2", "m/s^2", "m/s\N{SUPERSCRIPT TWO}", "m s^-2", "m/s/s", "[m/s**2]"),
+    ("N m", "Nm", "N*m", "N-m", "N\N{MIDDLE DOT}m", "newton metre", "Newton meters"),
+    ("deg/s", "\N{DEGREE SIGN}/s", "dps", "deg s-1"),
+    ("mN m", "N mm", "N-mm"),
+]
+
+
+@pytest.mark.parametrize("unit", [spelling for spellings in SAME for spelling in spellings])
+def test_units_are_the_same_however_they_are_written(unit):
+    for spellings in SAME:
+        for other in spellings:
+            assert same_unit(unit, other) == same_unit(other, unit) == (unit in spellings)
+    data = [drive(meta={"units": dict.fromkeys(("ax", "ay", "az"), one)}) for one in (unit, " ".join(unit))]
+    assert common_units(Dataset(data)) == [unit] * 3
 
 
 @pytest.mark.parametrize("units", [("", "rad/s", "deg/s"), ("rad/s", "", "deg/s"), ("rad/s", "deg/s", "")])

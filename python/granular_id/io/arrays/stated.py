@@ -12,10 +12,10 @@ from typing import Any
 from granular_id._checks import FloatArray
 from granular_id.io.arrays.names import FORCES, TORQUES, is_general, is_other_thing, plain_name, role_of
 from granular_id.io.arrays.tree import Origin, is_leaf, n_values, texts
-from granular_id.io.columns import TAKEN, TIME, axes_among, factor, same_unit, split_unit
+from granular_id.io.columns import TAKEN, TIME, axes_among, factor, split_unit
 from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import LoadOptions
-from granular_id.recording import AXES, unit_of
+from granular_id.recording import AXES, same_unit, unit_of
 
 Units = Mapping[str, tuple[str, tuple[str, ...]]]
 """From what has a unit (see `what_has_unit`) to the entry that says so and the units, as they stand."""
