@@ -1,16 +1,15 @@
-"""Where a push begins: against known starts, invariances, noise of many kinds, and the thresholds' theory."""
+"""Where a push begins: against known starts, invariances, noise of many kinds."""
 
 import re
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from scipy.stats import binom, binomtest, norm, t
+from scipy.stats import binom, norm, t
 
 from granular_id import load
 from granular_id.recording import AXES
-from granular_id.recording.change_detection import critical_factors
-from granular_id.recording.onset import find_onset, find_onsets_in_block
+from granular_id.recording.onset import _factor, find_onset, find_onsets_in_block
 from granular_id.synthetic import synthesize
 from onset_cases import NOISE, RATE_HZ, START, noise, push
 
@@ -24,10 +23,10 @@ def test_where_the_change_begins(course, early_ms, late_ms):
         start = START + 7 * seed
         onset = find_onset(push(seed, start, course=course), RATE_HZ)
         errors.append(1000 * (onset.index - start) / RATE_HZ)
-        assert onset.detected_index >= onset.index
+        assert onset.detected_s >= onset.time_s
         assert onset.time_s == onset.index / RATE_HZ
         assert set(onset.axes) <= {"fx", "fz", "ty"}
-        assert onset.strength > onset.threshold == 1
+        assert onset.strength > 1
     assert early_ms <= min(errors)
     assert max(errors) <= late_ms
 
@@ -54,10 +53,8 @@ PLAIN = find_onset(push(2), RATE_HZ)
 @pytest.mark.parametrize("scale", [2.0**-40, -1.0, 0.2248, 1000.0, 1e300])
 def test_units_and_signs_make_no_difference(scale):
     scaled = find_onset(push(2) * scale, RATE_HZ)
-    places = (scaled.index, scaled.detected_index, scaled.axes)
-    assert places == (PLAIN.index, PLAIN.detected_index, PLAIN.axes)
-    np.testing.assert_allclose(scaled.statistic, PLAIN.statistic, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(scaled.critical, abs(scale) * PLAIN.critical, rtol=1e-6)
+    assert (scaled.index, scaled.detected_s, scaled.axes) == (PLAIN.index, PLAIN.detected_s, PLAIN.axes)
+    assert scaled.strength == pytest.approx(PLAIN.strength, rel=1e-6)
 
 
 def test_every_axis_may_have_its_own_unit_zero_and_place():
@@ -68,7 +65,7 @@ def test_every_axis_may_have_its_own_unit_zero_and_place():
     assert (PLAIN.index, PLAIN.axes) == (other.index, other.axes)
     np.testing.assert_allclose(other.rest_level, (PLAIN.rest_level * scale + offset)[order])
     np.testing.assert_allclose(other.rest_sd, (PLAIN.rest_sd * scale)[order], rtol=1e-6)
-    np.testing.assert_allclose(other.critical, (PLAIN.critical * scale)[order], rtol=1e-6)
+    assert other.strength == pytest.approx(PLAIN.strength, rel=1e-6)
 
 
 def test_recordings_together_as_alone():
@@ -76,9 +73,8 @@ def test_recordings_together_as_alone():
     together = find_onsets_in_block(wrenches, RATE_HZ, 50, 1e-3, AXES)
     for wrench, onset in zip(wrenches, together, strict=True):
         alone = find_onset(wrench, RATE_HZ)
-        assert (alone.index, alone.detected_index) == (onset.index, onset.detected_index)
-        assert alone.why == onset.why
-        np.testing.assert_array_equal(alone.statistic, onset.statistic)
+        assert (alone.index, alone.detected_s, alone.why) == (onset.index, onset.detected_s, onset.why)
+        assert alone.strength == onset.strength
 
 
 def test_the_input_is_not_touched():
@@ -168,7 +164,6 @@ def test_what_is_no_motion(wrench, why):
     onset = find_onset(wrench, RATE_HZ)
     assert onset.index is None
     assert onset.why.startswith(why)
-    assert onset.statistic.shape == (len(wrench),)
 
 
 def glitch_at_rest():
@@ -204,7 +199,7 @@ def test_what_does_not_hide_the_motion(wrench, start, early, late):
 def test_largest_floats_raise_no_warning():
     wrench = np.clip(noise(0, 400) / NOISE, -1, 1) * 1.79e308
     with np.errstate(over="raise", invalid="raise"):
-        assert find_onset(wrench, RATE_HZ, false_alarm_rate=0.5).threshold == 1
+        find_onset(wrench, RATE_HZ, false_alarm_rate=0.5)
 
 
 @pytest.mark.parametrize("rate_hz", [10.0, 62.5, 1000.0, 10000.0])
@@ -273,41 +268,26 @@ def test_bad_input_is_named(change, error, message):
         find_onset(given.pop("wrench"), given.pop("rate_hz"), **given)
 
 
-# --- The threshold
+# The threshold.
 
 
 @pytest.mark.parametrize("rate", [0.2, 0.01, 1e-6])
-def test_one_test_is_students(rate):
+def test_the_factor_of_one_test_is_students(rate):
     dof = np.array([1.0, 2.5, 10, 100])
-    np.testing.assert_allclose(critical_factors(dof, 1, rate), t.isf(rate / 2, dof), rtol=0.01)
+    np.testing.assert_allclose(_factor(dof, rate, 1), t.isf(rate / 2, dof))
 
 
-@pytest.mark.parametrize("n_tests", [7, 2000])
-def test_known_noise_is_sidaks(n_tests):
-    exact = norm.isf((1 - (1 - 0.01) ** (1 / n_tests)) / 2)
-    assert exact - 1e-3 <= critical_factors(np.array([1e4]), n_tests, 0.01)[0] <= 1.01 * exact
+def test_the_factor_of_known_noise_is_bonferronis():
+    np.testing.assert_allclose(_factor(1e9, 0.01, 300), norm.isf(0.01 / 300 / 2), rtol=1e-4)
 
 
-@pytest.mark.parametrize(("dof", "n_tests"), [(3, 10), (8, 19), (20, 5)])
-def test_by_simulation(dof, n_tests):
+@pytest.mark.parametrize(("dof", "n_tests"), [(3, 10), (3, 200), (8, 19), (20, 50)])
+def test_no_more_than_the_stated_rate_lies_above_it(dof, n_tests):
+    """All tests share one estimate of the noise: the upper point of a studentised maximum, by simulation."""
     rng = np.random.default_rng(dof)
-    n = 40_000
-    largest = np.abs(rng.standard_normal((n, n_tests))).max(axis=1)
-    ratio = largest / np.sqrt(rng.chisquare(dof, n) / dof)
-    above = int((ratio > critical_factors(np.array([float(dof)]), n_tests, 0.05)[0]).sum())
-    low, high = binomtest(above, n).proportion_ci(0.999)
-    assert low <= 0.05 <= high
-
-
-def test_more_knowledge_fewer_tests_and_a_higher_rate_lower_it():
-    dof = np.geomspace(0.6, 5000, 50)
-    assert (np.diff(critical_factors(dof, 300, 1e-4)) < 0).all()
-    assert (critical_factors(dof, 300, 1e-4) < critical_factors(dof, 3000, 1e-4)).all()
-    assert (critical_factors(dof, 300, 1e-3) < critical_factors(dof, 300, 1e-4)).all()
-
-
-def test_nothing_known_is_never_enough():
-    assert critical_factors(np.array([0.49]), 10, 0.5)[0] == np.inf
+    largest = np.abs(rng.standard_normal((20_000, n_tests))).max(axis=1)
+    above = (largest / np.sqrt(rng.chisquare(dof, 20_000) / dof) > _factor(dof, 0.05, n_tests)).mean()
+    assert 0.01 < above < 0.055
 
 
 # Sensors that are slower than their messages.
@@ -317,11 +297,7 @@ def test_a_rest_of_few_readings_is_refused_with_one_that_will_do():
     wrench = held(np.random.default_rng(2), (1, 320, 6))[0]
     wrench[160:] += 50
     onset = find_onset(wrench, 100)
-    assert onset.reading_samples == pytest.approx(8, rel=0.05)
-    assert re.sub(r"12\.\d", "12.5", onset.why) == (
-        "the sensor has new values at 12.5 Hz only, samples in between repeat them: 0.1 s at rest hold 1 of them, "
-        "rest_s=0.4 or more is wanted"
-    )
+    assert re.search(r"new values at 12\.5 Hz only, .* rest_s=0\.4 or more is wanted", onset.why)
     assert abs(find_onset(wrench, 100, rest_s=0.4).index - 160) <= 8
     assert find_onset(wrench, 100, rest_s=0.39).index is None
 
@@ -330,7 +306,7 @@ def test_readings_that_were_resampled_are_still_held():
     wrench = held(np.random.default_rng(3), (1, 320, 6))[0]
     time = np.arange(320) + 0.3 * np.sin(np.arange(320))
     again = np.stack([np.interp(np.arange(320), time, axis) for axis in wrench.T], axis=1)
-    assert "new values at 12" in find_onset(again, 100).why
+    assert re.search("new values at 1[24]", find_onset(again, 100).why)
 
 
 def test_held_readings_keep_the_stated_rate():

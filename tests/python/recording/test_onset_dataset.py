@@ -125,16 +125,6 @@ def test_filled_gaps_in_the_rest_are_said(data):
     assert not data.find_onsets().history[-1].notes
 
 
-def test_a_sensor_slower_than_its_messages_is_said(data):
-    slow = Recording(np.repeat(noise(3, 100), 16, axis=0), rate_hz=RATE_HZ, name="slow")
-    notes = Dataset([*data, slow]).find_onsets().history[-1].notes
-    assert len(notes) == 1
-    assert notes[0].startswith(
-        "1 recording has too few readings at rest, the first is 'slow': the sensor has new"
-    )
-    assert notes[0].endswith("rest_s=0.16 or more is wanted")
-
-
 def test_lengths_rates_and_axes_may_differ(data):
     slow = Recording(push(1, 30, 320, rate_hz=100.0, course="jump"), rate_hz=100, name="slow")
     one = Recording(push(2)[:, :1], rate_hz=RATE_HZ, axes=("force",), name="one")

@@ -1,14 +1,12 @@
 """Each fault put into sound recordings is found by its name, and nothing else is."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from checks_cases import PER_CLASS, WHOLE, by_code, codes, damaged, sound_set
-from granular_id.io import load
-from granular_id.recording import Dataset, Recording, SampleFlag, find_onset
+from granular_id.recording import Dataset, Recording, SampleFlag
 
 TIMES = np.arange(1600) / 500
 
@@ -53,10 +51,6 @@ def spiky(w, _):
     w[900, 0] -= 20
 
 
-def held(w, _):
-    return w[np.arange(1600) // 4 * 4]
-
-
 def coarse(w, _):
     return w.round(3)
 
@@ -92,13 +86,6 @@ AFTER_A_PAUSE = TIMES + 0.4 * (np.arange(1600) >= 800)
         ([7, 30], stuck, {}, "stuck-axis", "(tx)"),
         ([7, 30], stuck_for_a_while, {}, "stuck-stretch", "(fy)"),
         ([7, 30], frozen, {}, "frozen", "repeat one sample: 40 times"),
-        (
-            WHOLE,
-            held,
-            {},
-            "held",
-            "125 new ones a second. Nothing above 62.5 Hz is of the load, and an onset ",
-        ),
         ([7, 30], spiky, {}, "spikes", "(4 spikes on fx, fz)"),
         ([7, 30], coarse, {}, "resolution-differs", "0.00443"),
         ([6], None, {"label": None}, "no-label", "has no label"),
@@ -124,15 +111,6 @@ def test_a_fault_is_found_by_its_name_and_nothing_else(sound, places, wrench, fi
     states = [verdict.state for verdict in report.verdicts]
     assert states.count(report.worst) == (len(places) if found else len(sound))
     assert ("irregular" in report.counts) == ("time_s" in fields)
-
-
-def test_an_onset_is_found_in_a_rest_as_long_as_a_slow_sensor_is_said_to_need(data_dir):
-    data = load(data_dir / "sand_press")
-    message = by_code(data.check())["held"].message
-    assert message.startswith("19 recordings repeat each reading of the sensor: 12.3 new ones a second.")
-    rest_s = float(re.fullmatch(r".* a rest of ([\d.]+) s", message)[1])
-    whys = {find_onset(r.wrench, 100, rest_s=rest_s).why for r in data}
-    assert not [why for why in whys if "new values" in why]
 
 
 def test_an_outlier_is_found_where_its_label_has_enough_others(sound):

@@ -26,7 +26,6 @@ CHECKS: dict[str, Callable[[Measured], Iterator[Finding]]] = {
     "units": signal.check_units,
     "clipping": signal.check_clipping,
     "standing still": signal.check_stuck,
-    "slow sensors": signal.check_held,
     "spikes": signal.check_spikes,
     "resolution": signal.check_resolution,
     "drift": signal.check_drift,

@@ -11,7 +11,6 @@ from scipy.special import fdtrc, pdtrc, stdtr, stdtrit
 
 from granular_id._checks import FloatArray
 from granular_id._text import counted, fixed, short, verb
-from granular_id.recording.change_detection import WINDOWS_IN_REST, held_samples
 from granular_id.recording.checks.measured import Measured, by_axis, unit_columns
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.recording import KNOWN_UNITS, Recording, places_of, unit_of
@@ -136,8 +135,6 @@ def _piled_up(samples: FloatArray, edge: float, alpha: float) -> int:
 
 # Shorter stretches are not judged: coarse converters repeat themselves while the tool rests.
 SHORTEST_STUCK = 20
-# A sensor is slow where a reading lasts so many samples: most of them repeat the one before.
-HELD = 2.0
 # The other axes move when they change, step by step, at least by this part of what is usual for them.
 MOVING = 0.5
 
@@ -230,25 +227,6 @@ def _surprising(run: int, repeated: float, n_samples: int, alpha: float) -> bool
     elsewhere = max(repeated - run / (n_samples - 1), 1 / n_samples)
     by_chance = 1 + math.log(alpha / n_samples) / math.log(elsewhere)
     return elsewhere <= COARSE and run + 1 >= max(SHORTEST_STUCK, by_chance)
-
-
-def check_held(data: Measured) -> Iterator[Finding]:
-    """Find sensors that are slower than their messages, which repeat each reading on all axes."""
-    new_hz, rest_s = {}, 0.0
-    for i, r in enumerate(data.recordings):
-        if r.n_samples >= SHORTEST:
-            held = float(held_samples((r.wrench[1:] != r.wrench[:-1]).any(axis=1)[np.newaxis])[0])
-            if held >= HELD:
-                new_hz[i] = 1 / (held * data.paces[i].mean_s)
-                rest_s = max(rest_s, WINDOWS_IN_REST * math.ceil(held) * data.paces[i].mean_s)
-    if new_hz:
-        low, high = min(new_hz.values()), max(new_hz.values())
-        message = (
-            f"{subject(len(new_hz), 'repeats', 'repeat')} each reading of the sensor: {span(low, high, 3)} new ones a "
-            f"second. Nothing above {low / 2:.3g} Hz is of the load, and an onset needs a rest of "
-            f"{rest_s:.2g} s"
-        )
-        yield data.finding("warning", "held", message, new_hz, new_hz=float(np.median(list(new_hz.values()))))
 
 
 # Single samples that jump away and come back: bits lost on the way, no load.
