@@ -96,7 +96,7 @@ def check(
 ) -> None:
     """Look recordings over for what would spoil an evaluation, and give each a verdict.
 
-    Rate, jitter, gaps, clipping, stuck axes, drift, outliers, duplicates, and what gives a label away without
+    Rate, jitter, gaps, clipping, stuck axes, outliers, duplicates, and what gives a label away without
     the forces: the clock, the length, the session, the file; and whether frame, sign, tare and payload are the
     same. Exit code 0 when there is no error, 3 when there is one.
 

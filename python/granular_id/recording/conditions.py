@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from granular_id._checks import argument_error
 from granular_id._text import counted, short
 from granular_id.recording.dataset import Dataset
+from granular_id.recording.recording import single_values
 from granular_id.recording.setup import setups_in
 
 MOST_VALUES = 50
@@ -31,7 +31,7 @@ def conditions_in(data: Dataset) -> dict[str, NDArray[np.object_]]:
     for source in (
         ({"session": recording.session} for recording in data),
         map(vars, setups_in(data)),
-        (dict(_single_values(recording.meta)) for recording in data),
+        (dict(single_values(recording.meta)) for recording in data),
         ({"day": _day(recording.start_time)} for recording in data),
     ):
         own: dict[str, NDArray[np.object_]] = {}
@@ -48,14 +48,6 @@ def conditions_in(data: Dataset) -> dict[str, NDArray[np.object_]]:
 
 def _day(time: float | None) -> str | None:
     return None if time is None or abs(time) > _LATEST_S else str(np.datetime64(int(time), "s"))[:10]
-
-
-def _single_values(meta: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in meta.items():
-        if isinstance(value, Mapping):
-            yield from _single_values(value, f"{path}{key}.")
-        elif isinstance(value, str | int | float):
-            yield f"{path}{key}", value
 
 
 def condition_of(data: Dataset, condition: Any) -> tuple[str, NDArray[np.object_]]:

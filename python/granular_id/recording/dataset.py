@@ -543,7 +543,7 @@ class Dataset:
             ones are `granular_id.recording.SENSOR_RANGES`), one number, one per axis, or numbers by axis.
             Without it clipping shows only where readings stand still at their own extreme.
         false_alarm_rate : float
-            Chance that a statistical check (each of: leaks, outliers, drift, clipping, standing still) speaks up
+            Chance that a statistical check (each of: leaks, outliers, clipping, standing still) speaks up
             in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.005 as 0.005.
         progress : bool or callable
             True draws a bar on a terminal; a callable is called as ``progress(done, total, what)`` after each step.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from enum import IntFlag
 from typing import Any, TypeVar
@@ -352,6 +352,15 @@ def _plain_unit(unit: str) -> str:
     """Leave out what stands between the parts of a unit, and spell it in one way."""
     plain = "".join(c for c in unicodedata.normalize("NFKC", unit) if c not in _BETWEEN_UNITS)
     return _SPELLINGS.get(plain, _SPELLINGS.get(plain.lower(), plain))
+
+
+def single_values(meta: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the texts and numbers of metadata by their path, such as "rig.speed_m_s"."""
+    for key, value in meta.items():
+        if isinstance(value, Mapping):
+            yield from single_values(value, f"{path}{key}.")
+        elif isinstance(value, str | int | float):
+            yield f"{path}{key}", value
 
 
 # What recordings have in common.

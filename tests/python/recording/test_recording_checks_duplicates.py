@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from checks_cases import by_code, sound_set
 from granular_id.recording import Dataset, Recording
-from granular_id.recording.checks.leaks import find_overlaps
+from granular_id.recording.checks.copies import find_overlaps
 from robot_failures import SETS, load_failures
 
 

@@ -1,11 +1,16 @@
-"""What gives the label away without the forces; the statistics behind it, beside plain twins."""
+"""What gives the label away without the forces; the statistics behind it, beside scikit-learn's."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies as st
+from sklearn.model_selection import LeaveOneOut
+from sklearn.neighbors import KNeighborsClassifier
 
 from checks_cases import MATERIALS, WHOLE, by_code, codes, damaged, sound_set
 from granular_id.recording import Dataset, Recording
-from granular_id.recording.checks.leaks import by_kind, by_number, by_place, naming
+from granular_id.recording.checks.leaks import nearest_on_a_line
 
 SLOT = {label: k for k, label in enumerate(MATERIALS)}
 
@@ -37,7 +42,7 @@ def at_its_hour(r):
     ("fields", "found", "words"),
     [
         ({"session": None, "start_time": in_a_row}, "no-session leak-clock", "one session per label"),
-        ({"session": None, "start_time": in_stretches}, "no-session leak-clock", "recorded in 8 stretches"),
+        ({"session": None, "start_time": in_stretches}, "no-session leak-clock", "record the labels in turn"),
         ({"session": lambda r: r.label, "start_time": in_a_row}, "session-is-label", "4 of 4 labels"),
         ({"session": lambda r: f"{r.label} {r.session}"}, "leak-session", "names 100 % of the labels"),
         ({"trigger_index": lambda r: 60 + SLOT[r.label]}, "leak-trigger", "the trigger alone names 100 %"),
@@ -62,16 +67,24 @@ def test_an_answer_that_was_given_live_is_no_leak():
     assert codes(damaged(sound_set(), WHOLE, **said).check()) == {"leak-meta"}
 
 
-def test_what_the_samples_of_one_label_have_alone():
-    cut = by_code(damaged(sound_set(), rice(), lambda w, _: w[:1400]).check())["leak-length"]
-    assert cut.message == "the duration gives 'rice' away: 2.8 s, others 3.2; so does the number of samples"
-    assert cut.indices == ()
-    assert "leak-rate" in codes(damaged(sound_set(), rice(), rate_hz=501).check())
-    rounded = damaged(sound_set(), rice(), lambda w, _: w.round(3)).check()
-    assert codes(rounded) == {"leak-resolution", "resolution-differs"}
-    tared = damaged(sound_set(), WHOLE, lambda w, r: w + 0.6 * SLOT[r.label] * np.eye(6)[0]).check()
-    assert codes(tared) == {"leak-rest"}
-    assert "the rest level of fx alone names" in by_code(tared)["leak-rest"].message
+@pytest.mark.parametrize(
+    ("places", "wrench", "fields", "found", "words"),
+    [
+        (rice(), lambda w, _: w[:1400], {}, "leak-length", "the duration goes with the label: each"),
+        (rice(), None, {"rate_hz": 501}, "leak-rate", "the median step goes with the label"),
+        (
+            WHOLE,
+            lambda w, r: w + 0.6 * SLOT[r.label] * np.eye(6)[0],
+            {},
+            "leak-rest",
+            "level of all axes alone",
+        ),
+    ],
+)
+def test_what_the_samples_of_labels_have_alone(places, wrench, fields, found, words):
+    report = damaged(sound_set(), places, wrench, **fields).check()
+    assert found in codes(report)
+    assert words in by_code(report)[found].message
 
 
 def test_no_rate_is_too_low_for_a_certain_leak():
@@ -101,73 +114,49 @@ def test_sets_without_a_leak_are_left_alone():
         assert not codes(Dataset([random_recording(i, rng) for i in range(36)]).check())
 
 
-# -- the statistics
-
-
-def plain_share(values, labels, alike):
-    """How often the nearest other recording has the same label, one recording after the other."""
-    shares = []
-    for i, value in enumerate(values):
-        distance = np.array([np.inf if j == i else alike(value, other) for j, other in enumerate(values)])
-        if np.isinf(distance.min()):
-            shares.append(0.0)
-            continue
-        nearest = np.flatnonzero(distance == distance.min())
-        shares.append(np.mean(labels[nearest] == labels[i]))
-    return np.mean(shares)
-
-
-def far(a, b):
-    if a == b or (np.isnan(a) and np.isnan(b)):
-        return 0.0
-    return np.inf if np.isnan(a) or np.isnan(b) else abs(a - b)
-
-
-def unlike(a, b):
-    return 0.0 if a == b else np.inf
-
-
-def apart(a, b):
-    return np.linalg.norm(a - b)
+# The statistics.
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_share_of_one_attribute_is_that_of_a_plain_loop(seed):
+def test_the_share_is_that_of_a_nearest_neighbour_classifier(seed):
     rng = np.random.default_rng(seed)
-    labels = rng.integers(0, 3, 40)
-    line = rng.normal(size=40)
-    ties = rng.integers(0, 12, 40) * 1.0
-    ties[rng.integers(0, 40, 6)] = np.nan
-    kinds = rng.integers(0, 4, 40).tolist()
-    points = rng.normal(size=(40, 3))
-    found = naming([by_number(line), by_kind(kinds), by_place(points)], labels)
-    scaled = points / points.std(axis=0)
-    assert found[0].share == pytest.approx(plain_share(line, labels, far))
-    assert found[1].share == pytest.approx(plain_share(kinds, labels, unlike))
-    assert found[2].share == pytest.approx(plain_share(scaled, labels, apart))
-    grouped = by_number(ties)
-    tied = np.bincount(grouped.group)[grouped.group] > 1
-    assert (grouped.nearest[tied] == -1).all()
-    same = np.array([np.isnan(ties) & np.isnan(value) | (ties == value) for value in ties])
-    np.testing.assert_array_equal(same, grouped.group[:, None] == grouped.group)
+    labels, line = rng.integers(0, 3, 40), rng.normal(size=(40, 1))
+    nearest = nearest_on_a_line(line[:, 0], rng)
+    one = KNeighborsClassifier(1)
+    right = [
+        one.fit(line[train], labels[train]).predict(line[[i]])[0] == labels[i]
+        for train, (i,) in LeaveOneOut().split(line)
+    ]
+    assert (labels[nearest] == labels).tolist() == right
 
 
-def test_p_values_are_corrected_for_the_number_of_attributes():
+@given(st.lists(st.sampled_from([0.0, 1.0, 1.5, 4.0, np.nan]), min_size=2, max_size=30))
+def test_the_nearest_on_a_line_is_as_near_as_any(values):
+    values = np.array(values)
+    nearest = nearest_on_a_line(values, np.random.default_rng(0))
+    for i, (value, place) in enumerate(zip(values, nearest.tolist(), strict=True)):
+        others = np.delete(values, i)
+        alike = np.isnan(others).any() if np.isnan(value) else (~np.isnan(others)).any()
+        assert (place == -1) == (not alike)
+        if alike and not np.isnan(value):
+            assert abs(values[place] - value) == np.nanmin(abs(others - value))
+        assert place != i
+
+
+def test_ties_are_drawn_from_all_that_share_a_value():
+    rng = np.random.default_rng(0)
+    drawn = {int(nearest_on_a_line(np.zeros(6), rng)[2]) for _ in range(200)}
+    assert drawn == {0, 1, 3, 4, 5}
+
+
+def test_the_best_of_many_attributes_is_no_leak():
+    """Forty numbers of metadata that say nothing; one more that does is found among them."""
     rng = np.random.default_rng(1)
-    labels = np.repeat([0, 1], 20)
-    noise = [by_number(rng.normal(size=40)) for _ in range(40)]
-    assert min(found.p for found in naming(noise, labels)) > 0.01
-    clear = naming([*noise, by_number(labels + 0.1 * rng.normal(size=40))], labels)[-1]
-    assert clear.p == 0.005
-    assert clear.share > 0.95
-    assert clear.agreement == pytest.approx([1, 1], abs=0.05)
-
-
-def test_attributes_that_only_go_with_the_label():
-    labels = np.repeat(np.arange(6), 8)
-    sensor = (labels % 2).tolist()
-    forward, reverse = naming([by_kind(sensor), by_kind(sensor, reverse=True)], labels)
-    assert forward.share == pytest.approx(7 / 23)
-    assert reverse.share == 1
-    assert reverse.chance == pytest.approx(23 / 47, abs=0.02)
-    assert reverse.p == 0.005
+    data = [random_recording(i, rng) for i in range(36)]
+    noise = [{f"n{k}": float(rng.normal()) for k in range(40)} for _ in data]
+    silent = Dataset([replace(r, meta=meta) for r, meta in zip(data, noise, strict=True)])
+    assert not codes(silent.check())
+    said = [{**meta, "room": 20.0 + "abc".index(r.label)} for r, meta in zip(data, noise, strict=True)]
+    found = by_code(Dataset([replace(r, meta=meta) for r, meta in zip(data, said, strict=True)]).check())
+    assert found["leak-meta"].values["attributes"] == ("meta 'room'",)
+    assert found["leak-meta"].values["p"] == 0.005

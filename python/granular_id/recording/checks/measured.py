@@ -16,9 +16,6 @@ from granular_id.recording.onset import REST_S
 from granular_id.recording.recording import Recording, places_of, unit_of
 from granular_id.recording.resampling import MAX_GAP_S
 
-# Quantisation step of each axis: 0 where it has none that matters, None where it cannot be judged.
-Resolution = tuple[float | None, ...]
-
 
 class Measured:
     """Recordings, the settings of the checks, and what several checks look at; each figure is made when first used."""
@@ -50,11 +47,6 @@ class Measured:
     def rests(self) -> list[Rest | None]:
         """Level and noise before the motion; None where a recording begins in motion or too late."""
         return [_rest(r) for r in self.recordings]
-
-    @cached_property
-    def resolutions(self) -> list[Resolution]:
-        """Quantisation steps, those within 1 % of each other as equal numbers."""
-        return _resolutions(self.recordings)
 
     @cached_property
     def labels_of_one_session(self) -> list[str]:
@@ -153,64 +145,6 @@ def _rest(recording: Recording) -> Rest | None:
         if np.linalg.norm(noise[unit]) > QUIET * np.linalg.norm(whole[unit]):
             return None
     return Rest(wrench[:n_rest].mean(axis=0), noise)
-
-
-# The step on whose multiples all readings of an axis lie.
-
-# An axis that changes less often is not judged: multiples of a coarser step would come by chance.
-FEWEST_CHANGES = 30
-ON_GRID = 0.95  # share of the changes that must be whole steps; samples that a repair averaged lie in between
-# Steps below this part of the usual change from sample to sample are drowned by it and count as none.
-VISIBLE = 0.01
-_OFF = 0.02  # how far from a whole number of steps a change may lie
-_SAME = 0.01  # relative difference below which two steps are one
-_LOOKED_AT = 200  # changes tried against a step: enough to refuse it
-_EPSILON = 1e-9  # of the largest reading: below it a change is rounding of float64
-
-
-def _resolutions(recordings: Sequence[Recording]) -> list[Resolution]:
-    """Measure the resolution of each recording; steps within 1 % of each other become equal numbers."""
-    measured = []
-    usual: dict[str, list[float]] = {}
-    for r in recordings:
-        wrench = by_axis(r)
-        changes = np.abs(np.diff(wrench, axis=0))
-        measured.append(_steps(wrench, changes))
-        if r.n_samples > FEWEST_CHANGES:
-            typical = np.median(changes[:: max(1, len(changes) // _LOOKED_AT)], axis=0)
-            for axis, change in zip(r.axes, typical, strict=True):
-                usual.setdefault(axis, []).append(float(change))
-    finest = {axis: VISIBLE * float(np.median(changes)) for axis, changes in usual.items()}
-    rounded: dict[float, float] = {}
-    last = 0.0
-    for step in sorted({step for steps in measured for step in steps.tolist() if step > 0}):
-        if step > last * (1 + _SAME):
-            last = step
-        rounded[step] = last
-    return [
-        tuple(
-            None if np.isnan(step) else rounded[step] if step > finest[axis] else 0.0
-            for axis, step in zip(r.axes, steps.tolist(), strict=True)
-        )
-        for r, steps in zip(recordings, measured, strict=True)
-    ]
-
-
-def _steps(wrench: FloatArray, changes: FloatArray) -> FloatArray:
-    """Return the step of each axis: 0 where readings lie on no grid, NaN where they change too rarely."""
-    real = changes > _EPSILON * np.abs(wrench).max(axis=0)
-    smallest = np.where(real, changes, np.inf).min(axis=0, initial=np.inf)
-    sample = slice(None, None, max(1, len(changes) // _LOOKED_AT))
-    looked_at, judged = changes[sample], real[sample]
-    steps: FloatArray = np.where(np.count_nonzero(real, axis=0) < FEWEST_CHANGES, np.nan, 0.0)
-    for divisor in (1, 2, 3):  # the smallest change seen need not be a single step
-        columns = np.flatnonzero(steps == 0)
-        step = smallest[columns] / divisor
-        ratio = looked_at[:, columns] / step
-        off = (np.abs(ratio - np.rint(ratio)) >= _OFF) & judged[:, columns]
-        on_grid = off.sum(axis=0) <= (1 - ON_GRID) * judged[:, columns].sum(axis=0)
-        steps[columns[on_grid]] = step[on_grid]
-    return steps
 
 
 # How far the axes of a sensor reach: stated by the caller, or looked up by name.

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from granular_id._checks import checked_share
 from granular_id._progress import ProgressCallback, Ticker, showing
-from granular_id.recording.checks import leaks, signal, stated
+from granular_id.recording.checks import copies, leaks, signal, stated
 from granular_id.recording.checks.measured import Measured, SensorRange, resolve_range
 from granular_id.recording.checks.report import CheckReport, Finding
 from granular_id.recording.recording import Recording
@@ -16,7 +16,7 @@ CHECKS: dict[str, Callable[[Measured], Iterator[Finding]]] = {
     "labels": stated.check_labels,
     "axes": stated.check_axes,
     "readings": signal.check_absurd,
-    "copies": leaks.check_duplicates,
+    "copies": copies.check_duplicates,
     "sessions": stated.check_sessions,
     "leaks": leaks.check_leaks,
     "rates": stated.check_rates,
@@ -27,8 +27,6 @@ CHECKS: dict[str, Callable[[Measured], Iterator[Finding]]] = {
     "clipping": signal.check_clipping,
     "standing still": signal.check_stuck,
     "spikes": signal.check_spikes,
-    "resolution": signal.check_resolution,
-    "drift": signal.check_drift,
     "outliers": signal.check_outliers,
     "flags": stated.check_flags,
 }

@@ -1,20 +1,20 @@
-"""What the samples show: units, clipping, axes that stand still, spikes, resolution, drift, outliers."""
+"""What the samples show: units, clipping, axes that stand still, spikes, outliers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtrc, pdtrc, stdtr, stdtrit
+from scipy.special import pdtrc, stdtrit
 
 from granular_id._checks import FloatArray
-from granular_id._text import counted, fixed, short, verb
+from granular_id._text import counted, short, verb
 from granular_id.recording.checks.measured import Measured, by_axis, unit_columns
-from granular_id.recording.checks.report import Finding, Severity
-from granular_id.recording.recording import KNOWN_UNITS, Recording, places_of, unit_of
-from granular_id.recording.report import span, subject
+from granular_id.recording.checks.report import Finding
+from granular_id.recording.recording import KNOWN_UNITS, Recording, unit_of
+from granular_id.recording.report import subject
 
 # No sensor reads this, in any unit; the squares of such readings would overflow in other checks.
 ABSURD = 1e100
@@ -266,135 +266,10 @@ def check_spikes(data: Measured) -> Iterator[Finding]:
         yield data.finding("warning", "spikes", message, spikes, spikes=samples, axes=axes)
 
 
-def check_resolution(data: Measured) -> Iterator[Finding]:
-    """Find recordings that were quantised in another way than most of the others."""
-    by_step: dict[str, dict[float, list[int]]] = {}
-    for i, (r, steps) in enumerate(zip(data.recordings, data.resolutions, strict=True)):
-        for axis, step in zip(r.axes, steps, strict=True):
-            if step is not None:
-                by_step.setdefault(axis, {}).setdefault(step, []).append(i)
-    axes = dict.fromkeys(axis for r in data.recordings for axis in r.axes)
-    differing = [axis for axis in axes if len(by_step.get(axis, ())) > 1]
-    other: set[int] = set()
-    for axis in differing:
-        groups = by_step[axis]
-        usual = max(groups, key=lambda step: len(groups[step]))
-        other |= {i for step, group in groups.items() if step != usual for i in group}
-    if differing:
-        axis = differing[0]
-        kinds = " and ".join(
-            f"steps of {step:.3g}" if step else "no steps" for step in sorted(by_step[axis])[:3]
-        )
-        message = (
-            f"{subject(len(other))} another resolution than the rest on "
-            f"{', '.join(differing)} ({axis}: {kinds}): other sensor, settings or decimals"
-        )
-        yield data.finding("warning", "resolution-differs", message, sorted(other), axes=differing)
-
-
-# Drift of the rest level: slowly over the clock, or by a step from session to session.
-
-# Sessions with fewer recordings at rest, and labels with fewer recordings, are not judged.
-FEWEST_TO_COMPARE = 8
-AT_REST = 0.8  # drift is judged where at least this part of the recordings begins at rest
-LARGE = 0.2  # a drift of this part of the signal (the median of the recordings' standard deviations) warns
-SMALL = 0.05  # below this part it is not worth a word, however certain it is
-
-# By how much the level of an axis is off, in its unit; the column of the axis; the session.
-_Change = tuple[float, int, str | None]
-
-
-def check_drift(data: Measured) -> Iterator[Finding]:
-    """Compare the rest levels of recordings with the clock and between sessions, against noise and signal."""
-    recordings = data.recordings
-    resting = [i for i, rest in enumerate(data.rests) if rest is not None]
-    if len({r.axes for r in recordings}) > 1 or len(resting) < AT_REST * len(recordings):
-        return
-    axes = recordings[0].axes
-    rests = [rest for rest in data.rests if rest is not None]
-    levels = np.array([rest.level for rest in rests])
-    noise = np.median([rest.noise for rest in rests], axis=0)
-    signal = np.median([by_axis(recordings[i]).std(axis=0) for i in resting], axis=0)
-    scale = np.empty(len(axes))
-    for unit in unit_columns(recordings[0]).values():
-        scale[unit] = np.linalg.norm(signal[unit])
-    sessions = places_of(recordings[i].session for i in resting)
-    sessions = {name: rows for name, rows in sessions.items() if len(rows) >= FEWEST_TO_COMPARE}
-    n_tests = (len(sessions) + 1) * len(axes)  # a slope each, and one comparison of all
-    alpha = data.false_alarm_rate / n_tests
-
-    def largest(code: str, words: str, changes: Sequence[_Change]) -> Iterator[Finding]:
-        if not changes:
-            return
-        size, column, session = max(changes, key=lambda change: abs(change[0]) / scale[change[1]])
-        share, of_noise = abs(size) / scale[column], abs(size) / max(noise[column], 1e-300)
-        if share < SMALL:
-            return
-        rows = sessions[session]
-        axis = axes[column]
-        amount = f"{abs(size):.2g} {unit_of(axis, recordings[0].meta)}".rstrip()
-        where = "over the set" if session is None else f"in {session!r}"
-        message = (
-            f"the rest level of {axis} {words} {amount} {where} "
-            f"({counted(len(rows))}): {100 * share:.0f} % of the signal, "
-            f"{fixed(of_noise, 0)} times the noise; subtract it"
-        )
-        severity: Severity = "warning" if share >= LARGE else "info"
-        concerned = [resting[row] for row in rows] if share >= LARGE else []
-        values = {"axis": axis, "change": size, "of_signal": share, "of_noise": of_noise}
-        yield data.finding(severity, code, message, concerned, **values)
-
-    starts = np.array([np.nan if (s := recordings[i].start_time) is None else s for i in resting])
-    slopes = [
-        (size, column, session)
-        for session, rows in sessions.items()
-        for column, size in _trends(starts[rows], levels[rows], alpha)
-    ]
-    yield from largest("rest-drift", "drifts by", slopes)
-    named = {name: rows for name, rows in sessions.items() if name is not None}
-    differing = _differing(levels, list(named.values()), alpha)
-    if len(differing):
-        medians = np.array([np.median(levels[rows], axis=0) for rows in named.values()])
-        off = medians - np.median(medians, axis=0)
-        shifts = [
-            (float(change[column]), column, name)
-            for name, change in zip(named, off, strict=True)
-            for column in differing
-        ]
-        yield from largest("rest-shift", "is off by", shifts)
-
-
-def _trends(starts: FloatArray, levels: FloatArray, alpha: float) -> Iterator[tuple[int, float]]:
-    """Yield column and change over the stretch of each line whose slope differs from zero at level `alpha`."""
-    span = float(np.ptp(starts))
-    if not span > 0:  # also where a start is not known
-        return
-    time = (starts - starts.mean()) / span
-    free = len(time) - 2
-    slopes = time @ (levels - levels.mean(axis=0)) / (time @ time)
-    left = levels - levels.mean(axis=0) - time[:, np.newaxis] * slopes
-    errors = np.sqrt((left**2).sum(axis=0) / free / (time @ time))
-    for column, (slope, error) in enumerate(zip(slopes, errors, strict=True)):
-        if error > 0 and 2 * stdtr(free, -abs(slope) / error) < alpha:
-            yield column, float(slope)
-
-
-def _differing(levels: FloatArray, groups: Sequence[Sequence[int]], alpha: float) -> NDArray[np.intp]:
-    """Return the columns whose means differ between groups of rows, by analysis of variance at level `alpha`."""
-    if len(groups) < 2:
-        return np.empty(0, np.intp)
-    sizes = np.array([len(rows) for rows in groups])
-    means = np.array([levels[rows].mean(axis=0) for rows in groups])
-    between = sizes @ (means - sizes @ means / sizes.sum()) ** 2
-    within = sum(((levels[rows] - mean) ** 2).sum(axis=0) for rows, mean in zip(groups, means, strict=True))
-    free, left = len(groups) - 1, int(sizes.sum()) - len(groups)
-    ratio = np.full(len(between), np.inf)
-    np.divide(between / free, within / left, out=ratio, where=within > 0)
-    return np.flatnonzero((fdtrc(free, left, ratio) < alpha) & (between > 0))
-
-
 # Recordings that stand apart from their own label.
 
+# Labels with fewer recordings are not judged.
+FEWEST_TO_COMPARE = 8
 _MAD_TO_SD = 1.4826  # of the normal distribution
 _EFFICIENCY = 0.37  # of the median deviation: as certain as a standard deviation from 37 % of the values
 _FLOOR = 0.01  # least spread of a figure, relative: a label cannot be known better than this
