@@ -78,10 +78,15 @@ class Setup:
     compensated, tare, payload : str, optional
         Whether the tool's weight is taken off ("yes", "no"); zero point and load, where somebody noted them.
     tool : str, optional
+    mount_rotation, lever_arm_m : str, optional
+        How the sensor is turned on the robot, and how far the tip of the tool is from its origin.
     trigger : str, optional
         What the recording's motion begins at: "motion", "force", "manual", "onset".
     motion : str, optional
         Speed of the push.
+    read_as : str, optional
+        What had to be chosen to read the file: an array, a topic, columns. Another array of the same file is another
+        signal.
 
     Examples
     --------
@@ -103,8 +108,11 @@ class Setup:
     tare: str | None = None
     payload: str | None = None
     tool: str | None = None
+    mount_rotation: str | None = None
+    lever_arm_m: str | None = None
     trigger: str | None = None
     motion: str | None = None
+    read_as: str | None = None
 
     @classmethod
     def of(cls, meta: Mapping[str, Any]) -> Setup:

@@ -326,7 +326,7 @@ def test_show_says_all_of_recordings_and_where_they_differ(pushes, tmp_path):
     assert told["tool"] == "spoon (3), fork (1)"
     assert told["rate"] == "500 Hz"
     assert told["tare"] == "not stated"
-    assert len(told) == 14
+    assert len(told) == 17
 
 
 def test_show_reads_models(trained):

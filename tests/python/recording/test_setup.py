@@ -37,8 +37,11 @@ FLANGE = {
     "tare": "before each push",
     "payload": "0.3 kg",
     "tool": "cylinder",
+    "mount_rotation": "0, 0, 90",
+    "lever_arm_m": "0.2",
     "trigger": "motion",
     "motion": "0.03 m/s",
+    "read_as": "array ee_wrench",
 }
 
 
