@@ -38,15 +38,6 @@ def stuck_for_a_while(w, _):
     w[500:700, 1] = w[500, 1]
 
 
-def frozen(w, _):
-    w[800:840] = w[800]
-
-
-def spiky(w, _):
-    w[500, 2] += 30
-    w[900, 0] -= 20
-
-
 def humming(w, _):
     w[:, 2] += 0.00885 * np.rint(900 * np.sin(2 * np.pi * 150 * TIMES))
 
@@ -77,8 +68,6 @@ AFTER_A_PAUSE = TIMES + 0.4 * (np.arange(1600) >= 800)
         ([7, 30], clipped, {}, "clipped", "on fx"),
         ([7, 30], stuck, {}, "stuck-axis", "(tx)"),
         ([7, 30], stuck_for_a_while, {}, "stuck-stretch", "(fy)"),
-        ([7, 30], frozen, {}, "frozen", "repeat one sample: 40 times"),
-        ([7, 30], spiky, {}, "spikes", "(4 spikes on fx, fz)"),
         ([6], None, {"label": None}, "no-label", "has no label"),
         ([6], None, {"rate_hz": 400}, "rates-differ", "2 different rates, 400 to 500 Hz; 1 not at 500"),
         ([6], None, {"rate_hz": 0.5}, "slow rates-differ", "in seconds?"),
@@ -188,21 +177,6 @@ def test_a_named_sensor_needs_its_axes():
 
 
 # --- Stamps, levels, flags
-
-
-def test_a_stated_rate_that_the_stamps_do_not_keep(sound):
-    stamps = np.arange(1600) / 480 + shaken(1e-4)
-    report = damaged(sound, [6], **irregular(stamps, meta={"rate_hz": 500})).check()
-    assert "mean 480 Hz, its meta says 500" in by_code(report)["rate-not-kept"].message
-    kept = damaged(sound, [6], **irregular(stamps, meta={"rate_hz": 480})).check()
-    assert "rate-not-kept" not in codes(kept)
-
-
-def test_sparse_recordings(sound):
-    stamps = TIMES + shaken(1e-4)
-    data = damaged(sound, WHOLE, **irregular(stamps))
-    third = damaged(data, [9], lambda w, _: w[::3], time_s=stamps[::3] - stamps[0])
-    assert by_code(third.check())["sparse"].indices == (9,)
 
 
 IMU = ("wx", "wy", "wz", "ax", "ay", "az")

@@ -26,7 +26,6 @@ CHECKS: dict[str, Callable[[Measured], Iterator[Finding]]] = {
     "units": signal.check_units,
     "clipping": signal.check_clipping,
     "standing still": signal.check_stuck,
-    "spikes": signal.check_spikes,
     "outliers": signal.check_outliers,
     "flags": stated.check_flags,
 }

@@ -1,4 +1,4 @@
-"""What the samples show: units, clipping, axes that stand still, spikes, outliers."""
+"""What the samples show: units, clipping, axes that stand still, outliers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from granular_id.recording.report import subject
 ABSURD = 1e100
 # Largest readings per unit: a rod through gravel takes tens of newtons, wrist sensors end at some hundred.
 PLAUSIBLE = {"N": 1000.0, "N m": 100.0}
-# Shorter recordings are not judged by their own extremes or for spikes: there is no telling what is usual.
+# Shorter recordings are not judged by their own extremes: there is no telling what is usual.
 SHORTEST = 30
 # Axes that repeat the reading before in more than this part of the samples are too coarse to judge.
 COARSE = 0.3
@@ -140,10 +140,9 @@ MOVING = 0.5
 
 
 def check_stuck(data: Measured) -> Iterator[Finding]:
-    """Find axes that never change, axes that stand still while others move, and samples sent again and again."""
-    whole: dict[int, NDArray[np.intp]] = {}
+    """Find axes that never change, and axes that stand still for a stretch while others move."""
+    whole: dict[int, list[int]] = {}
     part: dict[int, list[int]] = {}
-    frozen: dict[int, int] = {}
     alpha = data.false_alarm_rate / sum(len(r.axes) for r in data.recordings)
     for i, r in enumerate(data.recordings):
         if r.n_samples < 2:
@@ -151,14 +150,9 @@ def check_stuck(data: Measured) -> Iterator[Finding]:
         wrench = by_axis(r)
         moves = np.ptp(wrench, axis=0) != 0
         if not moves.all():
-            whole[i] = np.flatnonzero(~moves)
-        if r.n_samples <= SHORTEST_STUCK or not moves.any():
-            continue
-        columns, n_frozen = _still_stretches(wrench, np.flatnonzero(moves), alpha)
-        if columns:
+            whole[i] = np.flatnonzero(~moves).tolist()
+        if columns := _still_stretches(wrench, np.flatnonzero(moves), alpha):
             part[i] = columns
-        if n_frozen:
-            frozen[i] = n_frozen
     if whole:
         axes = data.axes_among(whole)
         where = "every recording" if len(whole) == len(data.recordings) else counted(len(whole))
@@ -166,104 +160,38 @@ def check_stuck(data: Measured) -> Iterator[Finding]:
         yield data.finding("warning", "stuck-axis", message, whole, axes=axes)
     if part:
         axes = data.axes_among(part)
-        message = (
-            f"{subject(len(part))} an axis that stands still for a stretch while "
-            f"others move ({', '.join(axes)})"
-        )
+        message = f"{subject(len(part))} an axis that stands still for a stretch while others move ({', '.join(axes)})"
         yield data.finding("warning", "stuck-stretch", message, part, axes=axes)
-    if frozen:
-        worst = max(frozen, key=lambda i: frozen[i])
-        message = (
-            f"{counted(len(frozen))} in which all axes repeat one sample: {frozen[worst]} times in "
-            f"{data.recordings[worst].name!r}; a reader that fell behind, or samples lost on the way"
-        )
-        yield data.finding("warning", "frozen", message, frozen, longest=frozen[worst])
 
 
-def _still_stretches(wrench: FloatArray, moving: NDArray[np.intp], alpha: float) -> tuple[list[int], int]:
-    """Return the columns that stand still for a surprising stretch, and for how many samples all of them do."""
-    n_samples = len(wrench)
-    equal = wrench[1:] == wrench[:-1]
+def _still_stretches(wrench: FloatArray, moving: NDArray[np.intp], alpha: float) -> list[int]:
+    """Return the columns that stand still for a surprising stretch."""
+    n_steps = len(wrench) - 1
+    equal, steps = wrench[1:] == wrench[:-1], np.abs(np.diff(wrench, axis=0))
     repeats = np.count_nonzero(equal, axis=0)
-    runs = {
-        int(column): longest
-        for column in moving
-        if repeats[column] >= SHORTEST_STUCK
-        and (longest := _longest_run(equal[:, column]))[1] >= SHORTEST_STUCK
-    }
-    if not runs:
-        return [], 0
-    repeated = repeats / (n_samples - 1)
-    start, length = _longest_run(equal[:, moving].all(axis=1))
-    all_still = length + 1 if _surprising(length, float(repeated[moving].min()), n_samples, alpha) else 0
-    steps = np.abs(np.diff(wrench, axis=0))
-    usual = steps.mean(axis=0)
     stuck = []
-    for column, (at, run) in runs.items():
-        if at == 0 or (at == start and run <= length):  # still at rest, or the sample as a whole was repeated
+    for column in moving[repeats[moving] >= SHORTEST_STUCK]:
+        start, run = _longest_run(equal[:, column])
+        # at rest, or clipped, if anything
+        if start == 0 or wrench[start, column] in (wrench[:, column].max(), wrench[:, column].min()):
             continue
-        if wrench[at, column] in (wrench[:, column].max(), wrench[:, column].min()):  # clipped, if anything
+        elsewhere = max((repeats[column] - run) / n_steps, 1 / len(wrench))
+        by_chance = 1 + math.log(alpha / len(wrench)) / math.log(elsewhere)
+        if elsewhere > COARSE or run + 1 < max(SHORTEST_STUCK, by_chance):
             continue
         others = moving[moving != column]
-        if not len(others) or not _surprising(run, float(repeated[column]), n_samples, alpha):
-            continue
-        if (steps[at : at + run, others].mean(axis=0) >= MOVING * usual[others]).mean() >= 0.5:
-            stuck.append(column)
-    return stuck, all_still
+        change = steps[start : start + run, others].mean(axis=0)
+        if len(others) and (change >= MOVING * steps[:, others].mean(axis=0)).mean() >= 0.5:
+            stuck.append(int(column))
+    return stuck
 
 
 def _longest_run(held: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return start and length of the longest run of True, (0, 0) when there is none."""
+    """Return start and length of the longest run of True."""
     edges = np.flatnonzero(np.diff(held, prepend=False, append=False))
-    if not len(edges):
-        return 0, 0
     starts, lengths = edges[::2], edges[1::2] - edges[::2]
     best = int(lengths.argmax())
     return int(starts[best]), int(lengths[best])
-
-
-def _surprising(run: int, repeated: float, n_samples: int, alpha: float) -> bool:
-    """Whether so many repetitions in a row come by chance less often than `alpha`, were they independent."""
-    elsewhere = max(repeated - run / (n_samples - 1), 1 / n_samples)
-    by_chance = 1 + math.log(alpha / n_samples) / math.log(elsewhere)
-    return elsewhere <= COARSE and run + 1 >= max(SHORTEST_STUCK, by_chance)
-
-
-# Single samples that jump away and come back: bits lost on the way, no load.
-
-# A spike is this many times the median distance of a sample from the mean of its neighbours, twice what slips of
-# grains reach (at 500 Hz 25, in 1000 recordings of a finger sliding at 90 Hz 32).
-UNUSUAL = 50.0
-LONE = 0.2  # its neighbours differ from each other by less than this part of it: a step or a slip is no spike
-_ROUNDING = 1e-12  # of the largest reading: what float64 leaves between equal readings
-_LOOKED_AT = 400  # samples that tell what is usual
-
-
-def check_spikes(data: Measured) -> Iterator[Finding]:
-    """Find samples far from both neighbours, which agree with each other."""
-    spikes: dict[int, NDArray[np.intp]] = {}
-    samples = 0
-    for i, r in enumerate(data.recordings):
-        if r.n_samples < SHORTEST:
-            continue
-        wrench = by_axis(r)
-        before, here, after = wrench[:-2], wrench[1:-1], wrench[2:]
-        away = np.abs(here - 0.5 * (before + after))
-        usual = np.median(away[:: max(1, len(away) // _LOOKED_AT)], axis=0)
-        usual = np.where(usual > _ROUNDING * np.abs(here).max(axis=0), usual, np.inf)  # too coarse to judge
-        if (away.max(axis=0) <= UNUSUAL * usual).all():
-            continue
-        hit = (away > UNUSUAL * usual) & (np.abs(after - before) < LONE * away)
-        if hit.any():
-            spikes[i] = np.flatnonzero(hit.any(axis=0))
-            samples += int(np.count_nonzero(hit.any(axis=1)))
-    if spikes:
-        axes = data.axes_among(spikes)
-        message = (
-            f"{subject(len(spikes))} single samples that jump away and come back "
-            f"({counted(samples, 'spike')} on {', '.join(axes)})"
-        )
-        yield data.finding("warning", "spikes", message, spikes, spikes=samples, axes=axes)
 
 
 # Recordings that stand apart from their own label.
@@ -319,7 +247,7 @@ def _figures(recording: Recording) -> dict[str, float]:
         described[f"mean {name}"] = float(np.sqrt(power[:, columns].sum(axis=1)).mean())
         described[f"spread of {name}"] = float(np.sqrt(variance[columns].sum()))
         changes = np.sort(np.sqrt(steps[:, columns].sum(axis=1)))
-        usual = changes[: len(changes) - len(changes) // 100]  # spikes are another check's
+        usual = changes[: len(changes) - len(changes) // 100]  # without single spikes
         described[f"roughness of {name}"] = float(usual.mean()) if len(usual) else 0.0
     return {name: float(np.log(value + _TINY)) for name, value in described.items()}
 

@@ -7,17 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from granular_id._text import counted
-from granular_id.recording.checks.measured import Measured, is_number
+from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.recording import SampleFlag, places_of
 from granular_id.recording.report import subject
 from granular_id.recording.resampling import MAX_GAP_S
 
 SLOWEST_RATE_HZ = 1.0  # below it the stamps are rather in milliseconds than in seconds
-RATE_TOLERANCE = 0.02  # a stated rate and the stamps may differ by this part: more than any clock drifts
 # Steps may spread (90 % less 10 % quantile) by this part of their median before it counts as jitter.
 JITTER_TOLERANCE = 0.5
-SPARSE = 0.5  # a recording is sparse with less than this part of the usual number of samples per second
 # Share of samples inside filled gaps from which on a reader is warned: high frequencies are lost there.
 MANY_FILLED = 0.05
 _WORDS = {
@@ -79,7 +77,7 @@ def check_sessions(data: Measured) -> Iterator[Finding]:
 
 
 def check_rates(data: Measured) -> Iterator[Finding]:
-    """Find rates that cannot be, that differ, or that the stamps do not keep."""
+    """Find rates that cannot be, or that differ."""
     recordings, paces = data.recordings, data.paces
     slow = [i for i, p in enumerate(paces) if p.median_s * SLOWEST_RATE_HZ > 1]
     if slow:
@@ -93,26 +91,6 @@ def check_rates(data: Measured) -> Iterator[Finding]:
             f"{len(rates)} different rates, {rates[0]:g} to {rates[-1]:g} Hz; {len(other)} not at {usual:g}"
         )
         yield data.finding("warning", "rates-differ", message, other, rates_hz=rates)
-    stamped = {i: p.mean_s for i, p in enumerate(paces) if not recordings[i].is_uniform and p.mean_s}
-    stated = {i: rate for i in stamped if is_number(rate := recordings[i].meta.get("rate_hz"))}
-    off = {i: part for i, rate in stated.items() if (part := abs(stamped[i] * rate - 1)) > RATE_TOLERANCE}
-    if off:
-        worst = max(off, key=lambda i: off[i])
-        message = (
-            f"{subject(len(off), 'does', 'do')} not keep the stated rate: the stamps of "
-            f"{recordings[worst].name!r} mean {1 / stamped[worst]:.4g} Hz, its meta says {stated[worst]:g}"
-        )
-        yield data.finding("warning", "rate-not-kept", message, off)
-    means = {i: 1 / mean_s for i, mean_s in stamped.items()}
-    median = float(np.median(list(means.values()))) if means else 0.0
-    sparse = [i for i, rate in means.items() if rate < SPARSE * median]
-    if sparse:
-        least = min(sparse, key=lambda i: means[i])
-        message = (
-            f"{counted(len(sparse))} with less than half as many samples per second as usual ({median:.3g}): "
-            f"{recordings[least].name!r} has {means[least]:.2g}"
-        )
-        yield data.finding("warning", "sparse", message, sparse, usual_hz=median, least_hz=means[least])
 
 
 def check_gaps(data: Measured) -> Iterator[Finding]:
