@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import lru_cache
 from typing import Any
 
@@ -56,8 +55,6 @@ class Onset:
         Axes that carry the change, the strongest first.
     strength : float
         Largest change around the onset (the largest anywhere where none was found), over the smallest that counts.
-    rest_level, rest_sd : ndarray, shape (C,)
-        Mean and standard deviation of the axes at rest; of all samples where the recording is too short.
     why : str
         Why there is no onset, in words; empty where there is one.
     """
@@ -67,8 +64,6 @@ class Onset:
     detected_s: float | None
     axes: tuple[str, ...]
     strength: float
-    rest_level: FloatArray
-    rest_sd: FloatArray
     why: str = ""
 
     def __repr__(self) -> str:
@@ -189,19 +184,17 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
     none: dict[str, Any] = {"index": None, "time_s": None, "detected_s": None, "axes": ()}
     if n_samples < needed:
         why = f"too short: {n_samples} samples, {needed} wanted ({rest} at rest and {_SPAN * window} to compare)"
-        return [Onset(**none, strength=0.0, rest_level=w.mean(0), rest_sd=w.std(0), why=why) for w in block]
+        return [Onset(**none, strength=0.0, why=why)] * len(block)
     # Powers of two, so that no bit is lost: what the units are makes no difference, and squares cannot overflow
     exponent = np.clip(np.frexp(np.maximum(block.max(axis=1), -block.min(axis=1)))[1], -1000, 1023)
     scale = np.ldexp(1.0, exponent)
     block *= np.ldexp(1.0, -exponent)[:, np.newaxis]
-    origin = block[:, :1].copy()
-    block -= origin
+    block -= block[:, :1].copy()
     noise = _rest_noise(block, rest, window)
     statistic, joint = _changes(block, noise, rest, window, rate)
     passed = joint > 1
     first = np.where(passed.any(axis=1), passed.argmax(axis=1), -1)
     began = _change_times(block, statistic, first, noise, rest, window)
-    level, sd = (noise.level + origin[:, 0]) * scale, noise.sd * scale
     onsets = []
     for i, at in enumerate(first.tolist()):
         known = {**none, "strength": float(joint[i].max())}
@@ -217,7 +210,7 @@ def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple
                 "axes": tuple(axes[c] for c in np.argsort(-own) if own[c] > 1),
                 "strength": float(joint[i, at : at + rest].max()),
             }
-        onsets.append(Onset(**known, rest_level=level[i], rest_sd=sd[i]))
+        onsets.append(Onset(**known))
     return onsets
 
 
@@ -241,7 +234,6 @@ class _RestNoise:
     """Noise at rest of n recordings of C axes."""
 
     level: FloatArray  # (n, C): mean of the samples
-    sd: FloatArray  # (n, C): their standard deviation
     shared: (
         FloatArray  # (n, C): variance of the difference of neighbouring windows, colour shared by all axes
     )
@@ -285,7 +277,7 @@ def _rest_noise(samples: FloatArray, rest: int, window: int) -> _RestNoise:
     shared = np.maximum(own, colour[:, np.newaxis] * fast)
     changes: NDArray[np.bool_] = np.any(step > 0, axis=2)
     reading = np.array([_reading(one) for one in changes])
-    return _RestNoise(level, centred.std(axis=1), shared, dof, own, own_dof, count, reading)
+    return _RestNoise(level, shared, dof, own, own_dof, count, reading)
 
 
 def _reading(changes: NDArray[np.bool_]) -> float:
@@ -557,9 +549,7 @@ def _stated_indices(
     stated: dict[int, int | None] = {}
     for name, seconds in overrule.items():
         if name not in places:
-            near = get_close_matches(str(name), [key for key in places if key], n=3, cutoff=0.5)
-            hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
-            raise argument_error(ValueError, "overrule", f": no recording is called {name!r}{hint}")
+            raise argument_error(ValueError, "overrule", f": no recording is called {name!r}")
         if len(places[name]) > 1:
             problem = f": {len(places[name])} recordings are called {name!r}; which is meant?"
             raise argument_error(ValueError, "overrule", problem)

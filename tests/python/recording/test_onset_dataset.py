@@ -84,8 +84,7 @@ def test_overruling(data):
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"overrule": {"rice_1": 0.1}}, ValueError, "no recording is called 'rice_1'; did you mean 'rice_0"),
-        ({"overrule": {"": 0.1}}, ValueError, "overrule: no recording is called ''$"),
+        ({"overrule": {"rice_1": 0.1}}, ValueError, "no recording is called 'rice_1'"),
         ({"overrule": {"rice_01": 9.0}}, ValueError, r"\['rice_01'\] is 9 s; .* lasts from 0 to 3.198 s"),
         ({"overrule": {"rice_01": -0.1}}, ValueError, r"overrule\['rice_01'\] is -0.1 s"),
         ({"overrule": {"rice_01": "0.1"}}, TypeError, r"overrule\['rice_01'\] must be a number, got '0.1'"),

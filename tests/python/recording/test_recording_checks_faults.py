@@ -18,7 +18,7 @@ def sound():
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_sound_sets_raise_no_warning(seed):
-    report = sound_set(seed).check(sensor_range="Mini45 SI-145-5")
+    report = sound_set(seed).check(sensor_range="ATI Mini45 SI-145-5")
     assert report.worst == "ok"
     assert codes(report, infos=True) == set()
 
@@ -114,9 +114,7 @@ def test_a_lower_false_alarm_rate_is_stricter(sound):
 # --- The range and the unit of the sensor
 
 
-@pytest.mark.parametrize(
-    "stated", ["ATI Mini45 SI-145-5", "si-145-5", [145, 145, 290, 5, 5, 5], {"fx": 145.0}, 145]
-)
+@pytest.mark.parametrize("stated", ["ATI Mini45 SI-145-5", [145, 145, 290, 5, 5, 5], {"fx": 145.0}, 145])
 def test_clipping_at_a_stated_range(sound, stated):
     def beyond(w, _):
         w[100:103, 0] = -145
@@ -155,11 +153,10 @@ def test_other_units_are_their_own_affair(meta):
 @pytest.mark.parametrize(
     ("stated", "error", "words"),
     [
-        ("Mini45", ValueError, "is the name of several sensors; choose from ATI Mini45 SI-145-5"),
         ("Foo", ValueError, "is no known sensor; choose from ATI Nano17"),
         ([1, 2], ValueError, "2 numbers; wanted 6: fx, fy, fz, tx, ty, tz"),
         ({"fw": 1}, ValueError, "names the axis 'fw'; there are fx"),
-        ([1, 1, 1, 1, 1, 0], ValueError, "must be positive, got tz: 0"),
+        ([1, 1, 1, 1, 1, 0], ValueError, "must be positive, got 0"),
         (float("nan"), ValueError, "must be finite"),
         (object(), TypeError, "sensor_range must be a number"),
     ],
@@ -172,8 +169,8 @@ def test_bad_ranges(sound, stated, error, words):
 
 def test_a_named_sensor_needs_its_axes():
     force = Dataset([Recording(np.ones((9, 1)), rate_hz=9, axes=("force",))])
-    with pytest.raises(ValueError, match=r"sensor_range.* has no axis 'force'"):
-        force.check(sensor_range="SI-145-5")
+    with pytest.raises(ValueError, match="sensor_range has the axes fx"):
+        force.check(sensor_range="ATI Mini45 SI-145-5")
 
 
 # --- Stamps, levels, flags

@@ -87,6 +87,21 @@ def test_what_the_samples_of_labels_have_alone(places, wrench, fields, found, wo
     assert words in by_code(report)[found].message
 
 
+def test_one_label_of_many_is_given_away():
+    rng = np.random.default_rng(2)
+    data = [
+        Recording(
+            rng.normal(size=(300 if label == "e" else int(rng.integers(350, 900)), 6)),
+            rate_hz=100,
+            label=label,
+            session=f"{k % 3}",
+        )
+        for label in "abcdefghijkl"
+        for k in range(12)
+    ]
+    assert "gives 'e' away; so does the " in by_code(Dataset(data).check())["leak-length"].message
+
+
 def test_no_rate_is_too_low_for_a_certain_leak():
     data = damaged(sound_set(), WHOLE, session=None, start_time=in_a_row)
     assert "leak-clock" in codes(data.check(false_alarm_rate=1e-6))

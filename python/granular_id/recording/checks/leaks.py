@@ -21,6 +21,7 @@ from granular_id.recording.steps import cut_from
 FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stand out from chance
 MOST = 5000  # larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer
 STRONG = 0.2  # a leak warns when it names this part of the labels that chance leaves open
+GIVEN_AWAY = 0.9  # a single label is given away when its recordings and those like them agree to this part
 N_SHUFFLES = 199
 LEAST_P = 1 / (N_SHUFFLES + 1)  # smallest p-value that so many shuffles can give: 0.005
 # A leak that another one explains is not repeated: whoever knows the session knows the clock.
@@ -55,13 +56,19 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
             "is not judged"
         )
         yield data.finding("info", "few", message)
-    labels = _numbers([data.recordings[i].label for i in places])
+    names = [data.recordings[i].label for i in places]
+    labels = _numbers(names)
     if len(places) < FEWEST or labels.max() < 1:
         return
     leaks: dict[str, list[_Leak]] = {}
-    for leak in _leaks(list(_attributes(data, places, labels, rng)), rng):
-        if leak.lift >= STRONG and leak.p <= max(data.false_alarm_rate, LEAST_P):
-            leaks.setdefault(leak.attribute.code, []).append(leak)
+    attributes = list(_attributes(data, places, labels, rng))
+    alpha = data.false_alarm_rate / max(1, len(attributes) * len(data.labels))
+    for leak in _leaks(attributes, rng):
+        is_strong = leak.lift >= STRONG and leak.p <= max(data.false_alarm_rate, LEAST_P)
+        apart = [] if is_strong else _given_away(leak.attribute, alpha)
+        if is_strong or apart:
+            shown = [str(names[labels.tolist().index(k)]) for k in apart]
+            leaks.setdefault(leak.attribute.code, []).append(leak._replace(apart=shown))
     known = set(leaks)
     if data.labels_of_one_session:  # a finding of its own
         known.add("leak-session")
@@ -70,12 +77,12 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
         if known & _EXPLAINED_BY.get(code, set()):
             continue
         members.sort(key=lambda leak: leak.lift, reverse=True)
-        worst, names = members[0], list(dict.fromkeys(leak.attribute.name for leak in members))
+        worst, also = members[0], list(dict.fromkeys(leak.attribute.name for leak in members))
         message = worst.message()
-        if len(names) > 1:
-            message += f"; so {verb(len(names) - 1, 'does', 'do')} {first_names(names[1:])}"
+        if len(also) > 1:
+            message += f"; so {verb(len(also) - 1, 'does', 'do')} {first_names(also[1:])}"
         yield data.finding(
-            "warning", code, message, attributes=names, share=worst.share, chance=worst.chance, p=worst.p
+            "warning", code, message, attributes=also, share=worst.share, chance=worst.chance, p=worst.p
         )
 
 
@@ -102,6 +109,7 @@ class _Leak(NamedTuple):
     share: float  # of the nearest have the same label, or the label's recordings the same value
     chance: float  # what that is for shuffled ones
     p: float  # how often the best of all attributes does as well with shuffled ones
+    apart: Sequence[str] = ()  # labels that are given away, though not all are
 
     @property
     def lift(self) -> float:
@@ -111,6 +119,8 @@ class _Leak(NamedTuple):
     def message(self) -> str:
         """Say in words what gives what away."""
         code, name, *_, n_values = self.attribute
+        if self.apart:
+            return f"{name} gives {first_names([repr(label) for label in self.apart])} away"
         share, chance = f"{100 * self.share:.0f} %", f"(chance {100 * self.chance:.0f} %)"
         if not n_values:
             return f"{name} alone names {share} of the labels {chance}{_WHY.get(code, '')}"
@@ -132,6 +142,21 @@ def _leaks(attributes: Sequence[_Attribute], rng: np.random.Generator) -> Iterat
     for k, attribute in enumerate(attributes):
         p = (1 + int((best >= scores[0, k]).sum())) / (N_SHUFFLES + 1)
         yield _Leak(attribute, float(shares[0, k]), float(chance[k]), p)
+
+
+def _given_away(attribute: _Attribute, alpha: float) -> list[int]:
+    """Return the labels whose recordings are nearest to each other, and to no other."""
+    if attribute.n_values:
+        return []
+    labels, sizes = attribute.target, np.bincount(attribute.target)
+    nearest = np.where(attribute.nearest < 0, len(labels), attribute.nearest)
+    named = np.append(labels, len(sizes))[nearest]
+    hits = np.bincount(labels[named == labels], minlength=len(sizes))
+    agreement = 2 * hits / (sizes + np.bincount(named, minlength=len(sizes) + 1)[:-1])
+    # neighbours are often mutual, so hits come in pairs: half of them are counted as independent
+    by_chance = ((sizes - 1) / (sizes.sum() - 1)) ** (GIVEN_AWAY * sizes / 2)
+    apart: list[int] = np.flatnonzero((agreement >= GIVEN_AWAY) & (by_chance <= alpha)).tolist()
+    return apart
 
 
 def _share(attribute: _Attribute, order: NDArray[np.intp]) -> float:

@@ -183,39 +183,25 @@ SENSOR_RANGES: dict[str, dict[str, float]] = {
 def resolve_range(value: SensorRange, axes: Sequence[str]) -> dict[str, float]:
     """Return the largest reading of each axis, as `Dataset.check` takes it."""
     if isinstance(value, str):
-        ranges = SENSOR_RANGES[_known_name(value)]
-        foreign = [axis for axis in axes if axis not in ranges]
-        if foreign:
-            problem = f"={value!r} has no axis {foreign[0]!r}; give numbers instead"
+        if value not in SENSOR_RANGES:
+            problem = (
+                f"={value!r} is no known sensor; choose from {', '.join(SENSOR_RANGES)}, or give numbers"
+            )
             raise argument_error(ValueError, "sensor_range", problem)
-        return {axis: float(ranges[axis]) for axis in axes}
-    if isinstance(value, Mapping):
-        foreign = [str(axis) for axis in value if axis not in axes]
-        if foreign:
-            problem = f"names the axis {foreign[0]!r}; there are {', '.join(axes)}"
-            raise argument_error(ValueError, "sensor_range", problem)
-        numbers = dict(value)
-    elif isinstance(value, (list, tuple, np.ndarray)):
+        known = SENSOR_RANGES[value]
+        value = {axis: known[axis] for axis in axes if axis in known}
+        if len(value) < len(axes):
+            raise argument_error(
+                ValueError, "sensor_range", f"has the axes {' '.join(known)} only; give numbers"
+            )
+    if isinstance(value, (list, tuple, np.ndarray)):
         if len(value) != len(axes):
             problem = f"has {len(value)} numbers; wanted {len(axes)}: {', '.join(axes)}"
             raise argument_error(ValueError, "sensor_range", problem)
-        numbers = dict(zip(axes, value, strict=True))
-    else:
-        numbers = dict.fromkeys(axes, finite_number("sensor_range", value))
-    checked = {axis: finite_number("sensor_range", number) for axis, number in numbers.items()}
-    wrong = next((f"{axis}: {number:g}" for axis, number in checked.items() if number <= 0), None)
-    if wrong is not None:
-        raise argument_error(ValueError, "sensor_range", f"must be positive, got {wrong}")
-    return checked
-
-
-def _known_name(name: str) -> str:
-    """Find a sensor by the words of its name: case does not matter, "ATI" or the model may be left out."""
-    wanted = name.lower().split()
-    matches = [known for known in SENSOR_RANGES if wanted and set(wanted) <= set(known.lower().split())]
-    if len(matches) == 1:
-        return matches[0]
-    which = "is the name of several sensors" if matches else "is no known sensor"
-    choice = ", ".join(matches or SENSOR_RANGES)
-    problem = f"={name!r} {which}; choose from {choice}, or give one number per axis"
-    raise argument_error(ValueError, "sensor_range", problem)
+        value = dict(zip(axes, value, strict=True))
+    numbers = value if isinstance(value, Mapping) else dict.fromkeys(axes, value)
+    foreign = [str(axis) for axis in numbers if axis not in axes]
+    if foreign:
+        problem = f"names the axis {foreign[0]!r}; there are {', '.join(axes)}"
+        raise argument_error(ValueError, "sensor_range", problem)
+    return {axis: finite_number("sensor_range", number, positive=True) for axis, number in numbers.items()}
