@@ -40,7 +40,6 @@ OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "format": "--to",
     "n_jobs": "--jobs",
     "overrule": "--onset-at",
-    "on_missing": "--on-short",
     "n_partitions": "--partitions",
     "train_per_class": "--train",
     "test_per_class": "--test",

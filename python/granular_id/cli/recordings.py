@@ -263,7 +263,6 @@ class Steps(StepOptions):
                 trigger=None if self.begin_at == "first" else "recorded",
                 lead_s=self.lead_s,
                 on_short=self.on_short,
-                on_missing=self.on_short,
             )
             yield data
         if self.window_s is not None:

@@ -282,7 +282,6 @@ class Dataset:
         trigger: Literal["recorded"] | Sequence[int] | None = None,
         lead_s: float = 0.0,
         on_short: Literal["raise", "skip"] = "raise",
-        on_missing: Literal["raise", "skip"] = "raise",
     ) -> Dataset:
         """Crop every recording to the same number of samples.
 
@@ -298,10 +297,8 @@ class Dataset:
         lead_s : float
             Seconds kept ahead of the trigger.
         on_short : {"raise", "skip"}
-            What to do with a recording that is too short: refuse, or leave it out and say so. Never padded.
-        on_missing : {"raise", "skip"}
-            What to do, with ``trigger="recorded"``, with a recording that has no trigger: refuse (naming some),
-            or leave it out and say so. :meth:`find_onsets` finds triggers, or takes yours.
+            What to do with a recording that is too short or, with ``trigger="recorded"``, has no trigger: refuse, or
+            leave it out and say so. Never padded. :meth:`find_onsets` finds triggers, or takes yours.
 
         Returns
         -------
@@ -314,7 +311,7 @@ class Dataset:
             Bad settings, no common rate (resample first), a recording too short, a missing trigger.
         """
         return self._after(
-            align_recordings(self.recordings, n_samples, duration_s, trigger, lead_s, on_short, on_missing)
+            align_recordings(self.recordings, n_samples, duration_s, trigger, lead_s, on_short)
         )
 
     def windows(

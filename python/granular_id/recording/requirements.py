@@ -112,7 +112,7 @@ class Requirements:
             start = round(lead * rate_hz)
             recordings = [replace(r, trigger_index=start) if r.n_samples <= n else r for r in data]
             marked = Dataset(recordings, data.history)
-        return marked.align(n, trigger="recorded", lead_s=lead, on_short=on_short, on_missing=on_short)
+        return marked.align(n, trigger="recorded", lead_s=lead, on_short=on_short)
 
     def starts(
         self,

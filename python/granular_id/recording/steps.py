@@ -110,14 +110,12 @@ def align_recordings(
     trigger: Literal["recorded"] | Sequence[int] | None,
     lead_s: float,
     on_short: Literal["raise", "skip"],
-    on_missing: Literal["raise", "skip"],
 ) -> tuple[list[Recording], StepReport]:
     """Crop recordings to one length; see :meth:`Dataset.align`, which calls this."""
     rate_hz = common_rate(recordings)
     checked_choice("on_short", on_short, "raise", "skip")
-    checked_choice("on_missing", on_missing, "raise", "skip")
     skipped: list[dict[str, Any]] = []
-    if isinstance(trigger, str) and on_missing == "skip":
+    if isinstance(trigger, str) and on_short == "skip":
         skipped = [
             {"name": r.name, "samples_before": r.n_samples, "skipped": "has no trigger"}
             for r in recordings
@@ -169,7 +167,6 @@ def align_recordings(
         "trigger": trigger if trigger is None or isinstance(trigger, str) else "given",
         "lead_s": lead_s,
         "on_short": on_short,
-        "on_missing": on_missing if isinstance(trigger, str) else None,
     }
     return _crop(kept, n, rate_hz), StepReport("align", parameters, totals, skipped + cropped)
 
@@ -196,7 +193,7 @@ def _starts(
             names = first_names([*map(repr, without)])
             raise ValueError(
                 f"{subject(len(without))} no trigger_index: {names}; call .find_onsets(), state it with "
-                ".find_onsets(overrule={name: seconds}), or pass on_missing='skip' to leave such recordings out"
+                ".find_onsets(overrule={name: seconds}), or pass on_short='skip' to leave such recordings out"
             )
         return [(r.trigger_index or 0) - lead for r in recordings]
     indices = [checked_index(i, "trigger") for i in np.asarray(trigger).ravel()]

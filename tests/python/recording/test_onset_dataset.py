@@ -42,9 +42,9 @@ def test_triggers_are_set_and_reported(data):
 
 def test_different_leads_are_aligned_as_in_the_paper(data):
     found = data.find_onsets()
-    with pytest.raises(ValueError, match=r"1 recording has no trigger_index: 'air_00'; .*on_missing='skip'"):
+    with pytest.raises(ValueError, match=r"1 recording has no trigger_index: 'air_00'; .*on_short='skip'"):
         found.align(800, trigger="recorded", lead_s=0.1)
-    aligned = found.align(800, trigger="recorded", lead_s=0.1, on_missing="skip")
+    aligned = found.align(800, trigger="recorded", lead_s=0.1, on_short="skip")
     assert aligned.names == ("rice_00", "rice_01", "rice_02")
     assert {r.trigger_index for r in aligned} == {50}
     skipped = {"name": "air_00", "samples_before": 900, "skipped": "has no trigger"}
@@ -56,7 +56,7 @@ def test_different_leads_are_aligned_as_in_the_paper(data):
 
 def test_align_without_any_trigger(data):
     with pytest.raises(ValueError, match=r"none of the 4 recordings has a trigger_index; call \.find_onsets"):
-        data.align(800, trigger="recorded", on_missing="skip")
+        data.align(800, trigger="recorded", on_short="skip")
 
 
 def test_recorded_triggers_are_kept_unless_replaced(data):

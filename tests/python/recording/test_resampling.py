@@ -119,6 +119,20 @@ def test_flags_trigger_and_names_carry_over():
     assert out.flags.tolist() == [0, 0, 0, 2, 2, 2, 2, 0, 0]
 
 
+def test_missing_rows_are_a_gap_that_is_filled_and_flagged(data_dir):
+    whole = load(data_dir / "cases" / "12_dropouts" / "rice" / "rows_missing_instead.csv")
+    data = whole.resample(500)
+    (recording,) = data
+    filled = np.flatnonzero(recording.flags & SampleFlag.GAP_FILLED)
+    assert filled.tolist() == list(range(filled[0], filled[0] + 4))
+    measured = np.delete(np.arange(recording.n_samples), filled)
+    np.testing.assert_allclose(recording.wrench[measured], whole[0].wrench, atol=1e-9)
+    ends = recording.wrench[[filled[0] - 1, filled[-1] + 1]]
+    np.testing.assert_allclose(
+        recording.wrench[filled], ends[0] + np.outer(np.arange(1, 5) / 5, ends[1] - ends[0])
+    )
+
+
 # A lower rate.
 
 
