@@ -98,14 +98,6 @@ def test_readings_that_no_sensor_gives_are_refused_before_they_overflow():
     assert finding.message.startswith("1 recording with readings above 1e+100")
 
 
-def test_whole_numbers_too_large_for_a_float_are_texts_like_any_other():
-    stamps = np.arange(50) / 100 + np.random.default_rng(0).uniform(0, 1e-3, 50)
-    times = {"rate_hz": None, "time_s": stamps - stamps[0]}
-    meta = [{}, {"serial": 10**400, "rate_hz": 10**400}]
-    data = [recording(50, label="ab"[i % 2], session=str(i), meta=meta[i % 2], **times) for i in range(12)]
-    assert "leak-meta" in Dataset(data).check().counts
-
-
 @pytest.mark.data
 def test_the_robot_failures_are_coarse_and_short(data_dir):
     report = load_failures(data_dir / "robot_failures", "lp1").check()
@@ -144,17 +136,6 @@ def test_it_is_a_sequence(report):
     assert bool(report)
     assert not empty
     assert str(empty) == "1 recording checked: 1 ok: nothing found that would spoil an evaluation"
-
-
-def test_the_text_is_short_and_leads_with_the_worst(report):
-    lines = str(report).splitlines()
-    assert lines[0] == "48 recordings checked: 42 ok, 5 with warnings, 1 with errors"
-    assert lines[2].split() == ["error", "no-label", "1", "recording", "has", "no", "label"]
-    assert lines[3].strip() == "[rice_02]"
-    assert lines[5].startswith("warning  stuck-axis  5 recordings with an axis that never changes (fx)")
-    assert lines[6].strip() == "[rice_10, rice_11, dry_peas_00, ...]"
-    assert max(map(len, lines)) <= 100
-    assert max(map(len, report.text(width=70).splitlines())) <= 70
 
 
 def test_it_can_be_saved_and_pickled(report, tmp_path):

@@ -218,16 +218,6 @@ def test_align_skips_short_recordings_only_when_told(mixed):
     assert aligned.history[-1].rows[0]["skipped"] == "is too short: 10 samples, 11 wanted"
 
 
-@pytest.mark.parametrize("n_samples", ["shortest", 10])
-def test_align_leaves_out_what_begins_too_late(n_samples):
-    early = recording(8, trigger_index=1, name="early")
-    data = Dataset([early, recording(20, trigger_index=10), recording(30, trigger_index=10)])
-    aligned = data.align(n_samples, trigger="recorded", lead_s=0.05, on_short="skip")
-    assert aligned.X.shape == (2, 15 if n_samples == "shortest" else 10, 6)
-    with pytest.raises(ValueError, match=r"none of the 1 recording.* has the lead before its trigger"):
-        data[:1].align(n_samples, trigger="recorded", lead_s=0.05, on_short="skip")
-
-
 @pytest.mark.parametrize(
     ("how", "message"),
     [

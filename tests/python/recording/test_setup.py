@@ -158,16 +158,6 @@ def test_a_live_trigger_and_speed_are_compared(data):
         assert nobody.differences == (by_force,)
 
 
-def test_every_view_is_told_from_the_start(data, model):
-    view = Mock(spec=["publish", "wants_snapshot"])
-    changed = with_meta(data, **{**FLANGE, "tool": "spoon"})
-    with opened(ReplaySource(changed, speed=20)) as stream:
-        LiveIdentifier(stream, model, views=view).push()
-    shown = [call.args[0].warnings for call in view.publish.call_args_list]
-    assert shown
-    assert all("tool 'spoon', in training 'cylinder'" in warnings for warnings in shown)
-
-
 def test_a_training_on_several_set_ups_knows_each(data):
     several = [{"tool": "spoon", "frame": "flange"}, {"tool": "fork", "frame": "sensor"}]
     mixed = Dataset([replace(recording, meta=several[k % 2]) for k, recording in enumerate(data)])
@@ -266,11 +256,6 @@ def test_what_some_recordings_of_a_training_lack_is_no_difference(data):
 def test_a_payload_that_is_identified_twice_is_one(now, differs):
     trained = Setup.of(COMPENSATED)
     assert bool(trained.differences(replace(trained, payload=now))) is differs
-
-
-def test_many_identifications_of_a_payload_are_one_value():
-    days = [Setup.of({**COMPENSATED, "payload": f"0.{300 + day} kg"}) for day in range(12)]
-    assert values_in(days)["payload"] == ["0.300 kg"]
 
 
 def test_a_payload_is_not_missed_where_the_driver_took_it_off():

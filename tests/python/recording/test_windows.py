@@ -200,11 +200,6 @@ def test_recordings_of_different_units_are_refused_whichever_states_none(units):
         common_units(Dataset(data))
 
 
-def test_windows_of_recordings_of_one_name_are_told_apart():
-    data = Dataset([drive(session=day) for day in ("mon", "tue")]).windows(5)
-    assert data.names == ("drive 1 @ 0 s", "drive 1 @ 5 s", "drive 2 @ 0 s", "drive 2 @ 5 s")
-
-
 def test_windows_of_other_files_of_the_same_name_share_no_samples():
     rng = np.random.default_rng(0)
     days = [Dataset([drive(wrench=rng.normal(size=(100, 3)))]).windows(5) for _ in range(2)]

@@ -104,11 +104,6 @@ def test_refused_shapes(wrench):
         transform(wrench)
 
 
-def test_a_data_set_is_refused_by_the_function_and_has_a_method():
-    with pytest.raises(TypeError, match="of recordings call this method of their Dataset"):
-        transform(Dataset([recorded()]))
-
-
 def test_a_recording_keeps_what_it_is():
     about = {"tool": "cylinder"}
     turned = Dataset([recorded(trigger_index=7, meta=about)]).transform(TURN, P, frame="flange")[0]
@@ -174,11 +169,6 @@ def test_other_units_are_refused():
     data = Dataset([recorded(meta={"units": ["N"] * 3 + ["N mm"] * 3})])
     with pytest.raises(ValueError, match="'a' has tx in N mm; wanted N m"):
         data.transform(TURN, frame="flange")
-
-
-def test_units_are_read_however_they_are_written():
-    data = Dataset([recorded(meta={"units": ["N"] * 3 + ["Nm"] * 3})])
-    assert data.transform(frame="flange").X.tobytes() == data.X.tobytes()
 
 
 def test_what_is_no_wrench_is_refused():
