@@ -541,7 +541,7 @@ class Dataset:
             Without it clipping shows only where readings stand still at their own extreme.
         false_alarm_rate : float
             Chance that a statistical check (each of: leaks, outliers, clipping, standing still) speaks up
-            in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.005 as 0.005.
+            in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.001 as 0.001.
         progress : bool or callable
             True draws a bar on a terminal; a callable is called as ``progress(done, total, what)`` after each step.
             Default: silent; a thousand recordings take two seconds.

@@ -180,7 +180,7 @@ AFTER_READING = [
         "must be NAME=SECONDS or NAME=none, got 'rice'",
     ),
     ("data plot {pushes} -o x.png --what onset --onset-at a=1 --onset-at a=2", "names 'a' twice"),
-    ("data plot {pushes} -o x.png --what onset --onset-at rice_0=1", "called 'rice_0'; did you mean"),
+    ("data plot {pushes} -o x.png --what onset --onset-at rice_0=1", "called 'rice_0'"),
 ]
 
 

@@ -22,8 +22,8 @@ FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stan
 MOST = 5000  # larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer
 STRONG = 0.2  # a leak warns when it names this part of the labels that chance leaves open
 GIVEN_AWAY = 0.9  # a single label is given away when its recordings and those like them agree to this part
-N_SHUFFLES = 199
-LEAST_P = 1 / (N_SHUFFLES + 1)  # smallest p-value that so many shuffles can give: 0.005
+N_SHUFFLES = 999
+LEAST_P = 1 / (N_SHUFFLES + 1)  # smallest p-value that so many shuffles can give: 0.001
 # A leak that another one explains is not repeated: whoever knows the session knows the clock.
 _EXPLAINED_BY = {"leak-clock": {"leak-session"}, "leak-hour": {"leak-session", "leak-clock"}}
 _WHY = {
