@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 import numpy as np
 
 from granular_id import _core
-from granular_id._columns import wrench_of
 from granular_id._core import FeatureSpec
+from granular_id.recording import wrench_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, DTypeLike, NDArray

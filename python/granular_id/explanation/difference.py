@@ -10,12 +10,11 @@ import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted, column_or_1d
 
-from granular_id._columns import samples_of
 from granular_id._estimators import real_steps
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation.columns import columns_of
 from granular_id.explanation.result import Explanation
-from granular_id.recording import Dataset, common_units, unit_of
+from granular_id.recording import Dataset, common_units, samples_of, unit_of
 from granular_id.spaces import (
     LINEAR_STEPS,
     BestClassifier,

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import argument_error, finite_number
-from granular_id._columns import samples_of
+from granular_id.recording import samples_of
 from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.model import (

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import checked_flag, checked_share
-from granular_id._columns import samples_of
+from granular_id.recording import samples_of
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence import candidate_rule, fit_temperature
 from granular_id.identifier.answers import Timeline, timeline_of

@@ -6,6 +6,11 @@ align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what w
 
 from granular_id._core import AXES
 from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding, Verdict
+from granular_id.recording.columns import (
+    column_names as column_names,
+    samples_of as samples_of,
+    wrench_of as wrench_of,
+)
 from granular_id.recording.conditions import condition_of as condition_of
 from granular_id.recording.dataset import Dataset, describe_data as describe_data
 from granular_id.recording.onset import (

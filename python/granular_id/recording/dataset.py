@@ -14,6 +14,7 @@ from granular_id._checks import FloatArray, items_of
 from granular_id._progress import ProgressCallback
 from granular_id._text import counted
 from granular_id.recording.checks import CheckReport, SensorRange
+from granular_id.recording.frames import TimeUnit, recordings_of_arrays, recordings_of_frames
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
 from granular_id.recording.payload import Payload, compensate_recordings
 from granular_id.recording.recording import Recording, common_axes, common_rate, stack
@@ -149,6 +150,140 @@ class Dataset:
         report = StepReport("concatenate", totals={"recordings": [len(d) for d in parts]})
         history = [step for d in parts for step in d.history]
         return cls([r for d in parts for r in d.recordings], (*history, report))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        X: ArrayLike | Sequence[ArrayLike],
+        y: ArrayLike | Sequence[str] | None = None,
+        rate_hz: float | None = None,
+        *,
+        sessions: ArrayLike | Sequence[str] | None = None,
+        names: Sequence[str] | None = None,
+        axes: str | Sequence[str] | None = None,
+        units: str | Sequence[str] | None = None,
+    ) -> Dataset:
+        """Make a data set of arrays.
+
+        Parameters
+        ----------
+        X : array_like, shape (n, T, C), or sequence of array_like, shape (T, C)
+            Samples: recordings, samples, axes; fx fy fz in N and tx ty tz in N m unless `axes` or `units` say
+            otherwise. Rows that are NaN in all axes are missing samples: at the end of a recording they are padding,
+            elsewhere they leave a gap.
+        y : sequence of str or numbers, length n, optional
+            Labels; None where one is unknown.
+        rate_hz : float
+            Sampling rate, Hz.
+        sessions : sequence of str or numbers, length n, optional
+            What was recorded in one go.
+        names : sequence of str, length n, optional
+            How reports call the recordings.
+        axes : str or sequence of str, optional
+            Names of the C columns; needed unless they are fx fy fz tx ty tz.
+        units : str or sequence of str, optional
+            Units of the axes: one for all, one an axis, or one for each of several runs of equal length. Forces and
+            torques are converted to N and N m; others stand in ``meta["units"]``.
+
+        Returns
+        -------
+        Dataset
+
+        Raises
+        ------
+        TypeError, ValueError
+            Naming the argument, what came and what is wanted.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from granular_id import Dataset
+        >>> data = Dataset.from_arrays(np.zeros((2, 1600, 6)), ["rice", "peas"], rate_hz=500, sessions=["a", "a"])
+        >>> data.X.shape, data.y.tolist()
+        ((2, 1600, 6), ['rice', 'peas'])
+        """
+        if rate_hz is None:
+            raise ValueError("rate_hz is missing; wanted the sampling rate in Hz, as in rate_hz=500")
+        recordings, report = recordings_of_arrays(X, y, rate_hz, sessions, names, axes, units)
+        return cls(recordings, (report,))
+
+    @classmethod
+    def from_frames(
+        cls,
+        frames: Any,
+        labels: ArrayLike | Sequence[str] | None = None,
+        *,
+        time: str | None = None,
+        axes: str | Sequence[str] | None = None,
+        id: str | None = None,  # noqa: A002 (what the column is called)
+        label: str | None = None,
+        session: str | None = None,
+        sessions: ArrayLike | Sequence[str] | None = None,
+        names: Sequence[str] | None = None,
+        units: str | Sequence[str] | None = None,
+        rate_hz: float | None = None,
+        time_unit: TimeUnit | None = None,
+    ) -> Dataset:
+        """Make a data set of tables: of pandas, polars or pyarrow, or dicts of columns.
+
+        Columns are found by the names that `granular_id.load` knows in files; what is not read is noted.
+
+        Parameters
+        ----------
+        frames : table or sequence of tables
+            One table a recording, a row a sample; or one table of many recordings, which a column tells apart.
+        labels : sequence of str or numbers, optional
+            Label of each table; of one table with a column of labels see `label`.
+        time : str, optional
+            Column of the clock, or name of the index: seconds (or `time_unit`), dates, or texts of dates. By default
+            ``time``, ``t``, ``timestamp`` ..., or an index of dates.
+        axes : str or sequence of str, optional
+            Columns that are the axes, in this order. By default fx fy fz tx ty tz, by any of their names.
+        id, label, session : str, optional
+            Columns of what tells recordings apart, and of label and session. By default ``recording``, ``trial`` or
+            ``id``; ``label``, ``material`` or ``class``; ``session``.
+        sessions, names : sequence, optional
+            Session and name of each table.
+        units : str or sequence of str, optional
+            Units of the axes where their names state none, as in `from_arrays`.
+        rate_hz : float, optional
+            Sampling rate where there is no clock, or one that stamps come in packets by.
+        time_unit : {"s", "ms", "us", "ns", "sample"}, optional
+            What stamps count; seconds by default.
+
+        Returns
+        -------
+        Dataset
+
+        Raises
+        ------
+        TypeError, ValueError
+            Naming the table, row and column.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from granular_id import Dataset
+        >>> columns = {axis: np.zeros(4) for axis in ("fx", "fy", "fz", "tx", "ty", "tz")}
+        >>> data = Dataset.from_frames([{"t": np.arange(4) / 500, **columns}], ["rice"], time="t")
+        >>> data[0]
+        Recording('recording 1', label='rice', 4 samples at 500 Hz)
+        """
+        recordings, report = recordings_of_frames(
+            frames,
+            labels,
+            time=time,
+            axes=axes,
+            id=id,
+            label=label,
+            session=session,
+            sessions=sessions,
+            names=names,
+            units=units,
+            rate_hz=rate_hz,
+            time_unit=time_unit,
+        )
+        return cls(recordings, (report,))
 
     # -- the steps that make a uniform array of it
 

@@ -23,10 +23,10 @@ from granular_id._checks import (
     locked,
     thaw,
 )
-from granular_id._columns import by_name, column_names
 from granular_id._core import AXES, SAMPLE_FLAGS, UNITS
 from granular_id._memory import stacked
 from granular_id._text import counted, fixed, verb
+from granular_id.recording.columns import by_name, column_names
 
 _Value = TypeVar("_Value")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -10,9 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._core import AXES
-
-_TIME = re.compile(r"[%#\s]*(t|time|time_?stamp|stamp|sec|secs|seconds)([\s_.(\[].*)?", re.IGNORECASE)
-"""Names of stamps, with or without a unit: time_ms, time [s]."""
+from granular_id.recording.names import TIME, axis_of, meaning_of
 
 
 def column_names(value: object, argument: str = "wrench") -> tuple[str, ...] | None:
@@ -54,7 +51,7 @@ def by_name(
     elif own.keys() == set(AXES):
         chosen = [(axis, own[axis]) for axis in AXES]
     else:
-        times = [name for name in names if _TIME.fullmatch(name)]
+        times = [name for name in names if meaning_of(name.lstrip("%# ")).what == TIME]
         beside = [name for name in names if _axis(name) not in AXES] if own.keys() >= set(AXES) else []
         if times or beside:
             left = [name for name in names if name not in times and name not in beside]
@@ -125,5 +122,5 @@ def wrench_of(value: Any) -> Any:
 
 
 def _axis(name: str) -> str:
-    small = name.strip().lower()
-    return small if small in AXES else name
+    """Return fx for Fx, force_x or wrench.force.x [N]; a name that is no such axis as it is."""
+    return axis_of(name) or name

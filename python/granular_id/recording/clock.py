@@ -1,0 +1,290 @@
+"""Clocks: what stamps of samples mean, and the rate that they have."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id._checks import FloatArray
+from granular_id._text import install
+from granular_id.recording.names import TAKEN, factor
+from granular_id.recording.resampling import (
+    MAX_GAP_S,
+    STATED_TOLERANCE,
+    largest_offset,
+    uniform_rate,
+)
+
+SINCE_1970 = 1e8
+"""Stamps above this (1973) are seconds since 1970; below, a clock of the recording's own."""
+
+NOT_SECONDS = 1e11
+"""Stamps above this (the year 5138) count milliseconds or less since 1970."""
+
+ROUND_TOLERANCE = 1e-3
+"""A rate that is nearer than this part to a round figure is that figure: clocks of computers drift apart."""
+
+_RATE_TOLERANCE = 0.01
+"""A rate that a file states and its stamps may differ by this part."""
+
+_LONGEST_STEP_S, _SHORTEST_STEP_S = 0.1, 1e-5
+"""Forces are sampled faster than ten times a second, and slower than at 100 kHz, unless somebody says otherwise."""
+
+UNIT_OUT = "pass time_unit= ('s', 'ms', 'us', 'ns', or 'sample' with a rate for an index)"
+
+_CLOCK_TEXT = re.compile(r"\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*")
+
+
+class ClockError(ValueError):
+    """Stamps that are no clock; `sample` is the first that is wrong."""
+
+    def __init__(self, problem: str, sample: int | None = None) -> None:
+        super().__init__(problem)
+        self.sample = sample
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Stamps of the samples of a recording, in seconds from the first."""
+
+    time_s: FloatArray
+    first_s: float  # what the first one is by its own clock
+    resolution_s: float  # by which rounding may have moved each
+
+
+def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz: float | None) -> Stamps:
+    """Turn the cells of a clock into seconds.
+
+    Parameters
+    ----------
+    values : ndarray of shape (T,)
+        Numbers, numpy's dates or times, or texts of such.
+    unit : str, optional
+        What the file states that they count.
+    asked : {"s", "ms", "us", "ns", "sample"}, optional
+        What the user states.
+    rate_hz : float, optional
+        A rate that is stated, needed for "sample".
+    """
+    if values.dtype.kind in "OUT":
+        values = _from_text(values)
+    if values.dtype.kind in "mM":
+        if np.isnat(values).any():
+            raise ClockError("the stamp is empty", int(np.isnat(values).argmax()))
+        ns = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
+        return Stamps((ns - ns[0]) / 1e9, float(ns[0]) / 1e9, 0.0)
+    if values.dtype.kind not in "iuf":
+        raise ClockError(f"the clock holds {values.dtype}; wanted seconds as numbers, or dates and times")
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        raise ClockError(f"the stamp is {values[bad[0]]}", int(bad[0]))
+    scale = _scale(unit, asked, rate_hz)
+    if values.dtype.kind in "iu" and scale != 1:
+        ticks = values.astype(np.int64)
+        return Stamps((ticks - ticks[0]) / scale, float(ticks[0]) / scale, 0.0)
+    stamps = np.asarray(values, np.float64)
+    stamps = stamps if scale == 1 else stamps / scale
+    if abs(stamps[0]) > NOT_SECONDS:
+        problem = f"the stamp {stamps[0]:.6g} cannot be seconds since 1970; {UNIT_OUT}"
+        raise ClockError(problem, 0)
+    time_s = stamps - stamps[0]
+    if not np.abs(time_s).max() < np.inf:
+        raise ClockError(f"the stamps span {time_s[-1]:g} s", len(stamps) - 1)
+    return Stamps(time_s, float(stamps[0]), float(np.spacing(np.abs(stamps).max())))
+
+
+def _scale(unit: str | None, asked: str | None, rate_hz: float | None) -> float:
+    """Return how many of what is counted make a second."""
+    if asked == "sample":
+        if unit is not None or rate_hz is None:
+            came = "no rate is stated" if rate_hz is None else f"the file says that its stamps are in {unit}"
+            raise ClockError(f"time_unit='sample', but {came}")
+        return rate_hz
+    scales = [None if one is None else factor(one, "s") for one in (unit, asked)]
+    if unit is not None and scales[0] is None:
+        raise ClockError(f"stamps are in {unit!r:.40}; wanted {TAKEN['s']}")
+    if None not in scales and scales[0] != scales[1]:
+        raise ClockError(f"time_unit={asked!r}, but the file says that its stamps are in {unit}")
+    scale = next((scale for scale in scales if scale is not None), 1.0)
+    return float(round(1 / scale))
+
+
+def _from_text(values: NDArray[Any]) -> NDArray[Any]:
+    """Read dates and times, or times of a day, as pandas does; those without a zone count as UTC."""
+    try:
+        pandas = import_module("pandas")
+    except ImportError as error:
+        raise ImportError(f"pandas is needed to read dates: {install('app')}") from error
+    series = pandas.Series(values)
+    empty = series.isna()
+    if empty.any():
+        raise ClockError("the stamp is empty", int(empty.to_numpy().argmax()))
+    texts = series.astype(str).str.strip()
+    if texts.str.fullmatch(_CLOCK_TEXT).all():
+        return np.asarray(pandas.to_timedelta(texts.str.replace(",", ".")).to_numpy())
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # where no one format is found, each text is read for itself
+        for how in ({"format": "ISO8601"}, {}):
+            try:
+                found = pandas.to_datetime(texts, utc=True, **how)
+            except (ValueError, TypeError, OverflowError):
+                continue
+            return np.asarray(found.dt.tz_localize(None).to_numpy())
+    numbers = pandas.to_numeric(texts, errors="coerce").isna().to_numpy()
+    first = int(numbers.argmax()) if numbers.any() else 0
+    raise ClockError(f"the stamp {str(values[first])[:40]!r} is no number and no date", first)
+
+
+def has_date(values: NDArray[Any]) -> bool:
+    """Return True if stamps say in which year they were taken: numpy's dates, or texts that begin with one."""
+    if values.dtype.kind == "M":
+        return True
+    return values.dtype.kind in "OUT" and bool(re.match(r"\s*\d{4}-\d{2}-\d{2}", str(values[0])))
+
+
+@dataclass(frozen=True)
+class Order:
+    """Rows of samples as they are kept: which, those that were moved, and how many were merged into others."""
+
+    rows: NDArray[np.intp]
+    touched: NDArray[np.bool_]
+    n_moved: int = 0
+    n_merged: int = 0
+
+
+def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, repair: bool) -> Order:
+    """Refuse stamps that run back or come in packets; merge rows that are there twice.
+
+    With a rate that is stated, several rows may have one stamp; with `repair` samples are sorted.
+    """
+    rows = np.arange(len(time_s))
+    touched = np.zeros(len(rows), bool)
+    late = time_s < np.maximum.accumulate(time_s)
+    if late.any():
+        if not repair:
+            first = int(late.argmax())
+            what = (
+                f"time runs back from {time_s[first - 1]:.9g} to {time_s[first]:.9g} s after the first sample"
+            )
+            several = (
+                "; several recordings must be told apart: a file each, or id= with the column that does"
+                if time_s[first] <= 0
+                else ""
+            )
+            raise ClockError(f"{what}{several}; on_time_error='repair' sorts samples", first)
+        rows = np.argsort(time_s, kind="stable")
+        touched = late[rows]
+    n_moved = int(touched.sum())
+    if rate_stated:
+        return Order(rows, touched, n_moved)
+    stamps, values = time_s[rows], wrench[rows]
+    again = np.concatenate([[False], (stamps[1:] == stamps[:-1]) & (values[1:] == values[:-1]).all(axis=1)])
+    merged_into = np.concatenate([again[1:], [False]])
+    touched |= merged_into
+    rows, touched, stamps = rows[~again], touched[~again], stamps[~again]
+    repeated = np.flatnonzero(stamps[1:] == stamps[:-1])
+    if len(repeated):
+        first = int(rows[repeated[0] + 1])
+        most = int(np.unique(stamps, return_counts=True)[1].max())
+        rate = ""
+        if stamps[-1] > 0:
+            rate = f" ({(len(stamps) - 1) / float(stamps[-1]):.4g} Hz by the stamps)"
+        raise ClockError(
+            f"up to {most} different rows have one stamp: readings came in packets, and are not averaged; state "
+            f"the rate at which they were taken, rate_hz={rate}, and the clock is ignored",
+            first,
+        )
+    return Order(rows, touched, n_moved, int(again.sum()))
+
+
+def refuse_unlikely(stamps: Stamps) -> None:
+    """Refuse stamps that are most likely no seconds; for those of which nobody states a unit or a rate."""
+    if len(stamps.time_s) < 2:
+        return
+    with np.errstate(over="ignore"):
+        steps = np.diff(stamps.time_s)
+    slow, fast = float(np.median(steps)), float(steps.mean())  # neither pauses nor bursts of messages count
+    step = slow if slow >= _LONGEST_STEP_S else fast if fast <= _SHORTEST_STEP_S else None
+    if step is None:
+        return
+    guess = "milliseconds, microseconds, nanoseconds or an index" if step > 1e-3 else "minutes or days"
+    raise ClockError(
+        f"stamps lie {step:g} apart: that would be {1 / step:.3g} Hz; most likely they count {guess}: {UNIT_OUT}"
+    )
+
+
+def rate_of(
+    stamps: Stamps, stated_hz: float | None, file_hz: float | None
+) -> tuple[float | None, str | None]:
+    """Return the rate of a recording, or None where its stamps must be kept; and what there is to remark.
+
+    `stated_hz` is what the user states: it wins over stamps that come in packets, and is refused where they say another
+    rate, or pauses. `file_hz` is what the file states, which its stamps must confirm.
+    """
+    time_s = stamps.time_s
+    if file_hz is not None:
+        _refuse_other_rate(time_s, file_hz)
+    if stated_hz is not None:
+        if len(time_s) < 2 or largest_offset(time_s, stated_hz) <= STATED_TOLERANCE / stated_hz:
+            return stated_hz, None
+        _refuse_contradiction(time_s, stated_hz)
+        mean = (
+            ""
+            if time_s[-1] <= 0
+            else f", by the stamps {(len(time_s) - 1) / float(time_s[-1]):.4g} Hz on average"
+        )
+        return stated_hz, f"the clock was ignored: {stated_hz:g} Hz is stated{mean}"
+    if file_hz is not None and largest_offset(time_s, file_hz) <= STATED_TOLERANCE / file_hz:
+        return file_hz, None
+    rate = uniform_rate(time_s, resolution_s=stamps.resolution_s)
+    return (None if rate is None else round_rate(rate)), None
+
+
+def round_rate(rate_hz: float) -> float:
+    """Return the round figure that a rate is meant to be, if one is near: at most two digits, or 125, 375, 625, 875."""
+    power = 10.0 ** (math.floor(math.log10(rate_hz)) - 1)
+    for step in (power, 1.25 * power):
+        near = float(f"{round(rate_hz / step) * step:.6g}")
+        if abs(rate_hz / near - 1) <= ROUND_TOLERANCE:
+            return near
+    return rate_hz
+
+
+def _refuse_other_rate(time_s: FloatArray, rate_hz: float) -> None:
+    """Refuse a rate of the file's own that its stamps contradict; either may have pauses or jitter."""
+    if len(time_s) < 2 or time_s[-1] <= 0:
+        return
+    with np.errstate(over="ignore", divide="ignore"):
+        steps = np.diff(time_s)
+        measured = [1 / step for step in (steps.mean(), np.median(steps))]
+    if all(abs(rate - rate_hz) > _RATE_TOLERANCE * rate_hz for rate in measured):
+        problem = f"the file states {rate_hz:g} Hz, but its stamps {measured[0]:.6g} Hz"
+        raise ClockError(f"{problem}; save the one that is true, or {UNIT_OUT} if they are no seconds")
+
+
+def _refuse_contradiction(time_s: FloatArray, rate_hz: float) -> None:
+    """Refuse a stated rate where stamps have pauses, or say another rate even allowing for packets."""
+    steps = np.diff(time_s)
+    steps = steps[steps > 0]
+    if not len(steps):
+        return
+    longest, usual = float(steps.max()), float(np.median(steps))
+    if longest > max(MAX_GAP_S, 2 * usual):
+        raise ClockError(
+            f"{rate_hz:g} Hz is stated, but the stamps have a pause of {longest:.3g} s, which that rate would close; "
+            f"leave the rate out and cut there: .split(gap_s={max(MAX_GAP_S, longest / 2):.2g})"
+        )
+    offset = largest_offset(time_s, rate_hz)
+    if offset > 2 * longest + 0.02 * float(time_s[-1]) + STATED_TOLERANCE / rate_hz:
+        mean = (len(time_s) - 1) / float(time_s[-1])
+        raise ClockError(
+            f"{rate_hz:g} Hz is stated, but the stamps say {mean:.4g} Hz; leave the rate out to use the stamps, then "
+            f"call .resample(rate_hz), or {UNIT_OUT} if they are no seconds"
+        )

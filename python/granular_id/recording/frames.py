@@ -1,0 +1,263 @@
+"""Data sets of what is in memory: arrays, and tables with named columns of pandas, polars or pyarrow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id._checks import argument_error, as_floats, checked_text, finite_number
+from granular_id._core import AXES
+from granular_id._text import counted
+from granular_id.recording.columns import column_names
+from granular_id.recording.names import unit_spelling
+from granular_id.recording.recording import Recording, checked_axes
+from granular_id.recording.report import StepReport
+from granular_id.recording.table import Stated, Table, TableError, units_by_axis
+from granular_id.recording.to_recordings import Made, to_recordings
+
+_ARRAYS = "(n, T, C): recordings, samples, axes; or a list of arrays (T, C)"
+
+
+def recordings_of_arrays(
+    X: Any,
+    y: Any,
+    rate_hz: float,
+    sessions: Any,
+    names: Any,
+    axes: str | Sequence[str] | None,
+    units: str | Sequence[str] | None,
+) -> tuple[list[Recording], StepReport]:
+    """Make the recordings of arrays; see :meth:`Dataset.from_arrays`, which calls this."""
+    rate = finite_number("rate_hz", rate_hz, positive=True)
+    arrays = _arrays(X)
+    n = len(arrays)
+    labels, days, called = (
+        _texts(given, what, n) for given, what in ((y, "y"), (sessions, "sessions"), (names, "names"))
+    )
+    known = names_in("axes", axes)
+    n_axes = arrays[0].shape[1]
+    if known is None and n_axes != len(AXES):
+        problem = f"names none, and X[0] has the shape {arrays[0].shape}; wanted a name for each column"
+        raise argument_error(ValueError, "axes", f"{problem}, or X of shape {_ARRAYS}")
+    columns = checked_axes(known, arrays[0].shape)
+    stated = Stated(axes=columns, units=names_in("units", units, empty=True))
+    units_by_axis(columns, stated.units)
+    tables = [
+        Table(
+            name=called[i] or f"recording {i + 1}",
+            values=array,
+            axes=columns,
+            rate_hz=rate,
+            label=labels[i],
+            session=days[i],
+        )
+        for i, array in enumerate(arrays)
+    ]
+    made = _made(tables, stated, "X")
+    parameters = {"of": "arrays", "rate_hz": rate}
+    return made.recordings, _report("from_arrays", parameters, made)
+
+
+def recordings_of_frames(
+    frames: Any,
+    labels: Any,
+    *,
+    time: str | None,
+    axes: str | Sequence[str] | None,
+    id: str | None,  # noqa: A002 (the name of the argument)
+    label: str | None,
+    session: str | None,
+    sessions: Any,
+    names: Any,
+    units: str | Sequence[str] | None,
+    rate_hz: float | None,
+    time_unit: str | None,
+) -> tuple[list[Recording], StepReport]:
+    """Make the recordings of tables; see :meth:`Dataset.from_frames`, which calls this."""
+    one = column_names(frames, "frames") is not None or isinstance(frames, Mapping)
+    every = [frames] if one else _listed(frames, "frames", "a table, or a list of tables")
+    n = len(every)
+    known, days, called = (
+        _texts(given, what, n)
+        for given, what in ((labels, "labels"), (sessions, "sessions"), (names, "names"))
+    )
+    for what, value in (("time", time), ("id", id), ("label", label), ("session", session)):
+        if value is not None:
+            checked_text(value, what)
+    if label is not None and labels is not None:
+        raise argument_error(
+            ValueError, "label", "names a column, and labels are given too; wanted one of them"
+        )
+    stated = Stated(
+        rate_hz=None if rate_hz is None else finite_number("rate_hz", rate_hz, positive=True),
+        time_unit=checked_time_unit(time_unit),
+        axes=names_in("axes", axes),
+        units=names_in("units", units, empty=True),
+        time=time,
+        id=id,
+        label_from=None if label is None else f"column:{label}",
+        session_from=None if session is None else f"column:{session}",
+    )
+    tables = [
+        Table(
+            name=called[i] or ("frames" if one else f"recording {i + 1}"),
+            columns=columns_in(frame, "frames" if one else f"frames[{i}]"),
+            label=known[i],
+            session=days[i],
+        )
+        for i, frame in enumerate(every)
+    ]
+    made = _made(tables, stated, "frames")
+    parameters = {
+        "of": "frames",
+        "time": time,
+        "axes": stated.axes,
+        "id": id,
+        "label": label,
+        "session": session,
+    }
+    return made.recordings, _report("from_frames", parameters, made)
+
+
+def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:
+    """Return the columns of a table by name; the index of pandas comes first where it is a clock or has a name."""
+    names = tuple(frame) if isinstance(frame, Mapping) else column_names(frame, argument)
+    if names is None:
+        raise argument_error(
+            TypeError, argument, f"is {type(frame).__name__}; wanted a table with named columns"
+        )
+    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if twice is not None:
+        raise argument_error(ValueError, argument, f"has two columns {twice!r}")
+    columns: dict[str, NDArray[Any]] = {}
+    index = getattr(frame, "index", None)
+    kind = getattr(getattr(index, "dtype", None), "kind", "")
+    if kind and not callable(index):
+        name = getattr(index, "name", None)
+        if kind in "mM" or isinstance(name, str):
+            columns[name if isinstance(name, str) else "time"] = _plain(index)
+    for name in names:
+        columns[name] = _plain(frame[name])
+    return columns
+
+
+def _plain(column: Any) -> NDArray[Any]:
+    """Return a column as an array; dates with a zone as those of UTC."""
+    dtype = getattr(column, "dtype", None)
+    if getattr(dtype, "tz", None) is not None:
+        return np.asarray(column.to_numpy(dtype="datetime64[ns]"))
+    values = column.to_numpy() if hasattr(column, "to_numpy") else np.asarray(column)
+    return np.asarray(values)
+
+
+def names_in(argument: str, value: object, *, empty: bool = False) -> tuple[str, ...] | None:
+    """Return names that come as a sequence, or as one text with commas between them."""
+    if value is None:
+        return None
+    if isinstance(value, str):
+        value = [name.strip() for name in value.split(",")]
+    if not isinstance(value, Iterable):
+        raise argument_error(TypeError, argument, f"must be texts, got {type(value).__name__}")
+    found = tuple(
+        checked_text(name, f"{argument}[{i}]", empty=empty, spaced=False) for i, name in enumerate(value)
+    )
+    if not found:
+        raise argument_error(ValueError, argument, "is empty; leave it out, or give names like 'wx,wy,wz'")
+    if not empty and len(set(found)) < len(found):
+        raise argument_error(ValueError, argument, f"={','.join(found)!r} names one twice")
+    return tuple(unit_spelling(unit) for unit in found) if argument == "units" else found
+
+
+TimeUnit = Literal["s", "ms", "us", "ns", "sample"]
+
+
+def checked_time_unit(value: object) -> str | None:
+    """Return what stamps count, or refuse what is none of the units known."""
+    if value not in (None, "s", "ms", "us", "ns", "sample"):
+        raise argument_error(
+            ValueError, "time_unit", f"={value!r}; wanted one of 's', 'ms', 'us', 'ns', 'sample'"
+        )
+    return None if value is None else str(value)
+
+
+def _arrays(X: Any) -> list[NDArray[np.float64]]:
+    """Return one read-only array (T, C) a recording."""
+    if isinstance(X, np.ndarray) and X.dtype != object:
+        block = as_floats(X, "X", f"a real array of shape {_ARRAYS}")
+        if block.ndim != 3 or not block.size:
+            raise argument_error(ValueError, "X", f"has shape {X.shape}; wanted {_ARRAYS}")
+        block = block.copy() if block.flags.writeable else block
+        block.flags.writeable = False
+        return list(block)
+    found = [
+        as_floats(one, f"X[{i}]", "a real array of shape (T, C)")
+        for i, one in enumerate(_listed(X, "X", _ARRAYS))
+    ]
+    for i, one in enumerate(found):
+        if one.ndim != 2 or not one.size or one.shape[1] != found[0].shape[-1]:
+            others = "" if i == 0 else f", and X[0] {found[0].shape}"
+            raise argument_error(ValueError, "X", f"[{i}] has shape {one.shape}{others}; wanted {_ARRAYS}")
+    return found
+
+
+def _listed(value: Any, argument: str, wanted: str) -> list[Any]:
+    if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable):
+        raise argument_error(TypeError, argument, f"is {type(value).__name__}; wanted {wanted}")
+    every = list(value)
+    if not every:
+        raise argument_error(ValueError, argument, f"is empty; wanted {wanted}")
+    return every
+
+
+def _texts(values: Any, argument: str, n: int) -> list[str | None]:
+    """Return a text for each of n recordings: of texts, numbers or None."""
+    if values is None:
+        return [None] * n
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        values = [values]
+    every = [value.item() if isinstance(value, np.generic) else value for value in values]
+    if len(every) != n:
+        raise argument_error(ValueError, argument, f"has {len(every)} values for {counted(n)}")
+    found: list[str | None] = []
+    for i, value in enumerate(every):
+        if value is None or value != value:  # noqa: PLR0124 (NaN)
+            found.append(None)
+        elif isinstance(value, (str, int, float)) and not isinstance(value, bool):
+            whole = isinstance(value, float) and value.is_integer()
+            found.append(checked_text(str(int(value) if whole else value), f"{argument}[{i}]", spaced=False))
+        else:
+            raise argument_error(
+                TypeError, argument, f"[{i}] is a {type(value).__name__}; wanted a text or number"
+            )
+    return found
+
+
+def _made(tables: Sequence[Table], stated: Stated, argument: str) -> Made:
+    made = Made([])
+    for i, table in enumerate(tables):
+        try:
+            part = to_recordings(table, stated)
+        except TableError as error:
+            where = [f"[{i}]"] if len(tables) > 1 else []
+            where += [] if error.row is None else [f"row {error.row}"]
+            where += [] if error.column is None else [f"column {error.column!r}"]
+            place = f"{argument}{where.pop(0)}" if where[:1] == [f"[{i}]"] else argument
+            raise ValueError(f"{', '.join([place, *where])}: {error.problem}") from error
+        made.recordings += part.recordings
+        made.rows += part.rows
+        made.notes += [note for note in part.notes if note not in made.notes]
+    return made
+
+
+def _report(step: str, parameters: Mapping[str, Any], made: Made) -> StepReport:
+    totals = {
+        "recordings": len(made.recordings),
+        "uniform": sum(r.is_uniform for r in made.recordings),
+        "irregular": sum(not r.is_uniform for r in made.recordings),
+        "left_out_samples": sum(row.get("left_out", 0) for row in made.rows),
+        "merged_samples": sum(row.get("merged", 0) for row in made.rows),
+    }
+    return StepReport(step, parameters, totals, made.rows, made.notes)

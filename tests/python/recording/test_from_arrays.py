@@ -1,0 +1,223 @@
+"""Data sets of arrays and of tables in memory, and what `to_recordings` settles for every way in."""
+
+import datetime
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from granular_id import Dataset, Recording, SampleFlag
+from granular_id.recording import AXES
+
+RNG = np.random.default_rng(0)
+X = RNG.normal(size=(4, 50, 6))
+Y = ["rice", "peas", "rice", "peas"]
+T = np.arange(50) / 500
+
+
+def frame(values=X[0], names=AXES, **columns):
+    return pd.DataFrame(values, columns=list(names)).assign(**columns)
+
+
+def test_from_arrays_shares_one_block_and_keeps_every_bit():
+    data = Dataset.from_arrays(X, Y, 500, sessions=[1, 1, 2.0, None], names=list("abcd"))
+    assert data == Dataset(
+        [
+            Recording(x, rate_hz=500, label=y, session=s, name=n)
+            for x, y, s, n in zip(X, Y, ["1", "1", "2", None], "abcd", strict=True)
+        ]
+    )
+    assert np.shares_memory(data.X, data[0].wrench)
+    assert X.flags.writeable
+    assert data.history[-1].totals["uniform"] == 4
+
+
+def test_from_arrays_takes_lists_units_and_other_axes():
+    ragged = Dataset.from_arrays([X[0], X[1, :30]], [3, 3.0], rate_hz=100)
+    assert ([r.n_samples for r in ragged], ragged.y.tolist()) == ([50, 30], ["3", "3"])
+    scaled = Dataset.from_arrays(X, rate_hz=500, units="N,mN m")
+    assert np.array_equal(scaled.X, X * [1, 1, 1, 1e-3, 1e-3, 1e-3])
+    imu = Dataset.from_arrays(X, rate_hz=500, axes="wx,wy,wz,ax,ay,az", units=["rad/s", "m/s^2"])
+    assert (imu.axes[0], imu[0].meta["units"]["ax"]) == ("wx", "m/s2")
+
+
+def test_from_arrays_empty_rows_are_padding_or_a_gap():
+    padded = X.copy()
+    padded[0, 40:] = padded[1, 20:23] = np.nan
+    first, second, *_ = Dataset.from_arrays(padded, Y, 500)
+    assert (first.rate_hz, first.n_samples) == (500, 40)
+    assert (second.rate_hz, second.n_samples) == (None, 47)
+    assert np.array_equal(second.time_s, np.delete(T, [20, 21, 22]))
+    filled = Dataset([second]).resample(500)
+    assert np.flatnonzero(filled[0].flags).tolist() == [20, 21, 22]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"X": X[0]}, "X has shape"),
+        ({"X": [X[0], X[1][:, :5]]}, r"X\[1\] has shape"),
+        ({"X": []}, "X is empty"),
+        ({"X": "rice"}, "X is str"),
+        ({"X": X.astype(str)}, "X has dtype"),
+        ({"X": X[:, :, :4]}, "axes names none"),
+        ({"y": Y[:3]}, "y has 3 values for 4 recordings"),
+        ({"sessions": [1, 2, 3, [4]]}, r"sessions\[3\]"),
+        ({"rate_hz": None}, "rate_hz is missing"),
+        ({"rate_hz": -1}, "rate_hz must be positive"),
+        ({"axes": "fx,fy"}, "axes has 2 names"),
+        ({"units": "N,N m,N,N"}, "units has 4 for 6"),
+        ({"units": "lb"}, r"X\[0\], column 'fx': its unit is 'lb'"),
+        (
+            {"X": np.where(np.arange(1200).reshape(4, 50, 6) == 700, np.inf, X)},
+            r"X\[2\], row 16, column 'ty': is inf",
+        ),
+        ({"X": np.where(np.arange(1200).reshape(4, 50, 6) == 700, np.nan, X)}, "empty or NaN, where others"),
+        ({"X": np.full_like(X, np.nan)}, "holds no samples"),
+    ],
+)
+def test_from_arrays_bad_argument_is_refused_by_name(arguments, named):
+    with pytest.raises((ValueError, TypeError), match=named):
+        Dataset.from_arrays(**{"X": X, "y": Y, "rate_hz": 500, **arguments})
+
+
+class Polars:
+    """As a polars DataFrame shows itself."""
+
+    def __init__(self, table):
+        self._table, self.columns = table, list(table.columns)
+
+    def __getitem__(self, name):
+        return self._table[name].to_list()
+
+
+TABLES = pytest.mark.parametrize(
+    "table", [lambda f: f, Polars, pa.table, dict], ids=["pandas", "polars", "arrow", "dict"]
+)
+
+
+@TABLES
+def test_from_frames_one_table_a_recording(table):
+    tables = [table(frame(x, t=T, temperature=20.0)) for x in X]
+    data = Dataset.from_frames(tables, Y, sessions=[1, 1, 2, 2])
+    assert np.array_equal(data.X, X)
+    assert (data.y.tolist(), data.rate_hz, data.sessions.tolist()) == (Y, 500, ["1", "1", "2", "2"])
+    assert any("'temperature'" in note for note in data.history[-1].notes)
+
+
+@TABLES
+def test_from_frames_one_table_of_many_recordings(table):
+    parts = [frame(x, t=T, trial=i // 2, material=Y[i], day=f"d{i % 2}") for i, x in enumerate(X)]
+    data = Dataset.from_frames(table(pd.concat(parts, ignore_index=True)), session="day")
+    assert (data.y.tolist(), data.sessions.tolist()) == (Y, ["d0", "d1", "d0", "d1"])
+    assert np.array_equal(data.X, X)
+    assert data.names == (
+        "frames[0] (rice, d0)",
+        "frames[0] (peas, d1)",
+        "frames[1] (rice, d0)",
+        "frames[1] (peas, d1)",
+    )
+
+
+ISO = pd.Timestamp("2025-03-04 21:46:21.88") + pd.to_timedelta(np.arange(50) * 2, unit="ms")
+START = 1741124781.88
+EVEN = 500.0
+
+
+@pytest.mark.parametrize(
+    ("clock", "keywords", "start_time"),
+    [
+        ({"t": T}, {}, None),
+        ({"time [ms]": T * 1000}, {}, None),
+        ({"tick": np.arange(50) * 2}, {"time": "tick", "time_unit": "ms"}, None),
+        ({"time": np.arange(50)}, {"time_unit": "sample", "rate_hz": 500}, None),
+        ({"stamp": T + 1.7e9}, {}, 1.7e9),
+        ({"time": ISO}, {}, START),
+        ({"time": ISO.tz_localize("UTC").tz_convert("Europe/Helsinki")}, {}, START),
+        ({"time": [str(stamp) for stamp in ISO]}, {}, START),
+        ({"Timestamp": [str(stamp)[11:] for stamp in ISO]}, {}, None),
+        ({"time": [stamp.strftime("%b %d, %Y %I:%M:%S.%f %p") for stamp in ISO]}, {}, None),
+        ({"time": [stamp.to_pydatetime() for stamp in ISO]}, {}, START),
+        ({"secs": np.full(50, 1_700_000_000), "nsecs": np.arange(50) * 2_000_000}, {}, 1.7e9),
+        ({}, {"rate_hz": 500}, None),
+        ({"time": T, "timestamp": T * 2}, {}, None),
+        ({"fs": np.full(50, 500)}, {}, None),
+        ({"time": np.arange(50) / 500.02}, {}, None),
+    ],
+)
+def test_from_frames_clock_is_read(clock, keywords, start_time):
+    data = Dataset.from_frames(frame(**clock), ["rice"], **keywords)
+    assert (data.rate_hz, data[0].start_time) == (EVEN, start_time)
+    assert np.array_equal(data[0].wrench, X[0])
+
+
+def test_from_frames_index_of_dates_is_the_clock():
+    data = Dataset.from_frames(frame().set_index(ISO), ["rice"])
+    assert (data.rate_hz, data[0].start_time) == (500, START)
+    named = frame().set_index(pd.Index(T, name="seconds"))
+    assert Dataset.from_frames(named, ["rice"]).rate_hz == 500
+
+
+def test_packets_need_a_stated_rate_and_are_never_averaged():
+    packets = np.repeat(np.arange(0, 50, 2) / 500, 2)
+    with pytest.raises(ValueError, match=r"packets.*rate_hz= \(5.* Hz by the stamps\)"):
+        Dataset.from_frames(frame(time=packets), ["rice"])
+    data = Dataset.from_frames(frame(time=packets), ["rice"], rate_hz=500)
+    assert np.array_equal(data[0].wrench, X[0])
+    assert "clock was ignored" in data.history[-1].rows[0]["remark"]
+    with pytest.raises(ValueError, match="100 Hz is stated, but the stamps say"):
+        Dataset.from_frames(frame(time=packets), ["rice"], rate_hz=100)
+
+
+def test_identical_rows_with_one_stamp_are_merged():
+    twice = pd.concat([frame(time=T)] * 2).sort_values("time", kind="stable")
+    data = Dataset.from_frames(twice, ["rice"])
+    assert np.array_equal(data[0].wrench, X[0])
+    assert (data.rate_hz, data.history[-1].totals["merged_samples"]) == (500, 50)
+    assert set(data[0].flags) == {SampleFlag.TIME_REPAIRED}
+
+
+def test_a_rate_is_not_stated_over_a_pause():
+    paused = np.where(np.arange(50) < 25, T, T + 3)
+    data = Dataset.from_frames(frame(time=paused), ["rice"])
+    assert np.array_equal(data[0].time_s, paused)
+    with pytest.raises(ValueError, match=r"a pause of 3 s.*\.split\(gap_s=1\.5\)"):
+        Dataset.from_frames(frame(time=paused), ["rice"], rate_hz=500)
+
+
+@pytest.mark.parametrize(
+    ("given", "keywords", "named"),
+    [
+        (frame(names=["a", *AXES[1:]]), {"rate_hz": 1}, "column 'fx' is missing"),
+        (frame(names=list("abcdef")), {"rate_hz": 1}, "names none of fx"),
+        (frame(), {}, "has no time and no rate"),
+        (frame(time=T), {"time": "clock"}, "time='clock' is no column"),
+        (frame(time=T), {"axes": "fx,gyro"}, "axes names 'gyro'"),
+        (frame(time=T[::-1]), {}, "time runs back"),
+        (frame(time=T * 500), {}, "stamps lie 1 apart"),
+        (frame(time=T * 250), {}, "stamps lie 0.5 apart"),
+        (frame(time=["x"] * 50), {}, "no number and no date"),
+        (frame(time=T, material=["a"] * 25 + ["b"] * 25), {}, "2 values in one recording.*id='material'"),
+        (frame(time=T, id=["a"] * 49 + [None]), {}, "row 49, column 'id': the cell is empty"),
+        (frame(time=T).assign(fx=["1,5"] * 50), {}, "'1,5' is no number; a decimal comma"),
+        (frame(time=T).assign(fx=[[1.0]] * 50), {}, "holds lists.*explode"),
+        (frame(time=T).rename(columns={"fx": "fx [lb]"}), {}, "the unit of column 'fx \\[lb\\]' is 'lb'"),
+        (frame(time=T).rename(columns={"fx": "fx_mN"}), {}, "states a unit and column 'fy' none"),
+        (frame(time=T, force_x=1.0).rename(columns={"fx": "F_x"}), {}, "may both be 'fx'"),
+        (frame(time=T), {"label": "material"}, "label='material' is no column"),
+        (pd.DataFrame(X[0]), {"rate_hz": 1}, "frames is DataFrame|must be|wanted"),
+    ],
+)
+def test_from_frames_bad_table_is_refused_by_place(given, keywords, named):
+    with pytest.raises((ValueError, TypeError), match=named):
+        Dataset.from_frames(given, **keywords)
+
+
+def test_columns_that_are_not_of_a_recording_are_left_out():
+    """Names that only look like axes with a unit, flags of others, numbers of rows."""
+    given = frame(time=T, fz_min=0.0, flags=1, id=np.arange(50), datum=datetime.date(2025, 1, 1))
+    data = Dataset.from_frames(given, ["rice"])
+    assert np.array_equal(data[0].wrench, X[0])
+    assert data[0].flags is None
+    assert "'fz_min', 'flags', 'id', 'datum'" in " ".join(data.history[-1].notes)
