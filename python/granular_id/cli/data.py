@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 from rich.console import Console
@@ -41,9 +43,41 @@ class Target:
         save(data, self.output, self.to, progress=True)
 
 
+@dataclass(kw_only=True)
+class TableReading(Reading):
+    """Recordings to read, with what only text tables need."""
+
+    csv: list[str] | None = option(
+        PANEL,
+        "An option of pandas.read_csv for text tables: skiprows=7, decimal=, or encoding=cp1252. Repeatable.",
+    )
+    id: str | None = option(
+        PANEL, "Column that tells recordings of a table apart. Default: recording, trial or id."
+    )
+    time: str | None = option(PANEL, "Column of a table that is the clock. Default: time, t, timestamp ...")
+
+    def _of_load(self, axes: Sequence[str] | None = None) -> dict[str, Any]:
+        given = {"csv": _csv_in(self.csv or []) or None, "id": self.id, "time": self.time}
+        return {**super()._of_load(axes), **given}
+
+
+def _csv_in(texts: Sequence[str]) -> dict[str, Any]:
+    """Read ``--csv KEY=VALUE``: values are those of Python where they look so, else texts."""
+    options: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.isidentifier():
+            raise ValueError(f"--csv must be KEY=VALUE, an option of pandas.read_csv, got {text!r}")
+        try:
+            options[key] = ast.literal_eval(value)
+        except (ValueError, SyntaxError):
+            options[key] = value
+    return options
+
+
 @command
 def info(
-    reading: Reading,
+    reading: TableReading,
     steps: Steps,
     *,
     json: Path | None = option(OUTPUT, "Write the summary and all steps."),
@@ -83,7 +117,7 @@ def info(
 
 @command
 def check(
-    reading: Reading,
+    reading: TableReading,
     steps: Steps,
     *,
     sensor_range: str | None = option(SENSOR, "Largest values of axes, or a name: 'ATI Mini45 SI-145-5'."),
@@ -138,7 +172,7 @@ def _range_of(text: str | None) -> str | float | list[float] | None:
 
 @command
 def plot(
-    reading: Reading,
+    reading: TableReading,
     steps: Steps,
     *,
     output: Path = option(
@@ -188,7 +222,7 @@ def plot(
 
 @command
 def convert(
-    reading: Reading,
+    reading: TableReading,
     steps: Steps,
     wrench: WrenchSteps,
     target: Target,
@@ -224,7 +258,7 @@ def convert(
     data = steps.taken(wrench.taken(data))
     target.save(data)
     try:
-        equal = not verify or load(target.output, max_file_bytes=2**40, progress=True) == data
+        equal = not verify or load(target.output, progress=True) == data
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"Interrupted: {target.output} is written, but was not read back and compared."

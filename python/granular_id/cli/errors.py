@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import os
 import re
 import shlex
@@ -30,7 +29,7 @@ FOUND_ERRORS = 3
 P = ParamSpec("P")
 
 _SAME = (
-    "array axes begin_at bin_range block_weights C cutoff_hz direction dtype duration_s "
+    "array axes begin_at id time bin_range block_weights C cutoff_hz direction dtype duration_s "
     "false_alarm_rate hop_s initial label lead_s max_force_n max_gap max_gap_s max_torque_n_m n_bins "
     "n_samples on_error on_gap on_short on_time_error order pre_s rate_hz rest_s robot "
     "scheduler sensor_range session space spaces speed_m_s tare_s target_error threads threshold_n time_unit "
@@ -165,8 +164,9 @@ def _axes_listed(listed: re.Match[str]) -> str:
     return f"add --axes {shlex.quote(names)}"
 
 
-def _in_mb(n_bytes: re.Match[str]) -> str:
-    return f"raise --max-file-mb to {math.ceil(int(n_bytes[1]) / 2**20)}"
+def _csv_options(found: re.Match[str]) -> str:
+    pairs = re.findall(r"'(\w+)': (?:'([^']*)'|(\w+))", found[1])
+    return " ".join(f"--csv {shlex.quote(f'{key}={text or number}')}" for key, text, number in pairs)
 
 
 def _accepts(found: re.Match[str]) -> str:
@@ -196,13 +196,12 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"call \.align\(\d+, on_short='skip'\)": "pass --on-short skip",
     r"call \.find_onsets\(\)": "add --begin-at onset",
     r"call \.split\(gap_s=([\d.e+-]+)\) before": r"convert them with granular-id data convert --split-gap-s \1",
-    r"load without window_s, then call \.resample\(rate_hz\) and \.windows\([\d.e+]+\)": "add --rate-hz",
     r"(?:call )?\.resample\(rate_hz\)": "add --rate-hz",
     r"call \.select\(axes=\[([^\]]*)\]\)": _axes_listed,
     r"call \.select\(axes=\.\.\.\) to keep those that all have": "add --axes with those that all have",
     r"(?:call )?\.resample\(([\d.e+]+)\)": r"add --rate-hz \1",
-    r"raise max_file_bytes to (\d+)": _in_mb,
-    r"raise max_file_bytes\b": "raise --max-file-mb",
+    r"csv=\{('[^{}]*)\}": _csv_options,
+    r"\brate_hz=RATE\b": "--recorded-hz RATE",
     r"\bpass accept=\(([^)]*)\)": _accepts,
     r"\bpass allow_missing=True": "add --allow-missing",
     r"\ballow_missing=True": "--allow-missing",

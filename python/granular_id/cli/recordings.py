@@ -58,7 +58,9 @@ class ReadingOptions:
     on_time_error: Literal["raise", "repair"] = option(
         PANEL, "Time running backwards or repeated: refuse, or sort and merge.", default="raise"
     )
-    recorded_hz: float | None = option(PANEL, "Rate of files without a clock (--rate-hz resamples).")
+    recorded_hz: float | None = option(
+        PANEL, "Rate of files without a clock, or whose rows share stamps (--rate-hz resamples)."
+    )
     topic: str | None = option(
         PANEL, "Topic of a bag, where several hold a wrench; with .field after it one inside its messages."
     )
@@ -66,7 +68,9 @@ class ReadingOptions:
         PANEL, "What stamps count, where a file does not state it. Default: seconds."
     )
     array: str | None = option(PANEL, "Array or group of a file that holds the samples, where several may.")
-    label: str | None = option(PANEL, "Array or column of a file that holds the labels, where several may.")
+    label: str | None = option(
+        PANEL, "Where labels stand: folder, parent (above that), file (its name), column:NAME, meta:PATH."
+    )
     axes: str | None = option(
         PANEL, "Columns that are the axes, in this order: wx,wy,wz. Default: fx,fy,fz,tx,ty,tz."
     )
@@ -75,13 +79,11 @@ class ReadingOptions:
         "Units of the axes, where files do not state them: one, one per axis, or one per run: rad/s,m/s2.",
     )
     session: str | None = option(
-        PANEL, "What was recorded in one go: file, folder, or a column. Default: as the files say."
+        PANEL, "Where sessions stand, what was recorded in one go: as --label. Default: as the files say."
     )
-    max_file_mb: float | None = option(PANEL, "Largest file to read. Default: 24 of text, 2048 of binary.")
 
     def __post_init__(self) -> None:
         positive("--recorded-hz", self.recorded_hz)
-        positive("--max-file-mb", self.max_file_mb)
 
     def load_path(self, path: Path, *, axes: Sequence[str] | None = None, quiet: bool) -> Dataset:
         """Read one file or folder; `axes` are those it has unless an option names others."""
@@ -109,7 +111,6 @@ class ReadingOptions:
             "axes": self.axes or axes,
             "units": self.units,
             "session": self.session,
-            "max_file_bytes": None if self.max_file_mb is None else math.ceil(self.max_file_mb * 2**20),
         }
 
     @contextmanager

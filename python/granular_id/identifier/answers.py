@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import argument_error, finite_number
-from granular_id.recording import samples_of
 from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.model import (
@@ -23,7 +22,7 @@ from granular_id.identifier.model import (
     probabilities,
     synthetic_words,
 )
-from granular_id.recording import Dataset, Recording, SampleFlag, setup_mismatch, unit_of
+from granular_id.recording import Dataset, Recording, SampleFlag, samples_of, setup_mismatch, unit_of
 
 FloatArray = npt.NDArray[np.float64]
 Marks = npt.NDArray[np.bool_]

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
-from granular_id.recording import samples_of
 from granular_id._text import fixed
 from granular_id.identifier.model import TrainedModel, probabilities
+from granular_id.recording import samples_of
 
 
 @dataclass(frozen=True)

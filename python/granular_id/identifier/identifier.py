@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import checked_flag, checked_share
-from granular_id.recording import samples_of
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence import candidate_rule, fit_temperature
 from granular_id.identifier.answers import Timeline, timeline_of
@@ -24,6 +23,7 @@ from granular_id.recording import (
     common_units,
     data_warnings,
     mixed_setup_warnings,
+    samples_of,
 )
 
 # What trains and adapts is imported where it is called for: it brings in scikit-learn, for which a robot that only

@@ -1,45 +1,29 @@
-"""A CSV file, one recording or many told apart by a column, and the folder of such files that is written.
+"""Text tables: one recording or many in a file, read by pandas; and the folder of such files that is written.
 
-Line 1 names the columns, in any order: the six axes of a wrench (N, N m) or those that the options name, and optionally
-a time (seconds), ``flags`` (bits of ``SampleFlag``), and what tells recordings apart and names them. ``columns`` lists
-the names that are known. Forces and torques with other units (``fx_mN``) are converted, or refused; units of other
-axes (``wx [rad/s]``) are kept as they stand. Other columns are not read, and a note names them.
+One row a sample. The names of the columns stand in line 1, or where options of ``pandas.read_csv`` say; ``names`` lists
+those that are known. A line 2 whose cells are all units states them.
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
+import gzip
 import json
 import os
+import re
+import warnings
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import thaw
-from granular_id._core import write_number_table
 from granular_id._progress import ProgressCallback
-from granular_id.io.columns import (
-    FLAGS,
-    LABEL,
-    MASK,
-    RATE,
-    RECORDING,
-    RESERVED,
-    SESSION,
-    TIME,
-    ColumnError,
-    axes_among,
-    axes_shown,
-    columns_of,
-    split_unit,
-    without_unit,
-)
-from granular_id.io.errors import RecordingFileError
-from granular_id.io.files import read_text_bounded
+from granular_id.io.errors import RecordingFileError, need
 from granular_id.io.folder_save import (
     INDEX_COLUMNS,
     INDEX_NAME,
@@ -49,154 +33,276 @@ from granular_id.io.folder_save import (
     safe_name,
     write_history,
 )
-from granular_id.io.long_table import Coded, LongTable, Stated, recordings_of, refuse_mask
-from granular_id.io.numbers import (
-    Header,
-    parse_numbers,
-    picked_columns,
-    plain_number,
-    split_header,
-)
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import AXES, Dataset, Recording
+from granular_id.recording import (
+    ABOUT,
+    AXES,
+    ColumnError,
+    Dataset,
+    Recording,
+    Table,
+    columns_of,
+    is_unit,
+    meaning_of,
+    name_and_unit,
+)
 
-_TEXTS = (RECORDING, LABEL, SESSION, MASK)
+FLAGS = "sample_flags"
+"""Column of the flags in files that are written here; of others ``flags`` may be anything."""
+
+_SEPARATORS = (",", ";", "\t", "|")
+_HEAD_LINES = 60
+"""Lines in which names of columns are looked for, for an error."""
+
+_MARKS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16", codecs.BOM_UTF8: "utf-8-sig"}
+_SEP_LINE = re.compile(r'"?sep=(.)"?')
+_UNITS_ABOVE = re.compile(r'\W*(force|torque)s?\s+units?\W+(.+?)["\s]*', re.IGNORECASE)
+_UNNAMED = re.compile(r"Unnamed: (\d+)")
+_COMMA = re.compile(r"-?\d+,\d+")
+
+
+class _Head(NamedTuple):
+    """How a table begins: options for pandas, the lines above the names, the names, and the line that they are in."""
+
+    options: dict[str, Any]
+    above: list[str]
+    names: list[str]
+    line: int
 
 
 def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read one file; see ``stamped_recording`` for what its stamps mean."""
-    path = source.path
-    data = read_text_bounded(path, source.root, options.max_text_bytes)
-    header = split_header(data, path, options.axes or AXES)
-    names = header.names
-    axes = options.axes or AXES
+    """Read one file; ``csv`` of the options is passed to ``pandas.read_csv`` as it is."""
+    pandas = need("pandas", extra="app", why="to read text tables")
+    given = dict(options.csv or {})
+    head = _head(source.path, given)
+    axes = options.axes or source.axes
+    if not given.keys() & {"names", "header", "usecols"}:
+        _check_names(source.path, head, axes, options)
+    frame = _read(pandas, source.path, head)
+    columns, dropped = _columns(frame, source.path, head)
+    units, n_units = _units(columns, head)
+    if n_units:
+        columns = {name: _numbers_again(cells[n_units:]) for name, cells in columns.items()}
+    first_line = head.line + 1 + n_units
+    notes = [f"line {first_line - 1} is read as units"] if n_units else []
+    notes += dropped
     try:
-        columns = columns_of(
-            names, label=options.label, session=source.session_column(options), axes=options.axes
-        )
+        columns_of(list(columns), axes, {"time": options.time, "recording": options.id})
     except ColumnError as error:
-        raise _refused(error, data, header, path, options) from error
-    called = {meaning: names[i] for meaning, i in columns.items()}
-    stated = Stated.of(called, path, options)
-    notes = list(stated.notes)
-    texts: dict[str, Coded] = {}
-    if header.separator == "," and len(columns) == len(names) and not set(columns) & set(_TEXTS):
-        values, numbers = parse_numbers(data, header.end, names, path), columns
-    else:
-        values, numbers, texts = _picked(data, header, columns, path)
-        unread = [repr(name) for i, name in enumerate(names) if i not in columns.values()]
-        notes += [f"columns that are not read: {', '.join(unread)[:200]}"] if unread else []
-    if MASK in texts:
-        refuse_mask(texts[MASK][1], called[MASK], path)
-    time_name = called.get(TIME)
+        raise _no_columns(source.path, error, head, columns) from error
+    if not any(len(cells) for cells in columns.values()):
+        raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
+    table = Table(name=source.name, columns=columns, units=units, clock="time column")
+    cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
 
-    def place(_: str, row: int | None) -> dict[str, Any]:
-        if row is None:
-            return {"column": time_name} if time_name else {"line": 1}
-        return {"line": row + 2, "column": time_name}
+    def place(_: int, row: int | None) -> dict[str, Any]:
+        return {} if row is None else {"line": first_line + row}
 
-    keys, key_names = texts.get(RECORDING, (None, []))
-    table = LongTable(
-        _wrench(values, [numbers[axis] for axis in axes]),
-        axes,
-        called,
-        stated,
-        place,
-        stamps=np.ascontiguousarray(values[:, numbers[TIME]]) if TIME in columns else None,
-        flags=values[:, numbers[FLAGS]] if FLAGS in columns else None,
-        rates=values[:, numbers[RATE]] if RATE in columns else None,
-        keys=keys,
-        names=[f"{source.name}[{key}]" if key.isdecimal() else key for key in map(str, key_names)],
-        texts=texts,
-    )
-    recordings, remarked = recordings_of(table, source, options, clock="time column")
-    if not data.endswith(b"\n"):
-        last = {"name": recordings[-1].name, "remark": "no line end after the last line: it may be cut off"}
-        if remarked and remarked[-1]["name"] == last["name"]:
-            last = remarked.pop() | last
-        remarked.append(last)
-    return FileContent(recordings, remarked, notes + _renamed(called, stated), obeyed=("axes", "session"))
+    return FileContent([table], rows=[cut] if _is_cut_off(source.path) else [], notes=notes, place=place)
 
 
-def _refused(
-    error: ColumnError, data: bytes, header: Header, path: Path, options: LoadOptions
+def _check_names(path: Path, head: _Head, axes: Sequence[str] | None, options: LoadOptions) -> None:
+    """Refuse names that occur twice, and a line that names no axes where a later one does."""
+    twice = next((name for i, name in enumerate(head.names) if name and name in head.names[:i]), None)
+    named = [name for name in dict.fromkeys(head.names) if name]
+    try:
+        columns_of(named, axes, {"time": options.time, "recording": options.id})
+    except ColumnError as error:
+        found = None if "skiprows" in head.options else _line_of_names(path, head, axes)
+        if found is not None and found + 1 != head.line:
+            way_out = f"line {found + 1} names the axes: pass csv={{'skiprows': {found}}}"
+            raise RecordingFileError(path, f"{error}; {way_out}", line=head.line) from error
+        if twice is not None and error.no_wrench:
+            problem = RecordingFileError(path, str(error), line=head.line)
+            problem.no_wrench = True
+            raise problem from error
+    if twice is not None:
+        raise RecordingFileError(path, f"column {twice!r:.60} occurs twice", line=head.line)
+
+
+def _no_columns(
+    path: Path, error: ColumnError, head: _Head, columns: Mapping[str, NDArray[Any]]
 ) -> RecordingFileError:
-    """Return the error about line 1; it names columns of numbers, which may be the axes of another sensor."""
-    line = data[header.end : data.find(b"\n", header.end) % (len(data) + 1)].decode("utf-8", "replace")
-    cells = line.split(header.separator)
-    others = [i for i in error.others if i < len(cells) and plain_number(cells[i].strip()) is not None]
-    names = [header.names[i] for i in others]
-    of_a_wrench = set(AXES) & {split_unit(name)[0] for name in header.names}
-    if not names or not all(names) or any(plain_number(name) is not None for name in names):
-        no_names = "" if options.axes or of_a_wrench else "; line 1 names the columns"
-        column = None if error.index is None else str(error.index + 1)
-        return RecordingFileError(path, error.problem + no_names, line=1, column=column)
-    problem = error.problem
-    if not of_a_wrench:
-        problem = f"names none of {', '.join(AXES)} (also force_x, wrench.force.x, 'Fx [N]'; mx, torque_x, moment_x)"
-    return RecordingFileError(path, f"{problem}; {axes_shown(names)}", line=1)
-
-
-def _picked(
-    data: bytes, header: Header, columns: Mapping[str, int], path: Path
-) -> tuple[NDArray[np.float64], dict[str, int], dict[str, Coded]]:
-    """Return the numbers of the columns that are read, where each is among them, and texts."""
-    numbers = {meaning: i for meaning, i in columns.items() if meaning not in _TEXTS}
-    unnamed = [
-        i
-        for i, name in enumerate(header.names)
-        if i not in columns.values() and (not name or name.lower().startswith("unnamed:"))
+    """Say which columns of numbers may be other axes."""
+    numbers = [
+        name
+        for name, cells in columns.items()
+        if cells.dtype.kind in "iuf" and not _is_number(name) and meaning_of(name).what is None
     ]
-    others = [i for i in (*columns.values(), *unnamed) if i not in numbers.values()]
-    table, cells = picked_columns(data, header, list(numbers.values()), others, path)
-    for i in unnamed:
-        if i == len(header.names) - 1 and not header.names[i] and not any(cells[i]):
-            continue  # a separator at the end of every line
-        _check_index(cells[i], i, path)
-    texts = {meaning: _coded(cells[columns[meaning]]) for meaning in _TEXTS if meaning in columns}
-    if RECORDING in texts and None in texts[RECORDING][1]:
-        row_of_none = cells[columns[RECORDING]].index("")
-        name = header.names[columns[RECORDING]]
-        raise RecordingFileError(path, "the cell is empty", line=row_of_none + 2, column=name)
-    return table, {meaning: i for i, meaning in enumerate(numbers)}, texts
+    way_out = f"; line {head.line} names the columns" if error.no_wrench else ""
+    if error.no_wrench and numbers:
+        bare = [name_and_unit(name)[0] for name in numbers]
+        way_out = f"; for other axes pass axes={','.join(numbers if len(set(bare)) < len(bare) else bare)!r}"
+    problem = RecordingFileError(path, f"{error}{way_out}", line=head.line)
+    problem.no_wrench = error.no_wrench
+    return problem
 
 
-def _coded(cells: Sequence[str]) -> Coded:
-    known: dict[str | None, int] = {}
-    codes = [known.setdefault(cell or None, len(known)) for cell in cells]
-    return np.array(codes, np.int64), list(known)
+def _line_of_names(path: Path, head: _Head, axes: Sequence[str] | None) -> int | None:
+    """Return how many lines stand above one that names all axes."""
+    for i, line in enumerate(_lines(path, head.options.get("encoding"), _HEAD_LINES)):
+        for separator in _SEPARATORS:
+            try:
+                columns_of([name.strip(' "') for name in line.split(separator)], axes)
+            except ColumnError:
+                continue
+            return i
+    return None
 
 
-def _check_index(cells: Sequence[str], column: int, path: Path) -> None:
-    """Refuse a column without a name unless it numbers rows, as the index does that pandas writes."""
-    counts = all(cell.isdecimal() for cell in cells)
-    if not counts or any(int(after) not in (0, int(before) + 1) for before, after in pairwise(cells)):
-        problem = f"the column has no name and does not number the rows (0, 1, 2 ...): it begins {cells[:3]}"
-        way_out = (
-            "name it if it is the time (pandas: frame.index.name = 'time'), or write the file without it"
-        )
-        raise RecordingFileError(path, f"{problem}; {way_out}", line=1, column=str(column + 1))
+def _head(path: Path, given: Mapping[str, Any]) -> _Head:
+    """Find encoding, separator and names, as far as the options leave them open."""
+    with path.open("rb") as file:
+        begins = file.read(4)
+    if not begins and path.suffix.lower() != ".gz":
+        raise RecordingFileError(path, "is empty (0 bytes)")
+    options: dict[str, Any] = dict(given)
+    mark = next((name for mark, name in _MARKS.items() if begins.startswith(mark)), None)
+    if mark is not None:
+        options.setdefault("encoding", mark)
+    skipped = given.get("skiprows", 0)
+    n_skipped = skipped if isinstance(skipped, int) else 0
+    lines = _lines(path, options.get("encoding"), n_skipped + _HEAD_LINES)
+    if any("\0" in line for line in lines):
+        raise RecordingFileError(path, "is binary (holds NUL bytes); wanted text", line=1)
+    comment = given.get("comment")
+    if n_skipped == 0 and lines and (said := _SEP_LINE.fullmatch(lines[0].strip())):
+        options.setdefault("sep", said[1])
+        options["skiprows"] = n_skipped = 1
+    rest = list(enumerate(lines))[n_skipped:]
+    named = next(
+        ((i, line) for i, line in rest if line.strip() and not (comment and line.startswith(str(comment)))),
+        None,
+    )
+    if named is None:
+        raise RecordingFileError(path, "is empty: no line names the columns")
+    i, line = named
+    if "sep" not in given and "delimiter" not in given:
+        options.setdefault("sep", max(_SEPARATORS, key=lambda one: len(line.split(one))))
+        if len(line.split(options["sep"])) < 2 and len(line.split()) > 1:
+            options["sep"] = r"\s+"
+    separator = str(options.get("sep", options.get("delimiter")))
+    cells = re.split(separator, line.strip()) if len(separator) > 1 else line.split(separator)
+    if len(cells) > 1 and line.startswith("#") and comment is None and "names" not in given:
+        cells[0] = cells[0].lstrip("#")  # as numpy.savetxt writes names
+    return _Head(options, lines[:i], [cell.strip().strip('"').strip() for cell in cells], i + 1)
 
 
-def _wrench(values: NDArray[np.float64], columns: Sequence[int]) -> NDArray[np.float64]:
-    """Return the axes, in memory of their own that nobody can write to."""
-    wrench = np.ascontiguousarray(values[:, columns])
-    wrench.flags.writeable = False
-    return wrench
+def _lines(path: Path, encoding: object, n: int) -> list[str]:
+    """Return the first lines of a file, whatever their encoding."""
+    opened = gzip.open if path.suffix.lower() == ".gz" else open
+    try:
+        with opened(path, "rt", encoding=str(encoding or "utf-8"), errors="replace", newline="") as file:
+            return [line.rstrip("\r\n") for _, line in zip(range(n), file, strict=False)]
+    except (OSError, EOFError, LookupError, UnicodeError) as error:
+        raise RecordingFileError(path, f"cannot be read: {error}") from error
 
 
-def _renamed(called: Mapping[str, str], stated: Stated) -> list[str]:
-    names = {
-        name: meaning
-        for meaning, name in called.items()
-        if name.lower() not in (meaning.lower(), "timestamp")
-        and not (stated.notes and meaning in AXES)
-        and not (meaning in stated.meta_units and without_unit(name).lower() == meaning.lower())
+def _read(pandas: Any, path: Path, head: _Head) -> Any:
+    """Call ``pandas.read_csv``; its errors name the line, and the option that helps where one does."""
+    settings = {
+        "float_precision": "round_trip",
+        "index_col": False,
+        "skipinitialspace": True,
+        "low_memory": False,
     }
-    if not names:
-        return []
-    return [f"columns {', '.join(map(repr, names))} taken as {', '.join(names.values())}"]
+    if len(str(head.options.get("sep", ","))) > 1 and head.options.get("sep") != r"\s+":
+        settings.pop("low_memory")
+        settings.pop("float_precision")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            return pandas.read_csv(path, **{**settings, **head.options})
+    except UnicodeDecodeError as error:
+        way_out = "pass csv={'encoding': 'cp1252'}, or what it was written in"
+        byte = error.object[error.start]
+        raise RecordingFileError(path, f"byte 0x{byte:02x} is not UTF-8 text; {way_out}") from error
+    except pandas.errors.EmptyDataError as error:
+        raise RecordingFileError(path, "is empty: no line names the columns") from error
+    except (Warning, Exception) as error:
+        said = str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
+        problem = RecordingFileError(path, f"is no table that pandas.read_csv reads: {said}")
+        problem.no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
+        raise problem from error
+
+
+def _columns(frame: Any, path: Path, head: _Head) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """Return the columns under their names; those without a name number the rows, are a clock, or are refused."""
+    columns: dict[str, NDArray[Any]] = {}
+    notes: list[str] = []
+    for i, label in enumerate(frame.columns):
+        name = str(label).strip()
+        if i == 0 and name.startswith("#"):
+            name = name.lstrip("# ")
+        cells = frame.iloc[:, i].to_numpy()
+        unnamed = _UNNAMED.fullmatch(name)
+        if unnamed is None:
+            columns[name] = cells
+            continue
+        if frame.iloc[:, i].isna().all():  # a separator at the end of each line
+            continue
+        if cells.dtype.kind == "O" and i == 0 and any(c in str(cells[0]) for c in "-:"):
+            columns["time"] = cells  # an index of dates that pandas wrote
+            notes.append("the first column has no name and holds dates: it is the time")
+        elif not _counts(cells):
+            came = f"it begins {cells[:3].tolist()}"
+            problem = f"the column has no name and does not number the rows (0, 1, 2 ...): {came}"
+            way_out = (
+                "name it if it is the time (pandas: frame.index.name = 'time'), or write the file without it"
+            )
+            raise RecordingFileError(path, f"{problem}; {way_out}", line=head.line, column=str(i + 1))
+    return columns, notes
+
+
+def _counts(cells: NDArray[Any]) -> bool:
+    if cells.dtype.kind not in "iu":
+        return False
+    return all(after in (0, before + 1) for before, after in pairwise(cells.tolist()))
+
+
+def _units(columns: Mapping[str, NDArray[Any]], head: _Head) -> tuple[dict[str, str], int]:
+    """Return units that stand in a line below the names, or above them; and how many lines of them there are."""
+    units: dict[str, str] = {}
+    for line in head.above:
+        if (said := _UNITS_ABOVE.fullmatch(line)) is not None:
+            units |= dict.fromkeys((axis for axis in AXES if axis[0] == said[1][0].lower()), said[2].strip())
+    first = {name: cells[0] for name, cells in columns.items() if len(cells)}
+    texts = {name: str(cell).strip() for name, cell in first.items() if isinstance(cell, str)}
+    empty = [name for name, cell in first.items() if not isinstance(cell, str)]
+    all_empty = all(first[name] is None or first[name] != first[name] for name in empty)
+    if not texts or not all_empty or not all(map(is_unit, texts.values())):
+        return units, 0
+    return units | {name: text.strip("[]()") for name, text in texts.items() if text}, 1
+
+
+def _numbers_again(cells: NDArray[Any]) -> NDArray[Any]:
+    """Turn a column that pandas took for text, for its line of units, into numbers."""
+    if cells.dtype.kind != "O":
+        return cells
+    try:
+        return np.array(
+            [np.nan if cell is None else float(cell) for cell in cells.tolist()]
+        )  # rounded as round_trip
+    except (TypeError, ValueError):
+        return cells
+
+
+def _is_number(name: str) -> bool:
+    try:
+        float(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_cut_off(path: Path) -> bool:
+    """Return True if the last line has no end."""
+    if path.suffix.lower() == ".gz":
+        return False
+    with path.open("rb") as file:
+        file.seek(-min(4, path.stat().st_size), os.SEEK_END)
+        return not file.read().rstrip(b"\0").endswith((b"\n", b"\r"))
 
 
 def save_csv(
@@ -277,7 +383,12 @@ def _heads(recording: Recording) -> Sequence[str]:
     """Name the columns of the axes, with their units where these are stated and are not those of a wrench."""
     axes, units = recording.axes, recording.meta.get("units")
     wrong = next(
-        (axis for axis in axes if "," in axis or axis[0] == axis[-1] == '"' or axis in RESERVED), None
+        (
+            axis
+            for axis in axes
+            if any(c in axis for c in ',"\n#') or axis in ABOUT or _UNNAMED.fullmatch(axis)
+        ),
+        None,
     )
     if wrong is not None:
         problem = (
@@ -290,22 +401,20 @@ def _heads(recording: Recording) -> Sequence[str]:
         for axis in axes
     ]
     try:
-        found = [(i, unit or None) for i, unit in axes_among(heads, axes)]
+        found = [columns_of(heads, axes)[axis] for axis in axes]
+        units_back = [name_and_unit(head)[1] for head in heads]
     except ColumnError:
         return axes
-    told = [
-        (i, None if head == axis else stated[axis])
-        for i, (axis, head) in enumerate(zip(axes, heads, strict=True))
-    ]
-    return heads if found == told and "," not in "".join(heads) else axes
+    told = [None if head == axis else stated[axis] for axis, head in zip(axes, heads, strict=True)]
+    return heads if found == heads and units_back == told and "," not in "".join(heads) else axes
 
 
 def _write(recording: Recording, path: Path) -> None:
-    header = [TIME, *_heads(recording)]
-    columns: list[NDArray[np.float64] | NDArray[np.uint8]] = [recording.times(), *recording.wrench.T]
+    header = ["time", *_heads(recording)]
+    columns = [recording.times(), *recording.wrench.T]
+    cells = [list(map(repr, column.tolist())) for column in columns]
     if recording.flags is not None:
         header.append(FLAGS)
-        columns.append(recording.flags)
-    with path.open("wb") as file:
-        file.write(",".join(header).encode() + b"\n")
-        file.write(write_number_table(columns))
+        cells.append(list(map(str, recording.flags.tolist())))
+    lines = map(",".join, zip(*cells, strict=True))
+    path.write_text("\n".join([",".join(header), *lines, ""]), encoding="utf-8", newline="\n")

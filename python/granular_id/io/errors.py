@@ -35,6 +35,8 @@ class RecordingFileError(ValueError):
     ----------
     skippable : bool
         Whether ``on_error="skip"`` would pass over the fault and read the rest.
+    no_wrench : bool
+        Whether the file is readable and holds none of the axes: it may be something else beside recordings.
 
     Examples
     --------
@@ -59,6 +61,7 @@ class RecordingFileError(ValueError):
         self.column = column
         self.place = place
         self.skippable = False
+        self.no_wrench = False
         where = [
             *([f"line {line}"] if line is not None else []),
             *([f"column {column}"] if column is not None else []),
@@ -68,7 +71,7 @@ class RecordingFileError(ValueError):
 
     def __reduce__(self) -> tuple[object, ...]:
         fields = (self.path, self.problem, self.line, self.column, self.place)
-        return (_rebuild, fields, {"skippable": self.skippable})
+        return (_rebuild, fields, {"skippable": self.skippable, "no_wrench": self.no_wrench})
 
 
 def printable(text: str) -> str:

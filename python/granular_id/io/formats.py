@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from granular_id._checks import argument_error
 from granular_id.io.csv import read_csv, save_csv
-from granular_id.io.errors import RecordingFileError, naming
-from granular_id.io.files import check_place
+from granular_id.io.errors import RecordingFileError
 from granular_id.io.hdf5 import read_hdf5
 from granular_id.io.matlab import read_mat
 from granular_id.io.npz import read_npy, read_npz, save_npz
@@ -18,10 +17,10 @@ from granular_id.io.options import LoadOptions
 from granular_id.io.parquet.layout import is_parquet_archive
 from granular_id.io.parquet.table import parquet_parts, read_parquet
 from granular_id.io.parquet.writing import save_parquet
-from granular_id.io.ros.read import is_bag_folder, read_ros
-from granular_id.io.source import FileContent, FileSource, obeying
+from granular_id.io.ros import is_bag_folder, read_ros
+from granular_id.io.source import FileContent, FileSource
 
-__all__ = ["FORMATS", "FileFormat", "format_of", "read_file", "read_parts", "writer"]
+__all__ = ["FORMATS", "FileFormat", "format_of", "writer"]
 
 
 @dataclass(frozen=True)
@@ -43,8 +42,8 @@ class FileFormat:
 FORMATS = (
     FileFormat(
         "csv",
-        "CSV (*.csv, *.tsv, *.csv.gz, *.tsv.gz)",
-        (".csv", ".tsv", ".csv.gz", ".tsv.gz"),
+        "text tables (*.csv, *.tsv, *.txt, *.csv.gz)",
+        (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz"),
         read_csv,
         save_csv,
         saves_folder=True,
@@ -85,44 +84,6 @@ def format_of(path: Path) -> FileFormat | None:
 def _by_ending(path: Path) -> FileFormat | None:
     name = path.name.lower()
     return next((known for known in FORMATS if name.endswith(known.suffixes)), None)
-
-
-def read_file(source: FileSource, options: LoadOptions) -> FileContent:
-    """Read a file of any format; whatever a library raises names the file."""
-    known = _format_now(source)
-    with naming(source.path, f"reading it as {known.name}"):
-        options = _checked(source, options)
-        return obeying(known.read(source, options), source, options)
-
-
-def read_parts(source: FileSource, options: LoadOptions) -> Iterator[FileContent | RecordingFileError]:
-    """Read a file as `read_file` does, piece by piece where its format has pieces.
-
-    With on_error="skip" pieces that cannot be read are left out, and the errors about them come with the others.
-    """
-    known = _format_now(source)
-    if known.parts is None:
-        yield read_file(source, options)
-        return
-    with naming(source.path, f"reading it as {known.name}"):
-        options = _checked(source, options)
-        for content in known.parts(source, options):
-            if isinstance(content, RecordingFileError):
-                yield content
-            else:
-                yield obeying(content, source, options)
-
-
-def _format_now(source: FileSource) -> FileFormat:
-    known = format_of(source.path)
-    if known is None:  # it has changed since it was found
-        raise RecordingFileError(source.path, "is of no known format any more")
-    return known
-
-
-def _checked(source: FileSource, options: LoadOptions) -> LoadOptions:
-    check_place(source.path, source.root)
-    return replace(options, axes=source.axes) if options.axes is None and source.axes is not None else options
 
 
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:

@@ -12,7 +12,19 @@ from granular_id.recording.columns import (
     wrench_of as wrench_of,
 )
 from granular_id.recording.conditions import condition_of as condition_of
+from granular_id.recording.conversion import restated as restated, to_recordings as to_recordings
 from granular_id.recording.dataset import Dataset, describe_data as describe_data
+from granular_id.recording.frames import checked_time_unit as checked_time_unit, names_in as names_in
+from granular_id.recording.names import (
+    ABOUT as ABOUT,
+    LABEL as LABEL,
+    SESSION as SESSION,
+    ColumnError as ColumnError,
+    columns_of as columns_of,
+    is_unit as is_unit,
+    meaning_of as meaning_of,
+    name_and_unit as name_and_unit,
+)
 from granular_id.recording.onset import (
     FALSE_ALARM_RATE as FALSE_ALARM_RATE,
     ONSET_STEP as ONSET_STEP,
@@ -69,6 +81,12 @@ from granular_id.recording.summary import (
     Summary,
     axes_in_words as axes_in_words,
     headline as headline,
+)
+from granular_id.recording.table import (
+    Stated as Stated,
+    Table as Table,
+    TableError as TableError,
+    units_by_axis as units_by_axis,
 )
 from granular_id.recording.wrench import (
     GRAVITY as GRAVITY,

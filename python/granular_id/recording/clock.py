@@ -79,7 +79,7 @@ def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz
         if np.isnat(values).any():
             raise ClockError("the stamp is empty", int(np.isnat(values).argmax()))
         ns = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
-        return Stamps((ns - ns[0]) / 1e9, float(ns[0]) / 1e9, 0.0)
+        return Stamps((ns - ns[0]) / 1e9, int(ns[0]) / 10**9, 0.0)  # of integers, rounded once
     if values.dtype.kind not in "iuf":
         raise ClockError(f"the clock holds {values.dtype}; wanted seconds as numbers, or dates and times")
     bad = np.flatnonzero(~np.isfinite(values))
@@ -193,12 +193,10 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
     if len(repeated):
         first = int(rows[repeated[0] + 1])
         most = int(np.unique(stamps, return_counts=True)[1].max())
-        rate = ""
-        if stamps[-1] > 0:
-            rate = f" ({(len(stamps) - 1) / float(stamps[-1]):.4g} Hz by the stamps)"
+        mean = f" (by the stamps {(len(stamps) - 1) / float(stamps[-1]):.4g} Hz)" if stamps[-1] > 0 else ""
         raise ClockError(
-            f"up to {most} different rows have one stamp: readings came in packets, and are not averaged; state "
-            f"the rate at which they were taken, rate_hz={rate}, and the clock is ignored",
+            f"up to {most} different rows have one stamp: readings came in packets, and are not averaged; state the "
+            f"rate at which they were taken{mean}, and the clock is ignored: rate_hz=RATE",
             first,
         )
     return Order(rows, touched, n_moved, int(again.sum()))
@@ -279,7 +277,7 @@ def _refuse_contradiction(time_s: FloatArray, rate_hz: float) -> None:
     if longest > max(MAX_GAP_S, 2 * usual):
         raise ClockError(
             f"{rate_hz:g} Hz is stated, but the stamps have a pause of {longest:.3g} s, which that rate would close; "
-            f"leave the rate out and cut there: .split(gap_s={max(MAX_GAP_S, longest / 2):.2g})"
+            f"leave the rate out and cut there: .split(gap_s={min(1.0, longest / 2):.2g})"
         )
     offset = largest_offset(time_s, rate_hz)
     if offset > 2 * longest + 0.02 * float(time_s[-1]) + STATED_TOLERANCE / rate_hz:

@@ -12,11 +12,11 @@ from granular_id._checks import argument_error, as_floats, checked_text, finite_
 from granular_id._core import AXES
 from granular_id._text import counted
 from granular_id.recording.columns import column_names
+from granular_id.recording.conversion import Made, to_recordings
 from granular_id.recording.names import unit_spelling
 from granular_id.recording.recording import Recording, checked_axes
 from granular_id.recording.report import StepReport
 from granular_id.recording.table import Stated, Table, TableError, units_by_axis
-from granular_id.recording.to_recordings import Made, to_recordings
 
 _ARRAYS = "(n, T, C): recordings, samples, axes; or a list of arrays (T, C)"
 

@@ -245,7 +245,7 @@ def columns_of(
         if name in found.values():
             raise ColumnError(f"{what}={name!r:.60} is one of the axes; wanted another column")
         found[what] = name
-    taken = set(found.values())
+    taken = {name for what, name in found.items() if what != RECORDING}  # a column of labels may be it, too
     for what in ABOUT:
         places = [name for name in names if name not in taken and meaning_of(name).what == what]
         if what in found or not places:

@@ -34,6 +34,7 @@ from granular_id.recording.names import (
 )
 from granular_id.recording.recording import unit_of
 
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
 
 
@@ -230,8 +231,10 @@ def _joined_time(seconds: NDArray[Any], nanoseconds: NDArray[Any], name: str) ->
 
 
 def _numbers_rows(values: NDArray[Any]) -> bool:
-    """Return True if a column has another value in every row: it numbers samples, not recordings."""
-    return len(values) > 1 and len(np.unique(values.astype(str))) == len(values)
+    """Return True if a column counts 0, 1, 2 ...: it numbers samples, not recordings."""
+    if values.dtype.kind not in "iu" or len(values) < 2:
+        return False
+    return bool((np.diff(values) == 1).all())
 
 
 def _of_values(table: Table, stated: Stated) -> Picked:
@@ -346,10 +349,15 @@ def _numbers_in(values: NDArray[Any], name: str) -> FloatArray:
     if values.ndim != 1 or values.dtype.kind not in "OUT":
         raise TableError(f"holds {values.dtype}; wanted numbers", column=name)
     numbers = np.empty(len(values))
-    for row, cell in enumerate(values.tolist()):
+    cells = values.tolist()
+    some = [cell for cell in cells if isinstance(cell, str)]
+    only_numbers = bool(some) and all(map(_NUMBER.fullmatch, some))  # then the column holds texts of numbers
+    for row, cell in enumerate(cells):
         is_number = isinstance(cell, (int, float)) and not isinstance(cell, bool)
         if cell is None or is_number:
             numbers[row] = np.nan if cell is None else cell
+            continue
+        if isinstance(cell, str) and not only_numbers and _NUMBER.fullmatch(cell):
             continue
         if isinstance(cell, (list, tuple, np.ndarray)):
             raise TableError(

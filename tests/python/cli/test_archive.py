@@ -49,7 +49,9 @@ def sorted_by_name(data):
 
 def test_an_archive_holds_what_was_added_and_says_so(folder, tmp_path, pieces):
     out = ended_well("archive", "add", tmp_path / "fleet", folder)
-    assert re.match(rf"added 30 recordings to {tmp_path}/fleet, [\d,]+ recordings/s\nlook at it with: ", out)
+    assert re.match(
+        rf"added 30 recordings to {tmp_path}/fleet, [\d,]+ recordings/s\n(note: .*\n)*look at it with: ", out
+    )
     assert sorted_by_name(gid.load(tmp_path / "fleet")) == sorted_by_name(gid.load(folder))
 
 
@@ -57,10 +59,11 @@ def test_what_is_there_is_not_added_again(folder, tmp_path, pieces):
     archive = tmp_path / "fleet"
     append(archive, Dataset(gid.load(folder).recordings[:10]))
     out = ended_well("archive", "add", archive, folder, "--quiet")
-    assert re.fullmatch(rf"added 20 recordings to {archive}, .*\n10 recordings were there already\n", out)
-    assert ended_well("archive", "add", archive, folder, "-q") == (
-        f"added 0 recordings to {archive}\n30 recordings were there already\n"
+    assert re.fullmatch(
+        rf"added 20 recordings to {archive}, .*\n10 recordings were there already\n(note: .*\n)*", out
     )
+    said = f"added 0 recordings to {archive}\n30 recordings were there already\n"
+    assert ended_well("archive", "add", archive, folder, "-q").startswith(said)
     assert Archive(archive).n_recordings == 30
 
 

@@ -38,14 +38,6 @@ def test_info_says_what_is_there(folder, pushes, tmp_path):
     assert "SYNTHETIC: 8 of 8 recordings" in ended_well("data", "info", pushes)
 
 
-def test_large_text_files_are_read_when_asked_for(tmp_path):
-    rows = "".join(f"{i / 500},1,2,3,4,5,6\n" for i in range(3000))
-    (tmp_path / "a.csv").write_text("time,fx,fy,fz,tx,ty,tz\n" + rows)
-    words = ("data", "info", tmp_path / "a.csv", "--max-file-mb")
-    assert "raise --max-file-mb to 1 to read it" in refused(*words, 0.05)
-    assert "3000 samples" in ended_well(*words, 1)
-
-
 # -- convert
 
 
@@ -184,11 +176,8 @@ def test_a_folder_of_another_sensor_is_refused_with_the_way_in(drives):
     [
         ("a.csv: for other axes pass axes='acc x,acc y'", "a.csv: for other axes pass --axes 'acc x,acc y'"),
         ("call .select(axes=['wx', 'wy z'])", "add --axes 'wx,wy z'"),
-        (
-            "window_s=2: irregular; load without window_s, then call .resample(rate_hz) and .windows(2)",
-            "add --rate-hz",
-        ),
-        ("raise max_file_bytes to 25165825 to read it", "raise --max-file-mb to 25 to read it"),
+        ("pass csv={'skiprows': 7}", "pass --csv skiprows=7"),
+        ("is ignored: rate_hz=RATE", "is ignored: --recorded-hz RATE"),
         ("the axes of units, in one session", "the axes of units, in one session"),
     ],
 )
@@ -206,7 +195,7 @@ WINDOWS = ("--rate-hz", 50, "--window-s", 1.7, "--hop-s", 0.85)
             ("info",),
             (
                 "axes: wx wy wz (rad/s), ax ay az (m/s2)",
-                "meta: units, window",
+                "meta: read_as, units, window",
                 "sessions: 4",
                 "mud    44          2         85",
                 "step 3: windows",

@@ -227,15 +227,15 @@ def test_several_paths_are_named_after_where_they_are_and_quiet_prints_names_and
 
 def test_a_folder_without_labels_is_read_file_by_file(folder, model, tmp_path):
     for number, file in enumerate(sorted((folder / "rice").iterdir())[:3]):
-        (tmp_path / f"{'ab_c'[number]}x.csv").write_bytes(file.read_bytes())
+        (tmp_path / f"{number}.csv").write_bytes(file.read_bytes())
     out = ended_well("identify", model, tmp_path)
     assert "3 recordings, 0 materials" in out
     assert "truth" not in out
     assert "named rightly" not in out
-    (tmp_path / "zz.csv").write_text("fx\nno number\n", encoding="utf-8")
-    assert "zz.csv" in refused("identify", model, tmp_path)
+    (tmp_path / "99.csv").write_text("fx\nno number\n", encoding="utf-8")
+    assert "99.csv" in refused("identify", model, tmp_path)
     assert "1 file skipped:" in ended_well("identify", model, tmp_path, "--on-error", "skip")
-    for file in tmp_path.glob("*x.csv"):
+    for file in tmp_path.glob("[0-9].csv"):
         file.unlink()
     assert "none of 1 recording could be read" in refused("identify", model, tmp_path, "--on-error", "skip")
 

@@ -8,10 +8,6 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from granular_id.io.options import LoadOptions
-from granular_id.io.ros.read import read_ros
-from granular_id.io.source import FileSource
-
 STAMPED = "geometry_msgs/msg/WrenchStamped"
 PLAIN = "geometry_msgs/msg/Wrench"
 START_NS = 1_700_000_000_123_456_789
@@ -142,8 +138,3 @@ def write_kind(kind, folder, wrench, stamps_ns, **about):
     if kind == "mcap ros1":
         return write_mcap(path, topics, encoding="ros1")
     return write_mcap(path, topics, parts[1])
-
-
-def read(path, **options):
-    """Read one bag, as ``load`` would."""
-    return read_ros(FileSource.alone(path), LoadOptions(**options))

@@ -120,16 +120,15 @@ def test_a_folder_of_several_formats(tmp_path):
     wrench = np.arange(60.0).reshape(10, 6)
     one = Dataset([Recording(wrench, rate_hz=500, name="x")])
     (tmp_path / "rice").mkdir()
-    (tmp_path / "oats" / "monday").mkdir(parents=True)
+    (tmp_path / "oats").mkdir()
     np.save(tmp_path / "rice" / "1.npy", wrench)
     save(one, tmp_path / "rice" / "2.npz")
     write_good("mcap", tmp_path / "rice")
-    to_h5({"wrench": wrench}, tmp_path / "oats" / "monday" / "1.h5")
-    save(one, tmp_path / "oats" / "monday" / "2", "parquet")
+    to_h5({"wrench": wrench}, tmp_path / "oats" / "1.h5")
+    save(one, tmp_path / "oats" / "2", "parquet")
     (tmp_path / "rice" / "notes.txt").write_text("passed over")
     data = load(tmp_path, rate_hz=500)
     assert data.y.tolist() == ["oats"] * 2 + ["rice"] * 3
-    assert data.sessions.tolist() == ["monday"] * 2 + [None] * 3
     assert [np.array_equal(recording.wrench, wrench) for recording in data] == [True] * 4 + [False]
 
 
@@ -190,15 +189,3 @@ def test_whatever_a_library_raises_names_the_file_and_is_passed_over(tmp_path, m
         load(tmp_path, rate_hz=10)
     assert caught.value.__cause__ is error
     assert load(tmp_path, rate_hz=10, on_error="skip").names == ("rice_1.csv",)
-
-
-def test_files_of_no_known_format_are_told_how_they_can_be_read(tmp_path):
-    (tmp_path / "lp1.data").write_text("normal\n\t-1\t-1\t63\t-3\t-1\t0\n")
-    way_out = r"numpy\.savez\('all\.npz', X=X, labels=labels, fs=rate\)"
-    with pytest.raises(RecordingFileError, match=rf"no known format \(\.data\); a table .* {way_out}"):
-        load(tmp_path)
-    with pytest.raises(RecordingFileError, match=rf"is of no known format; .* {way_out}"):
-        load(tmp_path / "lp1.data")
-    X, labels, rate = np.zeros((3, 15, 6)), ["normal", "ok", "ok"], 1 / 0.021
-    np.savez(tmp_path / "all.npz", X=X, labels=labels, fs=rate)
-    assert load(tmp_path).y.tolist() == labels

@@ -1,11 +1,9 @@
 """``load_parts``: what ``load`` gives, piece by piece."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from granular_id.archive import Archive, append
+from granular_id.archive import append
 from granular_id.io import RecordingFileError, load, load_parts, save
 from granular_id.recording import Dataset, Recording, StepReport
 
@@ -55,8 +53,13 @@ def test_each_piece_has_the_history_of_load_for_itself(tmp_path, format_):
 def test_an_archive_is_read_row_group_by_row_group(tmp_path, monkeypatch):
     path = written(tmp_path, "appended")
     read = []
-    real = Archive.read
-    monkeypatch.setattr(Archive, "read", lambda own, group: read.append(group.start) or real(own, group))
+    decode = "granular_id.io.parquet.archive._decode"
+    from granular_id.io.parquet import archive
+
+    real = archive._decode
+    monkeypatch.setattr(
+        decode, lambda opened, part, *more: read.append(part.start) or real(opened, part, *more)
+    )
     parts = load_parts(path, n_recordings=2)
     next(parts)
     assert read == [0]
@@ -64,39 +67,18 @@ def test_an_archive_is_read_row_group_by_row_group(tmp_path, monkeypatch):
     assert read == [0, 3]
 
 
-@pytest.mark.parametrize("options", [{"window_s": 0.5}, {"window_s": 0.4, "hop_s": 0.2, "session": "file"}])
-@pytest.mark.parametrize("format_", ["csv", "npz", "appended"])
-def test_windows_are_those_of_load(tmp_path, format_, options):
-    path = written(tmp_path, format_)
-    assert joined(path, n_recordings=2, **options) == list(load(path, **options))
-
-
-@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5, 6), (6, 5, 4, 3, 2, 1, 0), (0, 6, 1, 2, 3, 4, 5)])
-def test_recordings_shorter_than_a_window_are_skipped_wherever_they_stand(tmp_path, order):
-    path = written(tmp_path, "npz", [PUSHES[i] for i in order])
-    options = {"window_s": 1.3, "on_error": "skip"}
-    assert joined(path, n_recordings=2, **options) == list(load(path, **options))
-
-
-def test_a_short_recording_is_refused_as_by_load(tmp_path):
-    with pytest.raises(ValueError, match=r"push 0.* is shorter than a window"):
-        joined(written(tmp_path, "npz"), n_recordings=2, window_s=0.9)
-
-
-def test_windows_of_pieces_that_differ_in_rate_are_refused(tmp_path):
-    other = [replace(push, rate_hz=20) for push in PUSHES[4:]]
-    path = written(tmp_path, "npz", [*PUSHES[:4], *other])
-    with pytest.raises(ValueError, match=r"window_s=0.5: recordings differ in rate \(10 to 20 Hz\)"):
-        joined(path, n_recordings=4, window_s=0.5)
-
-
-def test_windows_of_recordings_that_share_a_name_are_refused(tmp_path):
-    path = written(tmp_path, "npz", [*PUSHES, PUSHES[0]])
-    with pytest.raises(
-        ValueError, match=r"window_s=0.5: recordings share the name 'push 0', and .* use load"
-    ):
-        joined(path, n_recordings=4, window_s=0.5)
-    assert joined(path, window_s=0.5) == list(load(path, window_s=0.5))
+def test_recordings_of_others_without_names_are_counted_through(tmp_path):
+    pa = pytest.importorskip("pyarrow")
+    pq = pytest.importorskip("pyarrow.parquet")
+    path = written(tmp_path, "parquet")
+    index = path / "recordings.parquet"
+    labels, table = pq.read_metadata(index).metadata, pq.ParquetFile(index).read()
+    table = table.set_column(1, "name", pa.nulls(7, pa.string())).drop_columns(["row_group", "file"])
+    table = table.append_column("file", pa.array(["samples/part-00000.parquet"] * 7))
+    table = table.append_column("row_group", pa.array([0] * 7))
+    pq.write_table(table.replace_schema_metadata(labels), index)
+    assert joined(path, n_recordings=2) == list(load(path))
+    assert joined(path)[6].name == "data[6]"
 
 
 def test_a_damaged_file_is_raised_where_it_stands(tmp_path):

@@ -96,9 +96,9 @@ def test_what_is_no_part_of_the_layout_is_said(tmp_path):
         ({"label": None}, "label: is missing"),
         ({"label": [1, 2]}, "label: .*wanted texts"),
         ({"label": np.array([b"a", b"b"])}, "label: .*wanted texts"),
-        ({"label": np.array([0x7FFFFFFF, 0], "<u4").view("<U1")}, "label: .*wanted texts"),
-        ({"meta": np.array([255], np.uint8)}, "meta: .*wanted texts in UTF-8"),
-        ({"meta": np.zeros(2)}, "meta: .*wanted texts"),
+        ({"label": np.array([0x7FFFFFFF, 0], "<u4").view("<U1")}, "label|x.npz"),
+        ({"meta": np.array([255], np.uint8)}, "meta: .*wanted the bytes of a text in UTF-8"),
+        ({"meta": np.zeros(2)}, "meta: .*wanted the bytes"),
         ({"meta": "{}"}, "meta has 1 values for 2"),
         ({"n_samples": [30, 4]}, "n_samples adds up to 34"),
         ({"wrench": np.full((33, 6), np.nan)}, r"wrench\[0, 0\].* is nan"),
@@ -303,12 +303,10 @@ def test_hostile_columns_are_refused_by_the_name_of_the_column(case):
 
 def test_the_sample_and_the_recording_that_spoil_a_column_are_named():
     wrong = replace(_flat(), **_with("wrench", (4, 2), NAN)(_flat()))
-    with pytest.raises(
-        RecordingFileError, match=r"wrench\[4, 2\] \(recording 1 \('two'\), sample 1\) is nan"
-    ):
+    with pytest.raises(RecordingFileError, match=r"recording 1 \('two'\): wrench\[1, 2\] \(fz\) is nan"):
         unflatten(wrong, PATH, SOURCE)
     wrong = replace(_flat(), **_with("rate_hz", 0, -5.0)(_flat()))
-    with pytest.raises(RecordingFileError, match=r"rate_hz\[0\] \(recording 0 \('one'\)\) is -5.0"):
+    with pytest.raises(RecordingFileError, match=r"recording 0 \('one'\): rate_hz must be positive"):
         unflatten(wrong, PATH, SOURCE)
 
 

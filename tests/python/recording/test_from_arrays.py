@@ -161,7 +161,7 @@ def test_from_frames_index_of_dates_is_the_clock():
 
 def test_packets_need_a_stated_rate_and_are_never_averaged():
     packets = np.repeat(np.arange(0, 50, 2) / 500, 2)
-    with pytest.raises(ValueError, match=r"packets.*rate_hz= \(5.* Hz by the stamps\)"):
+    with pytest.raises(ValueError, match=r"packets.*\(by the stamps 5.* Hz\).*rate_hz=RATE"):
         Dataset.from_frames(frame(time=packets), ["rice"])
     data = Dataset.from_frames(frame(time=packets), ["rice"], rate_hz=500)
     assert np.array_equal(data[0].wrench, X[0])
@@ -182,7 +182,7 @@ def test_a_rate_is_not_stated_over_a_pause():
     paused = np.where(np.arange(50) < 25, T, T + 3)
     data = Dataset.from_frames(frame(time=paused), ["rice"])
     assert np.array_equal(data[0].time_s, paused)
-    with pytest.raises(ValueError, match=r"a pause of 3 s.*\.split\(gap_s=1\.5\)"):
+    with pytest.raises(ValueError, match=r"a pause of 3 s.*\.split\(gap_s=1\)"):
         Dataset.from_frames(frame(time=paused), ["rice"], rate_hz=500)
 
 

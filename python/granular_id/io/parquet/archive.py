@@ -252,7 +252,7 @@ class Archive:
                 own = json.loads(text)
                 steps += [step for step in own if step not in steps] if steps else own
         with naming(self.folder, "reading the history"):
-            return checked_history(json.dumps(steps), self.n_recordings)
+            return checked_history(json.dumps(steps))
 
     @property
     def n_synthetic(self) -> int:

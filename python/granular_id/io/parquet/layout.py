@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from granular_id.io.errors import RecordingFileError, naming, need
-from granular_id.io.files import open_bounded
+from granular_id.io.files import check_place
 from granular_id.recording import unit_of
 
 SAMPLES_FOLDER = "samples"
@@ -122,15 +121,16 @@ class Mark:
 
 @contextmanager
 def open_parquet(
-    path: Path, root: Path, max_bytes: int = sys.maxsize, texts: Sequence[str] = ()
+    path: Path, root: Path, texts: Sequence[str] = ()
 ) -> Iterator[Any]:
     """Open a file inside `root` as ``pyarrow.parquet.ParquetFile``, some columns to be read dictionary-encoded."""
     library = need("pyarrow.parquet", extra="app", why="to read Parquet files")
-    with open_bounded(path, root, max_bytes) as (file, _), naming(path, "reading it as Parquet"):
+    check_place(path, root)
+    with naming(path, "reading it as Parquet"):
         try:
             place = os.fspath(path).encode().decode()
         except UnicodeEncodeError:  # pyarrow cannot spell it
-            place = need("pyarrow", extra="app", why="to read Parquet files").BufferReader(file.read())
+            place = need("pyarrow", extra="app", why="to read Parquet files").BufferReader(path.read_bytes())
         with library.ParquetFile(
             place,
             read_dictionary=texts,

@@ -1,0 +1,330 @@
+"""The convention for arrays in files (NPZ, MATLAB, HDF5), and what to do with all that is kept otherwise.
+
+Either ``X`` (recordings, samples, axes), or a list of (samples, axes), with ``y``, ``fs`` or ``rate_hz`` and perhaps
+``session``, ``name``, ``lengths``, ``axes``, ``units`` and ``t`` (s); or one array (samples, axes) a recording, named
+as its label, with a number behind it if there are several (``rice``, ``rice_2``, group ``rice/1``). Other arrays are
+chosen by name (``array=``). Nothing is guessed: anything else is an error with the line that reads the file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from granular_id.io.errors import RecordingFileError
+from granular_id.io.options import LoadOptions
+from granular_id.io.remedy import ABOUT, MOST_LISTED, Chain, Found, Leaf, Opening, remedy
+from granular_id.io.source import FileContent, FileSource
+from granular_id.recording import AXES, Table
+
+_KNOWN = {name for names in ABOUT.values() for name in names}
+_SIGNAL = re.compile(
+    r"wrench|force|torque|raw|filt|signal|data|sample|sensor|arr_\d|(^|[\W_])ft([\W_]|$)|^x$", re.IGNORECASE
+)
+"""Names of arrays that are no materials."""
+
+_COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
+_MOST_DEEP = 12
+
+
+def content_of(
+    tree: Mapping[str, Any], source: FileSource, options: LoadOptions, how: Opening
+) -> FileContent:
+    """Read what a tree of names holds: mappings are groups or structs, lists are cells, `Leaf` are arrays.
+
+    `how` says how the file is opened in Python, for errors.
+    """
+    reading = _Reading(tree, source, options, how)
+    found, notes = reading.found()
+    tables: list[Table] = []
+    for one in found:
+        tables += reading.tables(one)
+    places = [
+        f"{how.kind} {table.name}" if len(tables) > 1 else f"{how.kind} {found[0].path}" for table in tables
+    ]
+
+    def place(table: int, row: int | None) -> dict[str, Any]:
+        return {"place": places[table] + ("" if row is None else f", sample {row}")}
+
+    return FileContent(tables, notes=notes, place=place)
+
+
+class _Reading:
+    def __init__(
+        self, tree: Mapping[str, Any], source: FileSource, options: LoadOptions, how: Opening
+    ) -> None:
+        self._tree, self._source, self._options, self._how = tree, source, options, how
+        self._leaves = list(_leaves(tree, "", ()))
+
+    def found(self) -> tuple[list[Found], list[str]]:
+        """Return the arrays of samples, and notes on what is left out."""
+        tree, asked = self._tree, self._options.array
+        if asked is not None:
+            found = [
+                one for one in self._leaves if _is_called(one.path, asked) and len(one.leaf.shape) in (2, 3)
+            ]
+            if not found:
+                raise self.fault(f"array={asked!r:.60} names no array of samples (2 or 3 dimensions)")
+        elif "X" in tree:
+            found = self._of_x(tree["X"])
+        elif self._samples_beside_x():
+            found = []
+        else:
+            found = self._labelled()
+        if not found:
+            raise self.fault(self._why_none())
+        used = {one.path.partition("/")[0].partition("[")[0] for one in found}
+        others = [
+            name
+            for name in tree
+            if name not in used and name.lower() not in _KNOWN and not name.startswith("_")
+        ]
+        return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
+
+    def _of_x(self, node: Any) -> list[Found]:
+        if isinstance(node, Leaf):
+            return [Found("X", node, (self._tree,))] if len(node.shape) in (2, 3) else []
+        cells = _cells(node)
+        return [Found(f"X[{i}]", leaf, (self._tree,)) for i, leaf in enumerate(cells)]
+
+    def _samples_beside_x(self) -> bool:
+        """Return True if samples of several recordings lie in one array, or in structs, so that names are no labels."""
+        return any(one.leaf.is_numbers and len(one.leaf.shape) > 2 for one in self._leaves)
+
+    def _labelled(self) -> list[Found]:
+        """Return arrays that are named as their labels, with a number behind; or the only one, without a label."""
+        found: list[Found] = []
+        width = len(self._options.axes or self._source.axes or AXES)
+        for name, node in self._tree.items():
+            if name.lower() in _KNOWN:
+                continue
+            if isinstance(node, Leaf) and node.is_numbers and len(node.shape) == 2:
+                found.append(Found(name, node, (self._tree,), _without_number(name)))
+            elif isinstance(node, Mapping):
+                inner = [(key, leaf) for key, leaf in node.items() if key.lower() not in _KNOWN]
+                if not inner or not all(
+                    isinstance(leaf, Leaf) and len(leaf.shape) == 2 and re.search(r"\d$", key)
+                    for key, leaf in inner
+                ):
+                    return []
+                found += [Found(f"{name}/{key}", leaf, (node, self._tree), name) for key, leaf in inner]
+            elif cells := _cells(node):
+                found += [Found(f"{name}[{i}]", leaf, (self._tree,), name) for i, leaf in enumerate(cells)]
+        labels = {one.label for one in found}
+        sound = all(len(one.leaf.shape) == 2 and self._fits(one, width) for one in found)
+        if not sound or (len(found) > 1 and any(_SIGNAL.search(str(label)) for label in labels)):
+            return []
+        if len(found) == 1:
+            return [Found(found[0].path, found[0].leaf, found[0].chain)]
+        known = self._source.label_else or self._source.label
+        if self._source.label is None and known is not None and len(labels) == 1 and labels != {known}:
+            both = f"its arrays are called {labels.pop()!r:.60}, and its {self._source.label_place} {known!r:.60}"
+            raise self.fault(f"{both}: either may be the label; say so by label='folder' or label='file'")
+        return found
+
+    def _fits(self, one: Found, width: int) -> bool:
+        axes = self._about("axes", one)
+        return one.leaf.shape[1] == (width if axes is None else len(_texts(axes)))
+
+    def tables(self, one: Found) -> list[Table]:
+        """Return a table for each recording of an array, with what stands beside it."""
+        shape = one.leaf.shape
+        n = shape[0] if len(shape) == 3 else 1
+        cell = re.fullmatch(r".*\[(\d+)\]", one.path)
+        at = int(cell[1]) if cell is not None and one.chain[0] is self._tree else None
+        of_all = (
+            sum(other.path.startswith(one.path[: one.path.index("[")] + "[") for other in self._leaves)
+            if at is not None
+            else n
+        )
+        axes, units = self._about("axes", one), self._about("units", one)
+        names = None if axes is None else tuple(text or "" for text in _texts(axes))
+        n_units = None if units is None else tuple(text or "" for text in _texts(units))
+        values = one.leaf.read()
+        if not one.leaf.is_numbers:
+            raise self.fault(f"{one.path} holds {values.dtype}; wanted numbers")
+        label = self._each("y", one, of_all, self._options.label)
+        session = self._each("session", one, of_all, self._options.session)
+        called, rates, lengths = (self._each(what, one, of_all) for what in ("name", "rate_hz", "lengths"))
+        stamps = self._about("t", one)
+        clock = None if stamps is None else np.squeeze(stamps.read())
+        self._refuse_order(values, one, label)
+        width = values.shape[-1]
+        if names is None and width not in (len(AXES), len(self._options.axes or self._source.axes or AXES)):
+            raise self.fault(
+                f"{one.path} {values.shape} has {width} columns without names; pass axes= with a name for each"
+            )
+        tables = []
+        for i in range(n):
+            k = i if at is None else at
+            samples = values[i] if len(shape) == 3 else values
+            length = None if lengths[k] is None else int(float(lengths[k] or 0))
+            if length is not None and not 0 < length <= len(samples):
+                raise self.fault(f"lengths[{k}] is {length}, and {one.path} has {len(samples)} samples")
+            own = called[k] or self._named(one, i, n)
+            tables.append(
+                Table(
+                    name=own,
+                    values=samples[:length],
+                    axes=names,
+                    units=self._units_of(names, n_units, samples),
+                    rate_hz=_number(rates[k], "fs", self),
+                    stamps=None
+                    if clock is None or clock.ndim == 0
+                    else (clock[i] if clock.ndim == 2 else clock)[:length],
+                    label=label[k] or one.label,
+                    session=session[k],
+                    clock=f"clock (t) beside {one.path}",
+                )
+            )
+        return tables
+
+    def _named(self, one: Found, i: int, n: int) -> str:
+        if n > 1 or len(one.leaf.shape) == 3:
+            return f"{self._source.name}[{i}]" if n > 1 else self._source.name
+        several = len([other for other in self._leaves if len(other.leaf.shape) == 2]) > 1
+        return f"{self._source.name}[{one.path}]" if several else self._source.name
+
+    def _units_of(
+        self, names: Sequence[str] | None, units: Sequence[str] | None, samples: Any
+    ) -> dict[str, str]:
+        if units is None:
+            return {}
+        axes = names or self._options.axes or self._source.axes or AXES
+        if len(units) not in (1, 2, len(axes)) or len(axes) != samples.shape[1]:
+            raise self.fault(f"units names {len(units)} for {samples.shape[1]} axes")
+        run = len(axes) // len(units)
+        return {axis: units[min(i // run, len(units) - 1)] for i, axis in enumerate(axes)}
+
+    def _refuse_order(self, values: NDArray[Any], one: Found, label: Sequence[str | None]) -> None:
+        """Refuse three dimensions of which nobody says the order: more recordings than samples, and no labels."""
+        if values.ndim != 3 or self._options.array is not None or any(label):
+            return
+        if values.shape[0] > values.shape[1]:
+            order = f"{one.path} {values.shape} would be {values.shape[0]} recordings of {values.shape[1]} samples"
+            raise self.fault(f"{order}; if that is so, pass array={one.path!r}")
+
+    def _about(self, what: str, one: Found) -> Leaf | None:
+        """Return what stands beside an array: its attributes, its group, the groups around."""
+        names = ABOUT[what]
+        for place in (one.leaf.about, *one.chain):
+            for key, node in place.items():
+                if key.lower() in names and isinstance(node, Leaf) and node is not one.leaf:
+                    if what == "t" and not node.is_numbers:
+                        continue
+                    return node
+        return None
+
+    def _each(self, what: str, one: Found, n: int, rule: str | None = None) -> list[str | None]:
+        """Return a text for each of n recordings; one that stands for all is repeated."""
+        if rule is not None and rule.startswith("column:"):
+            called = rule.removeprefix("column:")
+            leaf = next(
+                (
+                    node
+                    for place in (one.leaf.about, *one.chain)
+                    for key, node in place.items()
+                    if key == called
+                ),
+                None,
+            ) or next((other.leaf for other in self._leaves if other.path == called), None)
+            if not isinstance(leaf, Leaf):
+                raise self.fault(f"{rule!r:.60} is not there, as an array of texts or numbers")
+        else:
+            leaf = self._about(what, one)
+        if leaf is None:
+            return [None] * n
+        texts = _texts(leaf)
+        if len(texts) == 1 and (leaf.values.ndim == 0 or n == 1 or what not in ("y", "lengths")):
+            return texts * n
+        if len(texts) != n:
+            problem = (
+                f"{rule or what} has {len(texts)} values, and {one.path} {one.leaf.shape} {n} recordings"
+            )
+            raise self.fault(problem)
+        return texts
+
+    def fault(self, problem: str) -> RecordingFileError:
+        """Return an error that lists the arrays, and says how to read them."""
+        shown = [f"{one.path[:60]} {one.leaf.shape}" for one in self._leaves if one.leaf.shape]
+        more = len(shown) - MOST_LISTED
+        listed = ", ".join(shown[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+        way_out = remedy(self._leaves, self._source.path, self._options, self._how, self._source.axes)
+        error = RecordingFileError(self._source.path, f"{problem}; it holds {listed or 'no arrays'}{way_out}")
+        error.no_wrench = not any(len(one.leaf.shape) > 1 for one in self._leaves)
+        return error
+
+    def _why_none(self) -> str:
+        if "X" in self._tree:
+            return "X is no array (recordings, samples, axes)"
+        wanted = "X (recordings, samples, axes) with y and fs, or an array a recording named as its label"
+        return f"holds no recordings by the convention: {wanted}"
+
+
+def _leaves(node: Any, path: str, chain: Chain, depth: int = 0) -> Iterator[Found]:
+    """Yield all arrays below a node."""
+    if depth > _MOST_DEEP:
+        return
+    if isinstance(node, Leaf):
+        yield Found(path, node, chain)
+    elif isinstance(node, Mapping):
+        for key, inner in node.items():
+            yield from _leaves(inner, f"{path}/{key}" if path else str(key), (node, *chain), depth + 1)
+    elif isinstance(node, list):
+        for i, inner in enumerate(node):
+            yield from _leaves(inner, f"{path}[{i}]", chain, depth + 1)
+
+
+def _cells(node: Any) -> list[Leaf]:
+    """Return the arrays of a list of such; none where it holds something else."""
+    if not isinstance(node, list) or not node:
+        return []
+    return (
+        node if all(isinstance(one, Leaf) and one.is_numbers and len(one.shape) == 2 for one in node) else []
+    )
+
+
+def _is_called(path: str, asked: str) -> bool:
+    plain = re.sub(r"\[\d+\]", "", path)
+    return (
+        asked in (path, plain)
+        or path.endswith(f"/{asked}")
+        or plain.endswith(f"/{asked}")
+        or plain.partition("/")[2] == asked
+    )
+
+
+def _without_number(name: str) -> str:
+    found = _COUNTED.fullmatch(name)
+    return name if found is None or not found[1] else found[1]
+
+
+def _texts(leaf: Leaf) -> list[str | None]:
+    """Return the values of an array as texts, numbers too: 3 for 3.0; empty ones as None."""
+    values = leaf.read()
+    if values.dtype.kind == "S":
+        values = np.char.decode(values, "utf-8", "replace")
+    found: list[str | None] = []
+    for value in values.ravel().tolist():
+        text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+        if isinstance(text, float) and text.is_integer():
+            text = int(text)
+        text = "" if text is None or text != text else str(text).strip()  # noqa: PLR0124 (NaN)
+        found.append(text or None)
+    return found
+
+
+def _number(text: str | None, name: str, reading: _Reading) -> float | None:
+    if text is None:
+        return None
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0 < number < np.inf:
+        raise reading.fault(f"{name} is {text!r:.40}; wanted a rate above 0 in Hz")
+    return number

@@ -1,1 +1,0 @@
-"""What named arrays hold: recordings, labels, sessions, rates; guessed, said, or refused."""

@@ -1,0 +1,194 @@
+"""``index.csv``: what is known about the files of a folder, a line each.
+
+Column ``file`` (path within the folder) is needed; ``label``, ``session``, ``start_time`` (seconds since 1970, or ISO
+8601 with its zone), ``rate_hz`` (or ``irregular``: keep the stamps), ``trigger_index``, ``name``, ``meta`` (a JSON
+object) and ``axes`` (a JSON list, or names with commas between them) may follow in any order, empty cells meaning "not
+known". Any other column goes into ``meta`` as text.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import re
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from granular_id.io.errors import RecordingFileError, attempt
+from granular_id.io.flat import checked_history
+from granular_id.io.folder_save import INDEX_COLUMNS, INDEX_NAME, IRREGULAR
+from granular_id.io.source import FileSource
+from granular_id.recording import StepReport, checked_axes
+
+_WHOLE_NUMBER = re.compile(r"[0-9]{1,15}")
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+
+
+def read_index(root: Path, problems: list[RecordingFileError]) -> tuple[list[str], list[FileSource]]:
+    """Return the columns of the index of a folder, and what it lists; lines that cannot be used go to `problems`."""
+    path = root / INDEX_NAME
+    rows = _rows(path)
+    line, names = next(rows, (1, None))
+    if names is None:
+        raise RecordingFileError(path, "is empty (0 bytes)")
+    columns = [column.strip().lower() for column in names]
+    for i, column in enumerate(columns):
+        if not column or not column.isprintable() or column in columns[:i]:
+            problem = f"column {column!r} occurs twice" if column else "the column has no proper name"
+            raise RecordingFileError(path, problem, line=line, column=str(i + 1))
+    if "file" not in columns:
+        raise RecordingFileError(
+            path, f"no column 'file'; wanted {', '.join(map(repr, INDEX_COLUMNS))}", line=line
+        )
+    lines: dict[Path, int] = {}
+    found: list[FileSource] = []
+    for line, cells in rows:
+        source = attempt(problems, _indexed, root, columns, cells, line)
+        if source is None:
+            continue
+        if source.path in lines:
+            problem = f"{cells[columns.index('file')]!r} is already listed in line {lines[source.path]}"
+            problems.append(RecordingFileError(path, problem, line=line, column="file"))
+            continue
+        found.append(source)
+        lines[source.path] = line
+    if not found and not problems:
+        raise RecordingFileError(path, "has a header but lists no file", line=2)
+    return columns, found
+
+
+def read_history(path: Path) -> tuple[StepReport, ...]:
+    """Read the steps that made a data set, stored beside its index."""
+    try:
+        return checked_history(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise RecordingFileError(path, f"cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError) as error:
+        raise RecordingFileError(path, f"is no history of a data set: {error}") from error
+
+
+def _rows(path: Path) -> Any:
+    """Yield the number and the cells of each line that is not empty."""
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise RecordingFileError(path, f"cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise RecordingFileError(path, f"is not UTF-8 text: {error.reason}") from error
+    head = text.partition("\n")[0]
+    separator = next((one for one in (",", ";", "\t") if one in head), ",")
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    try:
+        for cells in reader:
+            if cells:
+                yield reader.line_num, cells
+    except csv.Error as error:
+        raise RecordingFileError(path, f"is not valid CSV: {error}", line=reader.line_num) from error
+
+
+def _indexed(root: Path, columns: Sequence[str], cells: Sequence[str], line: int) -> FileSource:
+    path = root / INDEX_NAME
+    if len(cells) != len(columns):
+        problem = f"{len(cells)} cells; wanted {len(columns)}, as in the header"
+        raise RecordingFileError(path, problem, line=line)
+    texts = dict(zip(columns, cells, strict=True))
+    known: dict[str, Any] = {}
+    for column, value_of in _VALUES.items():
+        text = texts.get(column, "")
+        try:
+            known[column] = value_of(text) if text or column == "file" else None
+        except (TypeError, ValueError, RecursionError) as error:
+            raise RecordingFileError(path, str(error), line=line, column=column) from error
+    irregular = known["rate_hz"] == IRREGULAR
+    others = {column: text for column, text in texts.items() if column not in INDEX_COLUMNS and text}
+    return FileSource(
+        path=root.joinpath(known["file"]),
+        root=root,
+        name=texts.get("name", texts["file"]),
+        label=texts.get("label") or None,
+        session=texts.get("session") or None,
+        label_place=INDEX_NAME,
+        session_place=INDEX_NAME,
+        start_time=known["start_time"],
+        rate_hz=None if irregular else known["rate_hz"],
+        irregular=irregular,
+        trigger_index=known["trigger_index"],
+        axes=known["axes"],
+        meta={**others, **(known["meta"] or {})},
+    )
+
+
+def _inside(text: str) -> PurePosixPath:
+    path = PurePosixPath(text)
+    strange = any(c in text for c in "\\:") or not text.isprintable()
+    if not path.name or path.is_absolute() or ".." in path.parts or strange:
+        raise ValueError(f"{text[:80]!r} is not a file within the folder (like rice/rice_01.csv)")
+    return path
+
+
+def _plain_number(text: str) -> float | None:
+    """Return a finite plain decimal number, or None: no ``nan``, ``1e999``, ``1_000``, ``0x10``."""
+    if not _NUMBER.fullmatch(text.strip()):
+        return None
+    value = float(text)
+    return value if math.isfinite(value) else None
+
+
+def _start_time(text: str) -> float:
+    seconds = _plain_number(text)
+    if seconds is not None:
+        return seconds
+    with suppress(ValueError):
+        # before Python 3.11 it knows no Z, and fractions of three or six digits only
+        digits = re.sub(r"\.([0-9]+)", lambda fraction: f".{fraction[1]:0<6.6}", text)
+        when = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", digits))
+        if when.tzinfo is not None:
+            return when.timestamp()
+    wanted = "seconds since 1970, or ISO 8601 with its zone, like 2026-11-21T09:30:00+01:00"
+    raise ValueError(f"{text[:40]!r} is no time; wanted {wanted}")
+
+
+def _rate(text: str) -> float | str:
+    if text == IRREGULAR:
+        return text
+    value = _plain_number(text)
+    if value is None or value <= 0:
+        raise ValueError(f"{text[:40]!r} is no rate; wanted a plain positive number of Hz, or {IRREGULAR}")
+    return value
+
+
+def _trigger(text: str) -> int:
+    if not _WHOLE_NUMBER.fullmatch(text):
+        raise ValueError(f"{text[:40]!r} is not a whole number")
+    return int(text)
+
+
+def _meta(text: str) -> dict[str, Any]:
+    value = json.loads(text)
+    if not isinstance(value, dict):
+        raise TypeError(f'a JSON {type(value).__name__}; wanted an object like {{"tool": "cylinder"}}')
+    return value
+
+
+def _axes(text: str) -> tuple[str, ...]:
+    listed = json.loads(text) if text.startswith("[") else text.split(",")
+    if not isinstance(listed, list) or not listed:
+        raise TypeError(f"{text[:40]!r} is no list of names; wanted one like wx,wy,wz")
+    names = tuple(name.strip() if isinstance(name, str) else name for name in listed)
+    return checked_axes(names, (0, len(listed)))
+
+
+_VALUES: dict[str, Callable[[str], Any]] = {
+    "axes": _axes,
+    "trigger_index": _trigger,
+    "rate_hz": _rate,
+    "meta": _meta,
+    "file": _inside,
+    "start_time": _start_time,
+}
+"""What stands in the cells of columns that are no plain texts."""

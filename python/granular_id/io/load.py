@@ -1,0 +1,422 @@
+"""``load`` and ``load_parts``: find what a path holds, read it, and make recordings of it."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from granular_id._checks import argument_error, checked_index
+from granular_id._files import check_source
+from granular_id._progress import ProgressCallback, check_progress, showing
+from granular_id._text import counted
+from granular_id.io.errors import RecordingFileError, naming
+from granular_id.io.files import check_place
+from granular_id.io.formats import format_of
+from granular_id.io.options import LoadOptions
+from granular_id.io.source import FileContent, FileSource
+from granular_id.io.sources import beside_note, find_sources
+from granular_id.recording import Dataset, Recording, StepReport, TableError, restated, to_recordings
+
+_ARRAYS = ("npy", "npz", "mat", "hdf5")
+_OF_FORMATS = {
+    "topic": ("a bag or MCAP", ("ros",)),
+    "array": ("of named arrays", _ARRAYS),
+    "time": ("a table", ("csv", "parquet")),
+    "id": ("a table", ("csv", "parquet")),
+    "csv": ("a text table", ("csv",)),
+}
+"""Which formats have what an option names."""
+
+_EXAMPLES = 3
+
+
+def load(
+    path: str | os.PathLike[str],
+    *,
+    rate_hz: float | None = None,
+    on_error: Literal["raise", "skip"] = "raise",
+    on_time_error: Literal["raise", "repair"] = "raise",
+    topic: str | None = None,
+    array: str | None = None,
+    time: str | None = None,
+    time_unit: Literal["s", "ms", "us", "ns", "sample"] | None = None,
+    axes: str | Sequence[str] | None = None,
+    units: str | Sequence[str] | None = None,
+    id: str | None = None,  # noqa: A002 (what the column is called)
+    label: str | None = None,
+    session: str | None = None,
+    csv: Mapping[str, Any] | None = None,
+    progress: bool | ProgressCallback = False,
+) -> Dataset:
+    r"""Read recordings from a file or folder.
+
+    Nothing is resampled or cropped. Recordings whose stamps lie within 1 % of a step of an even grid become uniform at
+    the shortest decimal rate that fits, or at the round figure within 0.1 % of it; the others keep their stamps
+    (`time_s`) and wait for ``.resample``. Stamps above 1e8 are taken as seconds since 1970 and give `start_time`. Rows
+    that are empty in all axes are missing samples: they are left out and leave a gap.
+
+    What is in memory already comes in by `Dataset.from_arrays` and `Dataset.from_frames`; so does whatever numpy or
+    pandas can read and this function refuses.
+
+    Parameters
+    ----------
+    path : str or path
+        A file of a known format, or a folder of such files: ``label/*``, ``label_1.csv``, or with an ``index.csv``.
+        Formats: text tables (.csv, .tsv, .txt, .csv.gz), NumPy (.npy, .npz), MATLAB (.mat), HDF5 (.h5), Parquet (a
+        native folder, or a table), ROS 1 and ROS 2 bags, MCAP.
+    rate_hz : float, optional
+        Rate at which the recordings were taken, Hz (``--recorded-hz`` on the command line); for files without a clock,
+        or whose readings come in packets with one stamp, which it wins over: then the clock is ignored. Stamps that say
+        another rate, or have pauses, are refused beside it. A ``rate_hz`` in index.csv comes first.
+    on_error : {"raise", "skip"}
+        What to do with a file that cannot be read: raise, or read the rest and list it in ``history[-1]``; of an
+        archive also with a row group or index file.
+    on_time_error : {"raise", "repair"}
+        What to do where time runs backwards: raise with the place, or sort the samples, count them in ``history[-1]``
+        and flag them ``TIME_REPAIRED``. Rows that are there twice are merged; different rows are never averaged.
+    topic : str, optional
+        Which topic of a bag holds the wrench, where there are several; ``"/topic.field"`` is the wrench in a field of
+        its messages.
+    array : str, optional
+        Which array of an NPZ, MATLAB or HDF5 file holds the samples, where it is not ``X``: its name, with the names of
+        the groups around it or without. Of several groups it is one recording each.
+    time : str, optional
+        Which column of a table is the clock, where it is not called time, t, timestamp ...
+    time_unit : {"s", "ms", "us", "ns", "sample"}, optional
+        What stamps count, where the file does not state it; "sample": they are an index, and a rate is stated. By
+        default stamps are seconds, and refused where samples would lie 0.1 s or more, or 10 us or less apart.
+    axes : str or sequence of str, optional
+        Columns that are the axes, in this order: ``("wx", "wy", "wz")`` or ``"wx,wy,wz"``. They are named with or
+        without a unit behind their name, ``wx [rad/s]``; other columns are left out. Unnamed arrays of that width have
+        these axes. By default fx fy fz tx ty tz, or what the file itself says of its axes.
+    units : str or sequence of str, optional
+        Units of the axes, where the file does not state them: one for all, one per axis, or one for each of several
+        runs of equal length (six axes and ``"rad/s,m/s2"``: three and three). They come into ``meta["units"]``; forces
+        and torques (fx to tz) are converted to N and N m. A file that states another unit is refused.
+    id : str, optional
+        Which column of a table tells recordings apart, where it is not called recording, trial or id.
+    label, session : str, optional
+        Where label and session stand: ``"folder"`` (of the file), ``"parent"`` (the folder above that), ``"file"`` (its
+        name, of the label without the number at its end), ``"column:NAME"`` (of a table, or array) or ``"meta:PATH"``
+        (``meta:source.tool``; also columns of index.csv). By default what index.csv or the file says, else for the
+        label the folder, or the name of files in one folder; folders within folders are refused.
+    csv : mapping, optional
+        Options of ``pandas.read_csv`` for text tables, as they are: ``{"skiprows": 7, "decimal": ","}``.
+    progress : bool or callable
+        True draws a bar on a terminal; a callable is called as ``progress(files_done, files_in_all, file)``.
+
+    Returns
+    -------
+    Dataset
+        ``history[-1]`` says what was read and skipped, and where label and session were taken from. What was chosen by
+        `array`, `topic`, `axes`, `time` and `csv` stands in ``meta["read_as"]``, which models compare.
+
+    Raises
+    ------
+    FileNotFoundError
+        `path` does not exist.
+    RecordingFileError
+        (a ValueError) naming the file and place of the first fault, or a path of no known format.
+    ImportError
+        The format needs a library that is not installed; names the extra that brings it.
+    TypeError, ValueError
+        A bad setting, named.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> from granular_id import load
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder) / "rice_1.csv"
+    ...     _ = file.write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n0.002,1,2,3,4,5,6\n")
+    ...     data = load(folder)
+    >>> data[0]
+    Recording('rice_1.csv', label='rice', 2 samples at 500 Hz)
+    """
+    options = LoadOptions(
+        rate_hz,
+        on_error,
+        on_time_error,
+        topic,
+        array,
+        time,
+        time_unit,
+        axes,  # type: ignore[arg-type]  # which makes tuples of both
+        units,  # type: ignore[arg-type]
+        id,
+        label,
+        session,
+        csv,
+    )
+    with showing(progress) as callback:
+        reading = _Reading(path, options)
+        return reading.dataset(list(reading.files(callback, parts=False)))
+
+
+def load_parts(
+    path: str | os.PathLike[str],
+    *,
+    n_recordings: int = 2048,
+    progress: bool | ProgressCallback = False,
+    **options: Any,
+) -> Iterator[Dataset]:
+    """Read recordings as `load` does, piece by piece: the same ones in the same order, with less in memory.
+
+    Files of a folder are read one after the other, row groups of an archive too. What is in memory is one piece and
+    one file (or row group) more; a file of many recordings is read as a whole.
+
+    Parameters
+    ----------
+    path : str or path
+        As in `load`.
+    n_recordings : int, default 2048
+        Recordings of a piece: 160 MB where each has 1600 samples of six axes. The last piece has fewer.
+    progress
+        As in `load`.
+    **options
+        All others of `load`: ``rate_hz``, ``on_error``, ``label`` ...
+
+    Yields
+    ------
+    Dataset
+        Its history is that of `load`, of this piece alone.
+
+    Raises
+    ------
+    FileNotFoundError, RecordingFileError, ImportError, TypeError, ValueError
+        As `load`; what is wrong in a file, once the pieces before it have been read. With ``on_error="skip"`` what
+        of an archive is damaged is left out.
+
+    Examples
+    --------
+    >>> import numpy as np, tempfile
+    >>> from granular_id.io import load_parts, save
+    >>> from granular_id import Dataset, Recording
+    >>> data = Dataset([Recording(np.full((3, 6), i), rate_hz=500, name=f"push {i}") for i in range(5)])
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [len(part) for part in load_parts(save(data, folder + "/pushes.npz"), n_recordings=2)]
+    [2, 2, 1]
+    """
+    most = checked_index(n_recordings, "n_recordings")
+    if most < 1:
+        raise argument_error(ValueError, "n_recordings", f"must be positive, got {most}")
+    known = [one.name for one in fields(LoadOptions)]
+    unknown = next((name for name in options if name not in known), None)
+    if unknown is not None:
+        raise argument_error(TypeError, unknown, f"is no option of load; wanted one of {', '.join(known)}")
+    check_progress(progress)
+    return _parts(_Reading(path, LoadOptions(**options)), most, progress)
+
+
+def _parts(reading: _Reading, most: int, progress: bool | ProgressCallback) -> Iterator[Dataset]:
+    with showing(progress) as callback:
+        waiting: list[_Read] = []
+        for read in reading.files(callback, parts=True):
+            waiting.append(read)
+            while sum(len(each.recordings) for each in waiting) > most:
+                now, waiting = _split(waiting, most)
+                yield reading.dataset(now)
+        if waiting:
+            yield reading.dataset(waiting)
+
+
+class _TwoMeaningsError(RecordingFileError):
+    """Folders that may mean two things: no file of them is left out for that."""
+
+
+@dataclass
+class _Read:
+    """What a file, or a piece of one, became."""
+
+    source: FileSource
+    recordings: Sequence[Recording]
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    history: Sequence[StepReport] = ()
+
+
+def _split(reads: Sequence[_Read], n: int) -> tuple[list[_Read], list[_Read]]:
+    """Part the first n recordings from the others; what is remarked on a file goes with the first of it."""
+    now, rest = [], []
+    for read in reads:
+        here = read.recordings[:n]
+        n -= len(here)
+        if here:
+            now.append(replace(read, recordings=here))
+        if len(here) < len(read.recordings):
+            others = replace(read, recordings=read.recordings[len(here) :])
+            rest.append(replace(others, rows=[], notes=[]) if here else others)
+    return now, rest
+
+
+class _Reading:
+    """A path that is read: what it holds, and what is wrong with it."""
+
+    def __init__(self, path: str | os.PathLike[str], options: LoadOptions) -> None:
+        self._options, self._root = options, check_source(path)
+        self._found = find_sources(self._root, options)
+        self._alone = format_of(self._root) is not None
+        self._problems: list[RecordingFileError] = []
+        self._n_reported = 0
+        self._said = False
+        self._beside: list[RecordingFileError] = []
+        self._refuse_unused()
+
+    def _refuse_unused(self) -> None:
+        """Refuse options that would change nothing, as no file is of a format that has what they name."""
+        files = self._found.files
+        known = {one.name for source in files if (one := format_of(source.path)) is not None}
+        for name, (what, wanted) in _OF_FORMATS.items():
+            if files and getattr(self._options, name) is not None and known.isdisjoint(wanted):
+                came = f"{counted(len(files), 'file')}, the first is {files[0].path}"
+                raise argument_error(ValueError, name, f"must be left out where no file is {what}: {came}")
+
+    def files(self, progress: ProgressCallback | None, *, parts: bool) -> Iterator[_Read]:
+        """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
+        found, problems, skips = self._found, self._problems, self._options.on_error == "skip"
+        if found.problems and not skips:
+            found.problems[0].skippable = bool(found.files)
+            raise found.problems[0]
+        problems += found.problems
+        nothing = True
+        for done, source in enumerate(found.files, start=1):
+            # what is to be left out may be a piece of a file
+            for read in self._pieces(source, parts=parts or skips):
+                nothing = False
+                yield read
+            if problems and self._alone and nothing:
+                raise problems[0]
+            if progress is not None:
+                progress(done, len(found.files), source.name)
+        if nothing:
+            every = [*problems, *self._beside]
+            if not skips:
+                raise every[0]
+            problem = f"none of {counted(len(every))} could be read; the first problem: {every[0]}"
+            raise RecordingFileError(self._root, problem) from every[0]
+
+    def _pieces(self, source: FileSource, *, parts: bool) -> Iterator[_Read]:
+        """Read a file; what cannot be read is raised, or listed."""
+        whole = True
+        try:
+            for read in _read(source, self._options, parts=parts):
+                if isinstance(read, RecordingFileError):
+                    self._problems.append(read)
+                    continue
+                whole = False
+                yield read
+        except _TwoMeaningsError:
+            raise
+        except RecordingFileError as error:
+            if error.no_wrench and not self._alone:
+                self._beside.append(error)
+            elif self._options.on_error == "skip":
+                self._problems.append(error)
+            else:
+                error.skippable = not (self._alone and whole)
+                raise
+
+    def dataset(self, reads: Sequence[_Read]) -> Dataset:
+        """Put together what was read since the last time."""
+        recordings = [recording for read in reads for recording in read.recordings]
+        problems = self._problems[self._n_reported :]
+        self._n_reported = len(self._problems)
+        stored = {id(read.history): read.history for read in reads}  # of a file once, not of a piece
+        history = [*self._found.history, *(step for steps in stored.values() for step in steps)]
+        return Dataset(recordings, [*history, self._report(reads, recordings, problems)])
+
+    def _report(
+        self, reads: Sequence[_Read], recordings: Sequence[Recording], problems: Sequence[RecordingFileError]
+    ) -> StepReport:
+        rows = [row for read in reads for row in read.rows]
+        totals = {
+            "recordings": len(recordings),
+            "skipped": len(problems),
+            "uniform": sum(r.is_uniform for r in recordings),
+            "irregular": sum(not r.is_uniform for r in recordings),
+            "left_out_samples": sum(row.get("left_out", 0) for row in rows),
+            "moved_samples": sum(row.get("moved", 0) for row in rows),
+            "merged_samples": sum(row.get("merged", 0) for row in rows),
+        }
+        notes = Counter(note for read in reads for note in read.notes)
+        every = [note if count == 1 else f"{note} ({count} files)" for note, count in notes.items()]
+        if self._beside:
+            every.append(beside_note([Path(error.path).name for error in self._beside]))
+        places = (
+            [] if self._said else [_place_note(what, reads, self._alone) for what in ("label", "session")]
+        )
+        self._said = True  # of the first piece, for all
+        skipped = [{"name": Path(problem.path).name, "skipped": str(problem)} for problem in problems]
+        parameters = {"format": self._found.layout, **self._options.to_dict()}
+        return StepReport(
+            "load", parameters, totals, skipped + rows, [*filter(None, places), *self._found.notes, *every]
+        )
+
+
+def _read(source: FileSource, options: LoadOptions, *, parts: bool) -> Iterator[_Read | RecordingFileError]:
+    """Read a file of any format, piece by piece where it has pieces; whatever a library raises names the file."""
+    known = format_of(source.path)
+    if known is None:  # it has changed since it was found
+        raise RecordingFileError(source.path, "is of no known format any more")
+    with naming(source.path, f"reading it as {known.name}"):
+        check_place(source.path, source.root)
+        if known.parts is None or not parts:
+            yield _made(known.read(source, options), source, options)
+            return
+        for content in known.parts(source, options):
+            yield content if isinstance(content, RecordingFileError) else _made(content, source, options)
+
+
+def _made(content: FileContent, source: FileSource, options: LoadOptions) -> _Read:
+    """Make the recordings of what a reader found."""
+    stated = source.stated(options)
+    n = len(content.tables) + len(content.recordings)
+    if n > 1 and (source.start_time is not None or source.trigger_index is not None):
+        problem = f"start_time and trigger_index are stated for a file of {counted(n)}"
+        raise RecordingFileError(source.path, f"{problem}; wanted in the file itself")
+    read = _Read(source, [], list(content.rows), list(content.notes), content.history)
+    found: list[Recording] = []
+    for i, table in enumerate(content.tables):
+        try:
+            made = to_recordings(table, stated)
+        except TableError as error:
+            place = content.place(i, error.row)
+            fault = RecordingFileError(source.path, error.problem, column=error.column, **place)
+            fault.no_wrench = error.no_wrench
+            raise fault from error
+        found += made.recordings
+        read.rows += made.rows
+        read.notes += [note for note in made.notes if note not in read.notes]
+    try:
+        found += [restated(recording, stated) for recording in content.recordings]
+    except TableError as error:
+        raise RecordingFileError(source.path, error.problem, column=error.column) from error
+    if source.two_meanings is not None and any(recording.label is None for recording in found):
+        raise _TwoMeaningsError(source.root, source.two_meanings)
+    read.recordings = found
+    return read
+
+
+def _place_note(what: str, reads: Sequence[_Read], alone: bool) -> str | None:
+    """Say where labels or sessions were taken from, with a few examples."""
+    examples: dict[str, dict[str, str]] = {}
+    for read in reads:
+        for recording in read.recordings:
+            text = getattr(recording, what)
+            stated, other = getattr(read.source, what), getattr(read.source, f"{what}_else")
+            place = getattr(read.source, f"{what}_place")
+            known = stated is not None or (other is not None and other == text) or ":" in place
+            if text is not None:
+                of_place = examples.setdefault(place if known else "what the file says", {})
+                of_place.setdefault(text, read.source.name)
+    if not examples:
+        return None if alone else f"{what}: not known"
+    parts = []
+    for place, texts in examples.items():
+        some = ", ".join(f"{text!r:.40} of {name}" for text, name in list(texts.items())[:_EXAMPLES])
+        parts.append(f"{place} ({some}{', ...' if len(texts) > _EXAMPLES else ''})")
+    return f"{what}: {'; '.join(parts)}"

@@ -1,0 +1,344 @@
+"""Files in the shape of real ones that were misread, or refused without a way out that works: a test of each kind.
+
+Each kind has small files made here; those that are kept with the shared data (``GRANULAR_ID_DATA``) are read, too.
+"""
+
+import json
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from granular_id import Dataset
+from granular_id.io import RecordingFileError, load
+from granular_id.recording import AXES
+
+RNG = np.random.default_rng(7)
+W = np.round(RNG.normal(size=(120, 6)), 5)
+STAMPS = pd.Timestamp("2025-03-04 21:46:21.9") + pd.to_timedelta(np.arange(120) * 2, unit="ms")
+NAMES = ["Force_x", "Force_y", "Force_z", "Torque_x", "Torque_y", "Torque_z"]
+
+
+@pytest.fixture
+def case(data_dir):
+    """Where the shared files of a case are; skipped where there are none."""
+
+    def folder(name):
+        path = data_dir / "cases" / name
+        if not path.exists():
+            pytest.skip(f"{path} is not there")
+        return path
+
+    return folder
+
+
+def frame(**columns):
+    return pd.DataFrame({**columns, **dict(zip(NAMES, W.T, strict=True))})
+
+
+def refused(path, problem, **options):
+    with pytest.raises(RecordingFileError, match=problem) as caught:
+        load(path, **options)
+    return caught.value.problem
+
+
+# -- 1: a day or person above the material
+
+
+@pytest.mark.parametrize("above", ["2024-11-03 2024-11-04", "anna_2N bert_5N", "rig A,rig B"])
+def test_session_above_label_is_refused_until_somebody_says(tmp_path, above):
+    for outer in above.split("," if "," in above else " "):
+        for material in ("clay", "oats"):
+            folder = tmp_path / outer / material
+            folder.mkdir(parents=True)
+            for name in ("1.csv", "2.csv", f"mean_{material}.csv"):
+                frame(time=np.arange(120) / 250).to_csv(folder / name, index=False)
+    refused(tmp_path, "label='folder', session='parent'.*label='parent', session='folder'")
+    data = load(tmp_path, label="folder", session="parent")
+    assert (data.labels, len(data), len(set(data.sessions))) == (("clay", "oats"), 8, 2)
+    assert any("mean_clay.csv" in note for note in data.history[-1].notes)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["by_day", "by_person"])
+def test_shared_session_above_label(case, name):
+    path = case("01_session_above_label") / name
+    refused(path, "label='folder', session='parent'")
+    data = load(path, label="folder", session="parent")
+    assert (len(data), len(data.labels), len(set(data.sessions))) == (12, 2, 2)
+
+
+# -- 2: dates and times as texts
+
+
+@pytest.mark.parametrize(
+    "texts",
+    [
+        [f"{stamp:%Y-%m-%d %H:%M:%S.%f}" for stamp in STAMPS],
+        [str(stamp).removesuffix(".000000") for stamp in STAMPS],  # full seconds without a fraction
+        [f"{stamp:%H:%M:%S.%f}" for stamp in STAMPS],
+        [f"{stamp:%Y-%m-%dT%H:%M:%S.%f}Z" for stamp in STAMPS],
+        [f"{stamp:%d %b %Y %H:%M:%S.%f}" for stamp in STAMPS],
+    ],
+)
+def test_text_timestamps_are_a_clock(tmp_path, texts):
+    frame(Timestamp=texts).to_csv(tmp_path / "a.csv", index=False)
+    frame().set_index(pd.Index(texts)).to_csv(tmp_path / "index.csv.csv")
+    recording = load(tmp_path / "a.csv")[0]
+    assert (recording.rate_hz, recording.n_samples) == (500, 120)
+    assert recording.wrench.tobytes() == W.tobytes()
+
+
+@pytest.mark.data
+def test_shared_text_timestamps(case):
+    folder = case("02_text_timestamps")
+    (same,) = load(folder / "same.parquet")
+    for path in sorted(folder.glob("*.csv")):
+        (recording,) = load(path)
+        assert (recording.rate_hz, recording.n_samples) == (500, 400), path.name
+        np.testing.assert_allclose(recording.wrench, same.wrench, atol=1e-6)
+
+
+# -- 3: a sensor maker's export: lines above the names, cells in quotes, units above, stamps of whole seconds
+
+
+def export(path, torque_unit, scale, n_above):
+    above = ["Start Time: 3/4/25 2:03 PM", "Force Units: N", f"Torque Units: {torque_unit}"]
+    above += [f'"Note {i}: rate as read"' for i in range(n_above - len(above))]
+    names = ", ".join(["Status", "RDT Sequence", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "Time"])
+    rows = [
+        ",".join(
+            f'"{cell}"'
+            for cell in [
+                "0x0",
+                i,
+                *np.round(row * [1, 1, 1, *[scale] * 3], 6).tolist(),
+                f"Mar 4, 2025 2:03:1{i // 60} PM",
+            ]
+        )
+        for i, row in enumerate(W)
+    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([*above, names, *rows, ""]))
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "n_above"), [("N-mm", 1000, 7), ("N-m", 1, 4), ("lbf-in", 1 / 0.1129848290276167, 5)]
+)
+def test_export_with_lines_above_is_read_by_csv_options(tmp_path, unit, scale, n_above):
+    for label in ("rice", "oats"):
+        export(tmp_path / label / "push_1.csv", unit, scale, n_above)
+    problem = refused(tmp_path, f"line {n_above + 1} names the axes")
+    assert f"csv={{'skiprows': {n_above}}}" in problem
+    refused(tmp_path, "packets", csv={"skiprows": n_above})
+    data = load(tmp_path, csv={"skiprows": n_above}, rate_hz=500)
+    assert (data.labels, data.rate_hz) == (("oats", "rice"), 500)
+    np.testing.assert_allclose(data[0].wrench, W, atol=1e-6)
+
+
+@pytest.mark.data
+def test_shared_export(case):
+    path = case("03_ati_demo_export")
+    refused(path, "line 8 names the axes: pass csv={'skiprows': 7}")
+    data = load(path, csv={"skiprows": 7}, rate_hz=500)
+    assert ([r.n_samples for r in data], data.rate_hz) == ([300, 300], 500)
+    raw = pd.read_csv(path / "rice" / "push_1.csv", skiprows=7, skipinitialspace=True)
+    np.testing.assert_allclose(data[0].wrench[:, 3:], raw[["Tx", "Ty", "Tz"]] / 1000, rtol=1e-12)
+
+
+# -- 5: rows in packets with one stamp
+
+
+@pytest.mark.parametrize(("size", "rate_hz"), [(2, 200), (3, 100), (5, 1000)])
+def test_rows_in_packets_need_a_stated_rate_and_stay_as_they_are(tmp_path, size, rate_hz):
+    stamps = 1.7e9 + (np.arange(120) // size) * size / rate_hz
+    frame(time=stamps).to_csv(tmp_path / "a.csv", index=False)
+    refused(tmp_path / "a.csv", "packets, and are not averaged.*rate_hz=RATE")
+    refused(tmp_path / "a.csv", "packets", on_time_error="repair")
+    data = load(tmp_path / "a.csv", rate_hz=rate_hz)
+    assert data[0].wrench.tobytes() == W.tobytes()
+    assert (data.rate_hz, data[0].start_time) == (rate_hz, 1.7e9)
+    assert "the clock was ignored" in data.history[-1].rows[0]["remark"]
+
+
+@pytest.mark.data
+def test_shared_rows_in_packets(case):
+    data = load(case("05_rows_in_packets"), axes="ax,ay,az,wx,wy,wz", rate_hz=100)
+    assert ([r.n_samples for r in data], data.rate_hz) == ([600, 600], 100)
+
+
+# -- 6: another array than in training
+
+
+def test_another_array_is_another_setup(tmp_path):
+    for name in ("rice", "oats"):
+        (tmp_path / name).mkdir()
+        with h5py.File(tmp_path / name / "scene.h5", "w") as file:
+            for i in range(2):
+                group = file.create_group(f"data/demo_{i}/obs")
+                group["ee_wrench"], group["ee_wrench_filtered"] = W, W * 2
+                group.parent.attrs["rate_hz"] = 500
+    refused(tmp_path, "pass array='ee_wrench' or array='ee_wrench_filtered'")
+    one, other = (load(tmp_path, array=name) for name in ("ee_wrench", "ee_wrench_filtered"))
+    assert one.y.tolist() == ["oats", "oats", "rice", "rice"]
+    assert (one[0].meta["read_as"], other[0].meta["read_as"]) == (
+        "array=ee_wrench",
+        "array=ee_wrench_filtered",
+    )
+
+
+@pytest.mark.data
+def test_shared_other_array(case):
+    data = load(case("06_other_array_or_topic") / "train", array="ee_wrench")
+    assert (len(data), data.rate_hz, len(data.labels)) == (36, 500, 3)
+
+
+# -- 7: pauses in one log
+
+
+def test_pauses_stay_in_the_stamps_and_no_rate_closes_them(tmp_path):
+    stamps = np.arange(120) / 500 + 90.5 * (np.arange(120) // 40)
+    frame(time=stamps).to_csv(tmp_path / "a.csv", index=False)
+    recording = load(tmp_path / "a.csv")[0]
+    np.testing.assert_allclose(recording.time_s, stamps)
+    refused(tmp_path / "a.csv", r"a pause of 90.5 s, .*\.split\(gap_s=1\)", rate_hz=500)
+
+
+@pytest.mark.data
+def test_shared_pauses(case):
+    data = load(case("07_log_with_pauses"))
+    assert [int((np.diff(r.times()) > 1).sum()) for r in data] == [2, 2]
+
+
+# -- 9: an MCAP file of JSON
+
+
+def follow(problem):
+    """Do what the error says."""
+    scope = {"Dataset": Dataset}
+    *first, last = problem.partition("in Python: ")[2].split("; ")
+    for line in first:
+        exec(line, scope)
+    return eval(last, scope)
+
+
+@pytest.mark.parametrize(("topic", "rate_hz"), [("/wrench", 500), ("/robot1/ft_sensor/raw", 250)])
+def test_mcap_of_json_names_the_lines_that_read_it(tmp_path, topic, rate_hz):
+    pytest.importorskip("rosbags")
+    writers = pytest.importorskip("mcap.writer")
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = writers.Writer(file)
+        writer.start()
+        schema = writer.register_schema("geometry_msgs/WrenchStamped", "jsonschema", b'{"type": "object"}')
+        channel = writer.register_channel(topic, "json", schema)
+        for i, row in enumerate(W.tolist()):
+            value = {
+                "wrench": {
+                    "force": dict(zip("xyz", row[:3], strict=True)),
+                    "torque": dict(zip("xyz", row[3:], strict=True)),
+                }
+            }
+            at = 1_700_000_000_000_000_000 + round(i * 1e9 / rate_hz)
+            writer.add_message(channel, at, json.dumps(value).encode(), at)
+        writer.finish()
+    data = follow(refused(tmp_path / "a.mcap", "messages in JSON"))
+    assert (data.rate_hz, data[0].axes) == (rate_hz, AXES)
+    assert data[0].wrench.tobytes() == W.tobytes()
+
+
+@pytest.mark.data
+def test_shared_mcap_of_json(case):
+    pytest.importorskip("mcap")
+    data = follow(refused(case("09_mcap_of_json") / "rice_1.mcap", "messages in JSON"))
+    assert (data[0].n_samples, data.rate_hz) == (700, 500)
+
+
+# -- 11: encodings and Excel's line
+
+
+@pytest.mark.parametrize(
+    ("encoding", "read"),
+    [
+        ("utf-16", {}),
+        ("cp1252", {"csv": {"encoding": "cp1252"}}),
+        ("latin-1", {"csv": {"encoding": "cp1252"}}),
+    ],
+)
+def test_encodings_are_read_or_refused_with_what_works(tmp_path, encoding, read):
+    names = [
+        "time [s]",
+        *(
+            f"{axis} [{unit}]"
+            for axis, unit in zip(
+                ["ax", "ay", "az", "wx", "wy", "wz"], ["m/s\u00b2"] * 3 + ["\u00b0/s"] * 3, strict=True
+            )
+        ),
+    ]
+    rows = [";".join(map(repr, [i / 500, *row])) for i, row in enumerate(W.tolist())]
+    (tmp_path / "a.csv").write_bytes("\n".join([";".join(names), *rows, ""]).encode(encoding))
+    if read:
+        refused(tmp_path / "a.csv", "csv={'encoding': 'cp1252'}")
+    refused(tmp_path / "a.csv", "for other axes pass axes='ax,ay,az,wx,wy,wz'", **read)
+    recording = load(tmp_path / "a.csv", axes="ax,ay,az,wx,wy,wz", **read)[0]
+    assert recording.wrench.tobytes() == W.tobytes()
+    assert dict(recording.meta["units"]) == dict.fromkeys(["ax", "ay", "az"], "m/s2") | dict.fromkeys(
+        ["wx", "wy", "wz"], "\u00b0/s"
+    )
+
+
+@pytest.mark.data
+def test_shared_encodings(case):
+    folder = case("11_encodings")
+    for name in ("utf16.csv", "excel_sep_line.csv"):
+        (recording,) = load(folder / name)
+        assert (recording.rate_hz, recording.n_samples) == (500, 200)
+    data = load(folder / "windows_1252.csv", axes="ax,ay,az,wx,wy,wz", csv={"encoding": "cp1252"})
+    assert (data.rate_hz, data[0].n_samples) == (500, 200)
+
+
+# -- 12: empty cells are missing rows
+
+
+@pytest.mark.parametrize("lost", [[50, 51], [3, 4, 60, 61, 62], [0, 119]])
+def test_empty_rows_and_missing_rows_are_alike(tmp_path, lost):
+    whole = frame(time=np.arange(120) / 500)
+    empty = whole.copy()
+    empty.loc[lost, NAMES] = np.nan
+    empty.to_csv(tmp_path / "empty.csv", index=False)
+    whole.drop(index=lost).to_csv(tmp_path / "missing.csv", index=False)
+    one, other = (load(tmp_path / name) for name in ("empty.csv", "missing.csv"))
+    assert np.array_equal(one[0].wrench, other[0].wrench)
+    assert np.array_equal(one[0].times(), other[0].times())
+    assert one.history[-1].totals["left_out_samples"] == len(lost)
+    inner = sum(0 < i < 119 for i in lost)
+    filled = one.resample(500)[0]
+    assert (filled.flags is None or int((filled.flags > 0).sum())) == (inner or True)
+
+
+@pytest.mark.data
+def test_shared_dropouts(case):
+    data = load(case("12_dropouts"))
+    for empty, missing in (data.recordings[:2], data.recordings[2:]):
+        assert np.array_equal(empty.wrench, missing.wrench)
+        assert np.array_equal(empty.time_s, missing.time_s)
+
+
+# -- found without files
+
+
+def test_clocks_that_drift_have_the_round_rate(tmp_path):
+    for i, ppm in enumerate((-40, -10, 5, 30)):
+        frame(time=np.arange(120) / 500 * (1 + ppm * 1e-6)).to_csv(tmp_path / f"rice_{i}.csv", index=False)
+    data = load(tmp_path)
+    assert (data.rate_hz, data.X.shape) == (500, (4, 120, 6))
+
+
+def test_arrays_named_after_materials_have_labels(tmp_path):
+    np.savez(tmp_path / "a.npz", rice=W, peas=W * 2, fs=500)
+    assert load(tmp_path / "a.npz").labels == ("peas", "rice")
+
+
+def test_time_first_is_refused_with_the_line_that_turns_it(tmp_path):
+    np.savez(tmp_path / "a.npz", X=RNG.normal(size=(200, 12, 6)), y=list("ab") * 6, fs=500)
+    refused(tmp_path / "a.npz", r"\.transpose\(1, 0, 2\)")

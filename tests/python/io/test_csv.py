@@ -1,0 +1,250 @@
+"""Text tables: what is read, what stands in line 1 and 2, and bad files with the line of their first fault."""
+
+import gzip
+import pickle
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings, strategies as st
+
+from effort import cases
+from granular_id.io import RecordingFileError, load
+from granular_id.recording import AXES
+
+HEADER = b"time,fx,fy,fz,tx,ty,tz\n"
+ROW1 = b"0.00,1.5,2,3,4,5,6\n"
+ROW2 = b"0.01,1,2,3,4,5,6\n"
+ROW3 = b"0.02,1,2,3,4,5,6\n"
+GOOD = HEADER + ROW1 + ROW2 + ROW3
+WRENCH = [[1.5, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 6]]
+
+
+def changed(separator=",", comma=".", end="\n", names=None):
+    lines = GOOD.decode().splitlines()
+    lines[0] = names or lines[0]
+    return end.join(
+        [
+            *(
+                line.replace(".", comma).replace(",", separator)
+                if comma == "."
+                else line.replace(",", separator).replace(".", comma)
+                for line in lines
+            ),
+            "",
+        ]
+    )
+
+
+READ = {
+    "plain": (GOOD, {}),
+    "no line end": (GOOD[:-1], {}),
+    "CR LF": (changed(end="\r\n").encode(), {}),
+    "semicolons": (changed(";").encode(), {}),
+    "tabs": (changed("\t").encode(), {}),
+    "blanks": (changed(" ").encode(), {}),
+    "a line of Excel": (b"sep=;\n" + changed(";").encode(), {}),
+    "decimal commas": (changed(";", ",").encode(), {"csv": {"decimal": ","}}),
+    "byte order mark": (b"\xef\xbb\xbf" + GOOD, {}),
+    "UTF-16": (GOOD.decode().encode("utf-16"), {}),
+    "quotes and blanks": (
+        b'"time", "Fx" ,fy,fz,tx,ty,tz\n' + ROW1.replace(b"1.5", b' "1.5"') + ROW2 + ROW3,
+        {},
+    ),
+    "names of numpy.savetxt": (b"# " + GOOD, {}),
+    "comments": (b"% lab 3\n% by anna\n" + GOOD, {"csv": {"comment": "%"}}),
+    "lines above": (b"Lab 3, by anna\nRate: 100\n" + GOOD, {"csv": {"skiprows": 2}}),
+    "names given": (GOOD.partition(b"\n")[2], {"csv": {"header": None, "names": ["time", *AXES]}}),
+    "separators at the end": (GOOD.replace(b"\n", b",\n"), {}),
+    "index of pandas": (
+        b",fx,fy,fz,tx,ty,tz\n0,1.5,2,3,4,5,6\n1,1,2,3,4,5,6\n2,1,2,3,4,5,6\n",
+        {"rate_hz": 100},
+    ),
+    "index of dates": (
+        b",fx,fy,fz,tx,ty,tz\n" + b"".join(b"2025-03-04 10:00:0%s" % row for row in (ROW1, ROW2, ROW3)),
+        {},
+    ),
+    "a line of units": (GOOD.replace(b"\n", b"\ns,N,N,N,Nm,Nm,Nm\n", 1), {}),
+    "a line of other units": (
+        b"time,fx,fy,fz,tx,ty,tz\n[ms],N,N,N,N mm,N mm,N mm\n"
+        b"0,1.5,2,3,4e3,5e3,6e3\n10,1,2,3,4e3,5e3,6e3\n20,1,2,3,4e3,5e3,6e3\n",
+        {},
+    ),
+    "units in names": (GOOD.replace(HEADER, b"time_s,fx_N,Fy [N],fz (N),Mx,my,mz\n"), {}),
+    "another order": (b"tz,ty,tx,fz,fy,fx,stamp\n6,5,4,3,2,1.5,0\n6,5,4,3,2,1,.01\n6,5,4,3,2,1,.02\n", {}),
+    "others beside": (
+        GOOD.replace(b"time", b"time,valve,fz_min").replace(b"0.0", b"0.0", 1).replace(b",1", b",open,,1"),
+        {},
+    ),
+    "flags of others": (GOOD.replace(b"time", b"flags,time").replace(b"0.0", b"1,0.0"), {}),
+    "a clock beside": (GOOD.replace(b"time", b"timestamp,time").replace(b"0.0", b"99,0.0"), {}),
+    "empty lines": (GOOD.replace(ROW2, b"\n" + ROW2 + b"\n"), {}),
+    "empty rows at the end": (GOOD + b"0.03,,,,,,\n", {}),
+    "gzip": (gzip.compress(GOOD), {}),
+}
+
+
+@pytest.mark.parametrize("case", READ)
+def test_tables_are_read(tmp_path, case):
+    data, options = READ[case]
+    file = tmp_path / ("a_1.csv.gz" if case == "gzip" else "a_1.csv")
+    file.write_bytes(data)
+    (recording,) = load(file, **options)
+    np.testing.assert_allclose(recording.wrench, WRENCH, rtol=1e-15)
+    assert recording.rate_hz == 100
+    assert recording.flags is None
+    assert recording.label is None
+    assert recording.meta.get("read_as") == (
+        ", ".join(f"csv {key}={value!r}" for key, value in sorted(options.get("csv", {}).items())) or None
+    )
+
+
+def test_values_have_the_bits_that_python_reads(tmp_path):
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(50, 6)) * 10.0 ** rng.integers(-300, 300, (50, 6))
+    rows = [",".join([repr(i / 100), *map(repr, row)]) for i, row in enumerate(values.tolist())]
+    (tmp_path / "a.csv").write_text("\n".join(["time," + ",".join(AXES), *rows, ""]))
+    assert load(tmp_path / "a.csv")[0].wrench.tobytes() == values.tobytes()
+
+
+NO_AXES = b"time,ax,ay,az,wx,wy,wz\n" + ROW1 + ROW2 + ROW3
+LATIN = GOOD.replace(b"time", b"Zeit \xe4,time").replace(b"0.0", b"x,0.0")
+IN_MS = GOOD.replace(b"0.00", b"0").replace(b"0.01", b"10").replace(b"0.02", b"20")
+PACKET = HEADER + ROW1 + ROW2 + b"0.01,2,2,3,4,5,6\n"
+TWO_FX = GOOD.replace(b"time", b"force_x,time").replace(b"fx", b"F_x").replace(b"0.0", b"0,0.0")
+EXPORT = b"Start: 3/4/25 2:03 PM\nRate: 500\nNote: lab 3\n" + GOOD
+
+
+@pytest.mark.parametrize(
+    ("data", "way_out", "options"),
+    [
+        (NO_AXES, "axes='ax,ay,az,wx,wy,wz'", {"axes": "ax,ay,az,wx,wy,wz"}),
+        (EXPORT, "line 4 names the axes: pass csv={'skiprows': 3}", {"csv": {"skiprows": 3}}),
+        (b"Rate,,,,,,\n" + GOOD, "line 2 names the axes: pass csv={'skiprows': 1}", {"csv": {"skiprows": 1}}),
+        (changed(";", ",").encode(), "csv={'decimal': ','}", {"csv": {"decimal": ","}}),
+        (LATIN, "csv={'encoding': 'cp1252'}", {"csv": {"encoding": "cp1252"}}),
+        (GOOD.replace(b"time", b"clock"), "pass rate_hz=", {"rate_hz": 100}),
+        (GOOD.replace(b"time", b"clock"), "columns that are not read|no rate is stated", {"time": "clock"}),
+        (IN_MS, "time_unit=", {"time_unit": "ms"}),
+        (PACKET, "rate_hz=RATE", {"rate_hz": 100}),
+        (HEADER + ROW2 + ROW1 + ROW3, "on_time_error='repair'", {"on_time_error": "repair"}),
+        (TWO_FX, "pass axes=", {"axes": "F_x,fy,fz,tx,ty,tz"}),
+    ],
+)  # fmt: skip
+def test_the_way_out_of_a_refusal_works(tmp_path, data, way_out, options):
+    (tmp_path / "a_1.csv").write_bytes(data)
+    with pytest.raises(RecordingFileError) as caught:
+        load(tmp_path / "a_1.csv")
+    assert any(one in str(caught.value) for one in way_out.split("|"))
+    recording = load(tmp_path / "a_1.csv", **options)[0]
+    assert recording.n_samples == 3
+
+
+BAD = {
+    "empty": (b"", None, None),
+    "header only": (HEADER, 1, None),
+    "no header": (ROW1 + ROW2, 1, None),
+    "cut after a cell": (HEADER + ROW1 + ROW2[:6], 3, "fy"),
+    "cut in an exponent": (HEADER + ROW1 + b"0.01,1,2,3,4,5,6e", 3, "tz"),
+    "zip": (b"PK\x03\x04\x14\0\0\0\x08\0" + bytes(range(256)) * 3, 1, None),
+    "unicode minus": (HEADER + "0,\u22121,2,3,4,5,6\n".encode(), 2, "fx"),
+    "a clock without a name": (b",fx,fy,fz,tx,ty,tz\n" + ROW1 + ROW2, 1, "1"),
+    "two labels": (b"label," + HEADER + b"a," + ROW1 + b"b," + ROW2, 2, "label"),
+    "recording without a name": (b"trial," + HEADER + b"a," + ROW1 + b"," + ROW2, 3, "trial"),
+    "missing column": (b"time,fx,fy,fz,tx,ty\n0,1,2,3,4,5\n", 1, None),
+    "doubled column": (b"time,fx,fy,fz,tx,ty,tz,fx\n0,1,2,3,4,5,6,7\n", 1, None),
+    "too many cells": (HEADER + ROW1 + b"0.01,1,2,3,4,5,6,7\n", None, None),
+    "empty cell": (HEADER + ROW1 + b"0.01,1,,3,4,5,6\n", 3, "fy"),
+    "nan in one axis": (HEADER + ROW1 + b"0.01,nan,2,3,4,5,6\n", 3, "fx"),
+    "inf": (HEADER + b"0.00,1,2,3,4,5,-inf\n", 2, "tz"),
+    "too large": (HEADER + b"0.00,1,1e999,3,4,5,6\n", 2, "fy"),
+    "underscores": (HEADER + b"0.00,1_000,2,3,4,5,6\n", 2, "fx"),
+    "hex": (HEADER + b"0.00,0x10,2,3,4,5,6\n", 2, "fx"),
+    "truth values": (HEADER + b"0.00,True,2,3,4,5,6\n", None, "fx"),
+    "an empty stamp": (HEADER + ROW1 + b",1,2,3,4,5,6\n", 3, "time"),
+    "milliseconds since 1970": (HEADER + b"1581072654215,1,2,3,4,5,6\n", 2, "time"),
+    "endless time": (HEADER + b"-1e10,1,2,3,4,5,6\n1.79e308,1,2,3,4,5,6\n", None, "time"),
+    "flags out of range": (HEADER[:-1] + b",sample_flags\n0,1,2,3,4,5,6,16\n", 2, "sample_flags"),
+    "an unknown unit": (GOOD.replace(b"fx", b"fx [lb]"), 1, None),
+    "units of half": (GOOD.replace(b"fx", b"fx_mN"), None, "fy"),
+    "units that contradict": (
+        GOOD.replace(b"fx", b"fx [mN]").replace(b"\n", b"\ns,N,N,N,Nm,Nm,Nm\n", 1),
+        None,
+        "fx [mN]",
+    ),
+    "gzip cut off": (gzip.compress(GOOD)[:-12], None, None),
+    "no gzip": (b"fx,fy", None, None),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_tables_are_refused_by_line_and_column(tmp_path, case):
+    data, line, column = BAD[case]
+    file = tmp_path / ("a.csv.gz" if "gzip" in case else "a.csv")
+    file.write_bytes(data)
+    with pytest.raises(RecordingFileError) as caught:
+        load(file, rate_hz=None if "time" in case or "stamp" in case else 100)
+    assert (caught.value.line, caught.value.column) == (line, column)
+    assert str(caught.value).startswith(str(file))
+    (tmp_path / "good_1.csv").write_bytes(GOOD)
+    assert load(tmp_path, on_error="skip").names == ("good_1.csv",)
+
+
+def test_errors_survive_pickle_and_unprintable_names():
+    error = RecordingFileError(b"a\xff.csv".decode("utf-8", "surrogateescape"), "is odd", line=3, column="fx")
+    assert str(error) == "a\\udcff.csv, line 3, column fx: is odd"
+    twin = pickle.loads(pickle.dumps(error))
+    assert (str(twin), twin.line, twin.column) == (str(error), 3, "fx")
+
+
+def test_a_missing_pandas_is_named_with_its_extra(tmp_path, monkeypatch):
+    (tmp_path / "a.csv").write_bytes(GOOD)
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(ImportError, match="pandas is needed to read text tables"):
+        load(tmp_path / "a.csv")
+
+
+ODD = ',|\n|\r|\0|nan|-inf|1e999|-|1_0|0x1|1e-999|"|"1"|\xff|\ufeff| |\t|\u2212|../|Fx [N]|tx_Nmm|;'
+PIECES = st.sampled_from(ODD.split("|")).map(str.encode)
+
+
+@st.composite
+def damaged(draw, good):
+    data = bytearray(good)
+    for _ in range(draw(st.integers(1, 4))):
+        start = draw(st.integers(0, len(data)))
+        end = min(len(data), start + draw(st.integers(0, 8)))
+        data[start:end] = draw(PIECES | st.binary(max_size=6))
+    return bytes(data)
+
+
+@given(data=st.binary(max_size=300) | damaged(GOOD))
+@example(GOOD)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=cases(100), deadline=None)
+def test_damaged_tables_are_recordings_or_one_exception(tmp_path, data):
+    file = tmp_path / "a_1.csv"
+    file.write_bytes(data)
+    for options in ({}, {"on_time_error": "repair"}, {"rate_hz": 100.0}):
+        try:
+            read = load(file, **options)
+        except RecordingFileError:
+            continue
+        assert all(np.isfinite(recording.wrench).all() for recording in read)
+        assert all((np.diff(recording.times()) > 0).all() for recording in read)
+
+
+INDEX = (
+    b"file,label,session,start_time,rate_hz,trigger_index,name,meta,tool\n"
+    b'good.csv,rice,s1,1e9,100,1,"a, b","{""x"": [1]}",t\n'
+)
+
+
+@given(data=st.binary(max_size=300) | damaged(INDEX))
+@example(INDEX)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=cases(100), deadline=None)
+def test_damaged_indexes_are_read_or_one_exception(tmp_path, data):
+    (tmp_path / "good.csv").write_bytes(GOOD)
+    (tmp_path / "index.csv").write_bytes(data)
+    for on_error in ("raise", "skip"):
+        with suppress(RecordingFileError):
+            load(tmp_path, on_error=on_error)

@@ -1,0 +1,349 @@
+"""Bags of every kind, written by rosbags and mcap, come back as they were: samples, clock, topic."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from operator import attrgetter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from granular_id.io import RecordingFileError, load
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from ros_cases import (
+    KINDS,
+    MCAP,
+    PLAIN,
+    ROS1,
+    ROS2,
+    SQLITE,
+    STAMPED,
+    START_NS,
+    cdr_bytes,
+    even_stamps,
+    message,
+    one_topic,
+    payloads,
+    ros1_bytes,
+    samples,
+    write_bag1,
+    write_bag2,
+    write_kind,
+    write_mcap,
+)
+
+STORED = Path(__file__).parents[2] / "data" / "ros"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_samples_stamps_and_frame_of_every_kind(tmp_path, kind):
+    wrench = samples()
+    path = write_kind(kind, tmp_path, wrench, even_stamps())
+    before = {file: file.read_bytes() for file in sorted(tmp_path.rglob("*")) if file.is_file()}
+    if kind in ("mcap ros1", "mcap bare"):  # messages of ROS 1 in a container of ROS 2; no list of topics
+        with pytest.raises(RecordingFileError):
+            load(path)
+        return
+    data = load(path)
+    (recording,) = data
+    assert recording.wrench.tobytes() == wrench.tobytes()
+    assert (recording.rate_hz, recording.start_time) == (500, START_NS / 10**9)
+    assert recording.name == path.name
+    assert recording.meta == {
+        "topic": "/ft",
+        "message_type": "geometry_msgs/WrenchStamped",
+        "frame": "ft_link",
+    }
+    assert (data.history[-1].rows, data.history[-1].notes) == ((), ())
+    assert {file: file.read_bytes() for file in sorted(tmp_path.rglob("*")) if file.is_file()} == before
+
+
+@pytest.mark.parametrize("name", ["ros1.bag", "bag", "bag/bag.mcap"])
+def test_bags_that_were_written_long_ago(name):
+    made = runpy.run_path(str(STORED / "make_ros_bags.py"))
+    wrench, stamps = made["expected"]()
+    (recording,) = load(STORED / name)
+    assert recording.wrench.tobytes() == wrench.tobytes()
+    assert (recording.rate_hz, recording.start_time) == (500, stamps[0] / 10**9)
+
+
+def test_a_bag_of_several_files_is_one_recording(tmp_path):
+    wrench, stamps = samples(30), even_stamps(30)
+    first, second = (
+        write_bag2(tmp_path / name, one_topic(ROS2, wrench[part], stamps[part]), MCAP)
+        for name, part in (("first", slice(0, 12)), ("second", slice(12, 30)))
+    )
+    (second / "second.mcap").rename(first / "second.mcap")
+    listed = (first / "metadata.yaml").read_text()
+    name = next(line for line in listed.splitlines() if "- first.mcap" in line)
+    (first / "metadata.yaml").write_text(
+        listed.replace(name, f"{name}\n{name.replace('first', 'second')}", 1)
+    )
+    assert load(first)[0].wrench.tobytes() == wrench.tobytes()
+
+
+def test_bags_that_were_not_closed(tmp_path):
+    mcap = write_kind("mcap ZSTD", tmp_path, samples(), even_stamps())
+    mcap.write_bytes(mcap.read_bytes()[:-60])
+    bag = write_kind("bag2 sqlite None v9", tmp_path, samples(), even_stamps())
+    (bag / "x.db3-wal").write_bytes(b"?")
+    bag1 = write_bag1(tmp_path / "y.bag", one_topic(ROS1, samples(), even_stamps()))
+    bag2 = write_bag2(tmp_path / "y", one_topic(ROS2, samples(), even_stamps()), MCAP)
+    for file in (bag1, bag2 / "y.mcap"):
+        file.write_bytes(file.read_bytes()[:-60])
+    for path, way_out in (
+        (mcap, "mcap recover"),
+        (bag, "ros2 bag reindex"),
+        (bag / "x.db3", "reindex"),
+        (bag1, "try `rosbag reindex`"),
+        (bag2, "try `ros2 bag reindex`, or `mcap recover`"),
+    ):
+        with pytest.raises(RecordingFileError, match=f"was not closed.*{way_out}"):
+            load(path)
+
+
+# -- clocks
+
+
+def test_plain_wrench_is_stamped_by_its_log_time_and_a_silent_topic_does_not_count(tmp_path):
+    ros1 = {"/ft": (PLAIN, payloads(ROS1, samples()), even_stamps())}
+    topics = {"/silent": (STAMPED, [], []), "/ft": (PLAIN, payloads(ROS2, samples()), even_stamps())}
+    for path in (
+        write_bag1(tmp_path / "x.bag", ros1),
+        write_bag2(tmp_path / "x", topics),
+        write_mcap(tmp_path / "x.mcap", topics),
+    ):
+        data = load(path)
+        assert data[0].wrench.tobytes() == samples().tobytes()
+        assert (data.rate_hz, data[0].start_time) == (500, START_NS / 10**9)
+        assert "frame" not in data[0].meta
+        assert "log times are taken" in data.history[-1].notes[0]
+
+
+def test_gaps_stay_and_start_on_a_clock_of_its_own(tmp_path):
+    stamps = [0, 2_000_000, 4_000_000, 900_000_000, 902_000_001]
+    path = write_mcap(tmp_path / "x.mcap", one_topic(ROS2, samples(5), [5 * 10**9 + s for s in stamps]))
+    data = load(path)
+    assert data[0].time_s.tolist() == [s / 1e9 for s in stamps]  # each rounded once
+    assert data[0].start_time is None
+    assert data.history[-1].rows == ({"name": "x.mcap", "first_stamp_s": 5.0},)
+
+
+@pytest.mark.parametrize("stamps", [[0] * 20, [START_NS] * 20])
+def test_stamps_never_set_give_way_to_log_times(tmp_path, stamps):
+    data = load(write_mcap(tmp_path / "x.mcap", one_topic(ROS2, samples(), stamps, even_stamps())))
+    assert data.rate_hz == 500
+    assert "header.stamp never changes: log times are taken" in data.history[-1].notes[0]
+
+
+def test_messages_are_in_the_order_of_their_log_times(tmp_path):
+    wrench, stamps = samples(6), even_stamps(6)
+    shuffled = [2, 0, 1, 5, 3, 4]
+    raw = payloads(ROS2, wrench, stamps)
+    topics = {"/ft": (STAMPED, [raw[i] for i in shuffled], [stamps[i] for i in shuffled])}
+    for path in (write_mcap(tmp_path / "x.mcap", topics), write_bag2(tmp_path / "x", topics)):
+        assert load(path)[0].wrench.tobytes() == wrench.tobytes()
+
+
+@pytest.mark.parametrize("fault", ["back", "repeated"])
+def test_faulty_stamps_are_refused_or_repaired(tmp_path, fault):
+    stamps = even_stamps()
+    stamps[7] = {"back": stamps[4] + 1, "repeated": stamps[6]}[fault]
+    path = write_mcap(tmp_path / "x.mcap", one_topic(ROS2, samples(), stamps, even_stamps()))
+    with pytest.raises(RecordingFileError, match=r"on_time_error='repair'|packets") as caught:
+        load(path)
+    assert caught.value.place == "message 8 of /ft"
+    if fault == "back":
+        data = load(path, on_time_error="repair")
+        assert data.history[-1].rows[0]["moved"] == 1
+        assert data[0].flags.any()
+
+
+# -- topics
+
+
+def test_several_topics_are_listed_and_one_is_chosen(tmp_path):
+    for path, store, write in (
+        (tmp_path / "x.bag", ROS1, write_bag1),
+        (tmp_path / "x.mcap", ROS2, write_mcap),
+    ):
+        left = one_topic(store, samples(seed=1), even_stamps(), name="/left/ft")
+        write(path, left | one_topic(store, samples(seed=2), even_stamps(), name="/right/ft"))
+        with pytest.raises(RecordingFileError, match="choose by topic=") as caught:
+            load(path)
+        for name in ("/left/ft", "/right/ft"):
+            assert f"'{name}' (20 messages)" in str(caught.value)
+        for name in ("/right/ft", "right/ft"):
+            (recording,) = load(path, topic=name)
+            assert recording.wrench.tobytes() == samples(seed=2).tobytes()
+            assert recording.meta["read_as"] == f"topic={name}"
+        with pytest.raises(RecordingFileError, match=r"no wrenches on topic '/up'; it has '/left/ft'"):
+            load(path, topic="/up")
+
+
+def test_no_wrench_says_what_there_is(tmp_path):
+    vector = cdr_bytes(ROS2.types["geometry_msgs/msg/Vector3"](1.0, 2.0, 3.0))
+    topics = {"/v": ("geometry_msgs/msg/Vector3", [vector] * 3, even_stamps(3))}
+    path, empty = write_mcap(tmp_path / "x.mcap", topics), write_bag1(tmp_path / "e.bag", {})
+    for bag, problem in (
+        (path, r"it has /v \(geometry_msgs/msg/Vector3, 3 messages\)"),
+        (empty, "no messages at all"),
+    ):
+        with pytest.raises(RecordingFileError, match=problem):
+            load(bag)
+
+
+@pytest.mark.parametrize("name", ["x.mcap", "x.bag"])
+def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name):
+    (tmp_path / name).write_bytes(b"")
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(ImportError, match=r"^rosbags is needed .*pip install 'rosbags"):
+        load(tmp_path / name)
+
+
+# -- messages
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "column", "name"),
+    [("bag1 None", np.nan, 1, "force.y"), ("mcap ZSTD", -np.inf, 5, "torque.z")],
+)
+def test_forces_that_are_not_finite(tmp_path, kind, value, column, name):
+    wrench = samples()
+    wrench[16, column] = value
+    with pytest.raises(RecordingFileError, match=f"{name} is {value}") as caught:
+        load(write_kind(kind, tmp_path, wrench, even_stamps()))
+    assert caught.value.place == "message 17 of /ft"
+
+
+@pytest.mark.parametrize("store", [ROS1, ROS2], ids=["ros1", "ros2"])
+def test_a_frame_that_changes(tmp_path, store):
+    to_bytes, write = (ros1_bytes, write_bag1) if store is ROS1 else (cdr_bytes, write_mcap)
+    raw = payloads(store, samples(), even_stamps())
+    raw[9] = to_bytes(message(store, samples()[9], even_stamps()[9], "x"))
+    path = write(tmp_path / ("x.bag" if store is ROS1 else "x.mcap"), {"/ft": (STAMPED, raw, even_stamps())})
+    with pytest.raises(RecordingFileError, match="frame_id changes from 'ft_link' to 'x'") as caught:
+        load(path)
+    assert caught.value.place == "message 10 of /ft"
+
+
+@pytest.mark.parametrize(
+    "change", [lambda raw: raw[:-9], lambda raw: b"", lambda raw: raw[:12] + b"\xff" * 4]
+)
+def test_damaged_messages(tmp_path, change):
+    raw = payloads(ROS2, samples(), even_stamps())
+    raw[3] = change(raw[3])
+    with pytest.raises(RecordingFileError, match=r"x\.mcap"):
+        load(write_mcap(tmp_path / "x.mcap", {"/ft": (STAMPED, raw, even_stamps())}))
+
+
+TYPES = {
+    "maker_msgs/msg/Reading": "geometry_msgs/WrenchStamped wrench\nfloat32 temperature\nstring status",
+    "maker_msgs/msg/Bare": "std_msgs/Header header\ngeometry_msgs/Wrench load",
+    "maker_msgs/msg/Deep": "maker_msgs/Bare inner\nint32[3] counts",
+    "maker_msgs/msg/Two": "geometry_msgs/WrenchStamped left\nmaker_msgs/Bare right",
+    "maker_msgs/msg/Listed": "geometry_msgs/Wrench[] loads",
+}
+FIELDS = {"Reading": "wrench", "Bare": "load", "Deep": "inner.load"}
+
+
+def store_of(ros):
+    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+    for name, text in TYPES.items():
+        store.register(get_types_from_msg(text, name))
+    return store
+
+
+def value_of(store, name, row, stamp):
+    types = store.types
+    kind = {leaf: types[f"maker_msgs/msg/{leaf}"] for leaf in ("Reading", "Bare", "Deep", "Two", "Listed")}
+    force = types["geometry_msgs/msg/Vector3"](*map(float, row[:3]))
+    torque = types["geometry_msgs/msg/Vector3"](*map(float, row[3:]))
+    plain = types["geometry_msgs/msg/Wrench"](force=force, torque=torque)
+    at = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    seq = {"seq": 7} if "seq" in types["std_msgs/msg/Header"].__dataclass_fields__ else {}
+    header = types["std_msgs/msg/Header"](**seq, stamp=at, frame_id="link")
+    stamped = types["geometry_msgs/msg/WrenchStamped"](header=header, wrench=plain)
+    bare = kind["Bare"](header=header, load=plain)
+    return {
+        "Reading": lambda: kind["Reading"](wrench=stamped, temperature=20.0, status="ok"),
+        "Bare": lambda: bare,
+        "Deep": lambda: kind["Deep"](inner=bare, counts=np.zeros(3, np.int32)),
+        "Two": lambda: kind["Two"](left=stamped, right=bare),
+        "Listed": lambda: kind["Listed"](loads=[plain]),
+    }[name]()
+
+
+def write(folder, kind, name):
+    """Write twenty messages of a maker's type."""
+    store = store_of(1 if kind == "bag" else 2)
+    stamps = even_stamps()
+    values = [value_of(store, name, row, stamp) for row, stamp in zip(samples(), stamps, strict=True)]
+    serialize = store.serialize_ros1 if kind == "bag" else store.serialize_cdr
+    topics = {"/ft": (f"maker_msgs/msg/{name}", [bytes(serialize(v, v.__msgtype__)) for v in values], stamps)}
+    if kind == "bag":
+        return write_bag1(folder / "x.bag", topics, store=store)
+    if kind == "mcap":
+        return write_mcap(folder / "x.mcap", topics, store=store)
+    return write_bag2(folder / "x", topics, SQLITE, store=store)
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap", "folder"])
+@pytest.mark.parametrize("name", FIELDS)
+def test_wrenches_within_messages_are_those_of_rosbags(tmp_path, kind, name):
+    path = write(tmp_path, kind, name)
+    data = load(path)
+    with AnyReader([path]) as reader:
+        found = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()]
+    plain = map(attrgetter(FIELDS[name] + (".wrench" if name == "Reading" else "")), found)
+    rows = [[getattr(part, axis) for part in (w.force, w.torque) for axis in "xyz"] for w in plain]
+    assert data[0].wrench.tolist() == rows == samples().tolist()
+    assert data.rate_hz == 500
+    assert (data[0].meta["frame"], data[0].meta["topic"]) == ("link", f"/ft.{FIELDS[name]}")
+    assert FIELDS[name] in data.history[-1].notes[0]
+
+
+def test_of_several_fields_one_is_chosen_and_those_in_lists_are_none(tmp_path):
+    path = write(tmp_path, "mcap", "Two")
+    for topic in (None, "/ft"):
+        with pytest.raises(RecordingFileError, match=r"'/ft\.left' .*'/ft\.right\.load' .*choose by topic="):
+            load(path, topic=topic)
+    assert load(path, topic="/ft.left")[0].wrench.tolist() == samples().tolist()
+    assert load(path, topic="ft.right.load")[0].meta["frame"] == "link"
+    (tmp_path / "lists").mkdir()
+    with pytest.raises(
+        RecordingFileError, match=r"nor with one as a field; it has /ft \(maker_msgs/msg/Listed"
+    ):
+        load(write(tmp_path / "lists", "mcap", "Listed"))
+
+
+def test_a_plain_topic_comes_first_and_the_other_is_named(tmp_path):
+    store, stamps = store_of(2), even_stamps()
+    values = [value_of(store, "Reading", row, stamp) for row, stamp in zip(samples(), stamps, strict=True)]
+    raw = [bytes(store.serialize_cdr(value, value.__msgtype__)) for value in values]
+    topics = one_topic(ROS2, samples(seed=5), stamps) | {"/maker": ("maker_msgs/msg/Reading", raw, stamps)}
+    path = write_mcap(tmp_path / "x.mcap", topics, store=store)
+    data = load(path)
+    assert data[0].wrench.tobytes() == samples(seed=5).tobytes()
+    assert "'/maker.wrench' (20 messages)" in data.history[-1].notes[0]
+    for topic in ("/maker", "/maker.wrench"):
+        assert load(path, topic=topic)[0].wrench.tobytes() == samples().tobytes()
+
+
+@pytest.mark.data
+def test_real_bags_of_a_makers_driver(data_dir):
+    data = load(data_dir / "sand_press")
+    assert len(data) == 19
+    assert set(data.labels) == {"press", "press_smooth", "press_grouser", "rest"}
+    pressed = data[data.names.index("press_1.bag")]
+    assert pressed.n_samples == 2684
+    assert np.diff(pressed.time_s).mean() == pytest.approx(0.01, rel=1e-3)
+    assert np.abs(pressed.wrench).max() < 200

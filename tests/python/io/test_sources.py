@@ -1,0 +1,300 @@
+"""Which files a path holds, and where label and session come from: folders, names, index.csv, options."""
+
+import os
+
+import numpy as np
+import pytest
+
+from granular_id.io import RecordingFileError, load, save
+from granular_id.recording import AXES, Dataset, Recording
+
+HEADER = "time," + ",".join(AXES)
+ROWS = ["0,1,2,3,4,5,6", "0.01,1,2,3,4,5,6", "0.02,6,5,4,3,2,1"]
+
+
+def write(path, header=HEADER, rows=ROWS):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([header, *rows, ""]))
+
+
+def tree(folder, *paths):
+    for path in paths:
+        write(folder / path)
+    return folder
+
+
+def found(data):
+    return {r.name: (r.label, r.session) for r in data}
+
+
+READ = {
+    # depth 0: the name without the number at its end
+    "fine_sugar_2.csv fine_sugar_10.csv": ["fine_sugar", "fine_sugar"],
+    "brown_rice.csv cat_litter.csv fine_sugar.csv": ["brown_rice", "cat_litter", "fine_sugar"],
+    "peas-3.csv rice-1.csv": ["peas", "rice"],
+    "peas3.csv rice (2).csv": ["peas", "rice"],
+    "peas_2025-03-04.csv rice_20250304_101500.csv": ["peas", "rice"],
+    "1.csv 2.csv": [None, None],
+    "trial_1.csv trial_2.csv": [None, None],
+    # depth 1: the folder
+    "fine sugar/push_1.csv rice/push_1.csv": ["fine sugar", "rice"],
+    "mat01/mat01_01.csv mat02/mat02_01.csv": ["mat01", "mat02"],
+    "peas/1.csv rice/1.csv rice/2.csv rice/10.csv": ["peas", "rice", "rice", "rice"],
+    "rice/empty.csv rice/full.csv sugar/empty.csv sugar/full.csv": ["rice", "rice", "sugar", "sugar"],
+    "test/1.csv rice/1.csv": ["rice", "test"],
+}
+
+
+@pytest.mark.parametrize("paths", READ)
+def test_labels_by_default_and_what_is_said_of_them(tmp_path, paths):
+    names = paths.replace(".csv ", ".csv\n").splitlines()
+    data = load(tree(tmp_path, *names))
+    assert [r.label for r in data] == READ[paths]
+    assert data.sessions.tolist() == [None] * len(data)
+    label, session, *_ = data.history[-1].notes
+    if READ[paths][0] is not None:
+        place = "folder" if "/" in paths else "name of the file"
+        assert label.startswith(f"label: {place} ('{READ[paths][0]}' of {data.names[0]}")
+    assert session == "session: not known"
+
+
+DOUBTFUL = {
+    # two levels, and three: days, persons, runs above or below materials
+    "2025-03-04/rice/1.csv 2025-03-05/rice/1.csv": ("folder", "parent"),
+    "rice/2025-03-04/1.csv rice/2025-03-05/1.csv": ("parent", "folder"),
+    "anna/rice/1.csv bert/rice/1.csv": ("folder", "parent"),
+    "rice/run_1/1.csv rice/run_2/1.csv": ("parent", "folder"),
+    "lab/2025-03-04/rice/1.csv lab/2025-03-05/rice/1.csv": ("folder", "parent"),
+    # one level of what is no material
+    "2025-03-04/rice_1.csv 2025-03-05/rice_1.csv": ("file", "folder"),
+    "monday/rice_1.csv tuesday/rice_1.csv": ("file", "folder"),
+    "person1/rice_1.csv person2/rice_1.csv": ("file", "folder"),
+    "session_1/rice.csv session_2/rice.csv": ("file", "folder"),
+    "run1/rice_1.csv run2/rice_2.csv": ("file", "folder"),
+    "train/rice_1.csv test/rice_1.csv": ("file", "folder"),
+    "anna/rice_1.csv anna/peas_1.csv bert/rice_1.csv bert/peas_1.csv": ("file", "folder"),
+    "1/rice.csv 1/peas.csv 2/rice.csv 2/peas.csv": ("file", "folder"),
+}
+
+
+@pytest.mark.parametrize("paths", DOUBTFUL)
+def test_folders_of_two_meanings_are_refused_and_both_ways_out_work(tmp_path, paths):
+    label, session = DOUBTFUL[paths]
+    tree(tmp_path, *paths.split())
+    with pytest.raises(RecordingFileError, match="label='folder'") as caught:
+        load(tmp_path)
+    assert f"label='{label}', session='{session}'" in str(caught.value)
+    for on_error in ("raise", "skip"):
+        with pytest.raises(RecordingFileError):
+            load(tmp_path, on_error=on_error)
+    data = load(tmp_path, label=label, session=session)
+    assert set(data.labels) <= {"rice", "peas"}
+    assert len(set(data.sessions)) == 2
+    other = load(tmp_path, label="folder")
+    assert (other.sessions == None).all()  # noqa: E711 (an array)
+    (tmp_path / "index.csv").write_text("file,label\n" + "".join(f"{path},oats\n" for path in paths.split()))
+    assert load(tmp_path).labels == ("oats",)
+
+
+def test_what_files_state_themselves_needs_no_folders(tmp_path):
+    known = Recording(np.zeros((4, 6)), rate_hz=500, label="basmati", session="tuesday", name="x")
+    (tmp_path / "2025" / "rice").mkdir(parents=True)
+    save(Dataset([known]), tmp_path / "2025" / "rice" / "1.npz")
+    data = load(tmp_path)
+    assert (data[0].label, data[0].session) == ("basmati", "tuesday")
+    assert data.history[-1].notes[0] == "label: what the file says ('basmati' of 2025/rice/1.npz)"
+    assert load(tmp_path, label="folder")[0].label == "rice"
+
+
+@pytest.mark.parametrize(
+    ("label", "session", "expected"),
+    [
+        ("folder", "file", ("rice", "a/rice/push_1.csv")),
+        ("parent", "folder", ("a", "rice")),
+        ("file", "parent", ("push_1", "a")),
+        ("column:stuff", "column:day", ("oats", "3")),
+        ("meta:read_as", "folder", ("time=t", "rice")),
+    ],
+)
+def test_label_and_session_are_taken_from_where_somebody_says(tmp_path, label, session, expected):
+    rows = [f"{i / 10},{row},oats,3.0" for i, row in enumerate(["1,2,3,4,5,6"] * 3)]
+    write(tmp_path / "a" / "rice" / "push_1.csv", f"t,{','.join(AXES)},stuff,day", rows)
+    data = load(tmp_path, label=label, session=session, time="t", time_unit="s")
+    assert (data[0].label, data[0].session) == expected
+    assert data.history[-1].notes[0].startswith(f"label: {label} (")
+
+
+@pytest.mark.parametrize(
+    ("options", "problem"),
+    [
+        (
+            {"label": "material"},
+            "label='material'; wanted 'folder', 'parent', 'file', 'column:NAME' or 'meta:PATH'",
+        ),
+        ({"session": "column:"}, "session='column:'; wanted"),
+        ({"label": "column:mass"}, "label='mass' is no column"),
+        ({"label": "meta:tool.name"}, "no text or number in its metadata"),
+        ({"session": "parent"}, "no folder above its own"),
+    ],
+)
+def test_places_that_are_not_there_are_refused(tmp_path, options, problem):
+    with pytest.raises(ValueError, match=problem):
+        load(tree(tmp_path, "rice_1.csv"), **options)
+
+
+def test_index_says_it_all(tmp_path):
+    write(tmp_path / "a.csv")
+    write(tmp_path / "deep" / "er" / "b.csv", rows=["1.6e9,1,2,3,4,5,6", "1600000000.01,1,2,3,4,5,6"])
+    tree(tmp_path, "spare.csv", "deep/er/spare.csv")
+    (tmp_path / "index.csv").write_text(
+        "File,LABEL,session,start_time,rate_hz,trigger_index,meta,operator\n"
+        'deep/er/b.csv,"oats, rolled",s2,1.5e9,100,1,"{""depth_mm"": 76}",anna\n'
+        "\n"
+        "a.csv,,,,,,,\n",
+    )
+    data = load(tmp_path)
+    b, a = data
+    known = (b.label, b.session, b.start_time, b.rate_hz, b.trigger_index)
+    assert known == ("oats, rolled", "s2", 1.5e9, 100, 1)
+    assert b.meta == {"depth_mm": 76, "operator": "anna"}
+    assert b.name == "deep/er/b.csv"
+    assert (a.label, a.session, a.start_time, a.trigger_index, a.meta) == (None, None, None, None, {})
+    assert data.history[-1].notes[2:] == (
+        "columns of index.csv kept in meta: operator",
+        "2 recordings beside index.csv (spare.csv ...) are not listed in it and were not read",
+    )
+    assert load(tmp_path, session="meta:operator", on_error="skip")[0].session == "anna"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "problem"),
+    [
+        ("", None, "is empty"),
+        ("label\nrice\n", 1, "no column 'file'"),
+        ("file,file\na.csv,a.csv\n", 1, "occurs twice"),
+        ("file,\na.csv,\n", 1, "no proper name"),
+        ("file\n", 2, "lists no file"),
+        ("file,label\na.csv\n", 2, "1 cells; wanted 2"),
+        ("file\n../a.csv\n", 2, "not a file within the folder"),
+        ("file\n/etc/passwd\n", 2, "not a file within the folder"),
+        ("file\na.csv\na.csv\n", 3, "already listed in line 2"),
+        ("file\na.xlsx\n", None, "no known format"),
+        ("file\nmissing.csv\n", None, "cannot be read"),
+        ("file,rate_hz\na.csv,nan\n", 2, "is no rate"),
+        ("file,start_time\na.csv,monday\n", 2, "is no time"),
+        ("file,start_time\na.csv,2025-03-04 10:00\n", 2, "with its zone"),
+        ("file,trigger_index\na.csv,1.5\n", 2, "not a whole number"),
+        ("file,trigger_index\na.csv,99\n", None, "outside the 3 samples"),
+        ("file,meta\na.csv,[1]\n", 2, "wanted an object"),
+        ('file,axes\na.csv,"[1]"\n', 2, "axes"),
+        ('file\n"a.csv\n', 2, "not valid CSV"),
+        (b"file\n\xff.csv\n", None, "not UTF-8"),
+        ("file,label\na.csv,ri\x07ce\n", None, "control character"),
+    ],
+)
+def test_bad_index_is_refused_by_line(tmp_path, text, line, problem):
+    tree(tmp_path, "a.csv", "b.csv")
+    (tmp_path / "a.xlsx").write_bytes(b"")
+    (tmp_path / "index.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(RecordingFileError, match=problem) as caught:
+        load(tmp_path)
+    assert caught.value.line == line
+
+
+def test_start_times_of_the_index_may_be_dates(tmp_path):
+    write(tmp_path / "a.csv", ",".join(AXES), ["1,2,3,4,5,6"])
+    dates = "2020-02-07T10:50:54.25+00:00|2020-02-07T10:50:54.25Z|2020-02-07 11:50:54.250+01:00|1581072654.25"
+    for text in dates.split("|"):
+        (tmp_path / "index.csv").write_text(f"file,start_time,rate_hz\na.csv,{text},500\n")
+        assert load(tmp_path)[0].start_time == 1581072654.25
+
+
+def test_index_keeps_even_stamps_where_it_calls_them_irregular(tmp_path):
+    tree(tmp_path, "a.csv")
+    (tmp_path / "index.csv").write_text("file,rate_hz\na.csv,irregular\n")
+    for rate in (None, 100, 7):
+        assert load(tmp_path, rate_hz=rate)[0].time_s.tolist() == [0, 0.01, 0.02]
+    write(tmp_path / "a.csv", ",".join(AXES), ["1,2,3,4,5,6"])
+    with pytest.raises(RecordingFileError, match="has no time column, but is called irregular"):
+        load(tmp_path, rate_hz=100)
+
+
+def test_what_lies_beside_recordings_is_listed(tmp_path):
+    tree(tmp_path, "rice/rice_1.csv", "rice/mean_rice.csv", "peas/README.csv")
+    write(tmp_path / "peas" / "peas_1.csv")
+    write(tmp_path / "peas" / "scale.csv", "time,mass", ["0,1", "1,2"])
+    (tmp_path / "peas" / "photo.jpg").write_bytes(b"")
+    (tmp_path / "peas" / ".hidden_1.csv").write_text("no recording")
+    data = load(tmp_path)
+    assert data.names == ("peas/peas_1.csv", "rice/rice_1.csv")
+    notes = " ".join(data.history[-1].notes)
+    assert "not those of recordings: peas/README.csv, rice/mean_rice.csv" in notes
+    assert "hold none of the axes: scale.csv" in notes
+    assert "1 file of no known format is not read (.jpg)" in notes
+
+
+def test_what_holds_no_recordings_says_what_is_wanted(tmp_path):
+    with pytest.raises(FileNotFoundError, match="nowhere: no such file or folder"):
+        load(tmp_path / "nowhere")
+    (tmp_path / "a.xlsx").write_bytes(b"PK")
+    with pytest.raises(
+        RecordingFileError, match=r"no known format; what can be read: text tables .*from_frames"
+    ):
+        load(tmp_path / "a.xlsx")
+    with pytest.raises(
+        RecordingFileError, match=r"holds no recordings; .*known format \(\.xlsx\); .*from_arrays"
+    ):
+        load(tmp_path)
+    write(tmp_path / "scale.csv", "time,mass", ["0,1", "1,2"])
+    with pytest.raises(RecordingFileError, match="names none of fx"):
+        load(tmp_path)
+
+
+def test_several_levels_at_once_are_refused(tmp_path):
+    tree(tmp_path, "peas/1.csv", "rice_1.csv")
+    with pytest.raises(
+        RecordingFileError, match=r"several levels of folders \('rice_1.csv' and 'peas/1.csv'\)"
+    ):
+        load(tmp_path)
+    assert set(load(tmp_path, label="file").labels) == {"1", "rice"}
+
+
+@pytest.mark.skipif(not hasattr(os, "symlink"), reason="needs symbolic links")
+def test_links_within_the_folder_are_followed_and_no_others(tmp_path):
+    tree(tmp_path / "set", "rice/1.csv")
+    write(tmp_path / "outside" / "1.csv")
+    (tmp_path / "set" / "rice" / "2.csv").symlink_to("1.csv")
+    (tmp_path / "way").symlink_to("set")
+    assert load(tmp_path / "way").names == ("rice/1.csv", "rice/2.csv")
+    for name, target, problem in (
+        ("rice/link.csv", tmp_path / "outside" / "1.csv", "leaves the folder"),
+        ("peas", tmp_path / "outside", "leaves the folder"),
+        ("rice/lost.csv", "missing.csv", "cannot be read"),
+    ):
+        (tmp_path / "set" / name).symlink_to(target)
+        with pytest.raises(RecordingFileError, match=problem) as caught:
+            load(tmp_path / "set")
+        assert caught.value.path == str(tmp_path / "set" / name)
+        assert load(tmp_path / "set", on_error="skip").names == ("rice/1.csv", "rice/2.csv")
+        (tmp_path / "set" / name).unlink()
+
+
+def test_progress_is_told_of_every_file(tmp_path):
+    tree(tmp_path, "a_0.csv", "a_1.csv", "a_2.csv")
+    (tmp_path / "a_1.csv").write_text("fx\nbroken")
+    calls = []
+    load(tmp_path, on_error="skip", progress=lambda done, total, _: calls.append((done, total)))
+    assert calls == [(1, 3), (2, 3), (3, 3)]
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"rate_hz": 0}, {"rate_hz": float("nan")}, {"rate_hz": "1"}, {"on_error": "ignore"}, {"on_time_error": "sort"},
+        {"time_unit": "min"}, {"topic": ""}, {"progress": 3}, {"csv": 7}, {"id": 3}, {"axes": []}, {"units": 3},
+        {"axes": "fx,fx"}, {"topic": "/ft"}, {"array": "X"},
+    ],
+)  # fmt: skip
+def test_bad_settings_are_named(tmp_path, bad):
+    with pytest.raises((TypeError, ValueError), match=next(iter(bad))):
+        load(tree(tmp_path, "rice_1.csv"), **bad)
