@@ -299,9 +299,7 @@ notices: | toolchain
 
 fuzz: $(TOOLS)
 	@cargo fuzz --version >/dev/null 2>&1 || { echo "make fuzz needs cargo-fuzz: cargo install cargo-fuzz" >&2; exit 1; }
-	$(BIN)/python tests/fuzz/number_table_seeds.py
 	$(BIN)/python tests/fuzz/model_file_seeds.py
-	$(FUZZ) number_table -- -runs=$(FUZZ_RUNS) -max_len=512 -dict=tests/fuzz/number_table.dict
 	$(FUZZ) model_file -- -runs=$(FUZZ_RUNS) -max_len=4096 -dict=tests/fuzz/model_file.dict
 	$(FUZZ) rdt_packets -- -runs=$(FUZZ_RUNS) -max_len=4096
 

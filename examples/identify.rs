@@ -15,7 +15,6 @@ use std::fs;
 use std::process::ExitCode;
 
 use granular_id::model::Answer;
-use granular_id::number_table;
 use granular_id::Model;
 
 /// By how much the mean step of a recording may differ from that of the model.
@@ -93,7 +92,12 @@ pub fn recording(model: &Model, text: &[u8]) -> Result<Vec<f64>, Box<dyn Error>>
     let end = text.iter().position(|byte| *byte == b'\n').ok_or("there is no line of names, then numbers")?;
     let names = std::str::from_utf8(&text[..end]).map_err(|_| "the line of names is not UTF-8 text")?;
     let names: Vec<String> = names.split(',').map(|name| name.trim().to_lowercase()).collect();
-    let values = number_table::parse(&text[end + 1..], names.len())?;
+    let body = std::str::from_utf8(&text[end + 1..]).map_err(|_| "the numbers are not UTF-8 text")?;
+    let cells = body.lines().filter(|line| !line.trim().is_empty()).flat_map(|line| line.split(','));
+    let values = cells.map(|cell| cell.trim().parse::<f64>()).collect::<Result<Vec<_>, _>>()?;
+    if values.len() % names.len() != 0 {
+        return Err(format!("wanted {} cells in each line, as in the line of names", names.len()).into());
+    }
     let mut rows = values.chunks_exact(names.len());
     let step_s = match (names.iter().position(|name| name == "time"), rows.next(), rows.next_back()) {
         (Some(time), Some(first), Some(last)) => Some((last[time] - first[time]) / (rows.len() + 1) as f64),

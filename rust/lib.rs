@@ -47,7 +47,6 @@
 //! | [`model`] | trained models and their files | `model` | `multiband`, safetensors, serde, `serde_json`, sha2 |
 //! | [`buffer`] | one writer, many readers, nothing lost unnoticed | `buffer` | |
 //! | [`rdt`] | force-torque sensors on the network (ATI Net F/T, `OnRobot`) | `rdt` | `buffer`, socket2 |
-//! | [`number_table`] | CSV that keeps every bit | `number-table` | lexical-parse-float, zmij |
 //!
 //! # Limits
 //!
@@ -80,8 +79,6 @@ mod memory;
 pub mod model;
 #[cfg(feature = "multiband")]
 pub mod multiband;
-#[cfg(feature = "number-table")]
-pub mod number_table;
 mod pool;
 #[cfg(feature = "rdt")]
 pub mod rdt;

@@ -8,7 +8,6 @@ from typing_extensions import Self
 
 __all__ = [
     "AXES",
-    "MAX_LINE_BYTES",
     "MAX_MODEL_FILE_BYTES",
     "MAX_MULTIBAND_VALUES",
     "MAX_NAME_BYTES",
@@ -22,7 +21,6 @@ __all__ = [
     "Model",
     "ModelFileError",
     "MultiBandExtractor",
-    "NumberTableError",
     "RdtReceiver",
     "StreamingExtractor",
     "StreamingIdentifier",
@@ -37,10 +35,8 @@ __all__ = [
     "histogram",
     "host_ns",
     "interleave",
-    "parse_number_table",
     "sosfilt",
     "sosfilt_zi",
-    "write_number_table",
 ]
 
 __version__: str
@@ -48,7 +44,6 @@ AXES: tuple[str, ...]
 UNITS: tuple[str, ...]
 SIMD: str
 SAMPLE_FLAGS: dict[str, int]
-MAX_LINE_BYTES: int
 MAX_MODEL_FILE_BYTES: int
 MAX_MULTIBAND_VALUES: int
 MAX_NAME_BYTES: int
@@ -180,13 +175,8 @@ class StreamingIdentifier:
     def next(self) -> None: ...
     def reset(self) -> None: ...
 
-class NumberTableError(ValueError):
-    args: tuple[int, int | None, str]
-
 def available_cores() -> int: ...
 def interleave(columns: list[_Floats], out: _Floats) -> bool: ...
-def parse_number_table(text: bytes, start: SupportsIndex, n_columns: SupportsIndex) -> _Floats: ...
-def write_number_table(columns: list[_Floats | NDArray[np.uint8]]) -> bytes: ...
 
 class ModelFileError(ValueError): ...
 

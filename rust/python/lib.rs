@@ -4,9 +4,9 @@ mod arguments;
 mod arrays;
 mod buffer;
 mod features;
+mod interleave;
 mod model;
 mod multiband;
-mod number_table;
 mod rdt;
 mod signal;
 mod stream;
@@ -30,7 +30,7 @@ mod _core {
     #[pymodule_export]
     use super::multiband::PyMultiBandExtractor;
     #[pymodule_export]
-    use super::number_table::{interleave, parse_number_table, write_number_table, NumberTableError};
+    use super::interleave::interleave;
     #[pymodule_export]
     use super::rdt::PyRdtReceiver;
     #[pymodule_export]
@@ -56,7 +56,6 @@ mod _core {
         module.add("MAX_MODEL_FILE_BYTES", granular_id::model::MAX_FILE_BYTES)?;
         module.add("MAX_MULTIBAND_VALUES", granular_id::model::MAX_MULTIBAND_VALUES)?;
         module.add("MAX_NAME_BYTES", granular_id::model::MAX_NAME_BYTES)?;
-        module.add("MAX_LINE_BYTES", granular_id::number_table::MAX_LINE_BYTES)?;
         module.add("RDT_PORT", granular_id::rdt::PORT)?;
         let limits = (granular_id::rdt::COUNTS_PER_NEWTON, granular_id::rdt::COUNTS_PER_NEWTON_METRE);
         module.add("RDT_SCALE_LIMITS", limits)?;

@@ -18,7 +18,6 @@ use crate::arrays::{
 };
 use crate::features::PyFeatureSpec;
 use crate::multiband::PyMultiBandExtractor;
-use crate::number_table::bytes;
 use granular_id::bindings::{collected, room};
 use granular_id::model::{
     Extraction, Features, Loss, Metadata, ModelError, ModelFileError as FileError, ModelParts, NoveltyParts,
@@ -390,6 +389,14 @@ impl PyModel {
         let n_values = scores.len().saturating_mul(self.n_classes());
         work_on(&scores, "scores", n_values, |scores| work(model, scores))
     }
+}
+
+/// Bytes of Python; a `MemoryError` where there is no room for them.
+fn bytes<'py>(py: Python<'py>, from: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
+    PyBytes::new_with(py, from.len(), |bytes| {
+        bytes.copy_from_slice(from);
+        Ok(())
+    })
 }
 
 fn most_bytes(max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<usize> {

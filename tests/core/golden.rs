@@ -13,7 +13,6 @@ use granular_id::buffer::{wrench_buffer, BufferSpec, Fill, Row, WindowSpec};
 use granular_id::dsp::{Outside, Section};
 use granular_id::features::Initial;
 use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
-use granular_id::number_table::{parse, write, Column};
 use granular_id::rdt::{Decoded, Decoder, Record, Scale, Variant};
 use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
 use granular_id::{butterworth, Band, BatchShape, Extractor, FeatureSpec, Model, SimdPath, SosState};
@@ -278,24 +277,9 @@ fn packets(digests: &mut Digests) {
     digests.words("packets", words);
 }
 
-fn tables(digests: &mut Digests) {
-    let mut noise = uniform(3);
-    let values: Vec<f64> = (0..size(600))
-        .map(|n| noise() * [1e-300, 1e-5, 1.0, 1e17, 1e300][n % 5])
-        .chain([5e-324, f64::MAX, 0.0, -0.0])
-        .collect();
-    let text = write(&[Column::Numbers(&values)]).unwrap();
-    digests.words("table, text", text.bytes().map(u64::from));
-    let text: String = (0..600_i32).take(size(600)).fold(String::new(), |mut text, n| {
-        writeln!(text, "{}.{}e{}", n % 7, (noise().abs() * 1e15).round(), n % 40 - 20).unwrap();
-        text
-    });
-    digests.add("table, numbers", &parse(text.as_bytes(), 1).unwrap());
-}
-
 fn all() -> Digests {
     let mut digests = Digests::default();
-    for add in [designs, filters, features, multiband, streams, models, buffer, packets, tables] {
+    for add in [designs, filters, features, multiband, streams, models, buffer, packets] {
         add(&mut digests);
     }
     digests

@@ -8,13 +8,11 @@ mod filter;
 mod golden;
 mod model;
 mod model_multiband;
-mod number_table;
 mod rdt;
 mod stream;
 
 /// Plain twins, and what several files take from each other.
 mod twins {
     pub mod models;
-    pub mod number_table;
     pub mod signals;
 }

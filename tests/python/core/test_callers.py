@@ -250,8 +250,6 @@ TOO_LARGE = {
     "a filter": "_core.sosfilt(low_pass(32), np.zeros((1, 4_000_000)), 0, None)",
     "a stream": "gid.StreamingExtractor(gid.FeatureSpec(n_bins=1), n_samples=1, n_axes=1 << 24)",
     "a stream with a hop": "gid.StreamingExtractor(gid.FeatureSpec(n_bins=1), n_samples=1, n_axes=1 << 24, hop=1)",
-    "a table to read": "_core.parse_number_table(b'1\\n' * 10**8, 0, 1)",
-    "a table to write": "_core.write_number_table([np.zeros(25_000_000)])",
     "rows for a buffer": "X, t = np.zeros((10**7, 6)), np.zeros(10**7); limit(50); WrenchBuffer(1.0).push_block(X, t)",
     "rows of a buffer": "buffer = full(); limit(20); buffer.reader(from_oldest=True).read()",
     "a window of a buffer": "buffer = full(); limit(20); buffer.window(10**6)",
@@ -300,8 +298,6 @@ WITHOUT_LIMIT = {
     "a buffer": "WrenchBuffer(1e300)",
     "a window": "WrenchBuffer().window(MANY)",
     "rows of a buffer": "WrenchBuffer().push_block(FAR)",
-    "a table": "_core.parse_number_table(b'1', 0, MANY)",
-    "a table without columns": "_core.parse_number_table(b'1', 0, 0)",
 }
 
 

@@ -55,7 +55,6 @@ INTEGERS = {
     "n_axes of a model": lambda it: _core.Model(SPEC, ROW, ROW, ROW, ["a"], n_axes=it),
     "n_axes of multi-band features": lambda it: _core.MultiBandExtractor(100, it),
     "size of a file": lambda it: _core.Model.from_bytes(b"", max_file_bytes=it),
-    "first byte of a table": lambda it: _core.parse_number_table(b"1", it, 1),
     "reorder_depth": lambda it: WrenchBuffer(reorder_depth=it),
     "flags": lambda it: WrenchBuffer().push(ROW, flags=it),
     "host_ns": lambda it: WrenchBuffer().push(ROW, host_ns=it),
