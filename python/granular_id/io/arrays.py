@@ -71,10 +71,10 @@ class _Reading:
                 raise self.fault(f"array={asked!r:.60} names no array of samples (2 or 3 dimensions)")
         elif "X" in tree:
             found = self._of_x(tree["X"])
-        elif self._samples_beside_x():
-            found = []
-        else:
+        elif not any(one.leaf.is_numbers and len(one.leaf.shape) > 2 for one in self._leaves):
             found = self._labelled()
+        else:  # of samples of several recordings in one array names are no labels
+            found = []
         if not found:
             raise self.fault(self._why_none())
         used = {one.path.partition("/")[0].partition("[")[0] for one in found}
@@ -90,10 +90,6 @@ class _Reading:
             return [Found("X", node, (self._tree,))] if len(node.shape) in (2, 3) else []
         cells = _cells(node)
         return [Found(f"X[{i}]", leaf, (self._tree,)) for i, leaf in enumerate(cells)]
-
-    def _samples_beside_x(self) -> bool:
-        """Return True if samples of several recordings lie in one array, or in structs, so that names are no labels."""
-        return any(one.leaf.is_numbers and len(one.leaf.shape) > 2 for one in self._leaves)
 
     def _labelled(self) -> list[Found]:
         """Return arrays that are named as their labels, with a number behind; or the only one, without a label."""

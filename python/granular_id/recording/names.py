@@ -201,6 +201,7 @@ def axis_of(name: str) -> str | None:
     return meaning.what if meaning.what in AXES and meaning.scale == 1 else None
 
 
+@lru_cache(maxsize=1024)
 def name_and_unit(name: str) -> tuple[str, str | None]:
     """Part a name in what comes before its unit, and the unit: ``wx [rad/s]``."""
     text = name.strip()
@@ -233,13 +234,19 @@ def columns_of(
     dict
         Names of columns by axis, and by `TIME`, `RECORDING`, `LABEL`, `SESSION`, `RATE`, `FLAGS`.
     """
+    chosen = tuple((what, name) for what, name in (asked or {}).items() if name is not None)
+    return dict(_columns_of(tuple(names), None if axes is None else tuple(axes), chosen))
+
+
+@lru_cache(maxsize=256)
+def _columns_of(
+    names: tuple[str, ...], axes: tuple[str, ...] | None, asked: tuple[tuple[str, str], ...]
+) -> Mapping[str, str]:
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
         raise ColumnError(f"column {twice!r:.60} occurs twice")
     found = {axis: _column_of(axis, names, axes is not None) for axis in axes or AXES}
-    for what, name in (asked or {}).items():
-        if name is None:
-            continue
+    for what, name in asked:
         if name not in names:
             raise ColumnError(f"{what}={name!r:.60} is no column of it; there are {_listed(names)}")
         if name in found.values():

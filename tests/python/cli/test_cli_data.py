@@ -246,3 +246,45 @@ def test_a_model_of_another_sensor_reads_the_axes_it_was_trained_on(drives, tmp_
     assert "drive_1.csv" in ended_well("identify", model, file, "--begin-at", "first")
     said = refused("identify", model, file, "--begin-at", "first", "--axes", "ax,wy,wz,wx,ay,az")
     assert said.endswith("the model was trained on wx wy wz ax ay az: add --axes wx,wy,wz,ax,ay,az")
+
+
+# -- what only text tables need
+
+
+EXPORT = (
+    "Lab 3\nTorque Units: N-mm\nfx;fy;fz;tx;ty;tz;push\n" + "1,5;2;3;4;5;6;1\n" * 4 + "2,5;2;3;4;5;6;2\n" * 4
+)
+TOLD = ("--csv", "skiprows=2", "--csv", "decimal=,", "--recorded-hz", 500, "--id", "push")
+
+
+@pytest.mark.parametrize("command", [("info",), ("check",), ("plot", "-o", "a.png"), ("convert", "x.npz")])
+def test_options_of_tables_are_told_to_pandas(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    for label in ("rice", "peas"):
+        (tmp_path / "in" / label).mkdir(parents=True)
+        (tmp_path / "in" / label / "1.csv").write_text(EXPORT)
+    name, *more = command
+    assert "pass --csv skiprows=2" in refused("data", name, "in", *more)
+    words = [
+        "data",
+        name,
+        "in",
+        *(more if name == "convert" else ()),
+        *TOLD,
+        *(more if name == "plot" else ()),
+    ]
+    result = run(*words)
+    assert result.exit_code in (0, 3), result.output
+    assert "note: label: folder ('peas' of peas/1.csv, 'rice' of rice/1.csv)" in result.output
+    if name == "convert":
+        data = load("x.npz")
+        assert [r.wrench[0, 0] for r in data] == [1.5, 2.5] * 2
+        assert data[0].wrench[0, 5] == 0.006
+
+
+@pytest.mark.parametrize("text", ["skiprows", "=7", "no key=7"])
+def test_an_option_of_pandas_is_a_key_and_a_value(folder, text):
+    assert f"--csv must be KEY=VALUE, an option of pandas.read_csv, got '{text}'" in refused(
+        "data", "info", folder, "--csv", text
+    )
+    assert "invalid_option" in refused("data", "info", folder, "--csv", "invalid_option=7")
