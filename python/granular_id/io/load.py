@@ -15,6 +15,7 @@ from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import counted
 from granular_id.io.errors import RecordingFileError, naming
 from granular_id.io.files import check_place
+from granular_id.io.folder_save import INDEX_NAME
 from granular_id.io.formats import format_of
 from granular_id.io.options import LoadOptions
 from granular_id.io.source import FileContent, FileSource
@@ -260,6 +261,7 @@ class _Reading:
         self._options, self._root = options, check_source(path)
         self._found = find_sources(self._root, options)
         self._alone = format_of(self._root) is not None
+        self._named = self._alone or self._found.layout == INDEX_NAME  # each file is meant to be a recording
         self._problems: list[RecordingFileError] = []
         self._n_reported = 0
         self._said = False
@@ -312,7 +314,7 @@ class _Reading:
         except _TwoMeaningsError:
             raise
         except RecordingFileError as error:
-            if error.no_wrench and not self._alone:
+            if error.no_wrench and not self._named:
                 self._beside.append(error)
             elif self._options.on_error == "skip":
                 self._problems.append(error)
