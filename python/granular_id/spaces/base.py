@@ -15,12 +15,19 @@ from sklearn.utils import Tags
 from sklearn.utils.validation import _check_feature_names_in, check_is_fitted, validate_data
 
 from granular_id._checks import all_finite, argument_error, positive_number
-from granular_id.recording import column_names, samples_of
 from granular_id._core import AXES, UNITS
 from granular_id._estimators import real_steps
 from granular_id._memory import empty, is_large
 from granular_id.features import FeatureSpec, extract_features, feature_names
-from granular_id.recording import Dataset, Recording, common_units, unit_differences, unit_of
+from granular_id.recording import (
+    Dataset,
+    Recording,
+    column_names,
+    common_units,
+    samples_of,
+    unit_differences,
+    unit_of,
+)
 
 FloatArray = npt.NDArray[np.float64]
 Recordings = Dataset | Sequence[Recording] | npt.ArrayLike
