@@ -165,8 +165,8 @@ def _axes_listed(listed: re.Match[str]) -> str:
 
 
 def _csv_options(found: re.Match[str]) -> str:
-    pairs = re.findall(r"'(\w+)': (?:'([^']*)'|(\w+))", found[1])
-    return " ".join(f"--csv {shlex.quote(f'{key}={text or number}')}" for key, text, number in pairs)
+    pairs = re.findall(r"'(\w+)': (?:'([^']*)'|(\[[^]]*\]|\w+))", found[1])
+    return " ".join(f"--csv {shlex.quote(f'{key}={text or other}')}" for key, text, other in pairs)
 
 
 def _accepts(found: re.Match[str]) -> str:

@@ -131,9 +131,16 @@ def _no_columns(
         if cells.dtype.kind in "iuf" and not _is_number(name) and meaning_of(name).what is None
     ]
     way_out = f"; line {head.line} names the columns" if error.no_wrench else ""
-    if error.no_wrench and numbers:
-        bare = [name_and_unit(name)[0] for name in numbers]
-        way_out = f"; for other axes pass axes={','.join(numbers if len(set(bare)) < len(bare) else bare)!r}"
+    bare = {6: list(AXES), 7: ["time", *AXES]}.get(len(head.names))
+    if error.no_wrench and bare is not None and all(map(_is_number, head.names)):
+        way_out = (
+            f"; without a line of names, if they are these, pass csv={{'header': None, 'names': {bare}}}"
+        )
+    elif error.no_wrench and numbers:
+        short = [name_and_unit(name)[0] for name in numbers]
+        way_out = (
+            f"; for other axes pass axes={','.join(numbers if len(set(short)) < len(short) else short)!r}"
+        )
     problem = RecordingFileError(path, f"{error}{way_out}", line=head.line)
     problem.no_wrench = error.no_wrench
     return problem
@@ -161,6 +168,14 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     mark = next((name for mark, name in _MARKS.items() if begins.startswith(mark)), None)
     if mark is not None:
         options.setdefault("encoding", mark)
+    elif (
+        "encoding" not in given
+        and path.suffix.lower() != ".gz"
+        and b"\0" in begins[:2]
+        and begins[:2] != b"\0\0"
+    ):
+        encoding = "utf-16-le" if begins[1] == 0 else "utf-16-be"
+        raise RecordingFileError(path, f"may be UTF-16 text: pass csv={{'encoding': {encoding!r}}}", line=1)
     skipped = given.get("skiprows", 0)
     n_skipped = skipped if isinstance(skipped, int) else 0
     lines = _lines(path, options.get("encoding"), n_skipped + _HEAD_LINES)

@@ -6,10 +6,12 @@ field, by the definition that the bag keeps.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -30,7 +32,7 @@ _JSON = (
     "messages in JSON are no messages of ROS; the package mcap reads them: in Python: "
     "from mcap.reader import make_reader; import io, json, pathlib; "
     "bag = make_reader(io.BytesIO(pathlib.Path({path!r}).read_bytes())); "
-    "rows = [(m.log_time / 1e9, json.loads(m.data)['wrench']) for _, _, m in bag.iter_messages(topics=[{topic!r}])]; "
+    "rows = [(m.log_time / 1e9, json.loads(m.data){keys}) for _, _, m in bag.iter_messages(topics=[{topic!r}])]; "
     "Dataset.from_frames({{'time': [t for t, _ in rows], "
     "**{{p[0] + a: [w[p][a] for _, w in rows] for p in ('force', 'torque') for a in 'xyz'}}}})"
 )
@@ -139,26 +141,51 @@ def _opened(path: Path) -> Iterator[Any]:
     except (library.AnyReaderError, AssertionError, KeyError, ValueError) as error:
         if isinstance(error, RecordingFileError):
             raise
-        json_topic = _json_topic(path)
-        if json_topic is not None:
-            raise RecordingFileError(path, _JSON.format(path=str(path), topic=json_topic)) from error
+        other = _other_messages(path)
+        if other is not None:
+            raise RecordingFileError(path, other) from error
         said = (str(error).partition("\n")[0] or type(error).__name__)[:200].rstrip(".")
         way_out = "`rosbag reindex`" if is_ros1 else "`ros2 bag reindex`, or `mcap recover` of an .mcap"
         problem = f"cannot be read: {said}; if the recording was not closed, try {way_out}"
         raise RecordingFileError(path, problem) from error
 
 
-def _json_topic(path: Path) -> str | None:
-    """Return the first topic of an MCAP file whose messages are JSON: a channel has its topic before its encoding."""
+def _other_messages(path: Path) -> str | None:
+    """Say what reads an MCAP file whose messages are not those of ROS 2; None for any other file."""
     if path.suffix.lower() != ".mcap" or not path.is_file():
         return None
-    with path.open("rb") as file:
-        head = file.read(1 << 20)
-    at = head.find(b"\x04\x00\x00\x00json")
-    for length in range(1, min(at, 256)):
-        if head[at - length - 4 : at - length] == length.to_bytes(4, "little"):
-            return head[at - length : at].decode("utf-8", "replace")
-    return None
+    try:
+        make_reader = import_module("mcap.reader").make_reader
+    except ImportError:
+        return "is no bag of ROS 2: install mcap (pip install mcap) and load it again to see what its messages are"
+    try:
+        with path.open("rb") as file:
+            found = {
+                channel.topic: (channel, message) for _, channel, message in make_reader(file).iter_messages()
+            }
+    except Exception:  # it is damaged: what rosbags says of it holds
+        return None
+    for topic, (channel, message) in found.items():
+        keys = _keys_to_wrench(json.loads(message.data)) if channel.message_encoding == "json" else None
+        if keys is not None:
+            return _JSON.format(path=str(path), topic=topic, keys=keys)
+    listed = ", ".join(f"{topic[:80]} ({channel.message_encoding})" for topic, (channel, _) in found.items())
+    encodings = {channel.message_encoding for channel, _ in found.values()}
+    if encodings <= {"cdr"}:
+        return None
+    return (
+        f"holds no wrenches of ROS 2 but {listed[:300]}: decode them, and pass columns to Dataset.from_frames"
+    )
+
+
+def _keys_to_wrench(value: Any, keys: str = "") -> str | None:
+    """Return the keys that lead to force and torque in a message."""
+    if not isinstance(value, dict):
+        return None
+    if {"force", "torque"} <= value.keys():
+        return keys
+    inner = (_keys_to_wrench(one, f"{keys}[{key!r}]") for key, one in value.items())
+    return next((found for found in inner if found is not None), None)
 
 
 def _chosen(reader: Any, path: Path, asked: str | None) -> tuple[_Wrench, list[str]]:

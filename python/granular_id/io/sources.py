@@ -30,8 +30,9 @@ from granular_id.recording import StepReport
 LAYOUTS = "label/*.csv, label_1.csv, or an index.csv with the columns file and label"
 
 OTHER_FILES = (
-    "what numpy or pandas can open is read by Dataset.from_arrays(X, y, rate_hz=...), X of shape (recordings, samples, "
-    "axes), or Dataset.from_frames(frames, labels)"
+    "a text table is read under a name that ends with .csv or .txt; what numpy or pandas can open, by "
+    "Dataset.from_arrays(X, y, rate_hz=...), X of shape (recordings, samples, axes), or by "
+    "Dataset.from_frames(frames, labels)"
 )
 """What to do about files of no known format."""
 

@@ -111,6 +111,13 @@ def _shown(value: Any) -> str:
     return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value).strip()
 
 
+def _ascends(values: NDArray[Any]) -> bool:
+    """Return True for numbers that grow from row to row, as those of a clock do."""
+    if values.dtype.kind not in "iuf" or len(values) < 3:
+        return False
+    return bool((np.diff(values.astype(np.float64)) > 0).all())
+
+
 class _Part:
     """The rows of one recording on their way: `rows` says where each kept sample stands in the table."""
 
@@ -253,7 +260,12 @@ class _Part:
         clock = self._table.clock
         if self._stated.irregular:
             return f"has no {clock}, but is called irregular"
-        return f"has no {clock} and no rate is stated; pass rate_hz=, or a rate_hz column in index.csv"
+        counting = [name for name, cells in self._table.columns.items() if _ascends(cells)]
+        column = (
+            f", or time= with the column that is the clock ({', '.join(counting)[:80]}?)" if counting else ""
+        )
+        way_out = f"pass rate_hz={column}, or a rate_hz column in index.csv"
+        return f"has no {clock} and no rate is stated; {way_out}"
 
     def _rate_in_table(self) -> float | None:
         """Return the rate that the table, or a column of it, states."""

@@ -364,6 +364,8 @@ def _numbers_in(values: NDArray[Any], name: str) -> FloatArray:
                 "holds lists; wanted one number a row (pandas: frame.explode makes rows of them)", row, name
             )
         text = str(cell)
-        comma = "; a decimal comma is read by csv={'decimal': ','}" if _DECIMAL_COMMA.fullmatch(text) else ""
-        raise TableError(f"{text[:40]!r} is no number{comma}", row, name)
+        way_out = f"; if it stands for a missing sample pass csv={{'na_values': {text[:40]!r}}}"
+        if _DECIMAL_COMMA.fullmatch(text):
+            way_out = "; a decimal comma is read by csv={'decimal': ','}"
+        raise TableError(f"{text[:40]!r} is no number{way_out}", row, name)
     return numbers

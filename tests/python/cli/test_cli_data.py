@@ -177,6 +177,10 @@ def test_a_folder_of_another_sensor_is_refused_with_the_way_in(drives):
         ("a.csv: for other axes pass axes='acc x,acc y'", "a.csv: for other axes pass --axes 'acc x,acc y'"),
         ("call .select(axes=['wx', 'wy z'])", "add --axes 'wx,wy z'"),
         ("pass csv={'skiprows': 7}", "pass --csv skiprows=7"),
+        (
+            "pass csv={'na_values': '--', 'names': ['a', 'b']}",
+            "pass --csv na_values=-- --csv 'names=['\"'\"'a'\"'\"', '\"'\"'b'\"'\"']'",
+        ),
         ("is ignored: rate_hz=RATE", "is ignored: --recorded-hz RATE"),
         ("the axes of units, in one session", "the axes of units, in one session"),
     ],

@@ -223,8 +223,11 @@ def follow(problem):
     return eval(last, scope)
 
 
-@pytest.mark.parametrize(("topic", "rate_hz"), [("/wrench", 500), ("/robot1/ft_sensor/raw", 250)])
-def test_mcap_of_json_names_the_lines_that_read_it(tmp_path, topic, rate_hz):
+@pytest.mark.parametrize(
+    ("topic", "rate_hz", "inside"),
+    [("/wrench", 500, ["wrench"]), ("/robot1/ft_sensor/raw", 250, []), ("/state", 100, ["sensors", "ft"])],
+)
+def test_mcap_of_json_names_the_lines_that_read_it(tmp_path, topic, rate_hz, inside):
     pytest.importorskip("rosbags")
     writers = pytest.importorskip("mcap.writer")
     with (tmp_path / "a.mcap").open("wb") as file:
@@ -234,17 +237,30 @@ def test_mcap_of_json_names_the_lines_that_read_it(tmp_path, topic, rate_hz):
         channel = writer.register_channel(topic, "json", schema)
         for i, row in enumerate(W.tolist()):
             value = {
-                "wrench": {
-                    "force": dict(zip("xyz", row[:3], strict=True)),
-                    "torque": dict(zip("xyz", row[3:], strict=True)),
-                }
+                part: dict(zip("xyz", row[k : k + 3], strict=True))
+                for part, k in (("force", 0), ("torque", 3))
             }
+            for key in reversed(inside):
+                value = {"header": {"seq": i}, key: value}
             at = 1_700_000_000_000_000_000 + round(i * 1e9 / rate_hz)
             writer.add_message(channel, at, json.dumps(value).encode(), at)
         writer.finish()
     data = follow(refused(tmp_path / "a.mcap", "messages in JSON"))
     assert (data.rate_hz, data[0].axes) == (rate_hz, AXES)
     assert data[0].wrench.tobytes() == W.tobytes()
+
+
+def test_mcap_of_other_messages_says_what_they_are(tmp_path):
+    writers = pytest.importorskip("mcap.writer")
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = writers.Writer(file)
+        writer.start()
+        schema = writer.register_schema("maker.Wrench", "protobuf", b"?")
+        for topic, encoding, data in (("/ft", "protobuf", b"\1"), ("/log", "json", b'{"force": 3}')):
+            channel = writer.register_channel(topic, encoding, schema)
+            writer.add_message(channel, 5, data, 5)
+        writer.finish()
+    refused(tmp_path / "a.mcap", r"no wrenches of ROS 2 but /ft \(protobuf\), /log \(json\): .*from_frames")
 
 
 @pytest.mark.data

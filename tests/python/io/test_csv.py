@@ -112,6 +112,10 @@ LATIN = GOOD.replace(b"time", b"Zeit \xe4,time").replace(b"0.0", b"x,0.0")
 IN_MS = GOOD.replace(b"0.00", b"0").replace(b"0.01", b"10").replace(b"0.02", b"20")
 PACKET = HEADER + ROW1 + ROW2 + b"0.01,2,2,3,4,5,6\n"
 TWO_FX = GOOD.replace(b"time", b"force_x,time").replace(b"fx", b"F_x").replace(b"0.0", b"0,0.0")
+BARE = GOOD.partition(b"\n")[2]
+SIX = b"\n".join(line.partition(b",")[2] for line in BARE.split(b"\n"))
+SEVEN = ["time", *AXES]
+DASHES = GOOD.replace(b"0.00,1.5,2,3,4,5,6", b"0.00,--,--,--,--,--,--") + b"0.03,1,2,3,4,5,6\n"
 EXPORT = b"Start: 3/4/25 2:03 PM\nRate: 500\nNote: lab 3\n" + GOOD
 
 
@@ -122,9 +126,14 @@ EXPORT = b"Start: 3/4/25 2:03 PM\nRate: 500\nNote: lab 3\n" + GOOD
         (EXPORT, "line 4 names the axes: pass csv={'skiprows': 3}", {"csv": {"skiprows": 3}}),
         (b"Rate,,,,,,\n" + GOOD, "line 2 names the axes: pass csv={'skiprows': 1}", {"csv": {"skiprows": 1}}),
         (changed(";", ",").encode(), "csv={'decimal': ','}", {"csv": {"decimal": ","}}),
+        (BARE, f"'names': {SEVEN}}}", {"csv": {"header": None, "names": SEVEN}}),
+        (SIX, f"'names': {[*AXES]}}}", {"csv": {"header": None, "names": [*AXES]}, "rate_hz": 100}),
+        (GOOD.decode().encode("utf-16-le"), "csv={'encoding': 'utf-16-le'}", {"csv": {"encoding": "utf-16-le"}}),
+        (GOOD.decode().encode("utf-16-be"), "csv={'encoding': 'utf-16-be'}", {"csv": {"encoding": "utf-16-be"}}),
+        (DASHES, "csv={'na_values': '--'}", {"csv": {"na_values": "--"}}),
         (LATIN, "csv={'encoding': 'cp1252'}", {"csv": {"encoding": "cp1252"}}),
         (GOOD.replace(b"time", b"clock"), "pass rate_hz=", {"rate_hz": 100}),
-        (GOOD.replace(b"time", b"clock"), "columns that are not read|no rate is stated", {"time": "clock"}),
+        (GOOD.replace(b"time", b"clock"), "or time= with the column that is the clock (clock?)", {"time": "clock"}),
         (IN_MS, "time_unit=", {"time_unit": "ms"}),
         (PACKET, "rate_hz=RATE", {"rate_hz": 100}),
         (HEADER + ROW2 + ROW1 + ROW3, "on_time_error='repair'", {"on_time_error": "repair"}),
