@@ -83,7 +83,8 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     columns, dropped = _columns(frame, source.path, head)
     units, n_units = _units(columns, head)
     if n_units:
-        columns = {name: _numbers_again(cells[n_units:]) for name, cells in columns.items()}
+        decimal = str(given.get("decimal", "."))
+        columns = {name: _numbers_again(cells[n_units:], decimal) for name, cells in columns.items()}
     first_line = head.line + 1 + n_units
     notes = [f"line {first_line - 1} is read as units"] if n_units else []
     notes += dropped
@@ -131,11 +132,9 @@ def _no_columns(
         if cells.dtype.kind in "iuf" and not _is_number(name) and meaning_of(name).what is None
     ]
     way_out = f"; line {head.line} names the columns" if error.no_wrench else ""
-    bare = {6: list(AXES), 7: ["time", *AXES]}.get(len(head.names))
-    if error.no_wrench and bare is not None and all(map(_is_number, head.names)):
-        way_out = (
-            f"; without a line of names, if they are these, pass csv={{'header': None, 'names': {bare}}}"
-        )
+    unnamed = _way_without_names(path, head)
+    if error.no_wrench and unnamed is not None:
+        way_out = unnamed
     elif error.no_wrench and numbers:
         short = [name_and_unit(name)[0] for name in numbers]
         way_out = (
@@ -144,6 +143,26 @@ def _no_columns(
     problem = RecordingFileError(path, f"{error}{way_out}", line=head.line)
     problem.no_wrench = error.no_wrench
     return problem
+
+
+def _way_without_names(path: Path, head: _Head) -> str | None:
+    """Return how to name six or seven columns of numbers, where no line has a name for each."""
+    separator = str(head.options.get("sep", ","))
+    for i, line in enumerate(_lines(path, head.options.get("encoding"), _HEAD_LINES)):
+        cells = [
+            cell.strip()
+            for cell in re.split(re.escape(separator) if len(separator) == 1 else separator, line)
+        ]
+        cells = cells[:-1] if cells and not cells[-1] else cells
+        names = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}.get(len(cells))
+        if names is None or not all(map(_is_number, cells)):
+            continue
+        own = [name for name in dict.fromkeys(head.names) if name and not _is_number(name)]
+        if len(own) >= len(cells):
+            return None
+        skipped = f"'skiprows': {i}, " if i else ""
+        return f"; if its columns are these, pass csv={{'header': None, {skipped}'names': {names}}}"
+    return None
 
 
 def _line_of_names(path: Path, head: _Head, axes: Sequence[str] | None) -> int | None:
@@ -201,6 +220,7 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     cells = re.split(separator, line.strip()) if len(separator) > 1 else line.split(separator)
     if len(cells) > 1 and line.startswith("#") and comment is None and "names" not in given:
         cells[0] = cells[0].lstrip("#")  # as numpy.savetxt writes names
+    cells[0] = cells[0].lstrip("%")  # as rostopic does
     return _Head(options, lines[:i], [cell.strip().strip('"').strip() for cell in cells], i + 1)
 
 
@@ -248,8 +268,7 @@ def _columns(frame: Any, path: Path, head: _Head) -> tuple[dict[str, NDArray[Any
     notes: list[str] = []
     for i, label in enumerate(frame.columns):
         name = str(label).strip()
-        if i == 0 and name.startswith("#"):
-            name = name.lstrip("# ")
+        name = name.lstrip("#% ") if i == 0 else name
         cells = frame.iloc[:, i].to_numpy()
         unnamed = _UNNAMED.fullmatch(name)
         if unnamed is None:
@@ -261,6 +280,9 @@ def _columns(frame: Any, path: Path, head: _Head) -> tuple[dict[str, NDArray[Any
             columns["time"] = cells  # an index of dates that pandas wrote
             notes.append("the first column has no name and holds dates: it is the time")
         elif not _counts(cells):
+            unnamed_table = _way_without_names(path, head)
+            if unnamed_table is not None:
+                raise RecordingFileError(path, f"columns have no names{unnamed_table}", line=head.line)
             came = f"it begins {cells[:3].tolist()}"
             problem = f"the column has no name and does not number the rows (0, 1, 2 ...): {came}"
             way_out = (
@@ -291,14 +313,13 @@ def _units(columns: Mapping[str, NDArray[Any]], head: _Head) -> tuple[dict[str, 
     return units | {name: text.strip("[]()") for name, text in texts.items() if text}, 1
 
 
-def _numbers_again(cells: NDArray[Any]) -> NDArray[Any]:
+def _numbers_again(cells: NDArray[Any], decimal: str) -> NDArray[Any]:
     """Turn a column that pandas took for text, for its line of units, into numbers."""
     if cells.dtype.kind != "O":
         return cells
     try:
-        return np.array(
-            [np.nan if cell is None else float(cell) for cell in cells.tolist()]
-        )  # rounded as round_trip
+        texts = [np.nan if cell is None else str(cell).replace(decimal, ".") for cell in cells.tolist()]
+        return np.array(list(map(float, texts)))  # rounded as round_trip
     except (TypeError, ValueError):
         return cells
 

@@ -15,6 +15,9 @@ from granular_id.io.options import LoadOptions
 from granular_id.recording import AXES
 
 MOST_LISTED = 12
+_LABELS = ("y", "label", "material", "target", "clas", "classe")
+_PARTS = (("force", "f"), ("torque", "moment", "tau", "t", "m"))
+"""Names of labels, of forces and of torques, without an s at the end: a way out that uses them is only offered."""
 
 ABOUT = {
     "y": ("y",),
@@ -154,7 +157,7 @@ class _Remedy:
             for one in self._texts
             if one.path.rpartition("/")[2].lower() not in ("axes", "units", "session", "name")
         ]
-        numbers = [one for one in self._leaves if one.path.lower() in ("y", "labels", "label", "materials")]
+        numbers = [one for one in self._leaves if one.path.lower().rstrip("s") in _LABELS]
         return next(iter([*found, *numbers]), None)
 
     def _turned(self, one: Found, labels: Found | None) -> str:
@@ -180,7 +183,8 @@ class _Remedy:
             return self._open(f"Dataset.from_frames({{{columns}}}, rate_hz={self._rate})")
         thirds = [one for one in self._leaves if len(one.leaf.shape) in (2, 3) and one.leaf.shape[-1] == 3]
         force, torque = (
-            next((one for one in thirds if word in one.path.lower()), None) for word in ("force", "torque")
+            next((one for one in thirds if one.path.lower().rpartition("/")[2].rstrip("s") in names), None)
+            for names in _PARTS
         )
         if force is None or torque is None or force.leaf.shape != torque.leaf.shape:
             return ""
@@ -209,11 +213,11 @@ class _Remedy:
         return f"{first} where the axes of each sample lie together, or {other} where the samples of each axis do"
 
     def _by_hand(self) -> str:
-        return (
-            "; samples of a wrench are X (recordings, samples, 6); of another sensor pass axes= with a name a column"
-            if any(len(one.leaf.shape) > 1 for one in self._leaves)
-            else ""
-        )
+        if not any(len(one.leaf.shape) > 1 for one in self._leaves):
+            return ""
+        if any(one.leaf.shape[-1:] == (len(AXES) + 1,) for one in self._leaves):
+            return f"; if the first column is the time, pass axes='time,{','.join(AXES)}', else a name for each column"
+        return "; samples of a wrench are X (recordings, samples, 6); of another sensor pass axes= with a name a column"
 
     def _in_python(self, X: str, labels: Found | None) -> str:
         y = ""

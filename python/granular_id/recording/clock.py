@@ -39,7 +39,9 @@ _LONGEST_STEP_S, _SHORTEST_STEP_S = 0.1, 1e-5
 
 UNIT_OUT = "pass time_unit= ('s', 'ms', 'us', 'ns', or 'sample' with a rate for an index)"
 
-_CLOCK_TEXT = re.compile(r"\s*\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?\s*")
+_CLOCK_TEXT = re.compile(r"\d{1,2}:\d{2}(:\d{2}(\.\d+)?)?")
+_COMMA = re.compile(r"(:\d{2}),(\d+)")
+"""A fraction of a second behind a comma, which pandas would drop."""
 
 
 class ClockError(ValueError):
@@ -126,9 +128,9 @@ def _from_text(values: NDArray[Any]) -> NDArray[Any]:
     empty = series.isna()
     if empty.any():
         raise ClockError("the stamp is empty", int(empty.to_numpy().argmax()))
-    texts = series.astype(str).str.strip()
+    texts = series.astype(str).str.strip().str.replace(_COMMA, r"\1.\2", regex=True)
     if texts.str.fullmatch(_CLOCK_TEXT).all():
-        return np.asarray(pandas.to_timedelta(texts.str.replace(",", ".")).to_numpy())
+        return np.asarray(pandas.to_timedelta(texts).to_numpy())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # where no one format is found, each text is read for itself
         for how in ({"format": "ISO8601"}, {}):

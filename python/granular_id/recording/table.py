@@ -189,8 +189,8 @@ def _of_columns(table: Table, stated: Stated) -> Picked:
     asked = {
         TIME: stated.time,
         RECORDING: stated.id,
-        LABEL: stated.column("label"),
-        SESSION: stated.column("session"),
+        LABEL: stated.column("label") if table.label is None else None,
+        SESSION: stated.column("session") if table.session is None else None,
     }
     called = columns_of(names, stated.axes, asked)
     axes = stated.axes or AXES
@@ -245,10 +245,10 @@ def _of_values(table: Table, stated: Stated) -> Picked:
         raise TableError(f"samples are {came}; wanted numbers of shape (samples, axes)")
     known = _names_of(values, table.axes, stated.axes)
     meant = {meaning_of(name).what for name in known}
-    if (
-        stated.axes is None and len(known) > len(AXES) and meant >= set(AXES)
-    ):  # a clock, or others, beside the six
-        return _of_columns(replace(table, columns=dict(zip(known, values.T, strict=True))), stated)
+    names_only = stated.axes is None or (table.axes is None and tuple(known) == tuple(stated.axes))
+    if names_only and len(known) > len(AXES) and meant >= set(AXES):  # a clock, or others, beside the six
+        table = replace(table, columns=dict(zip(known, values.T, strict=True)))
+        return _of_columns(table, replace(stated, axes=None))
     columns = {name: values[:, i] for i, name in enumerate(known)}
     wanted = stated.axes or (AXES if len(known) == len(AXES) and meant == set(AXES) else known)
     found = columns_of(known, wanted)

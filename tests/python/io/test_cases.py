@@ -80,6 +80,9 @@ def test_shared_session_above_label(case, name):
         [f"{stamp:%H:%M:%S.%f}" for stamp in STAMPS],
         [f"{stamp:%Y-%m-%dT%H:%M:%S.%f}Z" for stamp in STAMPS],
         [f"{stamp:%d %b %Y %H:%M:%S.%f}" for stamp in STAMPS],
+        [f"{stamp:%d.%m.%Y %H:%M:%S},{stamp.microsecond // 1000:03d}" for stamp in STAMPS],
+        [f"{stamp:%H:%M:%S},{stamp.microsecond // 1000:03d}" for stamp in STAMPS],
+        [f"{stamp:%m/%d/%Y %I:%M:%S.%f %p}" for stamp in STAMPS],
     ],
 )
 def test_text_timestamps_are_a_clock(tmp_path, texts):

@@ -70,6 +70,11 @@ READ = {
         b"0,1.5,2,3,4e3,5e3,6e3\n10,1,2,3,4e3,5e3,6e3\n20,1,2,3,4e3,5e3,6e3\n",
         {},
     ),
+    "units and decimal commas": (
+        changed(";", ",").replace("\n", "\n[s];[N];[N];[N];[Nm];[Nm];[Nm]\n", 1).encode(),
+        {"csv": {"decimal": ","}},
+    ),
+    "names of rostopic": (b"%" + GOOD, {}),
     "units in names": (GOOD.replace(HEADER, b"time_s,fx_N,Fy [N],fz (N),Mx,my,mz\n"), {}),
     "another order": (b"tz,ty,tx,fz,fy,fx,stamp\n6,5,4,3,2,1.5,0\n6,5,4,3,2,1,.01\n6,5,4,3,2,1,.02\n", {}),
     "others beside": (
@@ -114,6 +119,7 @@ PACKET = HEADER + ROW1 + ROW2 + b"0.01,2,2,3,4,5,6\n"
 TWO_FX = GOOD.replace(b"time", b"force_x,time").replace(b"fx", b"F_x").replace(b"0.0", b"0,0.0")
 BARE = GOOD.partition(b"\n")[2]
 SIX = b"\n".join(line.partition(b",")[2] for line in BARE.split(b"\n"))
+TWO_LINES = b"Time,Force,,,Torque,,\n,x,y,z,x,y,z\n" + BARE
 SEVEN = ["time", *AXES]
 DASHES = GOOD.replace(b"0.00,1.5,2,3,4,5,6", b"0.00,--,--,--,--,--,--") + b"0.03,1,2,3,4,5,6\n"
 EXPORT = b"Start: 3/4/25 2:03 PM\nRate: 500\nNote: lab 3\n" + GOOD
@@ -127,6 +133,7 @@ EXPORT = b"Start: 3/4/25 2:03 PM\nRate: 500\nNote: lab 3\n" + GOOD
         (b"Rate,,,,,,\n" + GOOD, "line 2 names the axes: pass csv={'skiprows': 1}", {"csv": {"skiprows": 1}}),
         (changed(";", ",").encode(), "csv={'decimal': ','}", {"csv": {"decimal": ","}}),
         (BARE, f"'names': {SEVEN}}}", {"csv": {"header": None, "names": SEVEN}}),
+        (TWO_LINES, f"'skiprows': 2, 'names': {SEVEN}}}", {"csv": {"header": None, "skiprows": 2, "names": SEVEN}}),
         (SIX, f"'names': {[*AXES]}}}", {"csv": {"header": None, "names": [*AXES]}, "rate_hz": 100}),
         (GOOD.decode().encode("utf-16-le"), "csv={'encoding': 'utf-16-le'}", {"csv": {"encoding": "utf-16-le"}}),
         (GOOD.decode().encode("utf-16-be"), "csv={'encoding': 'utf-16-be'}", {"csv": {"encoding": "utf-16-be"}}),
@@ -157,7 +164,7 @@ BAD = {
     "cut in an exponent": (HEADER + ROW1 + b"0.01,1,2,3,4,5,6e", 3, "tz"),
     "zip": (b"PK\x03\x04\x14\0\0\0\x08\0" + bytes(range(256)) * 3, 1, None),
     "unicode minus": (HEADER + "0,\u22121,2,3,4,5,6\n".encode(), 2, "fx"),
-    "a clock without a name": (b",fx,fy,fz,tx,ty,tz\n" + ROW1 + ROW2, 1, "1"),
+    "a clock without a name": (b",fx,fy,fz,tx,ty,tz\n" + ROW1 + ROW2, 1, None),
     "two labels": (b"label," + HEADER + b"a," + ROW1 + b"b," + ROW2, 2, "label"),
     "recording without a name": (b"trial," + HEADER + b"a," + ROW1 + b"," + ROW2, 3, "trial"),
     "missing column": (b"time,fx,fy,fz,tx,ty\n0,1,2,3,4,5\n", 1, None),
