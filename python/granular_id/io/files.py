@@ -40,20 +40,20 @@ def refuse_outside(path: Path, root: Path) -> None:
 
 def check_place(path: Path, root: Path) -> None:
     """Refuse a file that is not regular or lies outside `root`, and a folder that holds such, before any is opened."""
-    refuse_outside(path, root)
     if not os.path.isdir(path):  # noqa: PTH112 (says False of a name that is too long, where Path.is_dir raises)
-        _check_regular(path)
+        check_file(path, root)
         return
+    refuse_outside(path, root)
     for folder, folders, names in os.walk(path):
         for name in folders:
             refuse_outside(Path(folder, name), path)
         for name in names:
-            refuse_outside(Path(folder, name), path)
-            _check_regular(Path(folder, name))
+            check_file(Path(folder, name), path)
 
 
-def _check_regular(path: Path) -> None:
-    """Refuse a pipe, a device and what cannot be opened, without opening a pipe."""
+def check_file(path: Path, root: Path) -> None:
+    """Refuse what lies outside `root`, is no regular file (a pipe is not opened), or cannot be opened."""
+    refuse_outside(path, root)
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise RecordingFileError(path, "is not a regular file")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from granular_id.archive import append
+from granular_id.archive import Archive, append
 from granular_id.io import RecordingFileError, load, load_parts, save
 from granular_id.recording import Dataset, Recording, StepReport
 
@@ -53,32 +53,13 @@ def test_each_piece_has_the_history_of_load_for_itself(tmp_path, format_):
 def test_an_archive_is_read_row_group_by_row_group(tmp_path, monkeypatch):
     path = written(tmp_path, "appended")
     read = []
-    decode = "granular_id.io.parquet.archive._decode"
-    from granular_id.io.parquet import archive
-
-    real = archive._decode
-    monkeypatch.setattr(
-        decode, lambda opened, part, *more: read.append(part.start) or real(opened, part, *more)
-    )
+    real = Archive.read
+    monkeypatch.setattr(Archive, "read", lambda own, group: read.append(group.start) or real(own, group))
     parts = load_parts(path, n_recordings=2)
     next(parts)
     assert read == [0]
     next(parts)
     assert read == [0, 3]
-
-
-def test_recordings_of_others_without_names_are_counted_through(tmp_path):
-    pa = pytest.importorskip("pyarrow")
-    pq = pytest.importorskip("pyarrow.parquet")
-    path = written(tmp_path, "parquet")
-    index = path / "recordings.parquet"
-    labels, table = pq.read_metadata(index).metadata, pq.ParquetFile(index).read()
-    table = table.set_column(1, "name", pa.nulls(7, pa.string())).drop_columns(["row_group", "file"])
-    table = table.append_column("file", pa.array(["samples/part-00000.parquet"] * 7))
-    table = table.append_column("row_group", pa.array([0] * 7))
-    pq.write_table(table.replace_schema_metadata(labels), index)
-    assert joined(path, n_recordings=2) == list(load(path))
-    assert joined(path)[6].name == "data[6]"
 
 
 def test_a_damaged_file_is_raised_where_it_stands(tmp_path):

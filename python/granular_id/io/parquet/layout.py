@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from granular_id.io.errors import RecordingFileError, naming, need
-from granular_id.io.files import check_place
+from granular_id.io.files import check_file
 from granular_id.recording import unit_of
 
 SAMPLES_FOLDER = "samples"
@@ -120,12 +120,10 @@ class Mark:
 
 
 @contextmanager
-def open_parquet(
-    path: Path, root: Path, texts: Sequence[str] = ()
-) -> Iterator[Any]:
+def open_parquet(path: Path, root: Path, texts: Sequence[str] = ()) -> Iterator[Any]:
     """Open a file inside `root` as ``pyarrow.parquet.ParquetFile``, some columns to be read dictionary-encoded."""
     library = need("pyarrow.parquet", extra="app", why="to read Parquet files")
-    check_place(path, root)
+    check_file(path, root)
     with naming(path, "reading it as Parquet"):
         try:
             place = os.fspath(path).encode().decode()
