@@ -19,7 +19,7 @@ from granular_id.io.errors import RecordingFileError
 from granular_id.io.options import LoadOptions
 from granular_id.io.remedy import ABOUT, MOST_LISTED, Chain, Found, Leaf, Opening, remedy
 from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import AXES, Table
+from granular_id.recording import AXES, Table, units_by_axis
 
 _KNOWN = {name for names in ABOUT.values() for name in names}
 _SIGNAL = re.compile(
@@ -146,8 +146,7 @@ class _Reading:
         label = self._each("y", one, of_all, self._options.label)
         session = self._each("session", one, of_all, self._options.session)
         called, rates, lengths = (self._each(what, one, of_all) for what in ("name", "rate_hz", "lengths"))
-        stamps = self._about("t", one)
-        clock = None if stamps is None else np.squeeze(stamps.read())
+        clock = self._clock(one)
         self._refuse_order(values, one, label)
         width = values.shape[-1]
         if names is None and width not in (len(AXES), len(self._options.axes or self._source.axes or AXES)):
@@ -167,11 +166,9 @@ class _Reading:
                     name=own,
                     values=samples[:length],
                     axes=names,
-                    units=self._units_of(names, n_units, samples),
+                    units=self._units_of(names, n_units),
                     rate_hz=_number(rates[k], "fs", self),
-                    stamps=None
-                    if clock is None or clock.ndim == 0
-                    else (clock[i] if clock.ndim == 2 else clock)[:length],
+                    stamps=None if clock is None else (clock[i] if clock.ndim > 1 else clock)[:length],
                     label=label[k] or one.label,
                     session=session[k],
                     clock=f"clock (t) beside {one.path}",
@@ -179,22 +176,24 @@ class _Reading:
             )
         return tables
 
+    def _clock(self, one: Found) -> NDArray[Any] | None:
+        """Return the stamps beside samples: of all recordings, or a row for each."""
+        stamps = self._about("t", one)
+        clock = None if stamps is None else np.squeeze(stamps.read())
+        return None if clock is None or clock.ndim == 0 else clock
+
     def _named(self, one: Found, i: int, n: int) -> str:
         if n > 1 or len(one.leaf.shape) == 3:
             return f"{self._source.name}[{i}]" if n > 1 else self._source.name
         several = len([other for other in self._leaves if len(other.leaf.shape) == 2]) > 1
         return f"{self._source.name}[{one.path}]" if several else self._source.name
 
-    def _units_of(
-        self, names: Sequence[str] | None, units: Sequence[str] | None, samples: Any
-    ) -> dict[str, str]:
-        if units is None:
-            return {}
+    def _units_of(self, names: Sequence[str] | None, units: Sequence[str] | None) -> dict[str, str]:
         axes = names or self._options.axes or self._source.axes or AXES
-        if len(units) not in (1, 2, len(axes)) or len(axes) != samples.shape[1]:
-            raise self.fault(f"units names {len(units)} for {samples.shape[1]} axes")
-        run = len(axes) // len(units)
-        return {axis: units[min(i // run, len(units) - 1)] for i, axis in enumerate(axes)}
+        try:
+            return units_by_axis(axes, units)
+        except ValueError as error:
+            raise self.fault(str(error)) from error
 
     def _refuse_order(self, values: NDArray[Any], one: Found, label: Sequence[str | None]) -> None:
         """Refuse three dimensions of which nobody says the order: more recordings than samples, and no labels."""
@@ -219,15 +218,8 @@ class _Reading:
         """Return a text for each of n recordings; one that stands for all is repeated."""
         if rule is not None and rule.startswith("column:"):
             called = rule.removeprefix("column:")
-            leaf = next(
-                (
-                    node
-                    for place in (one.leaf.about, *one.chain)
-                    for key, node in place.items()
-                    if key == called
-                ),
-                None,
-            ) or next((other.leaf for other in self._leaves if other.path == called), None)
+            beside = (place[called] for place in (one.leaf.about, *one.chain) if called in place)
+            leaf = next(beside, None) or next((two.leaf for two in self._leaves if two.path == called), None)
             if not isinstance(leaf, Leaf):
                 raise self.fault(f"{rule!r:.60} is not there, as an array of texts or numbers")
         else:
@@ -285,13 +277,9 @@ def _cells(node: Any) -> list[Leaf]:
 
 
 def _is_called(path: str, asked: str) -> bool:
+    """Return True if an array is called so, with or without the groups around it."""
     plain = re.sub(r"\[\d+\]", "", path)
-    return (
-        asked in (path, plain)
-        or path.endswith(f"/{asked}")
-        or plain.endswith(f"/{asked}")
-        or plain.partition("/")[2] == asked
-    )
+    return path == asked or f"/{plain}".endswith(f"/{asked}")
 
 
 def _without_number(name: str) -> str:

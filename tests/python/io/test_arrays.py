@@ -152,7 +152,7 @@ REFUSED = {
     "labels of others": ({"X": X, "y": LABELS[:3], "fs": 500}, "y has 3 values, and X .* 4 recordings"),
     "lengths too long": ({"X": X, "fs": 500, "lengths": np.array([50, 51, 50, 50])}, r"lengths\[1\] is 51"),
     "rate of no number": ({"X": X, "fs": -1.0}, "fs is '-1'; wanted a rate above 0"),
-    "units of others": ({"X": X, "fs": 500, "units": ["N", "N", "N"]}, "units names 3 for 6"),
+    "units of others": ({"X": X, "fs": 500, "units": ["N", "N", "N", "N"]}, "units has 4 for 6"),
     "unit unknown": ({"X": X, "fs": 500, "units": ["lb", "N m"]}, "its unit is 'lb'"),
     "axes of others": ({"X": X, "fs": 500, "axes": AXES[:5]}, "6 columns, and 5 axes are named"),
     "more recordings than samples": (
