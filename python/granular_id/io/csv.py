@@ -12,9 +12,10 @@ import gzip
 import json
 import os
 import re
+import sys
 import warnings
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -98,9 +99,21 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
 
     def place(_: int, row: int | None) -> dict[str, Any]:
-        return {} if row is None else {"line": first_line + row}
+        return {} if row is None else {"line": _line_of_row(source.path, head, first_line, row)}
 
     return FileContent([table], rows=[cut] if _is_cut_off(source.path) else [], notes=notes, place=place)
+
+
+def _line_of_row(path: Path, head: _Head, first_line: int, row: int) -> int:
+    """Return the line of a row; pandas passes over empty ones, and those that are comments."""
+    comment = str(head.options.get("comment", "\n"))
+    lines = _lines(path, head.options.get("encoding"), sys.maxsize)
+    rows = (
+        i
+        for i, line in enumerate(lines, 1)
+        if i >= first_line and line.strip() and not line.startswith(comment)
+    )
+    return next(islice(rows, row, None), first_line + row)
 
 
 def _check_names(path: Path, head: _Head, axes: Sequence[str] | None, options: LoadOptions) -> None:

@@ -170,6 +170,7 @@ BAD = {
     "missing column": (b"time,fx,fy,fz,tx,ty\n0,1,2,3,4,5\n", 1, None),
     "doubled column": (b"time,fx,fy,fz,tx,ty,tz,fx\n0,1,2,3,4,5,6,7\n", 1, None),
     "too many cells": (HEADER + ROW1 + b"0.01,1,2,3,4,5,6,7\n", None, None),
+    "empty cell behind empty lines": (HEADER + b"\n" + ROW1 + b"\n\n0.01,1,,3,4,5,6\n", 6, "fy"),
     "empty cell": (HEADER + ROW1 + b"0.01,1,,3,4,5,6\n", 3, "fy"),
     "nan in one axis": (HEADER + ROW1 + b"0.01,nan,2,3,4,5,6\n", 3, "fx"),
     "inf": (HEADER + b"0.00,1,2,3,4,5,-inf\n", 2, "tz"),
