@@ -23,7 +23,8 @@ from granular_id.recording import AXES, Table, units_by_axis
 
 _KNOWN = {name for names in ABOUT.values() for name in names}
 _SIGNAL = re.compile(
-    r"wrench|force|torque|raw|filt|signal|data|sample|sensor|arr_\d|(^|[\W_])ft([\W_]|$)|^x$", re.IGNORECASE
+    r"wrench|force|torque|filtered|arr_\d|^x$|(^|[\W_])(raw|ft|data|signals?|samples?|sensor)[\W_\d]*$",
+    re.IGNORECASE,
 )
 """Names of arrays that are no materials."""
 

@@ -53,6 +53,9 @@ FLAGS = "sample_flags"
 """Column of the flags in files that are written here; of others ``flags`` may be anything."""
 
 _SEPARATORS = (",", ";", "\t", "|")
+_FEW = 20
+"""Rows that are enough to see what a table without axes holds."""
+
 _HEAD_LINES = 60
 """Lines in which names of columns are looked for, for an error."""
 
@@ -78,21 +81,22 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     given = dict(options.csv or {})
     head = _head(source.path, given)
     axes = options.axes or source.axes
-    if not given.keys() & {"names", "header", "usecols"}:
-        _check_names(source.path, head, axes, options)
-    frame = _read(pandas, source.path, head)
-    columns, dropped = _columns(frame, source.path, head)
-    units, n_units = _units(columns, head)
-    if n_units:
-        decimal = str(given.get("decimal", "."))
-        columns = {name: _numbers_again(cells[n_units:], decimal) for name, cells in columns.items()}
-    first_line = head.line + 1 + n_units
-    notes = [f"line {first_line - 1} is read as units"] if n_units else []
-    notes += dropped
+    doubtful = not given.keys() & {"names", "header", "usecols"} and _names_no_axes(
+        source.path, head, axes, options
+    )
+    columns, notes = _columns(_read(pandas, source.path, head, _FEW if doubtful else None), source.path, head)
     try:
         columns_of(list(columns), axes, {"time": options.time, "recording": options.id})
     except ColumnError as error:
         raise _no_columns(source.path, error, head, columns) from error
+    if doubtful:
+        columns, notes = _columns(_read(pandas, source.path, head, None), source.path, head)
+    units, n_units = _units(columns, head)
+    if n_units:
+        decimal = str(given.get("decimal", "."))
+        columns = {name: _numbers_again(cells[n_units:], decimal) for name, cells in columns.items()}
+        notes = [f"line {head.line + 1} is read as units", *notes]
+    first_line = head.line + 1 + n_units
     if not any(len(cells) for cells in columns.values()):
         raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
     table = Table(name=source.name, columns=columns, units=units, clock="time column")
@@ -116,8 +120,8 @@ def _line_of_row(path: Path, head: _Head, first_line: int, row: int) -> int:
     return next(islice(rows, row, None), first_line + row)
 
 
-def _check_names(path: Path, head: _Head, axes: Sequence[str] | None, options: LoadOptions) -> None:
-    """Refuse names that occur twice, and a line that names no axes where a later one does."""
+def _names_no_axes(path: Path, head: _Head, axes: Sequence[str] | None, options: LoadOptions) -> bool:
+    """Return True if a line seems to name none of the axes; refuse it where a later one does, or names occur twice."""
     twice = next((name for i, name in enumerate(head.names) if name and name in head.names[:i]), None)
     named = [name for name in dict.fromkeys(head.names) if name]
     try:
@@ -131,8 +135,10 @@ def _check_names(path: Path, head: _Head, axes: Sequence[str] | None, options: L
             problem = RecordingFileError(path, str(error), line=head.line)
             problem.no_wrench = True
             raise problem from error
+        return error.no_wrench
     if twice is not None:
         raise RecordingFileError(path, f"column {twice!r:.60} occurs twice", line=head.line)
+    return False
 
 
 def _no_columns(
@@ -247,7 +253,7 @@ def _lines(path: Path, encoding: object, n: int) -> list[str]:
         raise RecordingFileError(path, f"cannot be read: {error}") from error
 
 
-def _read(pandas: Any, path: Path, head: _Head) -> Any:
+def _read(pandas: Any, path: Path, head: _Head, n_rows: int | None) -> Any:
     """Call ``pandas.read_csv``; its errors name the line, and the option that helps where one does."""
     settings = {
         "float_precision": "round_trip",
@@ -261,7 +267,7 @@ def _read(pandas: Any, path: Path, head: _Head) -> Any:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            return pandas.read_csv(path, **{**settings, **head.options})
+            return pandas.read_csv(path, **{"nrows": n_rows, **settings, **head.options})
     except UnicodeDecodeError as error:
         way_out = "pass csv={'encoding': 'cp1252'}, or what it was written in"
         byte = error.object[error.start]
