@@ -54,9 +54,7 @@ from granular_id.recording.report import (
 from granular_id.recording.requirements import Begin as Begin, Requirements as Requirements
 from granular_id.recording.resampling import (
     STATED_TOLERANCE as STATED_TOLERANCE,
-    RepairedTime as RepairedTime,
     largest_offset as largest_offset,
-    repair_time as repair_time,
     round_rate as round_rate,
     uniform_rate as uniform_rate,
 )

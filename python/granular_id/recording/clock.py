@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import warnings
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from granular_id.recording.resampling import (
     MAX_GAP_S,
     STATED_TOLERANCE,
     largest_offset,
+    round_rate,
     uniform_rate,
 )
 
@@ -27,9 +27,6 @@ SINCE_1970 = 1e8
 
 NOT_SECONDS = 1e11
 """Stamps above this (the year 5138) count milliseconds or less since 1970."""
-
-ROUND_TOLERANCE = 1e-3
-"""A rate that is nearer than this part to a round figure is that figure: clocks of computers drift apart."""
 
 _RATE_TOLERANCE = 0.01
 """A rate that a file states and its stamps may differ by this part."""
@@ -245,16 +242,6 @@ def rate_of(
         return file_hz, None
     rate = uniform_rate(time_s, resolution_s=stamps.resolution_s)
     return (None if rate is None else round_rate(rate)), None
-
-
-def round_rate(rate_hz: float) -> float:
-    """Return the round figure that a rate is meant to be, if one is near: at most two digits, or 125, 375, 625, 875."""
-    power = 10.0 ** (math.floor(math.log10(rate_hz)) - 1)
-    for step in (power, 1.25 * power):
-        near = float(f"{round(rate_hz / step) * step:.6g}")
-        if abs(rate_hz / near - 1) <= ROUND_TOLERANCE:
-            return near
-    return rate_hz
 
 
 def _refuse_other_rate(time_s: FloatArray, rate_hz: float) -> None:

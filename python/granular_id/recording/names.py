@@ -85,11 +85,6 @@ def unit_spelling(unit: str) -> str:
     return re.sub(r"\s+", " ", unicodedata.normalize("NFKC", unit).replace("^", "")).strip()
 
 
-def same_unit(one: str, other: str) -> bool:
-    """Return True if two texts of units differ in their writing only."""
-    return _SEPARATORS.sub("", unit_spelling(one)) == _SEPARATORS.sub("", unit_spelling(other))
-
-
 def is_unit(text: str) -> bool:
     """Return True if a cell may be one of a line of units: a unit, or nothing at all."""
     plain = text.strip().strip("[]()")

@@ -6,10 +6,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error, checked_choice, finite_number
 from granular_id._text import counted, fixed
@@ -62,40 +61,6 @@ def step_s(recording: Recording, pick: Callable[[FloatArray], Any]) -> float:
     if recording.n_samples < 2:
         return 0.0
     return 1 / recording.rate_hz if recording.rate_hz is not None else float(pick(np.diff(recording.times())))
-
-
-class RepairedTime(NamedTuple):
-    """Stamps put in order by `repair_time`: M of T."""
-
-    stamps: FloatArray  # strictly increasing
-    values: FloatArray  # the samples in that order, those with the same stamp averaged
-    touched: NDArray[np.bool_]  # which of them were moved or merged
-    order: NDArray[np.intp]  # the sort, shape (T,)
-    first: NDArray[np.intp]  # where in that order each begins, for ``ufunc.reduceat``
-    n_moved: int  # samples that came later than one with a later stamp
-    n_merged: int  # samples merged into another one
-
-
-def repair_time(stamps: FloatArray, values: FloatArray) -> RepairedTime:
-    """Sort samples by their stamps and average those that share one: no other choice prefers neither of two."""
-    late = stamps < np.maximum.accumulate(stamps)
-    order = np.argsort(stamps, kind="stable")
-    late, stamps, values = late[order], stamps[order], values[order]
-    first = np.flatnonzero(np.concatenate([[True], stamps[1:] > stamps[:-1]]))
-    counts = np.diff(first, append=len(stamps))
-    lowest = np.minimum.reduceat(values, first, axis=0)
-    equal = lowest == np.maximum.reduceat(values, first, axis=0)
-    means = np.add.reduceat(values, first, axis=0) / counts[:, None]
-    touched = np.logical_or.reduceat(late, first) | (counts > 1)
-    return RepairedTime(
-        stamps[first],
-        np.where(equal, lowest, means),  # a mean of equal values may differ from them in the last bit
-        touched,
-        order,
-        first,
-        n_moved=int(late.sum()),
-        n_merged=int((counts - 1).sum()),
-    )
 
 
 MAX_GAP_S = 0.25

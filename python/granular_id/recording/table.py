@@ -29,10 +29,9 @@ from granular_id.recording.names import (
     meaning_of,
     name_and_unit,
     nanoseconds_beside,
-    same_unit,
     unit_spelling,
 )
-from granular_id.recording.recording import unit_of
+from granular_id.recording.recording import same_unit, unit_of
 
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")

@@ -11,7 +11,8 @@ from scipy.signal import firwin
 
 from granular_id.io import load
 from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.recording.resampling import MAX_SAMPLES, repair_time, round_rate, uniform_rate
+from granular_id.recording.clock import ClockError, time_order
+from granular_id.recording.resampling import MAX_SAMPLES, round_rate, uniform_rate
 
 # whole microseconds: stamps as loggers write them, and differences that do not vanish in rounding
 steps_us = st.lists(st.integers(100, 300_000), min_size=1, max_size=40)
@@ -278,24 +279,25 @@ def test_uneven_stamps_are_uniform_only_where_a_rate_fits(steps):
         assert np.abs(times - np.arange(len(times)) / rate).max() <= 0.01 / rate
 
 
-@given(ticks=st.lists(st.integers(0, 12), min_size=1, max_size=30), seed=st.integers(0, 100))
-def test_repaired_time_ascends_and_averages_what_shares_a_stamp(ticks, seed):
-    values = np.random.default_rng(seed).normal(size=(len(ticks), 3))
-    fixed = repair_time(np.array(ticks, float), values)
-    assert fixed.stamps.tolist() == sorted(set(ticks))
-    for stamp, row, touched in zip(fixed.stamps, fixed.values, fixed.touched, strict=True):
-        same = [i for i, tick in enumerate(ticks) if tick == stamp]
-        np.testing.assert_allclose(row, values[same].mean(axis=0), rtol=1e-12, atol=1e-12)
-        late = any(max(ticks[: i + 1]) > stamp for i in same)
-        assert touched == (len(same) > 1 or late)
-    assert fixed.n_merged == len(ticks) - len(set(ticks))
-    assert fixed.n_moved == sum(tick < max(ticks[: i + 1]) for i, tick in enumerate(ticks))
+@given(ticks=st.lists(st.integers(0, 12), min_size=1, max_size=30))
+def test_time_order_sorts_merges_equal_rows_and_averages_none(ticks):
+    stamps, values = np.array(ticks, float), np.arange(float(len(ticks)))[:, None]
+    stated = time_order(stamps, values, rate_stated=True, repair=True)
+    assert stamps[stated.rows].tolist() == sorted(ticks)
+    assert stated.n_moved == sum(tick < max(ticks[: i + 1]) for i, tick in enumerate(ticks))
+    equal = time_order(stamps, stamps[:, None], rate_stated=False, repair=True)
+    assert stamps[equal.rows].tolist() == sorted(set(ticks))
+    assert equal.n_merged == len(ticks) - len(set(ticks))
+    if len(set(ticks)) < len(ticks):
+        with pytest.raises(ClockError, match="packets"):
+            time_order(stamps, values, rate_stated=False, repair=True)
+    if ticks != sorted(ticks):
+        with pytest.raises(ClockError, match="time runs back"):
+            time_order(stamps, values, rate_stated=True, repair=False)
 
 
-def test_one_stamp_has_no_rate_and_repeated_messages_come_out_unchanged():
+def test_one_stamp_has_no_rate():
     assert uniform_rate(np.zeros(1)) is None
-    values = np.full((3, 6), 0.1)
-    assert (repair_time(np.zeros(3), values).values == 0.1).all()
 
 
 @pytest.mark.parametrize(
