@@ -12,7 +12,7 @@ import pytest
 
 from granular_id import Dataset
 from granular_id.io import RecordingFileError, load
-from granular_id.recording import AXES
+from granular_id.recording import AXES, Setup
 
 RNG = np.random.default_rng(7)
 W = np.round(RNG.normal(size=(120, 6)), 5)
@@ -189,6 +189,9 @@ def test_another_array_is_another_setup(tmp_path):
         "array=ee_wrench",
         "array=ee_wrench_filtered",
     )
+    (difference,) = Setup.of(one[0].meta).differences(Setup.of(other[0].meta))
+    assert (difference.consequence, difference.name) == ("warn", "read_as")
+    assert str(difference) == "read_as 'array=ee_wrench_filtered', in training 'array=ee_wrench'"
 
 
 @pytest.mark.data
@@ -206,12 +209,16 @@ def test_pauses_stay_in_the_stamps_and_no_rate_closes_them(tmp_path):
     recording = load(tmp_path / "a.csv")[0]
     np.testing.assert_allclose(recording.time_s, stamps)
     refused(tmp_path / "a.csv", r"a pause of 90.5 s, .*\.split\(gap_s=1\)", rate_hz=500)
+    parts = load(tmp_path / "a.csv").split(gap_s=1)
+    assert (len(parts), parts.rate_hz, parts[2].n_samples) == (3, 500, 40)
 
 
 @pytest.mark.data
 def test_shared_pauses(case):
     data = load(case("07_log_with_pauses"))
     assert [int((np.diff(r.times()) > 1).sum()) for r in data] == [2, 2]
+    parts = data.split(gap_s=1)
+    assert ([*parts.y].count("rice"), [*parts.y].count("sugar"), parts.rate_hz) == (3, 3, 500)
 
 
 # -- 9: an MCAP file of JSON
@@ -271,6 +278,17 @@ def test_shared_mcap_of_json(case):
     pytest.importorskip("mcap")
     data = follow(refused(case("09_mcap_of_json") / "rice_1.mcap", "messages in JSON"))
     assert (data[0].n_samples, data.rate_hz) == (700, 500)
+
+
+# -- 10: a driver that mirrors axes
+
+
+@pytest.mark.data
+def test_shared_mirrored_frame(case):
+    train, later = (load(case("10_mirrored_frame") / f"{name}.npz") for name in ("train", "later_x_flipped"))
+    turned = later.transform(flip=["fx", "tx"], frame="train")
+    mean = [np.sign(data.X.mean(axis=(0, 1)))[[0, 3]].tolist() for data in (train, later, turned)]
+    assert mean[0] == mean[2] != mean[1]
 
 
 # -- 11: encodings and Excel's line
