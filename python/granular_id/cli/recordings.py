@@ -456,6 +456,10 @@ def refuse_unequal(data: Dataset) -> None:
     )
 
 
+_PAUSE_S = 1.0
+"""So long a pause is none of jitter: several pushes stand in one log."""
+
+
 def _refuse_unequal_rates(data: Dataset) -> None:
     irregular = [recording for recording in data if recording.rate_hz is None]
     rates = sorted({recording.rate_hz for recording in data if recording.rate_hz is not None})
@@ -475,7 +479,12 @@ def _refuse_unequal_rates(data: Dataset) -> None:
             f"{some} {verb(len(irregular), 'holds', 'hold')} a single sample, the first is "
             f"{irregular[0].name!r}: wanted recordings of a whole push"
         )
-    step_s = float(np.median(steps))
+    step_s, pause_s = float(np.median(steps)), float(steps.max())
+    if pause_s >= _PAUSE_S:
+        raise ValueError(
+            f"{some} {verb(len(irregular), 'has', 'have')} pauses of up to {pause_s:.3g} s; granular-id data convert "
+            f"--split-gap-s {_PAUSE_S:g} makes a recording of each stretch"
+        )
     raise ValueError(
         f"{some} {verb(len(irregular), 'is', 'are')} sampled irregularly, with a median step of "
         f"{1000 * step_s:.3g} ms; nothing is resampled unasked: add --rate-hz {_round_below(1 / step_s):g}"

@@ -158,18 +158,20 @@ def test_convert_flips_the_axes_of_a_mirrored_driver(pushes, tmp_path):
     assert load(tmp_path / "new.npz").X.tobytes() == load(pushes).transform(flip=("fx", "tx")).X.tobytes()
 
 
-def test_a_log_with_pauses_is_split_as_its_refusal_says(tmp_path):
+@pytest.mark.parametrize(
+    "refused_in", [("evaluate", "{log}"), ("data", "convert", "{log}", "{new}", "--rate-hz", "50")]
+)
+def test_a_log_with_pauses_is_split_as_its_refusal_says(tmp_path, refused_in):
+    log, new = tmp_path / "log.npz", tmp_path / "new.npz"
     times = np.concatenate([start + np.arange(60) / 100 for start in (0.0, 9.0, 20.0)])
     rng = np.random.default_rng(0)
-    save(
-        Dataset([Recording(rng.normal(size=(180, 6)), time_s=times, label="rice", name="log")]),
-        tmp_path / "log.npz",
-    )
-    line = refused("data", "convert", tmp_path / "log.npz", tmp_path / "new.npz", "--rate-hz", "50")
+    made = [Recording(rng.normal(size=(180, 6)), time_s=times, label=label, name=label) for label in "ab"]
+    save(Dataset(made), log)
+    line = refused(*(word.format(log=log, new=new) for word in refused_in))
     found = re.search(r"granular-id data convert (--split-gap-s) ([\d.]+)", line)
-    words = ("data", "convert", tmp_path / "log.npz", tmp_path / "new.npz", "--rate-hz", "50")
-    ended_well(*words, *found.groups())
-    assert load(tmp_path / "new.npz").names == ("log @ 0 s", "log @ 9 s", "log @ 20 s")
+    ended_well("data", "convert", log, new, *found.groups())
+    assert load(new).names == tuple(f"{label} @ {start} s" for label in "ab" for start in (0, 9, 20))
+    assert load(new).rate_hz == 100
 
 
 @pytest.mark.parametrize(
