@@ -41,12 +41,12 @@ help:
 	@echo "make bench-accuracy   our methods beside aeon's and others on real recordings, halves in time held out (minutes; 3 GB to install)"
 	@echo "make oldest     the Python tests once more with the oldest versions of what is needed"
 	@echo "make campaign   100,000 filters and 3,000 extractions against scipy, bit for bit; 100 forks of each kind;"
-	@echo "                100,000 damaged CSV files; 1,500 damaged files of each format; what gap, interval and"
+	@echo "                1,500 damaged files of each format; archives whose drivers are killed; what gap, interval and"
 	@echo "                confidence promise, in 500 simulated data sets each (minutes)"
 	@echo "make deny       licences, sources and known faults of the crates that are used, with cargo-deny"
 	@echo "make audit      known faults of the Python packages in .venv, with pip-audit"
 	@echo "make notices    LICENSE-THIRD-PARTY.yml, with cargo-bundle-licenses"
-	@echo "make fuzz       CSV parser, model files and sensor packets, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
+	@echo "make fuzz       model files and sensor packets, with cargo-fuzz (FUZZ_RUNS=10000000 for a long run)"
 	@echo "make loom       the ring of the wrench buffer in all orders that the memory model allows (seconds, once it is compiled)"
 	@echo "make stress     1e9 items through the wrench buffer, with a reader that sleeps (RING_ITEMS=...; minutes)"
 	@echo "make sanitize   the Rust tests under AddressSanitizer, those with threads under ThreadSanitizer (minutes)"
@@ -217,7 +217,6 @@ campaign: $(TOOLS)
 	GRANULAR_ID_CASES=3000 $(BIN)/python -m pytest tests/python/core/test_features.py -k campaign -s
 	GRANULAR_ID_CASES=500 $(BIN)/python -m pytest tests/python/evaluation/test_simulations.py -s
 	GRANULAR_ID_FORKS=100 $(BIN)/python -m pytest tests/python/core/test_fork.py
-	GRANULAR_ID_CASES=100000 $(BIN)/python -m pytest tests/python/io/test_csv_fuzz.py -k campaign -s
 	GRANULAR_ID_CASES=1500 $(BIN)/python -m pytest tests/python/io/test_bad_files.py -k damaged
 	GRANULAR_ID_CASES=200 $(BIN)/python -m pytest tests/python/archive/test_exactly_once.py
 	GRANULAR_ID_CASES=500 $(BIN)/python -m pytest tests/python/confidence/test_confidence_simulations.py -s
