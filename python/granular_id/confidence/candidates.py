@@ -164,9 +164,10 @@ def candidate_rule(
     """
     own = behind_best(values)[np.arange(len(truth)), truth]
     numbers = () if sessions is None else np.unique(sessions)
+    named = own < 0  # the best material is always a candidate
     if len(numbers) < 2:
         threshold = quantile(own, level)
-        reached = float((own <= threshold).mean())
+        reached = float((named | (own <= threshold)).mean())
         return CandidateRule(classes, level, threshold, len(own), 0, reached, reached)
     shares = np.r_[np.arange(level, 0.9901, 0.01), 0.995, 1.0]
     covered = np.array(
@@ -177,9 +178,12 @@ def candidate_rule(
     )
     enough = np.flatnonzero(covered.mean(axis=1) >= level - _ROUNDING)
     best = int(enough[0]) if enough.size else len(shares) - 1
-    mean, worst = float(covered[best].mean()), float(covered[best].min())
-    threshold = quantile(own, float(shares[best]))
-    return CandidateRule(classes, level, threshold, len(own), len(numbers), mean, worst)
+    share = float(shares[best])
+    held = [
+        (named | (own <= quantile(own[sessions != s], share)))[sessions == s].mean() for s in numbers.tolist()
+    ]
+    mean, worst = float(np.mean(held)), float(min(held))
+    return CandidateRule(classes, level, quantile(own, share), len(own), len(numbers), mean, worst)
 
 
 def quantile(scores: FloatArray, share: float) -> float:

@@ -146,7 +146,7 @@ def calibrate(held: HeldOut, target: float) -> EarlyRule:
         return EarlyRule(
             target,
             f"an error of {100 * target:g} % can be shown by {least} held-out recordings or more, there are {n}: "
-            f"{100 / (n + 1):.3g} % is the least",
+            f"{math.ceil(10_000 / (n + 1)) / 100:g} % is the least",
         )
     if len(held.n_seen) < 2:
         return EarlyRule(target, "recordings of one sample leave nothing to wait for")

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -51,8 +52,33 @@ def test_threshold_is_that_of_the_definition(level, effect):
             break
     place = min(60, math.ceil(61 * share - 1e-9)) - 1
     assert rule.threshold == pytest.approx(sorted(own)[place])
-    assert (rule.mean, rule.worst) == pytest.approx((np.mean(covered), min(covered)))
     assert (rule.n_rows, rule.n_sessions, rule.level) == (60, 5, level)
+
+
+@pytest.mark.parametrize("sure", [0.0, 6.0])  # where answers are sure, the threshold is below zero
+@pytest.mark.parametrize("effect", [0.0, 2.0])
+def test_shares_are_those_of_the_sets_that_are_given(effect, sure):
+    values, truth, sessions = drawn(60, 1, effect)
+    values[np.arange(60), truth] += sure
+    rule = candidate_rule(CLASSES, values, truth, sessions, 0.9)
+    shares = np.r_[np.arange(0.9, 0.9901, 0.01), 0.995, 1.0]
+    own = behind_best(values)[np.arange(60), truth]
+    place = int(np.argmin([abs(quantile(own, share) - rule.threshold) for share in shares]))
+    held = []
+    for session in range(5):
+        other = replace(rule, threshold=quantile(own[sessions != session], shares[place]))
+        rows = np.flatnonzero(sessions == session)
+        held.append(np.mean([CLASSES[truth[k]] in other.names(values[k]) for k in rows]))
+    assert (rule.mean, rule.worst) == pytest.approx((np.mean(held), min(held)))
+
+
+def test_materials_always_named_right_are_always_candidates():
+    values, truth, sessions = drawn(60)
+    values[np.arange(60), truth] += 20
+    rule = candidate_rule(CLASSES, values, truth, sessions, 0.9)
+    assert rule.threshold < 0
+    assert (rule.mean, rule.worst) == (1.0, 1.0)
+    assert candidate_rule(CLASSES, values, truth, None, 0.9).mean == 1.0
 
 
 def test_sessions_that_differ_make_larger_sets():
