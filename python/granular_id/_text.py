@@ -35,7 +35,7 @@ def verb(number: int, singular: str, plural: str) -> str:
 
 def whole_percent(value: float) -> str:
     """Round so that neither the last error of a class nor its only hit is hidden."""
-    if value < 1.0:
+    if 0.0 < value < 1.0:
         return "<1"
     if 99.0 < value < 100.0:
         return ">99"

@@ -30,7 +30,7 @@ from granular_id._text import counted, fixed, known_label, listed, percent, shor
         # neither the last error of a class nor its only hit is hidden
         *[
             (whole_percent(value), text)
-            for value, text in [(0.2, "<1"), (87.5, "88"), (99.7, ">99"), (100.0, "100")]
+            for value, text in [(0.0, "0"), (0.2, "<1"), (87.5, "88"), (99.7, ">99"), (100.0, "100")]
         ],
     ],
 )

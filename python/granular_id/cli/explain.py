@@ -16,6 +16,11 @@ from granular_id.cli.recordings import Reading, Steps, equal_recordings
 OUTPUT = "Output"
 
 
+def _refuse_twice(first: str, second: str) -> None:
+    if first == second:
+        raise ValueError(f"FIRST and SECOND must be two materials, got {first!r} twice")
+
+
 @command
 def explain(
     reading: Reading,
@@ -48,8 +53,7 @@ def explain(
     check_outputs(
         ("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=reading.path, force=force
     )
-    if known_label(first, [second]) == second:
-        raise ValueError(f"FIRST and SECOND must be two materials, got {first!r} twice")
+    _refuse_twice(first, second)
     reading.refuse_absent()
     method.refuse_unused()
     data = equal_recordings(reading, steps, quiet=quiet)
@@ -59,6 +63,7 @@ def explain(
             raise ValueError(
                 f"{name} is {label!r}, which is no label here; there are {', '.join(data.labels)}"
             )
+    _refuse_twice(first, second)  # typed with a blank and with an underscore
 
     from granular_id.explanation import explain_held_out
 

@@ -344,7 +344,7 @@ def _own_space(name: Any, given: Any, rate_hz: float) -> FeatureSpace:
     elif hasattr(given, "fit") and hasattr(given, "transform"):
         space = FeatureSpace(name, given, None)
     else:
-        wanted = "must have fit and transform like a scikit-learn transformer"
+        wanted = "must have fit and transform like a scikit-learn transformer; what classifies is given as classifier="
         raise argument_error(TypeError, "spaces", f"[{name!r}] {wanted}, got {type(given).__name__}")
     parameters: dict[str, Any] = getattr(space.transformer, "get_params", dict)()
     for key, value in parameters.items():

@@ -35,7 +35,7 @@ FORMAT = "granular_id.evaluation/1"
 PAPER_NOTE = "* the paper's accuracy on the paper's own recordings (arXiv 2403.17606); not measured here"
 
 WIDTH = 80
-MOST_WORST, MOST_MISTAKES, MOST_FINDINGS = 3, 10, 2
+MOST_WORST, MOST_MISTAKES, MOST_FINDINGS, MOST_LINES = 3, 10, 2, 4
 
 
 @dataclass(frozen=True)
@@ -322,9 +322,14 @@ def remarks(result: EvaluationResult) -> list[str]:
     lines += [f"accepted: {finding.code}" for finding in result.findings if finding not in result.spoiling]
     lines += [note for note in result.notes if note.startswith("accept: ")]
     warnings = [note for note in result.notes if note.startswith(SEVERE_PREFIXES)]
+    left = MOST_LINES
     for note in warnings[:MOST_FINDINGS]:
-        shown = textwrap.shorten(note, 2 * WIDTH - 10, placeholder=" ... (data check)")
-        lines += textwrap.wrap(shown, WIDTH, subsequent_indent="  ")
+        together = note.replace(" %", "\N{NO-BREAK SPACE}%")
+        wrapped = textwrap.wrap(
+            together, WIDTH, subsequent_indent="  ", max_lines=min(left, 3), placeholder=" ... (data check)"
+        )
+        lines += [line.replace("\N{NO-BREAK SPACE}", " ") for line in wrapped]
+        left -= len(wrapped)
     return lines
 
 
@@ -416,11 +421,10 @@ def worst_lines(result: EvaluationResult) -> list[str]:
         wrong = confusion[k].copy()
         wrong[k] = 0
         if wrong.any():
-            share = percent(float(wrong.max() / confusion[k].sum()), 0)
+            share = whole_percent(100 * float(wrong.max() / confusion[k].sum()))
             other = short(result.labels[int(wrong.argmax())])
-            lines.append(
-                f"worst: {short(result.labels[k])} {percent(float(recall[k]), 0)}, taken for {other} {share}"
-            )
+            right = whole_percent(100 * float(recall[k]))
+            lines.append(f"worst: {short(result.labels[k])} {right} %, taken for {other} {share} %")
     return lines
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular_id import _core
-from granular_id._text import counted, fixed, percent
+from granular_id._text import counted, fixed, percent, whole_percent
 from granular_id.features import FeatureSpec
 from granular_id.identifier.early import outcome_text
 from granular_id.identifier.model import ADAPTED, TrainedModel
@@ -143,7 +143,7 @@ def _estimate(model: TrainedModel, estimate: Mapping[str, Any] | None) -> list[s
         (share, label) for label, share in estimate["recall"].items() if share is not None and share < 1
     )
     if weak:
-        least = ", ".join(f"{label} {percent(share, 0)}" for share, label in weak[:5])
+        least = ", ".join(f"{label} {whole_percent(100 * share)} %" for share, label in weak[:5])
         lines.append(f"  least recognised: {least}")
     lines += [f"  not tested: {label}, {why}" for label, why in estimate["untested"].items()]
     return lines

@@ -1,10 +1,12 @@
 """`explain`: in the space that is asked for, with the classifier that belongs to it, on recordings held out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.pipeline import make_pipeline
 
-from cli_cases import ended_well, saved, written
+from cli_cases import ended_well, refused, saved, written
 from granular_id import ECOCClassifier, RawSignal
 from granular_id.explanation import explain_held_out
 from granular_id.io import save
@@ -44,6 +46,19 @@ def test_explain_names_axes_as_the_recordings_do(tmp_path, space):
     read = written(tmp_path / "why.json")
     assert sum(read["features"]["contributions"]) == pytest.approx(read["difference"])
     assert ("band" in read["tables"]) == (space == "multiband")
+
+
+@pytest.mark.parametrize("other", ["red_clay", "peas"])
+def test_explain_tells_labels_apart_that_differ_by_a_blank(data, other, tmp_path):
+    names = {"rice": "red clay", "oat": other}
+    path = tmp_path / "clays.npz"
+    save(Dataset([replace(one, label=names[one.label]) for one in data]), path)
+    words = ("explain", path, "red clay", "red_clay", "--space", "raw")
+    if other == "peas":  # then both mean the one clay
+        assert "must be two materials, got 'red clay' twice" in refused(*words)
+    else:
+        lines = [line.split("  ")[0] for line in ended_well(*words).splitlines()]
+        assert [line for line in lines if line.startswith("red")] == ["red clay", "red_clay"]
 
 
 def test_explain_trains_and_names_the_model_of_train(recordings, tmp_path):

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -112,6 +113,23 @@ def test_the_worst_materials_are_named_with_what_they_are_taken_for(evaluated):
     assert first == f"worst: {LABELS[k]} {100 * recall[k]:.0f} %, taken for {LABELS[wrong.argmax()]} {share}"
 
 
+def test_warnings_keep_their_remedy_and_a_number_its_unit(evaluated):
+    remedy = "keep together what was recorded together (--session file or folder where each is one)"
+    notes = (
+        f"warning: no recording says which session it is from: {remedy}",
+        "warning: meta 'conditions.lift_ratio' alone names 43 % of the labels (chance 24 %)",
+        f"warning: {'many words ' * 60}",
+    )
+    plain = str(replace(evaluated, notes=())).splitlines()
+    lines = str(replace(evaluated, notes=notes)).splitlines()
+    assert remedy in " ".join(line.strip() for line in lines)
+    assert max(map(len, lines)) <= 80
+    assert not any(line.strip().startswith("%") for line in lines)
+    long = str(replace(evaluated, notes=notes[2:] * 2)).splitlines()
+    assert [len(lines), len(long)] == [len(plain) + 4] * 2
+    assert long[-1].endswith(" ... (data check)")
+
+
 # The paper's table.
 
 
@@ -162,6 +180,8 @@ def test_rare_mistakes_are_not_rounded_away(evaluated):
     assert {"<1", ">99"} <= set(confusion_table(rare).rows[int(often.truth[0])])
     (mistake,) = mistakes_table(rare).rows
     assert mistake[2] == "1 of 3000"
+    first = next(line for line in str(rare).splitlines() if line.startswith("worst: "))
+    assert re.fullmatch(r"worst: \w+ >99 %, taken for \w+ <1 %", first)
     perfect = replace(evaluated, held={"raw": replace(often, predicted=often.truth)})
     assert mistakes_table(perfect).notes == ("none: every tested recording was named right",)
 
