@@ -179,9 +179,7 @@ def candidate_rule(
     enough = np.flatnonzero(covered.mean(axis=1) >= level - _ROUNDING)
     best = int(enough[0]) if enough.size else len(shares) - 1
     share = float(shares[best])
-    held = [
-        (named | (own <= quantile(own[sessions != s], share)))[sessions == s].mean() for s in numbers.tolist()
-    ]
+    held = [(named | (own <= quantile(own[sessions != s], share)))[sessions == s].mean() for s in numbers]
     mean, worst = float(np.mean(held)), float(min(held))
     return CandidateRule(classes, level, quantile(own, share), len(own), len(numbers), mean, worst)
 

@@ -30,7 +30,7 @@ from granular_id.confidence import (
 from granular_id.ecoc import ECOCClassifier
 from granular_id.recording import Dataset, describe_data
 from granular_id.score import Held, fit_and_score, space_pipeline
-from granular_id.spaces import BlockScaler, FeatureSpace, block_sizes, feature_spaces
+from granular_id.spaces import BlockScaler, FeatureSpace, block_sizes, feature_spaces, limit_components
 from granular_id.splits import Folds, hold_out
 from granular_id.statistics import mean_interval
 
@@ -296,7 +296,10 @@ def confidence_study(
     with displaying(progress) as display:
         tick = Ticker(len(folds) + len(left_out), display.step).tick
         classifier = ECOCClassifier() if planned.classifier is None else planned.classifier
-        pipeline = space_pipeline(planned.transformer, classifier)
+        transformer = clone(planned.transformer)
+        fewest = min(fold.train.size for fold in folds), *((data.y != label).sum() for label in left_out)
+        fewer = limit_components(transformer, min(fewest))
+        pipeline = space_pipeline(transformer, classifier)
         held = fit_and_score(
             pipeline, data, folds, seed=random_state, n_jobs=n_jobs, tick=tick, name=planned.name
         )
@@ -305,13 +308,14 @@ def confidence_study(
         coverage = tuple(_coverage(held, places, level) for level in wanted)
 
         def leave_out(label: str) -> tuple[LeftOut, Floats, Floats]:
-            found = _leave_out(data, planned.transformer, folds, label, share_known)
+            found = _leave_out(data, transformer, folds, label, share_known)
             tick(f"without {label}")
             return found
 
         with single_threaded_blas():
             unknown = in_threads(leave_out, left_out, n_jobs)
     notes = [f"not tested: {label}, {why}" for label, why in folds.untested.items()]
+    notes += [f"{planned.name}: {fewer}"] if fewer else []
     if not unknown:
         notes.append(
             "two materials only: none can be left out, so nothing is known of how the unknown is refused"

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
-from sklearn.decomposition import PCA
 from sklearn.pipeline import Pipeline
 
 from granular_id._checks import argument_error, checked_flag, whole_number
@@ -32,7 +31,6 @@ from granular_id.evaluation.report_data import report_data_of
 from granular_id.evaluation.result import EvaluationResult
 from granular_id.features import FeatureSpec
 from granular_id.recording import Dataset, common_units, data_warnings, describe_data
-from granular_id.rica import RICA
 from granular_id.score import Held, fit_and_score, space_pipeline
 from granular_id.spaces import (
     BestClassifier,
@@ -42,6 +40,7 @@ from granular_id.spaces import (
     choice_of,
     feature_spaces,
     in_paper_order,
+    limit_components,
     paper_spaces,
 )
 from granular_id.splits import NAMES, Folds, hold_out, paper_folds
@@ -250,7 +249,8 @@ def _trials(
     few = min(1, n_draws)
     trials, notes = [], []
     for space in planned:
-        notes += _fewer_components(space, min(fold.train.size for fold in folds))
+        fewer = limit_components(space.transformer, min(fold.train.size for fold in folds))
+        notes += [f"{space.name}: {fewer}"] if fewer else []
         pipeline = space_pipeline(space.transformer, usual if space.classifier is None else space.classifier)
         trials.append(_Trial(space.name, pipeline, n_draws if space.name == drawn_for else few))
     trials += [
@@ -354,20 +354,6 @@ def _own_space(name: Any, given: Any, rate_hz: float) -> FeatureSpace:
             problem = f"{type(owner).__name__} has rate_hz={value:g}, the recordings have {rate_hz:g} Hz"
             raise argument_error(ValueError, "spaces", f"[{name!r}]: {problem}: pass rate_hz={rate_hz:g}")
     return replace(space, transformer=with_rate(space.transformer, rate_hz))
-
-
-def _fewer_components(space: FeatureSpace, n_rows: int) -> list[str]:
-    """Lower the number of principal components, and what is made of them, to what centred training rows span."""
-    parameters: dict[str, Any] = getattr(space.transformer, "get_params", dict)()
-    many = {
-        f"{name}__n_components": n_rows - 1
-        for name, step in parameters.items()
-        if isinstance(step, PCA | RICA) and isinstance(step.n_components, int) and step.n_components >= n_rows
-    }
-    if not many:
-        return []
-    space.transformer.set_params(**many)
-    return [f"{space.name}: {n_rows - 1} components, as {n_rows} recordings train"]
 
 
 # What each fold shows beside its answers.

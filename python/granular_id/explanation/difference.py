@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted, column_or_1d
 
@@ -23,6 +24,7 @@ from granular_id.spaces import (
     fit_pipeline,
     folded_back,
     is_linear_step,
+    limit_components,
 )
 from granular_id.splits import groups_of, hold_out
 
@@ -154,9 +156,12 @@ def explain_held_out(
             raise ValueError(f"{label!r} is not held out: {folds.untested[label]}")
     fold = max(folds, key=lambda fold: min((y[fold.test] == label).sum() for label in (first, second)))
     tested = fold.test[np.isin(y[fold.test], (first, second))]
+    pipeline = clone(pipeline)
+    fewer = limit_components(pipeline, len(fold.train))
     model = fit_pipeline(pipeline, data[fold.train], y[fold.train], groups_of(data).take(fold.train))
     chosen = choice_of(model)
     how = "" if chosen is None else f"; {chosen.words}"
+    how += f"; {fewer}" if fewer else ""
     split = {
         "folds": folds.name,
         "held_out": fold.held_out,

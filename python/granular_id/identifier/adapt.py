@@ -124,9 +124,9 @@ def _codes_of(labels: npt.NDArray[Any], places: Mapping[str | None, int], n: int
     """Return the place of each of n labels among the classes; refuse others."""
     if labels.shape != (n,):
         raise ValueError(f"labels must hold a label for each of {n} recordings, got shape {labels.shape}")
-    unknown = next((label for label in labels.tolist() if label not in places), None)
-    if unknown is not None:
-        raise ValueError(f"labels must hold labels of the training, got {unknown!r}")
+    unknown = [label for label in labels.tolist() if label not in places]
+    if unknown:
+        raise ValueError(f"labels must hold labels of the training, got {unknown[0]!r}")
     return np.array([places[label] for label in labels.tolist()], dtype=np.intp)
 
 

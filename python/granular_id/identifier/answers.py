@@ -467,10 +467,11 @@ def trained_on_note(timelines: Sequence[Timeline]) -> list[str]:
     n_trained_on = sum(int(one.trained_on.sum()) for one in timelines if one.trained_on is not None)
     if not n_trained_on:
         return []
-    every = counted(sum(map(len, timelines)), "window")
+    n = sum(map(len, timelines))
+    others = ", and may know parts of the others" if n_trained_on < n else ""
     return [
-        f"the model was trained on {n_trained_on} of these {every}, and may know parts of the others: answers "
-        "about such recordings say nothing about new ones"
+        f"the model was trained on {n_trained_on} of these {counted(n, 'window')}{others}: answers about such "
+        "recordings say nothing about new ones"
     ]
 
 

@@ -51,6 +51,7 @@ from granular_id.spaces.presets import (
     fit_on_features as fit_on_features,
     fit_pipeline as fit_pipeline,
     in_paper_order as in_paper_order,
+    limit_components as limit_components,
     paper_spaces as paper_spaces,
 )
 from granular_id.spaces.raw import RangeNormalizer, RawSignal, Tare, TimePermutation

@@ -183,6 +183,23 @@ def _tared(space: FeatureSpace, tare_s: float, rate_hz: float) -> FeatureSpace:
     return replace(space, transformer=Pipeline([("tare", Tare(tare_s, rate_hz=rate_hz)), *steps]))
 
 
+def limit_components(estimator: Any, n_rows: int) -> str:
+    """Lower the number of principal components, and what is made of them, to what centred training rows span.
+
+    Returns what was done in words; none where nothing was.
+    """
+    parameters: dict[str, Any] = getattr(estimator, "get_params", dict)()
+    many = {
+        f"{name}__n_components": n_rows - 1
+        for name, step in parameters.items()
+        if isinstance(step, PCA | RICA) and isinstance(step.n_components, int) and step.n_components >= n_rows
+    }
+    if not many:
+        return ""
+    estimator.set_params(**many)
+    return f"{n_rows - 1} components, as {n_rows} recordings train"
+
+
 def fit_pipeline(
     pipeline: Pipeline,
     X: Dataset | npt.NDArray[np.float64],

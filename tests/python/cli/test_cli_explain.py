@@ -48,6 +48,11 @@ def test_explain_names_axes_as_the_recordings_do(tmp_path, space):
     assert ("band" in read["tables"]) == (space == "multiband")
 
 
+def test_explain_lowers_components_to_the_recordings(recordings):
+    printed = ended_well("explain", recordings, "rice", "oat", "--space", "pca")
+    assert "pca: trained on 16 of 24 recordings; 15 components, as 16 recordings train" in printed
+
+
 @pytest.mark.parametrize("other", ["red_clay", "peas"])
 def test_explain_tells_labels_apart_that_differ_by_a_blank(data, other, tmp_path):
     names = {"rice": "red clay", "oat": other}

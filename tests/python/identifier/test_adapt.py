@@ -254,6 +254,13 @@ def test_adapt_in_neither_or_both_ways_is_refused(rig_model, elsewhere, labels, 
         rig_model.adapt(elsewhere, labels, all_materials=all_materials)
 
 
+@pytest.mark.parametrize("label", ["gravel", None])
+def test_label_that_the_model_does_not_know_is_refused(rig_model, elsewhere, label):
+    labels = [*elsewhere.y[:-1].tolist(), label]
+    with pytest.raises(ValueError, match=f"labels must hold labels of the training, got {label!r}"):
+        rig_model.adapt(elsewhere, labels)
+
+
 def test_missing_materials_are_named_and_may_be_accepted(rig_model, elsewhere):
     some = elsewhere[~np.isin(elsewhere.y, ["rice", "macaroni"])]
     with pytest.raises(

@@ -122,6 +122,11 @@ def test_the_table_says_what_the_answers_are_worth():
         "recordings say nothing about new ones",
     ):
         assert note in table.notes
+    every = replace(answers, trained_on=np.array([True] * 3)).table().notes
+    assert (
+        "the model was trained on 3 of these 3 windows: answers about such recordings say nothing about new ones"
+        in every
+    )
     assert (
         "the recording is labelled foam, which the model does not know"
         in made(["oat"], truth="foam").table().notes
