@@ -8,7 +8,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from rich import box
 from rich.console import Console
@@ -46,7 +46,8 @@ def print_table(table: Table, *, strong: bool = False, tight: bool = False) -> N
             header_style="bold",
         )
         for i, name in enumerate(table.header):
-            drawn.add_column(Text(name), justify="right" if i else "left", no_wrap=tight)
+            justify: Literal["left", "right"] = "right" if i else "left"
+            drawn.add_column(Text(name), justify=justify, no_wrap=tight, overflow="fold")
         for row in table.rows:
             drawn.add_row(*(Text(cell) for cell in row))
         console.print(drawn)

@@ -7,6 +7,8 @@ import pytest
 
 from cli_cases import SMALL, ended_well, refused
 from granular_id._files import JSON, MODELS, PAGES, TABLES, write_json
+from granular_id._text import Table
+from granular_id.cli.outputs import print_table
 from granular_id.evaluation import EvaluationResult
 from granular_id.evaluation.result import CSV_COLUMNS as PREDICTED
 from granular_id.identifier import Identifier
@@ -46,6 +48,19 @@ OUTPUTS = [
 
 def digest(path):
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_narrow_table_shows_every_name_whole(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    names = [f"a_rather_long_folder_of_a_day/rice_{k:02d}.csv @ {k} s" for k in range(3)]
+    words = "sunflower seeds", "0.412", "sunflower seeds", "106 gap filled"
+    rows = tuple((name, *words) for name in names)
+    print_table(Table("Materials named", ("recording", "answer", "margin", "truth", "samples"), rows))
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 60
+    assert "…" not in "".join(lines)
+    first = "".join(line.split("  ")[0].strip() for line in lines)
+    assert all(name.replace(" ", "") in first.replace(" ", "") for name in names)
 
 
 @pytest.mark.parametrize(("words", "name"), OUTPUTS, ids=[" ".join(words) for words, _ in OUTPUTS])
