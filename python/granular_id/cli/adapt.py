@@ -11,7 +11,7 @@ import typer
 from granular_id._files import MODELS, check_source
 from granular_id.cli.identify import Fitting
 from granular_id.cli.options import FORCE, command, option
-from granular_id.cli.outputs import MODEL, check_outputs, say_written, show, typed_command
+from granular_id.cli.outputs import MODEL, check_outputs, say_written, show, show_sentence, typed_command
 from granular_id.cli.recordings import ReadingOptions, say_loaded, say_step
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def adapt(
         accept=fitting.accepted,
     )
     new.save(output)
-    show(f"adapted {new.trained['adapted']}")
+    show_sentence(f"adapted {new.trained['adapted']}")
     if simulated := synthetic_words(recordings=data.is_synthetic, model=identifier.synthetic):
         show(f"{simulated}: this says nothing about real materials", "bold yellow", err=quiet)
     say_written([output])

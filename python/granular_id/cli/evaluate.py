@@ -23,6 +23,7 @@ from granular_id.cli.outputs import (
     repeated_command,
     say_written,
     show,
+    show_sentence,
 )
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
@@ -107,12 +108,12 @@ def evaluate_and_show(
     result = evaluate_spaces(data, spaces, progress=not quiet, **arguments)
     result = replace(result, command=repeated_command())
     for line in spoiled_lines(result):
-        show(line, "bold red")
+        show_sentence(line, "bold red")
     if result.spoiling:
         show(f"where it is known: {' '.join(f'--accept {one.code}' for one in result.spoiling)}", "bold red")
-    show(headline(result), "bold yellow" if result.synthetic else "bold")
+    show_sentence(headline(result), "bold yellow" if result.synthetic else "bold")
     for line in gap_lines(result):
-        show(line)
+        show_sentence(line)
     print_table(accuracy_table(result), strong=result.synthetic)
     if not quiet:
         for line in remarks(result):

@@ -10,7 +10,7 @@ from granular_id._files import write_json
 from granular_id._text import known_label
 from granular_id.cli.method import OneSpace
 from granular_id.cli.options import FORCE, command, option
-from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show
+from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show, show_sentence
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 OUTPUT = "Output"
@@ -70,7 +70,7 @@ def explain(
     pipeline = method.pipeline(data.rate_hz)
     explanation, model, split = explain_held_out(data, pipeline, first, second)
 
-    show(f"\n{method.space}: {model}")
+    show_sentence(f"\n{method.space}: {model}")
     show(f"explained on recordings held out: {split['held_out']}")
     show(str(explanation))
     if figure is not None:

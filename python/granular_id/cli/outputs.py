@@ -24,6 +24,12 @@ def show(text: str, style: str = "", *, err: bool = False) -> None:
     Console(stderr=err).print(Text(text, style=style), soft_wrap=True)
 
 
+def show_sentence(text: str, style: str = "") -> None:
+    """Print a text without markup, on a terminal broken between words; elsewhere a line is a line."""
+    console = Console()
+    console.print(Text(text, style=style), soft_wrap=not console.is_terminal)
+
+
 def warn_of_setups(differences: Iterable[str], *, err: bool = False) -> None:
     """Warn of what recordings or a sensor have otherwise than the training of a model."""
     from granular_id.recording import setup_mismatch

@@ -11,7 +11,15 @@ from granular_id._files import write_json
 from granular_id.cli.evaluate import BY
 from granular_id.cli.method import OneSpace
 from granular_id.cli.options import FORCE, a_share, command, count, names_in, option
-from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, say_written, show, write_files
+from granular_id.cli.outputs import (
+    JSON_FILE,
+    MODEL,
+    PICTURE,
+    check_outputs,
+    say_written,
+    show_sentence,
+    write_files,
+)
 from granular_id.cli.recordings import Reading, Steps, equal_recordings
 
 METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
@@ -149,4 +157,4 @@ def info(
 
 def _print(lines: Sequence[str]) -> None:
     for line in lines:
-        show(line, "bold yellow" if "SYNTHETIC" in line else "")
+        show_sentence(line, "bold yellow" if "SYNTHETIC" in line else "")

@@ -8,7 +8,7 @@ import pytest
 from cli_cases import SMALL, ended_well, refused
 from granular_id._files import JSON, MODELS, PAGES, TABLES, write_json
 from granular_id._text import Table
-from granular_id.cli.outputs import print_table
+from granular_id.cli.outputs import print_table, show_sentence
 from granular_id.evaluation import EvaluationResult
 from granular_id.evaluation.result import CSV_COLUMNS as PREDICTED
 from granular_id.identifier import Identifier
@@ -61,6 +61,18 @@ def test_narrow_table_shows_every_name_whole(capsys, monkeypatch):
     assert "…" not in "".join(lines)
     first = "".join(line.split("  ")[0].strip() for line in lines)
     assert all(name.replace(" ", "") in first.replace(" ", "") for name in names)
+
+
+def test_sentence_is_broken_between_words_on_a_terminal_only(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    text = "best names 96.9 % of SYNTHETIC recordings right with held-out sessions (chance 25.0 %)"
+    show_sentence(text)
+    assert capsys.readouterr().out == f"{text}\n"
+    monkeypatch.setenv("FORCE_COLOR", "1")  # a terminal
+    show_sentence(text)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 60
+    assert " ".join(line.strip() for line in lines) == text
 
 
 @pytest.mark.parametrize(("words", "name"), OUTPUTS, ids=[" ".join(words) for words, _ in OUTPUTS])
