@@ -173,7 +173,7 @@ class EvaluationResult:
     def interval(self, space: str | None = None) -> tuple[float, float]:
         """95 % interval of `accuracy` over new sessions, or values of the condition: Student's t over those held out.
 
-        NaN where neither was held out, and with fewer than three.
+        NaN where neither was held out, with fewer than three, and where all answers are right or all are wrong.
         """
         return self.of(space).interval
 
