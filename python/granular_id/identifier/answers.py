@@ -158,7 +158,7 @@ class Batch(Answers):
             (
                 "truth",
                 any(self.truth),
-                lambda row: (row["truth"] or "") + " (!)" * (row["truth"] not in (None, row["label"])),
+                lambda row: (row["truth"] or "") + " (!)" * self._is_wrong(row),
             ),
             ("trained on", 0 < n_trained_on < len(self), lambda row: "yes" if row["trained_on"] else ""),
             ("samples", any(self.warnings), lambda row: ", ".join(row["warnings"])),
@@ -170,6 +170,11 @@ class Batch(Answers):
         notes += notes_of_answers(counts, self.classes)
         title = f"Materials named{', ' + self.synthetic if self.synthetic else ''}"
         return Table(title, tuple(title for title, _ in shown), rows, tuple(notes))
+
+    def _is_wrong(self, row: Mapping[str, Any]) -> bool:
+        """Whether another material is named; one that the model does not know may be refused instead."""
+        truth = row["truth"]
+        return truth not in (None, row["label"]) and not (row["unknown"] and truth not in self.classes)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything in types that JSON knows."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from granular_id.identifier import Identifier, Timeline
+from granular_id.identifier.answers import Batch
 from granular_id.recording import Dataset, Recording
 
 N = 80
@@ -190,3 +191,20 @@ def test_units_other_than_those_of_the_training_are_refused(new):
         assert model.predict_over(stated).units == model.units
     with pytest.raises(ValueError, match=r"units.*ax: g.*accept"):
         model.predict_over(of("g")[0])
+
+
+def test_refused_recording_of_another_material_is_no_mistake():
+    n = 4
+    batch = Batch(
+        classes=("oat", "rice"),
+        losses=np.tile([0.1, 0.9], (n, 1)),
+        probabilities=None,
+        candidates=((),) * n,
+        unknown=np.array([False, True, True, False]),
+        names=tuple("abcd"),
+        truth=("oat", "rice", "foam", "foam"),
+        warnings=((),) * n,
+        synthetic="",
+        differences=(),
+    )
+    assert [row[-1] for row in batch.table().rows] == ["oat", "rice (!)", "foam", "foam (!)"]
