@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from granular_id._checks import argument_error, whole_number
 from granular_id._estimators import routed
 from granular_id._text import counted, listed, verb
-from granular_id.recording import Dataset, condition_of, overlapping_windows
+from granular_id.recording import Dataset, Recording, condition_of, cut_from, overlapping_windows
 
 Rows = NDArray[np.intp]
 Values = Sequence[str | None] | NDArray[Any]
@@ -111,6 +111,7 @@ class Groups:
     basis: str = ""  # what the order goes by, or why there is none
     conditions: NDArray[np.object_] | None = None  # (n,) what new recordings do not share, where it is known
     overlaps: Rows | None = None  # (P, 2) pairs of recordings that share samples, where there are any
+    cut_from: Rows | None = None  # (n,) number of the recording that each is a window of, where there are any
 
     @property
     def order(self) -> Rows | None:
@@ -126,7 +127,8 @@ class Groups:
             place = np.full(len(self.sessions), -1)
             place[rows] = np.arange(len(rows))
             overlaps = place[overlaps[np.isin(overlaps, rows).all(axis=1)]]
-        return Groups(self.sessions[rows], rank, self.basis, conditions, overlaps)
+        cut_from = None if self.cut_from is None else self.cut_from[rows]
+        return Groups(self.sessions[rows], rank, self.basis, conditions, overlaps, cut_from)
 
     def fit_arguments(self, estimator: Any) -> dict[str, Any]:
         """Return those of sessions, order, groups and overlaps that `fit` takes, in a pipeline that of its last step.
@@ -143,7 +145,19 @@ class Groups:
 def groups_of(data: Dataset, by: str = AUTO) -> Groups:
     """Gather sessions and the order in time of a data set, and the condition that is to be held out."""
     conditions = None if by in (AUTO, *NAMES) else condition_of(data, by)[1]
-    return Groups(data.sessions, *_order_in_time(data), conditions, _overlaps(data))
+    return Groups(
+        data.sessions, *_order_in_time(data), conditions, _overlaps(data), recordings_cut(data.recordings)
+    )
+
+
+def recordings_cut(recordings: Sequence[Recording]) -> Rows:
+    """Return the number of the recording that each is a window of; what is no window is one of its own."""
+    found: dict[Any, int] = {}
+    numbers = [
+        found.setdefault(row if (window := cut_from(recording)) is None else window[0], len(found))
+        for row, recording in enumerate(recordings)
+    ]
+    return np.array(numbers, dtype=np.intp)
 
 
 def _order_in_time(data: Dataset) -> tuple[Rows | None, str]:
@@ -345,7 +359,8 @@ def _placed(counts: Rows, n_folds: int) -> Rows:
 def _time_folds(y: NDArray[Any], groups: Groups) -> Folds | str:
     """Test each half of each material in time order on the other; say why not where no order is known.
 
-    The middle one of an odd count is in the second half; the single recording of a class always trains.
+    The middle one of an odd count is in the second half; the single recording of a class always trains. Windows are in
+    the half of the recording that they were cut from, unless all of a class were cut from one.
     """
     if groups.rank is None:
         return groups.basis
@@ -353,9 +368,12 @@ def _time_folds(y: NDArray[Any], groups: Groups) -> Folds | str:
     if len(several) < 2:
         return _TOO_FEW
     side = np.zeros(len(y), dtype=np.intp)
+    units = np.arange(len(y)) if groups.cut_from is None else groups.cut_from
     for own in several:
         in_time = own[np.argsort(groups.rank[own])]
-        side[in_time[: own.size // 2]], side[in_time[own.size // 2 :]] = 1, 2
+        _, begins, unit = np.unique(units[in_time], return_index=True, return_inverse=True)
+        place = np.argsort(np.argsort(begins))[unit] if begins.size > 1 else np.arange(own.size)
+        side[in_time] = np.where(place < max(place + 1) // 2, 1, 2)
     folds = tuple(
         Fold(np.flatnonzero(side != test), np.flatnonzero(side == test), name)
         for test, name in ((2, "1st->2nd half"), (1, "2nd->1st half"))

@@ -6,15 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from granular_id._text import counted
-from granular_id.recording import Dataset, Recording, cut_from
+from granular_id.recording import Dataset
 from granular_id.score import Held
-from granular_id.splits import RANDOM, SESSION, Fold, Folds, rows_of_class
+from granular_id.splits import RANDOM, SESSION, Fold, Folds, recordings_cut, rows_of_class
 from granular_id.statistics import MIN_PARTITIONS, corrected_resampled_t, holm, mann_whitney
 
 N_DRAWS = 19
@@ -90,7 +88,7 @@ def matched_draws(data: Dataset, strict: Folds, n_draws: int = N_DRAWS) -> tuple
     if not strict.strict:
         return [], ""
     y = data.y
-    units, sessions = _cut_from(data.recordings), data.sessions
+    units, sessions = recordings_cut(data.recordings), data.sessions
     first_tested = np.full(len(y), len(strict))
     for k, fold in enumerate(strict):
         first_tested[fold.test] = np.minimum(first_tested[fold.test], k)
@@ -122,18 +120,6 @@ def matched_draws(data: Dataset, strict: Folds, n_draws: int = N_DRAWS) -> tuple
             folds.append(Fold(train[clear], test, f"as many as {fold.held_out}"))
         draws.append(Folds(RANDOM, tuple(folds), untested=strict.untested, seed=strict.seed))
     return draws, ""
-
-
-def _cut_from(recordings: Sequence[Recording]) -> NDArray[np.intp]:
-    """Return the number of the recording that each row was cut from; what is no window is one of its own."""
-    found: dict[Any, int] = {}
-    return np.array(
-        [
-            found.setdefault(row if (window := cut_from(recording)) is None else window[0], len(found))
-            for row, recording in enumerate(recordings)
-        ],
-        dtype=np.intp,
-    )
 
 
 # Feature spaces against each other.

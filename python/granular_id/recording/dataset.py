@@ -379,9 +379,8 @@ class Dataset:
     def split(self, gap_s: float) -> Dataset:
         """Make a recording of each stretch between gaps, as of a log with pauses.
 
-        A stretch keeps label, metadata, and the flags and trigger that lie in it; `start_time` moves along, and its
-        name says from which second of the recording on it is. Stretches of one recording have one session: the
-        recording's or, where that is not known, its name. One whose stamps are even is uniform.
+        A stretch keeps label, session, metadata, and the flags and trigger that lie in it; `start_time` moves along,
+        and its name says from which second of the recording on it is. One whose stamps are even is uniform.
 
         Parameters
         ----------
@@ -459,11 +458,10 @@ class Dataset:
         """Cut every recording into windows of one length, each a recording of its own.
 
         What is left at the end of a recording, shorter than a window, is dropped and counted, as is a window without a
-        measured sample, all of it filled in a gap when it was resampled. A window keeps label, metadata, and the flags
-        and trigger that lie in it; `start_time` moves along, and ``meta["window"]`` says of which recording it is and
-        from which second on. Windows of one recording have one session: the recording's or, where that is not known,
-        its name. So where sessions are held out, windows that overlap or touch each other are on one side; random
-        partitions do not look at sessions, and part them.
+        measured sample, all of it filled in a gap when it was resampled. A window keeps label, session, metadata, and
+        the flags and trigger that lie in it; `start_time` moves along, and ``meta["window"]`` says of which recording
+        it is and from which second on. Where halves in time are held out, windows of one recording are on one side;
+        random folds part those that share no samples.
 
         Parameters
         ----------
@@ -491,8 +489,8 @@ class Dataset:
         >>> from granular_id import Dataset, Recording
         >>> drive = Recording(np.zeros((500, 2)), rate_hz=100, label="gravel", name="drive_1", axes=("wx", "ax"))
         >>> windows = Dataset([drive]).windows(1.7)
-        >>> windows.X.shape, windows.names[1], windows.sessions.tolist()
-        ((2, 170, 2), 'drive_1 @ 1.7 s', ['drive_1', 'drive_1'])
+        >>> windows.X.shape, windows.names[1]
+        ((2, 170, 2), 'drive_1 @ 1.7 s')
         """
         return self._after(cut_windows(self.recordings, duration_s, hop_s, on_short))
 

@@ -313,7 +313,6 @@ def _stretch_of(recording: Recording, begin: int, end: int) -> Recording:
         rate_hz=None if rate is None else round_rate(rate),
         time_s=time_s if rate is None else None,
         name=f"{recording.name} @ {round(float(times[0]), 6):.12g} s".strip(),
-        session=recording.session or recording.name.strip() or None,
         start_time=None if start is None else start + float(times[0]),
         trigger_index=None if trigger is None or not begin <= trigger < end else trigger - begin,
         flags=None if flags is None else flags[begin:end],
@@ -437,7 +436,6 @@ def _windows_of(
     """Yield the windows of one recording, which are views of its samples."""
     begin, flags, trigger = recording.start_time, recording.flags, recording.trigger_index
     whole, offset_s = cut_from(recording) or (name, 0.0)  # of a window that is cut once more
-    session = recording.session or whole.strip()
     meta = thaw(recording.meta)
     for start in starts:
         start_s = offset_s + start / rate_hz
@@ -446,7 +444,6 @@ def _windows_of(
             recording,
             wrench=recording.wrench[start : start + n],
             name=f"{whole} @ {round(start_s, 6):.12g} s",
-            session=session,
             start_time=None if begin is None else begin + start / rate_hz,
             trigger_index=None if trigger is None or not start <= trigger < start + n else trigger - start,
             meta={**meta, WINDOW: {"recording": whole, "start_s": start_s}},

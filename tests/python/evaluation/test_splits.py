@@ -397,6 +397,20 @@ def test_windows_that_share_samples_never_lie_on_both_sides(by):
     assert len(cleared) == (by in ("time", "random"))
 
 
+@pytest.mark.parametrize("hop_s", [0.5, 1.0])
+def test_windows_without_sessions_are_halves_of_whole_recordings(hop_s):
+    """That they were cut from one recording makes no session of it."""
+    data = drives({"a": 5, "b": 4})
+    whole = Dataset([replace(recording, session=None) for recording in data])
+    windows, names = whole.windows(1.0, hop_s), np.array(whole.names)
+    folds = hold_out(windows)
+    assert folds.by == "time"
+    cut = np.array([r.meta["window"]["recording"] for r in windows])
+    for fold, of_whole in zip(folds, hold_out(whole), strict=True):
+        assert sorted(set(cut[fold.test])) == sorted(names[of_whole.test])
+        assert sorted(set(cut[fold.train])) == sorted(names[of_whole.train])
+
+
 def test_random_folds_of_windows_test_whole_recordings():
     """Each window shares samples with all others of its recording: drawn singly, none would be left to train on."""
     data = drives({"a": 6, "b": 6}, n=160).windows(1.0, 0.2)
