@@ -247,7 +247,7 @@ def run(folder: Path, methods: Sequence[str], options: argparse.Namespace) -> di
         seconds = float(np.median(both[..., 1], axis=1).mean())
         base = accuracies if base is None else base
         difference = accuracies - base
-        p = corrected_resampled_t(difference, *sizes).p_value  # Nadeau & Bengio 2003
+        p = corrected_resampled_t(difference, *sizes)  # Nadeau & Bengio 2003
         shown = (f"{100 * accuracies.mean():9.1f}", f"{100 * difference.mean():+8.1f}", f"{p:8.3f}")
         print(f"{method:<20}{''.join(shown)}{1e3 * seconds:14.3f}", flush=True)
         found[method] = {"accuracy": float(accuracies.mean()), "features_s": seconds}
