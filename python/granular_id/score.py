@@ -16,6 +16,7 @@ import numpy as np
 from numpy.random import SeedSequence
 from numpy.typing import NDArray
 from sklearn.base import clone
+from sklearn.metrics import confusion_matrix
 from sklearn.pipeline import Pipeline
 
 from granular_id._checks import all_finite
@@ -25,7 +26,7 @@ from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id.recording import Dataset
 from granular_id.spaces import RecordingTransformer, fit_on_features, steps_of
 from granular_id.splits import Folds, groups_of
-from granular_id.statistics import cluster_interval, confusion_counts, recall_per_class
+from granular_id.statistics import cluster_interval
 
 Floats = NDArray[np.float64]
 Codes = NDArray[np.intp]
@@ -99,12 +100,18 @@ class Held:
     @property
     def confusion(self) -> NDArray[np.int64]:
         """Counts (K, K): row true, column named material."""
-        return confusion_counts(self.truth, self.predicted, len(self.classes))
+        counts: NDArray[np.int64] = confusion_matrix(
+            self.truth, self.predicted, labels=range(len(self.classes))
+        )
+        return counts
 
     @property
     def recall(self) -> Floats:
         """Share of each material that is named right, (K,); NaN for one that was not tested."""
-        return recall_per_class(self.confusion)
+        confusion = self.confusion
+        with np.errstate(invalid="ignore"):
+            shares: Floats = np.diag(confusion) / confusion.sum(axis=1)
+        return shares
 
     @property
     def accuracy(self) -> float:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.special import stdtr, stdtrit
-from sklearn.metrics import confusion_matrix
 
 FloatArray = NDArray[np.float64]
 
@@ -129,26 +128,3 @@ def _standard_error(values: FloatArray, overlap: float) -> float:
     if values.size < 2 or np.ptp(values) <= _NO_SPREAD:
         return math.nan
     return math.sqrt((1 / values.size + overlap) * float(values.var(ddof=1)))
-
-
-# Figures from true and predicted class numbers, for results and model cards.
-
-
-def confusion_counts(
-    truth: NDArray[np.intp], predicted: NDArray[np.intp], n_classes: int
-) -> NDArray[np.int64]:
-    """Count pairs of class numbers: true classes in rows, predicted ones in columns, (K, K)."""
-    counts: NDArray[np.int64] = confusion_matrix(truth, predicted, labels=range(n_classes))
-    return counts
-
-
-def recall_per_class(confusion: NDArray[np.int64]) -> FloatArray:
-    """Share of each class that was recognised, (K,); NaN for a class that was never tested."""
-    with np.errstate(invalid="ignore"):
-        shares: FloatArray = np.diag(confusion) / confusion.sum(axis=1)
-    return shares
-
-
-def sample_sd(values: FloatArray) -> float:
-    """Sample standard deviation (divisor n - 1); NaN for a single value, which has none."""
-    return float(values.std(ddof=1)) if values.size > 1 else math.nan  # numpy would warn

@@ -8,8 +8,6 @@ from granular_id.evaluation.differences import Gap, Pair, matched_draws as match
 from granular_id.evaluation.evaluating import USUAL_SPACES as USUAL_SPACES, evaluate
 from granular_id.evaluation.leakage import Baseline
 from granular_id.evaluation.report_data import (
-    MOST_AXES as MOST_AXES,
-    POINTS as POINTS,
     ReportData as ReportData,
     most_different as most_different,
     window_starts as window_starts,

@@ -33,16 +33,13 @@ class Histograms:
     ----------
     cutoff_hz : float
         Of the high-pass.
-    density : bool
-        Whether they are densities, not counts.
     bin_range : (C, 2) float array
         Lower edge of the first bin and upper edge of the last, in the unit of the axis.
     counts : (K, C, n_bins) float array
-        Mean over the recordings of a material: counts, or densities where the feature space gives those.
+        Mean over the recordings of a material.
     """
 
     cutoff_hz: float
-    density: bool
     bin_range: Floats
     counts: Floats
 
@@ -133,7 +130,7 @@ def report_data_of(data: Dataset, transformers: Sequence[BaseEstimator]) -> Repo
     )
     shown = sorted(most_different(mean, sd)[:MOST_AXES])
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="cutoff_hz")  # the evaluation said so
+        warnings.filterwarnings("ignore", message="cutoff_hz")  # the evaluation has warned
         hfmh = _histograms(X, groups, _histogram_of(transformers, data), shown)
     return ReportData(
         labels=tuple(labels.tolist()),
@@ -171,7 +168,6 @@ def _histograms(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH, show
     counts = fitted.transform(X).reshape(len(X), X.shape[2], -1)[:, shown]
     return Histograms(
         cutoff_hz=float(fitted.spec_.cutoff_hz),
-        density=fitted.spec_.density,
         bin_range=np.array(fitted.bin_range_[shown], dtype=np.float64),
         counts=np.stack([counts[rows].mean(axis=0) for rows in groups]),
     )

@@ -27,7 +27,7 @@ from granular_id.recording import SEVERE_PREFIXES, Finding, labelled_check_note
 from granular_id.score import Held
 from granular_id.spaces import Choice
 from granular_id.splits import NAMES, PAPER, Folds
-from granular_id.statistics import MIN_PARTITIONS, sample_sd
+from granular_id.statistics import MIN_PARTITIONS
 from granular_id.synthetic import PAPER_MATERIALS
 
 FORMAT = "granular_id.evaluation/1"
@@ -205,13 +205,17 @@ class EvaluationResult:
 
     def table(self) -> str:
         """Return the headline, accuracies, baselines, the worst materials and findings: one screen of text."""
-        return one_screen(self)
+        first = (*spoiled_lines(self), headline(self), *gap_lines(self))
+        lines = [textwrap.fill(line, WIDTH) for line in first]
+        return "\n".join((*lines, "", str(accuracy_table(self)), *remarks(self)))
 
     __str__ = table
 
     def details(self) -> str:
         """Return all that `table` leaves out: folds, mistakes, comparisons, what was chosen, seconds and notes."""
-        return details(self)
+        tables = [fold_table(self), mistakes_table(self), *comparison_tables(self), *choice_tables(self)]
+        notes = "\n".join(map(labelled_check_note, self.notes))
+        return "\n\n".join(map(str, [*tables, seconds_table(self), *([notes] if notes else [])]))
 
     def __repr__(self) -> str:
         accuracies = ", ".join(f"{name} {percent(one.accuracy)}" for name, one in self.held.items())
@@ -296,13 +300,6 @@ class EvaluationResult:
 
 
 # What is printed.
-
-
-def one_screen(result: EvaluationResult) -> str:
-    """Return what spoils the figures, the headline, accuracies and baselines, then remarks."""
-    first = (*spoiled_lines(result), headline(result), *gap_lines(result))
-    lines = [textwrap.fill(line, WIDTH) for line in first]
-    return "\n".join((*lines, "", str(accuracy_table(result)), *remarks(result)))
 
 
 def remarks(result: EvaluationResult) -> list[str]:
@@ -398,8 +395,7 @@ def _paper_table(result: EvaluationResult) -> Table:
     rows, papers = [], shows_paper(result)
     for name, held in result.held.items():
         shares = held.fold_accuracies()
-        sd = sample_sd(shares)
-        spread = "" if math.isnan(sd) else f" ± {100 * sd:.2f}"
+        spread = f" ± {100 * float(shares.std(ddof=1)):.2f}" if shares.size > 1 else ""
         p = _p_value(against[name].mann_whitney_p) if name in against else ""
         paper = percent(result.paper_accuracies.get(name), 2) if papers else "-"
         rows.append((name, paper, f"{100 * float(shares.mean()):.2f}{spread} %", p))
@@ -426,13 +422,6 @@ def worst_lines(result: EvaluationResult) -> list[str]:
             right = whole_percent(100 * float(recall[k]))
             lines.append(f"worst: {short(result.labels[k])} {right} %, taken for {other} {share} %")
     return lines
-
-
-def details(result: EvaluationResult) -> str:
-    """Return folds, mistakes, comparisons, choices and seconds as tables, then all notes."""
-    tables = [fold_table(result), mistakes_table(result), *comparison_tables(result), *choice_tables(result)]
-    notes = [labelled_check_note(note) for note in result.notes]
-    return "\n\n".join(map(str, [*tables, seconds_table(result), *(["\n".join(notes)] if notes else [])]))
 
 
 def fold_table(result: EvaluationResult) -> Table:

@@ -23,7 +23,6 @@ from granular_id.spaces import (
     choice_of,
     fit_pipeline,
     folded_back,
-    is_linear_step,
     limit_components,
 )
 from granular_id.splits import groups_of, hold_out
@@ -234,7 +233,7 @@ def _parts(model: Any) -> tuple[Pipeline, tuple[Any, ...], ECOCClassifier | Best
         n_before += 1
     space, after = steps[: n_before + 1], steps[n_before + 1 :]
     for step in after:
-        if not is_linear_step(step):
+        if not isinstance(step, LINEAR_STEPS):
             known = ", ".join(kind.__name__ for kind in LINEAR_STEPS)
             raise TypeError(
                 f"model may have {known} between feature space and classifier, "

@@ -37,6 +37,7 @@ from granular_id.recording import Dataset, describe_data, setups_in, unit_of, va
 from granular_id.score import Held, fit_and_score, space_pipeline
 from granular_id.spaces import (
     HFMH,
+    LINEAR_STEPS,
     BestClassifier,
     BlockScaler,
     Choice,
@@ -47,7 +48,6 @@ from granular_id.spaces import (
     feature_spaces,
     fit_on_features,
     folded_back,
-    is_linear_step,
 )
 from granular_id.splits import AUTO, TIME, Fold, Folds, Groups, groups_of, hold_out, rows_of_class
 
@@ -91,7 +91,7 @@ def _refuse_other_steps(pipeline: Pipeline) -> None:
         len(steps) > 1
         and type(space) in (RawSignal, HFMH, RawHFMH, MultiBand)
         and isinstance(classifier, (ECOCClassifier, BestClassifier))
-        and all(map(is_linear_step, between))
+        and all(isinstance(step, LINEAR_STEPS) for step in between)
     ):
         raise argument_error(
             TypeError,

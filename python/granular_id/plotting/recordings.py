@@ -345,7 +345,7 @@ def plot_hfmh(report_data: ReportData, axis: str, *, path: str | os.PathLike[str
     bar: Any = figure.colorbar(image, ax=panel, pad=0.02, aspect=25)
     bar.solids.set_rasterized(True)  # else a path for each of 256 colours
     bar.outline.set_visible(False)
-    bar.set_label("density" if part.density else "samples in a bin", fontsize=8, color=INK)
+    bar.set_label("samples in a bin", fontsize=8, color=INK)
     ticks, texts = style.log_ticks(low, high, most=6)
     bar.set_ticks(ticks, labels=texts)
     bar.ax.tick_params(labelsize=7.5, colors=INK, length=2)

@@ -12,8 +12,6 @@ from granular_id.spaces.base import (
     FeatureBlock,
     RecordingFilter,
     RecordingTransformer,
-    axis_names as axis_names,
-    axis_units as axis_units,
     block_sizes,
     feature_blocks,
     joined_units as joined_units,
@@ -27,19 +25,12 @@ from granular_id.spaces.best import (
     choice_of as choice_of,
 )
 from granular_id.spaces.hfmh import (
-    DEFAULT_RANGE as DEFAULT_RANGE,
     HFMH,
     BinRange,
-    BlockWeights as BlockWeights,
     RawHFMH,
     RawHistogram,
 )
 from granular_id.spaces.multiband import (
-    ALL_BLOCKS as ALL_BLOCKS,
-    BAND_LOSS as BAND_LOSS,
-    BAND_SHRINKAGE as BAND_SHRINKAGE,
-    USUAL_BLOCKS as USUAL_BLOCKS,
-    BandColumn as BandColumn,
     BandColumns as BandColumns,
     FrequencyBand,
     MultiBand,
@@ -60,7 +51,6 @@ from granular_id.spaces.scaling import (
     BlockScaler,
     WithinClassWhitening,
     folded_back as folded_back,
-    is_linear_step as is_linear_step,
 )
 from granular_id.spaces.spectral import DFT
 

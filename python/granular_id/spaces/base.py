@@ -15,7 +15,7 @@ from sklearn.utils import Tags
 from sklearn.utils.validation import _check_feature_names_in, check_is_fitted, validate_data
 
 from granular_id._checks import all_finite, argument_error, positive_number
-from granular_id._core import AXES, UNITS
+from granular_id._core import AXES
 from granular_id._estimators import real_steps
 from granular_id._memory import empty, is_large
 from granular_id.features import FeatureSpec, extract_features, feature_names
@@ -368,11 +368,6 @@ class FeatureBlock:
 def axis_names(n_axes: int) -> tuple[str, ...]:
     """Names of the axes as the core spells them in feature names: ``fx ... tz`` for six, else ``axis0 ...``."""
     return tuple(name.rpartition("_")[0] for name in feature_names(n_samples=1, n_axes=n_axes, hfmh=False))
-
-
-def axis_units(n_axes: int) -> tuple[str, ...]:
-    """Units of the axes: those of a wrench for six, else unknown."""
-    return UNITS if n_axes == len(AXES) else ("",) * n_axes
 
 
 def renamed(names: Sequence[str], axes: Sequence[str]) -> list[str]:

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from sklearn.decomposition import PCA
 from sklearn.pipeline import FeatureUnion, Pipeline
 
-from granular_id._estimators import learns
 from granular_id.recording import Dataset
 from granular_id.rica import RICA
 from granular_id.spaces.base import RecordingFilter, block_sizes
@@ -43,8 +42,6 @@ class FeatureSpace:
         Mean accuracy that the paper reports, 11 materials and 20 random partitions. None where its table has none.
     control : bool, default False
         Not a feature space to choose, but a check on what the others show.
-    note : str, default ""
-        For the reader of a table.
     classifier : estimator, optional
         The one that belongs to the space, where it is not the evaluation's.
     """
@@ -53,13 +50,7 @@ class FeatureSpace:
     transformer: Any
     paper_accuracy: float | None
     control: bool = False
-    note: str = ""
     classifier: Any = None
-
-    @property
-    def learns(self) -> bool:
-        """Whether the transformer must be fitted on the training rows of each fold."""
-        return learns(self.transformer)
 
 
 def feature_spaces(
@@ -145,14 +136,12 @@ def feature_spaces(
             "multiband",
             MultiBand(rate_hz=rate_hz, threads=threads),
             None,
-            note="statistics of octave bands, blocks of equal weight, whitened; not in the paper",
             classifier=BestClassifier(shrinkages=(BAND_SHRINKAGE,), relative_costs=(1.0,)),
         ),
         FeatureSpace(
             "best",
             MultiBand(rate_hz=rate_hz, blocks=ALL_BLOCKS, threads=threads),
             None,
-            note="multiband, and blocks, whitening and C chosen on recordings held out; not in the paper",
             classifier=BestClassifier(optional_blocks=("level",)),
         ),
         FeatureSpace(
@@ -160,7 +149,6 @@ def feature_spaces(
             pipeline(permute=TimePermutation(), raw=raw()),
             None,
             control=True,
-            note="raw samples in random order; the paper reports about 20 %",
         ),
     )
     spaces = table if tare_s is None else tuple(_tared(space, tare_s, rate_hz) for space in table)

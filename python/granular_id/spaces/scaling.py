@@ -301,11 +301,6 @@ LINEAR_STEPS = (RICA, PCA, StandardScaler, BlockScaler, WithinClassWhitening)
 """Steps of the form ``L (x - mean)``: what stands behind them can be folded back."""
 
 
-def is_linear_step(step: Any) -> bool:
-    """Whether a step can be folded back."""
-    return isinstance(step, LINEAR_STEPS)
-
-
 def folded_back(
     steps: Sequence[Any], weights: npt.ArrayLike, intercept: npt.ArrayLike = 0.0
 ) -> tuple[FloatArray, FloatArray]:

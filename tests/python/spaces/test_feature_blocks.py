@@ -13,10 +13,8 @@ from sklearn.pipeline import FeatureUnion, make_pipeline
 import multiband_twin as twin
 from granular_id._core import UNITS
 from granular_id.spaces import (
-    ALL_BLOCKS,
     DFT,
     HFMH,
-    BandColumn,
     MultiBand,
     RangeNormalizer,
     RawHFMH,
@@ -26,6 +24,7 @@ from granular_id.spaces import (
     band_columns,
     feature_blocks,
 )
+from granular_id.spaces.multiband import ALL_BLOCKS, BandColumn
 from multiband_cases import two_materials
 from spaces_cases import SPACES, data_set, recordings
 
