@@ -426,11 +426,7 @@ def _condition_folds(data: Dataset, name: str, values: NDArray[np.object_]) -> F
     y, folds, notes = data.y, [], []
     for value in dict.fromkeys(values.tolist()):
         held = values == value
-        trains = np.unique(y[~held])
-        if trains.size < 2:
-            notes.append(f"{name} {value!r} is not held out: fewer than two materials have another value")
-            continue
-        tested = held & np.isin(y, trains)
+        tested = held & np.isin(y, y[~held])
         if tested.any():
             folds.append(Fold(np.flatnonzero(~held), np.flatnonzero(tested), str(value)))
         lost = np.unique(y[held & ~tested]).tolist()

@@ -92,13 +92,13 @@ def _why_not(data: Dataset, values: NDArray[np.object_]) -> str:
         )
     if n_values == 1:
         return f"all recordings have the same value, {short(values[0], 40)!r}"
-    if all(len(set(values[y == label].tolist())) == 1 for label in data.labels):
+    several = [label for label in data.labels if len(set(values[y == label].tolist())) > 1]
+    if not several:
         return f"each material has one value of it only ({y[0]}: {values[0]!r}), and would not train when held out"
     if n_values > MOST_VALUES or n_values == len(data):
         return (
             f"it has {n_values} values in {len(data)} recordings, each a training of its own: note a few rounded "
             "values in the metadata"
         )
-    pairs = {(label, value) for label, value in zip(y.tolist(), values.tolist(), strict=True)}
-    left = [{label for label, other in pairs if other != value} for value in set(values.tolist())]
-    return "" if any(len(labels) > 1 for labels in left) else "one material only is left to train on"
+    only = f"{several[0]} alone has several values of it: no other material would be tested"
+    return only if len(several) == 1 else ""
