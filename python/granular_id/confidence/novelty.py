@@ -33,7 +33,7 @@ _WEIGHT = 0.3
 """Of the distance over all features, beside that along the directions that tell classes apart."""
 
 _BLOCK_LEVEL = 0.8
-"""Share of the blocks in time whose own limit is kept."""
+"""Share of the blocks in time that keep the limit."""
 
 _ROUNDING = 1e-9
 _FAR = 1e100  # beyond any distance, and finite when a weight multiplies it
@@ -117,9 +117,9 @@ class Novelty:
         solved = _solved(s - means[codes], apart)
         # V' A = (M' A A M)^(-1/2) M' A A, but for a rotation.
         variances, axes = np.linalg.eigh(apart @ solved.T)
-        kept = variances > _ROUNDING * max(variances[-1], np.finfo(float).tiny)
-        kept[0] = False  # differences from a mean lie in one direction fewer
-        directions = (axes[:, kept] / np.sqrt(variances[kept])).T @ solved
+        varies = variances > _ROUNDING * max(variances[-1], np.finfo(float).tiny)
+        varies[0] = False  # differences from a mean lie in one direction fewer
+        directions = (axes[:, varies] / np.sqrt(variances[varies])).T @ solved
         return cls(directions.astype(np.float32), means[:n_named].astype(np.float32))
 
     def parts(self, s: FloatArray) -> Parts:

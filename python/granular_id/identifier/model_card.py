@@ -58,9 +58,7 @@ def describe_model(model: TrainedModel) -> list[str]:
         lines.append("set-up, compared with that of other recordings:")
         lines += [f"  {name}: {' or '.join(values)}" for name, values in setup.items()]
     else:
-        lines.append(
-            f"set-up: {'not known' if setup is None else 'the recordings do not tell'}; none is compared"
-        )
+        lines.append("set-up: not stated; none is compared")
     return lines
 
 

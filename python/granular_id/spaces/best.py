@@ -409,10 +409,10 @@ def plan_candidates(
         positive_number("relative_costs", value)
         for value in _checked("relative_costs", relative_costs, "numbers")
     ]
-    kept_sets = sorted(product((False, True), repeat=len(extra)), key=sum)
+    with_extra = sorted(product((False, True), repeat=len(extra)), key=sum)
     candidates = []
-    for kept, shrinkage, cost in product(kept_sets, amounts, sorted(costs)):
-        left_out = tuple(name for name, stays in zip(extra, kept, strict=True) if not stays)
+    for with_each, shrinkage, cost in product(with_extra, amounts, sorted(costs)):
+        left_out = tuple(name for name, stays in zip(extra, with_each, strict=True) if not stays)
         own = tuple(name for name in blocks if name not in left_out)
         candidates.append(Candidate(own, shrinkage, cost, left_out))
     return tuple(candidates)

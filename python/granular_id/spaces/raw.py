@@ -30,8 +30,8 @@ class RawSignal(CoreTransformer):
     Parameters
     ----------
     rate_hz : float or None, default None
-        Sampling rate, with which `feature_blocks` tells instants in seconds. None: that of a `Dataset`; of arrays it
-        is not known, and instants are told in samples. Changes no feature.
+        Sampling rate, with which `feature_blocks` gives instants in seconds. None: that of a `Dataset`; of arrays it
+        is not known, and instants are in samples. Changes no feature.
     threads : int or None, default None
         Threads of a batch; None takes all cores.
 

@@ -291,8 +291,8 @@ def _directions(within: FloatArray) -> tuple[FloatArray, FloatArray]:
     squares, vectors = scipy.linalg.eigh(within @ within.T if n < n_columns else within.T @ within)
     squares, vectors = squares[::-1], vectors[:, ::-1]
     noise = _ROUNDING * n * np.finfo(np.float64).eps * max(float(squares[0]), 0.0)
-    kept = int(np.count_nonzero(squares > noise))
-    squares, vectors = squares[:kept], vectors[:, :kept]
+    rank = int(np.count_nonzero(squares > noise))
+    squares, vectors = squares[:rank], vectors[:, :rank]
     directions = (vectors / np.sqrt(squares)).T @ within if n < n_columns else vectors.T
     return squares / n, np.ascontiguousarray(directions)
 

@@ -32,8 +32,8 @@ class DFT(RecordingTransformer):
         it most likely was this one. "magnitude": without the phase, and so without regard to when things
         happen; often a far stronger feature.
     rate_hz : float or None, default None
-        Sampling rate, with which `feature_blocks` tells frequencies in hertz. None: that of a `Dataset`; of arrays it
-        is not known, and frequencies are told in cycles per sample. Changes no feature.
+        Sampling rate, with which `feature_blocks` gives frequencies in hertz. None: that of a `Dataset`; of arrays it
+        is not known, and frequencies are in cycles per sample. Changes no feature.
 
     Notes
     -----
@@ -60,9 +60,9 @@ class DFT(RecordingTransformer):
         axes = self._axes
         blocks: list[FeatureBlock] = []
         start = 0
-        for name, kept in self._parts().items():
-            frequencies = np.multiply(kept, rate / self.n_features_in_, dtype=np.float64)
-            columns = slice(start, start + kept.size * len(axes))
+        for name, places in self._parts().items():
+            frequencies = np.multiply(places, rate / self.n_features_in_, dtype=np.float64)
+            columns = slice(start, start + places.size * len(axes))
             blocks.append(FeatureBlock(name, "frequency", axes, frequencies, unit, columns))
             start = columns.stop
         return tuple(blocks)
@@ -76,19 +76,19 @@ class DFT(RecordingTransformer):
         twice = np.full(self.n_features_in_ // 2 + 1, math.sqrt(2.0))
         twice[[0, -1] if self.n_features_in_ % 2 == 0 else 0] = 1.0
         series = axis_series(recordings)
-        features = np.empty((len(series), self.n_axes_in_ * sum(kept.size for kept in parts.values())))
+        features = np.empty((len(series), self.n_axes_in_ * sum(places.size for places in parts.values())))
         for first in range(0, len(series), _ROWS):
             rows = slice(first, first + _ROWS)
             spectrum = np.fft.rfft(series[rows], axis=2)
             values = {"dft": np.abs(spectrum), "dft_re": spectrum.real, "dft_im": spectrum.imag}
-            chosen = [(values[name] * twice)[:, :, kept] for name, kept in parts.items()]
+            chosen = [(values[name] * twice)[:, :, places] for name, places in parts.items()]
             features[rows] = np.concatenate([part.reshape(len(part), -1) for part in chosen], axis=1)
         return features
 
     def _names(self) -> list[str]:
         every = feature_names(n_samples=self.n_features_in_ // 2 + 1, n_axes=self.n_axes_in_, hfmh=False)
         numbered = np.reshape(every, (self.n_axes_in_, -1))
-        return [f"{name}_{end}" for name, kept in self._parts().items() for end in numbered[:, kept].ravel()]
+        return [f"{name}_{end}" for name, places in self._parts().items() for end in numbered[:, places].ravel()]
 
     def _parts(self) -> dict[str, IntArray]:
         """Blocks by name, and which of the frequencies 0 ... T // 2 they hold."""
