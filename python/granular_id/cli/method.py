@@ -174,11 +174,10 @@ def known_spaces(*names: str) -> None:
 
 def chosen_spaces(spaces: str, confusion: str | None = None) -> list[str]:
     """Read ``--spaces`` and ``--confusion``: names in the order given."""
-    from granular_id.spaces import feature_spaces, in_paper_order, paper_spaces
+    from granular_id.spaces import all_spaces, feature_spaces, paper_spaces
 
     if spaces == "all":
-        own = ["best", "multiband"]  # the first is the headline's
-        chosen = [*own, *(name for name in in_paper_order(feature_spaces()) if name not in own)]
+        chosen = all_spaces(feature_spaces())
     elif spaces == "paper":
         chosen = paper_spaces(feature_spaces())
     else:

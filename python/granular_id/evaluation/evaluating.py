@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
+from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from granular_id._checks import argument_error, checked_flag, whole_number
@@ -37,9 +37,9 @@ from granular_id.spaces import (
     Choice,
     FeatureSpace,
     adapted_classifier,
+    all_spaces,
     choice_of,
     feature_spaces,
-    in_paper_order,
     limit_components,
     paper_spaces,
 )
@@ -77,7 +77,7 @@ def evaluate(
     spaces : str, sequence of str or mapping, optional
         Feature spaces by name, such as ``["best", "raw+hfmh"]``. The first is the headline's: it is named beforehand,
         as the best of several would be too good. ``"paper"``: those of the paper's table, then its control
-        ``"time-permuted"``; ``"all"``: those of the table, then ``"multiband"`` and ``"best"``; or
+        ``"time-permuted"``; ``"all"``: ``"best"``, ``"multiband"``, then those of the table; or
         ``{name: transformer}`` for other settings (see `feature_spaces`) or one's own. What learns from data is fitted
         on the training rows of each fold. Default: ``"best"``, which `Identifier.fit` trains, ``"multiband"`` and
         ``"raw+hfmh"``; with `paper` ``"paper"``.
@@ -321,9 +321,8 @@ def _planned(data: Dataset, spaces: Any, paper: bool) -> tuple[list[FeatureSpace
 
 
 def _names(spaces: str | Sequence[str], known: Mapping[str, FeatureSpace]) -> list[str]:
-    if spaces == "all":  # ours first: the first is the headline's
-        own = [name for name in USUAL_SPACES if known[name].paper_accuracy is None]
-        return [*own, *(name for name in in_paper_order(known) if name not in own)]
+    if spaces == "all":
+        return all_spaces(known)
     if spaces == "paper":
         return paper_spaces(known)
     names = [spaces] if isinstance(spaces, str) else list(spaces)
@@ -353,7 +352,7 @@ def _own_space(name: Any, given: Any, rate_hz: float) -> FeatureSpace:
             owner = parameters[key.removesuffix("__rate_hz")] if "__" in key else space.transformer
             problem = f"{type(owner).__name__} has rate_hz={value:g}, the recordings have {rate_hz:g} Hz"
             raise argument_error(ValueError, "spaces", f"[{name!r}]: {problem}: pass rate_hz={rate_hz:g}")
-    return replace(space, transformer=with_rate(space.transformer, rate_hz))
+    return replace(space, transformer=with_rate(clone(space.transformer), rate_hz))
 
 
 # What each fold shows beside its answers.

@@ -38,10 +38,10 @@ from granular_id.spaces.multiband import (
 )
 from granular_id.spaces.presets import (
     FeatureSpace,
+    all_spaces as all_spaces,
     feature_spaces,
     fit_on_features as fit_on_features,
     fit_pipeline as fit_pipeline,
-    in_paper_order as in_paper_order,
     limit_components as limit_components,
     paper_spaces as paper_spaces,
 )

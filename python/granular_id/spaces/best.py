@@ -189,7 +189,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         sizes = {name: columns.stop - columns.start for name, columns in slices.items()}
         candidates = plan_candidates(list(sizes), self.optional_blocks, self.shrinkages, self.relative_costs)
         seed = int(check_random_state(self.random_state).randint(np.iinfo(np.int32).max))
-        copies = np.unique(rows, axis=0, return_inverse=True)[1]
+        copies = np.unique(rows, axis=0, return_inverse=True)[1].ravel()  # numpy 2.0.0 gives (n, 1)
         known = checked_groups(len(codes), sessions, order, groups, overlaps)
         planned = choice_folds(codes, known, n_folds=self.n_folds, seed=seed, copies=copies)
         if planned.held_out not in (SESSIONS, CONDITIONS):

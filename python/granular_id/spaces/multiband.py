@@ -40,8 +40,8 @@ BAND_LOSS = "root"
 """Binary loss that models of these features decode with unless stated otherwise, those of the preset included."""
 
 BAND_SHRINKAGE = 0.03
-"""Of `WithinClassWhitening` in models of these features, unless stated otherwise: under other loads, speeds, sensors and
-people it gains what it gains without a change, and 0.1 and 0.01 are alike."""
+"""Of `WithinClassWhitening` in models of these features, unless stated otherwise: under other loads, speeds, sensors
+and people it gains what it gains without a change, and 0.1 and 0.01 are alike."""
 
 # Scales below these shares are rounding, not signal: of the whole signal with its offset, which is float64, and of the
 # signal without it, which is split into bands in float32.

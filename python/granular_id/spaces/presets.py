@@ -155,9 +155,9 @@ def feature_spaces(
     return {space.name: space for space in spaces}
 
 
-def in_paper_order(known: Mapping[str, FeatureSpace]) -> list[str]:
-    """Name feature spaces without the controls: the paper's, best accuracy first, then those it does not have."""
-    return [name for name, space in known.items() if not space.control]
+def all_spaces(known: Mapping[str, FeatureSpace]) -> list[str]:
+    """Name feature spaces without the control: "best", which is to be the headline's, "multiband", the paper's."""
+    return ["best", "multiband", *(name for name, space in known.items() if space.paper_accuracy is not None)]
 
 
 def paper_spaces(known: Mapping[str, FeatureSpace]) -> list[str]:

@@ -88,7 +88,9 @@ class DFT(RecordingTransformer):
     def _names(self) -> list[str]:
         every = feature_names(n_samples=self.n_features_in_ // 2 + 1, n_axes=self.n_axes_in_, hfmh=False)
         numbered = np.reshape(every, (self.n_axes_in_, -1))
-        return [f"{name}_{end}" for name, places in self._parts().items() for end in numbered[:, places].ravel()]
+        return [
+            f"{name}_{end}" for name, places in self._parts().items() for end in numbered[:, places].ravel()
+        ]
 
     def _parts(self) -> dict[str, IntArray]:
         """Blocks by name, and which of the frequencies 0 ... T // 2 they hold."""

@@ -19,7 +19,6 @@ from evaluation_cases import QUIET, THREE, Centroids, changed, flat, make_data, 
 from granular_id._estimators import describe_estimator
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation import evaluate
-from granular_id.identifier import Identifier
 from granular_id.recording import Dataset, Recording, SampleFlag
 from granular_id.spaces import HFMH, RawHFMH, RawSignal, Tare, feature_spaces
 from granular_id.splits import hold_out
@@ -92,13 +91,6 @@ def test_chance_counts_the_materials_that_are_tested():
     assert result.chance == 0.5
     assert np.isnan(result.recall()[2])
     assert "not tested: c, one session" in str(result)
-
-
-@pytest.mark.parametrize("n_sessions", [2, 8])
-def test_train_and_evaluate_state_the_same_accuracy(n_sessions):
-    data = changed(make_data(n=16), session=lambda r: f"{int(r.name.split('_')[1]) % n_sessions}")
-    estimate = Identifier.fit(data, "raw").trained["estimate"]
-    assert estimate["accuracy"] == evaluate(data, "raw", **QUIET).accuracy() < 1
 
 
 def test_a_random_classifier_is_seeded_by_fold(data):

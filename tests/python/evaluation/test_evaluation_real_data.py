@@ -6,7 +6,7 @@ import pytest
 from evaluation_cases import QUIET
 from granular_id.evaluation import evaluate
 from granular_id.io import load
-from granular_id.spaces import feature_spaces, in_paper_order
+from granular_id.spaces import all_spaces, feature_spaces
 from robot_failures import RATE_HZ, load_failures
 
 pytestmark = pytest.mark.data
@@ -81,7 +81,7 @@ def test_unbalanced_short_recordings_are_as_hard_as_published(data_dir, name):
 def test_all_spaces_and_baselines_over_random_folds(data_dir):
     data = load_failures(data_dir / "robot_failures", "lp2")
     spaces = feature_spaces(rate_hz=RATE_HZ, bin_range=(-100.0, 100.0))
-    names = in_paper_order(spaces)
+    names = all_spaces(spaces)
     result = evaluate(
         data, {name: spaces[name] for name in names}, by="random", progress=False, accept=COPIES
     )

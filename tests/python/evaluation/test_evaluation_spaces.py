@@ -24,14 +24,14 @@ from granular_id.spaces import (
     MultiBand,
     RawHFMH,
     RawSignal,
+    all_spaces,
     feature_spaces,
-    in_paper_order,
 )
 from multiband_cases import louder
 
 PRESETS = feature_spaces()
 SPACES = {
-    **{name: PRESETS[name] for name in in_paper_order(PRESETS)},
+    **{name: PRESETS[name] for name in all_spaces(PRESETS)},
     "permuted": PRESETS["time-permuted"],
     "auto": RawHFMH(bin_range="auto"),
     "unit": RawHFMH(block_weights="unit"),
@@ -63,6 +63,13 @@ def test_an_open_seed_of_a_step_after_components_is_set_by_partition(data, monke
         evaluate(data, {"pca+rica": SPACES["pca+rica"]}, random_state=seed, **PAPER)
     assert len(set(seeds)) == 4
     assert None not in seeds
+
+
+def test_components_are_lowered_in_a_copy(data):
+    own = make_pipeline(RawSignal(rate_hz=500.0), PCA(100))
+    result = evaluate(data, {"mine": own}, **PAPER)
+    assert "mine: 23 components, as 24 recordings train" in result.notes
+    assert own[-1].n_components == 100
 
 
 def test_solvers_that_stop_early_are_a_note(data):

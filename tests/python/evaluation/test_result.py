@@ -18,7 +18,6 @@ from granular_id.evaluation import (
     recall_table,
 )
 from granular_id.evaluation.result import CSV_COLUMNS, comparison_tables, fold_table, seconds_table
-from granular_id.recording import Finding
 from granular_id.synthetic import PAPER_MATERIALS
 
 
@@ -91,17 +90,6 @@ def test_table_shows_strict_and_random_accuracies_and_the_gap(evaluated):
         assert row == (name, *shares, f"{100 * (drawn - held.accuracy):.1f}")
     assert table.rows[3][0] == "(clock)"
     assert table.notes[0].startswith("(rest) left out: ")
-
-
-def test_what_spoils_the_figures_stands_above_them(evaluated):
-    finding = Finding("warning", "leak-clock", "the clock alone names 100 % of the labels")
-    spoiled = replace(evaluated, findings=(finding,))
-    assert str(spoiled).startswith(
-        "SPOILED by leak-clock: the clock alone names 100 % of the labels\nraw+hfmh names "
-    )
-    known = replace(spoiled, settings={**evaluated.settings, "accept": ["leak-clock"]})
-    assert known.spoiling == ()
-    assert "accepted: leak-clock" in str(known)
 
 
 def test_the_worst_materials_are_named_with_what_they_are_taken_for(evaluated):

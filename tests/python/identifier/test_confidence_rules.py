@@ -14,7 +14,7 @@ import granular_id as gid
 from evaluation_cases import LABELS
 from granular_id import HFMH, ECOCClassifier
 from granular_id._core import Model, ModelFileError
-from granular_id.confidence import CandidateRule, Novelty, UnknownRule, candidate_rule, softmax
+from granular_id.confidence import CandidateRule, Novelty, UnknownRule, softmax
 from granular_id.confidence.novelty import scaled
 from granular_id.identifier import (
     Identifier,
@@ -91,22 +91,6 @@ def test_final_decisions_have_candidates_and_probabilities(identifier, data):
         assert identifier.identify(x) == decision
         for name in ("label", "margin", "candidates", "unknown", "probability"):
             assert batch[k][name] == getattr(decision, name)
-
-
-def test_core_rules_judge_as_numpy_does(identifier, data):
-    values, novelty = identifier.decision_function(data.X), identifier.core.scores_and_novelty(data.X)[1]
-    truth = np.array([LABELS.index(label) for label in data.y])
-    rule = candidate_rule(LABELS, values, truth, data.sessions, 0.8)
-    other = replace(identifier.confidence_rules()[1], threshold=float(np.median(novelty)))
-    model = with_rules(identifier, candidates=rule, unknown=other)
-    scores, novelty = model.core.scores_and_novelty(data.X)
-    known = other.knows(distances(model.core, data.X))
-    expected = list(zip(map(rule.names, values), (~known).tolist(), strict=True))
-    assert model.core.verdicts(scores, novelty) == expected
-    assert model.core.verdicts(scores[0], novelty[:1]) == expected[:1]
-    for x, said in zip(data.X, expected, strict=True):
-        decision = model.identify(x)
-        assert (decision.candidates, decision.unknown) == said
 
 
 @pytest.mark.parametrize("space", ["raw", "hfmh", "raw+hfmh", "multiband", "best"])
@@ -189,17 +173,6 @@ def test_table_has_a_column_for_each_rule_of_the_model(identifier, data):
     header = identify_all(Identifier.fit(data, "hfmh", coverage=None), data).table().header
     assert "unknown" in header
     assert "may be" not in header
-
-
-def test_performance_says_what_rules_are_worth(identifier):
-    lines = describe_performance(identifier)
-    candidates, _ = identifier.confidence_rules()
-    assert f"candidates: {candidates.promise}" in lines
-    assert "probabilities: set on held-out recordings" in lines
-    assert "unknown materials: refused, with 10 % of recordings of the known ones" in lines
-    loud = np.random.default_rng(0).normal(0, 0.5, (80, 6)) * [1, 0, 0, 0, 0, 1]
-    decision = identifier.identify(loud)
-    assert decision.unknown == ("like no known material" in str(decision))
 
 
 def test_model_without_rules_says_nothing(data):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sklearn.pipeline import FeatureUnion
 
-from granular_id.spaces import feature_spaces, in_paper_order, learns, paper_spaces
+from granular_id.spaces import all_spaces, feature_spaces, learns, paper_spaces
 from spaces_cases import recordings
 
 PAPER = {
@@ -34,7 +34,7 @@ def small(spaces):
 def test_spaces_are_the_papers_then_ours_then_the_control():
     spaces = feature_spaces()
     assert list(spaces) == [*PAPER, *OURS, "time-permuted"]
-    assert in_paper_order(spaces) == [*PAPER, *OURS]
+    assert all_spaces(spaces) == [*OURS[::-1], *PAPER]
     assert paper_spaces(spaces) == [*PAPER, "time-permuted"]
     for name, space in spaces.items():
         assert space.name == name
