@@ -52,17 +52,11 @@ class ReportData:
     ----------
     labels : tuple of K str
         Materials, in the order of the first axis of the arrays.
-    counts : tuple of K int
-        Recordings of each.
     n_synthetic : int
         How many recordings were simulated.
     axes : tuple of C str
         Axes, in the order of the second: of recordings of more than six, the six in which the materials differ most,
         by `most_different`.
-    rate_hz : float
-        Sampling rate of the recordings.
-    n_samples : int
-        Samples of each recording.
     time_s : (P,) float array
         Seconds from the first sample.
     mean, sd : (K, C, P) float arrays
@@ -71,22 +65,16 @@ class ReportData:
         What is left above the cut-off.
     units : tuple of C str
         Unit of each axis, "" where not known.
-    n_axes : int
-        Axes of the recordings, those left out included.
     """
 
     labels: tuple[str, ...]
-    counts: tuple[int, ...]
     n_synthetic: int
     axes: tuple[str, ...]
-    rate_hz: float
-    n_samples: int
     time_s: Floats
     mean: Floats
     sd: Floats
     hfmh: Histograms
     units: tuple[str, ...]
-    n_axes: int
 
 
 def most_different(mean: Floats, sd: Floats) -> list[int]:
@@ -121,7 +109,7 @@ def report_data_of(data: Dataset, transformers: Sequence[BaseEstimator]) -> Repo
     The first of the `transformers` that holds an `HFMH` says how to high-pass; else the paper's settings do, with a
     cut-off of at most a quarter of the rate and, for axes other than a wrench's, bins over what each axis has.
     """
-    X, y, rate_hz = data.X, data.y, data.rate_hz
+    X, y = data.X, data.y
     labels = np.unique(y)
     groups = [np.flatnonzero(y == label) for label in labels]
     mean, sd = (
@@ -134,17 +122,13 @@ def report_data_of(data: Dataset, transformers: Sequence[BaseEstimator]) -> Repo
         hfmh = _histograms(X, groups, _histogram_of(transformers, data), shown)
     return ReportData(
         labels=tuple(labels.tolist()),
-        counts=tuple(map(len, groups)),
         n_synthetic=sum(recording.is_synthetic for recording in data),
         axes=tuple(data.axes[axis] for axis in shown),
-        rate_hz=float(rate_hz),
-        n_samples=X.shape[1],
-        time_s=_downsampled(np.arange(X.shape[1]) / rate_hz),
+        time_s=_downsampled(np.arange(X.shape[1]) / data.rate_hz),
         mean=mean[:, shown],
         sd=sd[:, shown],
         hfmh=hfmh,
         units=tuple(common_units(data)[axis] for axis in shown),
-        n_axes=len(data.axes),
     )
 
 

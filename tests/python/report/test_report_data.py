@@ -64,7 +64,7 @@ def drives(n_axes=9, units=True):
 def test_of_many_axes_those_in_which_materials_differ_most_are_kept():
     data = drives()
     seen = report_data_of(data, [RawSignal()])
-    assert (len(seen.axes), seen.n_axes, seen.units) == (6, 9, ("m/s2",) * 6)
+    assert (len(seen.axes), seen.units) == (6, ("m/s2",) * 6)
     assert {"s1", "s3", "s5", "s7"} <= set(seen.axes)
     alone = report_data_of(data.select(axes=seen.axes), [RawSignal()])
     np.testing.assert_array_equal(seen.mean, alone.mean)
