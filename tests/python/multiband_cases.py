@@ -35,12 +35,11 @@ def louder():
     return X, y
 
 
-def coupled(sign, lag):
-    """As much energy on fx and tz in 61-122 Hz in both; in rice they move together, tz `lag` samples earlier."""
+def coupled():
+    """As much energy on fx and tz in 61-122 Hz in both; in rice they move together."""
     X, y, random = two_materials()
     for label in ("oat", "rice"):
-        first, second = (0.06 * band_noise(random, 78, 96, (12, 512 + lag)) for _ in range(2))
-        X[y == label, :, 5] += first[:, lag:]
-        shared = first[:, :512] if lag else first
-        X[y == label, :, 0] += sign * shared if label == "rice" else second[:, lag:]
+        first, second = (0.06 * band_noise(random, 78, 96, (12, 512)) for _ in range(2))
+        X[y == label, :, 5] += first
+        X[y == label, :, 0] += first if label == "rice" else second
     return X, y

@@ -143,6 +143,8 @@ class ConfidenceStudy:
         Each material left out in turn; empty with fewer than three.
     share_known : float
         Share of known recordings that is not refused.
+    novelty : tuple of two float arrays
+        Novelty scores of known and of left-out materials over the limit, of all turns.
     notes : tuple of str
     data, versions : mapping
     synthetic : bool

@@ -99,6 +99,8 @@ class EvaluationResult:
         Arguments, with the seed; summary and history of the recordings; versions of what computed the numbers.
     report_data : ReportData
         How the recordings look, for a report.
+    chosen : mapping of str to tuple of Choice
+        Feature space to what its model of each fold chose, where it had a choice.
     notes : tuple of str
         What a reader has to know, one line each.
     synthetic : bool

@@ -193,7 +193,7 @@ def test_a_planted_vibration_is_found(bin_range):
 
 @pytest.mark.parametrize(
     ("planted", "blocks", "band", "axes"),
-    [(louder(), ALL, "15-31 Hz", {"fz"}), (coupled(1.0, 0), ["coupling"], "61-122 Hz", {"fx", "tz"})],
+    [(louder(), ALL, "15-31 Hz", {"fz"}), (coupled(), ["coupling"], "61-122 Hz", {"fx", "tz"})],
     ids=["energy", "coupling"],
 )
 def test_a_planted_band_is_found(planted, blocks, band, axes):
