@@ -276,8 +276,7 @@ class OverTime:
     n_answers : int
         Held-out recordings, each counted once, as it is held out once.
     held_out : str
-        What was held out, in words; `note` says how it was drawn.
-    note : str
+        What was held out, in words.
     target_error : float or None
         Of the early rule; None where there is none, and `why_not` says why.
     why_not : str
@@ -304,7 +303,6 @@ class OverTime:
     chance: float
     n_answers: int
     held_out: str
-    note: str
     target_error: float | None
     why_not: str
     mean_seconds: float
@@ -324,7 +322,6 @@ class OverTime:
             answered = counts / len(rule.stops)
             wrong = (~right[given, stops][:, None] & by_then).sum(axis=0)
             np.divide(wrong, counts, out=error, where=counts > 0)
-        folds = held.held.folds
         return cls(
             seconds=held.n_seen / held.rate_hz,
             accuracy=right.mean(axis=0),
@@ -332,8 +329,7 @@ class OverTime:
             error=error,
             chance=1 / np.unique(held.truth).size,
             n_answers=len(held.truth),
-            held_out=folds.name,
-            note="; ".join(folds.notes),
+            held_out=held.held.folds.name,
             target_error=rule.target_error if rule else None,
             why_not="no early rule was asked for" if rule is None else rule.why_not,
             mean_seconds=math.nan if rule is None else rule.mean_seconds,

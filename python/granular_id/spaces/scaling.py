@@ -50,8 +50,6 @@ class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # typ
     factor_ : ndarray, shape (D,)
         What a centred column is multiplied by; 0 for a column that is constant in the training rows, of which
         nothing is known.
-    block_slices_ : dict of str to slice
-        Columns of each block.
     n_features_in_, feature_names_in_
         As in every scikit-learn estimator.
 
@@ -78,7 +76,6 @@ class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # typ
 
     mean_: FloatArray
     factor_: FloatArray
-    block_slices_: dict[str, slice]
     n_features_in_: int
 
     def __init__(self, blocks: BlockSizes = None) -> None:
@@ -98,9 +95,9 @@ class BlockScaler(OneToOneFeatureMixin, TransformerMixin, BaseEstimator):  # typ
         self
         """
         rows = validate_data(self, X, dtype=np.float64)
-        self.block_slices_ = block_slices(self.blocks, rows.shape[1])
+        slices = block_slices(self.blocks, rows.shape[1])
         self.mean_, deviation = column_moments(rows)
-        self.factor_ = block_factors(deviation, self.block_slices_)
+        self.factor_ = block_factors(deviation, slices)
         return self
 
     def transform(self, X: npt.ArrayLike) -> FloatArray:
@@ -166,8 +163,6 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
         Variance within classes (divisor n) along each.
     ridge_ : float
         What was added to each: ``shrinkage * trace(S)``.
-    classes_ : ndarray, shape (K,)
-        Labels seen.
     n_features_in_, feature_names_in_
         As in every scikit-learn estimator.
 
@@ -207,7 +202,6 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
     components_: FloatArray
     variances_: FloatArray
     ridge_: float
-    classes_: npt.NDArray[Any]
     n_features_in_: int
 
     def __init__(self, shrinkage: float = 1e-3) -> None:
@@ -230,8 +224,7 @@ class WithinClassWhitening(OneToOneFeatureMixin, TransformerMixin, BaseEstimator
         shrinkage = positive_number("shrinkage", self.shrinkage)
         rows, labels = validate_data(self, X, y, dtype=np.float64)
         check_classification_targets(labels)
-        self.classes_, codes = np.unique(labels, return_inverse=True)
-        within = _within_class(rows, codes)
+        within = _within_class(rows, np.unique(labels, return_inverse=True)[1])
         # Equal rows leave the rounding of their mean.
         within[np.abs(within) <= _ROUNDING * np.finfo(np.float64).eps * np.abs(rows).max(axis=0)] = 0.0
         self.variances_, self.components_ = _directions(within)
