@@ -247,7 +247,8 @@ def fit_and_score(
 def _class_values(fitted: Pipeline, X: Floats, codes: Codes, known: Codes, n_classes: int) -> Floats:
     """Class values (m, K) in the order of all classes; of a classifier without any, 1 for the answer."""
     values = np.full((len(X), n_classes), -np.inf)
-    if not hasattr(fitted, "decision_function"):
+    of_pairs = getattr(fitted[-1], "decision_function_shape", "") == "ovo"
+    if of_pairs or not hasattr(fitted, "decision_function"):
         values[:, known] = 0.0
         values[np.arange(len(X)), codes] = 1.0
         return values

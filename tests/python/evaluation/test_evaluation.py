@@ -104,6 +104,13 @@ def test_a_random_classifier_is_seeded_by_fold(data):
     assert forest.random_state is None
 
 
+def test_values_of_pairs_are_not_taken_for_those_of_classes(data):
+    of_pairs = evaluate(data, "raw", classifier=SVC(kernel="linear", decision_function_shape="ovo"), **QUIET)
+    of_classes = evaluate(data, "raw", classifier=SVC(kernel="linear"), **QUIET)
+    assert list(of_pairs.predictions()) == list(of_classes.predictions())
+    assert (of_pairs.headline.values == np.eye(4)[of_pairs.headline.predicted]).all()
+
+
 class Memory(TransformerMixin, BaseEstimator):
     """Remembers the sum of each array it was fitted on, across clones."""
 
