@@ -38,11 +38,10 @@ def explain(
 
     The materials are named as in the recordings; oat_flakes names "oat flakes".
 
-    The method is trained on about one half of the recordings of the two materials and explained on the other,
-    so that what is shown decides for recordings it has not seen. The halves are as strict as the two
-    materials allow, as those of `granular-id evaluate`: whole sessions, else the earlier and the later half
-    in time, else random. What is printed says which. The method is that of `granular-id train`, --space
-    best.
+    The method is trained on one fold of `granular-id evaluate` and explained on recordings of the two
+    materials that are held out, so that what is shown decides for recordings it has not seen: of whole
+    sessions, else of the earlier or the later half in time, else random ones. What is printed says which.
+    The method is that of `granular-id train`, --space best.
 
     Examples:
 

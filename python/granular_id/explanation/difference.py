@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from granular_id.spaces import (
     folded_back,
     limit_components,
 )
-from granular_id.splits import groups_of, hold_out
+from granular_id.splits import Fold, groups_of, hold_out
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -153,22 +154,30 @@ def explain_held_out(
     for label in (first, second):
         if label in folds.untested:
             raise ValueError(f"{label!r} is not held out: {folds.untested[label]}")
-    fold = max(folds, key=lambda fold: min((y[fold.test] == label).sum() for label in (first, second)))
-    tested = fold.test[np.isin(y[fold.test], (first, second))]
+
+    def best(*labels: str) -> Fold:
+        return max(folds, key=lambda fold: min((y[fold.test] == label).sum() for label in labels))
+
+    held = [best(first, second)]
+    if not np.isin((first, second), y[held[0].test]).all():  # no fold has both
+        held = [best(first), best(second)]
+    train = reduce(np.intersect1d, [fold.train for fold in held])
+    tested = np.concatenate([fold.test for fold in held])
+    tested = tested[np.isin(y[tested], (first, second))]
     pipeline = clone(pipeline)
-    fewer = limit_components(pipeline, len(fold.train))
-    model = fit_pipeline(pipeline, data[fold.train], y[fold.train], groups_of(data).take(fold.train))
+    fewer = limit_components(pipeline, len(train))
+    model = fit_pipeline(pipeline, data[train], y[train], groups_of(data).take(train))
     chosen = choice_of(model)
     how = "" if chosen is None else f"; {chosen.words}"
     how += f"; {fewer}" if fewer else ""
     split = {
         "folds": folds.name,
-        "held_out": fold.held_out,
-        "train": [data.names[row] for row in fold.train.tolist()],
+        "held_out": " and ".join(fold.held_out for fold in held),
+        "train": [data.names[row] for row in train.tolist()],
         "explained": [data.names[row] for row in tested.tolist()],
     }
     explanation = explain(model, first, second, data[tested])
-    return explanation, f"trained on {len(fold.train)} of {len(y)} recordings{how}", split
+    return explanation, f"trained on {len(train)} of {len(y)} recordings{how}", split
 
 
 def _recordings(X: npt.ArrayLike, axes: Sequence[str] | None) -> npt.NDArray[Any]:

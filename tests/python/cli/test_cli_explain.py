@@ -85,6 +85,8 @@ def test_explain_trains_and_names_the_model_of_train(recordings, tmp_path):
     [
         ({"rice": "mon tue", "oat": "mon tue", "peas": "mon tue"}, "held-out sessions"),
         ({"rice": "mon tue", "oat": "mon tue", "peas": "tue"}, "held-out sessions"),
+        # no fold holds out both
+        ({"rice": "r1 r2", "oat": "o1 o2", "peas": "p1 p2 p3 p4 p5 p6 p7 p8"}, "held-out sessions"),
         ({"rice": "mon", "oat": "mon", "peas": "mon tue"}, "halves in time order"),
         ({}, "random folds"),
     ],
