@@ -1,6 +1,5 @@
 """Candidates: against their definition written anew, and how often they hold the right material."""
 
-import json
 import math
 from dataclasses import replace
 from fractions import Fraction
@@ -135,24 +134,9 @@ def test_empty_sets_name_the_best_and_ties_share_a_set():
     assert RULE.names([1.0, 1.0, 0.0]) == ("oat", "rice")
 
 
-def test_rule_survives_json():
-    values, truth, sessions = drawn(60)
-    rule = candidate_rule(CLASSES, values, truth, sessions, 0.9)
-    assert CandidateRule.from_dict(json.loads(json.dumps(rule.to_dict(), allow_nan=False))) == rule
-
-
 @pytest.mark.parametrize(
     "change",
-    [
-        {"format": "granular-id candidates 2"},
-        {"level": True},
-        {"threshold": [0.1]},
-        {"threshold": math.inf},
-        {"n_rows": 1.5},
-        {"worst": None},
-        {"classes": [1, 2, 3]},
-        {"more": 1},
-    ],
+    [{"format": "granular-id candidates 2"}, {"threshold": math.inf}, {"classes": [1, 2, 3]}, {"more": 1}],
 )
 def test_damaged_rule_is_refused(change):
     (name,) = change

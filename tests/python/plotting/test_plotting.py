@@ -152,16 +152,9 @@ def test_figures_are_saved_whole(tmp_path, monkeypatch, ending):
     assert path.read_bytes() == whole
 
 
-@pytest.mark.parametrize(
-    ("path", "error", "message"),
-    [
-        ("figure.xyz", ValueError, r"path must end in .*png.*, got .*figure.xyz"),
-        ("missing/figure.png", FileNotFoundError, "does not exist"),
-    ],
-)
-def test_paths_that_cannot_be_written_are_refused(tmp_path, path, error, message):
-    with pytest.raises(error, match=message):
-        plot_recordings(Dataset([_real()]), path=tmp_path / path)
+def test_other_endings_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"path must end in .*png.*, got .*figure.xyz"):
+        plot_recordings(Dataset([_real()]), path=tmp_path / "figure.xyz")
 
 
 def test_plotting_is_imported_late_and_leaves_pyplot_alone():
