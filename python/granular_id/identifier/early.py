@@ -78,9 +78,9 @@ class HeldOut:
         return self.held.places if self.held.folds.sessions_apart else None
 
 
-def checkpoints(n_samples: int, n_checkpoints: int = N_CHECKPOINTS) -> IntArray:
+def checkpoints(n_samples: int) -> IntArray:
     """Return the moments, in samples seen, at which provisional answers are looked at: evenly up to the end."""
-    steps = min(n_checkpoints, n_samples)
+    steps = min(N_CHECKPOINTS, n_samples)
     return np.array([-(-k * n_samples // steps) for k in range(1, steps + 1)], dtype=np.intp)
 
 

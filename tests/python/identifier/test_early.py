@@ -9,6 +9,7 @@ from hypothesis import given, strategies as st
 
 from granular_id import Identifier, extract_features
 from granular_id.identifier.early import (
+    N_CHECKPOINTS,
     HeldOut,
     OverTime,
     calibrate,
@@ -222,11 +223,11 @@ def test_provisional_answers_are_those_of_the_definition(models, data, space):
         assert losses[winner] == pytest.approx(best, abs=1e-9)
 
 
-@given(st.integers(1, 5000), st.integers(1, 300))
-def test_checkpoints_rise_to_the_end_evenly(n_samples, most):
-    moments = checkpoints(n_samples, most)
+@given(st.integers(1, 5000))
+def test_checkpoints_rise_to_the_end_evenly(n_samples):
+    moments = checkpoints(n_samples)
     assert moments[-1] == n_samples
-    assert len(moments) == min(n_samples, most)
+    assert len(moments) == min(n_samples, N_CHECKPOINTS)
     steps = np.diff(np.concatenate(([0], moments)))
     assert steps.min() >= 1
     assert steps.max() - steps.min() <= 1
