@@ -88,6 +88,7 @@ def test_final_decisions_have_candidates_and_probabilities(identifier, data):
         assert decision.candidates[0] == decision.label
         assert decision.probability == pytest.approx(shares[k].max())
         assert decision.to_dict()["candidates"] == list(decision.candidates)
+        assert decision.unknown == ("like no known material" in str(decision))
         assert identifier.identify(x) == decision
         for name in ("label", "margin", "candidates", "unknown", "probability"):
             assert batch[k][name] == getattr(decision, name)
