@@ -30,7 +30,7 @@ from granular_id.identifier import (
     notes_of_answers,
     synthetic_words,
 )
-from granular_id.io.errors import need
+from granular_id.io.files import need
 from granular_id.io.parquet.archive import Archive, RowGroup, integers
 from granular_id.recording import Begin, setup_mismatch
 

@@ -20,7 +20,7 @@ from granular_id._progress import ProgressCallback
 from granular_id._text import counted
 from granular_id.archive.partitions import ABOUT, Extraction, Outputs, one_of_each, run
 from granular_id.features import extract_features
-from granular_id.io.errors import need
+from granular_id.io.files import need
 from granular_id.io.parquet.archive import Archive, RowGroup
 from granular_id.recording import Dataset, Recording, setup_mismatch
 

@@ -27,7 +27,7 @@ from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import counted
 from granular_id.archive.workers import run_in_threads, run_on_cluster
-from granular_id.io.errors import naming, need, printable
+from granular_id.io.files import naming, need, printable
 from granular_id.io.parquet.archive import Archive, RowGroup, coded_texts
 from granular_id.io.parquet.layout import MARK, key_of
 from granular_id.recording import Dataset, Recording, Setup

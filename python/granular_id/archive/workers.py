@@ -14,7 +14,7 @@ from threading import Lock
 from typing import Any
 
 from granular_id._parallel import spread
-from granular_id.io.errors import need
+from granular_id.io.files import need
 
 Make = Callable[[Any], str]
 Done = Callable[[str, str], None]

@@ -32,7 +32,7 @@ class Target:
     to: str | None = option(OUTPUT, "csv, npz or parquet. Default: told by the ending of OUTPUT.")
 
     def __post_init__(self) -> None:
-        from granular_id.io.saving import check_save
+        from granular_id.io.formats import check_save
 
         check_save(self.output, self.to)
 
@@ -125,7 +125,7 @@ def check(
         SENSOR, "Chance that sound data show an outlier or a leak.", default=0.01
     ),
     strict: bool = option(OUTPUT, "Exit with 3 for warnings too.", "--strict", default=False),
-    json: Path | None = option(OUTPUT, "Write findings and verdicts."),
+    json: Path | None = option(OUTPUT, "Write the findings."),
     force: bool = FORCE,
 ) -> None:
     """Look recordings over for what would spoil an evaluation, and give each a verdict.

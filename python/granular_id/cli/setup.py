@@ -283,12 +283,12 @@ def tare(
 
 def _with_rest(data: Dataset, lead_s: float) -> Dataset:
     """Leave out recordings whose rest is too short, or ends nobody knows where."""
-    from granular_id.recording import lead_samples
+    from granular_id.recording import samples_in
 
     short = [
         one.name
         for one in data
-        if one.rate_hz is not None and (one.trigger_index or 0) < lead_samples(lead_s, one.rate_hz)
+        if one.rate_hz is not None and (one.trigger_index or 0) < samples_in("lead_s", lead_s, one.rate_hz)
     ]
     if not short:
         return data

@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.errors import RecordingFileError
-from granular_id.io.options import LoadOptions
+from granular_id.io.files import RecordingFileError
 from granular_id.io.remedy import ABOUT, MOST_LISTED, Chain, Found, Leaf, Opening, remedy
-from granular_id.io.source import FileContent, FileSource
-from granular_id.recording import AXES, Table, units_by_axis
+from granular_id.io.source import FileContent, FileSource, LoadOptions
+from granular_id.recording import AXES, Table, cell_text, units_by_axis
 
 _KNOWN = {name for names in ABOUT.values() for name in names}
 _SIGNAL = re.compile(
@@ -28,6 +27,7 @@ _SIGNAL = re.compile(
 )
 """Names of arrays that are no materials."""
 
+_PLACE = re.compile(r"\[\d+\]")
 _COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
 _MOST_DEEP = 12
 
@@ -60,24 +60,36 @@ class _Reading:
     ) -> None:
         self._tree, self._source, self._options, self._how = tree, source, options, how
         self._leaves = list(_leaves(tree, "", ()))
+        self._axes = options.axes or source.axes or AXES
 
     def found(self) -> tuple[list[Found], list[str]]:
         """Return the arrays of samples, and notes on what is left out."""
         tree, asked = self._tree, self._options.array
-        if asked is not None:
-            found = [
-                one for one in self._leaves if _is_called(one.path, asked) and len(one.leaf.shape) in (2, 3)
+        why_none = (
+            "holds no recordings by the convention: X (recordings, samples, axes) with y and fs, or an array a "
+            "recording named as its label"
+        )
+        if asked is not None:  # with or without the groups around it
+            named = [
+                one
+                for one in self._leaves
+                if one.path == asked or f"/{re.sub(_PLACE, '', one.path)}".endswith(f"/{asked}")
             ]
+            found = [one for one in named if len(one.leaf.shape) in (2, 3)]
             if not found:
                 raise self.fault(f"array={asked!r:.60} names no array of samples (2 or 3 dimensions)")
         elif "X" in tree:
-            found = self._of_x(tree["X"])
+            why_none, node = "X is no array (recordings, samples, axes)", tree["X"]
+            if isinstance(node, Leaf):
+                found = [Found("X", node, (tree,))] if len(node.shape) in (2, 3) else []
+            else:
+                found = [Found(f"X[{i}]", leaf, (tree,)) for i, leaf in enumerate(_cells(node))]
         elif not any(one.leaf.is_numbers and len(one.leaf.shape) > 2 for one in self._leaves):
             found = self._labelled()
         else:  # of samples of several recordings in one array names are no labels
             found = []
         if not found:
-            raise self.fault(self._why_none())
+            raise self.fault(why_none)
         used = {one.path.partition("/")[0].partition("[")[0] for one in found}
         others = [
             name
@@ -86,21 +98,16 @@ class _Reading:
         ]
         return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
 
-    def _of_x(self, node: Any) -> list[Found]:
-        if isinstance(node, Leaf):
-            return [Found("X", node, (self._tree,))] if len(node.shape) in (2, 3) else []
-        cells = _cells(node)
-        return [Found(f"X[{i}]", leaf, (self._tree,)) for i, leaf in enumerate(cells)]
-
     def _labelled(self) -> list[Found]:
         """Return arrays that are named as their labels, with a number behind; or the only one, without a label."""
         found: list[Found] = []
-        width = len(self._options.axes or self._source.axes or AXES)
         for name, node in self._tree.items():
             if name.lower() in _KNOWN:
                 continue
             if isinstance(node, Leaf) and node.is_numbers and len(node.shape) == 2:
-                found.append(Found(name, node, (self._tree,), _without_number(name)))
+                counted = _COUNTED.fullmatch(name)
+                label = counted[1] if counted and counted[1] else name
+                found.append(Found(name, node, (self._tree,), label))
             elif isinstance(node, Mapping):
                 inner = [(key, leaf) for key, leaf in node.items() if key.lower() not in _KNOWN]
                 if not inner or not all(
@@ -112,8 +119,11 @@ class _Reading:
             elif cells := _cells(node):
                 found += [Found(f"{name}[{i}]", leaf, (self._tree,), name) for i, leaf in enumerate(cells)]
         labels = {one.label for one in found}
-        sound = all(len(one.leaf.shape) == 2 and self._fits(one, width) for one in found)
-        if not sound or (len(found) > 1 and any(_SIGNAL.search(str(label)) for label in labels)):
+        for one in found:
+            axes = self._about("axes", one)
+            if one.leaf.shape[1:] != (len(self._axes if axes is None else _texts(axes)),):
+                return []
+        if len(found) > 1 and any(_SIGNAL.search(str(label)) for label in labels):
             return []
         if len(found) == 1:
             return [Found(found[0].path, found[0].leaf, found[0].chain)]
@@ -122,10 +132,6 @@ class _Reading:
             both = f"its arrays are called {labels.pop()!r:.60}, and its {self._source.label_place} {known!r:.60}"
             raise self.fault(f"{both}: either may be the label; say so by label='folder' or label='file'")
         return found
-
-    def _fits(self, one: Found, width: int) -> bool:
-        axes = self._about("axes", one)
-        return one.leaf.shape[1] == (width if axes is None else len(_texts(axes)))
 
     def tables(self, one: Found) -> list[Table]:
         """Return a table for each recording of an array, with what stands beside it."""
@@ -140,20 +146,28 @@ class _Reading:
         )
         axes, units = self._about("axes", one), self._about("units", one)
         names = None if axes is None else tuple(text or "" for text in _texts(axes))
-        n_units = None if units is None else tuple(text or "" for text in _texts(units))
+        try:
+            stated = None if units is None else [text or "" for text in _texts(units)]
+            known_units = units_by_axis(names or self._axes, stated)
+        except ValueError as error:
+            raise self.fault(str(error)) from error
         values = one.leaf.read()
         if not one.leaf.is_numbers:
             raise self.fault(f"{one.path} holds {values.dtype}; wanted numbers")
         label = self._each("y", one, of_all, self._options.label)
         session = self._each("session", one, of_all, self._options.session)
         called, rates, lengths = (self._each(what, one, of_all) for what in ("name", "rate_hz", "lengths"))
-        clock = self._clock(one)
+        stamps = self._about("t", one)
+        clock = None if stamps is None else np.squeeze(stamps.read())  # of all recordings, or a row for each
+        clock = None if clock is None or clock.ndim == 0 else clock
         self._refuse_order(values, one, label)
         width = values.shape[-1]
-        if names is None and width not in (len(AXES), len(self._options.axes or self._source.axes or AXES)):
+        if names is None and width not in (len(AXES), len(self._axes)):
             raise self.fault(
                 f"{one.path} {values.shape} has {width} columns without names; pass axes= with a name for each"
             )
+        several = sum(len(other.leaf.shape) == 2 for other in self._leaves) > 1
+        only = f"{self._source.name}[{one.path}]" if several and len(shape) == 2 else self._source.name
         tables = []
         for i in range(n):
             k = i if at is None else at
@@ -161,14 +175,13 @@ class _Reading:
             length = None if lengths[k] is None else int(float(lengths[k] or 0))
             if length is not None and not 0 < length <= len(samples):
                 raise self.fault(f"lengths[{k}] is {length}, and {one.path} has {len(samples)} samples")
-            own = called[k] or self._named(one, i, n)
             tables.append(
                 Table(
-                    name=own,
+                    name=called[k] or (f"{self._source.name}[{i}]" if n > 1 else only),
                     values=samples[:length],
                     axes=names,
-                    units=self._units_of(names, n_units),
-                    rate_hz=_number(rates[k], "fs", self),
+                    units=known_units,
+                    rate_hz=self._rate(rates[k]),
                     stamps=None if clock is None else (clock[i] if clock.ndim > 1 else clock)[:length],
                     label=label[k] or one.label,
                     session=session[k],
@@ -176,25 +189,6 @@ class _Reading:
                 )
             )
         return tables
-
-    def _clock(self, one: Found) -> NDArray[Any] | None:
-        """Return the stamps beside samples: of all recordings, or a row for each."""
-        stamps = self._about("t", one)
-        clock = None if stamps is None else np.squeeze(stamps.read())
-        return None if clock is None or clock.ndim == 0 else clock
-
-    def _named(self, one: Found, i: int, n: int) -> str:
-        if n > 1 or len(one.leaf.shape) == 3:
-            return f"{self._source.name}[{i}]" if n > 1 else self._source.name
-        several = len([other for other in self._leaves if len(other.leaf.shape) == 2]) > 1
-        return f"{self._source.name}[{one.path}]" if several else self._source.name
-
-    def _units_of(self, names: Sequence[str] | None, units: Sequence[str] | None) -> dict[str, str]:
-        axes = names or self._options.axes or self._source.axes or AXES
-        try:
-            return units_by_axis(axes, units)
-        except ValueError as error:
-            raise self.fault(str(error)) from error
 
     def _refuse_order(self, values: NDArray[Any], one: Found, label: Sequence[str | None]) -> None:
         """Refuse three dimensions of which nobody says the order: more recordings than samples, and no labels."""
@@ -214,6 +208,15 @@ class _Reading:
                         continue
                     return node
         return None
+
+    def _rate(self, text: str | None) -> float | None:
+        try:
+            rate = None if text is None else float(text)
+        except ValueError:
+            rate = np.nan
+        if rate is not None and not 0 < rate < np.inf:
+            raise self.fault(f"fs is {text!r:.40}; wanted a rate above 0 in Hz")
+        return rate
 
     def _each(self, what: str, one: Found, n: int, rule: str | None = None) -> list[str | None]:
         """Return a text for each of n recordings; one that stands for all is repeated."""
@@ -243,15 +246,9 @@ class _Reading:
         more = len(shown) - MOST_LISTED
         listed = ", ".join(shown[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
         way_out = remedy(self._leaves, self._source.path, self._options, self._how, self._source.axes)
-        error = RecordingFileError(self._source.path, f"{problem}; it holds {listed or 'no arrays'}{way_out}")
-        error.no_wrench = not any(len(one.leaf.shape) > 1 for one in self._leaves)
-        return error
-
-    def _why_none(self) -> str:
-        if "X" in self._tree:
-            return "X is no array (recordings, samples, axes)"
-        wanted = "X (recordings, samples, axes) with y and fs, or an array a recording named as its label"
-        return f"holds no recordings by the convention: {wanted}"
+        whole = f"{problem}; it holds {listed or 'no arrays'}{way_out}"
+        no_wrench = not any(len(one.leaf.shape) > 1 for one in self._leaves)
+        return RecordingFileError(self._source.path, whole, no_wrench=no_wrench)
 
 
 def _leaves(node: Any, path: str, chain: Chain, depth: int = 0) -> Iterator[Found]:
@@ -277,39 +274,13 @@ def _cells(node: Any) -> list[Leaf]:
     )
 
 
-def _is_called(path: str, asked: str) -> bool:
-    """Return True if an array is called so, with or without the groups around it."""
-    plain = re.sub(r"\[\d+\]", "", path)
-    return path == asked or f"/{plain}".endswith(f"/{asked}")
-
-
-def _without_number(name: str) -> str:
-    found = _COUNTED.fullmatch(name)
-    return name if found is None or not found[1] else found[1]
-
-
 def _texts(leaf: Leaf) -> list[str | None]:
     """Return the values of an array as texts, numbers too: 3 for 3.0; empty ones as None."""
     values = leaf.read()
     if values.dtype.kind == "S":
         values = np.char.decode(values, "utf-8", "replace")
-    found: list[str | None] = []
-    for value in values.ravel().tolist():
-        text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-        if isinstance(text, float) and text.is_integer():
-            text = int(text)
-        text = "" if text is None or text != text else str(text).strip()  # noqa: PLR0124 (NaN)
-        found.append(text or None)
-    return found
-
-
-def _number(text: str | None, name: str, reading: _Reading) -> float | None:
-    if text is None:
-        return None
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not 0 < number < np.inf:
-        raise reading.fault(f"{name} is {text!r:.40}; wanted a rate above 0 in Hz")
-    return number
+    texts = (
+        value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+        for value in values.ravel().tolist()
+    )
+    return [cell_text(text) or None for text in texts]

@@ -24,25 +24,17 @@ from numpy.typing import NDArray
 
 from granular_id._checks import thaw
 from granular_id._progress import ProgressCallback
-from granular_id.io.errors import RecordingFileError, need
-from granular_id.io.folder_save import (
-    INDEX_COLUMNS,
-    INDEX_NAME,
-    IRREGULAR,
-    checked_dataset,
-    new_folder,
-    safe_name,
-    write_history,
-)
-from granular_id.io.options import LoadOptions
-from granular_id.io.source import FileContent, FileSource
+from granular_id.io.files import RecordingFileError, need, new_folder, safe_name
+from granular_id.io.flat import checked_dataset
+from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR, write_history
+from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.recording import (
     ABOUT,
     AXES,
-    ColumnError,
     Dataset,
     Recording,
     Table,
+    TableError,
     columns_of,
     is_unit,
     meaning_of,
@@ -87,7 +79,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     columns, notes = _columns(_read(pandas, source.path, head, _FEW if doubtful else None), source.path, head)
     try:
         columns_of(list(columns), axes, {"time": options.time, "recording": options.id})
-    except ColumnError as error:
+    except TableError as error:
         raise _no_columns(source.path, error, head, columns) from error
     if doubtful:
         columns, notes = _columns(_read(pandas, source.path, head, None), source.path, head)
@@ -126,15 +118,13 @@ def _names_no_axes(path: Path, head: _Head, axes: Sequence[str] | None, options:
     named = [name for name in dict.fromkeys(head.names) if name]
     try:
         columns_of(named, axes, {"time": options.time, "recording": options.id})
-    except ColumnError as error:
+    except TableError as error:
         found = None if "skiprows" in head.options else _line_of_names(path, head, axes)
         if found is not None and found + 1 != head.line:
             way_out = f"line {found + 1} names the axes: pass csv={{'skiprows': {found}}}"
             raise RecordingFileError(path, f"{error}; {way_out}", line=head.line) from error
         if twice is not None and error.no_wrench:
-            problem = RecordingFileError(path, str(error), line=head.line)
-            problem.no_wrench = True
-            raise problem from error
+            raise RecordingFileError(path, str(error), line=head.line, no_wrench=True) from error
         return error.no_wrench
     if twice is not None:
         raise RecordingFileError(path, f"column {twice!r:.60} occurs twice", line=head.line)
@@ -142,7 +132,7 @@ def _names_no_axes(path: Path, head: _Head, axes: Sequence[str] | None, options:
 
 
 def _no_columns(
-    path: Path, error: ColumnError, head: _Head, columns: Mapping[str, NDArray[Any]]
+    path: Path, error: TableError, head: _Head, columns: Mapping[str, NDArray[Any]]
 ) -> RecordingFileError:
     """Say which columns of numbers may be other axes."""
     numbers = [
@@ -159,9 +149,7 @@ def _no_columns(
         way_out = (
             f"; for other axes pass axes={','.join(numbers if len(set(short)) < len(short) else short)!r}"
         )
-    problem = RecordingFileError(path, f"{error}{way_out}", line=head.line)
-    problem.no_wrench = error.no_wrench
-    return problem
+    return RecordingFileError(path, f"{error}{way_out}", line=head.line, no_wrench=error.no_wrench)
 
 
 def _way_without_names(path: Path, head: _Head) -> str | None:
@@ -190,7 +178,7 @@ def _line_of_names(path: Path, head: _Head, axes: Sequence[str] | None) -> int |
         for separator in _SEPARATORS:
             try:
                 columns_of([name.strip(' "') for name in line.split(separator)], axes)
-            except ColumnError:
+            except TableError:
                 continue
             return i
     return None
@@ -276,9 +264,9 @@ def _read(pandas: Any, path: Path, head: _Head, n_rows: int | None) -> Any:
         raise RecordingFileError(path, "is empty: no line names the columns") from error
     except (Warning, Exception) as error:
         said = str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
-        problem = RecordingFileError(path, f"is no table that pandas.read_csv reads: {said}")
-        problem.no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
-        raise problem from error
+        problem = f"is no table that pandas.read_csv reads: {said}"
+        no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
+        raise RecordingFileError(path, problem, no_wrench=no_wrench) from error
 
 
 def _columns(frame: Any, path: Path, head: _Head) -> tuple[dict[str, NDArray[Any]], list[str]]:
@@ -458,7 +446,7 @@ def _heads(recording: Recording) -> Sequence[str]:
     try:
         found = [columns_of(heads, axes)[axis] for axis in axes]
         units_back = [name_and_unit(head)[1] for head in heads]
-    except ColumnError:
+    except TableError:
         return axes
     told = [None if head == axis else stated[axis] for axis, head in zip(axes, heads, strict=True)]
     return heads if found == heads and units_back == told and "," not in "".join(heads) else axes

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, as_floats, thaw
-from granular_id.io.errors import RecordingFileError
-from granular_id.io.folder_save import checked_dataset, history_json
+from granular_id.io.files import RecordingFileError
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset, Recording, StepReport, checked_axes, shared_base
 
@@ -214,6 +213,18 @@ def _column(values: Any, name: str, n: int) -> Any:
     if len(values) != n:
         raise ValueError(f"column {name} has {len(values)} values for {n} recordings")
     return values
+
+
+def checked_dataset(dataset: object) -> Dataset:
+    """Return a data set, or say that it is none."""
+    if not isinstance(dataset, Dataset):
+        raise TypeError(f"dataset must be a Dataset, got {type(dataset).__name__}")
+    return dataset
+
+
+def history_json(dataset: Dataset) -> str:
+    """Return the steps that made a data set as one JSON text."""
+    return json.dumps([step.to_dict() for step in dataset.history])
 
 
 def checked_history(text: object) -> tuple[StepReport, ...]:

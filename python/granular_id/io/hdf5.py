@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from granular_id.io.arrays import content_of
-from granular_id.io.errors import RecordingFileError, need
-from granular_id.io.options import LoadOptions
+from granular_id.io.files import RecordingFileError, need
 from granular_id.io.remedy import Leaf, Opening
-from granular_id.io.source import FileContent, FileSource
+from granular_id.io.source import FileContent, FileSource, LoadOptions
 
 _MOST_DEEP = 12
 _OPENING = Opening("data set", "h5py.File({!r})", "/", "[()]", "{}.asstr()[()].ravel()")

@@ -19,11 +19,20 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from granular_id.io.errors import RecordingFileError, attempt
-from granular_id.io.flat import checked_history
-from granular_id.io.folder_save import INDEX_COLUMNS, INDEX_NAME, IRREGULAR
+from granular_id.io.files import RecordingFileError, attempt
+from granular_id.io.flat import checked_history, history_json
 from granular_id.io.source import FileSource
-from granular_id.recording import StepReport, checked_axes
+from granular_id.recording import Dataset, StepReport, checked_axes
+
+INDEX_NAME = "index.csv"
+INDEX_COLUMNS = ("file", "label", "session", "start_time", "rate_hz", "trigger_index", "name", "meta", "axes")
+"""The last one is there where recordings have other axes than the six of a wrench."""
+
+IRREGULAR = "irregular"
+"""What stands for a rate where a recording's own stamps are to be kept as they are."""
+
+HISTORY_NAME = "history.json"
+"""Beside index.csv: the steps that made the data set, see ``StepReport.to_dict``."""
 
 _WHOLE_NUMBER = re.compile(r"[0-9]{1,15}")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -70,6 +79,12 @@ def read_history(path: Path) -> tuple[StepReport, ...]:
         raise RecordingFileError(path, f"cannot be read: {error.strerror}") from error
     except (ValueError, TypeError) as error:
         raise RecordingFileError(path, f"is no history of a data set: {error}") from error
+
+
+def write_history(dataset: Dataset, folder: Path) -> None:
+    """Write the steps that made a data set into its folder, where there were any."""
+    if dataset.history:
+        (folder / HISTORY_NAME).write_text(history_json(dataset), encoding="utf-8")
 
 
 def _rows(path: Path) -> Any:

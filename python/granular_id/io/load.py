@@ -13,12 +13,10 @@ from granular_id._checks import argument_error, checked_index
 from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import counted
-from granular_id.io.errors import RecordingFileError, naming
-from granular_id.io.files import check_place
-from granular_id.io.folder_save import INDEX_NAME
+from granular_id.io.files import RecordingFileError, check_place, naming
 from granular_id.io.formats import format_of
-from granular_id.io.options import LoadOptions
-from granular_id.io.source import FileContent, FileSource
+from granular_id.io.index import INDEX_NAME
+from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.sources import beside_note, find_sources
 from granular_id.recording import Dataset, Recording, StepReport, TableError, restated, to_recordings
 
@@ -386,10 +384,8 @@ def _made(content: FileContent, source: FileSource, options: LoadOptions) -> _Re
         try:
             made = to_recordings(table, stated)
         except TableError as error:
-            place = content.place(i, error.row)
-            fault = RecordingFileError(source.path, error.problem, column=error.column, **place)
-            fault.no_wrench = error.no_wrench
-            raise fault from error
+            place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
+            raise RecordingFileError(source.path, error.problem, **place) from error
         found += made.recordings
         read.rows += made.rows
         read.notes += [note for note in made.notes if note not in read.notes]

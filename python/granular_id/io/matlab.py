@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from granular_id.io.arrays import content_of
-from granular_id.io.errors import RecordingFileError
+from granular_id.io.files import RecordingFileError
 from granular_id.io.hdf5 import opened
-from granular_id.io.options import LoadOptions
 from granular_id.io.remedy import Leaf, Opening
-from granular_id.io.source import FileContent, FileSource
+from granular_id.io.source import FileContent, FileSource, LoadOptions
 
 _MOST_DEEP = 12
 _V73 = Opening(

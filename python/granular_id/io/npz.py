@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from granular_id._files import new_file
 from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays import content_of
-from granular_id.io.errors import RecordingFileError
+from granular_id.io.files import RecordingFileError
 from granular_id.io.flat import NUMBERS, OPTIONAL, TEXTS, FlatRecordings, flatten, unflatten
-from granular_id.io.options import LoadOptions
 from granular_id.io.remedy import Leaf, Opening
-from granular_id.io.source import FileContent, FileSource
+from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.recording import Dataset
 
 FORMAT = "granular_id recordings"

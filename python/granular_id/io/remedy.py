@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id.io.options import LoadOptions
+from granular_id.io.source import LoadOptions
 from granular_id.recording import AXES
 
 MOST_LISTED = 12

@@ -18,9 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from granular_id.io.errors import RecordingFileError, need
-from granular_id.io.options import LoadOptions
-from granular_id.io.source import FileContent, FileSource
+from granular_id.io.files import RecordingFileError, need
+from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.recording import AXES, Table
 
 _METADATA = "metadata.yaml"

@@ -18,13 +18,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from granular_id._text import counted, verb
-from granular_id.io.errors import RecordingFileError, attempt
-from granular_id.io.files import list_folder, refuse_outside
-from granular_id.io.folder_save import HISTORY_NAME, INDEX_COLUMNS, INDEX_NAME
+from granular_id.io.files import RecordingFileError, attempt, list_folder, refuse_outside
 from granular_id.io.formats import FORMATS, format_of
-from granular_id.io.index import read_history, read_index
-from granular_id.io.options import LoadOptions
-from granular_id.io.source import FileSource
+from granular_id.io.index import HISTORY_NAME, INDEX_COLUMNS, INDEX_NAME, read_history, read_index
+from granular_id.io.source import FileSource, LoadOptions
 from granular_id.recording import StepReport
 
 LAYOUTS = "label/*.csv, label_1.csv, or an index.csv with the columns file and label"

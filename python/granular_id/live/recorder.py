@@ -12,7 +12,7 @@ from typing import Any
 from granular_id._checks import argument_error, checked_flag, checked_text
 from granular_id._core import MAX_NAME_BYTES
 from granular_id._files import check_target, made_folder
-from granular_id.io.folder_save import safe_name
+from granular_id.io.files import safe_name
 from granular_id.io.npz import save_npz
 from granular_id.io.parquet.layout import is_parquet_archive
 from granular_id.io.parquet.writing import Appender

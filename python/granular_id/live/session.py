@@ -22,7 +22,7 @@ from granular_id.live.recorder import utc_stamp
 from granular_id.live.snapshot import SnapshotBuilder
 from granular_id.live.stream import Stream, checked_stream
 from granular_id.live.view import Views
-from granular_id.recording import TARE_S, SampleFlag, Setup, lead_samples, refuse_or_list
+from granular_id.recording import TARE_S, SampleFlag, Setup, refuse_or_list, samples_in
 
 if TYPE_CHECKING:
     from granular_id.identifier import Decision
@@ -201,4 +201,4 @@ def _tare(model: Identifier, stream: Sequence[Setup], rest_s: float | None) -> t
             f"the model was trained on recordings tared by {stated or least_s:g} s of rest, and a push begins "
             f"{rest_s:g} s before its motion: train on recordings that keep the rest that they are tared by"
         )
-    return lead_samples(lead_s, model.rate_hz), [replace(one, tare=_REST) for one in stream]
+    return samples_in("lead_s", lead_s, model.rate_hz), [replace(one, tare=_REST) for one in stream]

@@ -5,9 +5,20 @@ align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what w
 """
 
 from granular_id._core import AXES
-from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding, Verdict
+from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding
+from granular_id.recording.clock import samples_in as samples_in
 from granular_id.recording.columns import (
+    ABOUT as ABOUT,
+    LABEL as LABEL,
+    SESSION as SESSION,
+    TableError as TableError,
+    cell_text as cell_text,
     column_names as column_names,
+    columns_of as columns_of,
+    is_unit as is_unit,
+    meaning_of as meaning_of,
+    name_and_unit as name_and_unit,
+    same_unit as same_unit,
     samples_of as samples_of,
     wrench_of as wrench_of,
 )
@@ -15,49 +26,27 @@ from granular_id.recording.conditions import condition_of as condition_of
 from granular_id.recording.conversion import restated as restated, to_recordings as to_recordings
 from granular_id.recording.dataset import Dataset, describe_data as describe_data
 from granular_id.recording.frames import checked_time_unit as checked_time_unit, names_in as names_in
-from granular_id.recording.names import (
-    ABOUT as ABOUT,
-    LABEL as LABEL,
-    SESSION as SESSION,
-    ColumnError as ColumnError,
-    columns_of as columns_of,
-    is_unit as is_unit,
-    meaning_of as meaning_of,
-    name_and_unit as name_and_unit,
-)
 from granular_id.recording.onset import (
-    FALSE_ALARM_RATE as FALSE_ALARM_RATE,
     ONSET_STEP as ONSET_STEP,
-    REST_S as REST_S,
     Onset,
     find_onset,
-    onsets_of as onsets_of,
 )
 from granular_id.recording.payload import Payload, gravity_in as gravity_in
 from granular_id.recording.recording import (
     AXIS_COLOURS as AXIS_COLOURS,
-    KNOWN_FLAGS as KNOWN_FLAGS,
     Recording,
     SampleFlag,
     checked_axes as checked_axes,
-    same_unit as same_unit,
     shared_base as shared_base,
     unit_of as unit_of,
 )
 from granular_id.recording.report import (
-    NothingLeftError as NothingLeftError,
     StepReport,
     noticed_lines as noticed_lines,
     skipped_lines as skipped_lines,
     text_table as text_table,
 )
 from granular_id.recording.requirements import Begin as Begin, Requirements as Requirements
-from granular_id.recording.resampling import (
-    STATED_TOLERANCE as STATED_TOLERANCE,
-    largest_offset as largest_offset,
-    round_rate as round_rate,
-    uniform_rate as uniform_rate,
-)
 from granular_id.recording.setup import (
     SEVERE_PREFIXES as SEVERE_PREFIXES,
     UNSTATED as UNSTATED,
@@ -83,13 +72,11 @@ from granular_id.recording.summary import (
 from granular_id.recording.table import (
     Stated as Stated,
     Table as Table,
-    TableError as TableError,
     units_by_axis as units_by_axis,
 )
 from granular_id.recording.wrench import (
     GRAVITY as GRAVITY,
     TARE_S as TARE_S,
-    lead_samples as lead_samples,
     rest_zero as rest_zero,
     transform,
 )
@@ -107,7 +94,6 @@ __all__ = [
     "Setup",
     "StepReport",
     "Summary",
-    "Verdict",
     "find_onset",
     "transform",
 ]

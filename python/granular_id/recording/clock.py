@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from dataclasses import dataclass
@@ -11,22 +12,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray
+from granular_id._checks import FloatArray, argument_error, finite_number
 from granular_id._text import install
-from granular_id.recording.names import TAKEN, factor
-from granular_id.recording.resampling import (
-    MAX_GAP_S,
-    STATED_TOLERANCE,
-    largest_offset,
-    round_rate,
-    uniform_rate,
-)
+from granular_id.recording.columns import TAKEN, factor
 
 SINCE_1970 = 1e8
 """Stamps above this (1973) are seconds since 1970; below, a clock of the recording's own."""
 
 NOT_SECONDS = 1e11
 """Stamps above this (the year 5138) count milliseconds or less since 1970."""
+
+MAX_GAP_S = 0.25
+"""Default of ``max_gap_s``: at the paper's 0.03 m/s the tool moves 7.5 mm in it, less than half its width."""
+
+UNIFORM_TOLERANCE = 0.01
+"""Stamps within this part of a step of an even grid count as uniform: finer than clocks jitter."""
+
+ROUND_TOLERANCE = 1e-3
+"""A rate that is nearer than this part to a round figure is that figure: clocks of computers drift apart."""
+
+STATED_TOLERANCE = 0.5
+"""A rate the user states holds while every stamp is nearer to its own place than to its neighbours'."""
 
 _RATE_TOLERANCE = 0.01
 """A rate that a file states and its stamps may differ by this part."""
@@ -215,6 +221,44 @@ def refuse_unlikely(stamps: Stamps) -> None:
     raise ClockError(
         f"stamps lie {step:g} apart: that would be {1 / step:.3g} Hz; most likely they count {guess}: {UNIT_OUT}"
     )
+
+
+def uniform_rate(time_s: FloatArray, resolution_s: float = 0.0) -> float | None:
+    """Find the rate of evenly spaced stamps, each off by `resolution_s` at most: the shortest number that fits all."""
+    if len(time_s) < 2:
+        return None
+    mean = (len(time_s) - 1) / float(time_s[-1])
+    if largest_offset(time_s, mean) > 2 * (UNIFORM_TOLERANCE / mean + resolution_s) * (1 + 1e-6):
+        return None  # the mean rate fits at least half as well as the best one: no rate will do
+    for digits in range(1, 18):
+        rate = float(f"{mean:.{digits}g}")
+        if largest_offset(time_s, rate) <= UNIFORM_TOLERANCE / rate + resolution_s:
+            return rate
+    return None
+
+
+def round_rate(rate_hz: float) -> float:
+    """Return the round figure that a rate is meant to be, if one is near: at most two digits, or 125, 375, 625, 875."""
+    power = 10.0 ** (math.floor(math.log10(rate_hz)) - 1)
+    for step in (power, 1.25 * power):
+        near = float(f"{round(rate_hz / step) * step:.6g}")
+        if abs(rate_hz / near - 1) <= ROUND_TOLERANCE:
+            return near
+    return rate_hz
+
+
+def largest_offset(time_s: FloatArray, rate_hz: float) -> float:
+    """Seconds between the stamps and the places an even grid would give them, at worst."""
+    return float(np.abs(time_s - np.arange(len(time_s)) / rate_hz).max())
+
+
+def samples_in(name: str, seconds: object, rate_hz: float) -> int:
+    """Return how many samples so many seconds hold, at least one; `name` is what errors call them."""
+    known = finite_number(name, seconds, positive=True)
+    n = round(finite_number(f"{name} times the rate", known * rate_hz))
+    if n < 1:
+        raise argument_error(ValueError, name, f"={known:g} at {rate_hz:g} Hz is less than one sample")
+    return n
 
 
 def rate_of(

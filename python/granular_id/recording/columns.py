@@ -1,15 +1,350 @@
-"""Tables with named columns (pandas, polars, pyarrow) as samples; none of these libraries is needed."""
+"""Columns: what their names and units mean, and tables with named columns as samples.
+
+========== ===================================================== =========================
+column     also                                                  unit, where it is named
+========== ===================================================== =========================
+fx         force_x, F_x, wrench.force.x                          N
+tx         torque_x, moment_x, tau_x, Mx, wrench.torque.x        N m
+time       t, timestamp, time_stamp, stamp, datetime, seconds    s
+recording  trial, id
+label      material, class
+session
+rate_hz    fs, sampling_rate                                     Hz
+========== ===================================================== =========================
+
+Likewise y and z. Case, blanks, ``_ . / -`` between the words and ``field.`` or a topic before ``wrench`` do not
+matter. A unit may follow: ``Fx [N]``, ``tx (Nm)``, ``time_ms``. ``actual_TCP_force_0`` to ``_5`` are what recorders of
+Universal Robots call fx to tz. All other columns are left out, and said. Axes of other sensors are those that somebody
+names; nothing is guessed of them. Tables are of pandas, polars or pyarrow, none of which is needed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from granular_id._core import AXES
-from granular_id.recording.names import TIME, axis_of, meaning_of
+
+_INCH_M = 0.0254
+_POUND_N = 4.4482216152605
+
+_FACTORS: dict[str, dict[float, str]] = {
+    "N": {1.0: "n newton newtons", 1e-3: "mn", 1e3: "kn", _POUND_N: "lbf", 9.80665: "kgf"},
+    "N m": {
+        1.0: "nm newtonmetre newtonmetres newtonmeter newtonmeters",
+        1e-3: "mnm nmm",
+        1e3: "knm",
+        _POUND_N * _INCH_M: "lbfin",
+    },
+    "s": {
+        1.0: "s sec secs second seconds",
+        1e-3: "ms msec millisecond milliseconds",
+        1e-6: "us usec \N{GREEK SMALL LETTER MU}s microsecond microseconds",
+        1e-9: "ns nsec nanosecond nanoseconds",
+    },
+    "Hz": {1.0: "hz hertz", 1e3: "khz"},
+}  # fmt: skip
+
+TAKEN = {
+    "N": "N, mN, kN, lbf or kgf (kilograms-force)",
+    "N m": "N m, mN m, kN m, N mm or lbf in",
+    "s": "s, ms, us or ns",
+    "Hz": "Hz or kHz",
+}
+"""The units that messages name."""
+
+_KNOWN = {
+    quantity: {name: value for value, names in table.items() for name in names.split()}
+    for quantity, table in _FACTORS.items()
+}
+_OTHER_UNITS = frozenset(
+    (
+        *("g", "m/s2", "m/s^2", "deg/s", "rad/s", "\N{DEGREE SIGN}/s", "deg", "rad"),
+        *("m", "mm", "m/s", "mm/s", "v", "mv", "degc", "\N{DEGREE SIGN}c", "%"),
+    )
+)
+"""Units of other sensors that may stand in a line of units; of those of a wrench see `TAKEN`."""
+
+_SEPARATORS = re.compile(r"[\s_.*\N{MIDDLE DOT}\N{DOT OPERATOR}-]+")
+
+
+def factor(unit: str, wanted: str) -> float | None:
+    """Return what one `unit` is in the unit that is wanted ("N", "N m", "s" or "Hz"); None for one not known."""
+    plain = _SEPARATORS.sub("", unit.strip().removeprefix("[").removesuffix("]"))
+    if plain.startswith("M"):
+        return None
+    plain = plain.lower().replace("\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")
+    return _KNOWN[wanted].get(plain)
+
+
+def unit_spelling(unit: str) -> str:
+    """Spell a unit in one way: m/s^2 and m/s\N{SUPERSCRIPT TWO} as m/s2."""
+    return re.sub(r"\s+", " ", unicodedata.normalize("NFKC", unit).replace("^", "")).strip()
+
+
+def same_unit(one: str, other: str) -> bool:
+    """Whether two texts of units are of one unit: "Nm" and "N m", "m/s^2" and "m/s2".
+
+    Examples
+    --------
+    >>> from granular_id.recording import same_unit
+    >>> same_unit("m/s^2", "m s-2"), same_unit("N m", "N\N{MIDDLE DOT}m"), same_unit("mN m", "N mm")
+    (True, True, True)
+    """
+    for quantity in ("N", "N m"):
+        scales = [factor(unit, quantity) for unit in (one, other)]
+        if None not in scales:
+            return scales[0] == scales[1]
+    return _plain_unit(one) == _plain_unit(other)
+
+
+_BETWEEN_UNITS = " *.-^_()[]\N{MIDDLE DOT}\N{DOT OPERATOR}"
+_SPELLINGS = {
+    **dict.fromkeys(("m/s/s", "m/ss", "ms2"), "m/s2"),
+    **dict.fromkeys(("\N{DEGREE SIGN}/s", "dps", "degs1"), "deg/s"),
+    "rads1": "rad/s",
+}
+
+
+def _plain_unit(unit: str) -> str:
+    """Leave out what stands between the parts of a unit, and spell it in one way."""
+    plain = "".join(c for c in unicodedata.normalize("NFKC", unit) if c not in _BETWEEN_UNITS)
+    return _SPELLINGS.get(plain, _SPELLINGS.get(plain.lower(), plain))
+
+
+def is_unit(text: str) -> bool:
+    """Return True if a cell may be one of a line of units: a unit, or nothing at all."""
+    plain = text.strip().strip("[]()")
+    known = any(factor(plain, quantity) is not None for quantity in _KNOWN)
+    return not plain or plain in ("-", "1") or known or plain.lower() in _OTHER_UNITS
+
+
+TIME, RECORDING, LABEL, SESSION, RATE, FLAGS = (
+    "time",
+    "recording",
+    "label",
+    "session",
+    "rate_hz",
+    "sample_flags",
+)
+ABOUT = (TIME, RECORDING, LABEL, SESSION, RATE, FLAGS)
+"""What a column may be besides an axis."""
+
+_CHOOSES = {RECORDING: "id='NAME'", LABEL: "label='column:NAME'", SESSION: "session='column:NAME'"}
+
+TIMES = ("time", "t", "timestamp", "timestamps", "stamp", "ts", "datetime", "seconds", "sec", "secs")
+"""Names of a clock without case and separators; of several that are there, the first one is it."""
+
+_WORDS = {
+    **{word + axis: "f" + axis for axis in "xyz" for word in ("f", "force")},
+    **{word + axis: "t" + axis for axis in "xyz" for word in ("t", "m", "tau", "torque", "moment")},
+    **{f"actualtcpforce{i}": axis for i, axis in enumerate(AXES)},
+    **dict.fromkeys(TIMES, TIME),
+    **{word + end: RECORDING for word in ("recording", "trial") for end in ("", "id")},
+    "id": RECORDING,
+    **dict.fromkeys(("label", "material", "class"), LABEL),
+    **{"session": SESSION, "sessionid": SESSION},
+    **dict.fromkeys(("ratehz", "fs", "samplingrate"), RATE),
+    "sampleflags": FLAGS,
+}
+
+_LONGEST = 200
+"""Characters of a name: a topic, a field and a unit have room, and no regular expression takes long."""
+
+_BETWEEN = r"[\s_./-]+"
+_PATH = re.compile(r"(?:(?:.*/|field\.)?wrench[\s_./-]+|field\.)")
+_BRACKETED = re.compile(r"(.+?)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
+_TRAILING = re.compile(
+    rf"(.+?){_BETWEEN}("
+    + "|".join(sorted((name for known in _KNOWN.values() for name in known), key=len, reverse=True))
+    + r"|n[\s_.*-]m|n[\s_.*-]mm)",
+    re.IGNORECASE,
+)
+_IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORECASE)
+
+
+class TableError(ValueError):
+    """Samples that make no recording: the problem, and the row and column of the table where it is.
+
+    `no_wrench`: the table holds none of the axes, so that it may be something else beside recordings.
+    """
+
+    def __init__(
+        self, problem: str, row: int | None = None, column: str | None = None, *, no_wrench: bool = False
+    ) -> None:
+        super().__init__(problem)
+        self.problem, self.row, self.column, self.no_wrench = problem, row, column, no_wrench
+
+
+class Meaning(NamedTuple):
+    """What a column is, by its name; None where that is not known, and the unit that the name states."""
+
+    what: str | None
+    unit: str | None = None
+
+    @property
+    def quantity(self) -> str | None:
+        """The unit that its values are wanted in; None where there is none."""
+        if self.what in AXES:
+            return "N" if self.what[0] == "f" else "N m"
+        return {TIME: "s", RATE: "Hz"}.get(self.what or "")
+
+    @property
+    def scale(self) -> float | None:
+        """What one of the stated unit is in the one wanted; None where that is not known."""
+        if self.unit is None:
+            return 1.0
+        return None if self.quantity is None else factor(self.unit, self.quantity)
+
+
+@lru_cache(maxsize=1024)  # every file of a folder has the same header
+def meaning_of(name: str) -> Meaning:
+    """Say what a column of this name is."""
+    text = name.strip()
+    if text == "T" or len(text) > _LONGEST:  # time, torque or temperature
+        return Meaning(None)
+    base, unit = name_and_unit(name)
+    return Meaning(_word(base), unit)
+
+
+def _word(text: str) -> str | None:
+    text = text.lower()
+    path = _PATH.match(text)
+    return _WORDS.get(_plain(text[path.end() :] if path else text))
+
+
+def _plain(text: str) -> str:
+    return re.sub(_BETWEEN, "", text.strip().lower())
+
+
+@lru_cache(maxsize=1024)
+def name_and_unit(name: str) -> tuple[str, str | None]:
+    """Part a name in what comes before its unit, and the unit: ``wx [rad/s]``."""
+    text = name.strip()
+    if len(text) > _LONGEST:
+        return text, None
+    if (found := _BRACKETED.fullmatch(text)) is not None:
+        base, square, round_ = found.groups()
+        return base, (square if round_ is None else round_).strip() or None
+    trailing = None if _word(text) is not None else _TRAILING.fullmatch(text)
+    return (text, None) if trailing is None else (trailing[1], trailing[2])
+
+
+def cell_text(value: Any) -> str:
+    """Return a cell as text, 3 for 3.0; an empty one as ""."""
+    if value is None or value != value:  # noqa: PLR0124 (NaN)
+        return ""
+    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value).strip()
+
+
+def columns_of(
+    names: Sequence[str],
+    axes: Sequence[str] | None = None,
+    asked: Mapping[str, str | None] | None = None,
+) -> dict[str, str]:
+    """Find the columns that hold the axes, and the clock and what tells recordings apart where there are such.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of all columns.
+    axes : sequence of str, optional
+        The axes wanted, in their order; by default fx fy fz tx ty tz.
+    asked : mapping, optional
+        Columns that somebody names: of the time, recording, label or session.
+
+    Returns
+    -------
+    dict
+        Names of columns by axis, and by `TIME`, `RECORDING`, `LABEL`, `SESSION`, `RATE`, `FLAGS`.
+    """
+    chosen = tuple((what, name) for what, name in (asked or {}).items() if name is not None)
+    return dict(_columns_of(tuple(names), None if axes is None else tuple(axes), chosen))
+
+
+@lru_cache(maxsize=256)
+def _columns_of(
+    names: tuple[str, ...], axes: tuple[str, ...] | None, asked: tuple[tuple[str, str], ...]
+) -> Mapping[str, str]:
+    twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if twice is not None:
+        raise TableError(f"column {twice!r:.60} occurs twice")
+    found = {axis: _column_of(axis, names, axes is not None) for axis in axes or AXES}
+    for what, name in asked:
+        if name not in names:
+            raise TableError(f"{what}={name!r:.60} is no column of it; there are {_listed(names)}")
+        if name in found.values():
+            raise TableError(f"{what}={name!r:.60} is one of the axes; wanted another column")
+        found[what] = name
+    taken = {name for what, name in found.items() if what != RECORDING}  # a column of labels may be it, too
+    for what in ABOUT:
+        places = [name for name in names if name not in taken and meaning_of(name).what == what]
+        if what in found or not places:
+            continue
+        if what == TIME:
+            places = sorted(places, key=_preference)[:1]
+        if len(places) > 1:
+            problem = f"columns {' and '.join(map(repr, places[:2]))} both mean {what}"
+            raise TableError(f"{problem}; name one of them: {_CHOOSES.get(what, 'keep only one')}")
+        found[what] = places[0]
+    return found
+
+
+def _preference(name: str) -> int:
+    plain = _plain(name_and_unit(name)[0])
+    return TIMES.index(plain) if plain in TIMES else len(TIMES)
+
+
+def nanoseconds_beside(time: str, names: Sequence[str]) -> str | None:
+    """Return the column of nanoseconds that belongs to one of whole seconds, as ROS prints stamps."""
+    return next((name for name in names if _IN_TWO.fullmatch(f"{time}\n{name}")), None)
+
+
+def _column_of(axis: str, names: Sequence[str], is_named: bool) -> str:
+    """Return the column that holds an axis: the one called so, or without its unit, or by another name of fx to tz."""
+    small = axis.strip().lower()
+    tiers = (
+        [name for name in names if name.strip() == axis],
+        [name for name in names if name.strip().lower() == small],
+        [name for name in names if name_and_unit(name)[0].strip().lower() == small],
+        [name for name in names if axis in AXES and meaning_of(name).what == axis],
+    )
+    for places in tiers:
+        sound = [name for name in places if axis not in AXES or meaning_of(name).scale is not None]
+        if len(sound) > 1:
+            both = " and ".join(map(repr, sound[:2]))
+            raise TableError(
+                f"columns {both} may both be {axis!r}; pass axes= with the names of those wanted"
+            )
+        if sound:
+            return sound[0]
+    bad = next((name for places in tiers for name in places), None)
+    if bad is not None:
+        unit, wanted = meaning_of(bad).unit or "", TAKEN[Meaning(axis).quantity or ""]
+        raise TableError(f"the unit of column {bad!r:.60} is {unit!r:.40}; wanted {wanted}")
+    if is_named:
+        raise TableError(f"axes names {axis!r:.60}, which is no column of it; there are {_listed(names)}")
+    some = any(meaning_of(name).what in AXES for name in names)
+    also = "also force_x, wrench.force.x, 'Fx [N]'; mx, torque_x, moment_x"
+    if some:
+        raise TableError(
+            f"column {axis!r} is missing; wanted {', '.join(AXES)} ({also}); there are {_listed(names)}"
+        )
+    problem = f"names none of {', '.join(AXES)} ({also}); there are {_listed(names)}"
+    raise TableError(problem, no_wrench=True)
+
+
+def _listed(names: Sequence[str], most: int = 20) -> str:
+    return ", ".join(name[:40] for name in names[:most]) + (", ..." if len(names) > most else "")
+
+
+# Tables as samples.
 
 
 def column_names(value: object, argument: str = "wrench") -> tuple[str, ...] | None:
@@ -122,5 +457,6 @@ def wrench_of(value: Any) -> Any:
 
 
 def _axis(name: str) -> str:
-    """Return fx for Fx, force_x or wrench.force.x [N]; a name that is no such axis as it is."""
-    return axis_of(name) or name
+    """Return fx for Fx, force_x or wrench.force.x [N]; a name that is no such axis in N or N m as it is."""
+    meaning = meaning_of(name)
+    return meaning.what if meaning.what in AXES and meaning.scale == 1 else name

@@ -21,9 +21,19 @@ from granular_id.recording.clock import (
     stamps_of,
     time_order,
 )
-from granular_id.recording.names import FLAGS, LABEL, RATE, RECORDING, SESSION, TIME, factor
+from granular_id.recording.columns import (
+    FLAGS,
+    LABEL,
+    RATE,
+    RECORDING,
+    SESSION,
+    TIME,
+    TableError,
+    cell_text,
+    factor,
+)
 from granular_id.recording.recording import KNOWN_FLAGS, Recording, SampleFlag
-from granular_id.recording.table import Picked, Stated, Table, TableError, numbers_of, picked_columns
+from granular_id.recording.table import Picked, Stated, Table, numbers_of, picked_columns
 
 Text = Literal["label", "session"]
 
@@ -101,21 +111,8 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
 
 
 def texts_of(values: NDArray[Any]) -> NDArray[np.str_]:
-    """Return the cells of a column as texts, 3 for 3.0; empty ones as ""."""
-    return np.array([_shown(value) for value in values.tolist()], dtype=np.str_)
-
-
-def _shown(value: Any) -> str:
-    if value is None or value != value:  # noqa: PLR0124 (NaN)
-        return ""
-    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value).strip()
-
-
-def _ascends(values: NDArray[Any]) -> bool:
-    """Return True for numbers that grow from row to row, as those of a clock do."""
-    if values.dtype.kind not in "iuf" or len(values) < 3:
-        return False
-    return bool((np.diff(values.astype(np.float64)) > 0).all())
+    """Return the cells of a column as texts."""
+    return np.array([cell_text(value) for value in values.tolist()], dtype=np.str_)
 
 
 class _Part:
@@ -125,38 +122,39 @@ class _Part:
         self, table: Table, stated: Stated, picked: Picked, rows: NDArray[np.intp], name: str
     ) -> None:
         self._table, self._stated, self._picked, self._name = table, stated, picked, name
-        whole = len(rows) == len(picked.wrench)  # all of one recording need not be copied
-        self._rows = rows
-        self._wrench = picked.wrench if whole else picked.wrench[rows]
-        self._columns = (
-            picked.columns if whole else {what: cells[rows] for what, cells in picked.columns.items()}
-        )
-        self._flags = self._checked_flags()
-        trigger = table.trigger_index if stated.trigger_index is None else stated.trigger_index
-        self._trigger = trigger
+        self._rows, self._wrench, self._columns = rows, picked.wrench, picked.columns
+        if len(rows) < len(picked.wrench):  # all of one recording need not be copied
+            self._wrench = picked.wrench[rows]
+            self._columns = {what: cells[rows] for what, cells in picked.columns.items()}
+        self._flags: NDArray[np.uint8] | None = None
+        self._trigger = stated.trigger_index
         self.remarks: dict[str, Any] = {}
 
     def recording(self) -> Recording:
         """Settle the clock and what is known of the recording."""
+        if FLAGS in self._columns:
+            flags = numbers_of([self._columns[FLAGS]], [FLAGS])[:, 0]
+            wrong = np.flatnonzero(~np.isin(flags, np.arange(KNOWN_FLAGS + 1)))
+            if len(wrong):
+                problem = f"{flags[wrong[0]]:g} is not a sum of SampleFlag bits (0 to {KNOWN_FLAGS})"
+                raise self._fault(problem, int(wrong[0]), FLAGS)
+            self._flags = flags.astype(np.uint8)
         file_hz = self._rate_in_table()
-        missing = self._missing()
-        clock = self._columns.get(TIME)
-        if missing.any():
-            self.remarks["left_out"] = int(missing.sum())
-            self._keep(np.flatnonzero(~missing))
-            clock = None if clock is None else clock[~missing]
-        stamps = self._stamps(clock, missing, file_hz)
-        rate_hz, time_s, first_s = self._settled(stamps, clock, file_hz)
-        known = (self._stated.start_time, self._table.start_time, first_s)
+        try:
+            stamps = self._stamps(file_hz)
+            rate_hz, time_s, start_time = self._settled(stamps, file_hz)
+        except ClockError as error:
+            raise self._fault(str(error), error.sample, TIME) from error
         units = {"units": self._picked.units} if self._picked.units else {}
         meta = {**units, **thaw(self._table.meta), **thaw(self._stated.meta)}
+        label, session = self._text("label", meta), self._text("session", meta)
         try:
             return Recording(
                 self._wrench,
                 rate_hz=rate_hz,
-                label=self._text("label", meta),
-                session=self._text("session", meta),
-                start_time=next((time for time in known if time is not None), None),
+                label=label,
+                session=session,
+                start_time=start_time if self._stated.start_time is None else self._stated.start_time,
                 trigger_index=self._trigger,
                 time_s=time_s,
                 meta=meta,
@@ -164,8 +162,6 @@ class _Part:
                 name=self._name,
                 axes=self._picked.axes,
             )
-        except TableError:
-            raise
         except (TypeError, ValueError) as error:
             raise TableError(str(error)) from error
 
@@ -180,42 +176,42 @@ class _Part:
             after = np.flatnonzero(samples >= self._trigger)
             self._trigger = int(kept[0]) if len(kept) else int(after[0]) if len(after) else len(samples) - 1
         self._wrench, self._rows = self._wrench[samples], self._rows[samples]
+        self._columns = {what: cells[samples] for what, cells in self._columns.items()}
         self._flags = None if self._flags is None else self._flags[samples]
 
-    def _missing(self) -> NDArray[np.bool_]:
-        """Return which samples are empty in all axes; one that is so in some only is refused."""
-        bad = ~np.isfinite(self._wrench)
-        missing: NDArray[np.bool_] = np.zeros(len(bad), bool)
-        if not bad.any():
-            return missing
-        missing |= np.isnan(self._wrench).all(axis=1)
-        partly = np.argwhere(bad & ~missing[:, None])
-        if len(partly):
-            sample, column = partly[0].tolist()
-            value = self._wrench[sample, column]
-            what = "is empty or NaN, where others of the row are not" if np.isnan(value) else f"is {value}"
-            raise self._fault(f"{what}; wanted a finite number", sample, self._picked.axes[column])
-        if missing.all():
-            raise TableError("holds no samples: all rows are empty")
-        return missing
+    def _stamps(self, file_hz: float | None) -> Stamps | None:
+        """Leave out samples that are empty in all axes, and return the stamps of the others.
 
-    def _stamps(
-        self, clock: NDArray[Any] | None, missing: NDArray[np.bool_], file_hz: float | None
-    ) -> Stamps | None:
-        """Return the stamps of the samples that are there; of those without a clock only where some are missing."""
-        rate_hz = self._stated.rate_hz if self._stated.rate_hz is not None else file_hz
-        if clock is not None:
-            try:
-                return stamps_of(clock, self._picked.time_unit, self._stated.time_unit, rate_hz)
-            except ClockError as error:
-                raise self._fault(str(error), error.sample, TIME) from error
-        places = np.flatnonzero(~missing)
-        if rate_hz is None or len(places) in (len(missing), int(places[-1] - places[0]) + 1):
+        Without a clock there are stamps only where samples are missing: what is missing leaves a gap. A sample that is
+        empty in some axes is refused.
+        """
+        rate_hz = file_hz if self._stated.rate_hz is None else self._stated.rate_hz
+        bad = ~np.isfinite(self._wrench)
+        places = np.arange(len(bad))
+        if bad.any():
+            missing = np.isnan(self._wrench).all(axis=1, keepdims=True)
+            partly = np.argwhere(bad & ~missing)
+            if len(partly):
+                sample, column = partly[0].tolist()
+                value = self._wrench[sample, column]
+                what = (
+                    "is empty or NaN, where others of the row are not" if np.isnan(value) else f"is {value}"
+                )
+                raise self._fault(f"{what}; wanted a finite number", sample, self._picked.axes[column])
+            if missing.all():
+                raise TableError("holds no samples: all rows are empty")
+            places = np.flatnonzero(~missing)
+            self.remarks["left_out"] = int(missing.sum())
+            self._keep(places)
+        if TIME in self._columns:
+            clock = self._columns[TIME]
+            return stamps_of(clock, self._picked.time_unit, self._stated.time_unit, rate_hz)
+        if rate_hz is None or len(places) == int(places[-1] - places[0]) + 1:
             return None
-        return Stamps((places - places[0]) / rate_hz, 0.0, 0.0)  # what is missing leaves a gap
+        return Stamps((places - places[0]) / rate_hz, 0.0, 0.0)
 
     def _settled(
-        self, stamps: Stamps | None, clock: NDArray[Any] | None, file_hz: float | None
+        self, stamps: Stamps | None, file_hz: float | None
     ) -> tuple[float | None, FloatArray | None, float | None]:
         """Return rate, stamps (one of the two is None) and when the first sample was taken, since 1970."""
         stated = self._stated
@@ -224,33 +220,28 @@ class _Part:
             if rate_hz is None or stated.irregular:
                 raise TableError(self._no_clock())
             return rate_hz, None, None
-        try:
-            rate_stated = stated.rate_hz is not None and clock is not None
-            order = time_order(stamps.time_s, self._wrench, rate_stated=rate_stated, repair=stated.repair)
-            if order.n_moved or order.n_merged:
-                self.remarks |= {"moved": order.n_moved, "merged": order.n_merged}
-                self._keep(order.rows)
-                flags = np.zeros(len(order.rows), np.uint8) if self._flags is None else self._flags
-                self._flags = flags | order.touched.astype(np.uint8) * np.uint8(SampleFlag.TIME_REPAIRED)
-                time_s = stamps.time_s[order.rows]
-                stamps = replace(stamps, time_s=time_s - time_s[0], first_s=stamps.first_s + float(time_s[0]))
+        clock = self._columns.get(TIME)
+        stated_hz = None if clock is None else stated.rate_hz
+        order = time_order(
+            stamps.time_s, self._wrench, rate_stated=stated_hz is not None, repair=stated.repair
+        )
+        if order.n_moved or order.n_merged:
+            self.remarks |= {"moved": order.n_moved, "merged": order.n_merged}
+            self._keep(order.rows)
+            flags = np.zeros(len(order.rows), np.uint8) if self._flags is None else self._flags
+            self._flags = flags | order.touched.astype(np.uint8) * np.uint8(SampleFlag.TIME_REPAIRED)
+            time_s = stamps.time_s[order.rows]
+            stamps = replace(stamps, time_s=time_s - time_s[0], first_s=stamps.first_s + float(time_s[0]))
+        counts = clock is not None and clock.dtype.kind in "iuf"
+        rate_hz = None
+        if not stated.irregular:
             said = (stated.rate_hz, file_hz, self._picked.time_unit, stated.time_unit)
-            counts = clock is not None and clock.dtype.kind in "iuf" and not stated.irregular
             if counts and all(one is None for one in said):
                 refuse_unlikely(stamps)
-            rate_hz, remark = None, None
-            if not stated.irregular:
-                rate_hz, remark = rate_of(stamps, stated.rate_hz if clock is not None else None, file_hz)
-        except ClockError as error:
-            raise self._fault(str(error), error.sample, TIME) from error
-        if remark is not None:
-            self.remarks["remark"] = remark
+            rate_hz, remark = rate_of(stamps, stated_hz, file_hz)
+            self.remarks |= {} if remark is None else {"remark": remark}
         first_s = None
-        if (
-            stamps.first_s > SINCE_1970
-            and clock is not None
-            and (clock.dtype.kind in "iuf" or has_date(clock))
-        ):
+        if stamps.first_s > SINCE_1970 and clock is not None and (counts or has_date(clock)):
             first_s = stamps.first_s
         elif stamps.first_s and stamps.first_s <= SINCE_1970:
             self.remarks["first_stamp_s"] = stamps.first_s
@@ -260,7 +251,11 @@ class _Part:
         clock = self._table.clock
         if self._stated.irregular:
             return f"has no {clock}, but is called irregular"
-        counting = [name for name, cells in self._table.columns.items() if _ascends(cells)]
+        counting = [
+            name
+            for name, cells in self._table.columns.items()
+            if cells.dtype.kind in "iuf" and len(cells) > 2 and (np.diff(cells.astype(np.float64)) > 0).all()
+        ]
         column = (
             f", or time= with the column that is the clock ({', '.join(counting)[:80]}?)" if counting else ""
         )
@@ -284,16 +279,6 @@ class _Part:
             problem = f"recording {self._name!r:.60} states the rates {rates[:5].tolist()}{beside}"
             raise TableError(f"{problem}; wanted one above 0", int(self._rows[0]), name)
         return float(rates[0] * scale)
-
-    def _checked_flags(self) -> NDArray[np.uint8] | None:
-        if FLAGS not in self._columns:
-            return None
-        flags = numbers_of([self._columns[FLAGS]], [FLAGS])[:, 0]
-        wrong = np.flatnonzero(~((flags == np.floor(flags)) & (flags >= 0) & (flags <= KNOWN_FLAGS)))
-        if len(wrong):
-            problem = f"{flags[wrong[0]]:g} is not a sum of SampleFlag bits (0 to {KNOWN_FLAGS})"
-            raise self._fault(problem, int(wrong[0]), FLAGS)
-        return flags.astype(np.uint8)
 
     def _text(self, what: Text, meta: Mapping[str, Any]) -> str | None:
         """Return label or session: what is stated, else what the table says, else what holds where nothing does."""

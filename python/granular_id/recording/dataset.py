@@ -14,12 +14,13 @@ from granular_id._checks import FloatArray, items_of
 from granular_id._progress import ProgressCallback
 from granular_id._text import counted
 from granular_id.recording.checks import CheckReport, SensorRange
+from granular_id.recording.clock import MAX_GAP_S
 from granular_id.recording.frames import TimeUnit, recordings_of_arrays, recordings_of_frames
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
 from granular_id.recording.payload import Payload, compensate_recordings
 from granular_id.recording.recording import Recording, common_axes, common_rate, stack
 from granular_id.recording.report import StepReport, subject
-from granular_id.recording.resampling import MAX_GAP_S, resample_recordings
+from granular_id.recording.resampling import resample_recordings
 from granular_id.recording.steps import align_recordings, cut_windows, select_recordings, split_recordings
 from granular_id.recording.summary import Summary, summarise
 from granular_id.recording.wrench import tare_recordings, transform_recordings
@@ -682,7 +683,7 @@ class Dataset:
         Returns
         -------
         CheckReport
-            A sequence of findings, worst first, with ``.verdicts`` per recording and ``.worst``; empty when
+            A sequence of findings, worst first, with ``.states`` of recordings and ``.worst``; empty when
             nothing was found.
 
         Raises

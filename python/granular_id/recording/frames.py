@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from granular_id._checks import argument_error, as_floats, checked_text, finite_number
 from granular_id._core import AXES
 from granular_id._text import counted
-from granular_id.recording.columns import column_names
+from granular_id.recording.columns import TableError, cell_text, column_names, unit_spelling
 from granular_id.recording.conversion import Made, to_recordings
-from granular_id.recording.names import unit_spelling
 from granular_id.recording.recording import Recording, checked_axes
 from granular_id.recording.report import StepReport
-from granular_id.recording.table import Stated, Table, TableError, units_by_axis
+from granular_id.recording.table import Stated, Table, units_by_axis
 
 _ARRAYS = "(n, T, C): recordings, samples, axes; or a list of arrays (T, C)"
 
@@ -221,18 +220,13 @@ def _texts(values: Any, argument: str, n: int) -> list[str | None]:
     every = [value.item() if isinstance(value, np.generic) else value for value in values]
     if len(every) != n:
         raise argument_error(ValueError, argument, f"has {len(every)} values for {counted(n)}")
-    found: list[str | None] = []
     for i, value in enumerate(every):
-        if value is None or value != value:  # noqa: PLR0124 (NaN)
-            found.append(None)
-        elif isinstance(value, (str, int, float)) and not isinstance(value, bool):
-            whole = isinstance(value, float) and value.is_integer()
-            found.append(checked_text(str(int(value) if whole else value), f"{argument}[{i}]", spaced=False))
-        else:
-            raise argument_error(
-                TypeError, argument, f"[{i}] is a {type(value).__name__}; wanted a text or number"
-            )
-    return found
+        if isinstance(value, bool) or not isinstance(value, (str, int, float, type(None))):
+            problem = f"[{i}] is a {type(value).__name__}; wanted a text or number"
+            raise argument_error(TypeError, argument, problem)
+        if isinstance(value, str):
+            checked_text(value, f"{argument}[{i}]", spaced=False)
+    return [cell_text(value) or None for value in every]
 
 
 def _made(tables: Sequence[Table], stated: Stated, argument: str) -> Made:

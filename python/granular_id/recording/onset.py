@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id._checks import FloatArray, argument_error, as_floats, checked_flag, finite_number
+from granular_id._checks import FloatArray, argument_error, checked_flag, finite_number
+from granular_id._core import AXES
 from granular_id.recording.recording import (
     Recording,
     SampleFlag,
-    checked_axes,
     irregular_among,
     places_of,
     unit_of,
@@ -33,7 +33,6 @@ ONSET_STEP = "find_onsets"
 """Name of this step in ``Dataset.history``."""
 
 _ORDER = ("not found", "overruled", "found", "kept")  # as rows of a report: what needs a look comes first
-_WANTED = "a real array of shape (T, C), T >= 1: samples by axes"
 # Samples per block that is worked on at once: several arrays of this size stay within a processor's cache.
 _BLOCK = 400_000
 
@@ -131,18 +130,11 @@ def find_onset(
     >>> onset.index, onset.axes
     (79, ('fx', 'ty'))
     """
-    samples = as_floats(wrench, "wrench", _WANTED)
-    if samples.ndim != 2 or 0 in samples.shape:
-        raise ValueError(f"wrench has shape {samples.shape}; wanted {_WANTED}")
-    if not np.isfinite(samples).all():
-        row, column = (int(i) for i in np.argwhere(~np.isfinite(samples))[0])
-        raise ValueError(f"wrench[{row}, {column}] is {samples[row, column]}; samples must be finite")
-    if axes is None and samples.shape[1] != 6:
-        axes = [f"axis {i}" for i in range(samples.shape[1])]
-    names = checked_axes(axes, samples.shape)
-    rate = finite_number("rate_hz", rate_hz, positive=True)
-    alarms = _checked_false_alarm_rate(false_alarm_rate)
-    return find_onsets_in_block(samples[np.newaxis], rate, rest_samples(rest_s, rate), alarms, names)[0]
+    n_axes = np.shape(wrench)[1] if np.ndim(wrench) == 2 else len(AXES)
+    if axes is None and n_axes != len(AXES):
+        axes = [f"axis {i}" for i in range(n_axes)]
+    recording = Recording(wrench, rate_hz=rate_hz, axes=axes or ())  # type: ignore[arg-type]
+    return onsets_of([recording], rest_s=rest_s, false_alarm_rate=false_alarm_rate)[0]
 
 
 def _checked_false_alarm_rate(value: object) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from enum import IntFlag
@@ -325,33 +324,6 @@ def unit_of(axis: str, meta: Mapping[str, object] | None = None) -> str:
     units = (meta or {}).get("units")
     stated = units.get(axis) if isinstance(units, Mapping) else None
     return stated if isinstance(stated, str) else KNOWN_UNITS.get(axis, "")
-
-
-def same_unit(one: str, other: str) -> bool:
-    """Whether two texts of units are of one unit: "Nm" and "N m", "m/s^2" and "m/s2".
-
-    Examples
-    --------
-    >>> from granular_id.recording import same_unit
-    >>> same_unit("m/s^2", "m s-2"), same_unit("N m", "N\N{MIDDLE DOT}m"), same_unit("mN m", "N mm")
-    (True, True, True)
-    """
-    return _plain_unit(one) == _plain_unit(other)
-
-
-_BETWEEN_UNITS = " *.-^_()[]\N{MIDDLE DOT}\N{DOT OPERATOR}"
-_SPELLINGS = {
-    **dict.fromkeys(("m/s/s", "m/ss", "ms2"), "m/s2"),
-    **dict.fromkeys(("\N{DEGREE SIGN}/s", "dps", "degs1"), "deg/s"),
-    **{"rads1": "rad/s", "newton": "N", "newtons": "N", "Nmm": "mNm"},
-    **{f"newton{metre}{s}": "Nm" for metre in ("metre", "meter") for s in ("", "s")},
-}
-
-
-def _plain_unit(unit: str) -> str:
-    """Leave out what stands between the parts of a unit, and spell it in one way."""
-    plain = "".join(c for c in unicodedata.normalize("NFKC", unit) if c not in _BETWEEN_UNITS)
-    return _SPELLINGS.get(plain, _SPELLINGS.get(plain.lower(), plain))
 
 
 def single_values(meta: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,10 +22,6 @@ class Report:
         """Return plain dicts, lists, texts and numbers, ready for ``json.dumps``."""
         raise NotImplementedError
 
-    def to_json(self) -> str:
-        """Return the whole report as one JSON text."""
-        return json.dumps(self.to_dict(), ensure_ascii=False)
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows.
 
@@ -38,20 +33,6 @@ class Report:
             return
         with whole_file(path) as draft:
             draft.write_text(f"{self}\n", encoding="utf-8")
-
-
-class NothingLeftError(ValueError):
-    """A step that was to leave recordings out would leave out all of them.
-
-    Attributes
-    ----------
-    rows : list of dict
-        Each recording with the reason, as in the report of a step.
-    """
-
-    def __init__(self, message: str, rows: list[dict[str, Any]]) -> None:
-        super().__init__(message)
-        self.rows = rows
 
 
 @dataclass(frozen=True)

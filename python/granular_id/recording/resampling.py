@@ -13,47 +13,7 @@ import numpy as np
 from granular_id._checks import FloatArray, argument_error, checked_choice, finite_number
 from granular_id._text import counted, fixed
 from granular_id.recording.recording import Recording, SampleFlag
-from granular_id.recording.report import NothingLeftError, StepReport, subject
-
-# Time stamps: whether they form a uniform grid, and what to do where they do not.
-
-# Stamps within this part of a step of an even grid count as uniform: finer than clocks jitter.
-UNIFORM_TOLERANCE = 0.01
-
-ROUND_TOLERANCE = 1e-3
-"""A rate that is nearer than this part to a round figure is that figure: clocks of computers drift apart."""
-
-STATED_TOLERANCE = 0.5
-"""A rate the user states holds while every stamp is nearer to its own place than to its neighbours'."""
-
-
-def uniform_rate(time_s: FloatArray, resolution_s: float = 0.0) -> float | None:
-    """Find the rate of evenly spaced stamps, each off by `resolution_s` at most: the shortest number that fits all."""
-    if len(time_s) < 2:
-        return None
-    mean = (len(time_s) - 1) / float(time_s[-1])
-    if largest_offset(time_s, mean) > 2 * (UNIFORM_TOLERANCE / mean + resolution_s) * (1 + 1e-6):
-        return None  # the mean rate fits at least half as well as the best one: no rate will do
-    for digits in range(1, 18):
-        rate = float(f"{mean:.{digits}g}")
-        if largest_offset(time_s, rate) <= UNIFORM_TOLERANCE / rate + resolution_s:
-            return rate
-    return None
-
-
-def round_rate(rate_hz: float) -> float:
-    """Return the round figure that a rate is meant to be, if one is near: at most two digits, or 125, 375, 625, 875."""
-    power = 10.0 ** (math.floor(math.log10(rate_hz)) - 1)
-    for step in (power, 1.25 * power):
-        near = float(f"{round(rate_hz / step) * step:.6g}")
-        if abs(rate_hz / near - 1) <= ROUND_TOLERANCE:
-            return near
-    return rate_hz
-
-
-def largest_offset(time_s: FloatArray, rate_hz: float) -> float:
-    """Seconds between the stamps and the places an even grid would give them, at worst."""
-    return float(np.abs(time_s - np.arange(len(time_s)) / rate_hz).max())
+from granular_id.recording.report import StepReport, subject
 
 
 def step_s(recording: Recording, pick: Callable[[FloatArray], Any]) -> float:
@@ -62,9 +22,6 @@ def step_s(recording: Recording, pick: Callable[[FloatArray], Any]) -> float:
         return 0.0
     return 1 / recording.rate_hz if recording.rate_hz is not None else float(pick(np.diff(recording.times())))
 
-
-MAX_GAP_S = 0.25
-"""Default of ``max_gap_s``: at the paper's 0.03 m/s the tool moves 7.5 mm in it, less than half its width."""
 
 # Longest recording that resampling makes (5.5 h at 500 Hz): a mistyped rate must not fill the memory.
 MAX_SAMPLES = 10_000_000
@@ -115,8 +72,7 @@ def resample_recordings(
                 }
             )
     if not results:
-        problem = f"each of {counted(len(recordings))} has gaps beyond max_gap_s={limit:g} s"
-        raise NothingLeftError(problem, skipped)
+        raise ValueError(f"each of {counted(len(recordings))} has gaps beyond max_gap_s={limit:g} s")
     changed.sort(key=lambda row: -row["largest_gap_s"])
     totals = {
         "recordings_resampled": len(changed),

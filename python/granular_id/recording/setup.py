@@ -12,9 +12,10 @@ from typing import Any, Literal
 
 from granular_id._checks import argument_error, thaw
 from granular_id.recording.checks import Finding
+from granular_id.recording.columns import same_unit
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.onset import ONSET_STEP as ONSET
-from granular_id.recording.recording import same_unit, unit_of
+from granular_id.recording.recording import unit_of
 
 # What is refused where it differs, unless somebody says that it may.
 ACCEPTABLE = ("frame", "transform", "sign", "units")

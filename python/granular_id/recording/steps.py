@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 from granular_id._checks import argument_error, checked_choice, checked_index, finite_number, thaw
 from granular_id._memory import stacked
 from granular_id._text import counted, fixed
+from granular_id.recording.clock import round_rate, samples_in, uniform_rate
 from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate
-from granular_id.recording.report import NothingLeftError, StepReport, first_names, subject
-from granular_id.recording.resampling import round_rate, uniform_rate
+from granular_id.recording.report import StepReport, first_names, subject
 
 
 def select_recordings(
@@ -123,10 +123,9 @@ def align_recordings(
         ]
         recordings = [r for r in recordings if r.trigger_index is not None]
         if not recordings:
-            raise NothingLeftError(
+            raise ValueError(
                 f"none of the {counted(len(skipped))} has a trigger_index; call .find_onsets(), or see in its "
-                "report why it found none",
-                skipped,
+                "report why it found none"
             )
     starts = _starts(recordings, rate_hz, trigger, lead_s)
     n = _length(recordings, starts, rate_hz, n_samples, duration_s)
@@ -150,10 +149,9 @@ def align_recordings(
         wanted = f"{n} samples from its start or trigger on"
         if all(start < 0 for start in starts):
             wanted = f"the lead before its trigger (lead_s={lead_s:g})"
-        raise NothingLeftError(
+        raise ValueError(
             f"none of the {counted(len(recordings))} has {wanted}; the longest has "
-            f"{counted(max(r.n_samples for r in recordings), 'sample')} in all",
-            skipped,
+            f"{counted(max(r.n_samples for r in recordings), 'sample')} in all"
         )
     totals = {
         "recordings": len(kept),
@@ -218,22 +216,20 @@ def _length(
     if (n_samples is None) == (duration_s is None):
         raise ValueError("give exactly one of n_samples (a number, or 'shortest') and duration_s")
     if duration_s is not None:
-        seconds = finite_number("duration_s", duration_s)
-        n = round(finite_number("duration_s times the rate", seconds * rate))
-        name, asked = "duration_s", f"{seconds:g} at {rate:g} Hz"
-    elif isinstance(n_samples, str):
+        return samples_in("duration_s", duration_s, rate)
+    if isinstance(n_samples, str):
         if n_samples != "shortest":
             problem = f"={n_samples!r}; wanted a number or 'shortest'"
             raise argument_error(ValueError, "n_samples", problem)
         # those without the lead are refused or left out, and do not shorten the others
         room = [r.n_samples - start for r, start in zip(recordings, starts, strict=True) if start >= 0]
         n = min(room, default=1)
-        name, asked = "n_samples", "'shortest'"
     else:
         n = checked_index(n_samples, "n_samples")
-        name, asked = "n_samples", fixed(n)
     if n < 1:
-        raise argument_error(ValueError, name, f"={asked} gives {fixed(n)} samples; at least one is wanted")
+        asked = repr(n_samples) if isinstance(n_samples, str) else fixed(n)
+        problem = f"={asked} gives {fixed(n)} samples; at least one is wanted"
+        raise argument_error(ValueError, "n_samples", problem)
     return n
 
 
@@ -262,18 +258,21 @@ def _crop(kept: Sequence[tuple[Recording, int]], n: int, rate_hz: float) -> list
         [recording.wrench[start : start + n] for recording, start in kept], "the cropped recordings"
     )
     block.flags.writeable = False
-    cropped = []
-    for wrench, (recording, start) in zip(block, kept, strict=True):
-        begin, flags, trigger = recording.start_time, recording.flags, recording.trigger_index
-        result = replace(
-            recording,
-            wrench=wrench,
-            start_time=None if begin is None else begin + start / rate_hz,
-            trigger_index=None if trigger is None or not 0 <= trigger - start < n else trigger - start,
-            flags=None if flags is None else flags[start : start + n],
-        )
-        cropped.append(result)
-    return cropped
+    return [
+        _stretch(recording, start, start + n, start / rate_hz, wrench=wrench)
+        for wrench, (recording, start) in zip(block, kept, strict=True)
+    ]
+
+
+def _stretch(recording: Recording, begin: int, end: int, begin_s: float, **changes: Any) -> Recording:
+    """Return the samples from `begin` to `end` as a recording that begins so many seconds later."""
+    start, flags, trigger = recording.start_time, recording.flags, recording.trigger_index
+    known: dict[str, Any] = {
+        "start_time": None if start is None else start + begin_s,
+        "trigger_index": None if trigger is None or not begin <= trigger < end else trigger - begin,
+        "flags": None if flags is None else flags[begin:end],
+    }
+    return replace(recording, **{"wrench": recording.wrench[begin:end], **known, **changes})
 
 
 def split_recordings(recordings: Sequence[Recording], gap_s: float) -> tuple[list[Recording], StepReport]:
@@ -287,7 +286,7 @@ def split_recordings(recordings: Sequence[Recording], gap_s: float) -> tuple[lis
             results.append(recording)
             continue
         edges = [0, *gaps.tolist(), recording.n_samples]
-        stretches = [_stretch_of(recording, begin, end) for begin, end in pairwise(edges)]
+        stretches = [_between_gaps(recording, begin, end) for begin, end in pairwise(edges)]
         seconds = [stretch.duration_s for stretch in stretches]
         rows.append(
             {
@@ -302,20 +301,18 @@ def split_recordings(recordings: Sequence[Recording], gap_s: float) -> tuple[lis
     return results, StepReport("split", {"gap_s": limit}, totals, rows)
 
 
-def _stretch_of(recording: Recording, begin: int, end: int) -> Recording:
-    times, start, flags = recording.times()[begin:end], recording.start_time, recording.flags
-    trigger = recording.trigger_index
-    time_s = times - times[0]
+def _between_gaps(recording: Recording, begin: int, end: int) -> Recording:
+    times = recording.times()[begin:end]
+    time_s, begin_s = times - times[0], float(times[0])
     rate = uniform_rate(time_s)
-    return replace(
+    return _stretch(
         recording,
-        wrench=recording.wrench[begin:end],
+        begin,
+        end,
+        begin_s,
         rate_hz=None if rate is None else round_rate(rate),
         time_s=time_s if rate is None else None,
-        name=f"{recording.name} @ {round(float(times[0]), 6):.12g} s".strip(),
-        start_time=None if start is None else start + float(times[0]),
-        trigger_index=None if trigger is None or not begin <= trigger < end else trigger - begin,
-        flags=None if flags is None else flags[begin:end],
+        name=f"{recording.name} @ {round(begin_s, 6):.12g} s".strip(),
     )
 
 
@@ -334,8 +331,8 @@ def cut_windows(
     """Cut recordings into windows; see :meth:`Dataset.windows`, which calls this."""
     rate_hz = common_rate(recordings)
     checked_choice("on_short", on_short, "raise", "skip")
-    n = _samples("duration_s", duration_s, rate_hz)
-    hop = n if hop_s is None else _samples("hop_s", hop_s, rate_hz)
+    n = samples_in("duration_s", duration_s, rate_hz)
+    hop = n if hop_s is None else samples_in("hop_s", hop_s, rate_hz)
     names = Counter(recording.name.strip() for recording in recordings)
     windows: list[Recording] = []
     rows: list[dict[str, Any]] = []
@@ -364,13 +361,12 @@ def cut_windows(
             )
         skipped.append({"name": recording.name, "samples_before": recording.n_samples, "skipped": short})
     if not windows and rows:
-        raise NothingLeftError("no window has a measured sample: all are filled gaps", rows)
+        raise ValueError("no window has a measured sample: all are filled gaps")
     if not windows:
         longest = max(recording.n_samples for recording in recordings)
-        raise NothingLeftError(
+        raise ValueError(
             f"none of the {counted(len(recordings))} is as long as a window of {fixed(n)} samples; the longest has "
-            f"{counted(longest, 'sample')}",
-            skipped,
+            f"{counted(longest, 'sample')}"
         )
     totals = {
         "recordings": len(rows),
@@ -423,29 +419,19 @@ def _share_samples(one: Recording, other: Recording, later_s: float) -> bool:
     return len(shared) > 0 and np.array_equal(shared, other.wrench[: len(shared)])
 
 
-def _samples(name: str, seconds: float, rate_hz: float) -> int:
-    n = round(finite_number(f"{name} times the rate", finite_number(name, seconds, positive=True) * rate_hz))
-    if n < 1:
-        raise argument_error(ValueError, name, f"={seconds:g} at {rate_hz:g} Hz is less than one sample")
-    return n
-
-
 def _windows_of(
     recording: Recording, name: str, starts: Iterable[int], n: int, rate_hz: float
 ) -> Iterable[Recording]:
     """Yield the windows of one recording, which are views of its samples."""
-    begin, flags, trigger = recording.start_time, recording.flags, recording.trigger_index
     whole, offset_s = cut_from(recording) or (name, 0.0)  # of a window that is cut once more
     meta = thaw(recording.meta)
     for start in starts:
         start_s = offset_s + start / rate_hz
-        marks = None if flags is None else flags[start : start + n]
-        yield replace(
+        yield _stretch(
             recording,
-            wrench=recording.wrench[start : start + n],
+            start,
+            start + n,
+            start / rate_hz,
             name=f"{whole} @ {round(start_s, 6):.12g} s",
-            start_time=None if begin is None else begin + start / rate_hz,
-            trigger_index=None if trigger is None or not start <= trigger < start + n else trigger - start,
             meta={**meta, WINDOW: {"recording": whole, "start_s": start_s}},
-            flags=marks,
         )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -15,39 +15,26 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error
 from granular_id._core import AXES
-from granular_id.recording.names import (
-    FLAGS,
+from granular_id.recording.columns import (
     LABEL,
     RATE,
     RECORDING,
     SESSION,
     TAKEN,
     TIME,
-    ColumnError,
+    TableError,
     columns_of,
     factor,
     meaning_of,
     name_and_unit,
     nanoseconds_beside,
+    same_unit,
     unit_spelling,
 )
-from granular_id.recording.recording import same_unit, unit_of
+from granular_id.recording.recording import unit_of
 
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
-
-
-class TableError(ValueError):
-    """Samples that make no recording: the problem, and the row and column of the table where it is.
-
-    `no_wrench`: the table holds none of the axes, so that it may be something else beside recordings.
-    """
-
-    def __init__(
-        self, problem: str, row: int | None = None, column: str | None = None, *, no_wrench: bool = False
-    ) -> None:
-        super().__init__(problem)
-        self.problem, self.row, self.column, self.no_wrench = problem, row, column, no_wrench
 
 
 @dataclass(frozen=True)
@@ -67,10 +54,8 @@ class Table:
     units : mapping of str to str
         Units that are stated beside the names, by column or axis.
     stamps : ndarray of shape (T,), optional
-        The clock of `values`: seconds or what `time_unit` says, or numpy's dates.
-    time_unit : str, optional
-        What stamps count, where that is stated.
-    rate_hz, start_time, label, session, trigger_index, flags, meta
+        The clock of `values`: seconds, or numpy's dates.
+    rate_hz, label, session, meta
         What the file states of the recording, as in `Recording`.
     clock : str
         How errors call the clock.
@@ -82,13 +67,9 @@ class Table:
     axes: tuple[str, ...] | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     stamps: NDArray[Any] | None = None
-    time_unit: str | None = None
     rate_hz: float | None = None
-    start_time: float | None = None
     label: str | None = None
     session: str | None = None
-    trigger_index: int | None = None
-    flags: NDArray[Any] | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
     clock: str = "time"
 
@@ -176,34 +157,53 @@ class Picked:
 
 def picked_columns(table: Table, stated: Stated) -> Picked:
     """Choose the columns that are read, and settle axes and units."""
-    try:
-        return _of_columns(table, stated) if table.columns else _of_values(table, stated)
-    except ColumnError as error:
-        raise TableError(str(error), no_wrench=error.no_wrench) from error
-
-
-def _of_columns(table: Table, stated: Stated) -> Picked:
-    """Choose the columns that are read."""
-    names = list(table.columns)
+    cells, values, asked_axes = dict(table.columns), None, stated.axes
     asked = {
         TIME: stated.time,
         RECORDING: stated.id,
         LABEL: stated.column("label") if table.label is None else None,
         SESSION: stated.column("session") if table.session is None else None,
     }
-    called = columns_of(names, stated.axes, asked)
-    axes = stated.axes or AXES
-    if stated.id is None and RECORDING in called and _numbers_rows(table.columns[called[RECORDING]]):
+    beside_axes = True  # a clock, or other columns of which something is known
+    if not cells:
+        values = np.asarray(table.values)
+        if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
+            came = f"{values.dtype} of shape {values.shape}"
+            raise TableError(f"samples are {came}; wanted numbers of shape (samples, axes)")
+        known = _names_of(values, table.axes, stated.axes)
+        cells = dict(zip(known, values.T, strict=True))
+        meant = {meaning_of(name).what for name in known}
+        names_all = stated.axes is None or (table.axes is None and tuple(known) == tuple(stated.axes))
+        beside_axes = names_all and len(known) > len(AXES) and meant >= set(AXES)
+        of_wrench = len(known) == len(AXES) and meant == set(AXES)
+        asked_axes = None if beside_axes else stated.axes or (AXES if of_wrench else tuple(known))
+    called = columns_of(list(cells), asked_axes, asked if beside_axes else None)
+    axes = asked_axes or AXES
+    if not beside_axes:
+        called = {axis: called[axis] for axis in axes}
+    if stated.id is None and RECORDING in called and _numbers_rows(cells[called[RECORDING]]):
         del called[RECORDING]
     scales, units, notes = _units_of(axes, called, table, stated)
-    columns = {what: table.columns[name] for what, name in called.items() if what not in axes}
+    columns = {what: cells[name] for what, name in called.items() if what not in axes}
     used = set(called.values())
-    beside = nanoseconds_beside(called[TIME], names) if TIME in called else None
+    time_unit, rate_unit = (
+        table.units.get(called[what]) or meaning_of(called[what]).unit if what in called else None
+        for what in (TIME, RATE)
+    )
+    beside = nanoseconds_beside(called[TIME], list(cells)) if TIME in called else None
     if beside is not None:
         used.add(beside)
-        columns[TIME] = _joined_time(columns[TIME], table.columns[beside], called[TIME])
-    wrench = numbers_of([table.columns[called[axis]] for axis in axes], [called[axis] for axis in axes])
-    unread = [repr(name) for name in names if name not in used]
+        columns[TIME], time_unit = _joined_time(columns[TIME], cells[beside], called[TIME]), "ns"
+    if table.stamps is not None and TIME not in columns:
+        columns[TIME] = np.asarray(table.stamps)
+        if values is not None and columns[TIME].shape != (len(values),):
+            raise TableError(f"{TIME} has the shape {columns[TIME].shape} for {len(values)} samples")
+    names = [called[axis] for axis in axes]
+    if values is not None and names == list(cells):
+        wrench = np.asarray(values, np.float64)  # not copied
+    else:
+        wrench = numbers_of([cells[name] for name in names], names)
+    unread = [repr(name) for name in cells if name not in used]
     if unread:
         notes.append(f"columns that are not read: {', '.join(unread)[:200]}")
     others = {name: what for what, name in called.items() if not _same_name(name, what)}
@@ -211,10 +211,6 @@ def _of_columns(table: Table, stated: Stated) -> Picked:
         notes.append(f"columns {', '.join(map(repr, others))} taken as {', '.join(others.values())}"[:300])
     if scales is not None:
         wrench = wrench * scales
-    time_unit = None if TIME not in called else table.units.get(called[TIME]) or meaning_of(called[TIME]).unit
-    rate_unit = None if RATE not in called else table.units.get(called[RATE]) or meaning_of(called[RATE]).unit
-    if beside is not None:
-        time_unit = "ns"
     return Picked(wrench, axes, called, units, notes, columns, time_unit, rate_unit)
 
 
@@ -234,37 +230,6 @@ def _numbers_rows(values: NDArray[Any]) -> bool:
     if values.dtype.kind not in "iu" or len(values) < 2:
         return False
     return bool((np.diff(values) == 1).all())
-
-
-def _of_values(table: Table, stated: Stated) -> Picked:
-    """Take an array of samples, whose columns may have names."""
-    values = np.asarray(table.values)
-    if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
-        came = f"{values.dtype} of shape {values.shape}"
-        raise TableError(f"samples are {came}; wanted numbers of shape (samples, axes)")
-    known = _names_of(values, table.axes, stated.axes)
-    meant = {meaning_of(name).what for name in known}
-    names_only = stated.axes is None or (table.axes is None and tuple(known) == tuple(stated.axes))
-    if names_only and len(known) > len(AXES) and meant >= set(AXES):  # a clock, or others, beside the six
-        table = replace(table, columns=dict(zip(known, values.T, strict=True)))
-        return _of_columns(table, replace(stated, axes=None))
-    columns = {name: values[:, i] for i, name in enumerate(known)}
-    wanted = stated.axes or (AXES if len(known) == len(AXES) and meant == set(AXES) else known)
-    found = columns_of(known, wanted)
-    called = {axis: found[axis] for axis in wanted}
-    scales, units, notes = _units_of(wanted, called, table, stated)
-    in_order = tuple(called.values()) == tuple(known)
-    chosen = values if in_order else np.column_stack([columns[name] for name in called.values()])
-    wrench = np.asarray(chosen, np.float64)
-    if scales is not None:
-        wrench = wrench * scales
-    others: dict[str, NDArray[Any]] = {}
-    for what, cells in ((TIME, table.stamps), (FLAGS, table.flags)):
-        if cells is not None:
-            others[what] = np.asarray(cells)
-            if others[what].shape != (len(values),):
-                raise TableError(f"{what} has the shape {others[what].shape} for {len(values)} samples")
-    return Picked(wrench, tuple(wanted), called, units, notes, others, table.time_unit)
 
 
 def _names_of(
@@ -318,21 +283,14 @@ def _unit_of(axis: str, name: str, table: Table, asked: str | None) -> str | Non
     """Return the unit that the name of a column, what stands beside it, or the user states: all the same."""
     in_name = name_and_unit(name)[1] if axis != name.strip() or axis in AXES else None
     said = [unit for unit in (in_name, table.units.get(name), table.units.get(axis)) if unit and unit != "-"]
-    other = next((unit for unit in said[1:] if not _agree(axis, said[0], unit)), None)
+    other = next((unit for unit in said[1:] if not same_unit(said[0], unit)), None)
     if other is not None:
         raise TableError(f"its unit is {said[0]!r:.40}, and {other!r:.40} is stated beside it", column=name)
-    if said and asked is not None and not _agree(axis, said[0], asked):
+    if said and asked is not None and not same_unit(said[0], asked):
         raise TableError(
             f"its unit is {said[0]!r:.40}, and units= states {asked!r:.40}; leave it out", column=name
         )
     return said[0] if said else asked
-
-
-def _agree(axis: str, one: str, other: str) -> bool:
-    if axis in AXES:
-        scales = [factor(unit, unit_of(axis)) for unit in (one, other)]
-        return scales[0] == scales[1] is not None or same_unit(one, other)
-    return same_unit(one, other)
 
 
 def numbers_of(columns: Sequence[NDArray[Any]], names: Sequence[str]) -> FloatArray:

@@ -15,13 +15,14 @@ from granular_id._checks import (
     argument_error,
     as_floats,
     checked_text,
-    finite_number,
     float_array,
     thaw,
 )
 from granular_id._core import AXES
 from granular_id._text import counted
-from granular_id.recording.recording import KNOWN_UNITS, Recording, irregular_among, same_unit, unit_of
+from granular_id.recording.clock import samples_in
+from granular_id.recording.columns import same_unit
+from granular_id.recording.recording import KNOWN_UNITS, Recording, irregular_among, unit_of
 from granular_id.recording.report import StepReport, first_names, subject
 
 if TYPE_CHECKING:
@@ -272,15 +273,6 @@ def rest_zero(lead: FloatArray) -> FloatArray:
     return zero
 
 
-def lead_samples(lead_s: object, rate_hz: float) -> int:
-    """Return how many samples a rest of so many seconds holds."""
-    seconds = finite_number("lead_s", lead_s, positive=True)
-    n = round(finite_number("lead_s times the rate", seconds * rate_hz))
-    if n < 1:
-        raise argument_error(ValueError, "lead_s", f"={seconds:g} at {rate_hz:g} Hz is less than one sample")
-    return n
-
-
 def tare_recordings(
     recordings: Sequence[Recording], lead_s: float | None
 ) -> tuple[list[Recording], StepReport]:
@@ -297,8 +289,8 @@ def tare_recordings(
     rests = [r.trigger_index or 0 for r in recordings]
     rates = [r.rate_hz or 0.0 for r in recordings]  # all are uniform here
     least_s, most_s = TARE_S if lead_s is None else (lead_s, lead_s)
-    leads = [min(lead_samples(most_s, rate), rest) for rate, rest in zip(rates, rests, strict=True)]
-    wanted = [lead_samples(least_s, rate) for rate in rates]
+    leads = [min(samples_in("lead_s", most_s, rate), rest) for rate, rest in zip(rates, rests, strict=True)]
+    wanted = [samples_in("lead_s", least_s, rate) for rate in rates]
     short = [i for i, (n, least) in enumerate(zip(leads, wanted, strict=True)) if n < least]
     if short:
         raise ValueError(_too_short(recordings, rests, short, least_s))

@@ -232,7 +232,11 @@ def test_real_recordings_that_start_in_motion(data_dir):
         ({"wrench": np.zeros(5)}, ValueError, r"shape \(5,\); wanted a real array of shape \(T, C\)"),
         ({"wrench": np.zeros((0, 6))}, ValueError, r"wrench has shape \(0, 6\)"),
         ({"wrench": [["a"] * 6]}, TypeError, "wrench has dtype"),
-        ({"wrench": np.where(np.arange(6) == 2, np.nan, noise())}, ValueError, r"wrench\[0, 2\] is nan"),
+        (
+            {"wrench": np.where(np.arange(6) == 2, np.nan, noise())},
+            ValueError,
+            r"wrench\[0, 2\] \(fz\) is nan",
+        ),
         ({"rate_hz": 0}, ValueError, "rate_hz must be positive, got 0"),
         ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
         ({"rest_s": -1}, ValueError, "rest_s must be positive, got -1"),

@@ -46,7 +46,7 @@ def test_shared_stretches(change, share, shift):
     }
     assert pairs[5, 48] == (shift, pytest.approx(share))
     assert finding.severity == "error"
-    assert report.verdicts[48].state == report.verdicts[5].state == "error"
+    assert report.states[48] == report.states[5] == "error"
 
 
 def test_recordings_that_only_resemble_each_other_are_left_alone():

@@ -88,7 +88,7 @@ def test_a_fault_is_found_by_its_name_and_nothing_else(sound, places, wrench, fi
         assert words in finding.message
         assert finding.indices == tuple(places)
         assert finding.recordings == tuple(sound[i].name for i in places)
-    states = [verdict.state for verdict in report.verdicts]
+    states = list(report.states)
     assert states.count(report.worst) == (len(places) if found else len(sound))
     assert ("irregular" in report.counts) == ("time_s" in fields)
 

@@ -11,8 +11,8 @@ from scipy.signal import firwin
 
 from granular_id.io import load
 from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.recording.clock import ClockError, time_order
-from granular_id.recording.resampling import MAX_SAMPLES, round_rate, uniform_rate
+from granular_id.recording.clock import ClockError, round_rate, time_order, uniform_rate
+from granular_id.recording.resampling import MAX_SAMPLES
 
 # whole microseconds: stamps as loggers write them, and differences that do not vanish in rounding
 steps_us = st.lists(st.integers(100, 300_000), min_size=1, max_size=40)

@@ -22,7 +22,7 @@ from granular_id._core import interleave
 from granular_id._files import check_source
 from granular_id._memory import empty
 from granular_id._text import counted
-from granular_id.io.errors import RecordingFileError, attempt, naming, need
+from granular_id.io.files import RecordingFileError, attempt, naming, need
 from granular_id.io.flat import checked_history
 from granular_id.io.parquet.layout import (
     FLAGS,

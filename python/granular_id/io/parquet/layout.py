@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from granular_id.io.errors import RecordingFileError, naming, need
-from granular_id.io.files import check_file
+from granular_id.io.files import RecordingFileError, check_file, naming, need
 from granular_id.recording import unit_of
 
 SAMPLES_FOLDER = "samples"

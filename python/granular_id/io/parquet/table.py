@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._text import counted
-from granular_id.io.errors import RecordingFileError, attempt
-from granular_id.io.options import LoadOptions
+from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.parquet.archive import Archive
 from granular_id.io.parquet.layout import MARK, labels_of, open_parquet
-from granular_id.io.source import FileContent, FileSource
+from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.recording import Table
 
 _INDEX = "__index_level_0__"
@@ -37,14 +36,7 @@ def read_parquet(source: FileSource, _: LoadOptions) -> FileContent:
     columns = {name: _values(table.column(i)) for i, name in enumerate(table.column_names)}
     if _INDEX in columns and columns[_INDEX].dtype.kind in "mM":
         columns["time" if "time" not in columns else _INDEX] = columns.pop(_INDEX)
-    lists = next(
-        (
-            name
-            for name in table.column_names
-            if str(table.schema.field(name).type).endswith("]>") or _is_list(table, name)
-        ),
-        None,
-    )
+    lists = next((field.name for field in table.schema if "list<" in str(field.type)), None)
     read = Table(name=source.name, columns=columns, units=units)
 
     def place(_: int, row: int | None) -> dict[str, Any]:
@@ -74,10 +66,6 @@ def parquet_parts(source: FileSource, options: LoadOptions) -> Iterator[FileCont
             lost = f"{error.problem}; its {counted(group.stop - group.start)} left out"
             problems.append(RecordingFileError(error.path, lost, place=f"row group {group.row_group}"))
     yield from problems
-
-
-def _is_list(table: Any, name: str) -> bool:
-    return str(table.schema.field(name).type).startswith(("list<", "large_list<", "fixed_size_list<"))
 
 
 def _values(column: Any) -> NDArray[Any]:

@@ -18,9 +18,8 @@ import numpy as np
 from granular_id._checks import FloatArray, argument_error, thaw
 from granular_id._files import check_target, durable_file, made_folder
 from granular_id._progress import ProgressCallback, check_progress, showing
-from granular_id.io.errors import need
-from granular_id.io.flat import flat_samples
-from granular_id.io.folder_save import checked_dataset, history_json, new_folder
+from granular_id.io.files import need, new_folder
+from granular_id.io.flat import checked_dataset, flat_samples, history_json
 from granular_id.io.parquet.layout import (
     FLAGS,
     HISTORY,

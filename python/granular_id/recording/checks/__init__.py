@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from granular_id.recording.checks.measured import SENSOR_RANGES, SensorRange
-from granular_id.recording.checks.report import CheckReport, Finding, Verdict
+from granular_id.recording.checks.report import CheckReport, Finding
 
-__all__ = ["SENSOR_RANGES", "CheckReport", "Finding", "SensorRange", "Verdict"]
+__all__ = ["SENSOR_RANGES", "CheckReport", "Finding", "SensorRange"]

@@ -12,9 +12,9 @@ import numpy as np
 from granular_id._checks import FloatArray, argument_error, finite_number
 from granular_id._core import AXES
 from granular_id.recording.checks.report import Finding, Severity
+from granular_id.recording.clock import MAX_GAP_S
 from granular_id.recording.onset import REST_S
 from granular_id.recording.recording import Recording, places_of, unit_of
-from granular_id.recording.resampling import MAX_GAP_S
 
 
 class Measured:

@@ -1,4 +1,4 @@
-"""``CheckReport``: what the checks found, worst first, with a verdict per recording."""
+"""``CheckReport``: what the checks found, worst first."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any, Literal, overload
 
 from granular_id._checks import freeze, thaw
 from granular_id._text import counted
-from granular_id.recording.recording import Recording
 from granular_id.recording.report import Report, first_names
 
 Severity = Literal["error", "warning", "info"]
@@ -72,39 +71,15 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What the checks say of one recording.
-
-    Attributes
-    ----------
-    name : str
-        The recording's name.
-    state : {"ok", "warning", "error"}
-        The worst of the findings that name this recording. Findings about the whole set, such as a clock that
-        tells the label, are nobody's in particular: `CheckReport.worst` counts them.
-    codes : tuple of str
-        Codes of those findings, mild ones ("info") included.
-    """
-
-    name: str
-    state: State
-    codes: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values, ready for ``json.dumps``."""
-        return {"name": self.name, "state": self.state, "codes": list(self.codes)}
-
-
-@dataclass(frozen=True)
 class CheckReport(Sequence[Finding], Report):
-    """A sequence of findings, worst first, that prints as a table and judges every recording.
+    """A sequence of findings, worst first, that prints as a table.
 
     Attributes
     ----------
     findings : tuple of Finding
         Errors, warnings, infos; within each the order of the checks.
-    verdicts : tuple of Verdict
-        One per recording, in the order of the data set.
+    n_recordings : int
+        Recordings that were checked.
 
     Examples
     --------
@@ -115,7 +90,7 @@ class CheckReport(Sequence[Finding], Report):
     >>> data = Dataset([Recording(noise[i], rate_hz=100, label="ab"[i % 2], session="1", name=f"push {i}")
     ...                 for i in range(12)])
     >>> report = data.check()
-    >>> report.worst, [finding.code for finding in report], report.verdicts[3].state
+    >>> report.worst, [finding.code for finding in report], report.states[3]
     ('warning', ['stuck-axis'], 'warning')
     >>> print(report)
     12 recordings checked: 11 ok, 1 with warnings
@@ -125,21 +100,22 @@ class CheckReport(Sequence[Finding], Report):
     """
 
     findings: tuple[Finding, ...]
-    verdicts: tuple[Verdict, ...]
+    n_recordings: int
 
     @classmethod
-    def of(cls, findings: Sequence[Finding], recordings: Sequence[Recording]) -> CheckReport:
-        """Sort findings by severity and judge each recording by those that name it."""
-        ordered = tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))
-        own: list[list[Finding]] = [[] for _ in recordings]
-        for finding in ordered:
-            for i in finding.indices:
-                own[i].append(finding)
-        verdicts = tuple(
-            Verdict(r.name, _worst(mine), tuple(finding.code for finding in mine))
-            for r, mine in zip(recordings, own, strict=True)
-        )
-        return cls(ordered, verdicts)
+    def of(cls, findings: Sequence[Finding], n_recordings: int) -> CheckReport:
+        """Sort findings by severity."""
+        return cls(tuple(sorted(findings, key=lambda one: SEVERITIES.index(one.severity))), n_recordings)
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """The worst of the findings that name each recording, in the order of the data set.
+
+        Findings about the whole set, such as a clock that tells the label, are nobody's in particular: `worst` counts
+        them.
+        """
+        own = [[one for one in self.findings if i in one.indices] for i in range(self.n_recordings)]
+        return tuple(map(_worst, own))
 
     @property
     def worst(self) -> State:
@@ -149,7 +125,7 @@ class CheckReport(Sequence[Finding], Report):
     @property
     def counts(self) -> dict[str, int]:
         """Recordings per code, in the order of the findings; those of the whole set count all."""
-        return {f.code: len(f.indices) or len(self.verdicts) for f in self.findings}
+        return {f.code: len(f.indices) or self.n_recordings for f in self.findings}
 
     @overload
     def __getitem__(self, index: int) -> Finding: ...
@@ -163,10 +139,10 @@ class CheckReport(Sequence[Finding], Report):
 
     def text(self, width: int = WIDTH) -> str:
         """Return the table in lines of at most `width` columns, as far as names allow."""
-        states = Counter(verdict.state for verdict in self.verdicts)
+        states = Counter(self.states)
         parts = [f"{states['ok']} ok"]
         parts += [f"{states[state]} with {state}s" for state in ("warning", "error") if states[state]]
-        headline = f"{counted(len(self.verdicts))} checked: {', '.join(parts)}"
+        headline = f"{counted(self.n_recordings)} checked: {', '.join(parts)}"
         if not self.findings:
             return f"{headline}: nothing found that would spoil an evaluation"
         lines = [headline]
@@ -181,7 +157,7 @@ class CheckReport(Sequence[Finding], Report):
             lines += textwrap.wrap(
                 finding.message, width, initial_indent=start, subsequent_indent=indent, break_long_words=False
             )
-            if 0 < len(finding.indices) < len(self.verdicts):
+            if 0 < len(finding.indices) < self.n_recordings:
                 names = f"[{first_names(finding.recordings)}]"
                 lines += textwrap.wrap(names, width, initial_indent=indent, subsequent_indent=indent)
         return "\n".join(lines)
@@ -195,7 +171,7 @@ class CheckReport(Sequence[Finding], Report):
             "worst": self.worst,
             "counts": self.counts,
             "findings": [finding.to_dict() for finding in self.findings],
-            "verdicts": [verdict.to_dict() for verdict in self.verdicts],
+            "states": list(self.states),
         }
 
 

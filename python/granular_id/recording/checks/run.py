@@ -50,4 +50,4 @@ def check_recordings(
             ticker.tick(what)
             if check is signal.check_absurd and found:
                 break
-    return CheckReport.of(findings, recordings)
+    return CheckReport.of(findings, len(recordings))

@@ -9,9 +9,9 @@ import numpy as np
 from granular_id._text import counted
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding, Severity
+from granular_id.recording.clock import MAX_GAP_S
 from granular_id.recording.recording import SampleFlag, places_of
 from granular_id.recording.report import subject
-from granular_id.recording.resampling import MAX_GAP_S
 
 SLOWEST_RATE_HZ = 1.0  # below it the stamps are rather in milliseconds than in seconds
 # Steps may spread (90 % less 10 % quantile) by this part of their median before it counts as jitter.
