@@ -42,31 +42,16 @@ _NO_RECORDING = re.compile(
 """Names of what lies beside recordings."""
 
 _NO_MATERIAL = frozenset(
-    [
-        "trial",
-        "run",
-        "push",
-        "recording",
-        "rec",
-        "take",
-        "test",
-        "sample",
-        "measurement",
-        "data",
-        "log",
-        "exp",
-        "experiment",
-        "file",
-        "episode",
-        "session",
-        "day",
-    ]
+    (
+        *("trial", "run", "push", "recording", "rec", "take", "test", "sample", "measurement", "data", "log"),
+        *("exp", "experiment", "file", "episode", "session", "day"),
+    )
 )
 """Names that number recordings: no label."""
 
 _SESSION_LIKE = re.compile(
     r"(\d{2,4}[-_.]\d{1,2}[-_.]\d{1,4}.*|\d{8}|(mon|tues|wednes|thurs|fri|satur|sun)day|"
-    r"train(ing)?|test(ing)?|val(id|idation)?|(session|day|week|run|trial|take|batch|exp|experiment|"
+    r"train(ing)?|test(ing)?|val(id|idation)?|raw|csv|data(set)?s?|recordings?|measurements?|logs?|files?|(session|day|week|run|trial|take|batch|exp|experiment|"
     r"person|subject|participant|operator|user|robot|rig)[\s_-]*\w{0,3})",
     re.IGNORECASE,
 )
@@ -223,7 +208,8 @@ def _by_place(root: Path, found: Sources) -> list[FileSource]:
             for depth in sorted(depths)
         }
         both = " and ".join(f"{name!r}" for name in list(first.values())[:2])
-        way_out = "or say where the label stands: label='folder', label='parent' or label='file'"
+        parent = "label='parent' or " if min(depths) else ""
+        way_out = f"or say where the label stands: label='folder', {parent}label='file'"
         problem = (
             f"recordings lie at several levels of folders ({both}); wanted one layout: {LAYOUTS}; {way_out}"
         )
@@ -264,14 +250,12 @@ def _two_levels(first: FileSource) -> str:
 
 def _no_materials(files: Sequence[FileSource]) -> str | None:
     """Say why folders are most likely no materials: days, persons, runs, or the same numbered names in each."""
-    stems: dict[str, Counter[str]] = {}
+    stems: dict[str, set[str]] = {}
     for source in files:
-        stems.setdefault(source.path.parent.name, Counter())[_label_of(source.path) or ""] += 1
-    names = list(stems)
+        stems.setdefault(source.path.parent.name, set()).add(_label_of(source.path) or "")
+    names, first = list(stems), next(iter(stems.values()))
     session_like = all(_SESSION_LIKE.fullmatch(name) for name in names)
-    alike = len(names) > 1 and all(
-        set(one) == set(stems[names[0]]) and len(one) > 1 for one in stems.values()
-    )
+    alike = len(names) > 1 and len(first) > 1 and all(one == first for one in stems.values())
     numbered = all(_NUMBER.search(source.path.stem) for source in files)
     series = len({_NUMBER.sub("", name).lower() for name in names}) == 1
     if not session_like and not (alike and (numbered or series)):

@@ -74,6 +74,7 @@ DOUBTFUL = {
     "train/rice_1.csv test/rice_1.csv": ("file", "folder"),
     "anna/rice_1.csv anna/peas_1.csv bert/rice_1.csv bert/peas_1.csv": ("file", "folder"),
     "1/rice.csv 1/peas.csv 2/rice.csv 2/peas.csv": ("file", "folder"),
+    "data/rice_1.csv logs/peas_1.csv": ("file", "folder"),
 }
 
 
