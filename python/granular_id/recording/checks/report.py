@@ -114,8 +114,11 @@ class CheckReport(Sequence[Finding], Report):
         Findings about the whole set, such as a clock that tells the label, are nobody's in particular: `worst` counts
         them.
         """
-        own = [[one for one in self.findings if i in one.indices] for i in range(self.n_recordings)]
-        return tuple(map(_worst, own))
+        states: list[State] = ["ok"] * self.n_recordings
+        for finding in reversed(self.findings):  # the worst last
+            for i in finding.indices:
+                states[i] = "ok" if finding.severity == "info" else finding.severity
+        return tuple(states)
 
     @property
     def worst(self) -> State:
