@@ -33,6 +33,7 @@ from granular_id.recording import (
     AXES,
     Dataset,
     Recording,
+    Stated,
     Table,
     TableError,
     columns_of,
@@ -72,13 +73,11 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     pandas = need("pandas", extra="app", why="to read text tables")
     given = dict(options.csv or {})
     head = _head(source.path, given)
-    axes = options.axes or source.axes
-    doubtful = not given.keys() & {"names", "header", "usecols"} and _names_no_axes(
-        source.path, head, axes, options
-    )
+    stated = source.stated(options)
+    doubtful = not given.keys() & {"names", "header", "usecols"} and _names_no_axes(source.path, head, stated)
     columns, notes = _columns(_read(pandas, source.path, head, _FEW if doubtful else None), source.path, head)
     try:
-        columns_of(list(columns), axes, {"time": options.time, "recording": options.id})
+        columns_of(list(columns), stated.axes, stated.columns)
     except TableError as error:
         raise _no_columns(source.path, error, head, columns) from error
     if doubtful:
@@ -91,7 +90,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     first_line = head.line + 1 + n_units
     if not any(len(cells) for cells in columns.values()):
         raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
-    table = Table(name=source.name, columns=columns, units=units, clock="time column")
+    table = Table(name=source.name, columns=columns, units=units, clock="time column", is_text=True)
     cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
 
     def place(_: int, row: int | None) -> dict[str, Any]:
@@ -112,14 +111,14 @@ def _line_of_row(path: Path, head: _Head, first_line: int, row: int) -> int:
     return next(islice(rows, row, None), first_line + row)
 
 
-def _names_no_axes(path: Path, head: _Head, axes: Sequence[str] | None, options: LoadOptions) -> bool:
+def _names_no_axes(path: Path, head: _Head, stated: Stated) -> bool:
     """Return True if a line seems to name none of the axes; refuse it where a later one does, or names occur twice."""
     twice = next((name for i, name in enumerate(head.names) if name and name in head.names[:i]), None)
     named = [name for name in dict.fromkeys(head.names) if name]
     try:
-        columns_of(named, axes, {"time": options.time, "recording": options.id})
+        columns_of(named, stated.axes, stated.columns)
     except TableError as error:
-        found = None if "skiprows" in head.options else _line_of_names(path, head, axes)
+        found = None if "skiprows" in head.options else _line_of_names(path, head, stated.axes)
         if found is not None and found + 1 != head.line:
             way_out = f"line {found + 1} names the axes: pass csv={{'skiprows': {found}}}"
             raise RecordingFileError(path, f"{error}; {way_out}", line=head.line) from error

@@ -259,8 +259,7 @@ class _Part:
         column = (
             f", or time= with the column that is the clock ({', '.join(counting)[:80]}?)" if counting else ""
         )
-        way_out = f"pass rate_hz={column}, or a rate_hz column in index.csv"
-        return f"has no {clock} and no rate is stated; {way_out}"
+        return f"has no {clock} and no rate is stated; pass rate_hz={column}"
 
     def _rate_in_table(self) -> float | None:
         """Return the rate that the table, or a column of it, states."""

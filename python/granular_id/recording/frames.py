@@ -97,8 +97,8 @@ def recordings_of_frames(
         units=names_in("units", units, empty=True),
         time=time,
         id=id,
-        label_from=None if label is None else f"column:{label}",
-        session_from=None if session is None else f"column:{session}",
+        label_from=None if label is None else f"column:{label.removeprefix('column:')}",
+        session_from=None if session is None else f"column:{session.removeprefix('column:')}",
     )
     tables = [
         Table(

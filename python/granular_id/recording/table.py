@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,8 @@ class Table:
         What the file states of the recording, as in `Recording`.
     clock : str
         How errors call the clock.
+    is_text : bool
+        Whether ``pandas.read_csv`` made it, so that options of that may read it otherwise.
     """
 
     name: str = ""
@@ -72,6 +74,7 @@ class Table:
     session: str | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
     clock: str = "time"
+    is_text: bool = False
 
 
 @dataclass(frozen=True)
@@ -116,10 +119,15 @@ class Stated:
     irregular: bool = False
     repair: bool = False
 
-    def column(self, what: Literal["label", "session"]) -> str | None:
-        """Return the column that the label or session is to be taken from."""
-        place = getattr(self, f"{what}_from")
-        return place.removeprefix("column:") if place is not None and place.startswith("column:") else None
+    @property
+    def columns(self) -> dict[str, str | None]:
+        """Columns that somebody names: of the clock, what tells recordings apart, label and session."""
+        places = {LABEL: self.label_from, SESSION: self.session_from}
+        named = {
+            what: place.removeprefix("column:") if place is not None and place.startswith("column:") else None
+            for what, place in places.items()
+        }
+        return {TIME: self.time, RECORDING: self.id, **named}
 
 
 def units_by_axis(axes: Sequence[str], units: Sequence[str] | None) -> dict[str, str]:
@@ -157,26 +165,13 @@ class Picked:
 
 def picked_columns(table: Table, stated: Stated) -> Picked:
     """Choose the columns that are read, and settle axes and units."""
-    cells, values, asked_axes = dict(table.columns), None, stated.axes
-    asked = {
-        TIME: stated.time,
-        RECORDING: stated.id,
-        LABEL: stated.column("label") if table.label is None else None,
-        SESSION: stated.column("session") if table.session is None else None,
-    }
-    beside_axes = True  # a clock, or other columns of which something is known
+    cells, asked_axes, beside_axes = dict(table.columns), stated.axes, True
     if not cells:
-        values = np.asarray(table.values)
-        if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
-            came = f"{values.dtype} of shape {values.shape}"
-            raise TableError(f"samples are {came}; wanted numbers of shape (samples, axes)")
-        known = _names_of(values, table.axes, stated.axes)
-        cells = dict(zip(known, values.T, strict=True))
-        meant = {meaning_of(name).what for name in known}
-        names_all = stated.axes is None or (table.axes is None and tuple(known) == tuple(stated.axes))
-        beside_axes = names_all and len(known) > len(AXES) and meant >= set(AXES)
-        of_wrench = len(known) == len(AXES) and meant == set(AXES)
-        asked_axes = None if beside_axes else stated.axes or (AXES if of_wrench else tuple(known))
+        cells, asked_axes, beside_axes = _named_cells(table, stated)
+    asked = {**stated.columns}
+    for what, own in ((LABEL, table.label), (SESSION, table.session)):
+        if own is not None:
+            asked[what] = None
     called = columns_of(list(cells), asked_axes, asked if beside_axes else None)
     axes = asked_axes or AXES
     if not beside_axes:
@@ -196,21 +191,21 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
         columns[TIME], time_unit = _joined_time(columns[TIME], cells[beside], called[TIME]), "ns"
     if table.stamps is not None and TIME not in columns:
         columns[TIME] = np.asarray(table.stamps)
-        if values is not None and columns[TIME].shape != (len(values),):
-            raise TableError(f"{TIME} has the shape {columns[TIME].shape} for {len(values)} samples")
+        n = len(cells[called[axes[0]]])
+        if columns[TIME].shape != (n,):
+            raise TableError(f"{TIME} has the shape {columns[TIME].shape} for {n} samples")
     names = [called[axis] for axis in axes]
-    if values is not None and names == list(cells):
-        wrench = np.asarray(values, np.float64)  # not copied
+    if table.values is not None and names == list(cells):
+        wrench = np.asarray(table.values, np.float64)  # not copied
     else:
-        wrench = numbers_of([cells[name] for name in names], names)
+        wrench = numbers_of([cells[name] for name in names], names, is_text=table.is_text)
     unread = [repr(name) for name in cells if name not in used]
     if unread:
         notes.append(f"columns that are not read: {', '.join(unread)[:200]}")
     others = {name: what for what, name in called.items() if not _same_name(name, what)}
     if others:
         notes.append(f"columns {', '.join(map(repr, others))} taken as {', '.join(others.values())}"[:300])
-    if scales is not None:
-        wrench = wrench * scales
+    wrench = wrench if scales is None else wrench * scales
     return Picked(wrench, axes, called, units, notes, columns, time_unit, rate_unit)
 
 
@@ -232,22 +227,33 @@ def _numbers_rows(values: NDArray[Any]) -> bool:
     return bool((np.diff(values) == 1).all())
 
 
-def _names_of(
-    values: NDArray[Any], known: Sequence[str] | None, stated: Sequence[str] | None
-) -> Sequence[str]:
-    """Return a name for each column of an array: its own, those stated, or the six of a wrench."""
-    n = values.shape[1]
+def _named_cells(
+    table: Table, stated: Stated
+) -> tuple[dict[str, NDArray[Any]], tuple[str, ...] | None, bool]:
+    """Return the columns of an array by their names: its own, those stated, or the six of a wrench.
+
+    Also which of them are the axes, and whether others, such as a clock, are read beside the six.
+    """
+    values = np.asarray(table.values)
+    if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
+        came = f"{values.dtype} of shape {values.shape}"
+        raise TableError(f"samples are {came}; wanted numbers of shape (samples, axes)")
+    n, known = values.shape[1], table.axes
     if known is not None and len(known) != n:
         raise TableError(f"samples have {n} columns, and {len(known)} axes are named: {', '.join(known)}")
-    if known is not None:
-        return known
-    if stated is not None and len(stated) == n:
-        return stated
-    if stated is None and n == len(AXES):
-        return AXES
-    came = "" if stated is None else f", and axes names {len(stated)}"
-    problem = f"samples have {n} columns without names{came}"
-    raise TableError(f"{problem}; pass axes= with a name for each", no_wrench=True)
+    if known is None:
+        known = AXES if stated.axes is None else stated.axes
+    if len(known) != n:
+        came = "" if stated.axes is None else f", and axes names {len(known)}"
+        problem = f"samples have {n} columns without names{came}"
+        raise TableError(f"{problem}; pass axes= with a name for each", no_wrench=True)
+    cells = dict(zip(known, values.T, strict=True))
+    has_six = {meaning_of(name).what for name in known} >= set(AXES)
+    names_all = stated.axes is None or (table.axes is None and known == stated.axes)
+    if has_six and names_all and n > len(AXES):
+        return cells, None, True
+    of_wrench = has_six and n == len(AXES)
+    return cells, stated.axes or (AXES if of_wrench else tuple(known)), False
 
 
 def _units_of(
@@ -293,36 +299,36 @@ def _unit_of(axis: str, name: str, table: Table, asked: str | None) -> str | Non
     return said[0] if said else asked
 
 
-def numbers_of(columns: Sequence[NDArray[Any]], names: Sequence[str]) -> FloatArray:
+def numbers_of(columns: Sequence[NDArray[Any]], names: Sequence[str], *, is_text: bool = False) -> FloatArray:
     """Put columns of numbers side by side; empty cells are NaN."""
     found = []
     for values, name in zip(columns, names, strict=True):
-        found.append(values if values.dtype.kind in "iuf" else _numbers_in(values, name))
+        if values.dtype.kind in "iuf":
+            found.append(values)
+            continue
+        if values.ndim != 1 or values.dtype.kind not in "OUT":
+            raise TableError(f"holds {values.dtype}; wanted numbers", column=name)
+        cells = values.tolist()
+        no_number = [
+            row
+            for row, cell in enumerate(cells)
+            if isinstance(cell, bool) or not isinstance(cell, (int, float, type(None)))
+        ]
+        if no_number:
+            texts = [row for row in no_number if _NUMBER.fullmatch(str(cells[row])) is None]
+            row = (texts or no_number)[0]
+            raise TableError(_why_no_number(row, cells[row], columns if is_text else []), row, name)
+        found.append(np.array([np.nan if cell is None else cell for cell in cells], np.float64))
     return np.column_stack(found).astype(np.float64, copy=False)
 
 
-def _numbers_in(values: NDArray[Any], name: str) -> FloatArray:
-    """Return the numbers of a column that holds something else too, or say which cell is none."""
-    if values.ndim != 1 or values.dtype.kind not in "OUT":
-        raise TableError(f"holds {values.dtype}; wanted numbers", column=name)
-    numbers = np.empty(len(values))
-    cells = values.tolist()
-    some = [cell for cell in cells if isinstance(cell, str)]
-    only_numbers = bool(some) and all(map(_NUMBER.fullmatch, some))  # then the column holds texts of numbers
-    for row, cell in enumerate(cells):
-        is_number = isinstance(cell, (int, float)) and not isinstance(cell, bool)
-        if cell is None or is_number:
-            numbers[row] = np.nan if cell is None else cell
-            continue
-        if isinstance(cell, str) and not only_numbers and _NUMBER.fullmatch(cell):
-            continue
-        if isinstance(cell, (list, tuple, np.ndarray)):
-            raise TableError(
-                "holds lists; wanted one number a row (pandas: frame.explode makes rows of them)", row, name
-            )
-        text = str(cell)
-        way_out = f"; if it stands for a missing sample pass csv={{'na_values': {text[:40]!r}}}"
-        if _DECIMAL_COMMA.fullmatch(text):
-            way_out = "; a decimal comma is read by csv={'decimal': ','}"
-        raise TableError(f"{text[:40]!r} is no number{way_out}", row, name)
-    return numbers
+def _why_no_number(row: int, cell: Any, columns: Sequence[NDArray[Any]]) -> str:
+    """Say what is wrong with a cell; `columns` are those of a text table, which options of pandas may read."""
+    if isinstance(cell, (list, tuple, np.ndarray)):
+        return "holds lists; wanted one number a row (pandas: frame.explode makes rows of them)"
+    text, way_out = str(cell)[:40], "; wanted a number"
+    if columns and _DECIMAL_COMMA.fullmatch(str(cell)):
+        way_out = "; a decimal comma is read by csv={'decimal': ','}"
+    elif columns and all(column[row] == cell for column in columns):  # else the row would be empty in part
+        way_out = f"; if it stands for a missing sample pass csv={{'na_values': {text!r}}}"
+    return f"{text!r} is no number{way_out}"

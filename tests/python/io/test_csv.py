@@ -123,6 +123,8 @@ LATIN = GOOD.replace(b"time", b"Zeit \xe4,time").replace(b"0.0", b"x,0.0")
 IN_MS = GOOD.replace(b"0.00", b"0").replace(b"0.01", b"10").replace(b"0.02", b"20")
 PACKET = HEADER + ROW1 + ROW2 + b"0.01,2,2,3,4,5,6\n"
 TWO_FX = GOOD.replace(b"time", b"force_x,time").replace(b"fx", b"F_x").replace(b"0.0", b"0,0.0")
+TWO_LABELS = GOOD.replace(b"time", b"class,label,time").replace(b"0.0", b"a,b,0.0")
+TWO_VALUES = b"label," + HEADER + b"".join(b"%c,0.0%d,1,2,3,4,5,6\n" % (b"ab"[i // 3], i) for i in range(6))
 BARE = GOOD.partition(b"\n")[2]
 SIX = b"\n".join(line.partition(b",")[2] for line in BARE.split(b"\n"))
 TWO_LINES = b"Time,Force,,,Torque,,\n,x,y,z,x,y,z\n" + BARE
@@ -150,6 +152,8 @@ EXPORT = b"Start: 3/4/25 2:03 PM\nRate: 500\nNote: lab 3\n" + GOOD
         (IN_MS, "time_unit=", {"time_unit": "ms"}),
         (PACKET, "rate_hz=RATE", {"rate_hz": 100}),
         (HEADER + ROW2 + ROW1 + ROW3, "on_time_error='repair'", {"on_time_error": "repair"}),
+        (TWO_LABELS, "label='column:NAME'", {"label": "column:class"}),
+        (TWO_VALUES, "id='label' to take each as a recording", {"id": "label"}),
         (TWO_FX, "pass axes=", {"axes": "F_x,fy,fz,tx,ty,tz"}),
     ],
 )  # fmt: skip
@@ -160,6 +164,12 @@ def test_the_way_out_of_a_refusal_works(tmp_path, data, way_out, options):
     assert any(one in str(caught.value) for one in way_out.split("|"))
     recording = load(tmp_path / "a_1.csv", **options)[0]
     assert recording.n_samples == 3
+
+
+def test_text_in_one_axis_offers_no_option_that_cannot_help(tmp_path):
+    (tmp_path / "a.csv").write_bytes(HEADER + ROW1 + ROW2 + b"0.02,--,2,3,4,5,6\n")
+    with pytest.raises(RecordingFileError, match=r"line 4, column fx: '--' is no number; wanted a number$"):
+        load(tmp_path / "a.csv")
 
 
 BAD = {

@@ -249,24 +249,6 @@ def test_align_refuses_missing_triggers_and_rates():
         Dataset([UNEVEN]).align(2)
 
 
-@pytest.mark.parametrize(
-    ("step", "argument", "value"),
-    [
-        ("resample", "rate_hz", 1e12),
-        ("find_onsets", "false_alarm_rate", 0.9),
-        ("find_onsets", "overrule", {"no such": 1}),
-        ("align", "n_samples", 0),
-        ("align", "lead_s", 0.1),
-        ("check", "sensor_range", "unheard of"),
-    ],
-)
-def test_an_error_about_an_argument_holds_and_begins_with_its_name(mixed, step, argument, value):
-    others = {"n_samples": 10} if argument == "lead_s" else {}
-    with pytest.raises(ValueError, match=f"^{argument}") as error:
-        getattr(mixed, step)(**others, **{argument: value})
-    assert error.value.argument == argument
-
-
 @given(
     lengths=st.lists(st.integers(5, 30), min_size=1, max_size=5),
     n=st.integers(1, 8),
