@@ -150,7 +150,7 @@ class _Reading:
             stated = None if units is None else [text or "" for text in _texts(units)]
             known_units = units_by_axis(names or self._axes, stated)
         except ValueError as error:
-            raise self.fault(str(error)) from error
+            raise self.fault(str(error), offers=False) from error
         values = one.leaf.read()
         if not one.leaf.is_numbers:
             raise self.fault(f"{one.path} holds {values.dtype}; wanted numbers")
@@ -172,9 +172,11 @@ class _Reading:
         for i in range(n):
             k = i if at is None else at
             samples = values[i] if len(shape) == 3 else values
-            length = None if lengths[k] is None else int(float(lengths[k] or 0))
+            text = lengths[k]
+            length = None if text is None else int(text) if text.isdecimal() else 0
             if length is not None and not 0 < length <= len(samples):
-                raise self.fault(f"lengths[{k}] is {length}, and {one.path} has {len(samples)} samples")
+                problem = f"lengths[{k}] is {text}, and {one.path} has {len(samples)} samples"
+                raise self.fault(problem, offers=False)
             tables.append(
                 Table(
                     name=called[k] or (f"{self._source.name}[{i}]" if n > 1 else only),
@@ -202,11 +204,16 @@ class _Reading:
         """Return what stands beside an array: its attributes, its group, the groups around."""
         names = ABOUT[what]
         for place in (one.leaf.about, *one.chain):
-            for key, node in place.items():
-                if key.lower() in names and isinstance(node, Leaf) and node is not one.leaf:
-                    if what == "t" and not node.is_numbers:
-                        continue
-                    return node
+            found = {
+                key: node
+                for key, node in place.items()
+                if key.lower() in names and isinstance(node, Leaf) and node is not one.leaf
+                if what != "t" or node.is_numbers
+            }
+            if len(found) > 1 and len({tuple(_texts(node)) for node in found.values()}) > 1:
+                raise self.fault(f"{' and '.join(found)} say two things; wanted one of them", offers=False)
+            if found:
+                return next(iter(found.values()))
         return None
 
     def _rate(self, text: str | None) -> float | None:
@@ -215,7 +222,7 @@ class _Reading:
         except ValueError:
             rate = np.nan
         if rate is not None and not 0 < rate < np.inf:
-            raise self.fault(f"fs is {text!r:.40}; wanted a rate above 0 in Hz")
+            raise self.fault(f"fs is {text!r:.40}; wanted a rate above 0 in Hz", offers=False)
         return rate
 
     def _each(self, what: str, one: Found, n: int, rule: str | None = None) -> list[str | None]:
@@ -240,13 +247,14 @@ class _Reading:
             raise self.fault(problem)
         return texts
 
-    def fault(self, problem: str) -> RecordingFileError:
-        """Return an error that lists the arrays, and says how to read them."""
+    def fault(self, problem: str, *, offers: bool = True) -> RecordingFileError:
+        """Return an error that lists the arrays, and says how to read them where another way may help."""
         shown = [f"{one.path[:60]} {one.leaf.shape}" for one in self._leaves if one.leaf.shape]
         more = len(shown) - MOST_LISTED
         listed = ", ".join(shown[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
-        way_out = remedy(self._leaves, self._source.path, self._options, self._how, self._source.axes)
-        whole = f"{problem}; it holds {listed or 'no arrays'}{way_out}"
+        whole = f"{problem}; it holds {listed or 'no arrays'}"
+        if offers:
+            whole += remedy(self._leaves, self._source.path, self._options, self._how, self._source.axes)
         no_wrench = not any(len(one.leaf.shape) > 1 for one in self._leaves)
         return RecordingFileError(self._source.path, whole, no_wrench=no_wrench)
 

@@ -151,6 +151,11 @@ REFUSED = {
     "no rate": ({"X": X, "y": LABELS}, "has no clock .* and no rate is stated; pass rate_hz="),
     "labels of others": ({"X": X, "y": LABELS[:3], "fs": 500}, "y has 3 values, and X .* 4 recordings"),
     "lengths too long": ({"X": X, "fs": 500, "lengths": np.array([50, 51, 50, 50])}, r"lengths\[1\] is 51"),
+    "lengths of texts": (
+        {"X": X, "fs": 500, "lengths": ["a", "b", "c", "d"]},
+        r"lengths\[0\] is a, and X .*\)$",
+    ),
+    "two rates": ({"X": X, "fs": 500, "rate_hz": 100}, r"fs and rate_hz say two things; .*\)$"),
     "rate of no number": ({"X": X, "fs": -1.0}, "fs is '-1'; wanted a rate above 0"),
     "units of others": ({"X": X, "fs": 500, "units": ["N", "N", "N", "N"]}, "units has 4 for 6"),
     "unit unknown": ({"X": X, "fs": 500, "units": ["lb", "N m"]}, "its unit is 'lb'"),
