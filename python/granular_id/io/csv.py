@@ -282,7 +282,8 @@ def _columns(frame: Any, path: Path, head: _Head) -> tuple[dict[str, NDArray[Any
             continue
         if frame.iloc[:, i].isna().all():  # a separator at the end of each line
             continue
-        if cells.dtype.kind == "O" and i == 0 and any(c in str(cells[0]) for c in "-:"):
+        is_clock = i == 0 and "time" not in head.names and cells.dtype.kind == "O"
+        if is_clock and any(c in str(cells[0]) for c in "-:"):
             columns["time"] = cells  # an index of dates that pandas wrote
             notes.append("the first column has no name and holds dates: it is the time")
         elif not _counts(cells):

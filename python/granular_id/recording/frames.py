@@ -12,7 +12,7 @@ from granular_id._checks import argument_error, as_floats, checked_text, finite_
 from granular_id._core import AXES
 from granular_id._text import counted
 from granular_id.recording.columns import TableError, cell_text, column_names, unit_spelling
-from granular_id.recording.conversion import Made, to_recordings
+from granular_id.recording.conversion import to_recordings
 from granular_id.recording.recording import Recording, checked_axes
 from granular_id.recording.report import StepReport
 from granular_id.recording.table import Stated, Table, units_by_axis
@@ -55,9 +55,7 @@ def recordings_of_arrays(
         )
         for i, array in enumerate(arrays)
     ]
-    made = _made(tables, stated, "X")
-    parameters = {"of": "arrays", "rate_hz": rate}
-    return made.recordings, _report("from_arrays", parameters, made)
+    return _made(tables, stated, "X", "from_arrays", {"of": "arrays", "rate_hz": rate})
 
 
 def recordings_of_frames(
@@ -86,10 +84,10 @@ def recordings_of_frames(
     for what, value in (("time", time), ("id", id), ("label", label), ("session", session)):
         if value is not None:
             checked_text(value, what)
-    if label is not None and labels is not None:
-        raise argument_error(
-            ValueError, "label", "names a column, and labels are given too; wanted one of them"
-        )
+    for what, column, given in (("label", label, labels), ("session", session, sessions)):
+        if column is not None and given is not None:
+            problem = f"names a column, and {what}s are given too; wanted one of them"
+            raise argument_error(ValueError, what, problem)
     stated = Stated(
         rate_hz=None if rate_hz is None else finite_number("rate_hz", rate_hz, positive=True),
         time_unit=checked_time_unit(time_unit),
@@ -109,16 +107,8 @@ def recordings_of_frames(
         )
         for i, frame in enumerate(every)
     ]
-    made = _made(tables, stated, "frames")
-    parameters = {
-        "of": "frames",
-        "time": time,
-        "axes": stated.axes,
-        "id": id,
-        "label": label,
-        "session": session,
-    }
-    return made.recordings, _report("from_frames", parameters, made)
+    asked = {"time": time, "axes": stated.axes, "id": id, "label": label, "session": session}
+    return _made(tables, stated, "frames", "from_frames", {"of": "frames", **asked})
 
 
 def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:
@@ -229,29 +219,29 @@ def _texts(values: Any, argument: str, n: int) -> list[str | None]:
     return [cell_text(value) or None for value in every]
 
 
-def _made(tables: Sequence[Table], stated: Stated, argument: str) -> Made:
-    made = Made([])
+def _made(
+    tables: Sequence[Table], stated: Stated, argument: str, step: str, parameters: Mapping[str, Any]
+) -> tuple[list[Recording], StepReport]:
+    """Make the recordings of tables, and say what was done; a fault is at its place in the argument."""
+    recordings: list[Recording] = []
+    rows: list[dict[str, Any]] = []
+    notes: dict[str, None] = {}
     for i, table in enumerate(tables):
         try:
-            part = to_recordings(table, stated)
+            made = to_recordings(table, stated)
         except TableError as error:
-            where = [f"[{i}]"] if len(tables) > 1 else []
+            where = [f"{argument}[{i}]" if len(tables) > 1 else argument]
             where += [] if error.row is None else [f"row {error.row}"]
             where += [] if error.column is None else [f"column {error.column!r}"]
-            place = f"{argument}{where.pop(0)}" if where[:1] == [f"[{i}]"] else argument
-            raise ValueError(f"{', '.join([place, *where])}: {error.problem}") from error
-        made.recordings += part.recordings
-        made.rows += part.rows
-        made.notes += [note for note in part.notes if note not in made.notes]
-    return made
-
-
-def _report(step: str, parameters: Mapping[str, Any], made: Made) -> StepReport:
+            raise ValueError(f"{', '.join(where)}: {error.problem}") from error
+        recordings += made.recordings
+        rows += made.rows
+        notes |= dict.fromkeys(made.notes)
     totals = {
-        "recordings": len(made.recordings),
-        "uniform": sum(r.is_uniform for r in made.recordings),
-        "irregular": sum(not r.is_uniform for r in made.recordings),
-        "left_out_samples": sum(row.get("left_out", 0) for row in made.rows),
-        "merged_samples": sum(row.get("merged", 0) for row in made.rows),
+        "recordings": len(recordings),
+        "uniform": sum(r.is_uniform for r in recordings),
+        "irregular": sum(not r.is_uniform for r in recordings),
+        "left_out_samples": sum(row.get("left_out", 0) for row in rows),
+        "merged_samples": sum(row.get("merged", 0) for row in rows),
     }
-    return StepReport(step, parameters, totals, made.rows, made.notes)
+    return recordings, StepReport(step, parameters, totals, rows, list(notes))

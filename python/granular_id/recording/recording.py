@@ -159,12 +159,6 @@ class Recording:
         recording.__dict__.update(_DEFAULTS, **fields)
         return recording
 
-    @classmethod
-    def _trusted_rows(cls, columns: Mapping[str, Iterable[Any]]) -> list[Recording]:
-        """Make many recordings at once of a column per field, as `_trusted` wants them."""
-        rows = zip(*columns.values(), strict=True)
-        return [cls._trusted(**dict(zip(columns, row, strict=True))) for row in rows]
-
     @property
     def n_samples(self) -> int:
         """Number of samples T."""

@@ -187,6 +187,12 @@ def test_identical_rows_with_one_stamp_are_merged():
         (frame(time=T).rename(columns={"fx": "fx_mN"}), {}, "states a unit and column 'fy' none"),
         (frame(time=T, force_x=1.0).rename(columns={"fx": "F_x"}), {}, "may both be 'fx'"),
         (frame(time=T), {"label": "material"}, "label='material' is no column"),
+        (frame(time=T, m="a"), {"label": "m", "labels": ["b"]}, "label names a column, and labels are given"),
+        (
+            frame(time=T, day="a"),
+            {"session": "day", "sessions": ["b"]},
+            "session names a column, and sessions",
+        ),
         (pd.DataFrame(X[0]), {"rate_hz": 1}, "frames is DataFrame|must be|wanted"),
     ],
 )

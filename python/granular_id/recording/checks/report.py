@@ -102,11 +102,6 @@ class CheckReport(Sequence[Finding], Report):
     findings: tuple[Finding, ...]
     n_recordings: int
 
-    @classmethod
-    def of(cls, findings: Sequence[Finding], n_recordings: int) -> CheckReport:
-        """Sort findings by severity."""
-        return cls(tuple(sorted(findings, key=lambda one: SEVERITIES.index(one.severity))), n_recordings)
-
     @property
     def states(self) -> tuple[State, ...]:
         """The worst of the findings that name each recording, in the order of the data set.

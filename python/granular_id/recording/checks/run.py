@@ -8,7 +8,7 @@ from granular_id._checks import checked_share
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.recording.checks import copies, leaks, signal, stated
 from granular_id.recording.checks.measured import Measured, SensorRange, resolve_range
-from granular_id.recording.checks.report import CheckReport, Finding
+from granular_id.recording.checks.report import SEVERITIES, CheckReport, Finding
 from granular_id.recording.recording import Recording
 
 # In the order of their findings in a report.
@@ -50,4 +50,5 @@ def check_recordings(
             ticker.tick(what)
             if check is signal.check_absurd and found:
                 break
-    return CheckReport.of(findings, len(recordings))
+    findings.sort(key=lambda finding: SEVERITIES.index(finding.severity))
+    return CheckReport(tuple(findings), len(recordings))
