@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.files import RecordingFileError
-from granular_id.io.remedy import ABOUT, MOST_LISTED, Chain, Found, Leaf, Opening, remedy
+from granular_id.io.remedy import BESIDE, MOST_DEEP, MOST_LISTED, Chain, Found, Leaf, Opening, remedy
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.recording import AXES, Table, cell_text, units_by_axis
 
-_KNOWN = {name for names in ABOUT.values() for name in names}
+_KNOWN = {name for names in BESIDE.values() for name in names}
 _SIGNAL = re.compile(
     r"wrench|force|torque|filtered|arr_\d|^x$|(^|[\W_])(raw|ft|data|signals?|samples?|sensor)[\W_\d]*$",
     re.IGNORECASE,
@@ -29,7 +29,6 @@ _SIGNAL = re.compile(
 
 _PLACE = re.compile(r"\[\d+\]")
 _COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
-_MOST_DEEP = 12
 
 
 def content_of(
@@ -202,7 +201,7 @@ class _Reading:
 
     def _about(self, what: str, one: Found) -> Leaf | None:
         """Return what stands beside an array: its attributes, its group, the groups around."""
-        names = ABOUT[what]
+        names = BESIDE[what]
         for place in (one.leaf.about, *one.chain):
             found = {
                 key: node
@@ -261,7 +260,7 @@ class _Reading:
 
 def _leaves(node: Any, path: str, chain: Chain, depth: int = 0) -> Iterator[Found]:
     """Yield all arrays below a node."""
-    if depth > _MOST_DEEP:
+    if depth > MOST_DEEP:
         return
     if isinstance(node, Leaf):
         yield Found(path, node, chain)

@@ -31,6 +31,7 @@ from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.recording import (
     ABOUT,
     AXES,
+    FLAGS,
     Dataset,
     Recording,
     Stated,
@@ -41,9 +42,6 @@ from granular_id.recording import (
     meaning_of,
     name_and_unit,
 )
-
-FLAGS = "sample_flags"
-"""Column of the flags in files that are written here; of others ``flags`` may be anything."""
 
 _SEPARATORS = (",", ";", "\t", "|")
 _FEW = 20

@@ -10,10 +10,9 @@ import numpy as np
 
 from granular_id.io.arrays import content_of
 from granular_id.io.files import RecordingFileError, need
-from granular_id.io.remedy import Leaf, Opening
+from granular_id.io.remedy import MOST_DEEP, Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 
-_MOST_DEEP = 12
 _OPENING = Opening("data set", "h5py.File({!r})", "/", "[()]", "{}.asstr()[()].ravel()")
 
 
@@ -37,9 +36,9 @@ def _group(group: Any, source: FileSource, place: str, depth: int) -> dict[str, 
     """Return a mapping per group, a leaf per data set; what holds neither numbers nor texts is passed over."""
     import h5py
 
-    if depth > _MOST_DEEP:
+    if depth > MOST_DEEP:
         raise RecordingFileError(
-            source.path, f"groups lie in each other deeper than {_MOST_DEEP}", place=place[:200]
+            source.path, f"groups lie in each other deeper than {MOST_DEEP}", place=place[:200]
         )
     found: dict[str, Any] = _attributes(group)
     for name in group:

@@ -11,10 +11,9 @@ import numpy as np
 from granular_id.io.arrays import content_of
 from granular_id.io.files import RecordingFileError
 from granular_id.io.hdf5 import opened
-from granular_id.io.remedy import Leaf, Opening
+from granular_id.io.remedy import MOST_DEEP, Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 
-_MOST_DEEP = 12
 _V73 = Opening(
     "variable",
     "h5py.File({!r})",
@@ -116,7 +115,7 @@ def _node73(file: Any, item: Any, name: str, left_out: list[str], depth: int = 0
     kind = item.attrs.get("MATLAB_class", b"")
     kind = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
     is_group = hasattr(item, "keys")
-    is_object = depth > _MOST_DEEP or "MATLAB_object_decode" in item.attrs or kind == "function_handle"
+    is_object = depth > MOST_DEEP or "MATLAB_object_decode" in item.attrs or kind == "function_handle"
     if is_object or (not is_group and item.dtype.kind not in "iufO"):
         left_out.append(name)
         return None

@@ -15,11 +15,14 @@ from granular_id.io.source import LoadOptions
 from granular_id.recording import AXES
 
 MOST_LISTED = 12
+MOST_DEEP = 12
+"""Groups in groups that are looked into."""
+
 _LABELS = ("y", "label", "material", "target", "clas", "classe")
 _PARTS = (("force", "f"), ("torque", "moment", "tau", "t", "m"))
 """Names of labels, of forces and of torques, without an s at the end: a way out that uses them is only offered."""
 
-ABOUT = {
+BESIDE = {
     "y": ("y",),
     "rate_hz": ("fs", "rate_hz"),
     "session": ("session",),
@@ -123,7 +126,7 @@ class _Remedy:
         self._texts = [one for one in leaves if not one.leaf.is_numbers]
         self._n_axes = len(options.axes or axes or AXES)
         rate = next(
-            (one for one in self._leaves if one.path.lower().rpartition("/")[2] in ABOUT["rate_hz"]), None
+            (one for one in self._leaves if one.path.lower().rpartition("/")[2] in BESIDE["rate_hz"]), None
         )
         rate_text = "RATE" if rate is None else f"float(numpy.ravel({how.item(rate.path)})[0])"
         self._rate = rate_text if options.rate_hz is None else f"{options.rate_hz:g}"

@@ -9,6 +9,7 @@ from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding
 from granular_id.recording.clock import samples_in as samples_in
 from granular_id.recording.columns import (
     ABOUT as ABOUT,
+    FLAGS as FLAGS,
     LABEL as LABEL,
     SESSION as SESSION,
     TableError as TableError,

@@ -134,7 +134,7 @@ TIME, RECORDING, LABEL, SESSION, RATE, FLAGS = (
     "sample_flags",
 )
 ABOUT = (TIME, RECORDING, LABEL, SESSION, RATE, FLAGS)
-"""What a column may be besides an axis."""
+"""What a column may be besides an axis; flags only in files that are written here: ``flags`` may be anything."""
 
 _CHOOSES = {RECORDING: "id='NAME'", LABEL: "label='column:NAME'", SESSION: "session='column:NAME'"}
 
