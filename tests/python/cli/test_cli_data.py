@@ -200,8 +200,7 @@ WINDOWS = ("--rate-hz", 50, "--window-s", 1.7, "--hop-s", 0.85)
             (
                 "axes: wx wy wz (rad/s), ax ay az (m/s2)",
                 "meta: read_as, units, window",
-                "sessions: 4",
-                "mud    44          2         85",
+                "mud    44          85",
                 "step 3: windows",
             ),
         ),

@@ -342,7 +342,7 @@ def test_split_makes_a_recording_of_each_stretch():
     assert [r.trigger_index for r in data] == [None, 50, None]
     assert [r.flags is not None and int(r.flags.nonzero()[0][0]) for r in data] == [False, False, 50]
     np.testing.assert_allclose(data.start_times - 1e9, [0, 30.4, 75.8], atol=1e-6)
-    assert {(r.label, r.session, r.meta["tool"]) for r in data} == {("rice", "log", "rod")}
+    assert {(r.label, r.session, r.meta["tool"]) for r in data} == {("rice", None, "rod")}
     assert dict(data.history[-1].totals) == {"recordings_before": 1, "recordings_after": 3}
 
 
