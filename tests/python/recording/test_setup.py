@@ -287,7 +287,7 @@ def test_model_without_set_up_says_nothing_false(data, model, tmp_path):
     bare = gid.Identifier.load(changed_file(model, tmp_path / "bare.safetensors", setup=None))
     turned = with_meta(data, **{**FLANGE, "frame": "another", "tool": "spoon"})
     assert bare.identify(turned[0]).warnings == replayed(turned, bare)[0] == ()
-    assert any("set-up: not known" in line for line in describe_model(bare))
+    assert any("set-up: not stated" in line for line in describe_model(bare))
     assert any("frame: flange" in line for line in describe_model(model))
 
 
