@@ -94,7 +94,8 @@ pub fn recording(model: &Model, text: &[u8]) -> Result<Vec<f64>, Box<dyn Error>>
     let names: Vec<String> = names.split(',').map(|name| name.trim().to_lowercase()).collect();
     let body = std::str::from_utf8(&text[end + 1..]).map_err(|_| "the numbers are not UTF-8 text")?;
     let cells = body.lines().filter(|line| !line.trim().is_empty()).flat_map(|line| line.split(','));
-    let values = cells.map(|cell| cell.trim().parse::<f64>()).collect::<Result<Vec<_>, _>>()?;
+    let number = |cell: &str| cell.parse::<f64>().map_err(|_| format!("'{cell}' is not a number"));
+    let values = cells.map(|cell| number(cell.trim())).collect::<Result<Vec<_>, _>>()?;
     if values.len() % names.len() != 0 {
         return Err(format!("wanted {} cells in each line, as in the line of names", names.len()).into());
     }

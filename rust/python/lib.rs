@@ -26,11 +26,11 @@ mod _core {
     #[pymodule_export]
     use super::features::{extract_features, histogram, PyFeatureSpec};
     #[pymodule_export]
+    use super::interleave::interleave;
+    #[pymodule_export]
     use super::model::{ModelFileError, PyModel};
     #[pymodule_export]
     use super::multiband::PyMultiBandExtractor;
-    #[pymodule_export]
-    use super::interleave::interleave;
     #[pymodule_export]
     use super::rdt::PyRdtReceiver;
     #[pymodule_export]

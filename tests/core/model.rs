@@ -384,6 +384,5 @@ fn the_example_says_what_is_wrong_with_a_csv_file() {
     assert_eq!(problem("fx,fy\n1,2\n"), "wanted a column fz, got fx, fy");
     assert_eq!(problem(&csv(&wrench[..60], 0.002)), "wanted 20 samples, got 10");
     assert!(problem(&csv(&wrench, 0.01)).starts_with("wanted a sample every 0.002 s, got one every 0.01"));
-    assert!(problem(&csv(&wrench, 0.002).replace("0.002", "soon"))
-        .contains("'soon' is not a plain decimal number"));
+    assert_eq!(problem(&csv(&wrench, 0.002).replace("0.002", "soon")), "'soon' is not a number");
 }
