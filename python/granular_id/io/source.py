@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -18,6 +19,23 @@ from granular_id.recording import (
     names_in,
     units_by_axis,
 )
+
+NO_MATERIAL = frozenset(
+    (
+        *("trial", "run", "push", "recording", "rec", "take", "test", "sample", "measurement", "data", "log"),
+        *("exp", "experiment", "file", "episode", "session", "day", "rep", "rosbag", "rosbag2"),
+    )
+)
+"""Names that number recordings: no label."""
+
+SESSION_LIKE = re.compile(
+    r"(\d{2,4}[-_.]\d{1,2}[-_.]\d{1,4}.*|\d{8}|(mon|tues|wednes|thurs|fri|satur|sun)day|"
+    r"train(ing)?|test(ing)?|val(id|idation)?|raw|csv|data(set)?s?|recordings?|measurements?|"
+    r"logs?|files?|(session|day|week|run|trial|take|batch|exp|experiment|"
+    r"person|subject|participant|operator|user|robot|rig)[\s_-]*\w{0,3})",
+    re.IGNORECASE,
+)
+"""Names of folders, or groups, that are most likely no material."""
 
 _CHOICES = {"on_error": ("raise", "skip"), "on_time_error": ("raise", "repair")}
 PLACES = "'folder', 'parent', 'file', 'column:NAME' or 'meta:PATH'"

@@ -2,7 +2,7 @@
 
 1. ``index.csv`` lists the files; files it does not list are not read.
 2. Files in folders, ``rice/1.csv``: the folder is the label.
-3. Files in one folder, ``fine_sugar_2.csv``: the label is the name without the number at its end.
+3. Files in one folder, ``fine_sugar_2.csv``: the label is the name without numbers, dates and counted runs at its ends.
 
 Two levels of folders may mean material and session in either order, and are refused unless the files state their label,
 or an option says where it stands: ``folder`` (that of the file), ``parent`` (the folder above), ``file`` (its name).
@@ -21,7 +21,7 @@ from granular_id._text import counted, verb
 from granular_id.io.files import RecordingFileError, attempt, list_folder, refuse_outside
 from granular_id.io.formats import FORMATS, format_of
 from granular_id.io.index import HISTORY_NAME, INDEX_COLUMNS, INDEX_NAME, read_history, read_index
-from granular_id.io.source import FileSource, LoadOptions
+from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions
 from granular_id.recording import StepReport
 
 LAYOUTS = "label/*.csv, label_1.csv, or an index.csv with the columns file and label"
@@ -33,29 +33,23 @@ OTHER_FILES = (
 )
 """What to do about files of no known format."""
 
-_NUMBER = re.compile(r"[\s_.-]*\(?(\d{4}-?\d\d-?\d\d([T_ -]?\d\d[-:_]?\d\d([-:_]?\d\d)?)?|\d+)\)?$")
-"""A number, or a date, at the end of a name."""
-
 _NO_RECORDING = re.compile(
     r"(mean|average|avg|std|median|summary|readme|license|metadata)([\W_].*|$)", re.IGNORECASE
 )
 """Names of what lies beside recordings."""
 
-_NO_MATERIAL = frozenset(
-    (
-        *("trial", "run", "push", "recording", "rec", "take", "test", "sample", "measurement", "data", "log"),
-        *("exp", "experiment", "file", "episode", "session", "day"),
-    )
+_WORD = rf"(?:{'|'.join(sorted(NO_MATERIAL, key=len, reverse=True))})"
+_DATE = (
+    r"(?:\d{4}[-_.]?\d\d[-_.]?\d\d|\d\d[-_.]\d\d[-_.]\d{4})(?:[T_ -]*\d\d[-_:.]?\d\d(?:[-_:.]?\d\d)?)?"
+    r"|\d\d[-:]\d\d[-:]\d\d"
 )
-"""Names that number recordings: no label."""
+_NUMBER = re.compile(rf"(?:[\s_.-]+{_WORD})?[\s_.-]*\(?(?:{_DATE}|\d+)\)?$", re.IGNORECASE)
+"""A number or a date at the end of a name, with the word that it counts: ``_run3``."""
 
-_SESSION_LIKE = re.compile(
-    r"(\d{2,4}[-_.]\d{1,2}[-_.]\d{1,4}.*|\d{8}|(mon|tues|wednes|thurs|fri|satur|sun)day|"
-    r"train(ing)?|test(ing)?|val(id|idation)?|raw|csv|data(set)?s?|recordings?|measurements?|logs?|files?|(session|day|week|run|trial|take|batch|exp|experiment|"
-    r"person|subject|participant|operator|user|robot|rig)[\s_-]*\w{0,3})",
-    re.IGNORECASE,
-)
-"""Names of folders that are most likely no material."""
+_BEFORE_NUMBER = re.compile(rf"[\s_.-]+(?:{_WORD}[\s_.-]*\d*|{_DATE})$", re.IGNORECASE)
+_SIZE = r"(?:mm|cm|um|\N{MICRO SIGN}m|mesh|kg|g|ml|pct|percent)(?:[\W_]|$)"
+_AHEAD = re.compile(rf"(?:{_WORD}[\s_.-]*\d+|{_DATE}|\d+)[\s_.-]+(?!{_SIZE})(?=\D)", re.IGNORECASE)
+"""The same ahead of a name: ``run3-``, ``2025-03-04_``, but not ``4_mm_``."""
 
 _MOST_DEEP = 12
 _EXAMPLES = 3
@@ -103,6 +97,11 @@ def _told(source: FileSource, options: LoadOptions, path: Path, *, alone: bool =
                 problem = f"{what}='parent', but there is no folder above its own in {source.root}"
                 raise RecordingFileError(source.path, problem)
             told[what] = folder.name
+            if what == "session" and not alone:  # a day of the same name may be another's
+                label_rule, root = options.label or "folder", source.root.resolve()
+                of_label = {"folder": path.parent, "parent": path.parent.parent}.get(label_rule)
+                above = [one for one in (folder, *folder.parents) if root in one.parents and one != of_label]
+                told[what] = "/".join(one.name for one in reversed(above)) or folder.name
     return replace(source, **told)  # type: ignore[arg-type]
 
 
@@ -112,15 +111,18 @@ def _place_of(source: FileSource) -> str:
 
 
 def _label_of(path: Path) -> str | None:
-    """Return the name of a file without the number at its end; None where nothing of a material is left."""
+    """Return the name of a file without what numbers it at its ends; None where nothing of a material is left."""
     stem = path.name
     for known in FORMATS:
         ending = next((suffix for suffix in known.suffixes if stem.lower().endswith(suffix)), None)
         if ending is not None:
             stem = stem[: -len(ending)]
             break
-    label = _NUMBER.sub("", stem).strip(" _.-")
-    return None if not label or label.lower() in _NO_MATERIAL else label
+    label = _NUMBER.sub("", stem)
+    while label != stem and (before := _BEFORE_NUMBER.sub("", label)) != label:
+        label = before
+    label = _AHEAD.sub("", label, count=1).strip(" _.-")
+    return None if not _NUMBER.sub("", label) or label.lower() in NO_MATERIAL else label
 
 
 def _indexed(root: Path, options: LoadOptions) -> Sources:
@@ -214,7 +216,7 @@ def _by_place(root: Path, found: Sources) -> list[FileSource]:
             f"recordings lie at several levels of folders ({both}); wanted one layout: {LAYOUTS}; {way_out}"
         )
         raise RecordingFileError(root, problem)
-    doubt = _two_levels(found.files[0]) if depths != {1} else _no_materials(found.files)
+    doubt = _two_levels(found.files[0]) if depths != {1} else _no_materials(found)
     return [
         replace(
             source,
@@ -248,16 +250,27 @@ def _two_levels(first: FileSource) -> str:
     )
 
 
-def _no_materials(files: Sequence[FileSource]) -> str | None:
-    """Say why folders are most likely no materials: days, persons, runs, or the same numbered names in each."""
-    stems: dict[str, set[str]] = {}
+def _no_materials(found: Sources) -> str | None:
+    """Say why folders are most likely no materials: days, persons, runs, or the same numbered names in each.
+
+    The same names without numbers may be either: the folders are taken, and a note has the other reading.
+    """
+    files = found.files
+    stems: dict[str, dict[str, None]] = {}
     for source in files:
-        stems.setdefault(source.path.parent.name, set()).add(_label_of(source.path) or "")
-    names, first = list(stems), next(iter(stems.values()))
-    session_like = all(_SESSION_LIKE.fullmatch(name) for name in names)
-    alike = len(names) > 1 and len(first) > 1 and all(one == first for one in stems.values())
+        stems.setdefault(source.path.parent.name, {})[_label_of(source.path) or ""] = None
+    names = list(stems)
+    session_like = all(SESSION_LIKE.fullmatch(name) for name in names)
+    alike = len(names) > 1 and all(
+        len(one) > 1 and any(one.keys() & other.keys() for name, other in stems.items() if name != own)
+        for own, one in stems.items()
+    )
     numbered = all(_NUMBER.search(source.path.stem) for source in files)
     series = len({_NUMBER.sub("", name).lower() for name in names}) == 1
+    if alike and not (numbered or series or session_like):
+        two = " and ".join(map(repr, list(stems[names[0]])[:2]))
+        way_out = "if those are the materials, pass label='file', session='folder'"
+        found.notes.append(f"folders hold files of the same names ({two}): {way_out}")
     if not session_like and not (alike and (numbered or series)):
         return None
     example = files[0].name

@@ -34,6 +34,12 @@ READ = {
     "peas-3.csv rice-1.csv": ["peas", "rice"],
     "peas3.csv rice (2).csv": ["peas", "rice"],
     "peas_2025-03-04.csv rice_20250304_101500.csv": ["peas", "rice"],
+    "run3-rice.csv run4-peas.csv": ["rice", "peas"],
+    "01_peas.csv 02_rice.csv": ["peas", "rice"],
+    "2025-03-04_peas_1.csv 2025-03-04_rice_1.csv": ["peas", "rice"],
+    "peas_04-03-2025.csv rice_day2_01.csv rice_trial_1.csv": ["peas", "rice", "rice"],
+    "2_mm_sand.csv sand_0.5mm_1.csv sand_40_2.csv": ["2_mm_sand", "sand_0.5mm", "sand_40"],
+    "rosbag2_2025_03_04-10_11_12.csv": [None],
     "1.csv 2.csv": [None, None],
     "trial_1.csv trial_2.csv": [None, None],
     # depth 1: the folder
@@ -75,6 +81,7 @@ DOUBTFUL = {
     "anna/rice_1.csv anna/peas_1.csv bert/rice_1.csv bert/peas_1.csv": ("file", "folder"),
     "1/rice.csv 1/peas.csv 2/rice.csv 2/peas.csv": ("file", "folder"),
     "data/rice_1.csv logs/peas_1.csv": ("file", "folder"),
+    "anna/rice_1.csv anna/peas_1.csv bert/rice_1.csv bert/peas_3.csv bert/peas_4.csv": ("file", "folder"),
 }
 
 
@@ -97,6 +104,23 @@ def test_folders_of_two_meanings_are_refused_and_both_ways_out_work(tmp_path, pa
     assert load(tmp_path).labels == ("oats",)
 
 
+def test_the_same_names_in_all_folders_are_noted(tmp_path):
+    names = ["anna/peas.csv", "anna/rice.csv", "anna/sand.csv", "bert/oats.csv", "bert/rice.csv"]
+    data = load(tree(tmp_path, *names))
+    assert any("pass label='file', session='folder'" in note for note in data.history[-1].notes)
+    data = load(tmp_path, label="file", session="folder")
+    assert [f"{r.session}/{r.label}.csv" for r in data] == names
+
+
+def test_days_of_two_persons_are_two_sessions(tmp_path):
+    tree(tmp_path, *(f"{who}/{day}/rice/1.csv" for who in ("anna", "bert") for day in ("d1", "d2")))
+    data = load(tmp_path, label="folder", session="parent")
+    assert data.sessions.tolist() == ["anna/d1", "anna/d2", "bert/d1", "bert/d2"]
+    tree(tmp_path / "other", *(f"{who}/rice/{day}/1.csv" for who in ("anna", "bert") for day in ("d1", "d2")))
+    data = load(tmp_path / "other", label="parent", session="folder")
+    assert data.sessions.tolist() == ["anna/d1", "anna/d2", "bert/d1", "bert/d2"]
+
+
 def test_what_files_state_themselves_needs_no_folders(tmp_path):
     known = Recording(np.zeros((4, 6)), rate_hz=500, label="basmati", session="tuesday", name="x")
     (tmp_path / "2025" / "rice").mkdir(parents=True)
@@ -114,7 +138,7 @@ def test_what_files_state_themselves_needs_no_folders(tmp_path):
         ("parent", "folder", ("a", "rice")),
         ("file", "parent", ("push_1", "a")),
         ("column:stuff", "column:day", ("oats", "3")),
-        ("meta:read_as", "folder", ("time=t", "rice")),
+        ("meta:read_as", "folder", ("time=t", "a/rice")),
     ],
 )
 def test_label_and_session_are_taken_from_where_somebody_says(tmp_path, label, session, expected):
