@@ -40,11 +40,17 @@ _RATE_TOLERANCE = 0.01
 _LONGEST_STEP_S, _SHORTEST_STEP_S = 0.1, 1e-5
 """Forces are sampled faster than ten times a second, and slower than at 100 kHz, unless somebody says otherwise."""
 
+_MOST_LATE = 0.1
+"""If more samples than this part are late, a clock that ran back to its begin was started again."""
+
 UNIT_OUT = "pass time_unit= ('s', 'ms', 'us', 'ns', or 'sample' with a rate for an index)"
 
-_CLOCK_TEXT = re.compile(r"\d{1,2}:\d{2}(:\d{2}(\.\d+)?)?")
-_COMMA = re.compile(r"(:\d{2}),(\d+)")
-"""A fraction of a second behind a comma, which pandas would drop."""
+_CLOCK_TEXT = re.compile(r"(-?\d+ days )?[+-]?\d{1,3}:\d{2}:\d{2}(\.\d+)?")
+_MINUTES_TEXT = re.compile(r"\d{1,3}:\d{2}\.\d+")
+_FRACTION = re.compile(r"(?:(?<=:\d\d),|(?<=\d:\d\d:\d\d):)(?=\d)")
+"""What stands before a fraction of a second where no dot does: a comma, which pandas would drop, or a colon."""
+
+IGNORED_OUT = "state the rate, and the clock is ignored: rate_hz=RATE"
 
 
 class ClockError(ValueError):
@@ -82,14 +88,14 @@ def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz
         values = _from_text(values)
     if values.dtype.kind in "mM":
         if np.isnat(values).any():
-            raise ClockError("the stamp is empty", int(np.isnat(values).argmax()))
+            raise ClockError(f"the stamp is empty; {IGNORED_OUT}", int(np.isnat(values).argmax()))
         ns = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
         return Stamps((ns - ns[0]) / 1e9, int(ns[0]) / 10**9, 0.0)  # of integers, rounded once
     if values.dtype.kind not in "iuf":
         raise ClockError(f"the clock holds {values.dtype}; wanted seconds as numbers, or dates and times")
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
-        raise ClockError(f"the stamp is {values[bad[0]]}", int(bad[0]))
+        raise ClockError(f"the stamp is {values[bad[0]]}; {IGNORED_OUT}", int(bad[0]))
     scale = _scale(unit, asked, rate_hz)
     if values.dtype.kind in "iu" and scale != 1:
         ticks = values.astype(np.int64)
@@ -130,21 +136,43 @@ def _from_text(values: NDArray[Any]) -> NDArray[Any]:
     series = pandas.Series(values)
     empty = series.isna()
     if empty.any():
-        raise ClockError("the stamp is empty", int(empty.to_numpy().argmax()))
-    texts = series.astype(str).str.strip().str.replace(_COMMA, r"\1.\2", regex=True)
+        raise ClockError(f"the stamp is empty; {IGNORED_OUT}", int(empty.to_numpy().argmax()))
+    texts = series.astype(str).str.strip().str.replace(_FRACTION, ".", regex=True)
+    of_an_hour = texts.str.fullmatch(_MINUTES_TEXT).all()
+    texts = "00:" + texts if of_an_hour else texts
     if texts.str.fullmatch(_CLOCK_TEXT).all():
-        return np.asarray(pandas.to_timedelta(texts).to_numpy())
+        return _going_on(pandas.to_timedelta(texts).to_numpy(), hours=1 if of_an_hour else 24)
+    ways: list[dict[str, Any]] = [{"format": "ISO8601"}, {}, {"dayfirst": True}]
+    readings = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # where no one format is found, each text is read for itself
-        for how in ({"format": "ISO8601"}, {}):
+        for how in ways:
             try:
                 found = pandas.to_datetime(texts, utc=True, **how)
             except (ValueError, TypeError, OverflowError):
                 continue
-            return np.asarray(found.dt.tz_localize(None).to_numpy())
+            readings.append(np.asarray(found.dt.tz_localize(None).to_numpy()))
+            if "format" in how:
+                break
+    if readings:  # 04.03. and 05.03. are a day apart, not a month: the shortest reading
+        return min(readings, key=lambda dates: np.abs(np.diff(dates)).sum())
     numbers = pandas.to_numeric(texts, errors="coerce").isna().to_numpy()
     first = int(numbers.argmax()) if numbers.any() else 0
-    raise ClockError(f"the stamp {str(values[first])[:40]!r} is no number and no date", first)
+    problem = f"the stamp {str(values[first])[:40]!r} is no number and no date"
+    if first == 0:  # a later row may be no sample
+        problem += f"; {IGNORED_OUT}"
+    elif numbers[first:].all():
+        problem += (
+            f"; what stands below the samples is left out by csv={{'skipfooter': {len(values) - first}}}"
+        )
+    raise ClockError(problem, first)
+
+
+def _going_on(clock: NDArray[Any], hours: int) -> NDArray[Any]:
+    """Let a clock that begins anew after some hours go on: times of a day over midnight."""
+    again = np.diff(clock) < np.timedelta64(-hours * 30, "m")
+    n_times = np.concatenate([[0], np.cumsum(again)])
+    return np.asarray(clock + n_times * np.timedelta64(hours, "h"))
 
 
 def has_date(values: NDArray[Any]) -> bool:
@@ -178,12 +206,12 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
             what = (
                 f"time runs back from {time_s[first - 1]:.9g} to {time_s[first]:.9g} s after the first sample"
             )
-            several = (
-                "; several recordings must be told apart: a file each, or id= with the column that does"
-                if time_s[first] <= 0
-                else ""
-            )
-            raise ClockError(f"{what}{several}; on_time_error='repair' sorts samples", first)
+            restarts = bool(time_s[first] <= 0)
+            several = "several recordings must be told apart: a file each, or id= with the column that does"
+            ways_out = [several] if restarts else []
+            if not restarts or late.sum() <= 2 + _MOST_LATE * len(late):
+                ways_out.append("on_time_error='repair' sorts samples")
+            raise ClockError("; ".join([what, *ways_out]), first)
         rows = np.argsort(time_s, kind="stable")
         touched = late[rows]
     n_moved = int(touched.sum())
@@ -310,7 +338,8 @@ def _refuse_contradiction(time_s: FloatArray, rate_hz: float) -> None:
     if longest > max(MAX_GAP_S, 2 * usual):
         raise ClockError(
             f"{rate_hz:g} Hz is stated, but the stamps have a pause of {longest:.3g} s, which that rate would close; "
-            f"leave the rate out and cut there: .split(gap_s={min(1.0, longest / 2):.2g})"
+            f"leave the rate out, and call .split(gap_s={min(1.0, longest / 2):.2g}) before to make a recording of "
+            "each stretch"
         )
     offset = largest_offset(time_s, rate_hz)
     if offset > 2 * longest + 0.02 * float(time_s[-1]) + STATED_TOLERANCE / rate_hz:
@@ -319,3 +348,17 @@ def _refuse_contradiction(time_s: FloatArray, rate_hz: float) -> None:
             f"{rate_hz:g} Hz is stated, but the stamps say {mean:.4g} Hz; leave the rate out to use the stamps, then "
             f"call .resample(rate_hz), or {UNIT_OUT} if they are no seconds"
         )
+
+
+def unpacked(time_s: FloatArray, rate_hz: float) -> FloatArray | None:
+    """Return stamps at a stated rate within each stretch of packets between pauses; None where there are none."""
+    steps = np.diff(time_s)
+    if not (steps == 0).any() or not (steps > 0).any():
+        return None
+    pauses = np.flatnonzero(steps > max(MAX_GAP_S, 2 * float(np.median(steps[steps > 0])))) + 1
+    if not len(pauses):
+        return None
+    starts = np.concatenate([[0], pauses])
+    counts = np.arange(len(time_s)) - np.repeat(starts, np.diff([*starts, len(time_s)]))
+    found = np.asarray(np.repeat(time_s[starts], np.diff([*starts, len(time_s)])) + counts / rate_hz)
+    return found if (np.diff(found) > 0).all() else None

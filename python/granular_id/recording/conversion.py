@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray, checked_text, thaw
 from granular_id._text import counted
 from granular_id.recording.clock import (
+    IGNORED_OUT,
     SINCE_1970,
     ClockError,
     Stamps,
@@ -20,6 +21,7 @@ from granular_id.recording.clock import (
     refuse_unlikely,
     stamps_of,
     time_order,
+    unpacked,
 )
 from granular_id.recording.columns import (
     FLAGS,
@@ -182,8 +184,8 @@ class _Part:
     def _stamps(self, file_hz: float | None) -> Stamps | None:
         """Leave out samples that are empty in all axes, and return the stamps of the others.
 
-        Without a clock there are stamps only where samples are missing: what is missing leaves a gap. A sample that is
-        empty in some axes is refused.
+        Without a clock there are stamps only where samples are missing: what is missing leaves a gap. A clock that is
+        none is ignored where a rate is stated. A sample that is empty in some axes is refused.
         """
         rate_hz = file_hz if self._stated.rate_hz is None else self._stated.rate_hz
         bad = ~np.isfinite(self._wrench)
@@ -197,7 +199,8 @@ class _Part:
                 what = (
                     "is empty or NaN, where others of the row are not" if np.isnan(value) else f"is {value}"
                 )
-                raise self._fault(f"{what}; wanted a finite number", sample, self._picked.axes[column])
+                wanted = "wanted a finite number, or a row that is empty in all axes"
+                raise self._fault(f"{what}; {wanted}", sample, self._picked.axes[column])
             if missing.all():
                 raise TableError("holds no samples: all rows are empty")
             places = np.flatnonzero(~missing)
@@ -205,7 +208,14 @@ class _Part:
             self._keep(places)
         if TIME in self._columns:
             clock = self._columns[TIME]
-            return stamps_of(clock, self._picked.time_unit, self._stated.time_unit, rate_hz)
+            try:
+                return stamps_of(clock, self._picked.time_unit, self._stated.time_unit, rate_hz)
+            except ClockError as error:
+                if self._stated.rate_hz is None or IGNORED_OUT not in str(error):
+                    raise
+                said = str(error).partition(";")[0]
+                self.remarks["remark"] = f"the clock was ignored: {rate_hz:g} Hz is stated, and {said}"
+                self._columns = {what: cells for what, cells in self._columns.items() if what != TIME}
         if rate_hz is None or len(places) == int(places[-1] - places[0]) + 1:
             return None
         return Stamps((places - places[0]) / rate_hz, 0.0, 0.0)
@@ -221,7 +231,8 @@ class _Part:
                 raise TableError(self._no_clock())
             return rate_hz, None, None
         clock = self._columns.get(TIME)
-        stated_hz = None if clock is None else stated.rate_hz
+        counted = stated.time_unit == "sample"  # then the rate makes the clock
+        stated_hz = None if clock is None or counted else stated.rate_hz
         order = time_order(
             stamps.time_s, self._wrench, rate_stated=stated_hz is not None, repair=stated.repair
         )
@@ -234,7 +245,11 @@ class _Part:
             stamps = replace(stamps, time_s=time_s - time_s[0], first_s=stamps.first_s + float(time_s[0]))
         counts = clock is not None and clock.dtype.kind in "iuf"
         rate_hz = None
-        if not stated.irregular:
+        in_stretches = None if stated_hz is None else unpacked(stamps.time_s, stated_hz)
+        if in_stretches is not None:
+            stamps = replace(stamps, time_s=in_stretches)
+            self.remarks["remark"] = f"the clock was ignored but for its pauses: {stated_hz:g} Hz is stated"
+        elif not stated.irregular:
             said = (stated.rate_hz, file_hz, self._picked.time_unit, stated.time_unit)
             if counts and all(one is None for one in said):
                 refuse_unlikely(stamps)
