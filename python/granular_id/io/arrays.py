@@ -10,25 +10,31 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.files import RecordingFileError
-from granular_id.io.remedy import BESIDE, MOST_DEEP, MOST_LISTED, Chain, Found, Leaf, Opening, remedy
-from granular_id.io.source import FileContent, FileSource, LoadOptions
+from granular_id.io.remedy import (
+    BESIDE,
+    MOST_DEEP,
+    MOST_LISTED,
+    SIGNAL,
+    Chain,
+    Found,
+    Leaf,
+    Opening,
+    remedy,
+    without_number,
+)
+from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
 from granular_id.recording import AXES, Table, cell_text, units_by_axis
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
-_SIGNAL = re.compile(
-    r"wrench|force|torque|filtered|arr_\d|^x$|(^|[\W_])(raw|ft|data|signals?|samples?|sensor)[\W_\d]*$",
-    re.IGNORECASE,
-)
-"""Names of arrays that are no materials."""
-
 _PLACE = re.compile(r"\[\d+\]")
-_COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
+_UNIT = re.compile(r"(^|_)units?(_|$)", re.IGNORECASE)
 
 
 def content_of(
@@ -95,6 +101,10 @@ class _Reading:
             for name in tree
             if name not in used and name.lower() not in _KNOWN and not name.startswith("_")
         ]
+        unit = next((name for name in others if _UNIT.search(name)), None)
+        if unit is not None and self._options.units is None:
+            problem = f"{unit!r:.60} states units, which are read from 'units' only; pass units= with those of the axes"
+            raise RecordingFileError(self._source.path, problem)
         return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
 
     def _labelled(self) -> list[Found]:
@@ -104,9 +114,7 @@ class _Reading:
             if name.lower() in _KNOWN:
                 continue
             if isinstance(node, Leaf) and node.is_numbers and len(node.shape) == 2:
-                counted = _COUNTED.fullmatch(name)
-                label = counted[1] if counted and counted[1] else name
-                found.append(Found(name, node, (self._tree,), label))
+                found.append(Found(name, node, (self._tree,), without_number(name)))
             elif isinstance(node, Mapping):
                 inner = [(key, leaf) for key, leaf in node.items() if key.lower() not in _KNOWN]
                 if not inner or not all(
@@ -122,10 +130,12 @@ class _Reading:
             axes = self._about("axes", one)
             if one.leaf.shape[1:] != (len(self._axes if axes is None else _texts(axes)),):
                 return []
-        if len(found) > 1 and any(_SIGNAL.search(str(label)) for label in labels):
+        signals = any(SIGNAL.search(str(label)) for label in labels)
+        counted = all(str(label).lower() in NO_MATERIAL for label in labels)
+        if len(found) == 1 or (counted and not signals):
+            return [replace(one, label=None) for one in found]
+        if signals or all(SESSION_LIKE.fullmatch(str(label)) for label in labels):
             return []
-        if len(found) == 1:
-            return [Found(found[0].path, found[0].leaf, found[0].chain)]
         known = self._source.label_else or self._source.label
         if self._source.label is None and known is not None and len(labels) == 1 and labels != {known}:
             both = f"its arrays are called {labels.pop()!r:.60}, and its {self._source.label_place} {known!r:.60}"

@@ -22,6 +22,14 @@ _LABELS = ("y", "label", "material", "target", "clas", "classe")
 _PARTS = (("force", "f"), ("torque", "moment", "tau", "t", "m"))
 """Names of labels, of forces and of torques, without an s at the end: a way out that uses them is only offered."""
 
+SIGNAL = re.compile(
+    r"wrench|force|torque|filtered|arr_\d|^x$|(^|[\W_])(raw|ft|data|signals?|samples?|sensor)[\W_\d]*$",
+    re.IGNORECASE,
+)
+"""Names of arrays that are no materials."""
+
+_COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
+
 BESIDE = {
     "y": ("y",),
     "rate_hz": ("fs", "rate_hz"),
@@ -141,18 +149,42 @@ class _Remedy:
             one for one in two if one.leaf.shape[1] == n
         ]
         labels = self._labels()
-        if (three and three[0] not in in_order) or (
-            three and labels and three[0].leaf.shape[0] != labels.leaf.shape[0]
-        ):
-            return self._turned(three[0], labels)
+        names = [one.path.rpartition("/")[2] for one in three or two]
+        signals = any(map(SIGNAL.search, names))
+        if three:
+            n_first, n_second, _ = three[0].leaf.shape
+            wrong = n_first != labels.leaf.shape[0] if labels else n_first > n_second
+            if wrong or three[0] not in in_order:
+                return self._turned(three[0], labels)
+        if labels is None and not signals and 1 < len(three) <= MOST_LISTED:
+            return self._listed(three)
+        depths = {one.path.count("/") for one in two}
+        by_name = depths == {1} or (len(depths) == 1 and not signals and (depths != {0} or not in_order))
+        if by_name and labels is None and not three and 1 < len(two) <= MOST_LISTED:
+            return self._listed(two)
         if in_order:
-            names = list(dict.fromkeys(one.path.rpartition("/")[2] for one in in_order))
-            chosen = " or ".join(f"array={name!r}" for name in names[:MOST_LISTED])
+            chosen_from = list(dict.fromkeys(one.path.rpartition("/")[2] for one in in_order))
+            chosen = " or ".join(f"array={name!r}" for name in chosen_from[:MOST_LISTED])
             beside = "" if labels is None else f" and label='column:{labels.path.rpartition('/')[2]}'"
             return f"; pass {chosen}{beside}"
         if two:
             return self._in_python(f"[{self._how.item(two[0].path)}.T]", None)
         return self._of_parts() or self._flat(labels) or self._by_hand()
+
+    def _listed(self, arrays: Sequence[Found]) -> str:
+        """List arrays with what their groups, or their names, may say of them."""
+        items: list[str] = []
+        labels: list[str] = []
+        for one in arrays:
+            *groups, name = re.sub(r"\[\d+\]", "", one.path).split("/")
+            n = one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1
+            turned = ".T" if one.leaf.shape[-1] != self._n_axes else ""
+            items.append("*" * (len(one.leaf.shape) == 3) + self._how.item(one.path) + turned)
+            label = f"[{(groups[-1] if groups else without_number(name))!r}]"
+            labels.append(label if n == 1 else f"{label} * {n}")
+        y = " + ".join(labels)
+        call = f"Dataset.from_arrays([{', '.join(items)}], {y}, rate_hz={self._rate}{self._axes})"
+        return f"{self._open(call)}, if these are the labels"
 
     def _labels(self) -> Found | None:
         found = [
@@ -236,3 +268,9 @@ class _Remedy:
 
     def _open(self, call: str) -> str:
         return f"; in Python: f = {self._how.line.format(str(self._path))}; {call}"
+
+
+def without_number(name: str) -> str:
+    """Return a name without the number at its end."""
+    found = _COUNTED.fullmatch(name)
+    return name if found is None or not found[1] else found[1]

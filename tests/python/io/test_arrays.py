@@ -194,7 +194,9 @@ def test_more_recordings_than_samples_are_read_where_stated(tmp_path):
 def test_names_of_arrays_beside_a_folder_that_says_otherwise_are_refused(tmp_path):
     (tmp_path / "rice").mkdir()
     np.savez(tmp_path / "rice" / "day.npz", push_1=W, push_2=X[1], fs=500)
-    with pytest.raises(RecordingFileError, match="its arrays are called 'push', and its folder 'rice'"):
+    assert load(tmp_path).y.tolist() == ["rice"] * 2
+    np.savez(tmp_path / "rice" / "day.npz", wet_1=W, wet_2=X[1], fs=500)
+    with pytest.raises(RecordingFileError, match="its arrays are called 'wet', and its folder 'rice'"):
         load(tmp_path)
     data = load(tmp_path, label="folder")
     assert data.y.tolist() == ["rice"] * 2
@@ -253,3 +255,61 @@ def test_matlab_objects_are_left_out_and_said(tmp_path):
     (tmp_path / "b.mat").write_bytes(b"# Created by Octave 8.4\n# name: X\n")
     with pytest.raises(RecordingFileError, match="save it with -v7"):
         load(tmp_path / "b.mat")
+
+
+def follow(problem, path):
+    """Do what the error says in Python."""
+    scope = {"numpy": np, "h5py": h5py, "Dataset": Dataset}
+    opening, _, call = problem.partition("in Python: ")[2].partition(", if these are")[0].partition("; ")
+    exec(opening, scope)
+    return eval(call, scope)
+
+
+def test_groups_of_what_is_no_material_are_refused(tmp_path):
+    path = tmp_path / "a.h5"
+    for names in (["monday/1", "monday/2", "day 2/1"], ["rice/left", "rice/right", "peas/left"]):
+        with h5py.File(path, "w") as file:
+            for i, name in enumerate(names):
+                file[name] = X[i]
+            file["fs"] = 500
+        with pytest.raises(RecordingFileError, match="if these are the labels") as caught:
+            load(path)
+        data = follow(caught.value.problem, path)
+        assert sorted(data.y) == sorted(name.partition("/")[0] for name in names)
+        assert data.rate_hz == 500
+
+
+def test_arrays_of_several_recordings_a_material_have_a_line(tmp_path):
+    np.savez(tmp_path / "a.npz", rice=X[:2], peas=X[:1], fs=500)
+    with pytest.raises(RecordingFileError, match="if these are the labels") as caught:
+        load(tmp_path / "a.npz")
+    data = follow(caught.value.problem, tmp_path / "a.npz")
+    assert [recording.label for recording in data] == ["rice", "rice", "peas"]
+    assert np.array_equal(data[1].wrench, X[1])
+
+
+def test_counted_runs_are_no_labels(tmp_path):
+    np.savez(tmp_path / "a.npz", trial_1=W, trial_2=X[1], fs=500)
+    assert [recording.label for recording in load(tmp_path / "a.npz")] == [None, None]
+
+
+def test_turned_arrays_have_lines_that_read_them_all(tmp_path):
+    for arrays, y in (
+        ({"X": X.transpose(1, 0, 2)}, [None] * len(X)),
+        ({"rice": W.T, "peas_2": W.T}, ["rice", "peas"]),
+    ):
+        np.savez(tmp_path / "a.npz", fs=500, **arrays)
+        with pytest.raises(RecordingFileError) as caught:
+            load(tmp_path / "a.npz")
+        data = follow(caught.value.problem, tmp_path / "a.npz")
+        assert [recording.label for recording in data] == y
+        assert np.array_equal(data[0].wrench, X[0] if "X" in arrays else W)
+
+
+def test_units_under_another_name_are_refused(tmp_path):
+    np.savez(
+        tmp_path / "a.npz", X=X * [1, 1, 1, 1e3, 1e3, 1e3], y=["rice"] * len(X), fs=500, torque_unit="Nmm"
+    )
+    with pytest.raises(RecordingFileError, match=r"'torque_unit' states units.* pass units="):
+        load(tmp_path / "a.npz")
+    np.testing.assert_allclose(load(tmp_path / "a.npz", units=["N", "Nmm"]).X, X, atol=1e-12)
