@@ -32,10 +32,16 @@ _JSON = (
     "from mcap.reader import make_reader; import io, json, pathlib; "
     "bag = make_reader(io.BytesIO(pathlib.Path({path!r}).read_bytes())); "
     "rows = [(m.log_time / 1e9, json.loads(m.data){keys}) for _, _, m in bag.iter_messages(topics=[{topic!r}])]; "
-    "Dataset.from_frames({{'time': [t for t, _ in rows], "
-    "**{{p[0] + a: [w[p][a] for _, w in rows] for p in ('force', 'torque') for a in 'xyz'}}}})"
+    "Dataset.from_frames({{'time': [t for t, _ in rows], **{{{columns}}}}})"
 )
-"""What to do with messages of Foxglove and others; ``force`` and ``torque`` give fx to tz."""
+"""What to do with messages of Foxglove and others."""
+
+_JSON_COLUMNS = {
+    "vectors": "p[0] + a: [w[p][a] for _, w in rows] for p in ('force', 'torque') for a in 'xyz'",
+    "lists": "p[0] + a: [w[p][i] for _, w in rows] for p in ('force', 'torque') for i, a in enumerate('xyz')",
+    "axes": f"a: [w[a] for _, w in rows] for a in {AXES}",
+}
+"""What leads from a wrench to fx ... tz: ``force`` and ``torque`` of x, y, z or three numbers, or the axes."""
 
 
 @dataclass(frozen=True)
@@ -165,9 +171,10 @@ def _other_messages(path: Path) -> str | None:
     except Exception:  # it is damaged: what rosbags says of it holds
         return None
     for topic, (channel, message) in found.items():
-        keys = _keys_to_wrench(json.loads(message.data)) if channel.message_encoding == "json" else None
-        if keys is not None:
-            return _JSON.format(path=str(path), topic=topic, keys=keys)
+        wrench = _wrench_in_json(json.loads(message.data)) if channel.message_encoding == "json" else None
+        if wrench is not None:
+            keys, columns = wrench
+            return _JSON.format(path=str(path), topic=topic, keys=keys, columns=_JSON_COLUMNS[columns])
     listed = ", ".join(f"{topic[:80]} ({channel.message_encoding})" for topic, (channel, _) in found.items())
     encodings = {channel.message_encoding for channel, _ in found.values()}
     if encodings <= {"cdr"}:
@@ -177,13 +184,18 @@ def _other_messages(path: Path) -> str | None:
     )
 
 
-def _keys_to_wrench(value: Any, keys: str = "") -> str | None:
-    """Return the keys that lead to force and torque in a message."""
+def _wrench_in_json(value: Any, keys: str = "") -> tuple[str, str] | None:
+    """Return the keys that lead to a wrench in a message, and which of `_JSON_COLUMNS` it has."""
     if not isinstance(value, dict):
         return None
-    if {"force", "torque"} <= value.keys():
-        return keys
-    inner = (_keys_to_wrench(one, f"{keys}[{key!r}]") for key, one in value.items())
+    parts = [value.get("force"), value.get("torque")]
+    if all(isinstance(part, dict) and {"x", "y", "z"} <= part.keys() for part in parts):
+        return keys, "vectors"
+    if all(isinstance(part, list) and len(part) == 3 for part in parts):
+        return keys, "lists"
+    if set(AXES) <= value.keys():
+        return keys, "axes"
+    inner = (_wrench_in_json(one, f"{keys}[{key!r}]") for key, one in value.items())
     return next((found for found in inner if found is not None), None)
 
 

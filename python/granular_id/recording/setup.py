@@ -139,6 +139,11 @@ class Setup:
             number = _text(page.get("setuserfilter"))  # of a Net F/T box; 0 is none
             if known["filter"] is None and number not in (None, "0"):
                 known["filter"] = f"setuserfilter {number}"
+        topic = _text(
+            meta.get("topic")
+        )  # of a bag: another one is another signal, the only one of its bag too
+        if topic is not None and re.fullmatch(r"topic=[^,]*", known["read_as"] or "topic="):
+            known["read_as"] = f"topic={topic}"
         if known["motion"] is None:
             robot = _tree(meta.get("robot"))
             said = (robot, _tree(robot.get("rig")), meta, _tree(meta.get("rig")))

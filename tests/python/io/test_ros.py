@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from granular_id.io import RecordingFileError, load
+from granular_id.recording import Setup
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -187,6 +188,17 @@ def test_several_topics_are_listed_and_one_is_chosen(tmp_path):
             assert recording.meta["read_as"] == f"topic={name}"
         with pytest.raises(RecordingFileError, match=r"no wrenches on topic '/up'; it has '/left/ft'"):
             load(path, topic="/up")
+
+
+def test_the_only_topic_is_compared_with_the_chosen_one(tmp_path):
+    kinds = {"/ft": samples(seed=1), "/ft_filtered": samples(seed=2)}
+    every = {name: one_topic(ROS2, wrench, even_stamps(), name=name)[name] for name, wrench in kinds.items()}
+    both = write_mcap(tmp_path / "both.mcap", every)
+    alone = write_mcap(tmp_path / "alone.mcap", {"/ft_filtered": every["/ft_filtered"]})
+    later = Setup.of(load(alone)[0].meta)
+    (difference,) = Setup.of(load(both, topic="/ft")[0].meta).differences(later)
+    assert str(difference) == "read_as 'topic=/ft_filtered', in training 'topic=/ft'"
+    assert Setup.of(load(both, topic="ft_filtered")[0].meta).differences(later) == []
 
 
 def test_no_wrench_says_what_there_is(tmp_path):
