@@ -14,6 +14,7 @@ import os
 import re
 import sys
 import warnings
+import zlib
 from collections.abc import Mapping, Sequence
 from itertools import islice, pairwise
 from pathlib import Path
@@ -50,9 +51,16 @@ _FEW = 20
 _HEAD_LINES = 60
 """Lines in which names of columns are looked for, for an error."""
 
-_MARKS = {codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16", codecs.BOM_UTF8: "utf-8-sig"}
+_MARKS = {
+    codecs.BOM_UTF32_LE: "utf-32",
+    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+    codecs.BOM_UTF8: "utf-8-sig",
+}
 _SEP_LINE = re.compile(r'"?sep=(.)"?')
-_UNITS_ABOVE = re.compile(r'\W*(force|torque)s?\s+units?\W+(.+?)["\s]*', re.IGNORECASE)
+_UNITS_ABOVE = re.compile(r'(force|torque|moment)s?\s+units?\W+(\w[^;,"\t]*)', re.IGNORECASE)
+_SOME_UNITS = re.compile(r"\W*units?\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
 _UNNAMED = re.compile(r"Unnamed: (\d+)")
 _COMMA = re.compile(r"-?\d+,\d+")
 
@@ -81,6 +89,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     if doubtful:
         columns, notes = _columns(_read(pandas, source.path, head, None), source.path, head)
     units, n_units = _units(columns, head)
+    _refuse_other_units(source.path, head, columns, units, n_units, options)
     if n_units:
         decimal = str(given.get("decimal", "."))
         columns = {name: _numbers_again(cells[n_units:], decimal) for name, cells in columns.items()}
@@ -95,6 +104,36 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         return {} if row is None else {"line": _line_of_row(source.path, head, first_line, row)}
 
     return FileContent([table], rows=[cut] if _is_cut_off(source.path) else [], notes=notes, place=place)
+
+
+def _refuse_other_units(
+    path: Path,
+    head: _Head,
+    columns: Mapping[str, NDArray[Any]],
+    units: Mapping[str, str],
+    n_units: int,
+    options: LoadOptions,
+) -> None:
+    """Refuse units above the names, or below them, that are not understood."""
+    named = [name for name in columns if meaning_of(name).what in AXES]
+    silent = options.units is None and not units and any(name_and_unit(name)[1] is None for name in named)
+    for i, line in enumerate(head.above, 1):
+        said = _SOME_UNITS.fullmatch(line.strip()) if silent else None
+        words = [] if said is None else re.findall(r"[^\s,;/\"':=]+", said[1])
+        if any(map(is_unit, words)):
+            problem = f"states units for all axes together ({line.strip()[:60]!r}); pass units= with these"
+            raise RecordingFileError(path, problem, line=i)
+    below = [str(cells[0]).strip() for cells in columns.values() if len(cells) and isinstance(cells[0], str)]
+    of_axes = [columns[name][0] for name in named if len(columns[name])]
+    texts = [cell.strip() for cell in of_axes if isinstance(cell, str)]
+    if n_units or not any(text.isascii() and text[:1].isalpha() and is_unit(text) for text in texts):
+        return
+    other = next((cell for cell in below if not is_unit(cell)), None)
+    if other is None:
+        return
+    way_out = "; pass csv={'skiprows': [1]} and units= with those of the axes" if head.line == 1 else ""
+    problem = f"may hold units, of which {other!r:.40} is no unit known{way_out}"
+    raise RecordingFileError(path, problem, line=head.line + 1)
 
 
 def _line_of_row(path: Path, head: _Head, first_line: int, row: int) -> int:
@@ -183,8 +222,12 @@ def _line_of_names(path: Path, head: _Head, axes: Sequence[str] | None) -> int |
 
 def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     """Find encoding, separator and names, as far as the options leave them open."""
-    with path.open("rb") as file:
-        begins = file.read(4)
+    opened = gzip.open if path.suffix.lower() == ".gz" else open
+    try:
+        with opened(path, "rb") as file:
+            begins = file.read(4)
+    except (OSError, EOFError, zlib.error) as error:
+        raise RecordingFileError(path, f"cannot be read: {error}") from error
     if not begins and path.suffix.lower() != ".gz":
         raise RecordingFileError(path, "is empty (0 bytes)")
     options: dict[str, Any] = dict(given)
@@ -205,7 +248,7 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     if any("\0" in line for line in lines):
         raise RecordingFileError(path, "is binary (holds NUL bytes); wanted text", line=1)
     comment = given.get("comment")
-    if n_skipped == 0 and lines and (said := _SEP_LINE.fullmatch(lines[0].strip())):
+    if n_skipped == 0 and lines and (said := _SEP_LINE.fullmatch(lines[0].strip(" \r\n"))):
         options.setdefault("sep", said[1])
         options["skiprows"] = n_skipped = 1
     rest = list(enumerate(lines))[n_skipped:]
@@ -221,7 +264,10 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
         if len(line.split(options["sep"])) < 2 and len(line.split()) > 1:
             options["sep"] = r"\s+"
     separator = str(options.get("sep", options.get("delimiter")))
-    cells = re.split(separator, line.strip()) if len(separator) > 1 else line.split(separator)
+    if len(separator) > 1:
+        cells = re.split(separator, line.strip())
+    else:
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
     if len(cells) > 1 and line.startswith("#") and comment is None and "names" not in given:
         cells[0] = cells[0].lstrip("#")  # as numpy.savetxt writes names
     cells[0] = cells[0].lstrip("%")  # as rostopic does
@@ -246,9 +292,13 @@ def _read(pandas: Any, path: Path, head: _Head, n_rows: int | None) -> Any:
         "skipinitialspace": True,
         "low_memory": False,
     }
-    if len(str(head.options.get("sep", ","))) > 1 and head.options.get("sep") != r"\s+":
+    with_footer = "skipfooter" in head.options
+    if with_footer or (len(str(head.options.get("sep", ","))) > 1 and head.options.get("sep") != r"\s+"):
         settings.pop("low_memory")
         settings.pop("float_precision")
+    if with_footer:
+        n_rows = None
+        settings["engine"] = "python"
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -261,6 +311,8 @@ def _read(pandas: Any, path: Path, head: _Head, n_rows: int | None) -> Any:
         raise RecordingFileError(path, "is empty: no line names the columns") from error
     except (Warning, Exception) as error:
         said = str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
+        if re.search(r"Expected \d+ fields in line \d+, saw", said):
+            said += "; lines with more cells than names are left out by csv={'on_bad_lines': 'skip'}"
         problem = f"is no table that pandas.read_csv reads: {said}"
         no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
         raise RecordingFileError(path, problem, no_wrench=no_wrench) from error
@@ -307,8 +359,9 @@ def _units(columns: Mapping[str, NDArray[Any]], head: _Head) -> tuple[dict[str, 
     """Return units that stand in a line below the names, or above them; and how many lines of them there are."""
     units: dict[str, str] = {}
     for line in head.above:
-        if (said := _UNITS_ABOVE.fullmatch(line)) is not None:
-            units |= dict.fromkeys((axis for axis in AXES if axis[0] == said[1][0].lower()), said[2].strip())
+        for said in _UNITS_ABOVE.finditer(line):
+            alike = AXES[:3] if said[1][0].lower() == "f" else AXES[3:]
+            units |= dict.fromkeys(alike, said[2].strip())
     first = {name: cells[0] for name, cells in columns.items() if len(cells)}
     texts = {name: str(cell).strip() for name, cell in first.items() if isinstance(cell, str)}
     empty = [name for name, cell in first.items() if not isinstance(cell, str)]

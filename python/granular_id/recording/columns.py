@@ -161,9 +161,9 @@ _BETWEEN = r"[\s_./-]+"
 _PATH = re.compile(r"(?:(?:.*/|field\.)?wrench[\s_./-]+|field\.)")
 _BRACKETED = re.compile(r"(.+?)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
 _TRAILING = re.compile(
-    rf"(.+?){_BETWEEN}("
+    r"(.+?)[\s_./,-]+("
     + "|".join(sorted((name for known in _KNOWN.values() for name in known), key=len, reverse=True))
-    + r"|n[\s_.*-]m|n[\s_.*-]mm)",
+    + r"|n[\s_.*\N{MIDDLE DOT}-]m|n[\s_.*\N{MIDDLE DOT}-]mm)",
     re.IGNORECASE,
 )
 _IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORECASE)

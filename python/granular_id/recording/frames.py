@@ -122,12 +122,14 @@ def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:
     if twice is not None:
         raise argument_error(ValueError, argument, f"has two columns {twice!r}")
     columns: dict[str, NDArray[Any]] = {}
-    index = getattr(frame, "index", None)
+    index: Any = getattr(frame, "index", None)
     kind = getattr(getattr(index, "dtype", None), "kind", "")
     if kind and not callable(index):
         name = getattr(index, "name", None)
         if kind in "mM" or isinstance(name, str):
             columns[name if isinstance(name, str) else "time"] = _plain(index)
+    levels = list(getattr(index, "names", [])) if getattr(index, "nlevels", 1) > 1 else []
+    columns |= {name: _plain(index.get_level_values(name)) for name in levels if isinstance(name, str)}
     for name in names:
         columns[name] = _plain(frame[name])
     return columns

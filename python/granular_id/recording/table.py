@@ -34,6 +34,7 @@ from granular_id.recording.columns import (
 from granular_id.recording.recording import unit_of
 
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
+_THOUSANDS = re.compile(r"\s*[+-]?\d{1,3}(,\d{3})+\.\d*\s*")
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
 
 
@@ -327,8 +328,12 @@ def _why_no_number(row: int, cell: Any, columns: Sequence[NDArray[Any]]) -> str:
     if isinstance(cell, (list, tuple, np.ndarray)):
         return "holds lists; wanted one number a row (pandas: frame.explode makes rows of them)"
     text, way_out = str(cell)[:40], "; wanted a number"
-    if columns and _DECIMAL_COMMA.fullmatch(str(cell)):
+    if _NUMBER.fullmatch(str(cell)):
+        way_out = "; it is text (pandas: frame.astype makes numbers of it)"
+    elif columns and _DECIMAL_COMMA.fullmatch(str(cell)):
         way_out = "; a decimal comma is read by csv={'decimal': ','}"
+    elif columns and _THOUSANDS.fullmatch(str(cell)):
+        way_out = "; marks of thousands are read by csv={'thousands': ','}"
     elif columns and all(column[row] == cell for column in columns):  # else the row would be empty in part
         way_out = f"; if it stands for a missing sample pass csv={{'na_values': {text!r}}}"
     return f"{text!r} is no number{way_out}"

@@ -3,6 +3,7 @@
 Each kind has small files made here; those that are kept with the shared data (``GRANULAR_ID_DATA``) are read, too.
 """
 
+import gzip
 import json
 
 import h5py
@@ -17,6 +18,8 @@ from granular_id.recording import AXES, Setup
 RNG = np.random.default_rng(7)
 W = np.round(RNG.normal(size=(120, 6)), 5)
 STAMPS = pd.Timestamp("2025-03-04 21:46:21.9") + pd.to_timedelta(np.arange(120) * 2, unit="ms")
+DAY = pd.Timedelta("1D")
+BEFORE_MIDNIGHT = pd.Timestamp("2025-03-04 23:59:59.9") - STAMPS[0]
 NAMES = ["Force_x", "Force_y", "Force_z", "Torque_x", "Torque_y", "Torque_z"]
 
 
@@ -83,6 +86,13 @@ def test_shared_session_above_label(case, name):
         [f"{stamp:%d.%m.%Y %H:%M:%S},{stamp.microsecond // 1000:03d}" for stamp in STAMPS],
         [f"{stamp:%H:%M:%S},{stamp.microsecond // 1000:03d}" for stamp in STAMPS],
         [f"{stamp:%m/%d/%Y %I:%M:%S.%f %p}" for stamp in STAMPS],
+        [f"{stamp:%H:%M:%S}:{stamp.microsecond // 1000:03d}" for stamp in STAMPS],
+        [f"{stamp:%M:%S.%f}" for stamp in STAMPS],
+        [f"{stamp + BEFORE_MIDNIGHT:%M:%S.%f}" for stamp in STAMPS],
+        [str(stamp - STAMPS[0]) for stamp in STAMPS],  # 0 days 00:00:00.002000
+        [f"{stamp + BEFORE_MIDNIGHT:%H:%M:%S.%f}" for stamp in STAMPS],
+        [f"{stamp + BEFORE_MIDNIGHT:%d.%m.%Y %H:%M:%S.%f}" for stamp in STAMPS],  # 4th of March, not April
+        [f"{stamp + 8 * DAY + BEFORE_MIDNIGHT:%d/%m/%Y %H:%M:%S.%f}" for stamp in STAMPS],  # 12th, 13th
     ],
 )
 def test_text_timestamps_are_a_clock(tmp_path, texts):
@@ -91,6 +101,24 @@ def test_text_timestamps_are_a_clock(tmp_path, texts):
     recording = load(tmp_path / "a.csv")[0]
     assert (recording.rate_hz, recording.n_samples) == (500, 120)
     assert recording.wrench.tobytes() == W.tobytes()
+
+
+@pytest.mark.parametrize("stamps", [["soon"] * 120, [*np.arange(119) / 500, ""]])
+def test_stated_rate_ignores_stamps_that_are_none(tmp_path, stamps):
+    frame(time=stamps).to_csv(tmp_path / "a.csv", index=False)
+    refused(tmp_path / "a.csv", "state the rate, and the clock is ignored: rate_hz=RATE")
+    data = load(tmp_path / "a.csv", rate_hz=500)
+    assert (data.rate_hz, data[0].wrench.tobytes()) == (500, W.tobytes())
+    assert "the clock was ignored" in data.history[-1].rows[0]["remark"]
+
+
+def test_a_line_below_the_samples_is_left_out_by_skipfooter(tmp_path):
+    text = frame(time=np.arange(120) / 500).to_csv(index=False)
+    (tmp_path / "a.csv").write_text(text + "Mean,1,2,3,4,5,6\n")
+    assert "rate_hz" not in refused(
+        tmp_path / "a.csv", r"'Mean' is no number.*csv=\{'skipfooter': 1\}", rate_hz=500
+    )
+    assert load(tmp_path / "a.csv", csv={"skipfooter": 1})[0].wrench.tobytes() == W.tobytes()
 
 
 @pytest.mark.data
@@ -148,6 +176,49 @@ def test_shared_export(case):
     assert ([r.n_samples for r in data], data.rate_hz) == ([300, 300], 500)
     raw = pd.read_csv(path / "rice" / "push_1.csv", skiprows=7, skipinitialspace=True)
     np.testing.assert_allclose(data[0].wrench[:, 3:], raw[["Tx", "Ty", "Tz"]] / 1000, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("above", "read"),
+    [
+        ("Force Unit: N; Torque Unit: Nmm", {}),
+        ("Units: N, Nmm", {"units": ["N", "Nmm"]}),
+        ("'Units (force/torque)' = N/Nmm", {"units": ["N", "Nmm"]}),
+    ],
+)
+def test_units_above_the_names_are_obeyed_or_refused(tmp_path, above, read):
+    text = (frame(time=np.arange(120) / 500) * [1, 1, 1, 1, 1000, 1000, 1000]).to_csv(index=False)
+    (tmp_path / "a.csv").write_text(f"Rig 3\n{above}\n{text}")
+    if read:
+        refused(tmp_path / "a.csv", "states units .*units=", csv={"skiprows": 2})
+    np.testing.assert_allclose(load(tmp_path / "a.csv", csv={"skiprows": 2}, **read)[0].wrench, W, atol=1e-9)
+
+
+@pytest.mark.parametrize("above", ["Unit under test: 5", "Units: see names"])
+def test_lines_about_other_units_are_passed_over(tmp_path, above):
+    (tmp_path / "a.csv").write_text(f"{above}\n{frame(time=np.arange(120) / 500).to_csv(index=False)}")
+    assert load(tmp_path / "a.csv", csv={"skiprows": 1})[0].wrench.tobytes() == W.tobytes()
+
+
+def test_units_that_are_not_known_are_no_missing_sample(tmp_path):
+    text = frame(time=np.arange(120) / 500).to_csv(index=False).partition("\n")
+    (tmp_path / "a.csv").write_text(f"{text[0]}\ns,N,N,N,cNm,cNm,cNm\n{text[2]}")
+    problem = refused(tmp_path / "a.csv", r"'cNm' is no unit known.*csv=\{'skiprows': \[1\]\}")
+    assert "na_values" not in problem
+    assert load(tmp_path / "a.csv", csv={"skiprows": [1]})[0].wrench.tobytes() == W.tobytes()
+
+
+def test_marks_of_thousands_have_their_option(tmp_path):
+    (frame(time=np.arange(120) / 500) + 5000).map("{:,.5f}".format).to_csv(tmp_path / "a.csv", index=False)
+    refused(tmp_path / "a.csv", "csv={'thousands': ','}")
+    read = load(tmp_path / "a.csv", csv={"thousands": ","})[0]
+    np.testing.assert_allclose(read.wrench, W + 5000, atol=1e-9)
+
+
+def test_names_may_hold_the_separator_in_quotes(tmp_path):
+    names = ["t", "Fx, N", "Fy, N", "Fz, N", "Mx, N m", "My, N m", "Mz, N m"]
+    frame(time=np.arange(120) / 500).set_axis(names, axis=1).to_csv(tmp_path / "a.csv", index=False)
+    assert load(tmp_path / "a.csv")[0].wrench.tobytes() == W.tobytes()
 
 
 # -- 5: rows in packets with one stamp
@@ -221,6 +292,35 @@ def test_shared_pauses(case):
     assert ([*parts.y].count("rice"), [*parts.y].count("sugar"), parts.rate_hz) == (3, 3, 500)
 
 
+@pytest.mark.parametrize("packet", [2, 5])
+def test_packets_between_pauses_are_split_at_a_stated_rate(tmp_path, packet):
+    sample = np.arange(120)
+    stamps = sample // packet * packet / 500 + 3 * (sample >= 60)
+    frame(time=stamps).to_csv(tmp_path / "a.csv", index=False)
+    refused(tmp_path / "a.csv", "one stamp.*rate_hz=RATE")
+    whole = load(tmp_path / "a.csv", rate_hz=500)
+    parts = whole.split(gap_s=1)
+    assert not whole[0].is_uniform
+    assert [(part.rate_hz, part.n_samples) for part in parts] == [(500, 60), (500, 60)]
+
+
+def test_counted_samples_have_pauses(tmp_path):
+    counts = np.arange(120) + 900 * (np.arange(120) >= 40)
+    frame(sample=counts).to_csv(tmp_path / "a.csv", index=False)
+    parts = load(tmp_path / "a.csv", time="sample", time_unit="sample", rate_hz=500).split(gap_s=1)
+    assert [(part.rate_hz, part.n_samples) for part in parts] == [(500, 40), (500, 80)]
+
+
+def test_times_of_a_day_that_run_back_are_refused(tmp_path):
+    frame(time=[f"{stamp:%H:%M:%S.%f}" for stamp in reversed(STAMPS)]).to_csv(tmp_path / "a.csv", index=False)
+    refused(tmp_path / "a.csv", "time runs back from 0 to -0.002 s")
+
+
+def test_a_clock_that_starts_again_is_not_sorted(tmp_path):
+    frame(time=np.arange(120) % 40 / 500).to_csv(tmp_path / "a.csv", index=False)
+    assert "repair" not in refused(tmp_path / "a.csv", "several recordings .* id=")
+
+
 # -- 9: an MCAP file of JSON
 
 
@@ -233,11 +333,12 @@ def follow(problem):
     return eval(last, scope)
 
 
+@pytest.mark.parametrize("form", ["vectors", "lists", "axes"])
 @pytest.mark.parametrize(
     ("topic", "rate_hz", "inside"),
     [("/wrench", 500, ["wrench"]), ("/robot1/ft_sensor/raw", 250, []), ("/state", 100, ["sensors", "ft"])],
 )
-def test_mcap_of_json_names_the_lines_that_read_it(tmp_path, topic, rate_hz, inside):
+def test_mcap_of_json_names_the_lines_that_read_it(tmp_path, topic, rate_hz, inside, form):
     pytest.importorskip("rosbags")
     writers = pytest.importorskip("mcap.writer")
     with (tmp_path / "a.mcap").open("wb") as file:
@@ -250,6 +351,10 @@ def test_mcap_of_json_names_the_lines_that_read_it(tmp_path, topic, rate_hz, ins
                 part: dict(zip("xyz", row[k : k + 3], strict=True))
                 for part, k in (("force", 0), ("torque", 3))
             }
+            if form == "lists":
+                value = {part: list(vector.values()) for part, vector in value.items()}
+            if form == "axes":
+                value = dict(zip(AXES, row, strict=True))
             for key in reversed(inside):
                 value = {"header": {"seq": i}, key: value}
             at = 1_700_000_000_000_000_000 + round(i * 1e9 / rate_hz)
@@ -298,6 +403,7 @@ def test_shared_mirrored_frame(case):
     ("encoding", "read"),
     [
         ("utf-16", {}),
+        ("utf-32", {}),
         ("cp1252", {"csv": {"encoding": "cp1252"}}),
         ("latin-1", {"csv": {"encoding": "cp1252"}}),
     ],
@@ -322,6 +428,14 @@ def test_encodings_are_read_or_refused_with_what_works(tmp_path, encoding, read)
     assert dict(recording.meta["units"]) == dict.fromkeys(["ax", "ay", "az"], "m/s2") | dict.fromkeys(
         ["wx", "wy", "wz"], "\u00b0/s"
     )
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.csv.gz"])
+def test_utf_16_with_a_tab_in_the_line_of_excel_is_read(tmp_path, name):
+    text = "sep=\t\r\n" + frame(time=np.arange(120) / 500).to_csv(index=False, sep="\t")
+    data = text.encode("utf-16")
+    (tmp_path / name).write_bytes(gzip.compress(data) if name.endswith("gz") else data)
+    assert load(tmp_path / name)[0].wrench.tobytes() == W.tobytes()
 
 
 @pytest.mark.data
@@ -361,7 +475,22 @@ def test_shared_dropouts(case):
         assert np.array_equal(empty.time_s, missing.time_s)
 
 
+def test_a_line_of_too_many_cells_is_left_out_by_an_option(tmp_path):
+    lines = frame(time=np.arange(120) / 500).to_csv(index=False).splitlines()
+    lines[50] += ",9"
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    refused(tmp_path / "a.csv", r"line 51.*csv=\{'on_bad_lines': 'skip'\}")
+    (recording,) = load(tmp_path / "a.csv", csv={"on_bad_lines": "skip"})
+    assert (recording.n_samples, recording.is_uniform) == (119, False)
+
+
 # -- found without files
+
+
+def test_levels_of_an_index_are_columns():
+    table = pd.concat([frame(time=np.arange(120) / 500, trial=i, label=name) for i, name in enumerate("ab")])
+    data = Dataset.from_frames(table.set_index(["label", "trial"]))
+    assert (data.y.tolist(), data.rate_hz) == (["a", "b"], 500)
 
 
 def test_clocks_that_drift_have_the_round_rate(tmp_path):
