@@ -124,7 +124,9 @@ def words_of(error: Exception, rate_option: str = "--rate-hz", archive: str | os
     message = str(error)
     # The compiled core cannot set `argument`; its errors begin with the name, too: "order must be ...".
     argument = getattr(error, "argument", None) or re.split(" must |: ", message, maxsplit=1)[0]
-    if argument in OPTIONS and re.match(f"{argument}(?!=)", message):  # with "=" it is said like any mention
+    if (
+        not isinstance(error, OSError) and argument in OPTIONS and re.match(f"{argument}(?!=)", message)
+    ):  # with "=" it is said like any mention
         option = rate_option if argument == "rate_hz" else OPTIONS[argument]
         message = option + message.removeprefix(argument)
     if archive:
@@ -201,7 +203,7 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
     r"call \.select\(axes=\.\.\.\) to keep those that all have": "add --axes with those that all have",
     r"(?:call )?\.resample\(([\d.e+]+)\)": r"add --rate-hz \1",
     r"csv=\{('[^{}]*)\}": _csv_options,
-    r"\brate_hz=RATE\b": "--recorded-hz RATE",
+    r": rate_hz=RATE\b": ": --recorded-hz RATE",
     r"\bpass accept=\(([^)]*)\)": _accepts,
     r"\bpass allow_missing=True": "add --allow-missing",
     r"\ballow_missing=True": "--allow-missing",
@@ -215,8 +217,8 @@ _WAYS_OUT: dict[str, str | Callable[[re.Match[str]], str]] = {
 
 _MENTION = re.compile(
     # Not where names are listed, nor where the name is part of a path, a quotation, a call or a longer name, nor a
-    # column of a file.
-    r"\(meta: [^)]*\)|; (?:there are|those that can be:) [^;]*|numpy\.array\([^)]*\)|"
+    # column of a file, nor in a line of Python.
+    r"\(meta: [^)]*\)|; (?:there are|those that can be:) [^;]*|numpy\.array\([^)]*\)|Dataset\.from_\w+\([^;]*|"
     rf"(?<![\w.\-/\\'\"])(?<!column )({'|'.join(sorted(OPTIONS, key=len, reverse=True))})"
     rf"(?:=('[^']*'|[\w.\-]*)|(?![\w/\\'\"=]|\.\w| column))"
 )

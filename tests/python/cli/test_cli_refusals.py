@@ -400,10 +400,13 @@ def test_messages_speak_in_options():
         "there is no column 'nope'; there are fx, rate_hz",
         "no recording states it; those that can be: session (12 values), lead_s (12 values)",
         "save texts as numpy.array(texts, dtype=str)",
+        "Dataset.from_arrays(f['X'].transpose(1, 0, 2), f['y'], rate_hz=float(numpy.ravel(f['fs'])[0]))",
+        "Dataset.from_frames({name: f[name] for name in f.dtype.names}, rate_hz=RATE)",
     ):
         assert in_options(untouched) == untouched
     for argument, option in {"C": "--C", "order": "--order", "by": "--hold-out", "format": "--to"}.items():
         assert words_of(argument_error(ValueError, argument, "is wrong")) == f"{option} is wrong"
+    assert words_of(FileNotFoundError("C: no such file or folder")) == "C: no such file or folder"
     gap = argument_error(ValueError, "on_gap", "='x'; wanted 'raise' or 'skip'")
     assert str(gap) == "on_gap='x'; wanted 'raise' or 'skip'"
     assert words_of(gap) == "--on-gap x; wanted 'raise' or 'skip'"
