@@ -131,8 +131,7 @@ def _refuse_other_units(
     other = next((cell for cell in below if not is_unit(cell)), None)
     if other is None:
         return
-    way_out = "; pass csv={'skiprows': [1]} and units= with those of the axes" if head.line == 1 else ""
-    problem = f"may hold units, of which {other!r:.40} is no unit known{way_out}"
+    problem = f"may hold units, of which {other!r:.40} is none that is known; convert the values, and name their unit"
     raise RecordingFileError(path, problem, line=head.line + 1)
 
 

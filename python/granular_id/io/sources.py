@@ -242,11 +242,16 @@ def _flat(found: Sources) -> list[FileSource]:
 
 
 def _two_levels(first: FileSource) -> str:
-    *_, outer, inner, _ = Path(first.name).parts
+    *above, outer, inner, _ = Path(first.name).parts
+    top = (
+        f"; that {above[0]!r} is the material only an index.csv says"
+        if above
+        else "; an index.csv says it, too"
+    )
     return (
         f"files lie in folders within folders ({first.name!r}), which may mean two things: {inner!r} is the material "
         f"and {outer!r} the session (pass label='folder', session='parent'), or {outer!r} is the material and "
-        f"{inner!r} the session (pass label='parent', session='folder'); an index.csv says it, too"
+        f"{inner!r} the session (pass label='parent', session='folder'){top}"
     )
 
 
