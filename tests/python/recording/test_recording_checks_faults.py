@@ -93,6 +93,15 @@ def test_a_fault_is_found_by_its_name_and_nothing_else(sound, places, wrench, fi
     assert ("irregular" in report.counts) == ("time_s" in fields)
 
 
+def test_labels_that_read_alike_are_found(sound):
+    peas = [i for i, r in enumerate(sound) if r.label == "dry peas"]
+    finding = by_code(damaged(sound, peas[::2], label="Dry_peas").check())["labels-alike"]
+    assert finding.message.startswith(
+        "'Dry_peas' and 'dry peas' differ by case, blanks, hyphens or underscores only"
+    )
+    assert finding.severity == "warning"
+
+
 def test_an_outlier_is_found_where_its_label_has_enough_others(sound):
     bad = damaged(sound, [7], humming)
     finding = by_code(bad.check())["outlier"]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
 
-from granular_id._text import counted
+from granular_id._text import counted, listed
 from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.clock import MAX_GAP_S
@@ -27,13 +28,18 @@ _WORDS = {
 
 
 def check_labels(data: Measured) -> Iterator[Finding]:
-    """Find recordings without a label, sets with nothing to tell apart, and labels of unequal size."""
+    """Find recordings without a label, nothing to tell apart, labels that read alike, and labels of unequal size."""
     without = [i for i, r in enumerate(data.recordings) if r.label is None]
     if without:
         yield data.finding("error", "no-label", f"{subject(len(without))} no label", without)
     if len(data.labels) == 1:
         only = next(iter(data.labels))
         yield data.finding("error", "one-label", f"all recordings are {only!r}: nothing to tell apart")
+    alike = places_of(re.sub(r"[\s_-]+", " ", label).strip().casefold() for label in data.labels)
+    for same in (group for group in alike.values() if len(group) > 1):
+        names = listed([repr(list(data.labels)[place]) for place in same])
+        message = f"{names} differ by case, blanks, hyphens or underscores only: name one material alike"
+        yield data.finding("warning", "labels-alike", message)
     single = [group[0] for group in data.labels.values() if len(group) == 1]
     if single and len(data.labels) > 1:
         message = f"{counted(len(single), 'label')} with one recording only: nothing is left to test with"
