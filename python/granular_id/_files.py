@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
@@ -11,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -98,14 +97,6 @@ def _sync(path: Path, how: int) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def sha256_of(file: BinaryIO) -> str:
-    """Digest what is left in an open file."""
-    mark = hashlib.sha256()
-    while some := file.read(1 << 20):
-        mark.update(some)
-    return mark.hexdigest()
 
 
 @contextmanager
