@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from granular_id._checks import argument_error, whole_number
 from granular_id._estimators import routed
 from granular_id._text import counted, listed, verb
-from granular_id.recording import Dataset, Recording, condition_of, cut_from, overlapping_windows
+from granular_id.recording import Dataset, condition_of, overlapping_windows, recordings_cut
 
 Rows = NDArray[np.intp]
 Values = Sequence[str | None] | NDArray[Any]
@@ -148,16 +148,6 @@ def groups_of(data: Dataset, by: str = AUTO) -> Groups:
     return Groups(
         data.sessions, *_order_in_time(data), conditions, _overlaps(data), recordings_cut(data.recordings)
     )
-
-
-def recordings_cut(recordings: Sequence[Recording]) -> Rows:
-    """Return the number of the recording that each is a window of; what is no window is one of its own."""
-    found: dict[Any, int] = {}
-    numbers = [
-        found.setdefault(row if (window := cut_from(recording)) is None else window[0], len(found))
-        for row, recording in enumerate(recordings)
-    ]
-    return np.array(numbers, dtype=np.intp)
 
 
 def _order_in_time(data: Dataset) -> tuple[Rows | None, str]:

@@ -10,9 +10,9 @@ from itertools import combinations
 import numpy as np
 
 from granular_id._text import counted
-from granular_id.recording import Dataset
+from granular_id.recording import Dataset, recordings_cut
 from granular_id.score import Held
-from granular_id.splits import RANDOM, SESSION, Fold, Folds, recordings_cut, rows_of_class
+from granular_id.splits import RANDOM, SESSION, Fold, Folds, rows_of_class
 from granular_id.statistics import MIN_PARTITIONS, corrected_resampled_t, holm, mann_whitney
 
 N_DRAWS = 19

@@ -64,7 +64,10 @@ from granular_id.recording.setup import (
     unit_differences as unit_differences,
     values_in as values_in,
 )
-from granular_id.recording.steps import cut_from as cut_from, overlapping_windows as overlapping_windows
+from granular_id.recording.steps import (
+    overlapping_windows as overlapping_windows,
+    recordings_cut as recordings_cut,
+)
 from granular_id.recording.summary import (
     Summary,
     axes_in_words as axes_in_words,

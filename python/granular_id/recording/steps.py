@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import argument_error, checked_choice, checked_index, finite_number, thaw
 from granular_id._memory import stacked
@@ -391,6 +391,16 @@ def cut_from(recording: Recording) -> tuple[str, float] | None:
     if not isinstance(window, Mapping) or not {"recording", "start_s"} <= window.keys():
         return None
     return window["recording"], window["start_s"]
+
+
+def recordings_cut(recordings: Sequence[Recording]) -> NDArray[np.intp]:
+    """Return the number of the recording that each is a window of; what is no window is one of its own."""
+    found: dict[object, int] = {}
+    numbers = [
+        found.setdefault(row if (window := cut_from(recording)) is None else window[0], len(found))
+        for row, recording in enumerate(recordings)
+    ]
+    return np.array(numbers, dtype=np.intp)
 
 
 def overlapping_windows(recordings: Sequence[Recording]) -> Iterator[tuple[int, int]]:

@@ -16,7 +16,7 @@ from granular_id.recording.checks.measured import Measured, is_number
 from granular_id.recording.checks.report import Finding
 from granular_id.recording.recording import Recording, SampleFlag, single_values
 from granular_id.recording.report import first_names
-from granular_id.recording.steps import cut_from
+from granular_id.recording.steps import recordings_cut
 
 FEWEST = 10  # fewer recordings say nothing: a leak of two labels would not stand out from chance
 MOST = 5000  # larger sets are judged by this many recordings, drawn once: leaks worth a warning show in fewer
@@ -44,7 +44,7 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
     Testing", 1993).
     """
     # Windows of one recording are no witnesses of each other: its first one stands for them.
-    first = set({_cut_from(r, i): i for i, r in reversed(list(enumerate(data.recordings)))}.values())
+    first = set(np.unique(recordings_cut(data.recordings), return_index=True)[1].tolist())
     groups = [first.intersection(group) for group in data.labels.values()]
     places = sorted(i for group in groups if len(group) > 1 for i in group)
     rng = np.random.default_rng(0)  # the same data give the same verdict
@@ -84,12 +84,6 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
         yield data.finding(
             "warning", code, message, attributes=also, share=worst.share, chance=worst.chance, p=worst.p
         )
-
-
-def _cut_from(recording: Recording, place: int) -> object:
-    """Return the recording that a window was cut from; what is no window is its own."""
-    window = cut_from(recording)
-    return place if window is None else window[0]
 
 
 class _Attribute(NamedTuple):
