@@ -8,7 +8,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from granular_id._core import AXES, UNITS, StreamingExtractor, __version__
+from granular_id._core import AXES, UNITS, GranularIdError, StreamingExtractor, __version__
 from granular_id.features import FeatureSpec, extract_features, feature_names
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ __all__ = [
     "Explanation",
     "FeatureSpec",
     "Finding",
+    "GranularIdError",
     "Identifier",
     "MultiBand",
     "Onset",

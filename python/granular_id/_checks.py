@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.typing import NDArray
 
+from granular_id._core import GranularIdError
 from granular_id._memory import TemporaryMap
 from granular_id._text import fixed
 
@@ -62,14 +63,14 @@ def finite_number(
     """Return a finite float within bounds."""
     number = real_number(name, value)
     if not math.isfinite(number):
-        raise argument_error(ValueError, name, f"must be finite, got {number:g}")
+        raise argument_error(GranularIdError, name, f"must be finite, got {number:g}")
     if positive and number <= 0:
-        raise argument_error(ValueError, name, f"must be positive, got {number:g}")
+        raise argument_error(GranularIdError, name, f"must be positive, got {number:g}")
     if number < least:
         bound = "not be negative" if least == 0 else f"be at least {least:g}"
-        raise argument_error(ValueError, name, f"must {bound}, got {number:g}")
+        raise argument_error(GranularIdError, name, f"must {bound}, got {number:g}")
     if number > most:
-        raise argument_error(ValueError, name, f"must be at most {most:g}, got {number:g}")
+        raise argument_error(GranularIdError, name, f"must be at most {most:g}, got {number:g}")
     return number
 
 
@@ -77,7 +78,7 @@ def positive_number(name: str, value: object, wanted: str = "a number") -> float
     """Return a positive finite float."""
     number = real_number(name, value, wanted)
     if not 0 < number < math.inf:
-        raise argument_error(ValueError, name, f"must be positive and finite, got {number!r}")
+        raise argument_error(GranularIdError, name, f"must be positive and finite, got {number!r}")
     return number
 
 
@@ -85,7 +86,7 @@ def checked_share(name: str, value: object) -> float:
     """Return a float in (0, 1)."""
     number = finite_number(name, value)
     if not 0 < number < 1:
-        raise argument_error(ValueError, name, f"must lie between 0 and 1, got {number:g}")
+        raise argument_error(GranularIdError, name, f"must lie between 0 and 1, got {number:g}")
     return number
 
 
@@ -99,7 +100,7 @@ def whole_number(name: str, value: object, least: int = 1, or_else: str = "") ->
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise argument_error(TypeError, name, f"must be a whole number{or_else}, got {value!r:.60}")
     if value < least:
-        raise argument_error(ValueError, name, f"must be at least {least}, got {fixed(int(value))}")
+        raise argument_error(GranularIdError, name, f"must be at least {least}, got {fixed(int(value))}")
     return int(value)
 
 
@@ -118,7 +119,7 @@ def checked_n_jobs(n_jobs: object) -> int | None:
         raise argument_error(TypeError, "n_jobs", f"must be None or a whole number, got {n_jobs!r}")
     if n_jobs == 0:
         wanted = "None, positive, or negative to leave processors out (-1: none)"
-        raise argument_error(ValueError, "n_jobs", f"must be {wanted}, got 0")
+        raise argument_error(GranularIdError, "n_jobs", f"must be {wanted}, got 0")
     return int(n_jobs)
 
 
@@ -129,14 +130,16 @@ def named(table: Mapping[str, Any], argument: str, name: object) -> Any:
     """Return the entry of a table of choices, or list their names in the error."""
     if not isinstance(name, str) or name not in table:
         known = ", ".join(map(repr, table))
-        raise argument_error(ValueError, argument, f"must be one of {known}, got {name!r}")
+        raise argument_error(GranularIdError, argument, f"must be one of {known}, got {name!r}")
     return table[name]
 
 
 def checked_choice(argument: str, value: object, *choices: str) -> None:
     """Refuse a setting that is none of a few choices."""
     if value not in choices:
-        raise argument_error(ValueError, argument, f"={value!r}; wanted {' or '.join(map(repr, choices))}")
+        raise argument_error(
+            GranularIdError, argument, f"={value!r}; wanted {' or '.join(map(repr, choices))}"
+        )
 
 
 def checked_flag(argument: str, value: object) -> bool:
@@ -157,14 +160,14 @@ def checked_text(value: object, name: str, *, empty: bool = False, spaced: bool 
         raise argument_error(TypeError, name, f"must be a str, got {type(value).__name__}")
     text = str(value)
     if not text and not empty:
-        raise argument_error(ValueError, name, "is empty; give a text or leave it out (None)")
+        raise argument_error(GranularIdError, name, "is empty; give a text or leave it out (None)")
     if not text.isprintable():  # asked of all texts; which character it is, of those few that are not
         bad = next((c for c in text if unicodedata.category(c) in _CONTROLS or c in OVERRIDES), None)
         if bad is not None:
-            raise argument_error(ValueError, name, f"{text[:40]!r} holds the control character {bad!r}")
+            raise argument_error(GranularIdError, name, f"{text[:40]!r} holds the control character {bad!r}")
     if not spaced and text != text.strip():
         problem = "begins or ends with a space: it would not equal its own name"
-        raise argument_error(ValueError, name, f"{text[:40]!r} {problem}")
+        raise argument_error(GranularIdError, name, f"{text[:40]!r} {problem}")
     return text
 
 
@@ -192,7 +195,7 @@ def float_array(argument: str, values: npt.ArrayLike) -> FloatArray:
         if given.dtype.kind != "c":
             return given.astype(np.float64, copy=False)
     except (TypeError, ValueError) as reason:
-        raise argument_error(ValueError, argument, f"must be an array of numbers: {reason}") from None
+        raise argument_error(GranularIdError, argument, f"must be an array of numbers: {reason}") from None
     raise argument_error(TypeError, argument, f"must hold real numbers, got {given.dtype}")
 
 
@@ -205,7 +208,7 @@ def as_floats(value: object, name: str, wanted: str) -> FloatArray:
     try:
         array = np.asarray(value)
     except ValueError as error:
-        raise argument_error(ValueError, name, f"is not a rectangular array; wanted {wanted}") from error
+        raise argument_error(GranularIdError, name, f"is not a rectangular array; wanted {wanted}") from error
     if array.dtype.kind not in "iuf":
         raise argument_error(TypeError, name, f"has dtype {array.dtype}; wanted {wanted}")
     with np.errstate(over="ignore"):  # what overflows becomes infinite and is refused by the caller's check
@@ -246,7 +249,7 @@ def freeze(value: object, name: str) -> Any:
         return value
     if isinstance(value, float):
         if not math.isfinite(value):
-            raise argument_error(ValueError, name, f"is {value}; numbers must be finite")
+            raise argument_error(GranularIdError, name, f"is {value}; numbers must be finite")
         return value
     if isinstance(value, Mapping):
         for key in value:

@@ -20,6 +20,7 @@ from sklearn.pipeline import FeatureUnion, Pipeline
 from sklearn.utils.validation import has_fit_parameter
 
 from granular_id import _core
+from granular_id._core import GranularIdError
 
 # Convergence warnings that are listed one by one.
 _AT_MOST = 3
@@ -122,7 +123,7 @@ def named_errors(name: str) -> Iterator[None]:
     except ValueError as error:
         if repr(name) in str(error):
             raise
-        raise ValueError(f"feature space {name!r}: {error}") from error
+        raise GranularIdError(f"feature space {name!r}: {error}") from error
 
 
 @contextmanager

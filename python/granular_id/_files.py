@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from granular_id._core import GranularIdError
+
 JSON, PAGES, TABLES, MODELS = (".json",), (".html", ".htm"), (".csv",), (".safetensors",)
 """Endings of the kinds of files that are written here, besides pictures and recordings."""
 
@@ -36,7 +38,9 @@ def refuse_other_kind(path: str | os.PathLike[str], endings: Sequence[str]) -> N
     name = Path(path).name.lower()
     if name.endswith(_KNOWN) and not name.endswith(tuple(endings)):
         wanted = " or ".join(endings)
-        raise ValueError(f"path must end in {wanted}, not like another kind of file, got {os.fspath(path)!r}")
+        raise GranularIdError(
+            f"path must end in {wanted}, not like another kind of file, got {os.fspath(path)!r}"
+        )
 
 
 def check_source(path: str | os.PathLike[str]) -> Path:

@@ -17,6 +17,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._core import GranularIdError
+
 FloatArray = npt.NDArray[np.float64]
 
 LARGE_ARRAY_MB = "GRANULAR_ID_LARGE_ARRAY_MB"
@@ -43,7 +45,7 @@ def large_bytes() -> int:
     except ValueError:
         megabytes = math.nan
     if not 0 < megabytes < math.inf:
-        raise ValueError(f"{LARGE_ARRAY_MB}={stated!r} must be a positive number of megabytes")
+        raise GranularIdError(f"{LARGE_ARRAY_MB}={stated!r} must be a positive number of megabytes")
     return int(megabytes * 1e6)
 
 

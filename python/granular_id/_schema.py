@@ -21,6 +21,8 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
+from granular_id._core import GranularIdError
+
 EACH = "*"
 """In a form: every value of an object, whatever its name."""
 
@@ -71,7 +73,7 @@ def _check(value: Any, form: Any, path: str, what: str, closed: bool) -> None:
     elif isinstance(form, (str, set)):
         wanted = sorted({form} if isinstance(form, str) else form)
         if value not in wanted:
-            raise ValueError(f"{place} must be {' or '.join(map(repr, wanted))}, got {value!r:.80}")
+            raise GranularIdError(f"{place} must be {' or '.join(map(repr, wanted))}, got {value!r:.80}")
     elif not _has_type(value, form):
         raise TypeError(f"{place} must be {_WORDS[form]}, got {value!r:.80}")
 
@@ -88,10 +90,10 @@ def _check_entries(
         if name in value:
             _check(value[name], own, f"{path}.{name}".lstrip("."), what, closed)
         elif name == entry:
-            raise ValueError(f"{path or what} must hold {name!r}, got {sorted(value)!r:.80}")
+            raise GranularIdError(f"{path or what} must hold {name!r}, got {sorted(value)!r:.80}")
     unknown = sorted(set(value) - {entry.removesuffix("?") for entry in form})
     if closed and form and unknown:
-        raise ValueError(f"{path or what} must not hold {unknown[0]!r:.80}")
+        raise GranularIdError(f"{path or what} must not hold {unknown[0]!r:.80}")
 
 
 def _has_type(value: Any, form: type) -> bool:

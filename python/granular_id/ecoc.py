@@ -25,6 +25,7 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import _check_sample_weight, check_is_fitted, validate_data
 
 from granular_id._checks import argument_error, checked_n_jobs, float_array, named, positive_number
+from granular_id._core import GranularIdError
 from granular_id._parallel import in_threads
 
 __all__ = ["ECOCClassifier"]
@@ -167,7 +168,7 @@ class ECOCClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
             weights = _check_sample_weight(sample_weight, rows, dtype=np.float64)
             counted = weights > 0
             if (weights < 0).any() or not counted.any():
-                raise ValueError("sample_weight must not be negative, nor zero for every row")
+                raise GranularIdError("sample_weight must not be negative, nor zero for every row")
             rows, labels, weights = rows[counted], labels[counted], weights[counted]
         self.classes_, index = class_indices(labels)
         self.coding_matrix_ = design(self.coding, len(self.classes_))
@@ -253,7 +254,7 @@ def design(coding: Any, n_classes: int) -> CodingMatrix:
     n_pairs = n_classes * (n_classes - 1) // 2
     if coding == "onevsone" and n_pairs > MAX_LEARNERS:
         raise argument_error(
-            ValueError,
+            GranularIdError,
             "coding",
             f"='onevsone' needs {n_pairs:,} learners for {n_classes} classes, more than {MAX_LEARNERS:,}; "
             f"'onevsall' needs {n_classes}",
@@ -268,17 +269,19 @@ def _own_coding(coding: npt.ArrayLike, n_classes: int) -> CodingMatrix:
         problem = (
             f"must have {n_classes} rows, one per class, and a column per learner, got shape {given.shape}"
         )
-        raise argument_error(ValueError, "coding", problem)
+        raise argument_error(GranularIdError, "coding", problem)
     if not np.isin(given, (-1, 0, 1)).all():
-        raise argument_error(ValueError, "coding", "must hold -1, 0 and +1 only")
+        raise argument_error(GranularIdError, "coding", "must hold -1, 0 and +1 only")
     matrix = given.astype(np.int8)
     one_sided = (matrix.max(axis=0) != 1) | (matrix.min(axis=0) != -1)
     if one_sided.any():
-        raise argument_error(ValueError, "coding", f"column {one_sided.argmax()} must hold both +1 and -1")
+        raise argument_error(
+            GranularIdError, "coding", f"column {one_sided.argmax()} must hold both +1 and -1"
+        )
     unseen = ~matrix.any(axis=1)
     if unseen.any():
         problem = f"row {unseen.argmax()} is all 0: no learner ever sees this class"
-        raise argument_error(ValueError, "coding", problem)
+        raise argument_error(GranularIdError, "coding", problem)
     # A column and its negative make the same learner: compare them with their first sign +.
     leading = matrix[(matrix != 0).argmax(axis=0), np.arange(matrix.shape[1])]
     for what, lines, why in (
@@ -288,7 +291,7 @@ def _own_coding(coding: npt.ArrayLike, n_classes: int) -> CodingMatrix:
         _, first = np.unique(lines, axis=0, return_index=True)
         again = np.setdiff1d(np.arange(len(lines)), first)
         if again.size:
-            raise argument_error(ValueError, "coding", f"{what} {again[0]} is like one before: {why}")
+            raise argument_error(GranularIdError, "coding", f"{what} {again[0]} is like one before: {why}")
     return matrix
 
 
@@ -351,7 +354,7 @@ def linear_scores(rows: FloatArray, coef: FloatArray, intercept: FloatArray) -> 
     with np.errstate(over="ignore", invalid="ignore"):  # reported below, with the argument's name
         scores: FloatArray = rows @ coef.T + intercept
     if not np.isfinite(scores).all():
-        raise ValueError("X must be finite, with scores in the range of float64")
+        raise GranularIdError("X must be finite, with scores in the range of float64")
     return scores
 
 
@@ -380,11 +383,11 @@ def class_indices(labels: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], IntArray]
         classes, index = np.unique(labels, return_inverse=True)
     except (TypeError, ValueError) as reason:
         different = list(dict.fromkeys(map(repr, labels[:100].tolist())))
-        raise ValueError(
+        raise GranularIdError(
             f"y must hold labels of one kind, text or whole numbers, got {', '.join(different[:3])}: {reason}"
         ) from None
     if len(classes) < 2:
-        raise ValueError(f"y holds one class only ({classes.tolist()[0]!r}): nothing to tell apart")
+        raise GranularIdError(f"y holds one class only ({classes.tolist()[0]!r}): nothing to tell apart")
     return classes, index.astype(np.intp)
 
 
@@ -417,7 +420,7 @@ def train_learners(
     squares = np.diagonal(values) if kernel == "precomputed" else np.einsum("ij,ij->i", values, values)
     spread = float(squares.mean())
     if not math.isfinite(spread):
-        raise ValueError("X must be finite, with scalar products in the range of float64")
+        raise GranularIdError("X must be finite, with scalar products in the range of float64")
     # A power of four scales rows without rounding, and keeps their products in the range of float32.
     unit = 2.0 ** (math.frexp(spread)[1] // 2) if spread > 0 else 1.0
     values = values / (unit**2 if kernel == "precomputed" else unit)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict
 import numpy as np
 
 from granular_id import _core
-from granular_id._core import FeatureSpec
+from granular_id._core import FeatureSpec, GranularIdError
 from granular_id.recording import wrench_of
 
 if TYPE_CHECKING:
@@ -173,5 +173,7 @@ def _spec(spec: FeatureSpec | None, keywords: SpecKeywords) -> FeatureSpec:
     if not isinstance(spec, FeatureSpec):
         raise TypeError(f"spec must be a FeatureSpec, got {type(spec).__name__}")
     if keywords:
-        raise ValueError(f"give spec or its keywords, not both: got spec and {', '.join(sorted(keywords))}")
+        raise GranularIdError(
+            f"give spec or its keywords, not both: got spec and {', '.join(sorted(keywords))}"
+        )
     return spec

@@ -20,6 +20,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import finite_number, whole_number
+from granular_id._core import GranularIdError
 from granular_id._parallel import single_threaded_blas
 
 FloatArray = npt.NDArray[np.float64]
@@ -114,7 +115,7 @@ class RICA(ClassNamePrefixFeaturesOutMixin, TransformerMixin, BaseEstimator):  #
         alpha = finite_number("alpha", self.alpha, least=0)
         rows: FloatArray = validate_data(self, X, dtype=np.float64)
         if not rows.any():
-            raise ValueError(f"X must vary: every feature is zero (n_samples = {len(rows)})")
+            raise GranularIdError(f"X must vary: every feature is zero (n_samples = {len(rows)})")
         start = check_random_state(self.random_state).standard_normal((rows.shape[1], n_components))
         with single_threaded_blas():
             end = descend(rows, start, alpha, max_iter)

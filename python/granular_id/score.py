@@ -20,6 +20,7 @@ from sklearn.metrics import confusion_matrix
 from sklearn.pipeline import Pipeline
 
 from granular_id._checks import all_finite
+from granular_id._core import GranularIdError
 from granular_id._estimators import convergence_warnings, learns, named_errors, seeded_clone
 from granular_id._memory import empty, is_large, spans, taken
 from granular_id._parallel import in_threads, single_threaded_blas
@@ -281,10 +282,10 @@ def _checked(name: str, values: Any, rows: Codes) -> Floats:
     """Return finite features (n, D) of some recordings."""
     features = np.asarray(values, dtype=np.float64)
     if features.ndim != 2:
-        raise ValueError(f"feature space {name!r} must give an array (n, D), got shape {features.shape}")
+        raise GranularIdError(f"feature space {name!r} must give an array (n, D), got shape {features.shape}")
     if not all_finite(features):
         row, column = np.argwhere(~np.isfinite(features))[0].tolist()
-        raise ValueError(
+        raise GranularIdError(
             f"feature space {name!r} must give finite features, got {features[row, column]} in column {column} "
             f"of recording {rows[row]}"
         )

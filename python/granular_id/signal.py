@@ -12,6 +12,7 @@ import numpy as np
 
 from granular_id import _core
 from granular_id._checks import float_array, whole_number
+from granular_id._core import GranularIdError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -60,7 +61,7 @@ def butter(
     """
     edges = float_array("Wn", Wn)
     if edges.size != (2 if btype in {"bandpass", "bandstop"} else 1):
-        raise ValueError(f"Wn must be one frequency, or two for a band, got {Wn!r} for btype {btype!r}")
+        raise GranularIdError(f"Wn must be one frequency, or two for a band, got {Wn!r} for btype {btype!r}")
     return _core.butter(whole_number("N", N), btype, float(edges.flat[0]), float(edges.flat[-1]), fs)
 
 

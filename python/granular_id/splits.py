@@ -17,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from granular_id._checks import argument_error, whole_number
+from granular_id._core import GranularIdError
 from granular_id._estimators import routed
 from granular_id._text import counted, listed, verb
 from granular_id.recording import Dataset, condition_of, overlapping_windows, recordings_cut
@@ -185,7 +186,7 @@ def rows_of_class(y: ArrayLike) -> dict[Any, Rows]:
     labels, codes = np.unique(np.asarray(y), return_inverse=True)
     if labels.size < 2:
         have = f"only {labels[0].item()!r}" if labels.size else "none"
-        raise ValueError(f"training needs recordings of at least 2 classes, got {have}")
+        raise GranularIdError(f"training needs recordings of at least 2 classes, got {have}")
     return {label: np.flatnonzero(codes == k) for k, label in enumerate(labels.tolist())}
 
 
@@ -253,7 +254,7 @@ def hold_out(data: Dataset, by: str = AUTO, n_folds: int | None = None, seed: in
     else:
         drawn = _condition_folds(data, *condition_of(data, by))
     if isinstance(drawn, str):
-        raise argument_error(ValueError, "by", f"={by!r} cannot be held out: {drawn}")
+        raise argument_error(GranularIdError, "by", f"={by!r} cannot be held out: {drawn}")
     return _without_shared_samples(replace(drawn, seed=seed), data.y, groups.overlaps)
 
 
@@ -270,7 +271,7 @@ def _auto(y: NDArray[np.str_], groups: Groups, n_folds: int, seed: int) -> Folds
         return sessions
     drawn = _random_folds(y, n_folds, seed, groups.overlaps)
     if isinstance(drawn, str):
-        raise ValueError(drawn)  # noqa: TRY004 - the reason, not the type, is wrong
+        raise GranularIdError(drawn)
     return replace(drawn, notes=(*drawn.notes, f"{why}; not halves in time: {in_time}"))
 
 
@@ -458,7 +459,7 @@ def paper_folds(
         needs = f"{wanted}: {train_per_class} to train, {test_per_class} to test"
         fits = max(1, round(fewest.size * train_per_class / wanted))
         hint = f"; pass paper=({n_partitions}, {fits}, {fewest.size - fits})" * (fewest.size > fits)
-        raise ValueError(f"class {label!r} has {counted(fewest.size)}, wanted {needs}{hint}")
+        raise GranularIdError(f"class {label!r} has {counted(fewest.size)}, wanted {needs}{hint}")
     folds = []
     for j in range(n_partitions):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(j,)))
@@ -485,7 +486,7 @@ def _without_shared_samples(drawn: Folds, y: NDArray[np.str_], pairs: Rows | Non
         train = _clear_of(fold.test, fold.train, pairs)
         lost = np.setdiff1d(y[fold.train], y[train]).tolist()
         if lost:
-            raise ValueError(
+            raise GranularIdError(
                 f"all windows of {listed(lost)} share samples with tested ones, and none is left to train on: cut "
                 "windows that do not overlap, or hold out whole recordings (by='session')"
             )
@@ -580,7 +581,7 @@ def _checked_names(name: str, given: Any, n_rows: int) -> NDArray[np.object_]:
         if isinstance(given, (str, bytes)) or not hasattr(given, "__len__"):
             raise TypeError(f"{name} must be a sequence with one {what} per row, got {given!r:.60}")
         if len(given) != n_rows:
-            raise ValueError(f"{name} must name one {what} per row of X, {n_rows}, got {len(given)}")
+            raise GranularIdError(f"{name} must name one {what} per row of X, {n_rows}, got {len(given)}")
         known[:] = [None if one is None or one != one else str(one) or None for one in list(given)]  # noqa: PLR0124 - NaN
     return known
 
@@ -598,11 +599,13 @@ def checked_groups(
             wanted = (
                 f"must hold the row numbers 0 to {n_rows - 1}, each once, from the earliest to the latest"
             )
-            raise argument_error(ValueError, "order", wanted)
+            raise argument_error(GranularIdError, "order", wanted)
         rank = np.argsort(rows, kind="stable")
     if overlaps is not None:
         pairs = np.asarray(overlaps)
         in_pairs = pairs.ndim == 2 and pairs.shape[1] == 2 and np.isin(pairs, np.arange(n_rows)).all()
         if pairs.dtype.kind not in "iu" or not in_pairs:
-            raise argument_error(ValueError, "overlaps", f"must hold pairs of row numbers, 0 to {n_rows - 1}")
+            raise argument_error(
+                GranularIdError, "overlaps", f"must hold pairs of row numbers, 0 to {n_rows - 1}"
+            )
     return Groups(known, rank, "no order in time is known" if rank is None else "", apart, pairs)

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import argument_error, as_floats, finite_number, positive_number
+from granular_id._core import GranularIdError
 from granular_id.live.netft_page import SYNTHETIC_FIELD, parse_page
 from granular_id.synthetic import synthesize
 
@@ -308,7 +309,7 @@ def counts_of(signal: ArrayLike | None, per_newton: float, per_newton_metre: flo
         signal = np.array([3, 1, 5, 0.1, 0.3, 0.02]) * np.sin(phase * np.arange(1, 7))
     wrench = as_floats(signal, "signal", "a real array of shape (n, 6), N and N m")
     if wrench.ndim != 2 or wrench.shape[1] != 6 or not len(wrench):
-        raise argument_error(ValueError, "signal", f"has shape {wrench.shape}; wanted (n, 6), N and N m")
+        raise argument_error(GranularIdError, "signal", f"has shape {wrench.shape}; wanted (n, 6), N and N m")
     return np.asarray(np.rint(wrench * np.repeat([per_newton, per_newton_metre], 3)), dtype=np.int64)
 
 

@@ -1,9 +1,17 @@
 //! Single values from Python, or an exception that names the argument; errors of the core as exceptions.
 
 use granular_id::Error;
+use pyo3::create_exception;
 use pyo3::exceptions::{PyMemoryError, PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyIterator, PyString, PyTuple};
+
+create_exception!(
+    granular_id,
+    GranularIdError,
+    PyValueError,
+    "Input that granular_id refuses: a ValueError whose message names the argument or file, and what is wanted.\n\nAll refusals of values are of this class or one below it, so that one ``except`` separates them from bugs."
+);
 
 /// An error of the core that Python can raise.
 pub(super) trait Raise {
@@ -15,7 +23,7 @@ impl Raise for Error {
         let message = self.to_string();
         match self {
             Self::Memory { .. } => PyMemoryError::new_err(message),
-            _ => PyValueError::new_err(message),
+            _ => GranularIdError::new_err(message),
         }
     }
 }
@@ -52,7 +60,7 @@ pub(super) fn refused(
 pub(super) fn number(value: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
     let wrong = || {
         let got = shown(value);
-        PyValueError::new_err(format!("{name} must be a number that float64 can hold, got {got}"))
+        GranularIdError::new_err(format!("{name} must be a number that float64 can hold, got {got}"))
     };
     let wanted = format_args!("{name} must be a real number");
     value.extract().map_err(|error| refused(error, value, wanted, wrong))
@@ -70,7 +78,7 @@ where
 {
     let wrong = || {
         let (range, got) = (range(), shown(value));
-        PyValueError::new_err(format!("{name} must be an integer {range}, got {got}"))
+        GranularIdError::new_err(format!("{name} must be an integer {range}, got {got}"))
     };
     match value.extract::<T>() {
         Ok(integer) if fits(integer) => Ok(integer),
@@ -132,7 +140,7 @@ pub(super) fn word<T: Copy>(value: &Bound<'_, PyAny>, name: &str, words: &[(&str
     }
     let message = format!("{name} must be {}, got {}", granular_id::bindings::listed(words), shown(value));
     if value.is_instance_of::<PyString>() {
-        Err(PyValueError::new_err(message))
+        Err(GranularIdError::new_err(message))
     } else {
         Err(PyTypeError::new_err(message))
     }

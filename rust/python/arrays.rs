@@ -12,7 +12,7 @@ use pyo3::exceptions::{PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyMemoryView, PyTuple, PyWeakrefReference};
 
-use crate::arguments::{threads, OrRaise};
+use crate::arguments::{threads, GranularIdError, OrRaise};
 use granular_id::bindings::{collected, reserved, room};
 use granular_id::BatchShape;
 
@@ -198,7 +198,8 @@ pub(super) fn readable<'py>(
     array: &Bound<'py, PyArrayDyn<f64>>,
     name: &str,
 ) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
-    let wrong = |what| PyValueError::new_err(format!("{name} must not be {what} by another call meanwhile"));
+    let wrong =
+        |what| GranularIdError::new_err(format!("{name} must not be {what} by another call meanwhile"));
     let borrowed = array.try_readonly().map_err(|_| wrong("written"))?;
     if !(is_still(array) && is_aligned(array) && array.is_c_contiguous()) {
         return Err(wrong("changed"));
@@ -218,26 +219,26 @@ pub(super) fn writable<'py, T: Element>(
     inputs: &[&[f64]],
 ) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
     let borrowed = out.try_readwrite().map_err(|error| {
-        PyValueError::new_err(match error {
+        GranularIdError::new_err(match error {
             BorrowError::NotWriteable => "out must be writable, got a read-only array",
             _ => "out must not be in use by another call",
         })
     });
     if !is_still(out) {
-        return Err(PyValueError::new_err("out must not be changed by another call meanwhile"));
+        return Err(GranularIdError::new_err("out must not be changed by another call meanwhile"));
     }
     if !out.is_c_contiguous() {
-        return Err(PyValueError::new_err("out must be C-contiguous, got a strided array"));
+        return Err(GranularIdError::new_err("out must be C-contiguous, got a strided array"));
     }
     if !is_aligned(out) {
-        return Err(PyValueError::new_err("out must be aligned, got an array at an odd address"));
+        return Err(GranularIdError::new_err("out must be aligned, got an array at an odd address"));
     }
     // Views of the same memory by way of different objects: the borrow above knows nothing of each other's.
     let start = out.data().addr();
     let end = start + out.len() * size_of::<T>();
     for read in inputs.iter().map(|input| input.as_ptr_range()) {
         if start < read.end.addr() && read.start.addr() < end {
-            return Err(PyValueError::new_err(format!("out must not overlap {name}")));
+            return Err(GranularIdError::new_err(format!("out must not overlap {name}")));
         }
     }
     borrowed
@@ -274,7 +275,7 @@ impl<'py> Recordings<'py> {
             || "(n_samples, n_axes) or (n_recordings, n_samples, n_axes), got shape".to_owned(),
             |of| tuple(&of) + ", or one more dimension in front of it, as the model was trained on, got",
         );
-        Err(PyValueError::new_err(format!("{name} must have shape {wanted} {}", tuple(array.shape()))))
+        Err(GranularIdError::new_err(format!("{name} must have shape {wanted} {}", tuple(array.shape()))))
     }
 
     /// Shape of results of which each recording has a row.
@@ -326,7 +327,7 @@ fn as_array<'py>(
         let named = if error.is_instance_of::<PyTypeError>(py) {
             PyTypeError::new_err(message)
         } else if error.is_instance_of::<PyValueError>(py) {
-            PyValueError::new_err(message)
+            GranularIdError::new_err(message)
         } else {
             return error;
         };
@@ -364,7 +365,7 @@ fn signed(ndim: usize) -> i64 {
 
 /// An array of another shape than is wanted.
 pub(super) fn wrong_shape(name: &str, wanted: impl std::fmt::Display, got: &[usize]) -> PyErr {
-    PyValueError::new_err(format!("{name} must have shape {wanted}, got {}", tuple(got)))
+    GranularIdError::new_err(format!("{name} must have shape {wanted}, got {}", tuple(got)))
 }
 
 /// A shape as Python writes it.

@@ -5,12 +5,12 @@ use std::ffi::CString;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyUserWarning, PyValueError};
+use pyo3::exceptions::{PyTypeError, PyUserWarning};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::arguments::{
-    count, flag, new_arguments, number, samples_and_axes, shown, word, NewArguments, OrRaise,
+    count, flag, new_arguments, number, samples_and_axes, shown, word, GranularIdError, NewArguments, OrRaise,
 };
 use crate::arrays::{contiguous_real, is_masked, owned_real, tuple, work_into, work_on, Recordings};
 use granular_id::dsp::{Outside, MAX_BINS, MAX_ORDER};
@@ -196,7 +196,7 @@ fn ranges(value: &Bound<'_, PyAny>) -> PyResult<Vec<(f64, f64)>> {
     let array = owned_real(value, "bin_range")?;
     if !matches!(array.shape(), [2] | [_, 2]) || array.is_empty() {
         let shape = tuple(array.shape());
-        return Err(PyValueError::new_err(format!(
+        return Err(GranularIdError::new_err(format!(
             "bin_range must be (low, high), or one such pair per axis, got an array of shape {shape}"
         )));
     }
@@ -220,7 +220,7 @@ pub(super) fn extract_features<'py>(
     let (wrench, shape) = (&recordings.array, recordings.shape);
     let given = tuple(wrench.shape());
     if wrench.is_empty() {
-        return Err(PyValueError::new_err(format!("wrench must not be empty, got shape {given}")));
+        return Err(GranularIdError::new_err(format!("wrench must not be empty, got shape {given}")));
     }
     let designed = &spec.get().extractor;
     let extractor = &if filtered { Cow::Borrowed(designed) } else { Cow::Owned(designed.unfiltered()) };

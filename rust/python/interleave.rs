@@ -1,11 +1,11 @@
 //! Columns as samples.
 
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
-use crate::arguments::{shown, OrRaise};
+use crate::arguments::{shown, GranularIdError, OrRaise};
 use crate::arrays::{readable, tuple, writable, wrong_shape, Hold};
 use granular_id::bindings::reserved;
 
@@ -19,7 +19,7 @@ pub(super) fn interleave(columns: &Bound<'_, PyList>, out: &Bound<'_, PyArrayDyn
             PyTypeError::new_err(format!("each column must be a 1-D array of float64, got {came}"))
         })?;
         if !column.is_c_contiguous() {
-            return Err(PyValueError::new_err("columns must be contiguous"));
+            return Err(GranularIdError::new_err("columns must be contiguous"));
         }
         asked.push(column.to_dyn().clone());
     }

@@ -22,6 +22,8 @@ mod _core {
     use super::arguments::OrRaise;
 
     #[pymodule_export]
+    use super::arguments::GranularIdError;
+    #[pymodule_export]
     use super::buffer::{PyBlock, PyWindow, PyWrenchBuffer, PyWrenchReader, WindowError};
     #[pymodule_export]
     use super::features::{extract_features, histogram, PyFeatureSpec};

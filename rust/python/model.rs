@@ -8,11 +8,13 @@ use std::sync::Arc;
 
 use numpy::{Element, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::create_exception;
-use pyo3::exceptions::{PyMemoryError, PyOSError, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict, PyList, PyString, PyTuple};
 
-use crate::arguments::{count, each, new_arguments, shown, word, NewArguments, OrRaise, Raise};
+use crate::arguments::{
+    count, each, new_arguments, shown, word, GranularIdError, NewArguments, OrRaise, Raise,
+};
 use crate::arrays::{
     contiguous_real, copied, readable, work_into, work_on, wrong_shape, zeros, Hold, Recordings,
 };
@@ -28,7 +30,7 @@ use granular_id::{Error, Model};
 create_exception!(
     granular_id._core,
     ModelFileError,
-    PyValueError,
+    GranularIdError,
     "A file that holds no model; the message says what is wrong with it."
 );
 
@@ -112,7 +114,7 @@ impl PyModel {
         let n_axes = n_axes.map_or(Ok(own_axes), |value| count(value, "n_axes", MAX_AXES))?;
         let n_samples = n_samples.map_or(Ok(own_samples), |value| count(value, "n_samples", MAX_WINDOW))?;
         if own.is_some_and(|own| own != (n_samples, n_axes)) {
-            return Err(PyValueError::new_err(format!(
+            return Err(GranularIdError::new_err(format!(
                 "spec is for {own_samples} samples of {own_axes} axes, got n_samples = {n_samples}, n_axes = {n_axes}"
             )));
         }
@@ -459,7 +461,7 @@ fn described(n_axes: usize, metadata: Option<&Bound<'_, PyAny>>) -> PyResult<Met
 fn bad_part(error: ModelError) -> PyErr {
     match error {
         ModelError::Spec(error) => error.raise(),
-        error => PyValueError::new_err(error.to_string()),
+        error => GranularIdError::new_err(error.to_string()),
     }
 }
 

@@ -1,11 +1,13 @@
 //! Multi-band features of recordings.
 
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
-use crate::arguments::{each, new_arguments, number, samples_and_axes, shown, word, NewArguments, OrRaise};
+use crate::arguments::{
+    each, new_arguments, number, samples_and_axes, shown, word, GranularIdError, NewArguments, OrRaise,
+};
 use crate::arrays::{copied, owned_real, tuple, work_into, wrong_shape, zeros, Recordings};
 use granular_id::bindings::{brief, collected, filled};
 use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
@@ -196,7 +198,7 @@ fn blocks_of(value: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<MultiBandSpec> 
         let block = word(&block?, "each of blocks", &Block::NAMED)?;
         if wanted.contains(&block) {
             let message = format!("blocks must name each block once, got '{}' twice", block.name());
-            return Err(PyValueError::new_err(message));
+            return Err(GranularIdError::new_err(message));
         }
         wanted.push(block);
     }

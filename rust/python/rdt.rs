@@ -2,21 +2,19 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use pyo3::exceptions::{
-    PyConnectionError, PyConnectionRefusedError, PyRuntimeError, PyTimeoutError, PyValueError,
-};
+use pyo3::exceptions::{PyConnectionError, PyConnectionRefusedError, PyRuntimeError, PyTimeoutError};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
 use super::buffer::PyWrenchBuffer;
-use crate::arguments::{word, OrRaise, Raise};
+use crate::arguments::{word, GranularIdError, OrRaise, Raise};
 use granular_id::rdt::{RdtError, Receiver, Scale, Settings, State, Variant};
 
 impl Raise for RdtError {
     fn raise(self) -> PyErr {
         let message = self.to_string();
         match self {
-            RdtError::Scale { .. } | RdtError::Setting { .. } => PyValueError::new_err(message),
+            RdtError::Scale { .. } | RdtError::Setting { .. } => GranularIdError::new_err(message),
             RdtError::Refused { .. } => PyConnectionRefusedError::new_err(message),
             RdtError::Silent { .. } => PyTimeoutError::new_err(message),
             // the host and the system, and what is to come

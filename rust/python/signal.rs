@@ -1,10 +1,9 @@
 //! Filter design and filtering: unpack, call, map the error.
 
 use numpy::{PyArray, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arguments::OrRaise;
+use crate::arguments::{GranularIdError, OrRaise};
 use crate::arrays::{axis_index, owned_real, tuple, wrong_shape, Hold};
 use granular_id::{AlongAxis, Band, Result, Sos};
 
@@ -27,7 +26,7 @@ pub(super) fn butter<'py>(
         "bandpass" => Band::Bandpass(low_hz, high_hz),
         "bandstop" => Band::Bandstop(low_hz, high_hz),
         other => {
-            return Err(PyValueError::new_err(format!("band must be the name of a band, got {other:?}")))
+            return Err(GranularIdError::new_err(format!("band must be the name of a band, got {other:?}")))
         }
     };
     let sos = granular_id::butterworth(order, band, rate_hz).or_raise()?;
@@ -90,11 +89,11 @@ fn sections(value: &Bound<'_, PyAny>) -> PyResult<Sos> {
 fn signal<'py>(x: &Bound<'py, PyAny>, axis: &Bound<'py, PyAny>) -> PyResult<(Array<'py>, usize, AlongAxis)> {
     let x = owned_real(x, "x")?;
     if x.ndim() == 0 {
-        return Err(PyValueError::new_err("x must be at least 1-D, got a single number"));
+        return Err(GranularIdError::new_err("x must be at least 1-D, got a single number"));
     }
     let axis = axis_index(axis, x.shape())?;
     let along = AlongAxis::new(x.shape(), axis)
-        .ok_or_else(|| PyValueError::new_err(format!("axis {axis} is outside of x")))?;
+        .ok_or_else(|| GranularIdError::new_err(format!("axis {axis} is outside of x")))?;
     Ok((x, axis, along))
 }
 

@@ -6,11 +6,11 @@ use std::sync::{Mutex, MutexGuard, TryLockError};
 use std::time::Duration;
 
 use numpy::{PyArrayDyn, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyRuntimeError, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyString, PyTuple};
 
-use crate::arguments::{count, shown, OrRaise};
+use crate::arguments::{count, shown, GranularIdError, OrRaise};
 use crate::arrays::{contiguous_real, readable, tuple, writable, wrong_shape, zeros, Hold};
 use crate::features::PyFeatureSpec;
 use crate::model::PyModel;
@@ -302,7 +302,7 @@ fn push_rows<T: Send>(
     if !matches!(array.shape(), [columns] | [_, columns] if *columns == n_axes) {
         let shape = tuple(array.shape());
         let message = format!("wrench must have shape (k, {n_axes}) or ({n_axes},), got shape {shape}");
-        return Err(PyValueError::new_err(message));
+        return Err(GranularIdError::new_err(message));
     }
     if array.len() >= MANY_ROWS * n_axes {
         let hold = Hold::new(&[array.as_any()])?;

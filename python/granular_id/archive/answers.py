@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import checked_choice, finite_number
+from granular_id._core import GranularIdError
 from granular_id._files import absolute
 from granular_id._progress import ProgressCallback
 from granular_id._text import Table, counted, percent, verb
@@ -173,7 +174,7 @@ class AnswersSpec:
             how_many = f"{len(without)} of {counted(len(starts))} {verb(len(without), 'is', 'are')} like this"
             skip = "" if len(without) == len(starts) else ": pass on_short='skip' to give them no answer"
             problem = f"recording {one['name']!r} has {came}, the model takes {model.n_samples}"
-            raise ValueError(f"{problem}; {how_many}{skip}")
+            raise GranularIdError(f"{problem}; {how_many}{skip}")
         if differences:
             warnings.warn(setup_mismatch(*differences), stacklevel=4)  # of `identify`, by `run`
 
@@ -230,7 +231,7 @@ def _model(path: str, sha256: str) -> Identifier:
     """Read a model once a process."""
     content = Path(path).read_bytes()
     if hashlib.sha256(content).hexdigest() != sha256:
-        raise ValueError(f"{path} is no longer the model that answers here")
+        raise GranularIdError(f"{path} is no longer the model that answers here")
     return Identifier(_core.Model.from_bytes(content, max_file_bytes=len(content)))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import argument_error, named
-from granular_id._core import AXES, FeatureSpec, MultiBandExtractor
+from granular_id._core import AXES, FeatureSpec, GranularIdError, MultiBandExtractor
 from granular_id._progress import ProgressCallback
 from granular_id._text import counted
 from granular_id.archive.partitions import ABOUT, Extraction, Outputs, one_of_each, run
@@ -118,12 +118,12 @@ def extract(
     if model is None:
         if accept:
             problem = f"={accept!r} is about the set-up of a model: give model="
-            raise argument_error(ValueError, "accept", problem)
+            raise argument_error(GranularIdError, "accept", problem)
         spec = _spec_of_space(opened, "hfmh" if space is None else space)
     elif space is None:
         spec = _spec_of_model(opened, model, accept)
     else:
-        raise argument_error(ValueError, "space", "is that of the model: give one of both")
+        raise argument_error(GranularIdError, "space", "is that of the model: give one of both")
     return run(opened, spec, out, n_jobs=n_jobs, scheduler=scheduler, progress=progress)
 
 
@@ -161,11 +161,11 @@ class FeaturesSpec:
         name, wants = archive.index["name"][row].as_py(), f"{self.title} want"
         if other_rate.any():
             came = "is sampled irregularly" if np.isnan(rates[row]) else f"has {rates[row]:g} Hz"
-            raise ValueError(
+            raise GranularIdError(
                 f"recording {name!r} {came}, {wants} {self.rate_hz:g} Hz: call .resample({self.rate_hz:g}) on the "
                 "recordings; nothing is resampled unasked"
             )
-        raise ValueError(
+        raise GranularIdError(
             f"recording {name!r} has {counted(int(lengths[row]), 'sample')}, {wants} {self.n_samples} of each: call "
             ".align on the recordings, or take space='hfmh', whose counts need no one length"
         )
@@ -233,13 +233,15 @@ def _spec_of_space(archive: Archive, space: str | FeatureSpec) -> FeaturesSpec:
     first = archive.index.slice(0, 1).to_pylist()[0]
     n_samples, rate_hz = int(first["n_samples"]), first["rate_hz"]
     if rate_hz is None:
-        raise ValueError(f"recording {first['name']!r} is sampled irregularly: call .resample on it first")
+        raise GranularIdError(
+            f"recording {first['name']!r} is sampled irregularly: call .resample on it first"
+        )
     extractor: Any = space
     if not isinstance(space, FeatureSpec):
         transformer = named(feature_spaces(rate_hz=rate_hz, threads=1), "space", space).transformer
         if learns(transformer):
             how = "train a model on some of them, as in Identifier.fit(data, 'multiband'), and give model="
-            raise argument_error(ValueError, "space", f"={space!r} learns from recordings: {how}")
+            raise argument_error(GranularIdError, "space", f"={space!r} learns from recordings: {how}")
         blank = np.zeros((n_samples, len(archive.axes)))
         extractor = transformer.fit(Dataset([Recording(blank, rate_hz=rate_hz, axes=archive.axes)]))
         if type(extractor) in (HFMH, RawHFMH, RawSignal):
@@ -302,7 +304,7 @@ class Features(Outputs):
         labels = self.recordings["label"].to_pylist()
         if None in labels:
             first = self.recordings["name"][labels.index(None)].as_py()
-            raise ValueError(f"{counted(labels.count(None))} without a label, the first is {first!r}")
+            raise GranularIdError(f"{counted(labels.count(None))} without a label, the first is {first!r}")
         return np.array(labels, dtype=np.str_)
 
     @property

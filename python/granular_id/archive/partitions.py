@@ -22,6 +22,7 @@ import numpy as np
 
 from granular_id import _core
 from granular_id._checks import argument_error, checked_n_jobs
+from granular_id._core import GranularIdError
 from granular_id._files import absolute, durable_file, made_folder
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, check_progress, showing
@@ -207,7 +208,7 @@ class Extraction:
         return f"{self.out}: {'; '.join(said)}"
 
 
-class PartitionError(ValueError):
+class PartitionError(GranularIdError):
     """Some partitions could not be made, as ``extraction.failures`` says; all others are finished."""
 
     def __init__(self, extraction: Extraction) -> None:
@@ -236,10 +237,10 @@ def run(
     check_progress(progress)
     if scheduler is not None and n_jobs is not None:
         wanted = "must be None with a scheduler, whose workers are as they are"
-        raise argument_error(ValueError, "n_jobs", f"{wanted}; got {n_jobs!r}")
+        raise argument_error(GranularIdError, "n_jobs", f"{wanted}; got {n_jobs!r}")
     if archive.folder.resolve() in (Path(out).resolve(), *Path(out).resolve().parents):
         problem = f"={os.fspath(out)!r} is or lies in the archive: name another folder"
-        raise argument_error(ValueError, "out", problem)
+        raise argument_error(GranularIdError, "out", problem)
     spec.check(archive)
     begun, folder = perf_counter(), Path(absolute(out))
     partitions = {partition.name(spec): partition for partition in partitions_of(archive)}
@@ -292,10 +293,10 @@ def _there(folder: Path, spec: Spec, archive: Archive, wanted: Mapping[str, Part
     for name, footer in _footers_in(folder).items():
         if footer["spec"] != ours:
             other = _difference(footer["spec"], ours)
-            raise ValueError(f"{folder} holds other work already: {other}; name another folder")
+            raise GranularIdError(f"{folder} holds other work already: {other}; name another folder")
         if name not in wanted:
             problem = f"recordings that {archive.folder} does not have (in {name})"
-            raise ValueError(f"{folder} holds {problem}; name another folder")
+            raise GranularIdError(f"{folder} holds {problem}; name another folder")
         there.add(name)
     return there
 
@@ -370,11 +371,11 @@ class Outputs:
             raise FileNotFoundError(f"{self.folder}: the {self.holds} are not finished: {again}{hint}")
         self.spec: Mapping[str, Any] = next(iter(footers.values()))["spec"]
         if self.holds not in self.spec:
-            raise ValueError(f"{self.folder} holds no {self.holds}, but {', '.join(self.spec)}")
+            raise GranularIdError(f"{self.folder} holds no {self.holds}, but {', '.join(self.spec)}")
         other = next((name for name in footers if footers[name]["spec"] != self.spec), None)
         if other is not None:
             how = _difference(footers[other]["spec"], self.spec)
-            raise ValueError(f"{self.folder} holds two kinds of {self.holds}: {how} (in {other})")
+            raise GranularIdError(f"{self.folder} holds two kinds of {self.holds}: {how} (in {other})")
         self._files = sorted(footers, key=lambda name: (footers[name]["place"], name))
         self.n_recordings = sum(footer["n_rows"] for footer in footers.values())
         self.n_synthetic = sum(footer["n_synthetic"] for footer in footers.values())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from granular_id._core import GranularIdError
 from granular_id._files import MODELS, check_source
 from granular_id.cli.identify import Fitting
 from granular_id.cli.options import FORCE, command, option
@@ -33,7 +34,7 @@ class Recordings(ReadingOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.path.suffix in MODELS:
-            raise ValueError(
+            raise GranularIdError(
                 f"{self.path} is no recordings but a model file: MODEL comes first, then RECORDINGS"
             )
 
@@ -101,7 +102,7 @@ def adapt(
     """
     if labelled == all_materials:
         came = "not both" if labelled else "neither is given"
-        raise ValueError(
+        raise GranularIdError(
             "give --labelled, to take the labels of a few recordings of each material, or --all-materials, where the "
             f"recordings hold all materials about equally: {came}"
         )

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from granular_id._core import GranularIdError
 from granular_id._files import check_source, made_folder
 from granular_id._text import Table, counted, verb
 from granular_id.cli.errors import FOUND_ERRORS, words_of
@@ -69,7 +70,7 @@ def add(
         check_source(path)
         target, source = archive.resolve(), path.resolve()
         if target == source or source in target.parents or target in source.parents:
-            raise ValueError(
+            raise GranularIdError(
                 f"{path} is, holds or lies in the archive {archive}: give the archive another place"
             )
     from granular_id._progress import showing
@@ -90,7 +91,7 @@ def add(
                     if step is not None:
                         step(tally.n_added + tally.n_present, 0, f"recordings: {path.name}")
             if not tally.n_added + tally.n_present:
-                raise ValueError("no recording is left to add")
+                raise GranularIdError("no recording is left to add")
     finally:
         for line in tally.lines():
             show(line)
@@ -175,7 +176,7 @@ class _Rates:
             )
             convert = f"granular-id data convert {shlex.quote(str(path))} NEW.npz --rate-hz"
             help_ = "" if known is None else f"make such by {convert} {known:g}, or "
-            raise ValueError(
+            raise GranularIdError(
                 f"{path}: recording {other.name!r} has {came}, those of the archive {self._archive} have "
                 f"{wanted}: {help_}name another archive"
             )
@@ -191,7 +192,7 @@ def check_is_archive(path: Path) -> None:
 
     if not is_parquet_archive(path):
         make = f"granular-id archive add ARCHIVE {shlex.quote(str(path))}"
-        raise ValueError(f"{path} is no archive; {make} makes one of recordings")
+        raise GranularIdError(f"{path} is no archive; {make} makes one of recordings")
 
 
 @command
@@ -312,7 +313,7 @@ class WorkerOptions:
     def __post_init__(self) -> None:
         at_least("--jobs", self.jobs, 1)
         if self.jobs is not None and self.scheduler is not None:
-            raise ValueError("--jobs are threads of this machine, --scheduler has workers: leave it out")
+            raise GranularIdError("--jobs are threads of this machine, --scheduler has workers: leave it out")
 
     def given(self) -> dict[str, Any]:
         """Return the workers as `granular_id.archive.extract` takes them."""
@@ -355,7 +356,7 @@ def extract(
     `granular-id extract fleet -o features --model kitchen.safetensors --scheduler tcp://10.0.0.7:8786`
     """
     if space is not None and model is not None:
-        raise ValueError("--space and --model both say which features: give one of them")
+        raise GranularIdError("--space and --model both say which features: give one of them")
     check_is_archive(archive)
     if model is not None:
         check_source(model)
@@ -378,7 +379,7 @@ def working_on(archive: Path, say: Callable[..., None]) -> Iterator[None]:
         say(error.extraction, partial=True)
         raise
     except ValueError as error:
-        raise ValueError(words_of(error, archive=archive)) from error
+        raise GranularIdError(words_of(error, archive=archive)) from error
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"Interrupted: no file was left half-written; {again}.") from None
     except OSError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from granular_id._core import GranularIdError
 from granular_id.cli.evaluate import BY
 from granular_id.cli.method import OneSpace
 from granular_id.cli.options import FORCE, a_share, command, count, numbers_in, option
@@ -82,5 +83,5 @@ def _levels(text: str) -> list[float]:
     wanted = "numbers between 0 and 1, separated by commas, each once"
     found = numbers_in("--levels", text, wanted)
     if not all(0 < share < 1 for share in found) or len(set(found)) < len(found):
-        raise ValueError(f"--levels must be {wanted}, got {text!r}")
+        raise GranularIdError(f"--levels must be {wanted}, got {text!r}")
     return found

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 from rich.console import Console
 
+from granular_id._core import GranularIdError
 from granular_id._files import write_json
 from granular_id._text import counted
 from granular_id.cli.errors import FOUND_ERRORS
@@ -67,7 +68,7 @@ def _csv_in(texts: Sequence[str]) -> dict[str, Any]:
     for text in texts:
         key, equals, value = text.partition("=")
         if not equals or not key.isidentifier():
-            raise ValueError(f"--csv must be KEY=VALUE, an option of pandas.read_csv, got {text!r}")
+            raise GranularIdError(f"--csv must be KEY=VALUE, an option of pandas.read_csv, got {text!r}")
         try:
             options[key] = ast.literal_eval(value)
         except (ValueError, SyntaxError):
@@ -165,7 +166,7 @@ def _range_of(text: str | None) -> str | float | list[float] | None:
     except ValueError:
         if "," in text:
             wanted = "a number, one per axis such as 145,145,290,5,5,5, or the name of a sensor"
-            raise ValueError(f"--sensor-range must be {wanted}, got {text!r}") from None
+            raise GranularIdError(f"--sensor-range must be {wanted}, got {text!r}") from None
         return text
     return numbers if len(numbers) > 1 else numbers[0]
 
@@ -200,9 +201,9 @@ def plot(
     """
     at_least("-n", n, 1)
     if draw and what == "onset":
-        raise ValueError("--draw does not go with --what onset, which draws the axes of one unit")
+        raise GranularIdError("--draw does not go with --what onset, which draws the axes of one unit")
     if n is not None and what == "mean":
-        raise ValueError("-n does not go with --what mean, which is made of all recordings")
+        raise GranularIdError("-n does not go with --what mean, which is made of all recordings")
     check_outputs(("--output", output, PICTURE), source=reading.path, force=force)
 
     from granular_id import plotting
@@ -264,7 +265,7 @@ def convert(
             f"Interrupted: {target.output} is written, but was not read back and compared."
         ) from None
     if not equal:
-        raise ValueError(f"{target.output} was written, but does not read back equal: do not rely on it")
+        raise GranularIdError(f"{target.output} was written, but does not read back equal: do not rely on it")
     said = ", read back and found equal" if verify else ""
     show(f"wrote {target.output}{said}")
 

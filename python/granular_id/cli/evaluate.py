@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from granular_id._core import GranularIdError
 from granular_id._text import install
 from granular_id.cli.errors import FOUND_ERRORS
 from granular_id.cli.method import Method, chosen_spaces
@@ -150,9 +151,11 @@ class HoldOut:
 
     def __post_init__(self) -> None:
         if self.paper and self.hold_out != "auto":
-            raise ValueError(f"--paper is random partitions: leave out --hold-out {self.hold_out}")
+            raise GranularIdError(f"--paper is random partitions: leave out --hold-out {self.hold_out}")
         if not self.paper and (self.train, self.test, self.partitions) != (50, 12, 20):
-            raise ValueError("--train, --test and --partitions are of --paper: add it, or leave them out")
+            raise GranularIdError(
+                "--train, --test and --partitions are of --paper: add it, or leave them out"
+            )
 
 
 @command

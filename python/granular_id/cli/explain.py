@@ -6,6 +6,7 @@ from pathlib import Path
 
 import typer
 
+from granular_id._core import GranularIdError
 from granular_id._files import write_json
 from granular_id._text import known_label
 from granular_id.cli.method import OneSpace
@@ -18,7 +19,7 @@ OUTPUT = "Output"
 
 def _refuse_twice(first: str, second: str) -> None:
     if first == second:
-        raise ValueError(f"FIRST and SECOND must be two materials, got {first!r} twice")
+        raise GranularIdError(f"FIRST and SECOND must be two materials, got {first!r} twice")
 
 
 @command
@@ -59,7 +60,7 @@ def explain(
     first, second = (known_label(name, data.labels) for name in (first, second))
     for name, label in (("FIRST", first), ("SECOND", second)):
         if label not in data.labels:
-            raise ValueError(
+            raise GranularIdError(
                 f"{name} is {label!r}, which is no label here; there are {', '.join(data.labels)}"
             )
     _refuse_twice(first, second)  # typed with a blank and with an underscore

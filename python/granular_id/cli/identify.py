@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import typer
 
+from granular_id._core import GranularIdError
 from granular_id._files import MODELS, check_source, write_json
 from granular_id._text import counted
 from granular_id.cli.archive import WorkerOptions, check_is_archive, typed_reader, working_on
@@ -57,10 +58,10 @@ class Recordings(ReadingOptions):
         super().__post_init__()
         given = [*([] if self.model is None else [self.model]), *(self.files or [])]
         if self.model is not None and not self.files:
-            raise ValueError("no recordings given: granular-id identify -m MODEL PATH...")
+            raise GranularIdError("no recordings given: granular-id identify -m MODEL PATH...")
         if len(given) < 2:
             got = f"{given[0]} alone" if given else "neither"
-            raise ValueError(
+            raise GranularIdError(
                 f"a model file and recordings are needed, got {got}: granular-id identify MODEL PATH..., with the "
                 "MODEL that granular-id train wrote"
             )
@@ -75,7 +76,7 @@ class Recordings(ReadingOptions):
         except (OSError, ValueError) as error:
             if self.model is not None or not any(path.suffix in MODELS for path in self.paths):
                 raise
-            raise ValueError(
+            raise GranularIdError(
                 f"{words_of(error)}; the model comes first: granular-id identify MODEL PATH..."
             ) from None
 
@@ -131,13 +132,17 @@ class Fitting(StepOptions):
         positive("--hop-s", self.hop_s)
         if self.hop_s is not None and (self.begin_at != "auto" or self.lead_s is not None):
             unused = "--lead-s" if self.begin_at == "auto" else "--begin-at"
-            raise ValueError(
+            raise GranularIdError(
                 f"{unused} says where the one answer begins; with --hop-s there are many: leave it out"
             )
         if self.lead_s is not None and self.begin_at == "first":
-            raise ValueError("--lead-s is time kept ahead of a trigger: leave it out, or --begin-at first")
+            raise GranularIdError(
+                "--lead-s is time kept ahead of a trigger: leave it out, or --begin-at first"
+            )
         if self.onsets and self.begin_at != "onset":
-            raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
+            raise GranularIdError(
+                "--onset-at states an onset, but nothing begins there: add --begin-at onset"
+            )
 
     @property
     def accepted(self) -> list[str]:
@@ -164,7 +169,7 @@ class Fitting(StepOptions):
         """Answer over all of each recording, but those that are too short where these are to be left out."""
         whole = [one for one in data if one.n_samples >= identifier.n_samples or self.on_short == "raise"]
         if not whole:
-            raise ValueError(f"every recording is shorter than the model's {_window_s(identifier):g} s")
+            raise GranularIdError(f"every recording is shorter than the model's {_window_s(identifier):g} s")
         if len(whole) < len(data) and not quiet:
             show(
                 f"left out {counted(len(data) - len(whole))} shorter than the model's {_window_s(identifier):g} s"
@@ -234,9 +239,9 @@ def identify(
         _answer_archive(recordings, fitting, workers, output, quiet=quiet)
         return
     if flags := given_flags(workers):
-        raise ValueError(f"{flags[0]} is about archives: add -o OUT, a folder for the answers")
+        raise GranularIdError(f"{flags[0]} is about archives: add -o OUT, a folder for the answers")
     if figure is not None and fitting.hop_s is None:
-        raise ValueError("--figure draws answers over time: add --hop-s")
+        raise GranularIdError("--figure draws answers over time: add --hop-s")
     outputs = ("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), ("--figure", figure, PICTURE)
     for path in (recordings.model_file, *recordings.paths):
         check_outputs(*outputs, source=path, force=force)
@@ -258,14 +263,18 @@ _OF_ARCHIVES = ("--model", "--begin-at", "--lead-s", "--on-short", "--accept")
 def _refuse_beside_output(recordings: Recordings, fitting: Fitting, **others: Path | bool | None) -> None:
     """Refuse what is not for answers into a folder."""
     if len(recordings.paths) > 1:
-        raise ValueError(f"-o takes the answers about one archive, got {len(recordings.paths)}: name one")
+        raise GranularIdError(
+            f"-o takes the answers about one archive, got {len(recordings.paths)}: name one"
+        )
     for name, value in others.items():
         if value:
-            raise ValueError(f"--{name} does not go with -o, whose folder holds the answers: leave it out")
+            raise GranularIdError(
+                f"--{name} does not go with -o, whose folder holds the answers: leave it out"
+            )
     for flag in given_flags(recordings, fitting):
         if flag not in _OF_ARCHIVES:
             as_they_are = "recordings of an archive are answered as they are"
-            raise ValueError(
+            raise GranularIdError(
                 f"{flag} does not go with -o: {as_they_are}; granular-id data convert prepares them"
             )
 
@@ -276,7 +285,7 @@ def _answer_archive(
     """Write one answer for each recording of an archive, and print what they are in all."""
     (path,) = recordings.paths
     if fitting.begin_at == "onset":
-        raise ValueError("--begin-at onset is not for archives: find onsets by granular-id data convert")
+        raise GranularIdError("--begin-at onset is not for archives: find onsets by granular-id data convert")
     check_source(recordings.model_file)
     check_is_archive(path)
     from granular_id.archive import Answers, identify as identify_archive
@@ -349,7 +358,7 @@ def _answer_over(
     from granular_id.identifier import notes_of_all, write_csv
 
     if figure is not None and len(data) > 1:
-        raise ValueError(
+        raise GranularIdError(
             f"--figure draws one recording, got {len(data)}: name its file, or leave --figure out"
         )
     each = fitting.over_all(data, identifier, quiet=quiet)

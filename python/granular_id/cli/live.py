@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import typer
 from rich.console import Console
 
+from granular_id._core import GranularIdError
 from granular_id._files import check_source, made_folder
 from granular_id._text import counted, known_label
 from granular_id.cli.errors import in_options
@@ -69,7 +70,7 @@ class Sensing:
         ):
             positive(name, value)
             if value is not None and value > most:
-                raise ValueError(f"{name} must be at most {most:g}, got {value:g}")
+                raise GranularIdError(f"{name} must be at most {most:g}, got {value:g}")
 
     def refuse_absent(self) -> None:
         """Refuse recordings that are not there, before imports that take longer than a look."""
@@ -140,7 +141,7 @@ class Moving:
         from granular_id.live.setup import ROBOTS
 
         if self.robot not in ROBOTS and ":" not in self.robot:
-            raise ValueError(f"--robot must be one of {', '.join(ROBOTS)} or a URL, got {self.robot!r}")
+            raise GranularIdError(f"--robot must be one of {', '.join(ROBOTS)} or a URL, got {self.robot!r}")
         positive("--threshold-n", self.threshold_n)
         positive("--timeout-s", self.timeout_s)
         positive("--speed-m-s", self.speed_m_s)
@@ -148,7 +149,7 @@ class Moving:
         positive("--max-torque-n-m", self.max_torque_n_m)
         at_least("--max-gap", self.max_gap, 0)
         if not 0 <= self.max_lag_s < float("inf"):
-            raise ValueError(f"--max-lag-s must be at least 0 and finite, got {self.max_lag_s:g}")
+            raise GranularIdError(f"--max-lag-s must be at least 0 and finite, got {self.max_lag_s:g}")
         self.of_pushes: dict[str, Any] = {
             "direction": tuple(numbers_in("--direction", self.direction, "X,Y,Z such as 0,-1,0", 3)),
             "speed_m_s": self.speed_m_s,
@@ -186,7 +187,7 @@ class Keeping:
         check_outputs(("--json", self.json, LIVE_ANSWERS), source=model, force=self.force)
         other = "--early" if early else "--hop-s"
         if self.archive is not None and (early or hop_s is not None):
-            raise ValueError(
+            raise GranularIdError(
                 f"--archive keeps whole pushes, with {other} there are none: leave one of them out"
             )
 
@@ -317,9 +318,9 @@ def live(
                 keep(push)  # said before: the disk may be full
             over = n is None
             if over and not identifying.n_answered:
-                raise ValueError(identifying.why_none)
+                raise GranularIdError(identifying.why_none)
         except CaptureError as error:
-            raise ValueError(str(error)) from error
+            raise GranularIdError(str(error)) from error
         except (KeyboardInterrupt, SystemExit):  # how a session without --n ends: with its summary
             leave_lost_terminal()
             raise
@@ -347,14 +348,14 @@ def _refuse_with_hop(moving: Moving, *, early: bool, pre_s: float | None) -> Non
     given = ["--early"] * early + ["--pre-s"] * (pre_s is not None)
     for word in given + given_flags(moving):
         if word not in ("--max-gap", "--max-lag-s"):
-            raise ValueError(f"{word} is about pushes; with --hop-s answers go on: leave it out")
+            raise GranularIdError(f"{word} is about pushes; with --hop-s answers go on: leave it out")
 
 
 def _check_views(*, view: bool, port: int, no_browser: bool) -> None:
     if not 0 <= port <= 65535:
-        raise ValueError(f"--port must be between 0 and 65535, got {port}")
+        raise GranularIdError(f"--port must be between 0 and 65535, got {port}")
     if not view and (port or no_browser):
-        raise ValueError(f"{'--port' if port else '--no-browser'} is about the page: add --view")
+        raise GranularIdError(f"{'--port' if port else '--no-browser'} is about the page: add --view")
 
 
 def _open_views(*, view: bool, port: int, browser: bool, quiet: bool) -> list[Any]:
@@ -414,20 +415,24 @@ def record(
     folder = output if archive is None else archive
     if folder is None or None not in (output, archive):
         got = "neither" if folder is None else "both"
-        raise ValueError(f"wanted one of -o FOLDER (a file for each push) and --archive ARCHIVE, got {got}")
+        raise GranularIdError(
+            f"wanted one of -o FOLDER (a file for each push) and --archive ARCHIVE, got {got}"
+        )
     at_least("--n", n, 1)
     at_least("--retries", retries, 0)
     positive("--duration-s", duration_s)
     if not 0 <= pre_s < duration_s:
-        raise ValueError(f"--pre-s must be at least 0 and below --duration-s {duration_s:g}, got {pre_s:g}")
+        raise GranularIdError(
+            f"--pre-s must be at least 0 and below --duration-s {duration_s:g}, got {pre_s:g}"
+        )
     if session is not None and not session.strip():
-        raise ValueError("--session is empty: give it a name, or leave it out")
+        raise GranularIdError("--session is empty: give it a name, or leave it out")
 
     from granular_id.io.parquet.layout import is_parquet_archive
     from granular_id.live import Recorder, opened
 
     if archive is None and is_parquet_archive(folder):
-        raise ValueError(f"-o {folder} is an archive: give it by --archive, or name another folder")
+        raise GranularIdError(f"-o {folder} is an archive: give it by --archive, or name another folder")
     labels = _labels_in(label, sensing.source)
     # All of them before the first push: a misspelt material is found now.
     places = [(sensing.open(url), names) for url, names in _places(labels, sensing.source).items()]
@@ -479,9 +484,9 @@ def _labels_in(text: str, source: str) -> list[str]:
 
         labels = [known_label(name, (material.name for material in PAPER_MATERIALS)) for name in labels]
     if not labels:
-        raise ValueError(f"--label must name at least one material, got {text!r}")
+        raise GranularIdError(f"--label must name at least one material, got {text!r}")
     if len(set(labels)) < len(labels):
-        raise ValueError(
+        raise GranularIdError(
             f"--label must name each material once, got {text!r}: --n says how often it is recorded"
         )
     for name in labels:
@@ -508,7 +513,7 @@ def _recorded(recorder: Recorder, label: str, title: str, retries: int) -> tuple
             break
         except CaptureError as error:
             if error.reason.is_lasting or refused == retries:
-                raise ValueError(f"{title}: {error}") from error
+                raise GranularIdError(f"{title}: {error}") from error
             refused += 1
             show(f"{title}: refused, {error}; once more", "yellow")
     one = recorded.recording
@@ -545,11 +550,11 @@ def _refuse_absent_hands(stream: Stream, robot: Robot | None, labels: list[str],
         return
     nobody = "and nobody can be asked: standard input is no terminal"
     if len(labels) > 1:
-        raise ValueError(
+        raise GranularIdError(
             f"--label names {len(labels)} materials, somebody must change them, {nobody}; record one at a time"
         )
     if n > 1 and _stays(robot):
-        raise ValueError(
+        raise GranularIdError(
             f"--n {n}: somebody must bring the robot back after each push, as it cannot go back itself, {nobody}"
         )
 
@@ -565,7 +570,7 @@ def _stays(robot: Robot | None) -> bool:
 def _refuse_to_creep(robot: Robot | None, n: int | None) -> None:
     """Refuse pushes one after another by an arm that cannot go back: `live` asks nobody to bring it back."""
     if n != 1 and _stays(robot):
-        raise ValueError("the robot cannot go back by itself (move_back) after a push: add --n 1")
+        raise GranularIdError("the robot cannot go back by itself (move_back) after a push: add --n 1")
 
 
 def _wait_for(title: str, recorder: Recorder) -> None:

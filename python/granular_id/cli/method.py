@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
+from granular_id._core import GranularIdError
 from granular_id.cli.errors import OPTIONS
 from granular_id.cli.options import above_zero, count, names_in, numbers_in, option, with_defaults
 
@@ -92,7 +93,7 @@ class Method:
             without = [space for space, reasons in unused.items() if name in reasons]
             if len(without) == len(unused):
                 reason = unused[without[0]][name] if len(without) == 1 else "have no use for it"
-                raise ValueError(
+                raise GranularIdError(
                     f"{OPTIONS[name]} must be left out with --spaces {','.join(without)}, which {reason}"
                 )
             notes.append(f"{OPTIONS[name]} changes nothing in {', '.join(without)}")
@@ -128,7 +129,9 @@ class OneSpace(Method):
         """Refuse what was asked for and would change nothing in the feature space."""
         known_spaces(self.space)
         for name, reason in self._unused((self.space,))[self.space].items():
-            raise ValueError(f"{OPTIONS[name]} must be left out with --space {self.space}, which {reason}")
+            raise GranularIdError(
+                f"{OPTIONS[name]} must be left out with --space {self.space}, which {reason}"
+            )
 
     def pipeline(self, rate_hz: float) -> Pipeline:
         """Return the feature space with its own classifier, or the paper's, unfitted."""
@@ -169,7 +172,7 @@ def known_spaces(*names: str) -> None:
     known = feature_spaces()
     for name in names:
         if name not in known:
-            raise ValueError(f"there is no feature space {name!r}; there are {', '.join(known)}")
+            raise GranularIdError(f"there is no feature space {name!r}; there are {', '.join(known)}")
 
 
 def chosen_spaces(spaces: str, confusion: str | None = None) -> list[str]:
@@ -184,9 +187,11 @@ def chosen_spaces(spaces: str, confusion: str | None = None) -> list[str]:
         chosen = names_in(spaces)
     known_spaces(*chosen, *([] if confusion is None else [confusion]))
     if not chosen:
-        raise ValueError(f"--spaces must name at least one feature space, got {spaces!r}")
+        raise GranularIdError(f"--spaces must name at least one feature space, got {spaces!r}")
     if len(set(chosen)) < len(chosen):
-        raise ValueError(f"--spaces must name each feature space once, got {spaces!r}")
+        raise GranularIdError(f"--spaces must name each feature space once, got {spaces!r}")
     if confusion is not None and confusion not in chosen:
-        raise ValueError(f"--confusion {confusion} is not among the spaces evaluated: {', '.join(chosen)}")
+        raise GranularIdError(
+            f"--confusion {confusion} is not among the spaces evaluated: {', '.join(chosen)}"
+        )
     return chosen

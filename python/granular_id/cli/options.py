@@ -13,6 +13,7 @@ from typing import Any, TypeVar, get_type_hints
 import typer
 from typer.models import OptionInfo
 
+from granular_id._core import GranularIdError
 from granular_id.cli.errors import guarded
 
 Group = TypeVar("Group")
@@ -122,20 +123,20 @@ def at_least(option: str, value: int | None, minimum: int) -> None:
     """Refuse a count below a minimum; None is no value at all."""
     if value is not None and value < minimum:
         wanted = "not be negative" if minimum == 0 else f"be at least {minimum}"
-        raise ValueError(f"{option} must {wanted}, got {value}")
+        raise GranularIdError(f"{option} must {wanted}, got {value}")
 
 
 def positive(option: str, value: float | None, *, infinite: bool = False) -> None:
     """Refuse what is not positive, or not finite unless it may be infinite; None is no value at all."""
     if value is None or (value > 0 and (infinite or math.isfinite(value))):
         return
-    raise ValueError(f"{option} must be positive{'' if infinite else ' and finite'}, got {value:g}")
+    raise GranularIdError(f"{option} must be positive{'' if infinite else ' and finite'}, got {value:g}")
 
 
 def between(option: str, share: float) -> None:
     """Refuse what does not lie between 0 and 1."""
     if not 0 < share < 1:
-        raise ValueError(f"{option} must lie between 0 and 1, got {share:g}")
+        raise GranularIdError(f"{option} must lie between 0 and 1, got {share:g}")
 
 
 def numbers_in(option: str, text: str, wanted: str, count: int | None = None) -> list[float]:
@@ -145,7 +146,7 @@ def numbers_in(option: str, text: str, wanted: str, count: int | None = None) ->
     except ValueError:
         numbers = []
     if not numbers or count not in (None, len(numbers)):
-        raise ValueError(f"{option} must be {wanted}, got {text!r}")
+        raise GranularIdError(f"{option} must be {wanted}, got {text!r}")
     return numbers
 
 

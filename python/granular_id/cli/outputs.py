@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from granular_id._core import GranularIdError
 from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_target
 from granular_id._text import Table
 
@@ -148,14 +149,14 @@ def check_outputs(*outputs: Output, source: Path | None = None, force: bool = Fa
         elif path.suffix.lower() not in kind.endings and re.search("[a-z]", path.suffix.lower()):
             # rice_0.5 is no kind of file
             wanted = f"must end in {' or '.join(kind.endings)}, or have no ending"
-            raise ValueError(f"{name} writes {kind.name}: it {wanted}, got {path.name!r}")
+            raise GranularIdError(f"{name} writes {kind.name}: it {wanted}, got {path.name!r}")
     for name, path, kind in named:
         if not path.exists() or not path.stat().st_size:
             continue
         known = kind is not PICTURE or path.suffix.lower() in PICTURES
         with path.open("rb") as stream:
             if known and not re.match(kind.begins, stream.read(4096), re.IGNORECASE | re.DOTALL):
-                raise ValueError(f"{name} {path}: what is there is not {kind.name}; give another name")
+                raise GranularIdError(f"{name} {path}: what is there is not {kind.name}; give another name")
         if not force:
             raise FileExistsError(f"{name} {path}: there is such a file already; add --force to replace it")
 
@@ -164,6 +165,8 @@ def _refuse_overlaps(targets: list[Path], source: Path | None) -> None:
     places = [target.resolve() for target in targets]
     for k, place in enumerate(places):
         if place in places[:k]:
-            raise ValueError(f"{targets[k]} would be written twice: give each output a file of its own")
+            raise GranularIdError(f"{targets[k]} would be written twice: give each output a file of its own")
         if source is not None and place.exists() and source.resolve() in (place, *place.parents):
-            raise ValueError(f"{targets[k]} belongs to {source}, which is read: give the output another name")
+            raise GranularIdError(
+                f"{targets[k]} belongs to {source}, which is read: give the output another name"
+            )

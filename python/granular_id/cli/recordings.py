@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
+from granular_id._core import GranularIdError
 from granular_id._text import counted, known_label, verb
 from granular_id.cli.errors import words_of
 from granular_id.cli.options import at_least, names_in, numbers_in, option, positive
@@ -46,7 +47,7 @@ ACCEPT = "Goes on though this is not as in the training, with a warning. Repeata
 Handling = Literal["raise", "skip"]
 
 
-class UnreadableError(ValueError):
+class UnreadableError(GranularIdError):
     """A file or folder that cannot be read, in the words of the command line."""
 
 
@@ -185,7 +186,7 @@ class StepOptions:
         """Refuse recordings in which no onset was found, unless they are left out."""
         without = [recording.name for recording in data if recording.trigger_index is None]
         if without and self.on_short == "raise":
-            raise ValueError(
+            raise GranularIdError(
                 f"no onset in {len(without)} of {len(data)} recordings, the first is {without[0]!r}: state it "
                 "with --onset-at NAME=SECONDS, try another --rest-s, or add --on-short skip to leave them out"
             )
@@ -210,23 +211,23 @@ class Steps(StepOptions):
 
     def __post_init__(self) -> None:
         if self.duration_s is not None and self.n_samples is not None:
-            raise ValueError("give one of --duration-s and --n-samples, not both")
+            raise GranularIdError("give one of --duration-s and --n-samples, not both")
         if self.begin_at != "first" and self.duration_s is None and self.n_samples is None:
-            raise ValueError(
+            raise GranularIdError(
                 f"--begin-at {self.begin_at} crops recordings: add --duration-s or --n-samples (a number, or "
                 "shortest)"
             )
         if self.lead_s and self.begin_at == "first":
-            raise ValueError("--lead-s is time kept ahead of a trigger: add --begin-at trigger or onset")
+            raise GranularIdError("--lead-s is time kept ahead of a trigger: add --begin-at trigger or onset")
         positive("--duration-s", self.duration_s)
         positive("--window-s", self.window_s)
         positive("--hop-s", self.hop_s)
         if self.hop_s is not None and self.window_s is None:
-            raise ValueError("--hop-s is the way from one window to the next: add --window-s")
+            raise GranularIdError("--hop-s is the way from one window to the next: add --window-s")
         super().__post_init__()
         if self.rate_hz is None and (self.max_gap_s != MAX_GAP_S or self.on_gap != "raise"):
             unused = "--max-gap-s" if self.max_gap_s != MAX_GAP_S else "--on-gap"
-            raise ValueError(f"{unused} is about gaps that resampling fills: add --rate-hz")
+            raise GranularIdError(f"{unused} is about gaps that resampling fills: add --rate-hz")
         self.length = _length_of(self.n_samples)
 
     def taken(self, data: Dataset, *, quiet: bool = False, onsets_later: bool = False) -> Dataset:
@@ -244,7 +245,9 @@ class Steps(StepOptions):
     def refuse_unused_onsets(self) -> None:
         """Refuse onsets that are stated for nothing."""
         if self.onsets and self.begin_at != "onset":
-            raise ValueError("--onset-at states an onset, but nothing begins there: add --begin-at onset")
+            raise GranularIdError(
+                "--onset-at states an onset, but nothing begins there: add --begin-at onset"
+            )
 
     def each(self, data: Dataset) -> Iterator[Dataset]:
         """Resample, find onsets, crop and cut into windows as asked; yield what each step made."""
@@ -277,10 +280,12 @@ class Steps(StepOptions):
         unknown = sorted(set(excluded) - set(data.labels))
         if unknown:
             known = ", ".join(data.labels)
-            raise ValueError(f"--exclude names {unknown[0]!r}, which is no label here; there are {known}")
+            raise GranularIdError(
+                f"--exclude names {unknown[0]!r}, which is no label here; there are {known}"
+            )
         kept = [label for label in data.labels if label not in excluded]
         if not kept:
-            raise ValueError("--exclude leaves no recording")
+            raise GranularIdError("--exclude leaves no recording")
         remaining = data.select(labels=kept)
         if not quiet:
             counts = Counter(r.label for r in data if r.label not in remaining.labels)
@@ -324,19 +329,19 @@ class WrenchSteps:
 
     def __post_init__(self) -> None:
         if self.gravity is not None and self.compensate is None:
-            raise ValueError("--gravity says in which direction a payload weighs: add --compensate")
+            raise GranularIdError("--gravity says in which direction a payload weighs: add --compensate")
         for name in ("rotate", "translate"):
             if getattr(self, name) is not None and self.frame is None:
-                raise ValueError(f"--{name} makes another frame: add --frame with its name")
+                raise GranularIdError(f"--{name} makes another frame: add --frame with its name")
         wanted = "roll,pitch,yaw in degrees or a quaternion x,y,z,w"
         self._turn = [] if self.rotate is None else numbers_in("--rotate", self.rotate, wanted)
         if len(self._turn) not in (0, 3, 4):
-            raise ValueError(f"--rotate must be {wanted}, got {self.rotate!r}")
+            raise GranularIdError(f"--rotate must be {wanted}, got {self.rotate!r}")
         self._origin = [0.0, 0.0, 0.0]
         if self.translate is not None:
             self._origin = numbers_in("--translate", self.translate, "x,y,z in m", 3)
             if max(map(abs, self._origin)) >= _FAR_M:
-                raise ValueError(
+                raise GranularIdError(
                     f"--translate must be x,y,z in m, less than {_FAR_M:g}, got {self.translate!r}"
                 )
         if self.compensate is not None:
@@ -377,7 +382,7 @@ def gravity_in(text: str | None) -> Gravity:
     if text is None or Path(text).is_file():
         return None if text is None else _poses_in(Path(text))
     if text.endswith(".csv"):
-        raise ValueError(f"--gravity {text}: no such file")
+        raise GranularIdError(f"--gravity {text}: no such file")
     return numbers_in("--gravity", text, GRAVITY_WANTED, 3)
 
 
@@ -393,13 +398,13 @@ def gravity_at(data: Dataset, stated: Gravity) -> FloatArray:
     for one in data:
         entry = one.meta if stated is None else stated.get(one.name)
         if entry is None:
-            raise ValueError(f"--gravity has no line for the recording {one.name!r}")
+            raise GranularIdError(f"--gravity has no line for the recording {one.name!r}")
         try:
             down = read(entry)
         except ValueError as error:
-            raise ValueError(f"gravity of {one.name!r} must be three numbers: {error}") from None
+            raise GranularIdError(f"gravity of {one.name!r} must be three numbers: {error}") from None
         if down is None:
-            raise ValueError(
+            raise GranularIdError(
                 f"recording {one.name!r} does not say where gravity points: add --gravity {GRAVITY_WANTED}"
             )
         found.append(down)
@@ -413,15 +418,15 @@ def _poses_in(path: Path) -> dict[str, Mapping[str, Any]]:
             lines = csv.DictReader(file, skipinitialspace=True)
             columns, rows = lines.fieldnames or (), list(lines)
     except (ValueError, csv.Error) as error:
-        raise ValueError(f"--gravity {path}: no CSV file: {error}") from None
+        raise GranularIdError(f"--gravity {path}: no CSV file: {error}") from None
     from granular_id.recording import GRAVITY as DIRECTION
 
     if not {"name", *DIRECTION} <= {*columns}:
         came = ", ".join(columns) or "nothing"
-        raise ValueError(f"--gravity {path} must be {GRAVITY_WANTED}, got the columns {came:.200}")
+        raise GranularIdError(f"--gravity {path} must be {GRAVITY_WANTED}, got the columns {came:.200}")
     names = [row["name"] for row in rows]
     if len({*names}) < len(names):
-        raise ValueError(f"--gravity {path}: names {Counter(names).most_common(1)[0][0]!r} twice")
+        raise GranularIdError(f"--gravity {path}: names {Counter(names).most_common(1)[0][0]!r} twice")
     return dict(zip(names, rows, strict=True))
 
 
@@ -433,7 +438,7 @@ def equal_recordings(reading: Reading, steps: Steps, *, quiet: bool) -> Dataset:
     data = reading.load(quiet=quiet)
     if not data.labels:
         notes = (note for note in data.history[-1].notes if "no column label" in note)
-        raise ValueError(f"{reading.path}: {next(notes, 'no recording has a label')}")
+        raise GranularIdError(f"{reading.path}: {next(notes, 'no recording has a label')}")
     data = steps.taken(data, quiet=quiet)
     refuse_unequal(data)
     return data
@@ -447,7 +452,7 @@ def refuse_unequal(data: Dataset) -> None:
         return
     short = min(data, key=lambda recording: recording.n_samples)
     middle = lengths[len(lengths) // 2]
-    raise ValueError(
+    raise GranularIdError(
         f"recordings last {lengths[0]} to {lengths[-1]} samples ({lengths[0] / data.rate_hz:g} to "
         f"{lengths[-1] / data.rate_hz:g} s), the shortest is {short.name!r}; nothing is cropped unasked: "
         f"add --n-samples shortest to keep the first {lengths[0]} of all, or a larger number with "
@@ -466,7 +471,7 @@ def _refuse_unequal_rates(data: Dataset) -> None:
     if not irregular and len(rates) == 1:
         return
     if not irregular:
-        raise ValueError(
+        raise GranularIdError(
             f"recordings were sampled at {rates[0]:g} to {rates[-1]:g} Hz; nothing is resampled unasked: "
             f"add --rate-hz {rates[0]:g}"
         )
@@ -475,17 +480,17 @@ def _refuse_unequal_rates(data: Dataset) -> None:
     some = f"{len(irregular)} of {counted(len(data))}"
     steps = np.concatenate([np.diff(recording.times()) for recording in irregular])
     if not steps.size:
-        raise ValueError(
+        raise GranularIdError(
             f"{some} {verb(len(irregular), 'holds', 'hold')} a single sample, the first is "
             f"{irregular[0].name!r}: wanted recordings of a whole push"
         )
     step_s, pause_s = float(np.median(steps)), float(steps.max())
     if pause_s >= _PAUSE_S:
-        raise ValueError(
+        raise GranularIdError(
             f"{some} {verb(len(irregular), 'has', 'have')} pauses of up to {pause_s:.3g} s; granular-id data convert "
             f"--split-gap-s {_PAUSE_S:g} makes a recording of each stretch"
         )
-    raise ValueError(
+    raise GranularIdError(
         f"{some} {verb(len(irregular), 'is', 'are')} sampled irregularly, with a median step of "
         f"{1000 * step_s:.3g} ms; nothing is resampled unasked: add --rate-hz {_round_below(1 / step_s):g}"
     )
@@ -504,7 +509,7 @@ def _length_of(text: str | None) -> int | Literal["shortest"] | None:
     try:
         length = int(text)
     except ValueError:
-        raise ValueError(f"--n-samples must be a whole number or 'shortest', got {text!r}") from None
+        raise GranularIdError(f"--n-samples must be a whole number or 'shortest', got {text!r}") from None
     at_least("--n-samples", length, 1)
     return length
 
@@ -519,9 +524,9 @@ def _onsets_in(texts: Sequence[str]) -> dict[str, float | None]:
         except ValueError:
             name = ""
         if not name:
-            raise ValueError(f"--onset-at must be NAME=SECONDS or NAME=none, got {text!r}")
+            raise GranularIdError(f"--onset-at must be NAME=SECONDS or NAME=none, got {text!r}")
         if name in onsets:
-            raise ValueError(f"--onset-at names {name!r} twice")
+            raise GranularIdError(f"--onset-at names {name!r} twice")
         onsets[name] = seconds
     return onsets
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
+from granular_id._core import GranularIdError
 from granular_id._files import MODELS, check_source
 from granular_id._text import Table, counted, in_columns
 from granular_id.cli.data import Target
@@ -258,7 +259,7 @@ def tare(
     """
     positive("--lead-s", lead_s)
     if steps.onsets and begin_at != "onset":
-        raise ValueError("--onset-at states an onset, but no rest ends there: add --begin-at onset")
+        raise GranularIdError("--onset-at states an onset, but no rest ends there: add --begin-at onset")
     target = Target(output=output, to=to)
     data = reading.load()
     resampled = steps.resample(data)
@@ -293,7 +294,7 @@ def _with_rest(data: Dataset, lead_s: float) -> Dataset:
     if not short:
         return data
     if len(short) == len(data):
-        raise ValueError(
+        raise GranularIdError(
             f"none of {counted(len(data))} has {lead_s:g} s of rest before its motion; try another --lead-s"
         )
     show(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import typer
 
+from granular_id._core import GranularIdError
 from granular_id._files import write_json
 from granular_id.cli.evaluate import BY
 from granular_id.cli.method import OneSpace
@@ -74,11 +75,13 @@ def train(
     from granular_id.identifier import SPACES
 
     if method.space not in SPACES:
-        raise ValueError(f"--space must be one of {', '.join(map(repr, SPACES))}, got {method.space!r:.60}")
+        raise GranularIdError(
+            f"--space must be one of {', '.join(map(repr, SPACES))}, got {method.space!r:.60}"
+        )
     method.refuse_impossible(steps.rate_hz)
     if method.tare_s is not None:
         steady = "; --initial steady keeps an offset of the sensor out of the histogram"
-        raise ValueError(
+        raise GranularIdError(
             "--tare-s is not for models, which take samples as they come: leave it out"
             f"{steady if 'hfmh' in method.space else ''}"
         )
@@ -110,7 +113,7 @@ def train(
     course = identifier.over_time_
     if figure is not None and course is None:
         why = identifier.trained["why_no_estimate"]
-        raise ValueError(f"--figure shows held-out recordings, and there are none: {why}")
+        raise GranularIdError(f"--figure shows held-out recordings, and there are none: {why}")
     _print(describe_performance(identifier))
     identifier.save(output)  # first: what goes wrong with a figure must not cost the training
     if figure is not None and course is not None:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import argument_error
+from granular_id._core import GranularIdError
 from granular_id._schema import check_form
 
 FloatArray = npt.NDArray[np.float64]
@@ -92,10 +93,10 @@ class CandidateRule:
         if given.ndim not in (1, 2) or given.shape[-1] != len(self.classes):
             width = len(self.classes)
             raise argument_error(
-                ValueError, "values", f"must have shape ({width},) or (n, {width}), got {given.shape}"
+                GranularIdError, "values", f"must have shape ({width},) or (n, {width}), got {given.shape}"
             )
         if np.isnan(given).any():
-            raise argument_error(ValueError, "values", "must be numbers, got NaN")
+            raise argument_error(GranularIdError, "values", "must be numbers, got NaN")
         inside: npt.NDArray[np.bool_] = behind_best(given) <= self.threshold
         return inside
 

@@ -15,6 +15,7 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from granular_id._checks import argument_error, checked_flag, whole_number
+from granular_id._core import GranularIdError
 from granular_id._estimators import describe_estimator, versions, with_rate
 from granular_id._progress import ProgressCallback, Ticker, check_progress, displaying
 from granular_id._text import percent, verb
@@ -280,7 +281,7 @@ def _usual(classifier: Any, planned: Sequence[FeatureSpace]) -> BaseEstimator:
     names = [space.name for space in planned if space.classifier is not None]
     if len(names) == len(planned):
         problem = f"has no use: {', '.join(names)} {verb(len(names), 'has', 'have')} one of its own"
-        raise argument_error(ValueError, "classifier", problem)
+        raise argument_error(GranularIdError, "classifier", problem)
     return classifier
 
 
@@ -288,7 +289,7 @@ def _folds(data: Dataset, by: str, paper: bool | tuple[int, int, int], seed: int
     if paper is False:
         return hold_out(data, by, seed=seed)
     if by != "auto":
-        raise argument_error(ValueError, "by", f"={by!r} has no use with paper: leave one out")
+        raise argument_error(GranularIdError, "by", f"={by!r} has no use with paper: leave one out")
     if paper is True:
         return paper_folds(data, seed=seed)
     if not isinstance(paper, tuple | list) or len(paper) != 3:
@@ -316,7 +317,7 @@ def _planned(data: Dataset, spaces: Any, paper: bool) -> tuple[list[FeatureSpace
         known = feature_spaces(rate_hz=rate_hz)
         planned = [known[name] for name in _names(spaces, known)]
     if not planned:
-        raise argument_error(ValueError, "spaces", "must name at least one feature space, got none")
+        raise argument_error(GranularIdError, "spaces", "must name at least one feature space, got none")
     return planned, notes
 
 
@@ -329,9 +330,9 @@ def _names(spaces: str | Sequence[str], known: Mapping[str, FeatureSpace]) -> li
     for name in names:
         if name not in known:
             choices = ", ".join(map(repr, ("all", "paper", *known)))
-            raise argument_error(ValueError, "spaces", f"must be among {choices}, got {name!r}")
+            raise argument_error(GranularIdError, "spaces", f"must be among {choices}, got {name!r}")
     if len(set(names)) < len(names):
-        raise argument_error(ValueError, "spaces", f"must name each feature space once, got {names!r}")
+        raise argument_error(GranularIdError, "spaces", f"must name each feature space once, got {names!r}")
     return names
 
 
@@ -351,7 +352,9 @@ def _own_space(name: Any, given: Any, rate_hz: float) -> FeatureSpace:
         if key.rpartition("__")[2] == "rate_hz" and value not in (None, rate_hz):
             owner = parameters[key.removesuffix("__rate_hz")] if "__" in key else space.transformer
             problem = f"{type(owner).__name__} has rate_hz={value:g}, the recordings have {rate_hz:g} Hz"
-            raise argument_error(ValueError, "spaces", f"[{name!r}]: {problem}: pass rate_hz={rate_hz:g}")
+            raise argument_error(
+                GranularIdError, "spaces", f"[{name!r}]: {problem}: pass rate_hz={rate_hz:g}"
+            )
     return replace(space, transformer=with_rate(clone(space.transformer), rate_hz))
 
 

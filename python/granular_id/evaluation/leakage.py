@@ -18,6 +18,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import FunctionTransformer
 
 from granular_id._checks import argument_error
+from granular_id._core import GranularIdError
 from granular_id._text import fixed, percent
 from granular_id.ecoc import ECOCClassifier
 from granular_id.recording import CheckReport, Dataset, Finding
@@ -178,7 +179,7 @@ def refuse_copies(findings: Sequence[Finding], accepted: Sequence[str], folds: F
     every = set[tuple[int, int]]().union(*apart.values())
     one, other = min(every)
     more = f", and {len(every) - 1} more such pairs" if len(every) > 1 else ""
-    raise ValueError(
+    raise GranularIdError(
         f"{data.names[one]!r} and {data.names[other]!r} share samples, and one trains while the other is tested{more}: "
         f"leave one out, give both one session, or pass accept={tuple(apart)!r}"
     )

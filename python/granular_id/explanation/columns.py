@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.pipeline import Pipeline
 
+from granular_id._core import GranularIdError
 from granular_id.spaces import (
     BandColumns,
     FeatureBlock,
@@ -66,7 +67,7 @@ def columns_of(space: Pipeline, axes: Sequence[str] | None, units: Sequence[str]
     if axes is not None and units is not None:
         are_names = not isinstance(axes, str) and all(isinstance(axis, str) for axis in axes)
         if not are_names or len(axes) != len(own) or len(set(axes)) < len(axes):
-            raise ValueError(
+            raise GranularIdError(
                 f"axes must be {len(own)} different names, one for each axis of X, got {axes!r:.80}"
             )
         if bands is None:

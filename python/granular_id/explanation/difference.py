@@ -12,6 +12,7 @@ from sklearn.base import clone
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted, column_or_1d
 
+from granular_id._core import GranularIdError
 from granular_id._estimators import real_steps
 from granular_id.ecoc import ECOCClassifier
 from granular_id.explanation.columns import columns_of
@@ -111,7 +112,7 @@ def explain(
     classes = classifier.classes_
     pair = (_place_of("first", first, classes), _place_of("second", second, classes))
     if pair[0] == pair[1]:
-        raise ValueError(f"first and second must be two materials, got {first!r} twice")
+        raise GranularIdError(f"first and second must be two materials, got {first!r} twice")
     known = getattr(model[0], "axes_in_", None)
     recordings = X if isinstance(X, Dataset) else _recordings(X, known)
     units = None if axes is None else [unit_of(axis) for axis in axes]
@@ -153,7 +154,7 @@ def explain_held_out(
     y, folds = data.y, hold_out(data)
     for label in (first, second):
         if label in folds.untested:
-            raise ValueError(f"{label!r} is not held out: {folds.untested[label]}")
+            raise GranularIdError(f"{label!r} is not held out: {folds.untested[label]}")
 
     def best(*labels: str) -> Fold:
         return max(folds, key=lambda fold: min((y[fold.test] == label).sum() for label in labels))
@@ -186,9 +187,9 @@ def _recordings(X: npt.ArrayLike, axes: Sequence[str] | None) -> npt.NDArray[Any
     try:
         recordings = np.asarray(X)
     except ValueError as reason:
-        raise ValueError(f"X must be recordings of one shape, an array (n, T, C): {reason}") from None
+        raise GranularIdError(f"X must be recordings of one shape, an array (n, T, C): {reason}") from None
     if recordings.ndim not in (2, 3):
-        raise ValueError(
+        raise GranularIdError(
             f"X must be recordings, a Dataset or an array (n, T, C), got {type(X).__name__} of shape "
             f"{recordings.shape}"
         )
@@ -198,7 +199,7 @@ def _recordings(X: npt.ArrayLike, axes: Sequence[str] | None) -> npt.NDArray[Any
 def _place_of(argument: str, label: Any, classes: npt.NDArray[Any]) -> int:
     known: list[Any] = classes.tolist()
     if isinstance(label, np.ndarray) or label not in known:
-        raise ValueError(f"{argument} must be one of {', '.join(map(repr, known))}, got {label!r}")
+        raise GranularIdError(f"{argument} must be one of {', '.join(map(repr, known))}, got {label!r}")
     return known.index(label)
 
 
@@ -207,7 +208,7 @@ def _labels(model: Any, recordings: Dataset | npt.NDArray[Any], y: npt.ArrayLike
         return np.asarray(model.predict(recordings))
     labels: npt.NDArray[Any] = column_or_1d(y)
     if len(labels) != len(recordings):
-        raise ValueError(
+        raise GranularIdError(
             f"y must have one label per recording of X, got {len(labels)} for X of {len(recordings)} recordings"
         )
     return labels
@@ -217,7 +218,7 @@ def _rows_of(label: Any, labels: npt.NDArray[Any], *, given: bool) -> npt.NDArra
     rows = np.flatnonzero(labels == label)
     if rows.size == 0:
         missing = "y has no" if given else "model names no recording of X"
-        raise ValueError(
+        raise GranularIdError(
             f"{missing} {str(label)!r}: without recordings of both materials there is no difference"
         )
     return rows

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._core import GranularIdError
 from granular_id._text import fixed, in_columns
 from granular_id.explanation.columns import Columns
 from granular_id.spaces import FeatureBlock
@@ -79,7 +80,7 @@ class Explanation:
             Another `by`.
         """
         if by not in ("block", "band", "time"):
-            raise ValueError(f"by must be 'block', 'band' or 'time', got {by!r}")
+            raise GranularIdError(f"by must be 'block', 'band' or 'time', got {by!r}")
         spread = self.contributions[:, np.newaxis] * self.columns.axis_shares
         rows = dict[str, FloatArray]()
         left = np.ones(len(spread), np.bool_)

@@ -16,6 +16,7 @@ from sklearn.model_selection import StratifiedKFold
 
 from granular_id import _core
 from granular_id._checks import checked_flag
+from granular_id._core import GranularIdError
 from granular_id._parallel import single_threaded_blas
 from granular_id._text import counted, percent, verb
 from granular_id.features import FeatureSpec
@@ -58,13 +59,13 @@ _MOST_FOLDS = 5
 def check_way(labels: object, *, all_materials: bool, allow_missing: bool) -> None:
     """Refuse neither and both of the two ways to adapt; missing materials may be allowed where labels are given."""
     if (labels is not None) == checked_flag("all_materials", all_materials):
-        raise ValueError(
+        raise GranularIdError(
             f"adapting needs one of two ways, got {'both' if all_materials else 'neither'}: give the labels of a few "
             "recordings of each material, or pass all_materials=True, which declares that the recordings hold all "
             "materials about equally"
         )
     if checked_flag("allow_missing", allow_missing) and all_materials:
-        raise ValueError(
+        raise GranularIdError(
             "leave out allow_missing=True: all_materials=True declares that no material is missing"
         )
 
@@ -123,23 +124,25 @@ def adapted_model(
 def _codes_of(labels: npt.NDArray[Any], places: Mapping[str | None, int], n: int) -> IntArray:
     """Return the place of each of n labels among the classes; refuse others."""
     if labels.shape != (n,):
-        raise ValueError(f"labels must hold a label for each of {n} recordings, got shape {labels.shape}")
+        raise GranularIdError(
+            f"labels must hold a label for each of {n} recordings, got shape {labels.shape}"
+        )
     unknown = [label for label in labels.tolist() if label not in places]
     if unknown:
-        raise ValueError(f"labels must hold labels of the training, got {unknown[0]!r}")
+        raise GranularIdError(f"labels must hold labels of the training, got {unknown[0]!r}")
     return np.array([places[label] for label in labels.tolist()], dtype=np.intp)
 
 
 def _refuse_too_little(codes: IntArray, classes: Sequence[str], allow_missing: bool) -> list[str]:
     """Return the classes without a labelled recording, if they are allowed; refuse too few recordings."""
     if len(codes) < LEAST_ROWS:
-        raise ValueError(
+        raise GranularIdError(
             f"adapting by labels needs at least {LEAST_ROWS} recordings, got {len(codes)}: the offset of one cannot be "
             "told from its material; record more, of more materials"
         )
     missing = [label for code, label in enumerate(classes) if code not in codes]
     if missing and not allow_missing:
-        raise ValueError(
+        raise GranularIdError(
             f"adapting by labels needs recordings of every material, {', '.join(missing)} "
             f"{verb(len(missing), 'is', 'are')} missing: what the others show does not carry over; record them, "
             "or pass allow_missing=True"
@@ -248,7 +251,7 @@ def _as_text(source: SourceStatistics) -> dict[str, Any]:
 def _read_source(model: TrainedModel) -> SourceStatistics:
     stored = model.trained.get(SOURCE)
     if stored is None:
-        raise ValueError(
+        raise GranularIdError(
             f"the model keeps nothing of its training that it could be adapted with: {model.core.n_learners} learners "
             f"on {model.core.n_features} features are too many; train one on a pipeline that ends in "
             "ECOCClassifier('onevsall'), or on fewer features"
@@ -257,7 +260,7 @@ def _read_source(model: TrainedModel) -> SourceStatistics:
     mean = None if stored["mean"] is None else _numbers(stored["mean"], "mean", n_features)
     sd = _numbers(stored["sd"], "sd", n_features)
     if (sd < 0).any():
-        raise ValueError(f"the model file: {SOURCE}.sd must not be negative")
+        raise GranularIdError(f"the model file: {SOURCE}.sd must not be negative")
     scores = _numbers(stored["scores"], "scores", shape[0] * shape[1])
     return SourceStatistics(mean, sd, scores.reshape(shape))
 
@@ -268,7 +271,7 @@ def _numbers(text: str, name: str, size: int) -> FloatArray:
     except ValueError:
         numbers = np.empty(0)
     if numbers.size != size or not np.isfinite(numbers).all():
-        raise ValueError(f"the model file: {SOURCE}.{name} must be {size} finite numbers in base64")
+        raise GranularIdError(f"the model file: {SOURCE}.{name} must be {size} finite numbers in base64")
     return numbers
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import argument_error, finite_number
+from granular_id._core import GranularIdError
 from granular_id._files import TABLES, refuse_other_kind, whole_file
 from granular_id._text import Table, counted, fixed, percent
 from granular_id.identifier.model import (
@@ -497,7 +498,7 @@ def timeline_of(
     n_hop = n if hop_s is None else round(finite_number("hop_s", hop_s, positive=True) * rate_hz)
     if n_hop < 1:
         problem = f"={hop_s:g} is less than a sample: at {rate_hz:g} Hz at least {1 / rate_hz:g}"
-        raise argument_error(ValueError, "hop_s", problem)
+        raise argument_error(GranularIdError, "hop_s", problem)
     if not isinstance(recording, Recording):
         if isinstance(recording, Dataset):
             raise TypeError(
@@ -507,7 +508,7 @@ def timeline_of(
         recording = Recording(samples, rate_hz=rate_hz, axes=model.axes)
     differences = model.requirements.check(Dataset([recording]), accept)
     if recording.n_samples < n:
-        raise ValueError(
+        raise GranularIdError(
             f"recording {recording.name!r} has {recording.n_samples} samples ({recording.duration_s:g} s), the model "
             f"takes windows of {n} ({n / rate_hz:g} s): record for longer, or train on shorter windows"
         )

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import checked_flag, checked_share
+from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback, Ticker, showing
 from granular_id.confidence import candidate_rule, fit_temperature
 from granular_id.identifier.answers import Timeline, timeline_of
@@ -272,7 +273,7 @@ class Identifier(TrainedModel):
         """
         shares = probabilities(self, self.losses(X))
         if shares is None:
-            raise ValueError(
+            raise GranularIdError(
                 "the model knows no probabilities: train it with recordings held out (estimate=True)"
             )
         return shares
@@ -325,7 +326,9 @@ class Identifier(TrainedModel):
             wrench = np.asarray(samples_of(recording, "recording", self.axes)[0], dtype=np.float64)
             wanted = (self.n_samples, len(self.axes))
             if wrench.shape != wanted:
-                raise ValueError(f"recording must have shape {wanted} as in the training, got {wrench.shape}")
+                raise GranularIdError(
+                    f"recording must have shape {wanted} as in the training, got {wrench.shape}"
+                )
         stream = _core.StreamingIdentifier(self.core)
         stream.push(wrench)
         return decision_of(stream, self, dict.fromkeys(differences, 0))

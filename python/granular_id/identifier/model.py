@@ -14,6 +14,7 @@ import numpy.typing as npt
 from typing_extensions import Self
 
 from granular_id import _core
+from granular_id._core import GranularIdError
 from granular_id._files import MODELS, refuse_other_kind, whole_file
 from granular_id._schema import EACH, check_form
 from granular_id.confidence import CandidateRule, UnknownRule, softmax
@@ -235,7 +236,7 @@ def _check_trained(trained: Any) -> None:
     if (trained.get("early") or {"why_not": "-"})["why_not"] == "":  # there is an outcome
         check_form({"early": trained["early"]}, {"early": _EARLY_OUTCOME})
     if "choice" in trained and not trained["choice"]["machines"]:
-        raise ValueError("choice.machines must hold at least one, got []")
+        raise GranularIdError("choice.machines must hold at least one, got []")
 
 
 def probabilities(model: TrainedModel, losses: FloatArray) -> FloatArray | None:

@@ -15,6 +15,7 @@ from sklearn.pipeline import Pipeline
 
 from granular_id import _core
 from granular_id._checks import argument_error
+from granular_id._core import GranularIdError
 from granular_id._estimators import describe_estimator, real_steps, seeded_clone, versions, with_rate
 from granular_id._files import json_value
 from granular_id._memory import empty, taken
@@ -74,7 +75,7 @@ def pipeline_of(space: Any, rate_hz: float, threads: int | None) -> tuple[str, P
         return OWN, with_rate(clone(space), rate_hz)
     if space not in SPACES:
         raise argument_error(
-            ValueError,
+            GranularIdError,
             "space",
             f"must be one of {', '.join(map(repr, SPACES))} or a pipeline, got {space!r:.60}: an identifier computes "
             "its features while samples arrive",
@@ -120,7 +121,7 @@ def model_of(
     own_hz = getattr(space, "rate_hz_", data.rate_hz)
     if own_hz != data.rate_hz:
         problem = f"is for {own_hz:g} Hz, the recordings have {data.rate_hz:g} Hz"
-        raise argument_error(ValueError, "space", problem)
+        raise argument_error(GranularIdError, "space", problem)
     triggers = {recording.trigger_index for recording in data}
     trigger = triggers.pop()
     arrays: dict[str, Any] = {}
@@ -211,11 +212,11 @@ def background_of(data: Dataset, background: Sequence[str], *, has_use: bool) ->
     missing = sorted(set(background) - set(data.y.tolist()))
     if missing:
         raise argument_error(
-            ValueError, "background", f"names {missing[0]!r}, of which there is no recording"
+            GranularIdError, "background", f"names {missing[0]!r}, of which there is no recording"
         )
     if background and not has_use:
         problem = "has no use where nothing is refused: leave it out, or give share_known and estimate"
-        raise argument_error(ValueError, "background", problem)
+        raise argument_error(GranularIdError, "background", problem)
     return data.select(labels=list(background)) if background else None
 
 
@@ -224,7 +225,7 @@ def refuse_large(pipeline: Pipeline, n_classes: int, X: FloatArray) -> None:
     n_values = int(np.prod(X.shape[1:]))
     space, coding = pipeline[0], getattr(pipeline[-1], "coding", "onevsone")
     if hasattr(space, "blocks") and n_values > _core.MAX_MULTIBAND_VALUES:
-        raise ValueError(
+        raise GranularIdError(
             f"recordings of {X.shape[1]} samples of {X.shape[2]} axes are too long for a model of multi-band features: "
             f"{n_values} values, at most {_core.MAX_MULTIBAND_VALUES}; shorten them, or take space='hfmh'"
         )
@@ -235,7 +236,7 @@ def refuse_large(pipeline: Pipeline, n_classes: int, X: FloatArray) -> None:
         ways = "shorter recordings, a lower rate, fewer bins, space='hfmh'"
         if n_learners > n_classes:
             ways += f", or a pipeline that ends in ECOCClassifier('onevsall') ({n_classes} learners)"
-        raise ValueError(
+        raise GranularIdError(
             f"the model would take {size / 2**20:.3g} MiB, more than the {MAX_FILE_BYTES / 2**20:.3g} MiB of a model "
             f"file: {n_learners} learners for {n_classes} materials, {n_features} features; ways out: {ways}"
         )

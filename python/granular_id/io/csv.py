@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import thaw
+from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback
 from granular_id.io.files import RecordingFileError, need, new_folder, safe_name
 from granular_id.io.flat import checked_dataset
@@ -487,7 +488,7 @@ def _heads(recording: Recording) -> Sequence[str]:
         problem = (
             f"recording {recording.name!r} has the axis {wrong!r}, which cannot stand in line 1 of a CSV file"
         )
-        raise ValueError(f"{problem}; name it otherwise, or save npz")
+        raise GranularIdError(f"{problem}; name it otherwise, or save npz")
     stated = units if isinstance(units, Mapping) else {}
     heads = [
         f"{axis} [{unit}]" if axis not in AXES and isinstance(unit := stated.get(axis), str) else axis

@@ -18,6 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import ParamSpec, TypeVar
 
+from granular_id._core import GranularIdError
 from granular_id._files import cannot_write
 from granular_id._text import install
 
@@ -25,7 +26,7 @@ _P = ParamSpec("_P")
 _T = TypeVar("_T")
 
 
-class RecordingFileError(ValueError):
+class RecordingFileError(GranularIdError):
     """A file or folder that cannot be read as recordings: which one, where in it, and what is wrong.
 
     Parameters

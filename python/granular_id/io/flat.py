@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, as_floats, thaw
+from granular_id._core import GranularIdError
 from granular_id.io.files import RecordingFileError
 from granular_id.io.source import FileContent, FileSource
 from granular_id.recording import Dataset, Recording, StepReport, checked_axes, shared_base
@@ -109,7 +110,7 @@ def _recordings(flat: FlatRecordings, source_name: str) -> list[Recording]:
     wrench = as_floats(flat.wrench, "column wrench", "a real array of shape (N, C)")
     if wrench.ndim != 2 or not wrench.size:
         came = f"column wrench has shape {wrench.shape}"
-        raise ValueError(f"{came}; wanted (N, C): the samples of all recordings, C axes")
+        raise GranularIdError(f"{came}; wanted (N, C): the samples of all recordings, C axes")
     axes = checked_axes(tuple(flat.axes), wrench.shape)
     lengths = _lengths(flat.n_samples, len(wrench))
     n = len(lengths)
@@ -157,9 +158,9 @@ def _own_times(times: FloatArray | None, here: slice, *, uniform: bool) -> Float
     """Return the stamps of one recording: there are some where it has no rate, and only there."""
     own = None if times is None else times[here]
     if uniform and own is not None and not np.isnan(own).all():
-        raise ValueError("time_s holds stamps of a recording that has a rate; wanted NaN")
+        raise GranularIdError("time_s holds stamps of a recording that has a rate; wanted NaN")
     if not uniform and own is None:
-        raise ValueError("has no rate_hz (NaN), and there are no stamps in time_s")
+        raise GranularIdError("has no rate_hz (NaN), and there are no stamps in time_s")
     return None if uniform else own
 
 
@@ -188,10 +189,10 @@ def _lengths(value: Any, n_rows: int) -> NDArray[np.int64]:
         )
     wrong = np.flatnonzero((array < 1) | (array > n_rows))
     if len(wrong):
-        raise ValueError(f"column n_samples[{wrong[0]}] is {array[wrong[0]]}; wanted 1 to {n_rows}")
+        raise GranularIdError(f"column n_samples[{wrong[0]}] is {array[wrong[0]]}; wanted 1 to {n_rows}")
     lengths: NDArray[np.int64] = array.astype(np.int64)
     if sum(lengths.tolist()) != n_rows:  # whole numbers of Python cannot overflow
-        raise ValueError(
+        raise GranularIdError(
             f"column n_samples adds up to {sum(lengths.tolist())}, but wrench has {n_rows} samples"
         )
     return lengths
@@ -211,7 +212,7 @@ def _column(values: Any, name: str, n: int) -> Any:
     if not isinstance(values, (list, tuple)) or not set(map(type, values)) <= {str, type(None)}:
         raise TypeError(f"column {name} must be a list of texts, got {values!r:.80}")
     if len(values) != n:
-        raise ValueError(f"column {name} has {len(values)} values for {n} recordings")
+        raise GranularIdError(f"column {name} has {len(values)} values for {n} recordings")
     return values
 
 
@@ -233,7 +234,7 @@ def checked_history(text: object) -> tuple[StepReport, ...]:
     try:
         return tuple(map(StepReport.from_dict, steps))
     except (TypeError, ValueError, RecursionError) as error:
-        raise ValueError(f"history: {error}") from error
+        raise GranularIdError(f"history: {error}") from error
 
 
 def _json(text: object, name: str, kind: type) -> Any:
@@ -242,9 +243,9 @@ def _json(text: object, name: str, kind: type) -> Any:
     try:
         value = json.loads(text)
     except RecursionError as error:
-        raise ValueError(f"{name} is nested too deeply") from error
+        raise GranularIdError(f"{name} is nested too deeply") from error
     except json.JSONDecodeError as error:
-        raise ValueError(f"{name} is not JSON: {error}") from error
+        raise GranularIdError(f"{name} is not JSON: {error}") from error
     if not isinstance(value, kind):
         raise TypeError(f"{name} is a JSON {type(value).__name__}; wanted a {kind.__name__}")
     return value

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from granular_id._checks import argument_error
+from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback, showing
 from granular_id.io.csv import read_csv, save_csv
 from granular_id.io.files import RecordingFileError, check_room
@@ -92,22 +93,24 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
     by_ending = _by_ending(Path(path))
     chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)
     if chosen is None and name is not None:
-        raise argument_error(ValueError, "format", f"={name!r}; wanted one of {writable}")
+        raise argument_error(GranularIdError, "format", f"={name!r}; wanted one of {writable}")
     if chosen is None:
-        raise ValueError(
+        raise GranularIdError(
             f"{os.fspath(path)} does not say which format is wanted; give format= one of {writable}, or "
             "the ending .npz"
         )
     if name is None and chosen.saves_folder:
-        raise ValueError(
+        raise GranularIdError(
             f"{chosen.what} is written as a folder of files: name a folder and give format={chosen.name!r}"
         )
     if by_ending not in (None, chosen):
-        raise ValueError(f"{os.fspath(path)} ends like another format; for format={name!r} name it otherwise")
+        raise GranularIdError(
+            f"{os.fspath(path)} ends like another format; for format={name!r} name it otherwise"
+        )
     if chosen.save is None:
-        raise ValueError(f"{chosen.what} can only be read; what can be written: {writable}")
+        raise GranularIdError(f"{chosen.what} can only be read; what can be written: {writable}")
     if by_ending is None and not chosen.saves_folder:  # `load` knows a file by its ending
-        raise ValueError(f"{os.fspath(path)} must end in .{chosen.name} for format={chosen.name!r}")
+        raise GranularIdError(f"{os.fspath(path)} must end in .{chosen.name} for format={chosen.name!r}")
     return chosen.save
 
 

@@ -19,6 +19,7 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from granular_id._core import GranularIdError
 from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.flat import checked_history, history_json
 from granular_id.io.source import FileSource
@@ -142,7 +143,7 @@ def _inside(text: str) -> PurePosixPath:
     path = PurePosixPath(text)
     strange = any(c in text for c in "\\:") or not text.isprintable()
     if not path.name or path.is_absolute() or ".." in path.parts or strange:
-        raise ValueError(f"{text[:80]!r} is not a file within the folder (like rice/rice_01.csv)")
+        raise GranularIdError(f"{text[:80]!r} is not a file within the folder (like rice/rice_01.csv)")
     return path
 
 
@@ -165,7 +166,7 @@ def _start_time(text: str) -> float:
         if when.tzinfo is not None:
             return when.timestamp()
     wanted = "seconds since 1970, or ISO 8601 with its zone, like 2026-11-21T09:30:00+01:00"
-    raise ValueError(f"{text[:40]!r} is no time; wanted {wanted}")
+    raise GranularIdError(f"{text[:40]!r} is no time; wanted {wanted}")
 
 
 def _rate(text: str) -> float | str:
@@ -173,13 +174,15 @@ def _rate(text: str) -> float | str:
         return text
     value = _plain_number(text)
     if value is None or value <= 0:
-        raise ValueError(f"{text[:40]!r} is no rate; wanted a plain positive number of Hz, or {IRREGULAR}")
+        raise GranularIdError(
+            f"{text[:40]!r} is no rate; wanted a plain positive number of Hz, or {IRREGULAR}"
+        )
     return value
 
 
 def _trigger(text: str) -> int:
     if not _WHOLE_NUMBER.fullmatch(text):
-        raise ValueError(f"{text[:40]!r} is not a whole number")
+        raise GranularIdError(f"{text[:40]!r} is not a whole number")
     return int(text)
 
 

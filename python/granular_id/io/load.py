@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from granular_id._checks import argument_error, checked_index
+from granular_id._core import GranularIdError
 from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import counted
@@ -202,7 +203,7 @@ def load_parts(
     """
     most = checked_index(n_recordings, "n_recordings")
     if most < 1:
-        raise argument_error(ValueError, "n_recordings", f"must be positive, got {most}")
+        raise argument_error(GranularIdError, "n_recordings", f"must be positive, got {most}")
     known = [one.name for one in fields(LoadOptions)]
     unknown = next((name for name in options if name not in known), None)
     if unknown is not None:
@@ -273,7 +274,9 @@ class _Reading:
         for name, (what, wanted) in _OF_FORMATS.items():
             if files and getattr(self._options, name) is not None and known.isdisjoint(wanted):
                 came = f"{counted(len(files), 'file')}, the first is {files[0].path}"
-                raise argument_error(ValueError, name, f"must be left out where no file is {what}: {came}")
+                raise argument_error(
+                    GranularIdError, name, f"must be left out where no file is {what}: {came}"
+                )
 
     def files(self, progress: ProgressCallback | None, *, parts: bool) -> Iterator[_Read]:
         """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""

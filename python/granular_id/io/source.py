@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from granular_id._checks import argument_error, checked_text, finite_number
+from granular_id._core import GranularIdError
 from granular_id.recording import (
     AXES,
     Recording,
@@ -65,7 +66,7 @@ class LoadOptions:
         for name, wanted in _CHOICES.items():
             if getattr(self, name) not in wanted:
                 words = " or ".join(map(repr, wanted))
-                raise argument_error(ValueError, name, f"={getattr(self, name)!r}; wanted {words}")
+                raise argument_error(GranularIdError, name, f"={getattr(self, name)!r}; wanted {words}")
         checked_time_unit(self.time_unit)
         for name in ("topic", "array", "time", "id", "label", "session"):
             if getattr(self, name) is not None:
@@ -75,7 +76,7 @@ class LoadOptions:
             if place is not None and place not in ("folder", "parent", "file"):
                 kind, _, rest = place.partition(":")
                 if kind not in ("column", "meta") or not rest:
-                    raise argument_error(ValueError, name, f"={place!r:.60}; wanted {PLACES}")
+                    raise argument_error(GranularIdError, name, f"={place!r:.60}; wanted {PLACES}")
         for name in ("axes", "units"):
             object.__setattr__(self, name, names_in(name, getattr(self, name), empty=name == "units"))
         if self.axes is not None and self.units is not None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import argument_error, finite_number, whole_number
-from granular_id._core import Block, host_ns
+from granular_id._core import Block, GranularIdError, host_ns
 from granular_id._text import counted, fixed, verb
 from granular_id.live.limits import Limits
 from granular_id.live.outcome import CaptureError, FailureReason, Fault
@@ -76,7 +76,7 @@ class Capture:
         self.n_pre = round(finite_number("pre_s", pre_s, least=0) * self.rate_hz)
         if self.n_pre >= self.n_samples:
             rows = f"{fixed(self.n_pre)} rows at {self.rate_hz:g} Hz, of n_samples={n_samples} in all"
-            raise argument_error(ValueError, "pre_s", f"={pre_s:g} is {rows}")
+            raise argument_error(GranularIdError, "pre_s", f"={pre_s:g} is {rows}")
         if isinstance(trigger, type) or not callable(getattr(trigger, "arm", None)):
             text = f"must be a trigger like ForceTrigger(), got {trigger!r:.60}"
             raise argument_error(TypeError, "trigger", text)

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 
 from granular_id._checks import argument_error, finite_number
+from granular_id._core import GranularIdError
 from granular_id._text import counted
 from granular_id.identifier import Identifier
 from granular_id.live.capture import wrong_rate
@@ -77,7 +78,7 @@ class HopIdentifier(Session):
         n_hop = round(finite_number("hop_s", hop_s, positive=True) * stream.info.rate_hz)
         if n_hop < 1:
             problem = f"={hop_s:g} is less than a sample: at least {1 / stream.info.rate_hz:g}"
-            raise argument_error(ValueError, "hop_s", problem)
+            raise argument_error(GranularIdError, "hop_s", problem)
         super().__init__(stream, model, limits, views=views, accept=accept, hop_s=n_hop / stream.info.rate_hz)
         self._failed = ""
         self._window_s = self.model.n_samples / self.model.rate_hz

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular_id._checks import argument_error, whole_number
+from granular_id._core import GranularIdError
 from granular_id.features import FeatureSpec
 from granular_id.identifier import N_CHECKPOINTS, Identifier
 from granular_id.live.capture import Capture, CaptureState
@@ -295,7 +296,7 @@ def identify(
     rice True
     """
     if on_failure not in ("raise", "skip"):
-        raise ValueError(f"on_failure must be 'raise' or 'skip', got {on_failure!r}")
+        raise GranularIdError(f"on_failure must be 'raise' or 'skip', got {on_failure!r}")
     n = None if n is None else whole_number("n", n)
     model = model if isinstance(model, Identifier) else Identifier.load(model)
 
@@ -321,8 +322,8 @@ def _rest_of(model: Identifier, pre_s: float | None) -> float:
             "must be given: the seconds of rest that each recording of the training begins with, which they do not "
             "state (recorded here, 0.25); or answer at each hop (HopIdentifier, hop_s)"
         )
-        raise argument_error(ValueError, "pre_s", problem)
+        raise argument_error(GranularIdError, "pre_s", problem)
     if model.lead_s is not None and abs(rest_s - model.lead_s) > 0.5 / model.rate_hz:
         problem = f"is {rest_s:g}, but the model was trained with {model.lead_s:g} s of rest: leave it out"
-        raise argument_error(ValueError, "pre_s", problem)
+        raise argument_error(GranularIdError, "pre_s", problem)
     return rest_s

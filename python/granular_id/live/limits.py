@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import argument_error, checked_flag, finite_number, positive_number, whole_number
-from granular_id._core import Block
+from granular_id._core import Block, GranularIdError
 from granular_id._text import fixed
 from granular_id.live.rows import Rows
 from granular_id.live.source import SourceInfo
@@ -96,11 +96,11 @@ class Limits:
                 continue
             if info.axes[columns] != axes:
                 problem = f"needs {' '.join(axes)}; {info.name} has {' '.join(info.axes)}: leave it out"
-                raise argument_error(ValueError, argument, problem)
+                raise argument_error(GranularIdError, argument, problem)
             ends = info.full_scale[columns] if info.full_scale else (float("inf"),)
             if limit > min(ends):
                 end = f"the sensor's {axes[ends.index(min(ends))]} ends at {min(ends):g}: give at most that"
-                raise argument_error(ValueError, argument, f"is {limit:g} {unit}, but {end}")
+                raise argument_error(GranularIdError, argument, f"is {limit:g} {unit}, but {end}")
 
     def beyond(self, rows: Block | Rows, rest: NDArray[np.float64]) -> str:
         """Return which is the first of these rows beyond a limit, and by how much; empty where none is."""

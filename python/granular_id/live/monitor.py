@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular_id._checks import argument_error
+from granular_id._core import GranularIdError
 from granular_id._text import fixed
 from granular_id.live.snapshot import SYNTHETIC, VIEW_S, Snapshot
 
@@ -78,7 +79,7 @@ class MonitorServer(ThreadingHTTPServer):
 
     def __init__(self, port: int = 0) -> None:
         if not 0 <= port <= 65535:
-            raise argument_error(ValueError, "port", f"must be between 0 and 65535, got {fixed(port)}")
+            raise argument_error(GranularIdError, "port", f"must be between 0 and 65535, got {fixed(port)}")
         try:
             super().__init__((_LOOPBACK, port), _Handler)
         except OSError as error:

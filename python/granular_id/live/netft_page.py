@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from http.client import HTTPConnection, HTTPException, HTTPResponse
 
-from granular_id._core import RDT_SCALE_LIMITS
+from granular_id._core import RDT_SCALE_LIMITS, GranularIdError
 
 __all__ = [
     "FORCE_UNITS", "PATH", "SYNTHETIC_FIELD", "TORQUE_UNITS", "NetftPage", "NetftPageError", "parse_page", "read_page",
@@ -51,7 +51,7 @@ TORQUE_UNITS: Mapping[str, float] = {
 _TICK_HZ = (100.0, 1e6)
 
 
-class NetftPageError(ValueError):
+class NetftPageError(GranularIdError):
     """A page that does not say what the counts mean; the message has its address and the field."""
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from granular_id._checks import argument_error, finite_number, positive_number
-from granular_id._core import RDT_PORT, RdtReceiver, WrenchBuffer
+from granular_id._core import RDT_PORT, GranularIdError, RdtReceiver, WrenchBuffer
 from granular_id.live.netft_page import KEPT, SYNTHETIC_FIELD, NetftPage, NetftPageError, read_page
 from granular_id.live.source import Health, SourceInfo, SourceUrl
 
@@ -86,7 +86,7 @@ class RdtSource:
         buffered: bool = False,
     ) -> None:
         if variant not in VARIANTS:
-            raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
+            raise GranularIdError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
         finite_number("http_port", http_port, least=1, most=65535)
         self._place = f"{host}:{port}"
         if variant == "onrobot":
@@ -131,7 +131,7 @@ class RdtSource:
         tick_hz = self._info.tick_hz
         if getattr(buffer, "tick_hz", tick_hz) != tick_hz:
             problem = f"must have tick_hz={tick_hz:g}, as info.tick_hz says, got {buffer.tick_hz:g}"
-            raise argument_error(ValueError, "buffer", problem)
+            raise argument_error(GranularIdError, "buffer", problem)
         self._receiver.start(buffer)
 
     def stop(self) -> None:
@@ -172,7 +172,7 @@ def open_url(url: SourceUrl) -> RdtSource:
     """Make a source of ``rdt://HOST[:PORT][?http_port=80&variant=auto&rate_hz=&tick_hz=&buffered=0]``."""
     url.allow("http_port", "variant", "rate_hz", "tick_hz", "buffered")
     if url.path not in ("", "/"):
-        raise ValueError(f"it has the path {url.path!r}; wanted rdt://HOST[:PORT][?OPTIONS]")
+        raise GranularIdError(f"it has the path {url.path!r}; wanted rdt://HOST[:PORT][?OPTIONS]")
     variant: Any = url.options.get("variant", "auto")
     return RdtSource(
         url.need_host(),
@@ -189,7 +189,7 @@ def _on_robot(host: str, rate_hz: float, tick_hz: float | None) -> SourceInfo:
     period_ms = max(1, round(1000 / positive_number("rate_hz", rate_hz)))
     if not math.isclose(1000 / period_ms, rate_hz, rel_tol=1e-9):
         problem = f"must be 1000 Hz over a whole number of milliseconds for an OnRobot box, got {rate_hz:g}"
-        raise argument_error(ValueError, "rate_hz", problem)
+        raise argument_error(GranularIdError, "rate_hz", problem)
     # its second counter has no documented unit: taken as one per record unless stated
     ticks, meta = rate_hz if tick_hz is None else tick_hz, {"variant": "onrobot"}
     return SourceInfo(f"OnRobot {host}", rate_hz, tick_hz=ticks, device_clock=True, meta=meta)
@@ -211,7 +211,7 @@ def _of_page(
     for name, stated, found in (("rate_hz", stated_hz, rate_hz), ("tick_hz", tick_hz, ticks)):
         if stated is not None and not math.isclose(stated, found, rel_tol=1e-3):
             problem = f"={stated:g} was stated, {page.url} says {found:g}; leave it out, or set the box's rate there"
-            raise argument_error(ValueError, name, problem)
+            raise argument_error(GranularIdError, name, problem)
     number = page.fields.get("setuserfilter", "")
     return SourceInfo(
         f"{page.text('prodname') or 'Net F/T'} {host}",

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from granular_id._checks import argument_error, checked_flag, checked_text
-from granular_id._core import MAX_NAME_BYTES
+from granular_id._core import MAX_NAME_BYTES, GranularIdError
 from granular_id._files import check_target, made_folder
 from granular_id.io.files import safe_name
 from granular_id.io.npz import save_npz
@@ -203,7 +203,7 @@ def checked_label(label: str) -> str:
     n_bytes = len(label.encode())
     if n_bytes > MAX_NAME_BYTES:
         problem = f"must have at most {MAX_NAME_BYTES} bytes, as in models, got {n_bytes}"
-        raise argument_error(ValueError, "label", problem)
+        raise argument_error(GranularIdError, "label", problem)
     return label
 
 

@@ -8,7 +8,7 @@ from bisect import bisect_right
 import numpy as np
 
 from granular_id._checks import finite_number
-from granular_id._core import WrenchBuffer
+from granular_id._core import GranularIdError, WrenchBuffer
 from granular_id._text import counted
 from granular_id.io import load
 from granular_id.live.source import Pace, SourceInfo, SourceUrl, ThreadedSource
@@ -93,7 +93,7 @@ class ReplaySource(ThreadedSource):
         if len(ticks) == len(self._recordings):
             return TimeTrigger([tick / self.info.rate_hz for tick in ticks])
         if self.info.axes[:3] != AXES[:3]:
-            raise ValueError(
+            raise GranularIdError(
                 "the recordings do not say when a push began, and there are no forces to tell it by: a live answer "
                 "without pushes, at each hop, needs hop_s"
             )

@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any, Protocol, runtime_checkable
 
 from granular_id._checks import argument_error, finite_number, positive_number
-from granular_id._core import host_ns
+from granular_id._core import GranularIdError, host_ns
 
 __all__ = [
     "CallbackRobot",
@@ -124,11 +124,11 @@ def checked_move(
     length = math.hypot(*parts)
     if len(parts) != 3 or length == 0:
         problem = f"must hold three numbers, not all 0, got {tuple(parts)!r:.60}"
-        raise argument_error(ValueError, "direction", problem)
+        raise argument_error(GranularIdError, "direction", problem)
     speed_m_s, duration_s = positive_number("speed_m_s", speed_m_s), positive_number("duration_s", duration_s)
     if speed_m_s > MAX_SPEED_M_S:
         problem = f"must be at most {MAX_SPEED_M_S:g}, got {speed_m_s:g}: metres per second, not millimetres"
-        raise argument_error(ValueError, "speed_m_s", problem)
+        raise argument_error(GranularIdError, "speed_m_s", problem)
     x, y, z = (part / length for part in parts)
     return (x, y, z), speed_m_s, duration_s
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import whole_number
+from granular_id._core import GranularIdError
 from granular_id._text import counted
 from granular_id.features import FeatureSpec
 from granular_id.identifier import Identifier, StreamingIdentifier
@@ -177,9 +178,9 @@ def _refuse_other_stream(model: Identifier, stream: Stream) -> None:
     name, rate_hz = stream.info.name, stream.info.rate_hz
     if abs(rate_hz / model.rate_hz - 1) > 1e-3:
         problem = f"{name} delivers {rate_hz:g} Hz: train one at that rate, or set the sensor's"
-        raise ValueError(f"the model is for {model.rate_hz:g} Hz, {problem}")
+        raise GranularIdError(f"the model is for {model.rate_hz:g} Hz, {problem}")
     if model.axes != stream.info.axes:
-        raise ValueError(
+        raise GranularIdError(
             f"the model is for the axes {' '.join(model.axes)}; {name} has {' '.join(stream.info.axes)}"
         )
 
@@ -197,7 +198,7 @@ def _tare(model: Identifier, stream: Sequence[Setup], rest_s: float | None) -> t
     least_s, most_s = TARE_S
     lead_s = min(most_s, rest_s) if stated is None else stated
     if not (least_s if stated is None else 0) <= lead_s <= rest_s + 0.5 / model.rate_hz:
-        raise ValueError(
+        raise GranularIdError(
             f"the model was trained on recordings tared by {stated or least_s:g} s of rest, and a push begins "
             f"{rest_s:g} s before its motion: train on recordings that keep the rest that they are tared by"
         )

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from granular_id._checks import argument_error
+from granular_id._core import GranularIdError
 from granular_id.live.robot import ManualRobot, Robot, checked_robot
 from granular_id.live.source import WrenchSource, open_robot
 from granular_id.live.trigger import ForceTrigger, ManualTrigger, MotionTrigger, Trigger
@@ -81,12 +82,16 @@ def setup_of(
     if callable(trigger):
         return Setup(mover, trigger)
     if trigger not in TRIGGERS:
-        raise argument_error(ValueError, "trigger", f"must be one of {', '.join(TRIGGERS)}, got {trigger!r}")
+        raise argument_error(
+            GranularIdError, "trigger", f"must be one of {', '.join(TRIGGERS)}, got {trigger!r}"
+        )
     ForceTrigger(threshold_n)  # refused now, not when the first push begins
     exact = starts_exactly(mover)
     if trigger == "motion" and not exact:
         who = "there is no robot" if mover is None else "a person's motion has no exact start"
-        raise argument_error(ValueError, "trigger", f"='motion' needs a robot: {who}; use trigger='force'")
+        raise argument_error(
+            GranularIdError, "trigger", f"='motion' needs a robot: {who}; use trigger='force'"
+        )
     if trigger == "auto" and mover is None and hasattr(source, "trigger"):
         return Setup(None, source.trigger)
     if trigger == "manual":
@@ -110,7 +115,7 @@ def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
     if robot == "source":
         if own is None:
             text = f"='source' asks for the robot of the source, and {source.info.name} has none"
-            raise argument_error(ValueError, "robot", text)
+            raise argument_error(GranularIdError, "robot", text)
         return own()
     if robot == "manual":
         return ManualRobot()
@@ -119,4 +124,4 @@ def _robot_of(source: WrenchSource, robot: str | Robot | None) -> Robot | None:
     if ":" in robot:
         return open_robot(robot)
     wanted = f"must be one of {', '.join(ROBOTS)}, the URL of a robot or a Robot, got {robot!r}"
-    raise argument_error(ValueError, "robot", wanted)
+    raise argument_error(GranularIdError, "robot", wanted)

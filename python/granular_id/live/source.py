@@ -17,7 +17,7 @@ from typing import Any, Protocol, runtime_checkable
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 from granular_id._checks import argument_error, checked_text, freeze, items_of, positive_number, thaw
-from granular_id._core import AXES, UNITS, WrenchBuffer, host_ns
+from granular_id._core import AXES, UNITS, GranularIdError, WrenchBuffer, host_ns
 from granular_id.live.robot import Robot
 
 __all__ = ["Health", "SourceInfo", "SourceUrl", "ThreadedSource", "WrenchSource", "open_robot", "open_source"]
@@ -108,7 +108,7 @@ class SourceInfo:
         for name, each in (("units", units), ("full_scale", scale)):
             if each is not None and len(each) != len(axes):
                 problem = f"must be one for each of {len(axes)} axes, got {len(each)}"
-                raise argument_error(ValueError, name, problem)
+                raise argument_error(GranularIdError, name, problem)
         checked = {"axes": axes, "units": units, "full_scale": scale, "meta": freeze(self.meta, "meta")}
         for name in ("rate_hz", "tick_hz", "speed"):
             checked[name] = positive_number(name, getattr(self, name))
@@ -313,15 +313,15 @@ class SourceUrl:
             pairs = parse_qsl(split.query, keep_blank_values=True, strict_parsing=True) if split.query else []
         except ValueError as error:
             wanted = "wanted scheme://HOST:PORT/PATH?name=value&name=value, or scheme:PATH?..."
-            raise ValueError(f"url {url!r} cannot be read: {error}; {wanted}") from error
+            raise GranularIdError(f"url {url!r} cannot be read: {error}; {wanted}") from error
         if not split.scheme or not url.partition(":")[2]:
-            raise ValueError(
+            raise GranularIdError(
                 f"url {url!r} names no source; wanted one like 'sim:rice' or 'rdt://192.168.1.1'"
             )
         merged = dict(options)
         for name, value in pairs:
             if name in merged:
-                raise ValueError(f"option {name!r} of url {url!r} is given twice")
+                raise GranularIdError(f"option {name!r} of url {url!r} is given twice")
             merged[name] = value
         host = split.netloc if port is None else split.netloc.rpartition(":")[0]
         return cls(url, split.scheme, host.strip("[]"), port, unquote(split.path), merged)
@@ -331,12 +331,12 @@ class SourceUrl:
         for name in self.options:
             if name not in names:
                 known = ", ".join(sorted(names)) or "none"
-                raise ValueError(f"there is no option {name!r}; known: {known}")
+                raise GranularIdError(f"there is no option {name!r}; known: {known}")
 
     def need_host(self) -> str:
         """Return the host, or say that there is none."""
         if not self.host:
-            raise ValueError(f"there is no host; wanted {self.scheme}://HOST")
+            raise GranularIdError(f"there is no host; wanted {self.scheme}://HOST")
         return self.host
 
     def number(self, name: str, default: Any) -> Any:
@@ -358,7 +358,7 @@ class SourceUrl:
         try:
             return kind(value)
         except ValueError:
-            raise ValueError(f"option {name}={value!r}; wanted {wanted}") from None
+            raise GranularIdError(f"option {name}={value!r}; wanted {wanted}") from None
 
 
 def open_source(url: str, **options: object) -> WrenchSource:
@@ -431,9 +431,9 @@ def _opened(group: str, url: SourceUrl) -> Any:
                 raise ImportError(f"url {url.text!r} needs {_MISSING}")
             known = ", ".join(sorted({*own, *found, *_CONTRIBUTED[group]}))
             problem = f"{url.text!r} has the scheme {url.scheme!r}; known: {known}"
-            raise argument_error(ValueError, "url" if group == _SOURCES else "robot", problem)
+            raise argument_error(GranularIdError, "url" if group == _SOURCES else "robot", problem)
         open_url = found[url.scheme].load()
     try:
         return open_url(url)
     except ValueError as error:
-        raise ValueError(f"url {url.text!r}: {error}") from error
+        raise GranularIdError(f"url {url.text!r}: {error}") from error

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import positive_number
-from granular_id._core import host_ns
+from granular_id._core import GranularIdError, host_ns
 from granular_id.live.robot import Motion
 from granular_id.live.rows import Rows
 
@@ -159,7 +159,7 @@ class ForceTrigger(Trigger):
             There are none: without rows before the trigger the level is unknown.
         """
         if not len(rest):
-            raise ValueError("a ForceTrigger needs rows at rest: pre_s must be above 0")
+            raise GranularIdError("a ForceTrigger needs rows at rest: pre_s must be above 0")
         unrest = _unrest(rest, self.threshold_n)
         if unrest is None:
             self._level = rest.wrench[:, :3].mean(axis=0)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._core import GranularIdError
 from granular_id._text import short
 from granular_id.plotting import style
 from granular_id.plotting.style import FAINT, INK
@@ -68,7 +69,7 @@ def plot_answers(
     """
     lasts_s = recording.n_samples / (recording.rate_hz or 1.0)
     if abs(lasts_s - timeline.duration_s) > 1e-6:
-        raise ValueError(
+        raise GranularIdError(
             f"recording lasts {lasts_s:g} s, the answers are about one of {timeline.duration_s:g} s: pass the one that "
             "predict_over was given"
         )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import whole_number
-from granular_id._core import AXES
+from granular_id._core import AXES, GranularIdError
 from granular_id._text import fixed, short
 from granular_id.evaluation import most_different
 from granular_id.plotting import style
@@ -224,14 +224,14 @@ def chosen_columns(axes: str | Sequence[str], have: Sequence[str], units: Sequen
     """Return the columns of axes to draw in one panel, or refuse those that are not there or of several units."""
     wanted = (axes,) if isinstance(axes, str) else tuple(axes)
     if not wanted or not set(wanted) <= set(have) or len(set(wanted)) < len(wanted):
-        raise ValueError(
+        raise GranularIdError(
             f"axes must name some of {', '.join(have)}, each once, got {', '.join(wanted) or 'nothing'}"
         )
     columns = [have.index(axis) for axis in wanted]
     mixed = sorted({units[column] for column in columns})
     if len(mixed) > 1:
         named = ", ".join(unit or "not known" for unit in mixed)
-        raise ValueError(f"axes mixes units ({named}), got {', '.join(wanted)}: choose axes of one unit")
+        raise GranularIdError(f"axes mixes units ({named}), got {', '.join(wanted)}: choose axes of one unit")
     return columns
 
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular_id._core import AXES
+from granular_id._core import AXES, GranularIdError
 from granular_id._files import PICTURES, whole_file
 from granular_id._text import install, short
 from granular_id.recording import AXIS_COLOURS
@@ -115,7 +115,7 @@ def file_format(path: str | os.PathLike[str], name: str = "path") -> str:
     """Return the format that the ending of a path chooses, or refuse it; `name` is that of the argument."""
     target = Path(path)
     if target.suffix.lower() not in PICTURES:
-        raise ValueError(f"{name} must end in .png, .svg or .pdf, got {str(target)!r}")
+        raise GranularIdError(f"{name} must end in .png, .svg or .pdf, got {str(target)!r}")
     return target.suffix.removeprefix(".").lower()
 
 

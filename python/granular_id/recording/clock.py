@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error, finite_number
+from granular_id._core import GranularIdError
 from granular_id._text import install
 from granular_id.recording.columns import TAKEN, factor
 
@@ -53,7 +54,7 @@ _FRACTION = re.compile(r"(?:(?<=:\d\d),|(?<=\d:\d\d:\d\d):)(?=\d)")
 IGNORED_OUT = "state the rate, and the clock is ignored: rate_hz=RATE"
 
 
-class ClockError(ValueError):
+class ClockError(GranularIdError):
     """Stamps that are no clock; `sample` is the first that is wrong."""
 
     def __init__(self, problem: str, sample: int | None = None) -> None:
@@ -285,7 +286,7 @@ def samples_in(name: str, seconds: object, rate_hz: float) -> int:
     known = finite_number(name, seconds, positive=True)
     n = round(finite_number(f"{name} times the rate", known * rate_hz))
     if n < 1:
-        raise argument_error(ValueError, name, f"={known:g} at {rate_hz:g} Hz is less than one sample")
+        raise argument_error(GranularIdError, name, f"={known:g} at {rate_hz:g} Hz is less than one sample")
     return n
 
 

@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from granular_id._core import AXES
+from granular_id._core import AXES, GranularIdError
 
 _INCH_M = 0.0254
 _POUND_N = 4.4482216152605
@@ -169,7 +169,7 @@ _TRAILING = re.compile(
 _IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORECASE)
 
 
-class TableError(ValueError):
+class TableError(GranularIdError):
     """Samples that make no recording: the problem, and the row and column of the table where it is.
 
     `no_wrench`: the table holds none of the axes, so that it may be something else beside recordings.
@@ -373,12 +373,12 @@ def by_name(
     own = {_axis(name): name for name in names}  # fx for Fx
     if len(own) < len(names):
         twice = next(name for k, name in enumerate(names) if _axis(name) in map(_axis, names[:k]))
-        raise ValueError(f"{argument} has two columns {twice!r}: {have}")
+        raise GranularIdError(f"{argument} has two columns {twice!r}: {have}")
     if wanted is not None:
         places = {**own, **{name: name for name in names}}
         missing = [axis for axis in wanted if axis not in places]
         if missing:
-            raise ValueError(
+            raise GranularIdError(
                 f"{argument} has no column {missing[0]!r}: its columns are {have}, wanted are {' '.join(wanted)}; an "
                 f"array has no names: {argument}.to_numpy() passes for these"
             )
@@ -392,7 +392,7 @@ def by_name(
             left = [name for name in names if name not in times and name not in beside]
             axes = [name for name in left if np.asarray(table[name]).dtype.kind in "iuf"]
             what = "no axis" if times else "no force or torque"
-            raise ValueError(
+            raise GranularIdError(
                 f"{argument} has the column {(times or beside)[0]!r}, which is {what}: its columns are {have}; choose "
                 f"those that are axes, as in {argument}[{axes}]"
             )
@@ -409,7 +409,7 @@ def samples_of(value: Any, argument: str, wanted: Sequence[str] | None) -> tuple
     names = column_names(value, argument)
     if names is not None:
         if wanted is not None and len(names) > len(wanted):
-            raise ValueError(
+            raise GranularIdError(
                 f"{argument} has the columns {' '.join(names)}, wanted are {' '.join(wanted)}: leave out the others"
             )
         return by_name(value, names, argument, wanted)
@@ -439,7 +439,7 @@ def _refuse_ragged(recordings: Iterable[Any], argument: str) -> None:
             shapes.add((len(one), len(one[0])))
     if len(shapes) > 1:
         low, *_, high = sorted(shapes)
-        raise ValueError(
+        raise GranularIdError(
             f"{argument} must hold recordings of one shape, got {low} and {high}: cut them to one length, as "
             "Dataset.align(n_samples=...) and Dataset.windows(duration_s) do"
         )
@@ -449,7 +449,7 @@ def wrench_of(value: Any) -> Any:
     """Take samples, and refuse six named columns that are no wrench: their features would be named after one."""
     samples, axes = samples_of(value, "wrench", None)
     if axes is not None and len(axes) == len(AXES) and axes != AXES:
-        raise ValueError(
+        raise GranularIdError(
             f"wrench has the columns {' '.join(axes)}; six axes are {' '.join(AXES)}: name them so, or pass "
             "an array without names (to_numpy()), whose columns count as these"
         )

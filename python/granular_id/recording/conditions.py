@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import argument_error
+from granular_id._core import GranularIdError
 from granular_id._text import counted, short
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.recording import single_values
@@ -79,7 +80,7 @@ def condition_of(data: Dataset, condition: Any) -> tuple[str, NDArray[np.object_
     more = f" and {len(able) - _MOST_NAMED} more" if len(able) > _MOST_NAMED else ""
     which = f"those that can be: {', '.join(able[:_MOST_NAMED])}{more}"
     which = which if able else "these recordings state none that can be"
-    raise argument_error(ValueError, "by", f"={condition!r} cannot be held out, as {reason}; {which}")
+    raise argument_error(GranularIdError, "by", f"={condition!r} cannot be held out, as {reason}; {which}")
 
 
 def _why_not(data: Dataset, values: NDArray[np.object_]) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import FloatArray, items_of
+from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback
 from granular_id._text import counted
 from granular_id.recording.checks import CheckReport, SensorRange
@@ -66,7 +67,7 @@ class Dataset:
         object.__setattr__(self, "recordings", items_of("recordings", self.recordings, Recording))
         object.__setattr__(self, "history", items_of("history", self.history, StepReport))
         if not self.recordings:
-            raise ValueError("recordings is empty; a Dataset holds at least one recording")
+            raise GranularIdError("recordings is empty; a Dataset holds at least one recording")
 
     def _after(self, step: tuple[Sequence[Recording], StepReport]) -> Dataset:
         recordings, report = step
@@ -100,7 +101,7 @@ class Dataset:
         """Labels, shape (n,); ValueError naming the first recording without one."""
         without = [r.name for r in self.recordings if r.label is None]
         if without:
-            raise ValueError(f"{subject(len(without))} no label, the first is {without[0]!r}")
+            raise GranularIdError(f"{subject(len(without))} no label, the first is {without[0]!r}")
         return np.array([r.label for r in self.recordings], dtype=np.str_)
 
     @property
@@ -204,7 +205,7 @@ class Dataset:
         ((2, 1600, 6), ['rice', 'peas'])
         """
         if rate_hz is None:
-            raise ValueError("rate_hz is missing; wanted the sampling rate in Hz, as in rate_hz=500")
+            raise GranularIdError("rate_hz is missing; wanted the sampling rate in Hz, as in rate_hz=500")
         recordings, report = recordings_of_arrays(X, y, rate_hz, sessions, names, axes, units)
         return cls(recordings, (report,))
 

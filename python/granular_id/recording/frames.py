@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import argument_error, as_floats, checked_text, finite_number
-from granular_id._core import AXES
+from granular_id._core import AXES, GranularIdError
 from granular_id._text import counted
 from granular_id.recording.columns import TableError, cell_text, column_names, unit_spelling
 from granular_id.recording.conversion import to_recordings
@@ -40,7 +40,7 @@ def recordings_of_arrays(
     n_axes = arrays[0].shape[1]
     if known is None and n_axes != len(AXES):
         problem = f"names none, and X[0] has the shape {arrays[0].shape}; wanted a name for each column"
-        raise argument_error(ValueError, "axes", f"{problem}, or X of shape {_ARRAYS}")
+        raise argument_error(GranularIdError, "axes", f"{problem}, or X of shape {_ARRAYS}")
     columns = checked_axes(known, arrays[0].shape)
     stated = Stated(axes=columns, units=names_in("units", units, empty=True))
     units_by_axis(columns, stated.units)
@@ -87,7 +87,7 @@ def recordings_of_frames(
     for what, column, given in (("label", label, labels), ("session", session, sessions)):
         if column is not None and given is not None:
             problem = f"names a column, and {what}s are given too; wanted one of them"
-            raise argument_error(ValueError, what, problem)
+            raise argument_error(GranularIdError, what, problem)
     stated = Stated(
         rate_hz=None if rate_hz is None else finite_number("rate_hz", rate_hz, positive=True),
         time_unit=checked_time_unit(time_unit),
@@ -120,7 +120,7 @@ def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:
         )
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
-        raise argument_error(ValueError, argument, f"has two columns {twice!r}")
+        raise argument_error(GranularIdError, argument, f"has two columns {twice!r}")
     columns: dict[str, NDArray[Any]] = {}
     index: Any = getattr(frame, "index", None)
     kind = getattr(getattr(index, "dtype", None), "kind", "")
@@ -156,9 +156,11 @@ def names_in(argument: str, value: object, *, empty: bool = False) -> tuple[str,
         checked_text(name, f"{argument}[{i}]", empty=empty, spaced=False) for i, name in enumerate(value)
     )
     if not found:
-        raise argument_error(ValueError, argument, "is empty; leave it out, or give names like 'wx,wy,wz'")
+        raise argument_error(
+            GranularIdError, argument, "is empty; leave it out, or give names like 'wx,wy,wz'"
+        )
     if not empty and len(set(found)) < len(found):
-        raise argument_error(ValueError, argument, f"={','.join(found)!r} names one twice")
+        raise argument_error(GranularIdError, argument, f"={','.join(found)!r} names one twice")
     return tuple(unit_spelling(unit) for unit in found) if argument == "units" else found
 
 
@@ -169,7 +171,7 @@ def checked_time_unit(value: object) -> str | None:
     """Return what stamps count, or refuse what is none of the units known."""
     if value not in (None, "s", "ms", "us", "ns", "sample"):
         raise argument_error(
-            ValueError, "time_unit", f"={value!r}; wanted one of 's', 'ms', 'us', 'ns', 'sample'"
+            GranularIdError, "time_unit", f"={value!r}; wanted one of 's', 'ms', 'us', 'ns', 'sample'"
         )
     return None if value is None else str(value)
 
@@ -179,7 +181,7 @@ def _arrays(X: Any) -> list[NDArray[np.float64]]:
     if isinstance(X, np.ndarray) and X.dtype != object:
         block = as_floats(X, "X", f"a real array of shape {_ARRAYS}")
         if block.ndim != 3 or not block.size:
-            raise argument_error(ValueError, "X", f"has shape {X.shape}; wanted {_ARRAYS}")
+            raise argument_error(GranularIdError, "X", f"has shape {X.shape}; wanted {_ARRAYS}")
         block = block.copy() if block.flags.writeable else block
         block.flags.writeable = False
         return list(block)
@@ -190,7 +192,9 @@ def _arrays(X: Any) -> list[NDArray[np.float64]]:
     for i, one in enumerate(found):
         if one.ndim != 2 or not one.size or one.shape[1] != found[0].shape[-1]:
             others = "" if i == 0 else f", and X[0] {found[0].shape}"
-            raise argument_error(ValueError, "X", f"[{i}] has shape {one.shape}{others}; wanted {_ARRAYS}")
+            raise argument_error(
+                GranularIdError, "X", f"[{i}] has shape {one.shape}{others}; wanted {_ARRAYS}"
+            )
     return found
 
 
@@ -199,7 +203,7 @@ def _listed(value: Any, argument: str, wanted: str) -> list[Any]:
         raise argument_error(TypeError, argument, f"is {type(value).__name__}; wanted {wanted}")
     every = list(value)
     if not every:
-        raise argument_error(ValueError, argument, f"is empty; wanted {wanted}")
+        raise argument_error(GranularIdError, argument, f"is empty; wanted {wanted}")
     return every
 
 
@@ -211,7 +215,7 @@ def _texts(values: Any, argument: str, n: int) -> list[str | None]:
         values = [values]
     every = [value.item() if isinstance(value, np.generic) else value for value in values]
     if len(every) != n:
-        raise argument_error(ValueError, argument, f"has {len(every)} values for {counted(n)}")
+        raise argument_error(GranularIdError, argument, f"has {len(every)} values for {counted(n)}")
     for i, value in enumerate(every):
         if isinstance(value, bool) or not isinstance(value, (str, int, float, type(None))):
             problem = f"[{i}] is a {type(value).__name__}; wanted a text or number"
@@ -235,7 +239,7 @@ def _made(
             where = [f"{argument}[{i}]" if len(tables) > 1 else argument]
             where += [] if error.row is None else [f"row {error.row}"]
             where += [] if error.column is None else [f"column {error.column!r}"]
-            raise ValueError(f"{', '.join(where)}: {error.problem}") from error
+            raise GranularIdError(f"{', '.join(where)}: {error.problem}") from error
         recordings += made.recordings
         rows += made.rows
         notes |= dict.fromkeys(made.notes)

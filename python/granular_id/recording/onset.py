@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import FloatArray, argument_error, checked_flag, finite_number
-from granular_id._core import AXES
+from granular_id._core import AXES, GranularIdError
 from granular_id.recording.recording import (
     Recording,
     SampleFlag,
@@ -141,7 +141,7 @@ def _checked_false_alarm_rate(value: object) -> float:
     rate = finite_number("false_alarm_rate", value)
     if not 1e-12 <= rate <= 0.5:
         problem = f"must be between 1e-12 and 0.5, got {rate:g}"
-        raise argument_error(ValueError, "false_alarm_rate", problem)
+        raise argument_error(GranularIdError, "false_alarm_rate", problem)
     return rate
 
 
@@ -154,7 +154,7 @@ def rest_samples(rest_s: object, rate_hz: float) -> int:
             f"={seconds:g} holds {rest} samples at {rate_hz:g} Hz; the noise cannot be judged from fewer "
             f"than {WINDOWS_IN_REST}: rest_s={WINDOWS_IN_REST / rate_hz:g} or more is wanted"
         )
-        raise argument_error(ValueError, "rest_s", problem)
+        raise argument_error(GranularIdError, "rest_s", problem)
     return rest
 
 
@@ -515,7 +515,7 @@ def onsets_of(recordings: Sequence[Recording], *, rest_s: float, false_alarm_rat
     finite_number("rest_s", rest_s, positive=True)
     irregular = irregular_among(recordings)
     if irregular:
-        raise ValueError(
+        raise GranularIdError(
             f"{irregular}, and windows of a varying number of samples cannot be compared; call "
             ".resample(rate_hz) first, or overrule these"
         )
@@ -541,10 +541,10 @@ def _stated_indices(
     stated: dict[int, int | None] = {}
     for name, seconds in overrule.items():
         if name not in places:
-            raise argument_error(ValueError, "overrule", f": no recording is called {name!r}")
+            raise argument_error(GranularIdError, "overrule", f": no recording is called {name!r}")
         if len(places[name]) > 1:
             problem = f": {len(places[name])} recordings are called {name!r}; which is meant?"
-            raise argument_error(ValueError, "overrule", problem)
+            raise argument_error(GranularIdError, "overrule", problem)
         place = places[name][0]
         stated[place] = None
         if seconds is not None:
@@ -552,7 +552,7 @@ def _stated_indices(
             time_s = finite_number(f"overrule[{name!r}]", seconds)
             if not 0 <= time_s <= recording.duration_s:
                 problem = f"is {time_s:g} s; the recording lasts from 0 to {recording.duration_s:g} s"
-                raise argument_error(ValueError, "overrule", f"[{name!r}] {problem}")
+                raise argument_error(GranularIdError, "overrule", f"[{name!r}] {problem}")
             stated[place] = int(np.abs(recording.times() - time_s).argmin())
     return stated
 

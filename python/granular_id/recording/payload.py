@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granular_id._checks import FloatArray, argument_error, as_floats, checked_text, finite_number
+from granular_id._core import GranularIdError
 from granular_id._files import check_source, json_value, write_json
 from granular_id._schema import check_form
 from granular_id._text import counted
@@ -95,7 +96,7 @@ class Payload:
                 continue
             values = as_floats(given, name, f"{n} finite numbers")
             if values.shape != (n,) or not np.isfinite(values).all():
-                raise argument_error(ValueError, name, f"={given!r:.80}; wanted {n} finite numbers")
+                raise argument_error(GranularIdError, name, f"={given!r:.80}; wanted {n} finite numbers")
             object.__setattr__(self, name, tuple(values.tolist()))
         for name in _STATED:
             if (words := getattr(self, name)) is not None:
@@ -165,10 +166,10 @@ class Payload:
         down = _directions([_gravity_of(rest) for rest in given] if gravity is None else gravity)
         if len(given) < _FEWEST:
             came = f"hold {counted(len(given), 'orientation')}, four are wanted: mass and bias cannot be told apart"
-            raise argument_error(ValueError, "rests", f"{came}; {_WAY_OUT}")
+            raise argument_error(GranularIdError, "rests", f"{came}; {_WAY_OUT}")
         if down.shape != (len(given), 3):
             problem = f"has shape {down.shape}; wanted a direction a rest, ({len(given)}, 3)"
-            raise argument_error(ValueError, "gravity", problem)
+            raise argument_error(GranularIdError, "gravity", problem)
         means = np.array([rest_zero(_rest(rest)) for rest in given])
         frame, sign = (_common(name, given) for name in _STATED)
         return cls(**_least_squares(means, down), n_rests=len(given), frame=frame, sign=sign)
@@ -191,7 +192,7 @@ class Payload:
         samples, load = wrench_array(wrench), self.wrench(gravity)
         if load.ndim > 1 and load.shape != samples.shape:
             problem = f"makes loads of shape {load.shape} for a wrench of {samples.shape}; wanted (3,), or one a sample"
-            raise argument_error(ValueError, "gravity", problem)
+            raise argument_error(GranularIdError, "gravity", problem)
         result: FloatArray = samples - load
         return result
 
@@ -218,7 +219,7 @@ class Payload:
             check_form(document, _FORM, what="the file")
             return cls(**{one.name: document[one.name] for one in fields(cls) if one.name in document})
         except (ValueError, TypeError, RecursionError) as error:
-            raise ValueError(f"{os.fspath(path)}: no payload: {error}") from error
+            raise GranularIdError(f"{os.fspath(path)}: no payload: {error}") from error
 
     def __str__(self) -> str:
         centre = ", ".join(f"{1000 * c:.1f}" for c in self.centre_of_mass_m)
@@ -235,11 +236,11 @@ class Payload:
 def _rest(rest: Recording | ArrayLike) -> FloatArray:
     if isinstance(rest, Recording) and (gone := _taken_off(rest)):
         problem = f"hold {rest.name!r}, which is {gone}, and the weight with it; take rests as the sensor reads them"
-        raise argument_error(ValueError, "rests", problem)
+        raise argument_error(GranularIdError, "rests", problem)
     samples = wrench_samples(rest) if isinstance(rest, Recording) else np.atleast_2d(wrench_array(rest))
     if samples.ndim != 2 or not len(samples) or not np.isfinite(samples).all():
         problem = f"hold one of shape {samples.shape}; wanted finite samples of shape (n, 6)"
-        raise argument_error(ValueError, "rests", problem)
+        raise argument_error(GranularIdError, "rests", problem)
     return samples
 
 
@@ -247,7 +248,7 @@ def _common(name: str, rests: Iterable[Recording | ArrayLike]) -> str | None:
     found = {words for rest in rests if isinstance(rest, Recording) and (words := _words(rest, name))}
     if len(found) > 1:
         problem = f"are of several {name}s: {', '.join(map(repr, sorted(found)))}"
-        raise argument_error(ValueError, "rests", problem)
+        raise argument_error(GranularIdError, "rests", problem)
     return next(iter(found), None)
 
 
@@ -274,7 +275,7 @@ def _least_squares(means: FloatArray, down: FloatArray) -> dict[str, Any]:
     if not condition <= _MOST_CONDITION:
         angle = np.degrees(np.arccos(np.clip((down @ down.T).min(), -1.0, 1.0)))
         raise argument_error(
-            ValueError,
+            GranularIdError,
             "rests",
             f"are too alike in their orientation (gravity turns by {angle:.2g} degrees at most, condition number "
             f"{condition:.2g}): mass and bias cannot be told apart; {_WAY_OUT}",
@@ -286,7 +287,7 @@ def _least_squares(means: FloatArray, down: FloatArray) -> dict[str, Any]:
     (weight, *force_zero), (*moment, bx, by, bz) = solved
     residual = np.sqrt(np.square(np.hstack(left)).mean(axis=0)).tolist()
     if not weight > _rms(residual[:3]):
-        raise ValueError(
+        raise GranularIdError(
             f"rests give a mass of {weight / STANDARD_GRAVITY_M_S2:.3g} kg, whose weight is not above the residual of "
             f"the forces, {_rms(residual[:3]):.2g} N: if it is negative, pass gravity with the other sign (the wrench "
             f"is that of the robot on the tool), else take longer rests, or {_WAY_OUT}"
@@ -311,11 +312,11 @@ def _directions(gravity: ArrayLike) -> FloatArray:
     """Return vectors (..., 3) at length 1."""
     array = as_floats(gravity, "gravity", "an array of shape (..., 3): directions in the frame of the wrench")
     if array.ndim == 0 or array.shape[-1] != 3:
-        raise argument_error(ValueError, "gravity", f"has shape {array.shape}; wanted (..., 3)")
+        raise argument_error(GranularIdError, "gravity", f"has shape {array.shape}; wanted (..., 3)")
     length = np.sqrt((array * array).sum(axis=-1, keepdims=True))
     if not ((length > 0) & np.isfinite(length)).all():
         problem = "holds a direction without length, or one that is not finite"
-        raise argument_error(ValueError, "gravity", problem)
+        raise argument_error(GranularIdError, "gravity", problem)
     result: FloatArray = array / length
     return result
 
@@ -328,10 +329,12 @@ def gravity_in(entry: Mapping[str, Any]) -> Any:
 
 def _gravity_of(rest: Recording | ArrayLike) -> Any:
     if not isinstance(rest, Recording):
-        raise argument_error(ValueError, "gravity", "must be given where samples are no Recording, got none")
+        raise argument_error(
+            GranularIdError, "gravity", "must be given where samples are no Recording, got none"
+        )
     if (down := gravity_in(rest.meta)) is None:
         problem = f"must be given, as the metadata of {rest.name!r} have no gravity and no gx, gy, gz"
-        raise argument_error(ValueError, "gravity", problem)
+        raise argument_error(GranularIdError, "gravity", problem)
     return down
 
 
@@ -348,15 +351,15 @@ def compensate_recordings(
         each = [gravity] * len(recordings) if one else list(gravity)  # type: ignore[arg-type]
     if len(each) != len(recordings):
         problem = f"has {len(each)} entries for {counted(len(recordings))}; wanted one direction, or one a recording"
-        raise argument_error(ValueError, "gravity", problem)
+        raise argument_error(GranularIdError, "gravity", problem)
     results = []
     for recording, down in zip(recordings, each, strict=True):
         if gone := _taken_off(recording):
-            raise ValueError(f"recording {recording.name!r} is {gone}: compensate once, before the tare")
+            raise GranularIdError(f"recording {recording.name!r} is {gone}: compensate once, before the tare")
         for name in _STATED:
             now, known = _words(recording, name), getattr(payload, name)
             if None not in (now, known) and now != known:
-                raise ValueError(
+                raise GranularIdError(
                     f"recording {recording.name!r} is of the {name} {now!r}, the payload of {known!r}; compensate "
                     f"recordings before they are turned or flipped, or fit the payload to rests of this {name}"
                 )

@@ -22,7 +22,7 @@ from granular_id._checks import (
     locked,
     thaw,
 )
-from granular_id._core import AXES, SAMPLE_FLAGS, UNITS
+from granular_id._core import AXES, SAMPLE_FLAGS, UNITS, GranularIdError
 from granular_id._memory import stacked
 from granular_id._text import counted, fixed, verb
 from granular_id.recording.columns import by_name, column_names
@@ -127,12 +127,12 @@ class Recording:
         n_samples = len(wrench)
         if (self.rate_hz is None) == (self.time_s is None):
             came = "neither" if self.rate_hz is None else "both"
-            raise ValueError(f"give exactly one of rate_hz (uniform) and time_s (irregular), got {came}")
+            raise GranularIdError(f"give exactly one of rate_hz (uniform) and time_s (irregular), got {came}")
         if self.rate_hz is not None:
             checked["rate_hz"] = rate = finite_number("rate_hz", self.rate_hz, positive=True)
             if not np.isfinite(n_samples / rate):
                 problem = f"={self.rate_hz} makes {n_samples} samples last for ever"
-                raise argument_error(ValueError, "rate_hz", problem)
+                raise argument_error(GranularIdError, "rate_hz", problem)
         if self.time_s is not None:
             checked["time_s"] = _checked_time(self.time_s, n_samples)
         for name in ("label", "session"):
@@ -144,7 +144,7 @@ class Recording:
         if self.trigger_index is not None:
             index = checked_index(self.trigger_index, "trigger_index")
             if not 0 <= index < n_samples:
-                raise ValueError(f"trigger_index={fixed(index)} is outside the {n_samples} samples")
+                raise GranularIdError(f"trigger_index={fixed(index)} is outside the {n_samples} samples")
             checked["trigger_index"] = index
         checked["meta"] = frozen_mapping("meta", _with_named_units(self.meta, axes))
         if self.flags is not None:
@@ -223,11 +223,11 @@ def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str
         value, names = by_name(value, columns, "wrench", wanted)
     array = as_floats(value, "wrench", _WRENCH)
     if array.ndim != 2 or not array.size:
-        raise ValueError(f"wrench has shape {array.shape}; wanted {_WRENCH}")
+        raise GranularIdError(f"wrench has shape {array.shape}; wanted {_WRENCH}")
     axes = checked_axes(names, array.shape)
     if not np.isfinite(array).all():
         row, column = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise ValueError(
+        raise GranularIdError(
             f"wrench[{row}, {column}] ({axes[column]}) is {array[row, column]}; samples must be finite"
         )
     return locked(array), axes
@@ -244,18 +244,18 @@ def _with_named_units(meta: Mapping[str, Any], axes: tuple[str, ...]) -> Mapping
 def _checked_time(value: object, n_samples: int) -> FloatArray:
     array = as_floats(value, "time_s", _TIME)
     if array.shape != (n_samples,):
-        raise ValueError(
+        raise GranularIdError(
             f"time_s has shape {array.shape}, but wrench has {n_samples} samples; wanted {_TIME}"
         )
     if not np.isfinite(array).all():
         first = int(np.flatnonzero(~np.isfinite(array))[0])
-        raise ValueError(f"time_s[{first}] is {array[first]}; stamps must be finite")
+        raise GranularIdError(f"time_s[{first}] is {array[first]}; stamps must be finite")
     if array[0] != 0:
-        raise ValueError(f"time_s[0] is {array[0]:g}; wanted {_TIME}")
+        raise GranularIdError(f"time_s[0] is {array[0]:g}; wanted {_TIME}")
     wrong = np.flatnonzero(array[1:] <= array[:-1])
     if len(wrong):
         first = int(wrong[0])
-        raise ValueError(
+        raise GranularIdError(
             f"time_s[{first + 1}] = {float(array[first + 1])!r} does not come after time_s[{first}] = "
             f"{float(array[first])!r}"
         )
@@ -267,10 +267,10 @@ def _checked_flags(value: object, n_samples: int) -> NDArray[np.uint8] | None:
     if array.dtype.kind not in "iu":
         raise TypeError(f"flags has dtype {array.dtype}; wanted integers of shape ({n_samples},)")
     if array.shape != (n_samples,):
-        raise ValueError(f"flags has shape {array.shape}; wanted ({n_samples},)")
+        raise GranularIdError(f"flags has shape {array.shape}; wanted ({n_samples},)")
     unknown = np.flatnonzero(array.astype(np.int64) & ~KNOWN_FLAGS)
     if len(unknown):
-        raise ValueError(
+        raise GranularIdError(
             f"flags[{unknown[0]}] is {array[unknown[0]]}; wanted bits of SampleFlag (0 to {KNOWN_FLAGS})"
         )
     return locked(np.ascontiguousarray(array, dtype=np.uint8)) if array.any() else None
@@ -288,7 +288,7 @@ def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
     """Return one name per column of samples of this shape: those given, or fx fy fz tx ty tz for six."""
     if _unsaid(names):
         if shape[1] != len(AXES):
-            raise ValueError(
+            raise GranularIdError(
                 f"wrench has shape {shape}; six columns are {' '.join(AXES)}, for any other number give axes="
             )
         return AXES
@@ -296,9 +296,9 @@ def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
         raise TypeError(f"axes must be a sequence of names, got {type(names).__name__}")
     axes = tuple(checked_text(name, f"axes[{i}]", spaced=False) for i, name in enumerate(names))
     if len(axes) != shape[1]:
-        raise ValueError(f"axes has {len(axes)} names, but wrench has {shape[1]} columns")
+        raise GranularIdError(f"axes has {len(axes)} names, but wrench has {shape[1]} columns")
     if len(set(axes)) < len(axes):
-        raise ValueError(f"axes {axes!r} names an axis twice")
+        raise GranularIdError(f"axes {axes!r} names an axis twice")
     return axes
 
 
@@ -345,7 +345,7 @@ def common_axes(recordings: Sequence[Recording]) -> tuple[str, ...]:
     first = recordings[0]
     other = next((r for r in recordings if r.axes != first.axes), None)
     if other is not None:
-        raise ValueError(
+        raise GranularIdError(
             f"recordings differ in their axes: {first.name!r} has {' '.join(first.axes)}, {other.name!r} has "
             f"{' '.join(other.axes)}; call .select(axes=...) to keep those that all have"
         )
@@ -367,10 +367,10 @@ def common_rate(recordings: Sequence[Recording]) -> float:
     """Return the rate that all recordings share, Hz, or raise ValueError naming the method that makes one."""
     irregular = irregular_among(recordings)
     if irregular:
-        raise ValueError(f"{irregular}; call .resample(rate_hz) first, nothing is resampled silently")
+        raise GranularIdError(f"{irregular}; call .resample(rate_hz) first, nothing is resampled silently")
     rates = sorted({r.rate_hz for r in recordings if r.rate_hz is not None})
     if len(rates) > 1:
-        raise ValueError(
+        raise GranularIdError(
             f"recordings differ in rate ({rates[0]:g} to {rates[-1]:g} Hz); call .resample(rate_hz) first, "
             "nothing is resampled silently"
         )
@@ -383,7 +383,7 @@ def stack(recordings: Sequence[Recording]) -> FloatArray:
     common_axes(recordings)
     lengths = [r.n_samples for r in recordings]
     if len(set(lengths)) > 1:
-        raise ValueError(
+        raise GranularIdError(
             f"recordings differ in length ({min(lengths)} to {max(lengths)} samples); call "
             ".align(n_samples=...) or .align(duration_s=...) first, nothing is cropped silently"
         )

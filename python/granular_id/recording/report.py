@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from granular_id._checks import checked_text, freeze, frozen_mapping, items_of, thaw
+from granular_id._core import GranularIdError
 from granular_id._files import JSON, refuse_other_kind, whole_file, write_json
 from granular_id._text import counted, in_columns, verb
 
@@ -93,7 +94,7 @@ class StepReport(Report):
         unknown = set(values) - set(cls.__dataclass_fields__)
         if unknown or "step" not in values:
             wanted = ", ".join(cls.__dataclass_fields__)
-            raise ValueError(f"a step has the keys {', '.join(map(str, values))}; wanted {wanted}")
+            raise GranularIdError(f"a step has the keys {', '.join(map(str, values))}; wanted {wanted}")
         return cls(**values)
 
     def __str__(self) -> str:

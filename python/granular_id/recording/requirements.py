@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._core import GranularIdError
 from granular_id._text import counted, verb
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.setup import (
@@ -53,14 +54,14 @@ class Requirements:
             if recording.axes != self.axes:
                 can = set(recording.axes) >= set(self.axes)
                 help_ = f": call .select(axes={list(self.axes)})" if can else ""
-                raise ValueError(
+                raise GranularIdError(
                     f"recording {recording.name!r} has the axes {' '.join(recording.axes)}; the model was trained on "
                     f"{' '.join(self.axes)}{help_}"
                 )
             if recording.rate_hz != self.rate_hz:
                 own = recording.rate_hz
                 came = "is sampled irregularly" if own is None else f"has {own:g} Hz"
-                raise ValueError(
+                raise GranularIdError(
                     f"recording {recording.name!r} {came}, the model was trained at {self.rate_hz:g} Hz; nothing is "
                     f"resampled unasked: call .resample({self.rate_hz:g})"
                 )
@@ -94,7 +95,7 @@ class Requirements:
         short = [recording for recording in data if recording.n_samples < n]
         if short and on_short == "raise":
             skip = f": call .align({n}, on_short='skip') to leave such recordings out"
-            raise ValueError(
+            raise GranularIdError(
                 f"recording {short[0].name!r} has {short[0].n_samples} samples "
                 f"({short[0].n_samples / rate_hz:g} s), the model takes {n} ({n / rate_hz:g} s); {len(short)} of "
                 f"{counted(len(data))} {verb(len(short), 'is', 'are')} shorter{skip if len(short) < len(data) else ''}"
@@ -153,7 +154,7 @@ class Requirements:
                 if over_all
                 else " or pass begin_at='first'"
             )
-            raise ValueError(
+            raise GranularIdError(
                 f"recording {name!r} has {length} samples, the model takes {self.n_samples}, and does not know how "
                 f"much rest comes before the motion: state lead_s{ways}"
             )

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from granular_id._checks import FloatArray, argument_error, checked_choice, finite_number
+from granular_id._core import GranularIdError
 from granular_id._text import counted, fixed
 from granular_id.recording.recording import Recording, SampleFlag
 from granular_id.recording.report import StepReport, subject
@@ -42,7 +43,7 @@ def resample_recordings(
     limit = np.inf if max_gap_s is None else finite_number("max_gap_s", max_gap_s)
     if limit <= 0:
         problem = f"must be positive (or None for no limit), got {limit:g}"
-        raise argument_error(ValueError, "max_gap_s", problem)
+        raise argument_error(GranularIdError, "max_gap_s", problem)
     results: list[Recording] = []
     skipped: list[dict[str, Any]] = []
     changed: list[dict[str, Any]] = []
@@ -51,7 +52,7 @@ def resample_recordings(
         gap = step_s(recording, np.max)
         if recording.rate_hz is None and gap > limit:
             if on_gap == "raise":
-                raise ValueError(_gap_message(recording, recordings, limit))
+                raise GranularIdError(_gap_message(recording, recordings, limit))
             skipped.append({"name": recording.name, "skipped": f"gap of {gap:.3g} s"})
         elif recording.rate_hz == rate:
             results.append(recording)
@@ -72,7 +73,7 @@ def resample_recordings(
                 }
             )
     if not results:
-        raise ValueError(f"each of {counted(len(recordings))} has gaps beyond max_gap_s={limit:g} s")
+        raise GranularIdError(f"each of {counted(len(recordings))} has gaps beyond max_gap_s={limit:g} s")
     changed.sort(key=lambda row: -row["largest_gap_s"])
     totals = {
         "recordings_resampled": len(changed),
@@ -120,7 +121,7 @@ def _resample_one(recording: Recording, rate: float, lower: bool) -> tuple[Recor
             f"={rate:g} gives recording {recording.name!r} ({recording.duration_s:g} s) "
             f"{n_samples:.3g} samples; at most {MAX_SAMPLES} are made"
         )
-        raise argument_error(ValueError, "rate_hz", problem)
+        raise argument_error(GranularIdError, "rate_hz", problem)
     times = recording.times()
     grid = np.arange(int(n_samples)) / rate
     between = _low_passed if lower else _on_lines

@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
 from granular_id._checks import argument_error, thaw
+from granular_id._core import GranularIdError
 from granular_id.recording.checks import Finding
 from granular_id.recording.columns import same_unit
 from granular_id.recording.dataset import Dataset
@@ -266,7 +267,7 @@ def common_units(data: Dataset) -> list[str]:
     for recording in data:
         for other in unit_differences(units, recording.meta):
             axis = other.now.partition(":")[0]
-            raise ValueError(
+            raise GranularIdError(
                 f"recordings differ in the units of their axes: {first[axis]!r} has {other.trained[0]}, "
                 f"{recording.name!r} has {other.now}; convert the samples to the same before"
             )
@@ -282,11 +283,11 @@ def refuse_or_list(
     accepted = (accept,) if isinstance(accept, str) else tuple(accept)
     other = next((name for name in accepted if name not in ACCEPTABLE), None)
     if other is not None:
-        raise argument_error(ValueError, "accept", f"must be of {', '.join(ACCEPTABLE)}, got {other!r}")
+        raise argument_error(GranularIdError, "accept", f"must be of {', '.join(ACCEPTABLE)}, got {other!r}")
     found = list(found)
     for difference in found:
         if difference.consequence == "refuse" and difference.name not in accepted:
-            raise ValueError(
+            raise GranularIdError(
                 f"{where}{setup_mismatch(str(difference))}; nothing is turned or converted unasked: bring recordings "
                 f"into the {difference.name} of the training, train on such of this set-up, or where only the name is "
                 f"another, pass accept=({difference.name!r},)"

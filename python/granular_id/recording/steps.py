@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import argument_error, checked_choice, checked_index, finite_number, thaw
+from granular_id._core import GranularIdError
 from granular_id._memory import stacked
 from granular_id._text import counted, fixed
 from granular_id.recording.clock import round_rate, samples_in, uniform_rate
@@ -38,7 +39,7 @@ def select_recordings(
             continue
         present: set[str | None] = {getattr(r, name) for r in recordings}
         if not values <= present:
-            raise ValueError(
+            raise GranularIdError(
                 f"{name}s: no recording has {_some(values - present)}; there are {_some(present)}"
             )
         kept = [i for i in kept if getattr(recordings[i], name) in values]
@@ -48,13 +49,13 @@ def select_recordings(
         parameters["where"] = "given"
         kept = [i for i in kept if where(recordings[i])]
     if not kept:
-        raise ValueError(
+        raise GranularIdError(
             "select() leaves no recording: no index is given, or the conditions exclude each other"
         )
     chosen = [recordings[i] for i in kept]
     if axes is not None:
         if isinstance(axes, (str, Set)) or not len(columns := _texts(axes, "axes")):
-            raise ValueError(f"axes={axes!r}; wanted a sequence of names like ['fx', 'fz']")
+            raise GranularIdError(f"axes={axes!r}; wanted a sequence of names like ['fx', 'fz']")
         parameters["axes"] = columns
         chosen = [_with_axes(recording, columns) for recording in chosen]
     totals = {"recordings_before": len(recordings), "recordings_after": len(kept)}
@@ -82,7 +83,7 @@ def _with_axes(recording: Recording, axes: Sequence[str]) -> Recording:
     missing = [axis for axis in axes if axis not in recording.axes]
     if missing:
         have = " ".join(recording.axes)
-        raise ValueError(f"axes: recording {recording.name!r} has no axis {missing[0]!r}; it has {have}")
+        raise GranularIdError(f"axes: recording {recording.name!r} has no axis {missing[0]!r}; it has {have}")
     columns = [recording.axes.index(axis) for axis in axes]
     return replace(recording, wrench=recording.wrench[:, columns], axes=tuple(axes))
 
@@ -96,7 +97,7 @@ def _places(indices: ArrayLike, n: int) -> list[int]:
             f"indices has dtype {array.dtype} and shape {array.shape}; wanted a list of int, or a mask"
         )
     if array.dtype.kind == "b" and len(array) != n:
-        raise ValueError(f"indices is a mask of {len(array)} for {n} recordings")
+        raise GranularIdError(f"indices is a mask of {len(array)} for {n} recordings")
     try:
         return [int(i) for i in np.arange(n)[array]]
     except IndexError as error:
@@ -123,7 +124,7 @@ def align_recordings(
         ]
         recordings = [r for r in recordings if r.trigger_index is not None]
         if not recordings:
-            raise ValueError(
+            raise GranularIdError(
                 f"none of the {counted(len(skipped))} has a trigger_index; call .find_onsets(), or see in its "
                 "report why it found none"
             )
@@ -137,7 +138,7 @@ def align_recordings(
         if start < 0 or end < 0:
             missing = _missing(recording, start, n)
             if on_short == "raise":
-                raise ValueError(
+                raise GranularIdError(
                     f"recording {recording.name!r} {missing}; {_way_out(recordings, starts, n, rate_hz)}"
                 )
             skipped.append({**row, "skipped": missing})
@@ -149,7 +150,7 @@ def align_recordings(
         wanted = f"{n} samples from its start or trigger on"
         if all(start < 0 for start in starts):
             wanted = f"the lead before its trigger (lead_s={lead_s:g})"
-        raise ValueError(
+        raise GranularIdError(
             f"none of the {counted(len(recordings))} has {wanted}; the longest has "
             f"{counted(max(r.n_samples for r in recordings), 'sample')} in all"
         )
@@ -180,16 +181,16 @@ def _starts(
     if trigger is None:
         if lead:
             problem = f"={lead_s:g} is time kept before the trigger: give trigger= too"
-            raise argument_error(ValueError, "lead_s", problem)
+            raise argument_error(GranularIdError, "lead_s", problem)
         return [0] * len(recordings)
     if isinstance(trigger, str):
         if trigger != "recorded":
             problem = f"={trigger!r}; wanted None, 'recorded' or one sample index per recording"
-            raise argument_error(ValueError, "trigger", problem)
+            raise argument_error(GranularIdError, "trigger", problem)
         without = [r.name for r in recordings if r.trigger_index is None]
         if without:
             names = first_names([*map(repr, without)])
-            raise ValueError(
+            raise GranularIdError(
                 f"{subject(len(without))} no trigger_index: {names}; call .find_onsets(), state it with "
                 ".find_onsets(overrule={name: seconds}), or pass on_short='skip' to leave such recordings out"
             )
@@ -197,11 +198,11 @@ def _starts(
     indices = [checked_index(i, "trigger") for i in np.asarray(trigger).ravel()]
     if len(indices) != len(recordings):
         problem = f"has {len(indices)} indices for {len(recordings)} recordings"
-        raise argument_error(ValueError, "trigger", problem)
+        raise argument_error(GranularIdError, "trigger", problem)
     for recording, index in zip(recordings, indices, strict=True):
         if not 0 <= index < recording.n_samples:
             problem = f"{index} is outside recording {recording.name!r} ({recording.n_samples} samples)"
-            raise argument_error(ValueError, "trigger", problem)
+            raise argument_error(GranularIdError, "trigger", problem)
     return [i - lead for i in indices]
 
 
@@ -214,13 +215,13 @@ def _length(
 ) -> int:
     """Return how many samples to keep."""
     if (n_samples is None) == (duration_s is None):
-        raise ValueError("give exactly one of n_samples (a number, or 'shortest') and duration_s")
+        raise GranularIdError("give exactly one of n_samples (a number, or 'shortest') and duration_s")
     if duration_s is not None:
         return samples_in("duration_s", duration_s, rate)
     if isinstance(n_samples, str):
         if n_samples != "shortest":
             problem = f"={n_samples!r}; wanted a number or 'shortest'"
-            raise argument_error(ValueError, "n_samples", problem)
+            raise argument_error(GranularIdError, "n_samples", problem)
         # those without the lead are refused or left out, and do not shorten the others
         room = [r.n_samples - start for r, start in zip(recordings, starts, strict=True) if start >= 0]
         n = min(room, default=1)
@@ -229,7 +230,7 @@ def _length(
     if n < 1:
         asked = repr(n_samples) if isinstance(n_samples, str) else fixed(n)
         problem = f"={asked} gives {fixed(n)} samples; at least one is wanted"
-        raise argument_error(ValueError, "n_samples", problem)
+        raise argument_error(GranularIdError, "n_samples", problem)
     return n
 
 
@@ -355,16 +356,16 @@ def cut_windows(
         short = f"is shorter than a window: {fixed(recording.n_samples)} samples, {fixed(n)} wanted"
         if on_short == "raise":
             n_short = sum(one.n_samples < n for one in recordings)
-            raise ValueError(
+            raise GranularIdError(
                 f"recording {recording.name!r} {short}; {n_short} of {len(recordings)} recordings are too short: "
                 "ask for shorter windows, or pass on_short='skip' to leave such recordings out"
             )
         skipped.append({"name": recording.name, "samples_before": recording.n_samples, "skipped": short})
     if not windows and rows:
-        raise ValueError("no window has a measured sample: all are filled gaps")
+        raise GranularIdError("no window has a measured sample: all are filled gaps")
     if not windows:
         longest = max(recording.n_samples for recording in recordings)
-        raise ValueError(
+        raise GranularIdError(
             f"none of the {counted(len(recordings))} is as long as a window of {fixed(n)} samples; the longest has "
             f"{counted(longest, 'sample')}"
         )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error
-from granular_id._core import AXES
+from granular_id._core import AXES, GranularIdError
 from granular_id.recording.columns import (
     LABEL,
     RATE,
@@ -146,7 +146,7 @@ def units_by_axis(axes: Sequence[str], units: Sequence[str] | None) -> dict[str,
     if rest or not run:
         problem = f"has {len(units)} for {len(axes)} axes ({', '.join(axes)})"
         wanted = "wanted one for all, one per axis, or one for each of several runs of equal length"
-        raise argument_error(ValueError, "units", f"{problem}; {wanted}")
+        raise argument_error(GranularIdError, "units", f"{problem}; {wanted}")
     return {axis: unit for i, axis in enumerate(axes) if (unit := units[i // run])}
 
 

@@ -18,7 +18,7 @@ from granular_id._checks import (
     float_array,
     thaw,
 )
-from granular_id._core import AXES
+from granular_id._core import AXES, GranularIdError
 from granular_id._text import counted
 from granular_id.recording.clock import samples_in
 from granular_id.recording.columns import same_unit
@@ -123,7 +123,7 @@ def _signs(flip: Sequence[str]) -> FloatArray:
     """Return -1 for each axis of a wrench that is flipped, else 1."""
     if isinstance(flip, str) or not isinstance(flip, Sequence) or not {*flip} <= {*AXES}:
         problem = f"={flip!r}; wanted a sequence of axes such as ('fx', 'tx'), of {' '.join(AXES)}"
-        raise argument_error(ValueError, "flip", problem)
+        raise argument_error(GranularIdError, "flip", problem)
     return np.array([-1.0 if axis in flip else 1.0 for axis in AXES])
 
 
@@ -136,12 +136,12 @@ def _rotation_matrix(rotation: RotationLike | None) -> FloatArray:
     array = as_floats(getattr(rotation, "as_matrix", lambda: rotation)(), "rotation", _ROTATION)
     if array.shape not in ((3, 3), (4,)) or not np.isfinite(array).all():
         problem = f"has shape {array.shape}, or NaN or infinity in it; wanted {_ROTATION}"
-        raise argument_error(ValueError, "rotation", problem)
+        raise argument_error(GranularIdError, "rotation", problem)
     if array.shape == (4,):
         length = float(np.linalg.norm(array))
         if abs(length - 1.0) > _UNIT:
             problem = f"is a quaternion of length {length:.4g}; wanted 1 (x, y, z, w)"
-            raise argument_error(ValueError, "rotation", problem)
+            raise argument_error(GranularIdError, "rotation", problem)
         return np.asarray(Rotation.from_quat(array).as_matrix())
     proper = np.linalg.det(array) > 0  # scipy refuses others in words of its own
     if not proper or np.abs(Rotation.from_matrix(array).as_matrix() - array).max() > _ORTHONORMAL:
@@ -149,14 +149,16 @@ def _rotation_matrix(rotation: RotationLike | None) -> FloatArray:
             "is no rotation: it scales, shears or mirrors, or has too few digits; give a scipy Rotation or a "
             "quaternion, and axes whose sign is wrong as flip=('fx', 'tx')"
         )
-        raise argument_error(ValueError, "rotation", problem)
+        raise argument_error(GranularIdError, "rotation", problem)
     return array
 
 
 def _checked_translation(translation: ArrayLike) -> FloatArray:
     array = float_array("translation", translation)
     if array.shape != (3,) or not np.isfinite(array).all():
-        raise argument_error(ValueError, "translation", f"={translation!r:.60}; wanted three finite numbers")
+        raise argument_error(
+            GranularIdError, "translation", f"={translation!r:.60}; wanted three finite numbers"
+        )
     return array
 
 
@@ -164,7 +166,7 @@ def wrench_array(wrench: ArrayLike) -> FloatArray:
     """Return samples of six axes as float64."""
     array = as_floats(wrench, "wrench", _WRENCH)
     if array.ndim == 0 or array.shape[-1] != len(KNOWN_UNITS):
-        raise argument_error(ValueError, "wrench", f"has shape {array.shape}; wanted {_WRENCH}")
+        raise argument_error(GranularIdError, "wrench", f"has shape {array.shape}; wanted {_WRENCH}")
     return array
 
 
@@ -177,14 +179,14 @@ def wrench_samples(recording: Recording) -> FloatArray:
             if set(wanted) <= set(recording.axes)
             else "where six of them are these, give them these names: dataclasses.replace(recording, axes=...)"
         )
-        raise ValueError(
+        raise GranularIdError(
             f"recording {recording.name!r} has the axes {' '.join(recording.axes)}; wanted {' '.join(wanted)} "
             f"in this order: {way_out}"
         )
     for axis, unit in KNOWN_UNITS.items():
         now = unit_of(axis, recording.meta)
         if not same_unit(now, unit):
-            raise ValueError(
+            raise GranularIdError(
                 f"recording {recording.name!r} has {axis} in {now}; wanted {unit}: convert the samples"
             )
     return recording.wrench
@@ -210,12 +212,12 @@ def transform_recordings(
     reverses = bool((signs < 0).all())
     if turns and frame is None:
         problem = "is None, and a wrench that is turned or moved is in another frame; wanted its name"
-        raise argument_error(ValueError, "frame", problem)
+        raise argument_error(GranularIdError, "frame", problem)
     if reverses != (sign is not None):
         problem = (
             "are the words for whose force on whom it is once all six axes are flipped: give both or none"
         )
-        raise argument_error(ValueError, "sign", problem)
+        raise argument_error(GranularIdError, "sign", problem)
     given = {"frame": frame, "sign": sign}
     meta = {
         name: checked_text(words, name, spaced=False) for name, words in given.items() if words is not None
@@ -246,10 +248,10 @@ def _refuse_unclear(recordings: Sequence[Recording], name: str, new: str) -> Non
     now = Counter(value for recording in recordings if (value := stated(recording, name)))
     if len(now) > 1:
         told = ", ".join(f"{value!r} ({n})" for value, n in now.most_common())
-        raise ValueError(f"recordings are of several {name}s: {told}; give those of each {name} apart")
+        raise GranularIdError(f"recordings are of several {name}s: {told}; give those of each {name} apart")
     if new in now:
         raise argument_error(
-            ValueError,
+            GranularIdError,
             name,
             f"is {new!r} already, as the metadata of {counted(now[new])} state; wanted the name of what it is "
             "afterwards, which is another",
@@ -279,10 +281,10 @@ def tare_recordings(
     """Subtract the mean of the rest before the motion; see :meth:`Dataset.tare`, which calls this."""
     irregular = irregular_among(recordings)
     if irregular:
-        raise ValueError(f"{irregular}; call .resample(rate_hz) first, nothing is resampled silently")
+        raise GranularIdError(f"{irregular}; call .resample(rate_hz) first, nothing is resampled silently")
     without = [r.name for r in recordings if r.trigger_index is None]
     if without:
-        raise ValueError(
+        raise GranularIdError(
             f"{subject(len(without))} no trigger_index: {first_names([*map(repr, without)])}; where the rest ends "
             "is not known: call .find_onsets(), or leave them out"
         )
@@ -293,7 +295,7 @@ def tare_recordings(
     wanted = [samples_in("lead_s", least_s, rate) for rate in rates]
     short = [i for i, (n, least) in enumerate(zip(leads, wanted, strict=True)) if n < least]
     if short:
-        raise ValueError(_too_short(recordings, rests, short, least_s))
+        raise GranularIdError(_too_short(recordings, rests, short, least_s))
     results, rows = [], []
     for recording, n, rest in zip(recordings, leads, rests, strict=True):
         zero = rest_zero(recording.wrench[rest - n : rest])

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._core import GranularIdError
 from granular_id.spaces.scaling import block_factors, block_slices, column_moments
 
 FloatArray = npt.NDArray[np.float64]
@@ -87,7 +88,7 @@ def adapted_to_all(
     """
     least = LEAST_ROWS * len(learners.coding)
     if len(X) < least:
-        raise ValueError(
+        raise GranularIdError(
             f"all_materials=True needs {LEAST_ROWS} recordings a material in the mean, {least} for "
             f"{len(learners.coding)} materials, got {len(X)}: record more, or give labels"
         )
@@ -103,7 +104,7 @@ def standardised(
     Returns the statistics as the new learners see them, too.
     """
     if source.mean is None:
-        raise ValueError(
+        raise GranularIdError(
             "all_materials=True starts from the columns of the training, and this model has been adapted since: "
             "adapt the model that it was made from"
         )

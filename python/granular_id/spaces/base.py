@@ -15,7 +15,7 @@ from sklearn.utils import Tags
 from sklearn.utils.validation import _check_feature_names_in, check_is_fitted, validate_data
 
 from granular_id._checks import all_finite, argument_error, positive_number
-from granular_id._core import AXES
+from granular_id._core import AXES, GranularIdError
 from granular_id._estimators import real_steps
 from granular_id._memory import empty, is_large
 from granular_id.features import FeatureSpec, extract_features, feature_names
@@ -172,7 +172,7 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         if reset:
             self._learn_rate(known.rate_hz)
         if len(X.shape) > 3:
-            raise ValueError(f"X must have shape (n, T, C) or (n, T), got {len(X.shape)} dimensions")
+            raise GranularIdError(f"X must have shape (n, T, C) or (n, T), got {len(X.shape)} dimensions")
         if not reset and (len(X.shape) == 3 or self.n_axes_in_ > 1):
             self._refuse_other_shape(X.shape)
         values = validate_data(self, X, reset=reset, dtype=np.float64, allow_nd=True, ensure_all_finite=False)
@@ -189,13 +189,13 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
                 )
             values = values[:, :, np.newaxis]
         if 0 in values.shape:
-            raise ValueError(
+            raise GranularIdError(
                 f"X must have at least one sample and at least one axis, got shape {values.shape}"
             )
         if not all_finite(values):
             recording, sample, axis = np.argwhere(~np.isfinite(values))[0].tolist()
             value = f"{values[recording, sample, axis]}".replace("nan", "NaN")
-            raise ValueError(
+            raise GranularIdError(
                 f"X must be finite, got {value} at recording {recording}, sample {sample}, axis {axis}"
             )
         if reset:
@@ -213,13 +213,13 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
         self.rate_hz_ = positive_number("rate_hz", stated, "a number of hertz or None")
         if rate_hz is not None and not np.isclose(self.rate_hz_, rate_hz, rtol=1e-6):
             problem = f"={stated:g}, but the recordings have {rate_hz:g} Hz: leave it out, or resample them"
-            raise argument_error(ValueError, "rate_hz", problem)
+            raise argument_error(GranularIdError, "rate_hz", problem)
 
     def _refuse_other(self, now: Known) -> None:
         """Refuse recordings of other axes, units or another rate than `fit` saw, as far as both are known."""
         if self.axes_in_ is not None and now.axes is not None:
             if now.axes != self.axes_in_:
-                raise ValueError(
+                raise GranularIdError(
                     f"X has the axes {' '.join(now.axes)}, in fit they were {' '.join(self.axes_in_)}: "
                     "call .select(axes=...)"
                 )
@@ -227,18 +227,18 @@ class RecordingTransformer(TransformerMixin, BaseEstimator):  # type: ignore[mis
                 dict(zip(self.axes_in_, self.units_in_, strict=True)),
                 {"units": dict(zip(now.axes, now.units, strict=True))},
             ):
-                raise ValueError(
+                raise GranularIdError(
                     f"X has the unit {unit.now}, in fit it was {unit.trained[0]}: convert the samples"
                 )
         own, other = self.rate_hz_, now.rate_hz
         if own is not None and other is not None and not np.isclose(own, other, rtol=1e-6):
-            raise ValueError(f"X has {other:g} Hz, in fit it was {own:g}: call .resample({own:g}) first")
+            raise GranularIdError(f"X has {other:g} Hz, in fit it was {own:g}: call .resample({own:g}) first")
 
     def _refuse_other_shape(self, shape: tuple[int, ...]) -> None:
         fitted = (self.n_features_in_, self.n_axes_in_)
         if len(shape) != 3 or shape[1:] != fitted:
             one = ", of one recording: pass X[np.newaxis]" if shape == fitted else ""
-            raise ValueError(
+            raise GranularIdError(
                 f"X must have shape (n, {fitted[0]}, {fitted[1]}) as in fit, with any n, got {shape}{one}"
             )
 
@@ -313,7 +313,9 @@ def _taken(X: Any, axes: tuple[str, ...] | None) -> tuple[Any, Known]:
     names = column_names(X, "X")
     if names is not None:
         if {name.strip().lower() for name in names} >= set(AXES):
-            raise ValueError(f"X must be a batch, got one table with the columns {' '.join(names)}: pass [X]")
+            raise GranularIdError(
+                f"X must be a batch, got one table with the columns {' '.join(names)}: pass [X]"
+            )
         return X, Known()
     samples, named = samples_of(X, "X", axes)
     if not hasattr(samples, "shape"):

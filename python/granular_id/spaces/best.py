@@ -16,6 +16,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import named, positive_number
+from granular_id._core import GranularIdError
 from granular_id._parallel import single_threaded_blas
 from granular_id._text import Table, percent
 from granular_id.ecoc import (
@@ -396,11 +397,13 @@ def plan_candidates(
     extra = _checked("optional_blocks", optional, "names of blocks", empty=True)
     unknown = [name for name in extra if name not in blocks]
     if unknown:
-        raise ValueError(
+        raise GranularIdError(
             f"optional_blocks must name blocks ({', '.join(map(repr, blocks))}), got {unknown[0]!r}"
         )
     if len(extra) == len(blocks):
-        raise ValueError(f"optional_blocks must leave a block that always stays, got all of them: {extra!r}")
+        raise GranularIdError(
+            f"optional_blocks must leave a block that always stays, got all of them: {extra!r}"
+        )
     amounts = [
         None if value is None else positive_number("shrinkages", value, "None or a number")
         for value in _checked("shrinkages", shrinkages, "numbers or None")
@@ -423,9 +426,9 @@ def _checked(argument: str, values: Any, what: str, *, empty: bool = False) -> l
         raise TypeError(f"{argument} must be a sequence of {what}, got {values!r}")
     every = list(values)
     if not every and not empty:
-        raise ValueError(f"{argument} must hold at least one of {what}, got none")
+        raise GranularIdError(f"{argument} must hold at least one of {what}, got none")
     if len(set(every)) < len(every):
-        raise ValueError(f"{argument} must hold each once, got {every!r}")
+        raise GranularIdError(f"{argument} must hold each once, got {every!r}")
     return every
 
 

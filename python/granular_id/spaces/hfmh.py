@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from granular_id import _core
 from granular_id._checks import argument_error, float_array
+from granular_id._core import GranularIdError
 from granular_id.features import FeatureSpec
 from granular_id.signal import butter, sosfilt, sosfilt_zi
 from granular_id.spaces.base import (
@@ -63,7 +64,7 @@ class _Histogram(CoreTransformer):
         if isinstance(bounds, str):
             if bounds != "auto":
                 raise argument_error(
-                    ValueError,
+                    GranularIdError,
                     "bin_range",
                     f"must be (low, high), one such pair per axis, or 'auto', got {bounds!r}",
                 )
@@ -71,7 +72,9 @@ class _Histogram(CoreTransformer):
         self.spec_ = self._spec(bin_range=bounds)
         n_axes, ranges = recordings.shape[2], np.asarray(bounds, dtype=np.float64)
         if ranges.ndim == 2 and len(ranges) != n_axes:
-            raise argument_error(ValueError, "bin_range", f"has {len(ranges)} pairs, but X has {n_axes} axes")
+            raise argument_error(
+                GranularIdError, "bin_range", f"has {len(ranges)} pairs, but X has {n_axes} axes"
+            )
         self.bin_range_ = np.broadcast_to(ranges, (n_axes, 2)).copy()
 
     def _spec(self, **bin_range: Any) -> FeatureSpec:
@@ -290,7 +293,7 @@ def _checked_weights(block_weights: BlockWeights) -> FloatArray | None:
         numbers = float_array("block_weights", block_weights)
     if numbers.shape != (2,) or not (np.isfinite(numbers) & (numbers > 0)).all():
         problem = f"must be None, 'unit' or 2 positive numbers, of raw and hfmh, got {block_weights!r}"
-        raise argument_error(ValueError, "block_weights", problem)
+        raise argument_error(GranularIdError, "block_weights", problem)
     return numbers
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.utils.validation import check_is_fitted
 
-from granular_id._core import MultiBandExtractor
+from granular_id._core import GranularIdError, MultiBandExtractor
 from granular_id._text import counted, fixed, listed
 from granular_id.spaces.base import (
     PAPER_RATE_HZ,
@@ -325,7 +325,7 @@ def band_columns(transformer: Any) -> BandColumns | None:
 def _column(name: str, axes: tuple[str, ...]) -> BandColumn:
     found = _NAME.fullmatch(name)
     if found is None:
-        raise ValueError(f"no multi-band feature has the name {name!r}")
+        raise GranularIdError(f"no multi-band feature has the name {name!r}")
     what, first = found["what"], found["first"]
     block = what if what in ALL_BLOCKS else "quantiles"
     return BandColumn(

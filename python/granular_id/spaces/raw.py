@@ -10,6 +10,7 @@ import numpy.typing as npt
 from sklearn.utils import check_random_state
 
 from granular_id._checks import argument_error, positive_number
+from granular_id._core import GranularIdError
 from granular_id.features import FeatureSpec, feature_names
 from granular_id.spaces.base import (
     PAPER_RATE_HZ,
@@ -153,7 +154,7 @@ class Tare(RecordingFilter):
         n_tare = tare_s * float(self.rate_hz_ or PAPER_RATE_HZ)
         if not 0.5 < n_tare < n_samples + 0.5:
             raise argument_error(
-                ValueError,
+                GranularIdError,
                 "tare_s",
                 f"={tare_s:g} at rate_hz={self.rate_hz_:g} is {n_tare:.0f} samples, "
                 f"must be from 1 to the {n_samples} of a recording",

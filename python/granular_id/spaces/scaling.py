@@ -16,6 +16,7 @@ from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from granular_id._checks import argument_error, positive_number, whole_number
+from granular_id._core import GranularIdError
 from granular_id.rica import RICA
 
 FloatArray = npt.NDArray[np.float64]
@@ -119,7 +120,7 @@ def block_slices(blocks: BlockSizes, n_columns: int) -> dict[str, slice]:
     if ends[-1] != n_columns:
         listed = ", ".join(f"{name} {size}" for name, size in sizes.items()) or "none"
         problem = f"must add up to the {n_columns} columns of X, got {ends[-1]} ({listed})"
-        raise argument_error(ValueError, "blocks", problem)
+        raise argument_error(GranularIdError, "blocks", problem)
     return {name: slice(*span) for name, span in zip(sizes, pairwise(ends), strict=True)}
 
 

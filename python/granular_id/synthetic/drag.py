@@ -18,6 +18,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from granular_id._checks import FloatArray, finite_number, positive_number
+from granular_id._core import GranularIdError
 from granular_id.synthetic.materials import Material
 
 GRAVITY_M_S2 = 9.81
@@ -87,7 +88,7 @@ class Rig:
             else:
                 positive_number(field.name, getattr(self, field.name))
         if self.depth_m > self.tool_length_m:
-            raise ValueError(
+            raise GranularIdError(
                 f"depth_m must not exceed tool_length_m = {self.tool_length_m:g}, got {self.depth_m:g}"
             )
 

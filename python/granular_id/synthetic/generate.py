@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from granular_id._checks import argument_error, finite_number, positive_number, sampling_rate, whole_number
+from granular_id._core import GranularIdError
 from granular_id._text import fixed
 from granular_id.recording import AXES, Dataset, Payload, Recording, SampleFlag
 from granular_id.synthetic.drag import FRAME, SIGN, Rig
@@ -83,7 +84,7 @@ class Nuisance:
         for field in fields(self):
             levels = getattr(self, field.name)
             if not isinstance(levels, tuple) or len(levels) != 3:
-                raise ValueError(
+                raise GranularIdError(
                     f"{field.name} must be (per recording, per fill, per session), got {levels!r:.60}"
                 )
             for level in levels:
@@ -204,12 +205,12 @@ def synthesize(
     chosen = resolve_materials(PAPER_MATERIALS if materials is None else materials)
     n_per_class = whole_number("n_per_class", n_per_class)
     if isinstance(sensor, str) and sensor != "imu":
-        raise ValueError(f"sensor must be a Sensor or 'imu', got {sensor!r:.60}")
+        raise GranularIdError(f"sensor must be a Sensor or 'imu', got {sensor!r:.60}")
     own_sessions = sessions is None and sensor == "imu"
     if sessions is None:
         sessions = 1 if own_sessions else min(DEFAULT_SESSIONS, n_per_class)
     if whole_number("sessions", sessions) > n_per_class:
-        raise ValueError(f"sessions must not exceed n_per_class = {n_per_class}, got {sessions}")
+        raise GranularIdError(f"sessions must not exceed n_per_class = {n_per_class}, got {sessions}")
     seed = whole_number("seed", seed, least=0)
     rig, nuisance = rig or Rig(), nuisance or Nuisance()
     rate_hz = sampling_rate("rate_hz", rate_hz)
@@ -276,7 +277,7 @@ def _check_extremes(rig: Rig, nuisance: Nuisance, rate_hz: float, duration_s: fl
     n_samples = round(duration_s * rate_hz)
     if math.ceil(LEAD_S[1] * rate_hz) >= n_samples:
         raise argument_error(
-            ValueError,
+            GranularIdError,
             "duration_s",
             f"must exceed the {LEAD_S[1]:g} s of rest before the motion by at least one sample, "
             f"got {duration_s:g} at rate_hz = {rate_hz:g}",
@@ -285,13 +286,13 @@ def _check_extremes(rig: Rig, nuisance: Nuisance, rate_hz: float, duration_s: fl
     nearest_m = rig.wall_distance_m - CUT_SD * sum(nuisance.wall_m)
     if travel_m >= nearest_m:
         raise argument_error(
-            ValueError,
+            GranularIdError,
             "duration_s",
             f" = {duration_s:g} moves the tool up to {fixed(travel_m, 3)} m, and the wall may stand at "
             f"{fixed(nearest_m, 3)} m; a shorter recording is wanted, or a slower rig, or one with a more distant wall",
         )
     if rig.depth_m <= CUT_SD * sum(nuisance.depth_m):
-        raise ValueError(f"depth_m = {rig.depth_m:g} of rig is within the nuisance of the fill height")
+        raise GranularIdError(f"depth_m = {rig.depth_m:g} of rig is within the nuisance of the fill height")
 
 
 def draw_push(
@@ -365,7 +366,7 @@ def simulate_rests(
     """
     directions = np.asarray(gravity, dtype=np.float64)
     if directions.ndim != 2 or directions.shape[1] != 3:
-        raise argument_error(ValueError, "gravity", f"has shape {directions.shape}; wanted (n, 3)")
+        raise argument_error(GranularIdError, "gravity", f"has shape {directions.shape}; wanted (n, 3)")
     rate = sampling_rate("rate_hz", rate_hz)
     n = round(positive_number("duration_s", duration_s) * rate)
     stated = {"synthetic": True, "frame": payload.frame or FRAME, "sign": payload.sign or SIGN}

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 
 from granular_id._checks import finite_number
+from granular_id._core import GranularIdError
 from granular_id._text import known_label
 
 # Below a micrometre grains stick by forces the model does not hold; above a decimetre it is no bed.
@@ -87,13 +88,15 @@ class Material:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
-            raise ValueError(f"name must be a non-empty string, got {self.name!r}")
+            raise GranularIdError(f"name must be a non-empty string, got {self.name!r}")
         for field in fields(self)[1:]:
             least, most = _RANGES.get(field.name, (0.0, math.inf))
             where, value = f"{field.name} of material {self.name!r}", getattr(self, field.name)
             finite_number(where, value, positive=field.name in _POSITIVE, least=least, most=most)
         if self.bulk_density_kg_m3 == 0 and self.cohesion_pa == 0:
-            raise ValueError(f"material {self.name!r} needs bulk_density_kg_m3 or cohesion_pa, both are 0")
+            raise GranularIdError(
+                f"material {self.name!r} needs bulk_density_kg_m3 or cohesion_pa, both are 0"
+            )
 
 
 def _paper_materials() -> tuple[Material, ...]:
@@ -124,17 +127,17 @@ def resolve_materials(materials: str | Material | Iterable[str | Material]) -> t
     """Return the materials, those named from `PAPER_MATERIALS`; refuse unknown names and those given twice."""
     wanted = [materials] if isinstance(materials, str | Material) else list(materials)
     if not wanted:
-        raise ValueError("materials must name at least one material, got none")
+        raise GranularIdError("materials must name at least one material, got none")
     known = {material.name: material for material in PAPER_MATERIALS}
     resolved: dict[str, Material] = {}
     for each in wanted:
         entry = known_label(each, known) if isinstance(each, str) else each
         if isinstance(entry, str) and entry not in known:
-            raise ValueError(f"materials has no material {each!r}; known: {', '.join(known)}")
+            raise GranularIdError(f"materials has no material {each!r}; known: {', '.join(known)}")
         if not isinstance(entry, str | Material):
             raise TypeError(f"materials must hold names or Material objects, got {entry!r}")
         material = known[entry] if isinstance(entry, str) else entry
         if material.name in resolved:
-            raise ValueError(f"materials holds {material.name!r} twice")
+            raise GranularIdError(f"materials holds {material.name!r} twice")
         resolved[material.name] = material
     return tuple(resolved.values())

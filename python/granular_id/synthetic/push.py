@@ -10,6 +10,7 @@ from itertools import islice
 import numpy as np
 
 from granular_id._checks import FloatArray, argument_error, finite_number, positive_number, sampling_rate
+from granular_id._core import GranularIdError
 from granular_id._text import fixed
 from granular_id.synthetic.drag import (
     GRAVITY_M_S2,
@@ -201,11 +202,11 @@ def simulate_push(
     lead_s = finite_number("lead_s", lead_s, least=0)
     unknown = sorted(set(parts) - set(PARTS))
     if unknown:
-        raise ValueError(f"parts has no part {unknown[0]!r}; known: {', '.join(PARTS)}")
+        raise GranularIdError(f"parts has no part {unknown[0]!r}; known: {', '.join(PARTS)}")
     n_samples = round(duration_s * rate_hz)
     if n_samples < 2:
         raise argument_error(
-            ValueError,
+            GranularIdError,
             "duration_s",
             f" = {duration_s:g} holds {n_samples} samples at rate_hz = {rate_hz:g}, needs 2",
         )
@@ -218,7 +219,7 @@ def simulate_push(
     time_s = steps * step_s - lead_s
     travel_m = rig.travel_m(time_s)
     if travel_m[-1] >= rig.wall_distance_m:
-        raise ValueError(
+        raise GranularIdError(
             # No argument's name for the length: of a simulated robot, whoever commands the push sets it.
             f"a push of {duration_s:g} s at speed_m_s = {rig.speed_m_s:g} moves the tool {fixed(travel_m[-1], 3)} m, "
             f"into the wall at wall_distance_m = {fixed(rig.wall_distance_m, 3)}; a shorter push or a lower speed_m_s "

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from granular_id._checks import FloatArray, sampling_rate, whole_number
+from granular_id._core import GranularIdError
 
 
 def random_stream(seed: int | np.random.SeedSequence, *key: int) -> np.random.SeedSequence:
@@ -95,9 +96,9 @@ class Sensor:
             values = np.asarray(getattr(self, field), dtype=np.float64)
             if values.shape != (6,) or not np.all(np.isfinite(values)) or np.any(values < low):
                 wanted = "6 finite numbers, " + ("at least 0" if low == 0 else "positive")
-                raise ValueError(f"{field} must hold {wanted}, got {getattr(self, field)!r:.60}")
+                raise GranularIdError(f"{field} must hold {wanted}, got {getattr(self, field)!r:.60}")
         if isinstance(self.bits, bool) or not isinstance(self.bits, int) or not 2 <= self.bits <= 32:
-            raise ValueError(f"bits must be a whole number from 2 to 32, got {self.bits!r:.60}")
+            raise GranularIdError(f"bits must be a whole number from 2 to 32, got {self.bits!r:.60}")
 
     def resolution(self) -> FloatArray:
         """Step of the converter per axis, shape (6,), N and N m."""

@@ -5,17 +5,16 @@ use std::time::{Duration, Instant};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::create_exception;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::arguments::{count, number, OrRaise, Raise};
+use crate::arguments::{count, number, GranularIdError, OrRaise, Raise};
 use granular_id::bindings::{brief, collected, reserved};
 use granular_id::buffer::{self, BufferSpec, BufferedRow, Reader};
 
 create_exception!(
     granular_id.live,
     WindowError,
-    PyValueError,
+    GranularIdError,
     "There is no such window of a buffer: too few rows, a gap, a new epoch or saturation; the message says which."
 );
 
@@ -95,7 +94,7 @@ impl PyWrenchReader {
         let timeout_s = number(timeout_s, "timeout_s")?;
         if timeout_s.is_nan() || timeout_s < 0.0 {
             let message = format!("timeout_s must not be negative, got {}", brief(timeout_s));
-            return Err(PyValueError::new_err(message));
+            return Err(GranularIdError::new_err(message));
         }
         let start = Instant::now();
         loop {

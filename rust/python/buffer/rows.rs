@@ -4,10 +4,10 @@ use numpy::{
     get_array_module, PyArrayDescrMethods, PyArrayDyn, PyReadonlyArray1, PyReadonlyArrayDyn, PyUntypedArray,
     PyUntypedArrayMethods,
 };
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use crate::arguments::{shown, whole, OrRaise};
+use crate::arguments::{shown, whole, GranularIdError, OrRaise};
 use crate::arrays::{contiguous_real, readable, wrong_shape};
 use granular_id::bindings::{brief, collected, reserved};
 use granular_id::buffer::{self, BufferSpec};
@@ -106,7 +106,7 @@ pub(super) fn number_of_ticks(t: f64, tick_hz: f64, row: Option<usize>) -> PyRes
     }
     let place = row.map_or_else(String::new, |row| format!(" at row {row}"));
     let most = MOST_TICKS / tick_hz;
-    Err(PyValueError::new_err(format!("t must be from 0 to {most:e} seconds, got {}{place}", brief(t))))
+    Err(GranularIdError::new_err(format!("t must be from 0 to {most:e} seconds, got {}{place}", brief(t))))
 }
 
 fn times(t: &Bound<'_, PyAny>, n_rows: usize, tick_hz: f64) -> PyResult<Vec<u64>> {
@@ -148,7 +148,7 @@ fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
     let signed: PyReadonlyArray1<'_, i64> = array.call_method1("astype", ("int64",))?.extract()?;
     let place = |(row, value): (usize, &i64)| {
         u64::try_from(*value).map_err(|_| {
-            PyValueError::new_err(format!("host_ns must not be negative, got {value} at row {row}"))
+            GranularIdError::new_err(format!("host_ns must not be negative, got {value} at row {row}"))
         })
     };
     let signed = signed.as_array();
@@ -159,7 +159,7 @@ fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
 pub(super) fn flags_of_one(value: &Bound<'_, PyAny>) -> PyResult<u8> {
     let flags = whole(value, "flags", u8::MAX)?;
     if flags & !KNOWN_FLAGS != 0 {
-        return Err(PyValueError::new_err(format!(
+        return Err(GranularIdError::new_err(format!(
             "flags must be made of the bits of SampleFlag, from 0 to {KNOWN_FLAGS}, got {}",
             shown(value)
         )));
@@ -179,7 +179,7 @@ fn flags_of_rows(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Each<u8>> 
         #[allow(clippy::float_cmp)]
         let found = (0..=KNOWN_FLAGS).find(|known| f64::from(*known) == *flag);
         found.ok_or_else(|| {
-            PyValueError::new_err(format!(
+            GranularIdError::new_err(format!(
                 "flags must be made of the bits of SampleFlag, from 0 to {KNOWN_FLAGS}, got {flag} at row {row}"
             ))
         })

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
-from granular_id._core import interleave
+from granular_id._core import GranularIdError, interleave
 from granular_id._files import check_source
 from granular_id._memory import empty
 from granular_id._text import counted
@@ -239,7 +239,7 @@ class Archive:
             out = np.empty((n, n_axes))
         elif out.dtype != np.float64 or out.shape[1:] != (n_axes,) or not out.flags.c_contiguous:
             came = f"{out.dtype} of shape {out.shape}"
-            raise ValueError(f"out must be C-contiguous float64 of shape (N, {n_axes}), got {came}")
+            raise GranularIdError(f"out must be C-contiguous float64 of shape (N, {n_axes}), got {came}")
         self._decode(group, out[:n], {} if flags is None else {FLAGS: flags})
         return out[:n]
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from granular_id._checks import FloatArray, argument_error, thaw
+from granular_id._core import GranularIdError
 from granular_id._files import check_target, durable_file, made_folder
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id.io.files import need, new_folder
@@ -191,7 +192,7 @@ class Appender:
             came = (
                 f"has the axes {' '.join(axes)}, and the archive {self._folder} {' '.join(self._axes or ())}"
             )
-            raise argument_error(ValueError, whose, f"{came}; add it to another one")
+            raise argument_error(GranularIdError, whose, f"{came}; add it to another one")
 
     def _refuse_others(self) -> None:
         """Refuse to begin an archive where something else is; what an append that was killed has left may be there."""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 
 from granular_id._checks import FloatArray, argument_error, finite_number
-from granular_id._core import AXES
+from granular_id._core import AXES, GranularIdError
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.clock import MAX_GAP_S
 from granular_id.recording.onset import REST_S
@@ -187,21 +187,21 @@ def resolve_range(value: SensorRange, axes: Sequence[str]) -> dict[str, float]:
             problem = (
                 f"={value!r} is no known sensor; choose from {', '.join(SENSOR_RANGES)}, or give numbers"
             )
-            raise argument_error(ValueError, "sensor_range", problem)
+            raise argument_error(GranularIdError, "sensor_range", problem)
         known = SENSOR_RANGES[value]
         value = {axis: known[axis] for axis in axes if axis in known}
         if len(value) < len(axes):
             raise argument_error(
-                ValueError, "sensor_range", f"has the axes {' '.join(known)} only; give numbers"
+                GranularIdError, "sensor_range", f"has the axes {' '.join(known)} only; give numbers"
             )
     if isinstance(value, (list, tuple, np.ndarray)):
         if len(value) != len(axes):
             problem = f"has {len(value)} numbers; wanted {len(axes)}: {', '.join(axes)}"
-            raise argument_error(ValueError, "sensor_range", problem)
+            raise argument_error(GranularIdError, "sensor_range", problem)
         value = dict(zip(axes, value, strict=True))
     numbers = value if isinstance(value, Mapping) else dict.fromkeys(axes, value)
     foreign = [str(axis) for axis in numbers if axis not in axes]
     if foreign:
         problem = f"names the axis {foreign[0]!r}; there are {', '.join(axes)}"
-        raise argument_error(ValueError, "sensor_range", problem)
+        raise argument_error(GranularIdError, "sensor_range", problem)
     return {axis: finite_number("sensor_range", number, positive=True) for axis, number in numbers.items()}
