@@ -6,26 +6,26 @@ import pickle
 import numpy as np
 import pytest
 
-from granular_id import _checks
+from granular_id import GranularIdError, _checks
 
 REFUSED = [
     (lambda: _checks.real_number("x", True), TypeError, "x must be a number, got True"),
-    (lambda: _checks.finite_number("x", math.inf), ValueError, "x must be finite, got inf"),
-    (lambda: _checks.finite_number("x", 0, positive=True), ValueError, "x must be positive, got 0"),
-    (lambda: _checks.finite_number("x", 3, most=2), ValueError, "x must be at most 2, got 3"),
-    (lambda: _checks.finite_number("x", -1, least=0), ValueError, "x must not be negative, got -1"),
-    (lambda: _checks.positive_number("x", math.nan), ValueError, "x must be positive and finite, got nan"),
-    (lambda: _checks.sampling_rate("x", 1e6), ValueError, "x must be at most 50000, got 1e+06"),
-    (lambda: _checks.finite_number("x", -5, positive=True), ValueError, "x must be positive, got -5"),
-    (lambda: _checks.whole_number("x", 0), ValueError, "x must be at least 1, got 0"),
+    (lambda: _checks.finite_number("x", math.inf), GranularIdError, "x must be finite, got inf"),
+    (lambda: _checks.finite_number("x", 0, positive=True), GranularIdError, "x must be positive, got 0"),
+    (lambda: _checks.finite_number("x", 3, most=2), GranularIdError, "x must be at most 2, got 3"),
+    (lambda: _checks.finite_number("x", -1, least=0), GranularIdError, "x must not be negative, got -1"),
+    (lambda: _checks.positive_number("x", math.nan), GranularIdError, "x must be positive and finite, got nan"),
+    (lambda: _checks.sampling_rate("x", 1e6), GranularIdError, "x must be at most 50000, got 1e+06"),
+    (lambda: _checks.finite_number("x", -5, positive=True), GranularIdError, "x must be positive, got -5"),
+    (lambda: _checks.whole_number("x", 0), GranularIdError, "x must be at least 1, got 0"),
     (lambda: _checks.whole_number("x", 1.0), TypeError, "x must be a whole number, got 1.0"),
     (lambda: _checks.checked_index(np.True_, "x"), TypeError, "x must be an int, got bool"),
-    (lambda: _checks.named({"a": 1}, "x", "b"), ValueError, "x must be one of 'a', got 'b'"),
+    (lambda: _checks.named({"a": 1}, "x", "b"), GranularIdError, "x must be one of 'a', got 'b'"),
     (lambda: _checks.checked_flag("x", 1), TypeError, "x must be True or False, got 1"),
-    (lambda: _checks.checked_text("", "x"), ValueError, "x is empty; give a text or leave it out (None)"),
+    (lambda: _checks.checked_text("", "x"), GranularIdError, "x is empty; give a text or leave it out (None)"),
     (lambda: _checks.float_array("x", [1j]), TypeError, "x must hold real numbers, got complex128"),
     (lambda: _checks.as_floats([True], "x", "numbers"), TypeError, "x has dtype bool; wanted numbers"),
-    (lambda: _checks.freeze(math.nan, "x"), ValueError, "x is nan; numbers must be finite"),
+    (lambda: _checks.freeze(math.nan, "x"), GranularIdError, "x is nan; numbers must be finite"),
 ]
 
 
