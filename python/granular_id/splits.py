@@ -458,7 +458,8 @@ def paper_folds(
     if fewest.size < wanted:
         needs = f"{wanted}: {train_per_class} to train, {test_per_class} to test"
         fits = max(1, round(fewest.size * train_per_class / wanted))
-        hint = f"; pass paper=({n_partitions}, {fits}, {fewest.size - fits})" * (fewest.size > fits)
+        counts = n_partitions, fits, int(fewest.size - fits)
+        hint = f"; pass paper={counts} (--paper {','.join(map(str, counts))})" * (fewest.size > fits)
         raise GranularIdError(f"class {label!r} has {counted(fewest.size)}, wanted {needs}{hint}")
     folds = []
     for j in range(n_partitions):

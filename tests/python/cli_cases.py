@@ -3,6 +3,7 @@
 import functools
 import json
 import os
+import shlex
 import subprocess
 import sys
 
@@ -37,9 +38,9 @@ def saved(data, folder):
     return folder
 
 
-SMALL = ("--n-bins", 10, "--spaces", "raw+hfmh,hfmh,raw")
+SMALL = ("--spaces", "raw+hfmh,hfmh,raw")
 
-SMALL_MODEL = ("--space", "raw+hfmh", "--n-bins", 10, "--target-error", 0.2)
+SMALL_MODEL = ("--space", "raw+hfmh", "--target-error", 0.2)
 
 
 # Typer makes the command anew for each call, which takes longer than most of them.
@@ -72,10 +73,15 @@ def written(path):
 
 
 def refused(*words):
-    """One line on standard error, exit code 2, no traceback."""
+    """The words of a refusal in one line: exit code 2, no traceback, no column beyond 80 but for a long word."""
     result = run(*words)
     assert result.exit_code == 2, result.output
-    line, end = result.stderr.split("\n")
-    assert line.startswith("error: ")
-    assert end == ""
-    return line
+    assert isinstance(result.exception, SystemExit), result.exception
+    lines = result.stderr[result.stderr.index("error: ") :].splitlines()
+    assert all(len(line) <= 80 or len(line.split()) == 1 for line in lines), lines
+    return " ".join(line.strip().removesuffix(" \\") for line in lines)
+
+
+def way_out(line):
+    """The words that a refusal ends with, as they would be typed."""
+    return shlex.split(line[line.rindex("granular-id ") :].partition(" or with ")[0])[1:]

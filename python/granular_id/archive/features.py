@@ -163,11 +163,12 @@ class FeaturesSpec:
             came = "is sampled irregularly" if np.isnan(rates[row]) else f"has {rates[row]:g} Hz"
             raise GranularIdError(
                 f"recording {name!r} {came}, {wants} {self.rate_hz:g} Hz: call .resample({self.rate_hz:g}) on the "
-                "recordings; nothing is resampled unasked"
+                f"recordings (--resample-hz {self.rate_hz:g}); nothing is resampled unasked"
             )
         raise GranularIdError(
             f"recording {name!r} has {counted(int(lengths[row]), 'sample')}, {wants} {self.n_samples} of each: call "
-            ".align on the recordings, or take space='hfmh', whose counts need no one length"
+            f".align on the recordings (--duration-s {(self.n_samples or 1) / self.rate_hz:.9g}), or take "
+            "space='hfmh' (--space hfmh), whose counts need no one length"
         )
 
     def names(self) -> list[str]:

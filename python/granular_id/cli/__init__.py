@@ -27,6 +27,6 @@ def main() -> None:
             sys.exit(f"granular-id: the command line needs {missing}: {install('app')}")
         app()
     except KeyboardInterrupt:
-        # Ctrl-C before a command has begun; inside one, `guarded` answers it with the same line.
+        # Ctrl-C before a command has begun; inside one, `Commands` answers it with the same line.
         sys.stderr.write("Interrupted.\n")
         sys.exit(130)

@@ -1,22 +1,31 @@
-"""The typer application: its commands in the order of ``--help``."""
+"""The typer application: its commands in the order of ``--help``, and what becomes of an error in any of them."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import os
+import sys
+import warnings
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from granular_id import _core
+from granular_id._core import GranularIdError
 from granular_id.cli.adapt import adapt
 from granular_id.cli.archive import archive, extract
 from granular_id.cli.confidence import confidence
-from granular_id.cli.data import data
+from granular_id.cli.convert import convert, synthesize
+from granular_id.cli.data import check, info, plot
 from granular_id.cli.demo import demo
-from granular_id.cli.errors import OneLineUsage
 from granular_id.cli.evaluate import evaluate
 from granular_id.cli.explain import explain
 from granular_id.cli.identify import identify
-from granular_id.cli.live import live, record
+from granular_id.cli.interrupts import raise_again
+from granular_id.cli.live import live
+from granular_id.cli.outputs import show
+from granular_id.cli.record import record
+from granular_id.cli.recordings import way_out
 from granular_id.cli.setup import setup
 from granular_id.cli.train import model, train
 
@@ -24,23 +33,96 @@ __all__ = ["app"]
 
 PURPOSE = "Tells granular materials apart by force-torque recordings, and says how well that works."
 
+BAD_INPUT, MISSING_EXTRA, INTERRUPTED = 2, 1, 130
+
+_OTHER_NAMES = {"by": "--hold-out", "n_jobs": "--jobs", "random_state": "--seed"}
+"""Options that are not called like the argument that they set."""
+
+
+class Commands(TyperGroup):
+    """Commands whose refusals are one message and an exit code; anything else is a bug and shows its traceback."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run a command, and leave the process with its code; wrong usage is said like all else."""
+        try:
+            code = super().main(*args, **kwargs | {"standalone_mode": False})
+        except typer.Abort:
+            show("Aborted.", "yellow", err=True)
+            sys.exit(1)
+        except Exception as error:
+            # Those of click, which comes with typer, beside it or inside of it.
+            format_message = getattr(error, "format_message", None)
+            if format_message is None:
+                raise
+            if type(error).__name__ != "NoArgsIsHelpError":  # the help was printed
+                context = getattr(error, "ctx", None)
+                help_ = f"; see {context.command_path} --help" if context is not None else ""
+                said = " ".join(str(format_message()).split()).removesuffix(".")
+                show(f"error: {said[:1].lower()}{said[1:]}{help_}", "bold red", err=True)
+            sys.exit(getattr(error, "exit_code", BAD_INPUT))
+        sys.exit(code if isinstance(code, int) else 0)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command: bad input ends with 2, a missing extra with 1, Ctrl-C with 130."""
+        before = warnings.showwarning, sys.unraisablehook
+        warnings.showwarning, sys.unraisablehook = _show_warning, raise_again
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            show(str(stop) or "Interrupted: no file was left half-written.", "yellow", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+        except (GranularIdError, OSError, ImportError) as error:
+            # An ImportError with a name is a broken installation, not one of ours that says what to install.
+            if isinstance(error, ImportError) and error.name is not None:
+                raise
+            said = _words_of(error, _option_names(self))
+            converting: Any = self.commands["data"]
+            options = {name for one in converting.commands["convert"].params for name in one.opts}
+            show(f"error: {said}{way_out(error, options)}", "bold red", err=True)
+            raise typer.Exit(MISSING_EXTRA if isinstance(error, ImportError) else BAD_INPUT) from None
+        finally:
+            warnings.showwarning, sys.unraisablehook = before
+
+
+def _words_of(error: Exception, options: set[str]) -> str:
+    """Say an error: of the system the file first, without a number; about an argument with its option first."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{os.fsdecode(error.filename)}: {error.strerror[0].lower()}{error.strerror[1:]}"
+    message, argument = str(error), getattr(error, "argument", "")
+    option = _OTHER_NAMES.get(argument, f"--{argument.replace('_', '-')}")
+    return option + message.removeprefix(argument) if option in options else message
+
+
+def _option_names(group: Any) -> set[str]:
+    """Return the names of the options of all commands in a group."""
+    names: set[str] = set()
+    for command in group.commands.values():
+        names |= {name for one in command.params for name in one.opts}
+        names |= _option_names(command) if hasattr(command, "commands") else set()
+    return names
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    show(f"warning: {message}", "bold yellow", err=True)
+
+
 app = typer.Typer(
-    cls=OneLineUsage,
+    cls=Commands,
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     help=PURPOSE,
 )
-for command in (
-    *(evaluate, explain, confidence, record, live, train, identify, adapt),
-    *(extract, demo),
-):
+for command in (demo, evaluate, train, identify, live, record, explain, confidence, adapt, extract, model):
     app.command()(command)
-app.add_typer(model, name="model")
-app.add_typer(data, name="data")
-app.add_typer(archive, name="archive")
-app.add_typer(setup, name="setup")
+data = typer.Typer(
+    no_args_is_help=True, rich_markup_mode="markdown", help="Look at recordings, check and convert them."
+)
+for shown in (info, check, plot, convert, synthesize):
+    data.command()(shown)
+for group, name in ((data, "data"), (archive, "archive"), (setup, "setup")):
+    app.add_typer(group, name=name)
 
 
 def _version(asked: bool) -> None:

@@ -6,29 +6,27 @@ import shlex
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from granular_id._core import GranularIdError
 from granular_id._files import check_source, made_folder
 from granular_id._text import Table, counted, verb
-from granular_id.cli.errors import FOUND_ERRORS, words_of
-from granular_id.cli.options import at_least, command, option, with_defaults
-from granular_id.cli.outputs import print_table, show, typed_command
-from granular_id.cli.recordings import Handling, ReadingOptions, UnreadableError
+from granular_id.cli.options import FOUND_ERRORS, Details, Jobs, Quiet, Scheduler
+from granular_id.cli.outputs import print_table, show
+from granular_id.cli.recordings import about
 
 if TYPE_CHECKING:
     from granular_id.archive import Archive, Extraction
     from granular_id.recording import Dataset, StepReport
 
-OUTPUT, WORKERS, FEATURES = "Output", "Workers", "Features"
-
-ARCHIVE = typer.Argument(metavar="ARCHIVE", help="Folder of an archive.", show_default=False)
+InArchive = Annotated[
+    Path, typer.Argument(metavar="ARCHIVE", help="Folder of an archive.", show_default=False)
+]
 
 _SHOWN = 10
 
@@ -36,23 +34,25 @@ _SHOWN = 10
 # Recordings into an archive, piece by piece.
 
 
-@command
 def add(
+    archive: Annotated[
+        Path,
+        typer.Argument(
+            metavar="ARCHIVE", help="Folder of an archive; a new one is made.", show_default=False
+        ),
+    ],
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PATH...", help="Folders and files of recordings, archives too.", show_default=False
+        ),
+    ],
     *,
-    archive: Path = typer.Argument(
-        metavar="ARCHIVE", help="Folder of an archive; a new one is made.", show_default=False
-    ),
-    paths: list[Path] = typer.Argument(
-        metavar="PATH...", help="Folders and files of recordings, archives too.", show_default=False
-    ),
-    on_error: Handling = option(
-        "Recordings",
-        "What cannot be read, a row group of an archive too: refuse, or leave it out.",
-        default="raise",
-    ),
-    quiet: bool = option(
-        OUTPUT, "No progress; say only what became of the recordings.", "--quiet", "-q", default=False
-    ),
+    on_error: Annotated[
+        Literal["raise", "skip"],
+        typer.Option(help="What cannot be read, a row group of an archive too: refuse, or leave it out."),
+    ] = "raise",
+    quiet: Quiet = False,
 ) -> None:
     """Add recordings to an archive, piece by piece, so that any number fits.
 
@@ -62,9 +62,9 @@ def add(
 
     Examples:
 
-    `granular-id archive add fleet recordings`
-    `granular-id archive add fleet monday.npz tuesday.npz`
-    `granular-id archive add rescued fleet --on-error skip`
+    - `granular-id archive add fleet recordings`
+    - `granular-id archive add fleet monday.npz tuesday.npz`
+    - `granular-id archive add rescued fleet --on-error skip`
     """
     for path in paths:
         check_source(path)
@@ -76,14 +76,12 @@ def add(
     from granular_id._progress import showing
     from granular_id.io.parquet.writing import Appender
 
-    reading = with_defaults(ReadingOptions)
-    reading.on_error = on_error
     tally = _Tally(archive)
     try:
         with made_folder(archive), showing(not quiet) as step:
             appender, rates = Appender(archive), _Rates(archive)
             for path in paths:
-                for piece in _pieces(reading, path, tally):
+                for piece in _pieces(path, on_error, tally):
                     rates.check(piece, path)
                     done = appender.append(piece)
                     tally.n_added += done.n_added
@@ -93,20 +91,20 @@ def add(
             if not tally.n_added + tally.n_present:
                 raise GranularIdError("no recording is left to add")
     finally:
-        for line in tally.lines():
-            show(line)
-    if not quiet:
-        show(f"look at it with: {typed_command('archive', 'info', archive)}")
+        show("\n".join(tally.lines()), most=_SHOWN + 4)
 
 
-def _pieces(reading: ReadingOptions, path: Path, tally: _Tally) -> Iterator[Dataset]:
-    """Read a path piece by piece; with --on-error skip, of one that cannot be read that is told alone."""
+def _pieces(path: Path, on_error: Literal["raise", "skip"], tally: _Tally) -> Iterator[Dataset]:
+    """Read a path piece by piece; with --on-error skip, of one that cannot be read that is said alone."""
+    from granular_id.io import RecordingFileError, load_parts
+
     try:
-        for piece in reading.load_parts(path, None):
-            tally.report(piece.history[-1])
-            yield piece
-    except UnreadableError as error:
-        if reading.on_error == "raise":
+        with about(path):
+            for piece in load_parts(path, on_error=on_error):
+                tally.report(piece.history[-1])
+                yield piece
+    except RecordingFileError as error:
+        if on_error == "raise":
             raise
         tally.left_out(str(error))
 
@@ -174,12 +172,14 @@ class _Rates:
             came, wanted = (
                 "no even rate" if rate is None else f"{rate:g} Hz" for rate in (other.rate_hz, known)
             )
-            convert = f"granular-id data convert {shlex.quote(str(path))} NEW.npz --rate-hz"
-            help_ = "" if known is None else f"make such by {convert} {known:g}, or "
-            raise GranularIdError(
-                f"{path}: recording {other.name!r} has {came}, those of the archive {self._archive} have "
-                f"{wanted}: {help_}name another archive"
+            problem = (
+                f"{path}: recording {other.name!r} has {came}, those of the archive {self._archive} have"
             )
+            help_ = "" if known is None else f" (--resample-hz {known:g})"
+            with about(path):
+                raise GranularIdError(
+                    f"{problem} {wanted}: name another archive, or bring them to one rate{help_}"
+                )
 
 
 # What an archive holds, and whether it is whole.
@@ -195,20 +195,19 @@ def check_is_archive(path: Path) -> None:
         raise GranularIdError(f"{path} is no archive; {make} makes one of recordings")
 
 
-@command
-def info(*, archive: Path = ARCHIVE) -> None:
+def info(archive: InArchive, *, details: Details = False) -> None:
     """Say what an archive holds, by its index alone: at once, also for a million recordings.
 
     Examples:
 
-    `granular-id archive info fleet`
+    - `granular-id archive info fleet`
     """
     check_is_archive(archive)
     from granular_id.archive import Archive
 
     opened = Archive(archive)
     show("\n".join(_facts(opened)))
-    print_table(_of_materials(opened))
+    print_table(_of_materials(opened), details=details)
 
 
 def _facts(archive: Archive) -> Iterator[str]:
@@ -266,25 +265,20 @@ def _day(utc_s: float) -> str:
     return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y-%m-%d")
 
 
-@command
-def check(
-    *,
-    archive: Path = ARCHIVE,
-    quiet: bool = option(OUTPUT, "No progress.", "--quiet", "-q", default=False),
-) -> None:
+def check(archive: InArchive, *, details: Details = False, quiet: Quiet = False) -> None:
     """Read all of an archive and say what of it is damaged, or not what its index says.
 
     Exit code 0 when all is whole, 3 when something is not.
 
     Examples:
 
-    `granular-id archive check fleet`
+    - `granular-id archive check fleet`
     """
     check_is_archive(archive)
     from granular_id import archive as archives  # its `check` is also the name of the file it is in
 
     report = archives.check(archive, n_jobs=-1, progress=not quiet)
-    show(str(report))
+    show(str(report), most=None if details else 2 * _SHOWN)
     if not report.ok:
         raise typer.Exit(FOUND_ERRORS)
 
@@ -301,41 +295,22 @@ for shown in (add, info, check):
 # Work on all of an archive.
 
 
-@dataclass(kw_only=True)
-class WorkerOptions:
-    """Who does the work on an archive."""
-
-    jobs: int | None = option(WORKERS, "Threads. Default: one a core.", "--jobs", "-j")
-    scheduler: str | None = option(
-        WORKERS, "Scheduler of a Dask cluster whose workers do the work: tcp://HOST:8786. Default: threads."
-    )
-
-    def __post_init__(self) -> None:
-        at_least("--jobs", self.jobs, 1)
-        if self.jobs is not None and self.scheduler is not None:
-            raise GranularIdError("--jobs are threads of this machine, --scheduler has workers: leave it out")
-
-    def given(self) -> dict[str, Any]:
-        """Return the workers as `granular_id.archive.extract` takes them."""
-        n_jobs = -1 if self.jobs is None and self.scheduler is None else self.jobs
-        return {"n_jobs": n_jobs, "scheduler": self.scheduler}
-
-
-@command
 def extract(
-    workers: WorkerOptions,
+    archive: InArchive,
     *,
-    archive: Path = ARCHIVE,
-    output: Path = option(
-        OUTPUT, "Folder to write features into, or to go on with.", "--output", "-o", default=...
-    ),
-    space: str | None = option(
-        FEATURES, "hfmh, raw+hfmh, dft ...: any that learns nothing. Default: hfmh, 600 counts."
-    ),
-    model: Path | None = option(
-        FEATURES, "Take the features of this model, from `granular-id train`.", "--model", "-m"
-    ),
-    quiet: bool = option(OUTPUT, "No progress; the last lines only.", "--quiet", "-q", default=False),
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder to write features into, or to go on with.")
+    ],
+    space: Annotated[
+        str | None,
+        typer.Option(help="hfmh, raw+hfmh, dft ...: any that learns nothing. Default: hfmh, 600 counts."),
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option("--model", "-m", help="Take the features of this model, from `train`.")
+    ] = None,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    quiet: Quiet = False,
 ) -> None:
     """Extract the features of every recording of an archive, each exactly once.
 
@@ -351,9 +326,9 @@ def extract(
 
     Examples:
 
-    `granular-id extract fleet -o features`
-    `granular-id extract fleet -o features --space raw+hfmh --jobs 8`
-    `granular-id extract fleet -o features --model kitchen.safetensors --scheduler tcp://10.0.0.7:8786`
+    - `granular-id extract fleet -o features`
+    - `granular-id extract fleet -o features --space raw+hfmh --jobs 8`
+    - `granular-id extract fleet -o features --model kitchen.safetensors --scheduler tcp://10.0.0.7:8786`
     """
     if space is not None and model is not None:
         raise GranularIdError("--space and --model both say which features: give one of them")
@@ -363,7 +338,15 @@ def extract(
     from granular_id.archive import extract as extract_features
 
     with working_on(archive, partial(say_features, output)):
-        done = extract_features(archive, output, space, model=model, progress=not quiet, **workers.given())
+        done = extract_features(
+            archive,
+            output,
+            space,
+            model=model,
+            progress=not quiet,
+            n_jobs=-1 if jobs is None and scheduler is None else jobs,
+            scheduler=scheduler,
+        )
     say_features(output, done)
 
 
@@ -374,12 +357,11 @@ def working_on(archive: Path, say: Callable[..., None]) -> Iterator[None]:
 
     again = "the same command goes on from there"
     try:
-        yield
+        with about(archive):
+            yield
     except PartitionError as error:
         say(error.extraction, partial=True)
         raise
-    except ValueError as error:
-        raise GranularIdError(words_of(error, archive=archive)) from error
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"Interrupted: no file was left half-written; {again}.") from None
     except OSError as error:
@@ -387,18 +369,18 @@ def working_on(archive: Path, say: Callable[..., None]) -> Iterator[None]:
             type(error) is not OSError
         ):  # a full disk, a quota, a broken device; others have a type of their own
             raise
-        raise OSError(f"{words_of(error)}; once it can be written {again}") from error
+        raise OSError(f"{error}; once it can be written {again}") from error
 
 
 def say_features(output: Path, done: Extraction, *, partial: bool = False) -> None:
     """Say what was extracted and how to read it."""
     show(str(done))
     if not partial or done.n_partitions:
-        reader = typed_reader("Features", output, partial=partial)
+        reader = reader_line("Features", output, partial=partial)
         show(f"read them with: {reader}  # .X .y .sessions .names")
 
 
-def typed_reader(name: str, output: Path, *, partial: bool = False) -> str:
+def reader_line(name: str, output: Path, *, partial: bool = False) -> str:
     """Return the line of Python that reads an output."""
     how = ", partial=True" if partial else ""
     return f"from granular_id.archive import {name}; {name.lower()} = {name}({str(output)!r}{how})"

@@ -3,37 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from granular_id._core import GranularIdError
-from granular_id.cli.evaluate import BY
-from granular_id.cli.method import OneSpace
-from granular_id.cli.options import FORCE, a_share, command, count, numbers_in, option
-from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show
-from granular_id.cli.recordings import Reading, Steps, equal_recordings
-
-SURE, OUTPUT = "Confidence", "Output"
+from granular_id._files import check_source
+from granular_id.cli.options import Figure, Force, HoldOut, Json, Recordings, Share, Space, numbers_in
+from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, show, write_files
+from granular_id.cli.recordings import read
 
 
-@command
 def confidence(
-    reading: Reading,
-    steps: Steps,
-    method: OneSpace,
+    path: Recordings,
     *,
-    hold_out: str = option(SURE, BY, default="auto"),
-    levels: str = option(
-        SURE,
-        "Shares of recordings whose candidates hold the material, separated by commas.",
-        default="0.8,0.9,0.95",
-    ),
-    share_known: float = option(
-        SURE, "Share of known recordings not to be refused.", default=0.95, callback=a_share
-    ),
-    seed: int = option(SURE, "Same seed, same figures.", default=0, callback=count(0)),
-    figure: Path | None = option(OUTPUT, "Draw it: png, svg or pdf."),
-    json: Path | None = option(OUTPUT, "Write all figures."),
-    force: bool = FORCE,
-    quiet: bool = option(OUTPUT, "Print the figures only.", "--quiet", default=False),
+    space: Space = "best",
+    hold_out: HoldOut = "auto",
+    levels: Annotated[
+        str, typer.Option(help="Shares of recordings whose candidates are to hold the material.")
+    ] = "0.8,0.9,0.95",
+    share_known: Share = 0.95,
+    figure: Figure = None,
+    json: Json = None,
+    force: Force = False,
 ) -> None:
     """Say how far the confidence of a model of these recordings can be trusted, in sessions that did not train.
 
@@ -43,45 +35,32 @@ def confidence(
 
     Examples:
 
-    `granular-id confidence recordings`
-    `granular-id confidence recordings --space best --levels 0.9,0.99`
-    `granular-id confidence recordings --hold-out tool --figure sure.png --json sure.json`
+    - `granular-id confidence recordings`
+    - `granular-id confidence recordings --space multiband --levels 0.9,0.99`
+    - `granular-id confidence recordings --hold-out tool --figure sure.png --json sure.json`
     """
-    wanted = _levels(levels)
-    method.refuse_impossible(steps.rate_hz)
-    check_outputs(
-        ("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=reading.path, force=force
-    )
-    reading.refuse_absent()
-    method.refuse_unused()
-    data = equal_recordings(reading, steps, quiet=quiet)
+    wanted = "numbers between 0 and 1, separated by commas, each once"
+    shares = numbers_in("--levels", levels, wanted)
+    if not all(0 < share < 1 for share in shares) or len(set(shares)) < len(shares):
+        raise GranularIdError(f"--levels must be {wanted}, got {levels!r}")
+    check_outputs(("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=path, force=force)
+    check_source(path)  # before imports that take longer than a look
+    data = read(path, prepared=True)
 
     from granular_id.evaluation import confidence_study
+    from granular_id.spaces import feature_spaces
 
+    spaces = feature_spaces(rate_hz=data.rate_hz)
+    if space not in spaces:
+        raise GranularIdError(f"--space must be one of {', '.join(spaces)}, got {space!r:.60}")
     found = confidence_study(
-        data,
-        method.spaces(data.rate_hz)[method.space],
-        by=hold_out,
-        levels=wanted,
-        share_known=share_known,
-        n_jobs=method.n_jobs,
-        random_state=seed,
-        progress=not quiet,
+        data, spaces[space], by=hold_out, levels=shares, share_known=share_known, n_jobs=-1
     )
     show(found.table(), "bold yellow" if found.synthetic else "")
-    if figure is not None:
+
+    def draw(file: Path) -> None:
         from granular_id.plotting import plot_confidence
 
-        plot_confidence(found, path=figure)
-    if json is not None:
-        found.save(json)
-    say_written([figure, json], repeat=not quiet)
+        plot_confidence(found, path=file)
 
-
-def _levels(text: str) -> list[float]:
-    """Read ``--levels``."""
-    wanted = "numbers between 0 and 1, separated by commas, each once"
-    found = numbers_in("--levels", text, wanted)
-    if not all(0 < share < 1 for share in found) or len(set(found)) < len(found):
-        raise GranularIdError(f"--levels must be {wanted}, got {text!r}")
-    return found
+    write_files((figure, draw), (json, found.save))

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from granular_id._files import made_folder
-from granular_id.cli.evaluate import Outputs, evaluate_and_show
-from granular_id.cli.options import FORCE, command, count
-from granular_id.cli.outputs import show
+from granular_id.cli.evaluate import print_result, write_report
+from granular_id.cli.options import Force, Seed
+from granular_id.cli.outputs import JSON_FILE, PAGE, PREDICTIONS, check_outputs, show, write_files
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset
@@ -22,15 +21,11 @@ PER_CLASS = 20
 LIVE_PUSHES, LIVE_SPEED = 3, 5
 
 
-@command
 def demo(
     *,
-    output: Path = typer.Option(Path("demo"), "--output", "-o", help="Folder for the files."),
-    seed: int = typer.Option(0, callback=count(0), help="Same seed, same recordings and numbers."),
-    threads: int | None = typer.Option(
-        None, callback=count(1), help="The numbers do not depend on it. Default: all cores."
-    ),
-    force: bool = FORCE,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files.")] = Path("demo"),
+    seed: Seed = 0,
+    force: Force = False,
 ) -> None:
     """Evaluate SYNTHETIC recordings, 11 simulated materials in 4 sessions, then name simulated pushes live.
 
@@ -40,39 +35,28 @@ def demo(
 
     Examples:
 
-    `granular-id demo`
-    `granular-id demo -o somewhere --seed 1`
+    - `granular-id demo`
+    - `granular-id demo -o somewhere --seed 1`
     """
-    page = output / "report.html"
-    outputs = Outputs(
-        report=page,
-        json=output / "result.json",
-        csv=output / "predictions.csv",
-        force=force,
-    )
+    page, numbers, table = (output / name for name in ("report.html", "result.json", "predictions.csv"))
     with made_folder(output):
-        outputs.check(name="--output")
-        from granular_id.evaluation import USUAL_SPACES
-        from granular_id.spaces import feature_spaces
+        check_outputs(
+            *(("--output", page, PAGE), ("--output", numbers, JSON_FILE), ("--output", table, PREDICTIONS)),
+            force=force,
+        )
+        from granular_id.evaluation import evaluate
         from granular_id.synthetic import PAPER_MATERIALS, synthesize
 
         n = PER_CLASS * len(PAPER_MATERIALS)
-        Console(highlight=False).print(
-            f"[bold yellow]SYNTHETIC data[/]: {n} simulated pushes through {len(PAPER_MATERIALS)} materials. The "
-            "figures below show that the program works, not how well it knows real materials."
-        )
         show(f"simulating {n} pushes", err=True)
         data = synthesize(n_per_class=PER_CLASS, seed=seed)
-        known = feature_spaces(rate_hz=data.rate_hz, threads=threads)
-        evaluate_and_show(
-            data,
-            {name: known[name] for name in USUAL_SPACES},
-            outputs,
-            random_state=seed,
-            n_jobs=-1 if threads is None else threads,
+        result = evaluate(data, n_jobs=-1, random_state=seed)
+        print_result(result, details=False, quiet=False)
+        write_files(
+            (numbers, result.to_json), (table, result.to_csv), (page, lambda file: write_report(result, file))
         )
         _name_live(data, seed)
-    show(f"\nopen {page} in a browser")
+    show(f"open {page} in a browser")
 
 
 def _name_live(data: Dataset, seed: int) -> None:
@@ -80,7 +64,7 @@ def _name_live(data: Dataset, seed: int) -> None:
     from granular_id.identifier import Identifier
     from granular_id.live import SimSource, identify
 
-    show("\nLive, a simulated sensor in a session of its own (SYNTHETIC):", "bold")
+    show("Live, a simulated sensor in a session of its own (SYNTHETIC):", "bold")
     model = Identifier.fit(data, estimate=False)
     source = SimSource("unknown", seed=seed, speed=LIVE_SPEED)
     for number, decision in enumerate(identify(source, model, n=LIVE_PUSHES, pre_s=0.15), start=1):

@@ -2,38 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from granular_id._core import GranularIdError
-from granular_id._files import write_json
-from granular_id._text import known_label
-from granular_id.cli.method import OneSpace
-from granular_id.cli.options import FORCE, command, option
-from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, say_written, show, show_sentence
-from granular_id.cli.recordings import Reading, Steps, equal_recordings
+from granular_id._files import check_source, write_json
+from granular_id._text import in_columns, known_label
+from granular_id.cli.options import Details, Figure, Force, Json, Recordings, Space
+from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, show, write_files
+from granular_id.cli.recordings import read
+from granular_id.cli.train import pipeline_of
 
-OUTPUT = "Output"
+if TYPE_CHECKING:
+    from granular_id.explanation import Explanation
 
-
-def _refuse_twice(first: str, second: str) -> None:
-    if first == second:
-        raise GranularIdError(f"FIRST and SECOND must be two materials, got {first!r} twice")
+_STRONGEST = 3
 
 
-@command
 def explain(
-    reading: Reading,
-    steps: Steps,
-    method: OneSpace,
+    path: Recordings,
+    first: Annotated[str, typer.Argument(metavar="FIRST", help="A material.")],
+    second: Annotated[str, typer.Argument(metavar="SECOND", help="Another material.")],
     *,
-    first: str = typer.Argument(metavar="FIRST", help="A material."),
-    second: str = typer.Argument(metavar="SECOND", help="Another material."),
-    figure: Path | None = option(OUTPUT, "Draw it: png, svg or pdf."),
-    json: Path | None = option(OUTPUT, "Write the tables and all weights."),
-    force: bool = FORCE,
-    quiet: bool = option(OUTPUT, "Print the tables only.", "--quiet", default=False),
+    space: Space = "best",
+    figure: Figure = None,
+    json: Json = None,
+    force: Force = False,
+    details: Details = False,
 ) -> None:
     """Add up what blocks, bands, axes and times contribute to telling two materials apart.
 
@@ -42,43 +40,55 @@ def explain(
     The method is trained on one fold of `granular-id evaluate` and explained on recordings of the two
     materials that are held out, so that what is shown decides for recordings it has not seen: of whole
     sessions, else of the earlier or the later half in time, else random ones. What is printed says which.
-    The method is that of `granular-id train`, --space best.
 
     Examples:
 
-    `granular-id explain recordings rice oat`
-    `granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`
+    - `granular-id explain recordings rice oat`
+    - `granular-id explain recordings rice oat --space hfmh --figure rice_oat.png --json rice_oat.json`
     """
-    method.refuse_impossible(steps.rate_hz)
-    check_outputs(
-        ("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=reading.path, force=force
-    )
-    _refuse_twice(first, second)
-    reading.refuse_absent()
-    method.refuse_unused()
-    data = equal_recordings(reading, steps, quiet=quiet)
+    check_outputs(("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=path, force=force)
+    check_source(path)  # before imports that take longer than a look
+    data = read(path, prepared=True)
     first, second = (known_label(name, data.labels) for name in (first, second))
     for name, label in (("FIRST", first), ("SECOND", second)):
         if label not in data.labels:
             raise GranularIdError(
                 f"{name} is {label!r}, which is no label here; there are {', '.join(data.labels)}"
             )
-    _refuse_twice(first, second)  # typed with a blank and with an underscore
+    if first == second:
+        raise GranularIdError(f"FIRST and SECOND must be two materials, got {first!r} twice")
 
     from granular_id.explanation import explain_held_out
 
-    pipeline = method.pipeline(data.rate_hz)
-    explanation, model, split = explain_held_out(data, pipeline, first, second)
+    explanation, model, split = explain_held_out(data, pipeline_of(space, data.rate_hz), first, second)
+    show(str(explanation) if details else "\n".join(_brief(explanation)))
+    show(f"{space}: {model}; explained on recordings held out: {split['held_out']}", most=4)
 
-    show_sentence(f"\n{method.space}: {model}")
-    show(f"explained on recordings held out: {split['held_out']}")
-    show(str(explanation))
-    if figure is not None:
+    def draw(file: Path) -> None:
         from granular_id.plotting import plot_explanation
 
-        title = f"{method.space}, explained on {split['folds']}"
+        title = f"{space}, explained on {split['folds']}"
         title += ", SYNTHETIC recordings" if data.is_synthetic else ""
-        plot_explanation(explanation, title=title, path=figure)
-    if json is not None:
-        write_json(json, {"space": method.space, "model": model, "split": split, **explanation.to_dict()})
-    say_written([figure, json], repeat=not quiet)
+        plot_explanation(explanation, title=title, path=file)
+
+    numbers = {"space": space, "model": model, "split": split, **explanation.to_dict()}
+    write_files((figure, draw), (json, lambda file: write_json(file, numbers)))
+
+
+def _brief(explanation: Explanation) -> Iterator[str]:
+    """Say the scores, the contributions of blocks and axes, and the strongest bands and stretches of time."""
+    named = zip((explanation.first, explanation.second), explanation.scores, explanation.counts, strict=True)
+    yield "; ".join(f"{label}: mean score {score:+.3g} of {count}" for label, score, count in named)
+    yield f"contributions, in {explanation.scale()[1]}:"
+    tables = explanation.tables()
+    rows = [["", *explanation.columns.axes, "sum"]]
+    for name, row in [*tables["block"].items(), ("sum", explanation.sums("axis"))]:
+        rows.append([name, *map(explanation.shown, (*row.values(), sum(row.values())))])
+    yield from in_columns(rows, right=True)
+    for by in ("band", "time"):
+        if by in tables:
+            sums = {
+                name: sum(row.values()) for name, row in tables[by].items() if name not in tables["block"]
+            }
+            most = sorted(sums, key=sums.__getitem__, reverse=True)[:_STRONGEST]
+            yield f"most by {by}: {', '.join(f'{name} {explanation.shown(sums[name])}' for name in most)}"

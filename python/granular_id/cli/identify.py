@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import ast
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from granular_id._core import GranularIdError
 from granular_id._files import MODELS, check_source, write_json
-from granular_id._text import counted
-from granular_id.cli.archive import WorkerOptions, check_is_archive, typed_reader, working_on
-from granular_id.cli.errors import words_of
-from granular_id.cli.options import FORCE, command, given_flags, option, positive
+from granular_id.cli.archive import check_is_archive, reader_line, working_on
+from granular_id.cli.options import (
+    Accept,
+    Details,
+    Figure,
+    Force,
+    Jobs,
+    Json,
+    Model,
+    Quiet,
+    Scheduler,
+    within,
+)
 from granular_id.cli.outputs import (
     ANSWERS,
     JSON_FILE,
@@ -24,199 +35,55 @@ from granular_id.cli.outputs import (
     warn_of_setups,
     write_files,
 )
-from granular_id.cli.recordings import (
-    ACCEPT,
-    PANEL,
-    Difference,
-    ReadingOptions,
-    StepOptions,
-    say_loaded,
-    say_step,
-)
+from granular_id.cli.recordings import about, read, say_step
 
 if TYPE_CHECKING:
     from granular_id.archive import Extraction
-    from granular_id.identifier import Identifier, Timeline
+    from granular_id.identifier import Identifier
     from granular_id.recording import Dataset
 
-OUTPUT = "Output"
+_MOST_LINES = 12
+
+_OF_READING = ("units", "csv", "id", "time", "time_unit", "array", "topic", "rate_hz")
 
 
-@dataclass(kw_only=True)
-class Recordings(ReadingOptions):
-    """A model and the recordings to identify."""
-
-    files: list[Path] | None = typer.Argument(
-        metavar="MODEL PATH",
-        help="Model file, then folders and files of recordings.",
-        show_default=False,
-        default=None,
-    )
-    model: Path | None = option(PANEL, "Model file; all arguments are recordings then.", "--model", "-m")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        given = [*([] if self.model is None else [self.model]), *(self.files or [])]
-        if self.model is not None and not self.files:
-            raise GranularIdError("no recordings given: granular-id identify -m MODEL PATH...")
-        if len(given) < 2:
-            got = f"{given[0]} alone" if given else "neither"
-            raise GranularIdError(
-                f"a model file and recordings are needed, got {got}: granular-id identify MODEL PATH..., with the "
-                "MODEL that granular-id train wrote"
-            )
-        self.model_file, *self.paths = given
-
-    def load_model(self) -> Identifier:
-        """Read the model; where it may stand in another place, say which is the first."""
-        from granular_id.identifier import Identifier
-
-        try:
-            return Identifier.load(self.model_file)
-        except (OSError, ValueError) as error:
-            if self.model is not None or not any(path.suffix in MODELS for path in self.paths):
-                raise
-            raise GranularIdError(
-                f"{words_of(error)}; the model comes first: granular-id identify MODEL PATH..."
-            ) from None
-
-    def load(self, identifier: Identifier, *, quiet: bool) -> Dataset:
-        """Read the recordings into one data set and say what was read; when quiet, only what was skipped.
-
-        Without ``--axes`` files have the axes of the model.
-        """
-        from granular_id.recording import AXES, Dataset
-
-        axes = None if identifier.axes == AXES else identifier.axes
-        parts = [self.load_path(path, axes=axes, quiet=quiet) for path in self.paths]
-        data = parts[0]
-        if len(parts) > 1:
-            data = Dataset.concatenate([_placed(*each) for each in zip(self.paths, parts, strict=True)])
-        say_loaded(data, quiet=quiet)
-        return data
-
-
-def _placed(path: Path, data: Dataset) -> Dataset:
-    """Name the recordings of one of several paths after it."""
-
-    def place(name: str) -> str:
-        if path.is_dir():
-            return str(path / name)
-        return str(path) if len(data) == 1 else f"{path}: {name}"
-
-    return type(data)([replace(one, name=place(one.name)) for one in data], data.history)
-
-
-@dataclass(kw_only=True)
-class Fitting(StepOptions):
-    """How recordings come to the rate and length of the model."""
-
-    answers_over_all: ClassVar[bool] = True
-
-    begin_at: Literal["auto", "first", "trigger", "onset"] = option(
-        PANEL,
-        "Where the model's length begins: the first sample, the stored trigger, the onset of motion found in "
-        "the forces; auto: as in the training.",
-        default="auto",
-    )
-    lead_s: float | None = option(PANEL, "Seconds ahead of trigger or onset. Default: as in the training.")
-    accept: list[Difference] | None = option(PANEL, ACCEPT)
-    hop_s: float | None = option(
-        PANEL,
-        "Answer over all of each recording: every so many seconds, about the model's length before.",
-        "--hop-s",
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive("--hop-s", self.hop_s)
-        if self.hop_s is not None and (self.begin_at != "auto" or self.lead_s is not None):
-            unused = "--lead-s" if self.begin_at == "auto" else "--begin-at"
-            raise GranularIdError(
-                f"{unused} says where the one answer begins; with --hop-s there are many: leave it out"
-            )
-        if self.lead_s is not None and self.begin_at == "first":
-            raise GranularIdError(
-                "--lead-s is time kept ahead of a trigger: leave it out, or --begin-at first"
-            )
-        if self.onsets and self.begin_at != "onset":
-            raise GranularIdError(
-                "--onset-at states an onset, but nothing begins there: add --begin-at onset"
-            )
-
-    @property
-    def accepted(self) -> list[str]:
-        """What may differ from the training."""
-        return [one.value for one in self.accept or []]
-
-    def taken(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> tuple[Dataset, tuple[str, ...]]:
-        """Bring recordings to the length of a model, saying what each step did; return how they differ."""
-        wanted, accepted = identifier.requirements, self.accepted
-        differences = wanted.check(data, accepted)
-        if self.begin_at == "onset":
-            data = say_step(self.with_onsets(data), quiet=quiet)
-            differences = wanted.check(data, accepted)  # the trigger is another one
-        cropped = wanted.crop(
-            data,
-            begin_at="trigger" if self.begin_at == "onset" else self.begin_at,
-            lead_s=self.lead_s,
-            on_short=self.on_short,
-            over_all=self.answers_over_all,
-        )
-        return cropped if cropped is data else say_step(cropped, quiet=quiet), differences
-
-    def over_all(self, data: Dataset, identifier: Identifier, *, quiet: bool) -> list[Timeline]:
-        """Answer over all of each recording, but those that are too short where these are to be left out."""
-        whole = [one for one in data if one.n_samples >= identifier.n_samples or self.on_short == "raise"]
-        if not whole:
-            raise GranularIdError(f"every recording is shorter than the model's {_window_s(identifier):g} s")
-        if len(whole) < len(data) and not quiet:
-            show(
-                f"left out {counted(len(data) - len(whole))} shorter than the model's {_window_s(identifier):g} s"
-            )
-        return [identifier.predict_over(one, self.hop_s, accept=self.accepted) for one in whole]
-
-
-def _window_s(identifier: Identifier) -> float:
-    return identifier.n_samples / identifier.rate_hz
-
-
-def _say_how_little(data: Dataset, identifier: Identifier, *, quiet: bool) -> None:
-    """Say of recordings much longer than the model's length that most of them was not looked at."""
-    window_s, longest_s = _window_s(identifier), max(one.n_samples for one in data) / identifier.rate_hz
-    if longest_s >= 2 * window_s:
-        show(
-            f"note: of {'the recording' if len(data) == 1 else 'each recording'} only {window_s:g} s of up to "
-            f"{longest_s:g} s were looked at; --hop-s {window_s:g} answers over all of it",
-            "yellow",
-            err=quiet,
-        )
-
-
-@command
 def identify(
-    recordings: Recordings,
-    fitting: Fitting,
-    workers: WorkerOptions,
+    model: Model,
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="PATH...", help="Files and folders of recordings, or an archive.")
+    ],
     *,
-    output: Path | None = option(
-        OUTPUT, "Of an archive: folder to write the answers into, or to go on with.", "--output", "-o"
-    ),
-    json: Path | None = option(OUTPUT, "Write answers with their rankings."),
-    csv: Path | None = option(OUTPUT, "Write answers as a table; with --hop-s each of them."),
-    figure: Path | None = option(OUTPUT, "Draw the answers over one recording; needs --hop-s."),
-    force: bool = FORCE,
-    quiet: bool = option(OUTPUT, "Print recording and answer only.", "--quiet", default=False),
+    hop_s: Annotated[
+        float | None,
+        typer.Option(
+            callback=within(0),
+            help="Answer over all of each recording: every so many seconds, about those before.",
+        ),
+    ] = None,
+    accept: Accept = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Of an archive: folder to write the answers into, or to go on with."
+        ),
+    ] = None,
+    jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    json: Json = None,
+    csv: Annotated[Path | None, typer.Option(help="Write every answer as a table.")] = None,
+    figure: Figure = None,
+    force: Force = False,
+    details: Details = False,
+    quiet: Quiet = False,
 ) -> None:
     """Name the material in each recording, with a model that `granular-id train` has written.
 
-    PATH is a file or folder of any format, as for `granular-id evaluate`; labels are not needed. Where
-    recordings have some that the model knows, its answers are compared with them.
+    Labels are not needed. Where recordings have some that the model knows, its answers are compared with them.
+    Axes, units and what else was chosen to read the recordings of the training is taken for these, too.
 
-    Recordings must have the rate of the model (`granular-id model info MODEL`) and at least its length.
-    Longer ones begin as those of the training: at their stored trigger, less the rest ahead of it, or at
-    their first sample; --begin-at says otherwise. With --hop-s long recordings are answered from beginning
-    to end, each answer about the model's length before it; --figure draws them.
+    Recordings must have the rate of the model (`granular-id model MODEL`) and at least its length. Longer ones
+    begin as those of the training: at their stored trigger, less the rest ahead of it, or at their first sample. With
+    `--hop-s` long recordings are answered from beginning to end; `--figure` draws the answers over one.
 
     A model knows what its recordings were made with. Another frame or sign is refused, another sensor,
     filter, tool, trigger or speed is said; what is not known is not compared. `--accept` takes what is the
@@ -228,130 +95,151 @@ def identify(
 
     Examples:
 
-    `granular-id identify kitchen.safetensors fresh`
-    `granular-id identify -m kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`
-    `granular-id identify kitchen.safetensors bags --rate-hz 500 --begin-at onset --lead-s 0.1`
-    `granular-id identify grounds.safetensors drive.csv --hop-s 0.5 --figure answers.png`
-    `granular-id identify kitchen.safetensors fleet -o answers --jobs 8`
+    - `granular-id identify kitchen.safetensors fresh`
+    - `granular-id identify kitchen.safetensors push_1.npz push_2.csv --csv answers.csv`
+    - `granular-id identify grounds.safetensors drive.csv --hop-s 0.5 --figure answers.png`
+    - `granular-id identify kitchen.safetensors fleet -o answers --jobs 8`
     """
+    if model.suffix not in MODELS and any(path.suffix in MODELS for path in paths):
+        raise GranularIdError(f"MODEL comes first, got {model}: granular-id identify MODEL PATH...")
+    accepted = [one.value for one in accept or ()]
     if output is not None:
-        _refuse_beside_output(recordings, fitting, json=json, csv=csv, figure=figure, force=force)
-        _answer_archive(recordings, fitting, workers, output, quiet=quiet)
+        beside = {"--json": json, "--csv": csv, "--figure": figure, "--hop-s": hop_s, "--force": force}
+        _answer_archive(model, paths, output, beside, accepted, jobs, scheduler, quiet=quiet)
         return
-    if flags := given_flags(workers):
-        raise GranularIdError(f"{flags[0]} is about archives: add -o OUT, a folder for the answers")
-    if figure is not None and fitting.hop_s is None:
-        raise GranularIdError("--figure draws answers over time: add --hop-s")
-    outputs = ("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), ("--figure", figure, PICTURE)
-    for path in (recordings.model_file, *recordings.paths):
-        check_outputs(*outputs, source=path, force=force)
+    if jobs is not None or scheduler is not None:
+        raise GranularIdError("--jobs and --scheduler are about archives: add -o, a folder for the answers")
+    if figure is not None and (hop_s is None or len(paths) > 1):
+        raise GranularIdError("--figure draws answers over one recording: add --hop-s, and name one PATH")
+    for path in (model, *paths):
+        check_outputs(
+            *(("--json", json, JSON_FILE), ("--csv", csv, ANSWERS), ("--figure", figure, PICTURE)),
+            source=path,
+            force=force,
+        )
         check_source(path)  # before imports that take longer than a look
-    identifier = recordings.load_model()
-    loaded = recordings.load(identifier, quiet=quiet)
-    data = fitting.resample(loaded)
-    if data is not loaded:
-        say_step(data, quiet=quiet)
-    if fitting.hop_s is None:
-        _answer_each(data, fitting, identifier, json, csv, quiet=quiet)
-    else:
-        _answer_over(data, fitting, identifier, json, csv, figure, quiet=quiet)
+    from granular_id.identifier import Identifier
+
+    identifier = Identifier.load(model)
+    data = _read_all(paths, identifier, quiet=quiet)
+    with about(paths[0]):
+        if hop_s is None:
+            _answer_each(data, identifier, accepted, json, csv, details=details, quiet=quiet)
+        else:
+            _answer_over(data, identifier, accepted, hop_s, json, csv, figure, details=details, quiet=quiet)
 
 
-_OF_ARCHIVES = ("--model", "--begin-at", "--lead-s", "--on-short", "--accept")
+def read_for(path: Path, identifier: Identifier, *, quiet: bool) -> Dataset:
+    """Read recordings as those of a model's training were read, or else without any option but its axes."""
+    known = read_as(identifier, path)
+    try:
+        return read(path, quiet=quiet, **known)
+    except GranularIdError:
+        if not known.keys() - {"axes"}:
+            raise
+        with suppress(GranularIdError):
+            return read(path, quiet=quiet, axes=known.get("axes"))
+        raise
 
 
-def _refuse_beside_output(recordings: Recordings, fitting: Fitting, **others: Path | bool | None) -> None:
-    """Refuse what is not for answers into a folder."""
-    if len(recordings.paths) > 1:
-        raise GranularIdError(
-            f"-o takes the answers about one archive, got {len(recordings.paths)}: name one"
-        )
-    for name, value in others.items():
-        if value:
-            raise GranularIdError(
-                f"--{name} does not go with -o, whose folder holds the answers: leave it out"
-            )
-    for flag in given_flags(recordings, fitting):
-        if flag not in _OF_ARCHIVES:
-            as_they_are = "recordings of an archive are answered as they are"
-            raise GranularIdError(
-                f"{flag} does not go with -o: {as_they_are}; granular-id data convert prepares them"
-            )
+def read_as(identifier: Identifier, path: Path) -> dict[str, Any]:
+    """Return what was chosen to read the recordings of a model's training; where labels stand in folders only."""
+    from granular_id.recording import AXES
+
+    steps = (step["parameters"] for step in identifier.trained.get("history", ()) if step["step"] == "load")
+    chosen: dict[str, Any] = next(steps, {})
+    known = {name: chosen[name] for name in _OF_READING if name in chosen}
+    if "csv" in known:
+        known["csv"] = {name: ast.literal_eval(text) for name, text in known["csv"].items()}
+    if path.is_dir():
+        places = ("folder", "parent", "file")
+        known |= {name: chosen[name] for name in ("label", "session") if chosen.get(name) in places}
+    return known | ({} if identifier.axes == AXES else {"axes": identifier.axes})
 
 
-def _answer_archive(
-    recordings: Recordings, fitting: Fitting, workers: WorkerOptions, output: Path, *, quiet: bool
-) -> None:
-    """Write one answer for each recording of an archive, and print what they are in all."""
-    (path,) = recordings.paths
-    if fitting.begin_at == "onset":
-        raise GranularIdError("--begin-at onset is not for archives: find onsets by granular-id data convert")
-    check_source(recordings.model_file)
-    check_is_archive(path)
-    from granular_id.archive import Answers, identify as identify_archive
+def _read_all(paths: list[Path], identifier: Identifier, *, quiet: bool) -> Dataset:
+    """Read the recordings of several paths into one data set, named after their paths."""
+    from granular_id.recording import Dataset
 
-    model = recordings.load_model()
+    parts = [read_for(path, identifier, quiet=quiet) for path in paths]
+    if len(parts) == 1:
+        return parts[0]
 
-    def say(done: Extraction, *, partial: bool = False) -> None:
-        if done.n_partitions and not quiet:
-            there = Answers(output, partial=partial)
-            print_table(there.summary(), strong=there.model.synthetic)
-            show("")
-        show(str(done))
-        if done.n_partitions:
-            show(f"read them with: {typed_reader('Answers', output, partial=partial)}  # .table")
+    def place(path: Path, data: Dataset, name: str) -> str:
+        return str(path / name) if path.is_dir() else str(path) if len(data) == 1 else f"{path}: {name}"
 
-    with working_on(path, say):
-        answers = identify_archive(
-            path,
-            model,
-            output,
-            accept=fitting.accepted,
-            begin_at=fitting.begin_at,
-            lead_s=fitting.lead_s,
-            on_short=fitting.on_short,
-            progress=not quiet,
-            **workers.given(),
-        )
-    if answers.extraction is not None:
-        say(answers.extraction)
+    return Dataset.concatenate(
+        [
+            Dataset([replace(one, name=place(path, data, one.name)) for one in data], data.history)
+            for path, data in zip(paths, parts, strict=True)
+        ]
+    )
 
 
 def _answer_each(
     data: Dataset,
-    fitting: Fitting,
     identifier: Identifier,
+    accepted: list[str],
     json: Path | None,
     csv: Path | None,
     *,
+    details: bool,
     quiet: bool,
 ) -> None:
     """Print and write one answer for each recording."""
     from granular_id.identifier import identify_all
 
-    taken, differences = fitting.taken(data, identifier, quiet=quiet)
+    taken, differences = fitted(data, identifier, accepted, quiet=quiet)
     answers = identify_all(identifier, taken, differences)
     if quiet:
         for answer in answers.each():
             nearest = "like no known material, nearest " if answer["unknown"] else ""
             typer.echo(f"{answer['name']}\t{nearest}{answer['label']}")  # rich would turn the tab into blanks
-        warn_of_setups(differences, err=True)
-        if answers.synthetic:
-            show(answers.synthetic, "bold yellow", err=True)
+        _warn_quietly(differences, answers.synthetic)
     else:
-        print_table(answers.table(), strong=bool(answers.synthetic))
-    _say_how_little(data, identifier, quiet=quiet)
+        print_table(answers.table(), strong=bool(answers.synthetic), details=details)
+    window_s, longest_s = _window_s(identifier), max(one.n_samples for one in data) / identifier.rate_hz
+    if longest_s >= 2 * window_s:
+        show(
+            f"note: only {window_s:g} s of up to {longest_s:g} s were looked at; --hop-s {window_s:g} answers over all",
+            "yellow",
+            err=quiet,
+        )
     write_files((json, lambda path: write_json(path, answers.to_dict())), (csv, answers.to_csv))
+
+
+def fitted(
+    data: Dataset, identifier: Identifier, accepted: list[str], *, quiet: bool, over_all: bool = True
+) -> tuple[Dataset, tuple[str, ...]]:
+    """Bring recordings to the length of a model; return how their set-up differs, too."""
+    wanted = identifier.requirements
+    differences = wanted.check(data, accepted)
+    cropped = wanted.crop(data, over_all=over_all)
+    if cropped is not data and not quiet:
+        say_step(cropped)
+    return cropped, differences
+
+
+def _window_s(identifier: Identifier) -> float:
+    return identifier.n_samples / identifier.rate_hz
+
+
+def _warn_quietly(differences: Any, synthetic: str) -> None:
+    warn_of_setups(differences, err=True)
+    if synthetic:
+        show(synthetic, "bold yellow", err=True)
 
 
 def _answer_over(
     data: Dataset,
-    fitting: Fitting,
     identifier: Identifier,
+    accepted: list[str],
+    hop_s: float,
     json: Path | None,
     csv: Path | None,
     figure: Path | None,
     *,
+    details: bool,
     quiet: bool,
 ) -> None:
     """Print and write answers over all of each recording: of one in a table, of several a line each."""
@@ -359,23 +247,21 @@ def _answer_over(
 
     if figure is not None and len(data) > 1:
         raise GranularIdError(
-            f"--figure draws one recording, got {len(data)}: name its file, or leave --figure out"
+            f"--figure draws one recording, got {len(data)}: name its file, or leave it out"
         )
-    each = fitting.over_all(data, identifier, quiet=quiet)
+    each = [identifier.predict_over(one, hop_s, accept=accepted) for one in data]
+    differences = dict.fromkeys(one for answers in each for one in answers.differences)
     if quiet:
         for answers in each:
             typer.echo(f"{answers.name}\t{answers.sentence()}")
-        warn_of_setups(dict.fromkeys(one for answers in each for one in answers.differences), err=True)
-        if each[0].synthetic:
-            show(each[0].synthetic, "bold yellow", err=True)
+        _warn_quietly(differences, each[0].synthetic)
     elif len(each) == 1:
-        print_table(each[0].table(), strong=bool(each[0].synthetic))
+        print_table(each[0].table(), strong=bool(each[0].synthetic), details=details)
     else:
-        for answers in each:
-            show(str(answers))
+        show("\n".join(map(str, each)), most=None if details else _MOST_LINES)
         for note in notes_of_all(each):
             show(note)
-        warn_of_setups(dict.fromkeys(one for answers in each for one in answers.differences))
+        warn_of_setups(differences)
 
     def draw(path: Path) -> None:
         from granular_id.plotting import plot_answers
@@ -387,3 +273,47 @@ def _answer_over(
         (csv, lambda path: write_csv(path, each)),
         (figure, draw),
     )
+
+
+def _answer_archive(
+    model: Path,
+    paths: list[Path],
+    output: Path,
+    beside: dict[str, Any],
+    accepted: list[str],
+    jobs: int | None,
+    scheduler: str | None,
+    *,
+    quiet: bool,
+) -> None:
+    """Write one answer for each recording of an archive, and print what they are in all."""
+    if len(paths) > 1:
+        raise GranularIdError(f"-o takes the answers about one archive, got {len(paths)}: name one")
+    for name, value in beside.items():
+        if value:
+            raise GranularIdError(f"{name} does not go with -o, whose folder holds the answers: leave it out")
+    check_source(model)
+    check_is_archive(paths[0])
+    from granular_id.archive import Answers, identify as identify_archive
+    from granular_id.identifier import Identifier
+
+    def say(done: Extraction, *, partial: bool = False) -> None:
+        if done.n_partitions and not quiet:
+            there = Answers(output, partial=partial)
+            print_table(there.summary(), strong=there.model.synthetic, details=False)
+        show(str(done))
+        if done.n_partitions:
+            show(f"read them with: {reader_line('Answers', output, partial=partial)}  # .table")
+
+    with working_on(paths[0], say):
+        answers = identify_archive(
+            paths[0],
+            Identifier.load(model),
+            output,
+            accept=accepted,
+            progress=not quiet,
+            n_jobs=-1 if jobs is None and scheduler is None else jobs,
+            scheduler=scheduler,
+        )
+    if answers.extraction is not None:
+        say(answers.extraction)

@@ -31,29 +31,19 @@ _ENDINGS = {
 """Exit codes by which shells know these signals."""
 
 
-@contextmanager
-def heeding_interrupts() -> Iterator[None]:
-    """Repeat a Ctrl-C, or another signal that ends the program, that Python drops.
+def raise_again(dropped: UnraisableHookArgs) -> None:
+    """Repeat a Ctrl-C, or another signal that ends the program, that Python drops: a `sys.unraisablehook`.
 
     One that arrives while an object is being deleted (`zipfile.ZipFile` closes itself then) is printed as "ignored",
     and the program would go on to its end. It is raised again a moment later, from outside the deletion.
     """
-    before = sys.unraisablehook
-
-    def hook(dropped: UnraisableHookArgs) -> None:
-        number = _signal_of(dropped.exc_value)
-        if number is not None:
-            again = threading.Timer(_AGAIN_S, _thread.interrupt_main, (number,))
-            again.daemon = True
-            again.start()
-        else:
-            before(dropped)
-
-    sys.unraisablehook = hook
-    try:
-        yield
-    finally:
-        sys.unraisablehook = before
+    number = _signal_of(dropped.exc_value)
+    if number is None:
+        sys.__unraisablehook__(dropped)
+        return
+    again = threading.Timer(_AGAIN_S, _thread.interrupt_main, (number,))
+    again.daemon = True
+    again.start()
 
 
 @contextmanager

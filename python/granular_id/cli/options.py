@@ -1,142 +1,127 @@
-"""What commands are made of: options, groups of options, checks of their values."""
+"""Options that several commands share, and how their texts are read."""
 
 from __future__ import annotations
 
-import functools
-import inspect
+import ast
 import math
 from collections.abc import Callable
-from dataclasses import is_dataclass
-from inspect import Parameter
-from typing import Any, TypeVar, get_type_hints
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
-from typer.models import OptionInfo
 
 from granular_id._core import GranularIdError
-from granular_id.cli.errors import guarded
 
-Group = TypeVar("Group")
-
-
-def option(panel: str, text: str, *names: str, default: Any = None, **bounds: Any) -> Any:
-    """Return an option with its help in one of the panels of ``--help``; with the default ``...`` it must be given.
-
-    Its name is the parameter's unless given. Bounds are a `callback`: `count`, `above_zero`, `a_share`.
-    """
-    return typer.Option(default, *names, help=text, rich_help_panel=panel, **bounds)
+FOUND_ERRORS = 3
+"""Exit code where recordings were read, and hold what would spoil, or spoils, an evaluation."""
 
 
-def count(least: int) -> Callable[[int | None], int | None]:
-    """Return the callback of an option that refuses whole numbers below `least`."""
+def within(low: float, high: float = math.inf, *, but: str = "") -> Callable[[float | None], float | None]:
+    """Return the callback of an option that refuses numbers outside of an open interval."""
 
-    def callback(value: int | None) -> int | None:
-        if value is not None and value < least:
-            raise typer.BadParameter(f"must be at least {least}, got {value}")
+    def callback(value: float | None) -> float | None:
+        if value is not None and not low < value < high:
+            wanted = "be positive and finite" if math.isinf(high) else f"lie between {low:g} and {high:g}"
+            raise typer.BadParameter(f"must {wanted}{but}, got {value:g}")
         return value
 
     return callback
 
 
-def above_zero(value: float | None) -> float | None:
-    """Refuse what is not positive and finite: the callback of an option."""
-    if value is not None and not 0 < value < math.inf:
-        raise typer.BadParameter(f"must be positive and finite, got {value:g}")
-    return value
+class Difference(str, Enum):
+    """Choices of ``--accept``."""
+
+    frame = "frame"
+    transform = "transform"
+    sign = "sign"
+    units = "units"
 
 
-def a_share(value: float) -> float:
-    """Refuse what does not lie between 0 and 1: the callback of an option."""
-    if not 0 < value < 1:
-        raise typer.BadParameter(f"must lie between 0 and 1, got {value:g}")
-    return value
+Recordings = Annotated[
+    Path,
+    typer.Argument(metavar="PATH", help="Recordings: what `granular-id data convert` wrote, or a folder."),
+]
+Model = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file, from `granular-id train`.")]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace files that are there, where they are of the same kind.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print the answer only, and no progress.")]
+Details = Annotated[bool, typer.Option("--details", help="Print all there is, not one screen.")]
+Json = Annotated[Path | None, typer.Option(help="Write all numbers into this file, for programs.")]
+Figure = Annotated[Path | None, typer.Option(help="Draw it: png, svg or pdf.")]
+Seed = Annotated[int, typer.Option(min=0, help="Same seed, same numbers.")]
+Jobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads. Default: one a core.")]
+Space = Annotated[
+    str,
+    typer.Option(
+        help="Feature space. best: what held-out recordings choose of multi-band features; multiband: the same "
+        "without a choice; raw+hfmh: the paper's."
+    ),
+]
+HoldOut = Annotated[
+    str,
+    typer.Option(
+        help="auto: sessions where half of the materials have several, else halves in time, else random folds. Or "
+        "session, time, random; or a condition: day, tool, sensor, any entry of the metadata."
+    ),
+]
+CutoffHz = Annotated[float | None, typer.Option(help="High-pass of the histogram (HFMH). Default: 23 Hz.")]
+BinRange = Annotated[
+    str | None,
+    typer.Option(
+        help="LOW,HIGH of the histogram, N and N m; auto: learned for each axis. Default: -1.5,1.5."
+    ),
+]
+Share = Annotated[
+    float, typer.Option(callback=within(0, 1), help="Share of known recordings that are not called unknown.")
+]
+Accept = Annotated[
+    list[Difference] | None,
+    typer.Option(help="Go on though this is not as in the training, with a warning. Repeatable."),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(help="Scheduler of a Dask cluster that does the work: tcp://HOST:8786. Default: threads."),
+]
+
+# How recordings are read that do not follow the convention.
+
+Label = Annotated[
+    str | None,
+    typer.Option(
+        help="Where labels stand: folder, parent (above it), file (its name), column:NAME, meta:PATH."
+    ),
+]
+Session = Annotated[
+    str | None,
+    typer.Option(help="Where sessions stand, what was recorded in one go: as --label."),
+]
+Axes = Annotated[
+    str | None, typer.Option(help="Columns that are the axes: wx,wy,wz. Default: fx,fy,fz,tx,ty,tz.")
+]
+Units = Annotated[
+    str | None,
+    typer.Option(help="Units that files do not state: one, one an axis, or one a run of axes (rad/s,m/s2)."),
+]
+Csv = Annotated[
+    list[str] | None,
+    typer.Option(help="Option of pandas.read_csv: skiprows=7, decimal=, or encoding=cp1252. Repeatable."),
+]
 
 
-FORCE = option(
-    "Output", "Replace files that are there, where they are of the same kind.", "--force", default=False
-)
-
-
-def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Make a function a command; its help is its docstring.
-
-    typer reads options off the signature of one function. Here a parameter may also stand for a group of options: a
-    dataclass whose fields are options and which checks them in `__post_init__`.
-    """
-    parameters = inspect.signature(function, eval_str=True).parameters.values()
-    groups: dict[str, Any] = {
-        each.name: each.annotation for each in parameters if is_dataclass(each.annotation)
-    }
-
-    @guarded
-    @functools.wraps(function)
-    def run(**values: Any) -> None:
-        made = {
-            name: group(**{each.name: values.pop(each.name) for each in _options_of(group)})
-            for name, group in groups.items()
-        }
-        function(**made, **values)
-
-    every = [
-        option.replace(kind=Parameter.KEYWORD_ONLY)
-        for each in parameters
-        for option in (_options_of(each.annotation) if each.name in groups else [each])
-    ]
-    run.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
-    run.__annotations__ = {option.name: option.annotation for option in every}
-    # Markdown would join examples that no blank line parts.
-    run.__doc__ = inspect.cleandoc(function.__doc__ or "").replace("`\n`", "`\n\n`")
-    return run
-
-
-@functools.cache  # commands share groups, and reading annotations takes time
-def _options_of(group: Callable[..., Any]) -> list[Parameter]:
-    hints = get_type_hints(group)
-    return [
-        each.replace(annotation=hints[each.name]) for each in inspect.signature(group).parameters.values()
-    ]
-
-
-def with_defaults(group: Callable[..., Group]) -> Group:
-    """Return a group of options at their defaults."""
-    return group(**{each.name: each.default.default for each in _options_of(group)})
-
-
-def given_flags(*groups: Any) -> list[str]:
-    """Name the options of groups that were given other values than their defaults, as they are typed."""
-    flags = []
-    for group in groups:
-        kind: Callable[..., Any] = type(group)
-        for each in _options_of(kind):
-            value, known = getattr(group, each.name), each.default
-            if isinstance(known, OptionInfo) and value != known.default:
-                named = [word for word in known.param_decls or () if word.startswith("--")]
-                flag = named[0] if named else f"--{each.name.replace('_', '-')}"
-                flags.append(flag if value is not False else flag.replace("--", "--no-", 1))
-    return flags
-
-
-# Values of options, checked before any file is read.
-
-
-def at_least(option: str, value: int | None, minimum: int) -> None:
-    """Refuse a count below a minimum; None is no value at all."""
-    if value is not None and value < minimum:
-        wanted = "not be negative" if minimum == 0 else f"be at least {minimum}"
-        raise GranularIdError(f"{option} must {wanted}, got {value}")
-
-
-def positive(option: str, value: float | None, *, infinite: bool = False) -> None:
-    """Refuse what is not positive, or not finite unless it may be infinite; None is no value at all."""
-    if value is None or (value > 0 and (infinite or math.isfinite(value))):
-        return
-    raise GranularIdError(f"{option} must be positive{'' if infinite else ' and finite'}, got {value:g}")
-
-
-def between(option: str, share: float) -> None:
-    """Refuse what does not lie between 0 and 1."""
-    if not 0 < share < 1:
-        raise GranularIdError(f"{option} must lie between 0 and 1, got {share:g}")
+def csv_in(texts: list[str] | None) -> dict[str, Any] | None:
+    """Read ``--csv KEY=VALUE``: values are those of Python where they look so, else texts."""
+    options: dict[str, Any] = {}
+    for text in texts or ():
+        key, equals, value = text.partition("=")
+        if not equals or not key.isidentifier():
+            raise GranularIdError(f"--csv must be KEY=VALUE, an option of pandas.read_csv, got {text!r}")
+        try:
+            options[key] = ast.literal_eval(value)
+        except (ValueError, SyntaxError):
+            options[key] = value
+    return options or None
 
 
 def numbers_in(option: str, text: str, wanted: str, count: int | None = None) -> list[float]:
@@ -153,3 +138,13 @@ def numbers_in(option: str, text: str, wanted: str, count: int | None = None) ->
 def names_in(text: str) -> list[str]:
     """Split names at commas."""
     return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def histogram_settings(cutoff_hz: float | None, bin_range: str | None) -> dict[str, Any]:
+    """Return the settings of the histogram that were given, as `granular_id.spaces.feature_spaces` takes them."""
+    settings: dict[str, Any] = {} if cutoff_hz is None else {"cutoff_hz": cutoff_hz}
+    if bin_range is not None:
+        wanted = "LOW,HIGH such as -1.5,1.5, or auto"
+        auto = bin_range == "auto"
+        settings["bin_range"] = "auto" if auto else tuple(numbers_in("--bin-range", bin_range, wanted, 2))
+    return settings

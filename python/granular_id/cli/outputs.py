@@ -1,12 +1,13 @@
-"""What commands print, and the checks of what they write: nothing of another kind is replaced, and nothing unasked."""
+"""What commands print, on one screen, and the checks of what they write: nothing unasked is replaced."""
 
 from __future__ import annotations
 
 import re
 import shlex
-import shutil
 import sys
-from collections.abc import Callable, Iterable, Sequence
+import textwrap
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -19,16 +20,35 @@ from granular_id._core import GranularIdError
 from granular_id._files import JSON, MODELS, PAGES, PICTURES, TABLES, check_target
 from granular_id._text import Table
 
+COLUMNS = 80
+"""No line is wider, piped or not, unless a single word is."""
 
-def show(text: str, style: str = "", *, err: bool = False) -> None:
-    """Print a text as it stands, without markup or wrapping."""
-    Console(stderr=err).print(Text(text, style=style), soft_wrap=True)
+_MOST_ROWS = 12
 
 
-def show_sentence(text: str, style: str = "") -> None:
-    """Print a text without markup, on a terminal broken between words; elsewhere a line is a line."""
-    console = Console()
-    console.print(Text(text, style=style), soft_wrap=not console.is_terminal)
+def show(
+    text: str, style: str = "", *, err: bool = False, most: int | None = None, rest: str = "--details"
+) -> None:
+    """Print a text without markup, broken between words; of more than `most` lines the first, and what has the rest."""
+    lines = [piece for line in text.splitlines() or [""] for piece in _broken(line)]
+    if most is not None and len(lines) > most:
+        lines[most - 1 :] = [f"... {len(lines) - most + 1} more lines: {rest}"]
+    Console(stderr=err).print(Text("\n".join(lines), style=style), soft_wrap=True)
+
+
+def _broken(line: str) -> Iterator[str]:
+    """Break a line; one that is to be typed goes on after a backslash."""
+    width = min(COLUMNS, Console().width)
+    if len(line) <= width:
+        yield line
+        return
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    typed = line.lstrip().startswith("granular-id ")
+    pieces = textwrap.wrap(
+        line, width - 2 * typed, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+    yield from (piece + " \\" * typed for piece in pieces[:-1])
+    yield pieces[-1]
 
 
 def warn_of_setups(differences: Iterable[str], *, err: bool = False) -> None:
@@ -39,46 +59,27 @@ def warn_of_setups(differences: Iterable[str], *, err: bool = False) -> None:
         show(f"warning: {setup_mismatch(difference)}", "bold yellow", err=err)
 
 
-def print_table(table: Table, *, strong: bool = False, tight: bool = False) -> None:
-    """Print one table with its title above and its notes below."""
+def print_table(table: Table, *, strong: bool = False, details: bool = True) -> None:
+    """Print one table with its title above and its notes below; without details its first rows only."""
+    n_more = 0 if details else len(table.rows) - _MOST_ROWS
+    if n_more > 0:
+        more = f"... {n_more} more rows: --details"
+        table = replace(table, rows=table.rows[:_MOST_ROWS], notes=(more, *table.notes))
     console = Console(highlight=False)
-    console.print()
-    console.print(Text(table.title, style="bold yellow" if strong else "bold"))
+    console.width = min(COLUMNS, console.width)
+    show(table.title, "bold yellow" if strong else "bold")
     if table.rows:
         drawn = RichTable(
-            box=box.SIMPLE_HEAD,
-            show_edge=False,
-            pad_edge=False,
-            padding=(0, 0) if tight else (0, 0, 0, 1),
-            header_style="bold",
+            box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 0, 0, 1), header_style="bold"
         )
         for i, name in enumerate(table.header):
             justify: Literal["left", "right"] = "right" if i else "left"
-            drawn.add_column(Text(name), justify=justify, no_wrap=tight, overflow="fold")
+            drawn.add_column(Text(name), justify=justify, overflow="fold")
         for row in table.rows:
             drawn.add_row(*(Text(cell) for cell in row))
         console.print(drawn)
     for note in table.notes:
-        console.print(Text(note))
-
-
-def fits(table: Table) -> bool:
-    """Whether a table with a blank between columns is no wider than the terminal."""
-    rows = (table.header, *table.rows)
-    widths = (max(len(row[i]) for row in rows) + 1 for i in range(len(table.header)))
-    return sum(widths) - 1 <= Console().width
-
-
-def say_written(written: Sequence[Path | None], *, repeat: bool = False) -> None:
-    """Name the files that were written (None is no file) and, to `repeat`, what to type for all of it."""
-    paths = [path for path in written if path is not None]
-    if paths or repeat:
-        show("")
-    for path in paths:
-        show(f"wrote {path}")
-    if repeat:
-        command = repeated_command()
-        show(f"repeat with: {command}{' --force' if paths and '--force' not in sys.argv else ''}")
+        show(note)
 
 
 def write_files(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:
@@ -86,27 +87,14 @@ def write_files(*outputs: tuple[Path | None, Callable[[Path], object]]) -> None:
     for path, write in outputs:
         if path is not None:
             write(path)
-    say_written([path for path, _ in outputs])
+            show(f"wrote {path}")
 
 
 def repeated_command() -> str:
     """Return what to type to repeat this run, by the name under which the program was started."""
-    return shlex.join([*_program(), *sys.argv[1:]])
-
-
-def typed_command(*words: object) -> str:
-    """Return what to type for another command, by the name under which the program was started."""
-    return shlex.join([*_program(), *map(str, words)])
-
-
-def _program() -> list[str]:
-    started = Path(sys.argv[0])
-    if started.name in {"granular-id", "granular-id.exe"}:
-        found = shutil.which(started.name)
-        elsewhere = started.exists() and not (found and Path(found).samefile(started))
-        return [str(started) if elsewhere else started.name]
-    by_package = started.name == "__main__.py" and started.parent.name == "granular_id"
-    return ["python", "-m", "granular_id" if by_package else "granular_id.cli"]
+    started = Path(sys.argv[0]).name
+    program = ["granular-id"] if started.startswith("granular-id") else ["python", "-m", "granular_id"]
+    return shlex.join([*program, *sys.argv[1:]])
 
 
 # Files, checked before any work.

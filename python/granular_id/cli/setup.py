@@ -1,37 +1,23 @@
-"""``granular-id setup``: what recordings and models were made with; payloads and tares."""
+"""``granular-id setup``: what recordings and models were made with; what a tool weighs."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from statistics import median
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from granular_id._core import GranularIdError
 from granular_id._files import MODELS, check_source
-from granular_id._text import Table, counted, in_columns
-from granular_id.cli.data import Target
-from granular_id.cli.options import FORCE, command, option, positive
-from granular_id.cli.outputs import JSON_FILE, check_outputs, print_table, say_written, show, typed_command
-from granular_id.cli.recordings import (
-    GRAVITY,
-    Reading,
-    ReadingOptions,
-    StepOptions,
-    gravity_at,
-    gravity_in,
-    say_step,
-)
+from granular_id._text import Table, counted, in_columns, short
+from granular_id.cli.options import Details, Force, Recordings, numbers_in
+from granular_id.cli.outputs import COLUMNS, JSON_FILE, check_outputs, print_table, show
+from granular_id.cli.recordings import read
 
 if TYPE_CHECKING:
     from granular_id.recording import Dataset, Payload
-
-OUTPUT, POSES, REST = "Output", "Poses", "Rest"
-
 
 # What recordings and models were made with.
 
@@ -55,7 +41,7 @@ class _Side:
             f.name: Counter(getattr(s, f.name) or UNSTATED for s in setups) for f in fields(Setup)
         }
 
-    def told(self, values: Counter[str]) -> str:
+    def words(self, values: Counter[str]) -> str:
         """Say the values of a thing, and where they differ how many recordings have each."""
         most, n_more = values.most_common(_SHOWN), max(0, len(values) - _SHOWN)
         numbers = len(values) > 1 and not self.model
@@ -65,17 +51,19 @@ class _Side:
 
 _SHOWN = 8
 
+_NARROW = 16
 
-@command
+
 def show_setup(
-    reading: ReadingOptions,
+    path: Annotated[
+        Path, typer.Argument(metavar="RECORDINGS|MODEL", help="Recordings, or a model.", show_default=False)
+    ],
+    other: Annotated[
+        Path | None,
+        typer.Argument(metavar="[RECORDINGS|MODEL]", help="What to compare with it.", show_default=False),
+    ] = None,
     *,
-    path: Path = typer.Argument(
-        metavar="RECORDINGS|MODEL", help="Folder or file of recordings, or a model.", show_default=False
-    ),
-    other: Path | None = typer.Argument(
-        None, metavar="[RECORDINGS|MODEL]", help="What to compare with it.", show_default=False
-    ),
+    details: Details = False,
 ) -> None:
     """Say with which set-up recordings were made, or a model was trained: frame, sensor, tool, tare, trigger ...
 
@@ -84,29 +72,37 @@ def show_setup(
 
     Examples:
 
-    `granular-id setup show recordings`
-    `granular-id setup show kitchen.safetensors`
-    `granular-id setup show kitchen.safetensors today`
+    - `granular-id setup show recordings`
+    - `granular-id setup show kitchen.safetensors`
+    - `granular-id setup show kitchen.safetensors today`
     """
     for each in (path, other):
         if each is not None:
             check_source(each)
-    sides = [_side(each, reading) for each in (path, other) if each is not None]
-    for side in sides:
-        show(side.name)
+    sides = [_side(each) for each in (path, other) if each is not None]
     if len(sides) == 1:
-        rows = [(name, sides[0].told(values)) for name, values in sides[0].values().items()]
-        show("\n".join(["", *in_columns(rows)]))
+        rows = [(name, sides[0].words(values)) for name, values in sides[0].values().items()]
+        show("\n".join([sides[0].name, *_in_columns(rows, details=details)]))
         return
     training, now = sides if sides[0].model or not sides[1].model else sides[::-1]
-    show("\n".join(["", *_compared(training, now)]))
+    show("\n".join(_compared(training, now, details=details)))
 
 
-def _side(path: Path, reading: ReadingOptions) -> _Side:
+def _in_columns(rows: Sequence[tuple[str, ...]], *, details: bool) -> list[str]:
+    """Lay out texts in columns, on a line of the screen each unless details are wanted."""
+    if not details:
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        known = sum(width for width in widths if width <= _NARROW) + 2 * (len(widths) - 1)
+        most = (COLUMNS - known) // max(1, sum(width > _NARROW for width in widths))
+        rows = [tuple(cell if len(cell) <= _NARROW else short(cell, most) for cell in row) for row in rows]
+    return [line.rstrip() for line in in_columns(rows)]
+
+
+def _side(path: Path) -> _Side:
     from granular_id.recording import headline
 
     if path.suffix.lower() not in MODELS:
-        data = reading.load_path(path, quiet=False)
+        data = read(path, quiet=True)
         return _Side(f"{path}: {headline(data.recordings)}", data, model=False)
 
     import numpy as np
@@ -130,24 +126,25 @@ def _side(path: Path, reading: ReadingOptions) -> _Side:
     )
 
 
-def _compared(training: _Side, now: _Side) -> Iterator[str]:
+def _compared(training: _Side, now: _Side, *, details: bool) -> Iterator[str]:
     """Say what differs between a training and recordings, and what follows."""
     from granular_id.recording import UNSTATED
 
     follows = _follows(training.data, now.data)
     before, after = training.values(), now.values()
-    rows = [("", "follows", "training", "now")]
+    refused = [name for name, what in follows.items() if what == "refused"]
+    yield f"refused: {', '.join(refused) or 'nothing'}"
+    yield from (f"{name}: {_WAYS_OUT[name]}" for name in follows if name in _WAYS_OUT)
+    yield f"training: {training.name}"
+    yield f"now: {now.name}"
+    rows: list[tuple[str, ...]] = [("", "follows", "training", "now")]
     for name in before:
         unstated = [set(side[name]) == {UNSTATED} for side in (before, after)]
         if not all(unstated) or name in follows:
             what = follows.get(name, "not compared" if any(unstated) else "fine")
-            told = training.told(before[name]), now.told(after[name])
-            rows.append((name, what, told[0], "the same" if told[0] == told[1] else told[1]))
-    yield from in_columns(rows)
-    yield ""
-    refused = [name for name, what in follows.items() if what == "refused"]
-    yield f"refused: {', '.join(refused) or 'nothing'}"
-    yield from (f"{name}: {_WAYS_OUT[name]}" for name in follows if name in _WAYS_OUT)
+            both = training.words(before[name]), now.words(after[name])
+            rows.append((name, what, both[0], "the same" if both[0] == both[1] else both[1]))
+    yield from _in_columns(rows, details=details)
 
 
 def _follows(training: Dataset, now: Dataset) -> dict[str, str]:
@@ -167,50 +164,51 @@ def _follows(training: Dataset, now: Dataset) -> dict[str, str]:
     return follows
 
 
-_TURN = "bring recordings into it with granular-id data convert --{}, or where only the name is another add --accept {}"
 _WAYS_OUT = {
-    "rate": "resample with --rate-hz",
-    "axes": "choose them with --axes, state units with --units",
-    "frame": _TURN.format("rotate ... --frame", "frame"),
-    "transform": "turn recordings with granular-id data convert --rotate ... --frame, and add --accept transform",
-    "sign": _TURN.format("flip fx,fy,fz,tx,ty,tz --sign", "sign"),
-    "tare": "take the rest before the motion off both with granular-id setup tare",
+    "rate": "data convert --resample-hz",
+    "axes": "data convert --axes, --units",
+    "frame": "data convert --rotate ... --frame, or where only the name is another add --accept frame",
+    "transform": "data convert --rotate ... --frame, and add --accept transform",
+    "sign": "Dataset.transform(flip=..., sign=...), or where only the words are others add --accept sign",
+    "tare": "data convert --tare-s takes the rest before the motion off both",
 }
 
 
 # The tool's weight.
 
 
-@command
 def payload(
-    reading: Reading,
+    path: Recordings,
     *,
-    gravity: str | None = option(POSES, GRAVITY),
-    output: Path = option(OUTPUT, "JSON file to write.", "--output", "-o", default=...),
-    force: bool = FORCE,
+    output: Annotated[Path, typer.Option("--output", "-o", help="JSON file to write.")],
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            help="Where gravity points in the frame of the wrench: x,y,z. Default: what metadata say."
+        ),
+    ] = None,
+    force: Force = False,
 ) -> None:
     """Identify what a tool weighs, where its centre of mass is, and the zero of the sensor.
 
     It takes rests, nothing touching the tool: one recording an orientation, four or more, turned by 30 degrees or
-    more about two axes; half a second or more of each. `granular-id data convert --compensate` takes the payload off.
+    more about two axes; half a second or more of each. Metadata say where gravity points, as the columns `gx`, `gy`,
+    `gz` of an `index.csv`. `granular-id data convert --compensate` takes the payload off.
 
     Examples:
 
-    `granular-id setup payload rests -o tool.json`
-    `granular-id setup payload rests -o tool.json --gravity poses.csv`
+    - `granular-id setup payload rests -o tool.json`
     """
-    check_outputs(("--output", output, JSON_FILE), source=reading.path, force=force)
-    reading.refuse_absent()
-    stated = gravity_in(gravity)
+    check_outputs(("--output", output, JSON_FILE), source=path, force=force)
+    check_source(path)
+    down = None if gravity is None else numbers_in("--gravity", gravity, "x,y,z", 3)
     from granular_id.recording import Payload
 
-    data = reading.load()
-    found = Payload.fit(data, gravity_at(data, stated))
+    found = Payload.fit(read(path), down)
     print_table(_table_of(found))
     found.save(output)
-    say_written([output])
-    words = typed_command("data", "convert", "PATH", "OUTPUT", "--compensate", output, "--gravity", "X,Y,Z")
-    show(f"take it off with: {words}")
+    show(f"wrote {output}")
+    show(f"take it off with:\ngranular-id data convert PATH OUTPUT --compensate {output} --gravity X,Y,Z")
 
 
 def _table_of(payload: Payload) -> Table:
@@ -228,86 +226,10 @@ def _table_of(payload: Payload) -> Table:
     return Table(title, ("", "value", "residual"), tuple(rows), notes)
 
 
-# The zero.
-
-
-@command
-def tare(
-    reading: Reading,
-    steps: StepOptions,
-    *,
-    begin_at: Literal["trigger", "onset"] = option(
-        REST,
-        "Where the rest ends: the stored trigger, or the onset of motion found in the forces.",
-        default="trigger",
-    ),
-    lead_s: float | None = option(
-        REST, "Seconds of rest before it that are averaged. Default: all there is, 0.1 to 2 s."
-    ),
-    output: Path = option(OUTPUT, "File or folder to write.", "--output", "-o", default=...),
-    to: str | None = option(OUTPUT, "csv, npz or parquet. Default: told by the ending."),
-) -> None:
-    """Take the rest before the motion for zero: its mean is taken off each recording, which is written anew.
-
-    What a tool weighs, and a zero that drifts from push to push, are gone as far as the tool keeps its pose. A model
-    that was trained on recordings without it warns of such with it, and the other way round: treat all alike.
-
-    Examples:
-
-    `granular-id setup tare recordings -o tared.npz`
-    `granular-id setup tare recordings -o tared --to csv --begin-at onset --lead-s 0.1`
-    """
-    positive("--lead-s", lead_s)
-    if steps.onsets and begin_at != "onset":
-        raise GranularIdError("--onset-at states an onset, but no rest ends there: add --begin-at onset")
-    target = Target(output=output, to=to)
-    data = reading.load()
-    resampled = steps.resample(data)
-    data = resampled if resampled is data else say_step(resampled, quiet=False)
-    if begin_at == "onset":
-        data = say_step(steps.with_onsets(data), quiet=False)
-        steps.refuse_missing_onsets(data)
-    if steps.on_short == "skip":
-        from granular_id.recording import TARE_S
-
-        data = _with_rest(data, TARE_S[0] if lead_s is None else lead_s)
-    data = say_step(data.tare(lead_s=lead_s), quiet=False)
-    zeros = {axis: sorted(row[axis] for row in data.history[-1].rows) for axis in data.axes}
-    rows = tuple(
-        (axis, *(f"{value:.3g}" for value in (values[0], median(values), values[-1])))
-        for axis, values in zeros.items()
-    )
-    print_table(Table("Zeros taken off", ("axis", "smallest", "median", "largest"), rows))
-    target.save(data)
-    say_written([output])
-
-
-def _with_rest(data: Dataset, lead_s: float) -> Dataset:
-    """Leave out recordings whose rest is too short, or ends nobody knows where."""
-    from granular_id.recording import samples_in
-
-    short = [
-        one.name
-        for one in data
-        if one.rate_hz is not None and (one.trigger_index or 0) < samples_in("lead_s", lead_s, one.rate_hz)
-    ]
-    if not short:
-        return data
-    if len(short) == len(data):
-        raise GranularIdError(
-            f"none of {counted(len(data))} has {lead_s:g} s of rest before its motion; try another --lead-s"
-        )
-    show(
-        f"left out {counted(len(short))} without {lead_s:g} s of rest before the motion, the first is {short[0]!r}"
-    )
-    return data.select(where=lambda one: one.name not in short)
-
-
 setup = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="markdown",
-    help="What recordings and models were made with; the tool's weight, the zero.",
+    help="What recordings and models were made with; the tool's weight.",
 )
 setup.command("show")(show_setup)
-for made in (payload, tare):
-    setup.command()(made)
+setup.command("payload")(payload)

@@ -1,144 +1,158 @@
-"""``granular-id train``: a model that names materials, in one safe file; ``granular-id model info`` looks into it."""
+"""``granular-id train``: a model that names materials, in one safe file; ``granular-id model`` looks into it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from granular_id._core import GranularIdError
-from granular_id._files import write_json
-from granular_id.cli.evaluate import BY
-from granular_id.cli.method import OneSpace
-from granular_id.cli.options import FORCE, a_share, command, count, names_in, option
-from granular_id.cli.outputs import (
-    JSON_FILE,
-    MODEL,
-    PICTURE,
-    check_outputs,
-    say_written,
-    show_sentence,
-    write_files,
+from granular_id._files import check_source, write_json
+from granular_id.cli.options import (
+    BinRange,
+    CutoffHz,
+    Details,
+    Figure,
+    Force,
+    HoldOut,
+    Json,
+    Model,
+    Quiet,
+    Recordings,
+    Seed,
+    Share,
+    Space,
+    histogram_settings,
+    names_in,
+    within,
 )
-from granular_id.cli.recordings import Reading, Steps, equal_recordings
+from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, show, write_files
+from granular_id.cli.recordings import read
 
-METHOD, ESTIMATE, OUTPUT = "Method", "Estimate", "Output"
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sklearn.pipeline import Pipeline
+
+_MOST_LINES = 20
+
+_FIRST = ("SYNTHETIC", "materials", "background", "takes")
+"""What is said of a model before how well it did."""
 
 
-@command
 def train(
-    reading: Reading,
-    steps: Steps,
-    method: OneSpace,
+    path: Recordings,
     *,
-    output: Path = option(OUTPUT, "Model file to write: .safetensors.", "--output", "-o", default=...),
-    hold_out: str = option(ESTIMATE, BY, default="auto"),
-    target_error: float = option(
-        ESTIMATE, "Share of early answers that may be wrong.", default=0.01, callback=a_share
-    ),
-    coverage: float = option(
-        ESTIMATE, "Share of recordings whose candidates hold the material.", default=0.9, callback=a_share
-    ),
-    share_known: float = option(
-        ESTIMATE, "Share of known materials not called unknown.", default=0.95, callback=a_share
-    ),
-    background: str | None = option(
-        METHOD, "Materials recorded, but never named: gravel,sand. The unknown stands out better."
-    ),
-    early: bool = option(ESTIMATE, "Allow answers before the end.", default=True),
-    seed: int = option(ESTIMATE, "Same seed, same bytes.", default=0, callback=count(0)),
-    figure: Path | None = option(OUTPUT, "Draw accuracy against seconds seen: png, svg or pdf."),
-    json: Path | None = option(OUTPUT, "Write estimates, and accuracy against seconds seen."),
-    force: bool = FORCE,
-    quiet: bool = option(OUTPUT, "Print the estimate only.", "--quiet", default=False),
+    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write: .safetensors.")],
+    space: Space = "best",
+    hold_out: HoldOut = "auto",
+    target_error: Annotated[
+        float, typer.Option(callback=within(0, 1), help="Share of early answers that may be wrong.")
+    ] = 0.01,
+    coverage: Annotated[
+        float,
+        typer.Option(callback=within(0, 1), help="Share of recordings whose candidates hold the material."),
+    ] = 0.9,
+    share_known: Share = 0.95,
+    background: Annotated[
+        str | None,
+        typer.Option(help="Materials recorded, but never named: gravel,sand. The unknown stands out better."),
+    ] = None,
+    cutoff_hz: CutoffHz = None,
+    bin_range: BinRange = None,
+    seed: Seed = 0,
+    figure: Figure = None,
+    json: Json = None,
+    force: Force = False,
+    quiet: Quiet = False,
 ) -> None:
     """Train a model on all recordings and write it into one file.
 
     `granular-id identify` and `granular-id live` use it. What may be expected of it is measured on recordings
     that are held out, as strictly as they allow: whole sessions where half of the materials have several; else
-    halves in time order; else random folds. The output says which. On the same recordings it is found from which
-    margin on an answer may be given before the push is over. Where new recordings will be of another tool, or
-    depth, --hold-out tool measures that, and chooses by it.
+    halves in time order; else random folds. On the same recordings it is found from which margin on an answer may
+    be given before the push is over. `--figure` draws accuracy against seconds seen.
 
-    Features are chosen among the multi-band ones (--space best), the paper's are --space raw+hfmh; the
-    options of its histogram (--cutoff-hz, --n-bins ...) and --C are for a --space that has them.
+    Where new recordings will be of another tool, or depth, `--hold-out tool` measures that, and chooses by it.
 
     Examples:
 
-    `granular-id train recordings -o kitchen.safetensors`
-    `granular-id train recordings -o kitchen.safetensors --figure over_time.png`
-    `granular-id train irregular -o m.safetensors --rate-hz 100 --max-gap-s inf --n-samples shortest`
-    `granular-id train recordings -o any-tool.safetensors --hold-out tool`
-    `granular-id train recordings -o paper.safetensors --space raw+hfmh --bin-range auto`
+    - `granular-id train recordings -o kitchen.safetensors`
+    - `granular-id train recordings -o kitchen.safetensors --figure over_time.png`
+    - `granular-id train recordings -o any-tool.safetensors --hold-out tool`
+    - `granular-id train recordings -o paper.safetensors --space raw+hfmh --bin-range auto`
     """
     from granular_id.identifier import SPACES
 
-    if method.space not in SPACES:
-        raise GranularIdError(
-            f"--space must be one of {', '.join(map(repr, SPACES))}, got {method.space!r:.60}"
-        )
-    method.refuse_impossible(steps.rate_hz)
-    if method.tare_s is not None:
-        steady = "; --initial steady keeps an offset of the sensor out of the histogram"
-        raise GranularIdError(
-            "--tare-s is not for models, which take samples as they come: leave it out"
-            f"{steady if 'hfmh' in method.space else ''}"
-        )
+    settings = histogram_settings(cutoff_hz, bin_range)
+    if space not in SPACES:
+        raise GranularIdError(f"--space must be one of {', '.join(map(repr, SPACES))}, got {space!r:.60}")
+    if settings and "hfmh" not in space:
+        raise GranularIdError(f"--cutoff-hz and --bin-range are about the histogram (hfmh), {space} has none")
     check_outputs(
         ("--output", output, MODEL),
         ("--figure", figure, PICTURE),
         ("--json", json, JSON_FILE),
-        source=reading.path,
+        source=path,
         force=force,
     )
-    reading.refuse_absent()
-    method.refuse_unused()
-    data = equal_recordings(reading, steps, quiet=quiet)
+    check_source(path)  # before imports that take longer than a look
+    data = read(path, prepared=True, quiet=quiet)
 
     from granular_id.identifier import Identifier, describe_performance
 
     identifier = Identifier.fit(
         data,
-        method.space if not method.given() else method.pipeline(data.rate_hz),
+        pipeline_of(space, data.rate_hz, **settings) if settings else space,
         by=hold_out,
-        target_error=target_error if early else None,
+        target_error=target_error,
         coverage=coverage,
         share_known=share_known,
         background=() if background is None else names_in(background),
         random_state=seed,
-        threads=method.threads,
         progress=not quiet,
     )
     course = identifier.over_time_
     if figure is not None and course is None:
         why = identifier.trained["why_no_estimate"]
         raise GranularIdError(f"--figure shows held-out recordings, and there are none: {why}")
-    _print(describe_performance(identifier))
+    print_lines(describe_performance(identifier), rest=f"granular-id model {output} --details")
     identifier.save(output)  # first: what goes wrong with a figure must not cost the training
-    if figure is not None and course is not None:
+    show(f"wrote {output}")
+
+    def draw(file: Path) -> None:
         from granular_id.plotting import plot_over_time
 
-        plot_over_time(course, path=figure)
-    if json is not None:
-        known = {name: value for name, value in identifier.trained.items() if name != "source"}
-        write_json(json, {**known, "over_time": None if course is None else course.to_dict()})
-    say_written([output, figure, json], repeat=not quiet)
+        if course is not None:
+            plot_over_time(course, path=file)
+
+    known = {name: value for name, value in identifier.trained.items() if name != "source"}
+    numbers = {**known, "over_time": None if course is None else course.to_dict()}
+    write_files((figure, draw), (json, lambda file: write_json(file, numbers)))
 
 
-# ``granular-id model``
+def pipeline_of(space: str, rate_hz: float, **settings: Any) -> Pipeline:
+    """Return a feature space with its own classifier, or the paper's, unfitted."""
+    from granular_id.ecoc import ECOCClassifier
+    from granular_id.score import space_pipeline
+    from granular_id.spaces import feature_spaces
 
-model = typer.Typer(no_args_is_help=True, help="Look into a model file, as `granular-id train` writes it.")
+    spaces = feature_spaces(rate_hz=rate_hz, **settings)
+    if space not in spaces:
+        raise GranularIdError(f"--space must be one of {', '.join(spaces)}, got {space!r:.60}")
+    return space_pipeline(spaces[space].transformer, spaces[space].classifier or ECOCClassifier())
 
 
-@model.command("info")
-@command
-def info(
-    *,
-    file: Path = typer.Argument(metavar="MODEL", help="Model file."),
-    json: Path | None = option(OUTPUT, "Write everything but the weights."),
-    force: bool = FORCE,
-) -> None:
+def print_lines(lines: Sequence[str], *, rest: str) -> None:
+    """Print what is known of a model: one screen, and what has the rest, if anything has."""
+    if any("SYNTHETIC" in line for line in lines):
+        show(lines[0], "bold yellow")
+        lines = lines[1:]
+    show("\n".join(lines), most=_MOST_LINES if rest else None, rest=rest)
+
+
+def model(file: Model, *, json: Json = None, force: Force = False, details: Details = False) -> None:
     """Say what a model knows, takes and was trained on, how well it did, and when it answers early.
 
     How well it did was measured on recordings held out. The file is checked as strictly as for use: what this
@@ -146,18 +160,16 @@ def info(
 
     Examples:
 
-    `granular-id model info kitchen.safetensors`
-    `granular-id model info kitchen.safetensors --json kitchen.json`
+    - `granular-id model kitchen.safetensors`
+    - `granular-id model kitchen.safetensors --details --json kitchen.json`
     """
     check_outputs(("--json", json, JSON_FILE), source=file, force=force)
 
     from granular_id.identifier import Identifier, describe_model, describe_performance, model_facts
 
     identifier = Identifier.load(file)
-    _print([*describe_model(identifier), *describe_performance(identifier)])
-    write_files((json, lambda path: write_json(path, model_facts(identifier))))
-
-
-def _print(lines: Sequence[str]) -> None:
-    for line in lines:
-        show_sentence(line, "bold yellow" if "SYNTHETIC" in line else "")
+    about, performance = describe_model(identifier), describe_performance(identifier)
+    first = [line for line in about if line.startswith(_FIRST)]
+    rest = [line for line in about if line not in first]
+    print_lines([*first, *performance, *rest], rest="" if details else "--details")
+    write_files((json, lambda target: write_json(target, model_facts(identifier))))

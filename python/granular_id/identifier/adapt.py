@@ -66,7 +66,7 @@ def check_way(labels: object, *, all_materials: bool, allow_missing: bool) -> No
         )
     if checked_flag("allow_missing", allow_missing) and all_materials:
         raise GranularIdError(
-            "leave out allow_missing=True: all_materials=True declares that no material is missing"
+            "leave out allow_missing=True (--allow-missing): all_materials=True declares that no material is missing"
         )
 
 
@@ -145,7 +145,7 @@ def _refuse_too_little(codes: IntArray, classes: Sequence[str], allow_missing: b
         raise GranularIdError(
             f"adapting by labels needs recordings of every material, {', '.join(missing)} "
             f"{verb(len(missing), 'is', 'are')} missing: what the others show does not carry over; record them, "
-            "or pass allow_missing=True"
+            "or pass allow_missing=True (--allow-missing)"
         )
     return missing
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._text import in_both
 from granular_id.io.files import RecordingFileError
 from granular_id.io.remedy import (
     BESIDE,
@@ -103,7 +104,8 @@ class _Reading:
         ]
         unit = next((name for name in others if _UNIT.search(name)), None)
         if unit is not None and self._options.units is None:
-            problem = f"{unit!r:.60} states units, which are read from 'units' only; pass units= with those of the axes"
+            problem = f"{unit!r:.60} states units, which are read from 'units' only"
+            problem += "; pass units= with those of the axes (--units UNITS)"
             raise RecordingFileError(self._source.path, problem)
         return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
 
@@ -139,7 +141,9 @@ class _Reading:
         known = self._source.label_else or self._source.label
         if self._source.label is None and known is not None and len(labels) == 1 and labels != {known}:
             both = f"its arrays are called {labels.pop()!r:.60}, and its {self._source.label_place} {known!r:.60}"
-            raise self.fault(f"{both}: either may be the label; say so by label='folder' or label='file'")
+            raise self.fault(
+                f"{both}: either may be the label; say so by {in_both(label='folder')} or {in_both(label='file')}"
+            )
         return found
 
     def tables(self, one: Found) -> list[Table]:
@@ -173,7 +177,8 @@ class _Reading:
         width = values.shape[-1]
         if names is None and width not in (len(AXES), len(self._axes)):
             raise self.fault(
-                f"{one.path} {values.shape} has {width} columns without names; pass axes= with a name for each"
+                f"{one.path} {values.shape} has {width} columns without names; pass axes= with a name for each "
+                "(--axes NAMES)"
             )
         several = sum(len(other.leaf.shape) == 2 for other in self._leaves) > 1
         only = f"{self._source.name}[{one.path}]" if several and len(shape) == 2 else self._source.name
@@ -207,7 +212,7 @@ class _Reading:
             return
         if values.shape[0] > values.shape[1]:
             order = f"{one.path} {values.shape} would be {values.shape[0]} recordings of {values.shape[1]} samples"
-            raise self.fault(f"{order}; if that is so, pass array={one.path!r}")
+            raise self.fault(f"{order}; if that is so, pass {in_both(array=one.path)}")
 
     def _about(self, what: str, one: Found) -> Leaf | None:
         """Return what stands beside an array: its attributes, its group, the groups around."""

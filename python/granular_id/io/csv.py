@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from granular_id._checks import thaw
 from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback
+from granular_id._text import in_both
 from granular_id.io.files import RecordingFileError, need, new_folder, safe_name
 from granular_id.io.flat import checked_dataset
 from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR, write_history
@@ -122,7 +123,8 @@ def _refuse_other_units(
         said = _SOME_UNITS.fullmatch(line.strip()) if silent else None
         words = [] if said is None else re.findall(r"[^\s,;/\"':=]+", said[1])
         if any(map(is_unit, words)):
-            problem = f"states units for all axes together ({line.strip()[:60]!r}); pass units= with these"
+            problem = f"states units for all axes together ({line.strip()[:60]!r})"
+            problem += "; pass units= with these (--units UNITS)"
             raise RecordingFileError(path, problem, line=i)
     below = [str(cells[0]).strip() for cells in columns.values() if len(cells) and isinstance(cells[0], str)]
     of_axes = [columns[name][0] for name in named if len(columns[name])]
@@ -157,7 +159,7 @@ def _names_no_axes(path: Path, head: _Head, stated: Stated) -> bool:
     except TableError as error:
         found = None if "skiprows" in head.options else _line_of_names(path, head, stated.axes)
         if found is not None and found + 1 != head.line:
-            way_out = f"line {found + 1} names the axes: pass csv={{'skiprows': {found}}}"
+            way_out = f"line {found + 1} names the axes: pass {in_both(csv={'skiprows': found})}"
             raise RecordingFileError(path, f"{error}; {way_out}", line=head.line) from error
         if twice is not None and error.no_wrench:
             raise RecordingFileError(path, str(error), line=head.line, no_wrench=True) from error
@@ -182,9 +184,8 @@ def _no_columns(
         way_out = unnamed
     elif error.no_wrench and numbers:
         short = [name_and_unit(name)[0] for name in numbers]
-        way_out = (
-            f"; for other axes pass axes={','.join(numbers if len(set(short)) < len(short) else short)!r}"
-        )
+        names = ",".join(numbers if len(set(short)) < len(short) else short)
+        way_out = f"; for other axes pass {in_both(axes=names)}"
     return RecordingFileError(path, f"{error}{way_out}", line=head.line, no_wrench=error.no_wrench)
 
 
@@ -203,8 +204,8 @@ def _way_without_names(path: Path, head: _Head) -> str | None:
         own = [name for name in dict.fromkeys(head.names) if name and not _is_number(name)]
         if len(own) >= len(cells):
             return None
-        skipped = f"'skiprows': {i}, " if i else ""
-        return f"; if its columns are these, pass csv={{'header': None, {skipped}'names': {names}}}"
+        skipped = {"skiprows": i} if i else {}
+        return f"; if its columns are these, pass {in_both(csv={'header': None, **skipped, 'names': names})}"
     return None
 
 
@@ -241,7 +242,9 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
         and begins[:2] != b"\0\0"
     ):
         encoding = "utf-16-le" if begins[1] == 0 else "utf-16-be"
-        raise RecordingFileError(path, f"may be UTF-16 text: pass csv={{'encoding': {encoding!r}}}", line=1)
+        raise RecordingFileError(
+            path, f"may be UTF-16 text: pass {in_both(csv={'encoding': encoding})}", line=1
+        )
     skipped = given.get("skiprows", 0)
     n_skipped = skipped if isinstance(skipped, int) else 0
     lines = _lines(path, options.get("encoding"), n_skipped + _HEAD_LINES)
@@ -304,7 +307,7 @@ def _read(pandas: Any, path: Path, head: _Head, n_rows: int | None) -> Any:
             warnings.simplefilter("error")
             return pandas.read_csv(path, **{"nrows": n_rows, **settings, **head.options})
     except UnicodeDecodeError as error:
-        way_out = "pass csv={'encoding': 'cp1252'}, or what it was written in"
+        way_out = f"pass {in_both(csv={'encoding': 'cp1252'})}, or what it was written in"
         byte = error.object[error.start]
         raise RecordingFileError(path, f"byte 0x{byte:02x} is not UTF-8 text; {way_out}") from error
     except pandas.errors.EmptyDataError as error:
@@ -312,7 +315,8 @@ def _read(pandas: Any, path: Path, head: _Head, n_rows: int | None) -> Any:
     except (Warning, Exception) as error:
         said = str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
         if re.search(r"Expected \d+ fields in line \d+, saw", said):
-            said += "; lines with more cells than names are left out by csv={'on_bad_lines': 'skip'}"
+            left_out = in_both(csv={"on_bad_lines": "skip"})
+            said += f"; lines with more cells than names are left out by {left_out}"
         problem = f"is no table that pandas.read_csv reads: {said}"
         no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
         raise RecordingFileError(path, problem, no_wrench=no_wrench) from error

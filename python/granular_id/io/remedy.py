@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from granular_id._text import in_both
 from granular_id.io.source import LoadOptions
 from granular_id.recording import AXES
 
@@ -164,9 +165,9 @@ class _Remedy:
             return self._listed(two)
         if in_order:
             chosen_from = list(dict.fromkeys(one.path.rpartition("/")[2] for one in in_order))
-            chosen = " or ".join(f"array={name!r}" for name in chosen_from[:MOST_LISTED])
-            beside = "" if labels is None else f" and label='column:{labels.path.rpartition('/')[2]}'"
-            return f"; pass {chosen}{beside}"
+            beside = {} if labels is None else {"label": f"column:{labels.path.rpartition('/')[2]}"}
+            chosen = (in_both(array=name, **beside) for name in chosen_from[:MOST_LISTED])
+            return f"; pass {' or '.join(chosen)}"
         if two:
             return self._in_python(f"[{self._how.item(two[0].path)}.T]", None)
         return self._of_parts() or self._flat(labels) or self._by_hand()
@@ -251,8 +252,10 @@ class _Remedy:
         if not any(len(one.leaf.shape) > 1 for one in self._leaves):
             return ""
         if any(one.leaf.shape[-1:] == (len(AXES) + 1,) for one in self._leaves):
-            return f"; if the first column is the time, pass axes='time,{','.join(AXES)}', else a name for each column"
-        return "; samples of a wrench are X (recordings, samples, 6); of another sensor pass axes= with a name a column"
+            both = in_both(axes=f"time,{','.join(AXES)}")
+            return f"; if the first column is the time, pass {both}, else a name for each column"
+        convention = "samples of a wrench are X (recordings, samples, 6)"
+        return f"; {convention}; of another sensor pass axes= with a name a column (--axes NAMES)"
 
     def _in_python(self, X: str, labels: Found | None) -> str:
         y = ""

@@ -229,10 +229,11 @@ def _chosen(reader: Any, path: Path, asked: str | None) -> tuple[_Wrench, list[s
     plain = [one for one in found if not one.field]
     if len(found) > 1 and len(plain) == 1:
         others = _named([one for one in found if one.field])
-        return plain[0], [f"wrenches in {others} are not read; topic= chooses them"]
+        return plain[0], [f"wrenches in {others} are not read; topic= chooses them (--topic)"]
     if len(found) > 1:
         raise RecordingFileError(
-            path, f"has {len(found)} topics with wrenches: {_named(found)}; choose by topic="
+            path,
+            f"has {len(found)} topics with wrenches: {_named(found)}; choose one by topic= (--topic NAME)",
         )
     (one,) = found
     return one, [f"the wrench is the field {one.field} of {one.type_name}"] if one.field else []

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from granular_id._text import counted, verb
+from granular_id._text import counted, in_both, verb
 from granular_id.io.files import RecordingFileError, attempt, list_folder, refuse_outside
 from granular_id.io.formats import FORMATS, format_of
 from granular_id.io.index import HISTORY_NAME, INDEX_COLUMNS, INDEX_NAME, read_history, read_index
@@ -210,8 +210,8 @@ def _by_place(root: Path, found: Sources) -> list[FileSource]:
             for depth in sorted(depths)
         }
         both = " and ".join(f"{name!r}" for name in list(first.values())[:2])
-        parent = "label='parent' or " if min(depths) else ""
-        way_out = f"or say where the label stands: label='folder', {parent}label='file'"
+        places = ("folder", "parent", "file") if min(depths) else ("folder", "file")
+        way_out = f"or say where the label stands: {' or '.join(in_both(label=place) for place in places)}"
         problem = (
             f"recordings lie at several levels of folders ({both}); wanted one layout: {LAYOUTS}; {way_out}"
         )
@@ -250,8 +250,8 @@ def _two_levels(first: FileSource) -> str:
     )
     return (
         f"files lie in folders within folders ({first.name!r}), which may mean two things: {inner!r} is the material "
-        f"and {outer!r} the session (pass label='folder', session='parent'), or {outer!r} is the material and "
-        f"{inner!r} the session (pass label='parent', session='folder'){top}"
+        f"and {outer!r} the session: pass {in_both(label='folder', session='parent')}; or {outer!r} is the material "
+        f"and {inner!r} the session: pass {in_both(label='parent', session='folder')}{top}"
     )
 
 
@@ -274,16 +274,16 @@ def _no_materials(found: Sources) -> str | None:
     series = len({_NUMBER.sub("", name).lower() for name in names}) == 1
     if alike and not (numbered or series or session_like):
         two = " and ".join(map(repr, list(stems[names[0]])[:2]))
-        way_out = "if those are the materials, pass label='file', session='folder'"
+        way_out = f"if those are the materials, pass {in_both(label='file', session='folder')}"
         found.notes.append(f"folders hold files of the same names ({two}): {way_out}")
     if not session_like and not (alike and (numbered or series)):
         return None
     example = files[0].name
     label = _label_of(files[0].path) or files[0].path.stem
     return (
-        f"folders may be no materials ({example!r}): {names[0]!r} is the session and {label!r} the material (pass "
-        f"label='file', session='folder'), or {names[0]!r} is the material (pass label='folder'); an index.csv says "
-        "it, too"
+        f"folders may be no materials ({example!r}): {names[0]!r} is the session and {label!r} the material: pass "
+        f"{in_both(label='file', session='folder')}; or {names[0]!r} is the material: pass {in_both(label='folder')}; "
+        "an index.csv says it, too"
     )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error, finite_number
 from granular_id._core import GranularIdError
-from granular_id._text import install
+from granular_id._text import in_both, install
 from granular_id.recording.columns import TAKEN, factor
 
 SINCE_1970 = 1e8
@@ -44,14 +44,14 @@ _LONGEST_STEP_S, _SHORTEST_STEP_S = 0.1, 1e-5
 _MOST_LATE = 0.1
 """If more samples than this part are late, a clock that ran back to its begin was started again."""
 
-UNIT_OUT = "pass time_unit= ('s', 'ms', 'us', 'ns', or 'sample' with a rate for an index)"
+UNIT_OUT = "pass time_unit= ('s', 'ms', 'us', 'ns', or 'sample' with a rate for an index; --time-unit)"
 
 _CLOCK_TEXT = re.compile(r"(-?\d+ days )?[+-]?\d{1,3}:\d{2}:\d{2}(\.\d+)?")
 _MINUTES_TEXT = re.compile(r"\d{1,3}:\d{2}\.\d+")
 _FRACTION = re.compile(r"(?:(?<=:\d\d),|(?<=\d:\d\d:\d\d):)(?=\d)")
 """What stands before a fraction of a second where no dot does: a comma, which pandas would drop, or a colon."""
 
-IGNORED_OUT = "state the rate, and the clock is ignored: rate_hz=RATE"
+IGNORED_OUT = "state the rate, and the clock is ignored: rate_hz=RATE (--recorded-hz RATE)"
 
 
 class ClockError(GranularIdError):
@@ -163,9 +163,8 @@ def _from_text(values: NDArray[Any]) -> NDArray[Any]:
     if first == 0:  # a later row may be no sample
         problem += f"; {IGNORED_OUT}"
     elif numbers[first:].all():
-        problem += (
-            f"; what stands below the samples is left out by csv={{'skipfooter': {len(values) - first}}}"
-        )
+        below = in_both(csv={"skipfooter": len(values) - first})
+        problem += f"; what stands below the samples is left out by {below}"
     raise ClockError(problem, first)
 
 
@@ -209,6 +208,7 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
             )
             restarts = bool(time_s[first] <= 0)
             several = "several recordings must be told apart: a file each, or id= with the column that does"
+            several += " (--id COLUMN)"
             ways_out = [several] if restarts else []
             if not restarts or late.sum() <= 2 + _MOST_LATE * len(late):
                 ways_out.append("on_time_error='repair' sorts samples")
@@ -230,7 +230,7 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
         mean = f" (by the stamps {(len(stamps) - 1) / float(stamps[-1]):.4g} Hz)" if stamps[-1] > 0 else ""
         raise ClockError(
             f"up to {most} different rows have one stamp: readings came in packets, and are not averaged; state the "
-            f"rate at which they were taken{mean}, and the clock is ignored: rate_hz=RATE",
+            f"rate at which they were taken{mean}, and the clock is ignored: rate_hz=RATE (--recorded-hz RATE)",
             first,
         )
     return Order(rows, touched, n_moved, int(again.sum()))

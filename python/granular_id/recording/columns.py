@@ -30,6 +30,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._core import AXES, GranularIdError
+from granular_id._text import in_both
 
 _INCH_M = 0.0254
 _POUND_N = 4.4482216152605
@@ -136,7 +137,11 @@ TIME, RECORDING, LABEL, SESSION, RATE, FLAGS = (
 ABOUT = (TIME, RECORDING, LABEL, SESSION, RATE, FLAGS)
 """What a column may be besides an axis; flags only in files that are written here: ``flags`` may be anything."""
 
-_CHOOSES = {RECORDING: "id='NAME'", LABEL: "label='column:NAME'", SESSION: "session='column:NAME'"}
+_CHOOSES = {
+    RECORDING: in_both(id="NAME"),
+    LABEL: in_both(label="column:NAME"),
+    SESSION: in_both(session="column:NAME"),
+}
 
 TIMES = ("time", "t", "timestamp", "timestamps", "stamp", "ts", "datetime", "seconds", "sec", "secs")
 """Names of a clock without case and separators; of several that are there, the first one is it."""
@@ -320,7 +325,7 @@ def _column_of(axis: str, names: Sequence[str], is_named: bool) -> str:
         if len(sound) > 1:
             both = " and ".join(map(repr, sound[:2]))
             raise TableError(
-                f"columns {both} may both be {axis!r}; pass axes= with the names of those wanted"
+                f"columns {both} may both be {axis!r}; pass axes= with the names of those wanted (--axes NAMES)"
             )
         if sound:
             return sound[0]

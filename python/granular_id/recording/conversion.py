@@ -274,7 +274,7 @@ class _Part:
         column = (
             f", or time= with the column that is the clock ({', '.join(counting)[:80]}?)" if counting else ""
         )
-        return f"has no {clock} and no rate is stated; pass rate_hz={column}"
+        return f"has no {clock} and no rate is stated; pass rate_hz= (--recorded-hz RATE){column}"
 
     def _rate_in_table(self) -> float | None:
         """Return the rate that the table, or a column of it, states."""

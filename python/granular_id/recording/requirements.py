@@ -53,7 +53,9 @@ class Requirements:
         for recording in data:
             if recording.axes != self.axes:
                 can = set(recording.axes) >= set(self.axes)
-                help_ = f": call .select(axes={list(self.axes)})" if can else ""
+                help_ = (
+                    f": call .select(axes={list(self.axes)}) (--axes {','.join(self.axes)})" if can else ""
+                )
                 raise GranularIdError(
                     f"recording {recording.name!r} has the axes {' '.join(recording.axes)}; the model was trained on "
                     f"{' '.join(self.axes)}{help_}"
@@ -63,7 +65,7 @@ class Requirements:
                 came = "is sampled irregularly" if own is None else f"has {own:g} Hz"
                 raise GranularIdError(
                     f"recording {recording.name!r} {came}, the model was trained at {self.rate_hz:g} Hz; nothing is "
-                    f"resampled unasked: call .resample({self.rate_hz:g})"
+                    f"resampled unasked: call .resample({self.rate_hz:g}) (--resample-hz {self.rate_hz:g})"
                 )
         found: dict[str, None] = {}
         for recording, setup in zip(data, setups_in(data), strict=True):
@@ -94,7 +96,7 @@ class Requirements:
             return data
         short = [recording for recording in data if recording.n_samples < n]
         if short and on_short == "raise":
-            skip = f": call .align({n}, on_short='skip') to leave such recordings out"
+            skip = f": call .align({n}, on_short='skip') (--duration-s {n / rate_hz:.9g} --on-error skip)"
             raise GranularIdError(
                 f"recording {short[0].name!r} has {short[0].n_samples} samples "
                 f"({short[0].n_samples / rate_hz:g} s), the model takes {n} ({n / rate_hz:g} s); {len(short)} of "
@@ -149,10 +151,11 @@ class Requirements:
         """Return the rest before the motion, seconds: stated, or that of the training."""
         lead = self.lead_s if lead_s is None else lead_s
         if lead is None:
+            typed = f"(--duration-s {self.n_samples / self.rate_hz:.9g})"
             ways = (
-                ", pass begin_at='first', or call .predict_over(recording)"
+                f", pass begin_at='first' {typed}, or answer over all of it (--hop-s, .predict_over(recording))"
                 if over_all
-                else " or pass begin_at='first'"
+                else f" or pass begin_at='first' {typed}"
             )
             raise GranularIdError(
                 f"recording {name!r} has {length} samples, the model takes {self.n_samples}, and does not know how "

@@ -108,8 +108,8 @@ def _gap_message(recording: Recording, recordings: Sequence[Recording], limit: f
         f"recording {recording.name!r} has a gap of {step_s(recording, np.max):.3g} s after sample {first} (at "
         f"{fixed(recording.times()[first], 3)} s), beyond max_gap_s={limit:g}; {beyond} of {len(recordings)} "
         f"recordings {such}, the largest {largest:g} s: call .split(gap_s={limit:g}) before to make a recording of "
-        "each stretch, raise max_gap_s (None: no limit) to interpolate over it, or pass on_gap='skip' to leave such "
-        "recordings out"
+        f"each stretch (--split-gap-s {limit:g}), raise max_gap_s, None being no limit, to interpolate over it "
+        f"(--max-gap-s {largest:g}), or pass on_gap='skip' to leave such recordings out (--on-error skip)"
     )
 
 

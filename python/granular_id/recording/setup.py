@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from granular_id._checks import argument_error, thaw
 from granular_id._core import GranularIdError
+from granular_id._text import in_both
 from granular_id.recording.checks import Finding
 from granular_id.recording.columns import same_unit
 from granular_id.recording.dataset import Dataset
@@ -290,7 +291,7 @@ def refuse_or_list(
             raise GranularIdError(
                 f"{where}{setup_mismatch(str(difference))}; nothing is turned or converted unasked: bring recordings "
                 f"into the {difference.name} of the training, train on such of this set-up, or where only the name is "
-                f"another, pass accept=({difference.name!r},)"
+                f"another, pass {in_both(accept=difference.name)}"
             )
     return tuple(str(difference) for difference in found)
 

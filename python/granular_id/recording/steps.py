@@ -125,8 +125,8 @@ def align_recordings(
         recordings = [r for r in recordings if r.trigger_index is not None]
         if not recordings:
             raise GranularIdError(
-                f"none of the {counted(len(skipped))} has a trigger_index; call .find_onsets(), or see in its "
-                "report why it found none"
+                f"none of the {counted(len(skipped))} has a trigger_index; call .find_onsets() "
+                "(--begin-at onset), or see in its report why it found none"
             )
     starts = _starts(recordings, rate_hz, trigger, lead_s)
     n = _length(recordings, starts, rate_hz, n_samples, duration_s)
@@ -191,8 +191,9 @@ def _starts(
         if without:
             names = first_names([*map(repr, without)])
             raise GranularIdError(
-                f"{subject(len(without))} no trigger_index: {names}; call .find_onsets(), state it with "
-                ".find_onsets(overrule={name: seconds}), or pass on_short='skip' to leave such recordings out"
+                f"{subject(len(without))} no trigger_index: {names}; call .find_onsets() (--begin-at onset), state it "
+                "with .find_onsets(overrule={name: seconds}), or pass on_short='skip' to leave such recordings out "
+                "(--on-error skip)"
             )
         return [(r.trigger_index or 0) - lead for r in recordings]
     indices = [checked_index(i, "trigger") for i in np.asarray(trigger).ravel()]
@@ -244,11 +245,11 @@ def _missing(recording: Recording, start: int, n: int) -> str:
 def _way_out(recordings: Sequence[Recording], starts: Sequence[int], n: int, rate_hz: float) -> str:
     """Say how many recordings are in the way, and what would fit all."""
     room = [r.n_samples - start if start >= 0 else 0 for r, start in zip(recordings, starts, strict=True)]
-    skip = "pass on_short='skip' to leave such recordings out"
+    skip = "pass on_short='skip' to leave such recordings out (--on-error skip)"
     said = f"{sum(samples < n for samples in room)} of {len(room)} recordings have no room"
     if min(room) <= 0:
         return f"{said}; ask for less lead, or {skip}"
-    return f"{said}, n_samples={min(room)} ({min(room) / rate_hz:g} s) fits all; ask for that, or {skip}"
+    return f"{said}, n_samples={min(room)} fits all (--duration-s {min(room) / rate_hz:.9g}); ask for that, or {skip}"
 
 
 def _crop(kept: Sequence[tuple[Recording, int]], n: int, rate_hz: float) -> list[Recording]:
@@ -358,7 +359,7 @@ def cut_windows(
             n_short = sum(one.n_samples < n for one in recordings)
             raise GranularIdError(
                 f"recording {recording.name!r} {short}; {n_short} of {len(recordings)} recordings are too short: "
-                "ask for shorter windows, or pass on_short='skip' to leave such recordings out"
+                "ask for shorter windows, or pass on_short='skip' to leave such recordings out (--on-error skip)"
             )
         skipped.append({"name": recording.name, "samples_before": recording.n_samples, "skipped": short})
     if not windows and rows:

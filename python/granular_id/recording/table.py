@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error
 from granular_id._core import AXES, GranularIdError
+from granular_id._text import in_both
 from granular_id.recording.columns import (
     LABEL,
     RATE,
@@ -247,7 +248,7 @@ def _named_cells(
     if len(known) != n:
         came = "" if stated.axes is None else f", and axes names {len(known)}"
         problem = f"samples have {n} columns without names{came}"
-        raise TableError(f"{problem}; pass axes= with a name for each", no_wrench=True)
+        raise TableError(f"{problem}; pass axes= with a name for each (--axes NAMES)", no_wrench=True)
     cells = dict(zip(known, values.T, strict=True))
     has_six = {meaning_of(name).what for name in known} >= set(AXES)
     names_all = stated.axes is None or (table.axes is None and known == stated.axes)
@@ -331,9 +332,9 @@ def _why_no_number(row: int, cell: Any, columns: Sequence[NDArray[Any]]) -> str:
     if _NUMBER.fullmatch(str(cell)):
         way_out = "; it is text (pandas: frame.astype makes numbers of it)"
     elif columns and _DECIMAL_COMMA.fullmatch(str(cell)):
-        way_out = "; a decimal comma is read by csv={'decimal': ','}"
+        way_out = f"; a decimal comma is read by {in_both(csv={'decimal': ','})}"
     elif columns and _THOUSANDS.fullmatch(str(cell)):
-        way_out = "; marks of thousands are read by csv={'thousands': ','}"
+        way_out = f"; marks of thousands are read by {in_both(csv={'thousands': ','})}"
     elif columns and all(column[row] == cell for column in columns):  # else the row would be empty in part
-        way_out = f"; if it stands for a missing sample pass csv={{'na_values': {text!r}}}"
+        way_out = f"; if it stands for a missing sample pass {in_both(csv={'na_values': text})}"
     return f"{text!r} is no number{way_out}"

@@ -90,7 +90,7 @@ def adapted_to_all(
     if len(X) < least:
         raise GranularIdError(
             f"all_materials=True needs {LEAST_ROWS} recordings a material in the mean, {least} for "
-            f"{len(learners.coding)} materials, got {len(X)}: record more, or give labels"
+            f"{len(learners.coding)} materials, got {len(X)}: record more, or give labels (--labelled)"
         )
     learners, source = standardised(learners, source, X)
     return self_trained(learners, source, X, blocks), source

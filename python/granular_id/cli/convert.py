@@ -1,0 +1,395 @@
+"""``granular-id data convert``: recordings brought into the shape that all commands take; ``data synthesize``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from granular_id._core import GranularIdError
+from granular_id._files import RECORDINGS, check_source, whole_file
+from granular_id._text import counted
+from granular_id.cli.options import (
+    Axes,
+    Csv,
+    Force,
+    Label,
+    Seed,
+    Session,
+    Units,
+    csv_in,
+    names_in,
+    numbers_in,
+    within,
+)
+from granular_id.cli.outputs import show
+from granular_id.cli.recordings import read, refuse_uneven, say_step
+
+if TYPE_CHECKING:
+    from granular_id._checks import FloatArray
+    from granular_id.recording import Dataset
+
+STEPS, SETUP = "Steps, in this order", "Another set-up, before the steps"
+
+MAX_GAP_S = 0.25
+"""Default of ``--max-gap-s``, as of `Dataset.resample`."""
+
+Output = Annotated[
+    Path,
+    typer.Argument(metavar="OUTPUT", help="x.npz; x.parquet, an archive; else a folder of CSV files."),
+]
+
+
+def convert(
+    path: Annotated[
+        Path, typer.Argument(metavar="PATH", help="Folder or file of recordings, of any format.")
+    ],
+    output: Output,
+    *,
+    label: Label = None,
+    session: Session = None,
+    axes: Axes = None,
+    units: Units = None,
+    csv: Csv = None,
+    id_: Annotated[
+        str | None,
+        typer.Option(
+            "--id", help="Column that tells recordings of a table apart. Default: recording, trial or id."
+        ),
+    ] = None,
+    array: Annotated[
+        str | None, typer.Option(help="Array of a file that holds the samples, where it is not X.")
+    ] = None,
+    topic: Annotated[
+        str | None, typer.Option(help="Topic of a bag, where several hold a wrench; /topic.field inside it.")
+    ] = None,
+    recorded_hz: Annotated[
+        float | None,
+        typer.Option(callback=within(0), help="Rate of files without a clock; it wins over stamps."),
+    ] = None,
+    time_unit: Annotated[
+        Literal["s", "ms", "us", "ns", "sample"] | None,
+        typer.Option(help="What stamps count, where a file does not state it. Default: seconds."),
+    ] = None,
+    on_error: Annotated[
+        Literal["raise", "skip"],
+        typer.Option(help="What is unreadable, too short, or has too long gaps: refuse, or leave it out."),
+    ] = "raise",
+    split_gap_s: Annotated[
+        float | None,
+        typer.Option(callback=within(0), help="Make a recording of each stretch between longer gaps."),
+    ] = None,
+    compensate: Annotated[
+        Path | None,
+        typer.Option(
+            rich_help_panel=SETUP, help="Take weight and zero of a tool off: a file of `setup payload`."
+        ),
+    ] = None,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            rich_help_panel=SETUP,
+            help="Where gravity points in the frame of the wrench: x,y,z. Default: what metadata say.",
+        ),
+    ] = None,
+    flip: Annotated[
+        str,
+        typer.Option(rich_help_panel=SETUP, help="Axes whose sign a driver mirrors: fx,tx."),
+    ] = "",
+    rotate: Annotated[
+        str | None,
+        typer.Option(
+            rich_help_panel=SETUP,
+            help="Turn into the frame of --frame: roll,pitch,yaw in degrees about fixed axes, or a quaternion x,y,z,w; "
+            "as tf gives it for (new frame, old frame).",
+        ),
+    ] = None,
+    frame: Annotated[
+        str | None,
+        typer.Option(rich_help_panel=SETUP, help="Name of the new frame, which models compare."),
+    ] = None,
+    resample_hz: Annotated[
+        float | None,
+        typer.Option(
+            rich_help_panel=STEPS,
+            callback=within(0),
+            help="Bring all to one rate; to a lower one through a low-pass.",
+        ),
+    ] = None,
+    max_gap_s: Annotated[
+        float | None,
+        typer.Option(
+            rich_help_panel=STEPS, help="Longest gap to fill then, flagged. Default: 0.25; inf: any."
+        ),
+    ] = None,
+    begin_at: Annotated[
+        Literal["first", "trigger", "onset"],
+        typer.Option(
+            rich_help_panel=STEPS,
+            help="First sample, stored trigger, or onset of motion found in the forces.",
+        ),
+    ] = "first",
+    tare_s: Annotated[
+        float | None,
+        typer.Option(
+            rich_help_panel=STEPS,
+            callback=within(0),
+            help="Take the mean of so many seconds of rest ahead of trigger or onset for zero.",
+        ),
+    ] = None,
+    lead_s: Annotated[
+        float, typer.Option(rich_help_panel=STEPS, help="Seconds to keep ahead of trigger or onset.")
+    ] = 0.0,
+    duration_s: Annotated[
+        str | None,
+        typer.Option(rich_help_panel=STEPS, help="Keep so many seconds from there on, or: shortest."),
+    ] = None,
+    window_s: Annotated[
+        float | None,
+        typer.Option(rich_help_panel=STEPS, callback=within(0), help="Cut into windows of so many seconds."),
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Read recordings of any format, bring them into shape, and write what all commands take.
+
+    Nothing is resampled, cropped or left out unless an option asks for it. Samples, stamps, labels, sessions and
+    history are kept to the last bit, and what was written is read back and compared.
+
+    Examples:
+
+    - `granular-id data convert drives drives.npz --axes wx,wy,wz,ax,ay,az --units rad/s,m/s2 --window-s 2`
+    - `granular-id data convert bags pushes.npz --resample-hz 500 --begin-at onset --lead-s 0.1 --duration-s 3.2`
+    - `granular-id data convert export pushes.npz --csv skiprows=7 --recorded-hz 500`
+    - `granular-id data convert log.csv pushes.npz --split-gap-s 1 --resample-hz 500`
+    - `granular-id data convert today turned.npz --compensate tool.json --gravity 0,0,1 --rotate 0,0,90 --frame flange`
+    """
+    _refuse_senseless(begin_at, duration_s, tare_s, lead_s, resample_hz, max_gap_s)
+    seconds = None if duration_s in (None, "shortest") else _seconds(duration_s)
+    check_save(output, force=force)
+    check_source(path)
+    setup = _other_setup(compensate, gravity, flip, rotate, frame)
+    data = read(
+        path,
+        label=label,
+        session=session,
+        axes=axes,
+        units=units,
+        csv=csv_in(csv),
+        id=id_,
+        array=array,
+        topic=topic,
+        rate_hz=recorded_hz,
+        time_unit=time_unit,
+        on_error=on_error,
+    )
+    if split_gap_s is not None:
+        data = say_step(data.split(split_gap_s))
+    for made in setup(data):
+        data = say_step(made)
+    if resample_hz is not None and any(recording.rate_hz != resample_hz for recording in data):
+        limit = MAX_GAP_S if max_gap_s is None else None if math.isinf(max_gap_s) else max_gap_s
+        data = say_step(data.resample(resample_hz, max_gap_s=limit, on_gap=on_error))
+    if begin_at == "onset" or tare_s is not None or duration_s is not None or window_s is not None:
+        refuse_uneven(data)
+    if begin_at == "onset":
+        data = say_step(data.find_onsets(replace=True))
+    if tare_s is not None:
+        data = say_step((_with_rest(data, tare_s) if on_error == "skip" else data).tare(lead_s=tare_s))
+    if duration_s is not None:
+        cropped = data.align(
+            None if seconds else "shortest",
+            duration_s=seconds,
+            trigger=None if begin_at == "first" else "recorded",
+            lead_s=lead_s,
+            on_short=on_error,
+        )
+        data = say_step(cropped)
+    if window_s is not None:
+        data = say_step(data.windows(window_s, on_short=on_error))
+    _save_checked(data, output, force=force)
+
+
+def _refuse_senseless(
+    begin_at: str,
+    duration_s: str | None,
+    tare_s: float | None,
+    lead_s: float,
+    resample_hz: float | None,
+    max_gap_s: float | None,
+) -> None:
+    """Refuse steps that lack another one."""
+    if begin_at != "first" and duration_s is None and tare_s is None:
+        raise GranularIdError(
+            f"--begin-at {begin_at} crops recordings: add --duration-s (seconds, or shortest)"
+        )
+    if lead_s and begin_at == "first":
+        raise GranularIdError("--lead-s is time kept ahead of a trigger: add --begin-at trigger or onset")
+    if resample_hz is None and max_gap_s is not None:
+        raise GranularIdError("--max-gap-s is about gaps that resampling fills: add --resample-hz")
+    if max_gap_s is not None and not max_gap_s > 0:
+        raise GranularIdError(f"--max-gap-s must be positive, got {max_gap_s:g}")
+
+
+def _seconds(text: str | None) -> float:
+    """Read ``--duration-s``."""
+    try:
+        seconds = float(text or "")
+    except ValueError:
+        seconds = math.nan
+    if not 0 < seconds < math.inf:
+        raise GranularIdError(f"--duration-s must be seconds, or shortest, got {text!r}")
+    return seconds
+
+
+def _other_setup(
+    compensate: Path | None, gravity: str | None, flip: str, rotate: str | None, frame: str | None
+) -> Callable[[Dataset], Iterator[Dataset]]:
+    """Return what takes a payload off and turns, with all files and texts read."""
+    if gravity is not None and compensate is None:
+        raise GranularIdError("--gravity says in which direction a payload weighs: add --compensate")
+    if rotate is not None and frame is None:
+        raise GranularIdError("--rotate makes another frame: add --frame with its name")
+    down = None if gravity is None else numbers_in("--gravity", gravity, "x,y,z", 3)
+    turn = None if rotate is None else _rotation(rotate)
+    payload = None
+    if compensate is not None:
+        from granular_id.recording import Payload
+
+        payload = Payload.load(compensate)
+
+    def steps(data: Dataset) -> Iterator[Dataset]:
+        if payload is not None:
+            data = data.compensate(payload, down)
+            yield data
+        if flip or frame is not None:
+            yield data.transform(turn, frame=frame, flip=names_in(flip))
+
+    return steps
+
+
+def _rotation(text: str) -> FloatArray | list[float]:
+    """Read ``--rotate``: a matrix, or a quaternion."""
+    wanted = "roll,pitch,yaw in degrees or a quaternion x,y,z,w"
+    turn = numbers_in("--rotate", text, wanted)
+    if len(turn) == 4:
+        return turn
+    if len(turn) != 3:
+        raise GranularIdError(f"--rotate must be {wanted}, got {text!r}")
+    from scipy.spatial.transform import Rotation
+
+    # right angles only change places and signs
+    matrix: FloatArray = Rotation.from_euler("xyz", turn, degrees=True).as_matrix().round(15)
+    return matrix
+
+
+def _with_rest(data: Dataset, rest_s: float) -> Dataset:
+    """Leave out recordings whose rest is too short, or ends nobody knows where."""
+    rate_hz = data.rate_hz
+    short = {one.name for one in data if (one.trigger_index or 0) < round(rest_s * rate_hz)}
+    if len(short) == len(data):
+        raise GranularIdError(
+            f"none of {counted(len(data))} has {rest_s:g} s of rest before its motion (--tare-s)"
+        )
+    if not short:
+        return data
+    return say_step(data.select(where=lambda one: one.name not in short))
+
+
+# Writing.
+
+
+def check_save(output: Path, *, force: bool) -> None:
+    """Refuse what `save` would refuse, before any work; with `force` a file of recordings may be replaced."""
+    from granular_id.io.formats import check_save as check
+
+    if force and output.is_dir() and any(output.iterdir()):
+        raise FileExistsError(f"{output} is a folder, --force replaces files only: give another name")
+    if output.is_file() and output.name.lower().endswith(RECORDINGS):
+        if not force:
+            raise FileExistsError(f"{output}: there is such a file already; add --force to replace it")
+        return
+    check(output, _format_of(output))
+
+
+def save(data: Dataset, output: Path, *, force: bool) -> None:
+    """Write recordings, with a bar where it takes long."""
+    from granular_id.io import save as save_data
+
+    if not (force and output.is_file()):
+        save_data(data, output, _format_of(output), progress=True)
+        return
+    with whole_file(output) as draft:
+        draft.unlink()
+        save_data(data, draft, _format_of(output), progress=True)
+
+
+def _format_of(output: Path) -> str | None:
+    """Return the format that a name asks for: a folder without an ending is one of CSV files."""
+    formats = {".npz": "npz", ".parquet": "parquet"}
+    return formats.get(output.suffix.lower(), None if output.name.lower().endswith(RECORDINGS) else "csv")
+
+
+def _save_checked(data: Dataset, output: Path, *, force: bool) -> None:
+    """Write recordings, read them back and compare."""
+    from granular_id.io import load
+
+    save(data, output, force=force)
+    try:
+        equal = load(output, progress=True) == data
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"Interrupted: {output} is written, but was not read back and compared."
+        ) from None
+    if not equal:
+        raise GranularIdError(f"{output} was written, but does not read back equal: do not rely on it")
+    show(f"wrote {output}, {counted(len(data))}, read back and found equal")
+
+
+def synthesize(
+    output: Output,
+    *,
+    materials: Annotated[
+        str, typer.Option(help="Names separated by commas. Default: the paper's eleven.")
+    ] = "",
+    n_per_class: Annotated[int, typer.Option(min=1, help="Recordings of each material.")] = 62,
+    sessions: Annotated[
+        int | None, typer.Option(min=1, help="Sessions they come from. Default: see synthesize().")
+    ] = None,
+    duration_s: Annotated[float, typer.Option(callback=within(0), help="Length of a recording.")] = 3.2,
+    rate_hz: Annotated[float, typer.Option(callback=within(0), help="Sampling rate.")] = 500.0,
+    sensor: Annotated[
+        Literal["wrench", "imu"],
+        typer.Option(help="Forces and torques of one push, or an IMU on the tool during many strokes."),
+    ] = "wrench",
+    seed: Seed = 0,
+    force: Force = False,
+) -> None:
+    """Write SYNTHETIC recordings: pushes through simulated materials.
+
+    They come from a physical model and not from a sensor. With `--sensor imu` they are long files of another sensor:
+    angular rates in rad/s and accelerations in m/s2 of the tool holder, while the tool strokes to and fro.
+
+    Examples:
+
+    - `granular-id data synthesize pushes.npz`
+    - `granular-id data synthesize few --materials rice,oat_flakes --n-per-class 5 --sessions 2`
+    - `granular-id data synthesize drives --sensor imu --n-per-class 6 --duration-s 60 --rate-hz 100`
+    """
+    check_save(output, force=force)
+    from granular_id.synthetic import synthesize as make
+
+    data = make(
+        names_in(materials) or None,
+        n_per_class=n_per_class,
+        sessions=sessions,
+        rate_hz=rate_hz,
+        duration_s=duration_s,
+        seed=seed,
+        sensor="imu" if sensor == "imu" else None,
+    )
+    save(data, output, force=force)
+    what = f"{counted(len(data), 'SYNTHETIC recording')} of {counted(len(data.labels), 'material')}"
+    show(f"wrote {output}: {what}")
