@@ -169,15 +169,15 @@ def convert(
     _refuse_senseless(begin_at, duration_s, tare_s, lead_s, resample_hz, max_gap_s)
     seconds = None if duration_s in (None, "shortest") else _seconds(duration_s)
     check_save(output, force=force)
+    setup, of_csv = _other_setup(compensate, gravity, flip, rotate, frame), csv_in(csv)
     check_source(path)
-    setup = _other_setup(compensate, gravity, flip, rotate, frame)
     data = read(
         path,
         label=label,
         session=session,
         axes=axes,
         units=units,
-        csv=csv_in(csv),
+        csv=of_csv,
         id=id_,
         array=array,
         topic=topic,

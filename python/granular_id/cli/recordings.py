@@ -42,7 +42,7 @@ def read(path: Path, *, prepared: bool = False, quiet: bool = False, **options: 
         ):
             raise _unprepared(data)
     except GranularIdError as error:
-        error.source = path, options  # type: ignore[attr-defined]
+        _tell(error, path, options)
         raise
     report = data.history[-1]
     lines = skipped_lines(report)
@@ -59,8 +59,15 @@ def about(path: Path) -> Iterator[None]:
     try:
         yield
     except GranularIdError as error:
-        error.source = path, {}  # type: ignore[attr-defined]
+        _tell(error, path, {})
         raise
+
+
+def _tell(error: Any, path: Path, options: dict[str, Any]) -> None:
+    """Give a refusal what it is about: `way_out` makes a command of it."""
+    error.source = path, options
+    if getattr(error, "skippable", False):
+        error.args = (f"{error}; or leave such files out (--on-error skip)",)
 
 
 def way_out(error: Exception, converts: Set[str]) -> str:
@@ -83,14 +90,12 @@ def way_out(error: Exception, converts: Set[str]) -> str:
 
 
 def say_step(data: Dataset) -> Dataset:
-    """Say what the last step of a data set did; return the data set."""
+    """Say what the last step of a data set did, what it left out before all else; return the data set."""
+    from granular_id.recording import skipped_lines
+
     step = data.history[-1]
-    # of single recordings only those left out; the JSON file has all
-    show(
-        str(replace(step, rows=[row for row in step.rows if "skipped" in row])),
-        most=_MOST_LINES,
-        rest=_HISTORY,
-    )
+    first, *others = str(replace(step, rows=())).splitlines()
+    show("\n".join([first, *skipped_lines(step), *others]), most=_MOST_LINES, rest=_HISTORY)
     return data
 
 

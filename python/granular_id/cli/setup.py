@@ -12,7 +12,7 @@ import typer
 
 from granular_id._files import MODELS, check_source
 from granular_id._text import Table, counted, in_columns, short
-from granular_id.cli.options import Details, Force, Recordings, numbers_in
+from granular_id.cli.options import Details, Force, Recordings
 from granular_id.cli.outputs import COLUMNS, JSON_FILE, check_outputs, print_table, show
 from granular_id.cli.recordings import read
 
@@ -181,12 +181,6 @@ def payload(
     path: Recordings,
     *,
     output: Annotated[Path, typer.Option("--output", "-o", help="JSON file to write.")],
-    gravity: Annotated[
-        str | None,
-        typer.Option(
-            help="Where gravity points in the frame of the wrench: x,y,z. Default: what metadata say."
-        ),
-    ] = None,
     force: Force = False,
 ) -> None:
     """Identify what a tool weighs, where its centre of mass is, and the zero of the sensor.
@@ -201,10 +195,9 @@ def payload(
     """
     check_outputs(("--output", output, JSON_FILE), source=path, force=force)
     check_source(path)
-    down = None if gravity is None else numbers_in("--gravity", gravity, "x,y,z", 3)
     from granular_id.recording import Payload
 
-    found = Payload.fit(read(path), down)
+    found = Payload.fit(read(path))
     print_table(_table_of(found))
     found.save(output)
     show(f"wrote {output}")

@@ -286,7 +286,7 @@ def tare_recordings(
     if without:
         raise GranularIdError(
             f"{subject(len(without))} no trigger_index: {first_names([*map(repr, without)])}; where the rest ends "
-            "is not known: call .find_onsets(), or leave them out"
+            "is not known: call .find_onsets() (--begin-at onset), or leave them out (--on-error skip)"
         )
     rests = [r.trigger_index or 0 for r in recordings]
     rates = [r.rate_hz or 0.0 for r in recordings]  # all are uniform here

@@ -178,7 +178,7 @@ def test_several_topics_are_listed_and_one_is_chosen(tmp_path):
     ):
         left = one_topic(store, samples(seed=1), even_stamps(), name="/left/ft")
         write(path, left | one_topic(store, samples(seed=2), even_stamps(), name="/right/ft"))
-        with pytest.raises(RecordingFileError, match="choose by topic=") as caught:
+        with pytest.raises(RecordingFileError, match="choose one by topic=") as caught:
             load(path)
         for name in ("/left/ft", "/right/ft"):
             assert f"'{name}' (20 messages)" in str(caught.value)
@@ -326,7 +326,9 @@ def test_wrenches_within_messages_are_those_of_rosbags(tmp_path, kind, name):
 def test_of_several_fields_one_is_chosen_and_those_in_lists_are_none(tmp_path):
     path = write(tmp_path, "mcap", "Two")
     for topic in (None, "/ft"):
-        with pytest.raises(RecordingFileError, match=r"'/ft\.left' .*'/ft\.right\.load' .*choose by topic="):
+        with pytest.raises(
+            RecordingFileError, match=r"'/ft\.left' .*'/ft\.right\.load' .*choose one by topic="
+        ):
             load(path, topic=topic)
     assert load(path, topic="/ft.left")[0].wrench.tolist() == samples().tolist()
     assert load(path, topic="ft.right.load")[0].meta["frame"] == "link"

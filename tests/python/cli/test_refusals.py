@@ -1,0 +1,204 @@
+"""What the command line refuses: in a few words that name the option or file, with exit code 2 and nothing written."""
+
+import shlex
+
+import pytest
+
+from cli_cases import LABELS, SMALL, make, recording, refused, run, saved
+from granular_id import _core
+from granular_id._checks import argument_error
+from granular_id.io import save
+from granular_id.recording import Dataset, Recording
+from granular_id.synthetic import synthesize
+
+
+@pytest.fixture(scope="module")
+def pushes(tmp_path_factory):
+    data = synthesize(["rice", "oat flakes"], n_per_class=2, duration_s=1.0, seed=1)
+    return save(data, tmp_path_factory.mktemp("data") / "pushes.npz")
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """Where commands run: with a file that cannot be read, to be untouched by them."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.npz").write_bytes(b"no recordings in here")
+    yield tmp_path
+    assert [path.name for path in tmp_path.iterdir()] == ["broken.npz"]
+    assert (tmp_path / "broken.npz").read_bytes() == b"no recordings in here"
+
+
+def holds(line, said):
+    """Whether a line holds the parts of what is to be said, which dots divide."""
+    return all(part in line for part in said.split(" ... "))
+
+
+BEFORE_READING = [
+    ("evaluate broken.npz --bin-range 2", "--bin-range must be LOW,HIGH such as -1.5,1.5, or auto, got '2'"),
+    ("evaluate broken.npz --spaces raw,dft --cutoff-hz 5", "the histogram (hfmh), none of raw,dft has one"),
+    ("evaluate broken.npz --paper 20,50", "--paper must be PARTITIONS,TRAIN,TEST such as 20,50,12"),
+    ("evaluate broken.npz --json absent/r.json", "the folder absent does not exist"),
+    ("evaluate broken.npz --json r --csv ./r", "would be written twice"),
+    ("evaluate broken.npz --csv .", "is a folder, wanted the name of a file"),
+    ("demo -o broken.npz", "broken.npz is or lies in a file, wanted a folder"),
+    ("explain broken.npz oat rice --figure f.xyz", "--figure must end in .png, .svg or .pdf, got"),
+    ("train broken.npz -o m --space nose", "--space must be one of 'best', ... got 'nose'"),
+    ("train broken.npz -o m --cutoff-hz 5", "are about the histogram (hfmh), best has none"),
+    ("train broken.npz -o x.pkl", "--output writes a model: it must end in .safetensors, ... 'x.pkl'"),
+    ("confidence broken.npz --levels 0.9,1", "--levels must be numbers between 0 and 1"),
+    ("identify absent.safetensors .", "absent.safetensors"),
+    ("identify broken.npz .", "broken.npz"),
+    ("identify broken.npz x.npz -o out --csv x.csv", "--csv does not go with -o"),
+    ("identify broken.npz . --jobs 2", "--jobs and --scheduler are about archives: add -o"),
+    ("identify broken.npz . --figure f.png", "--figure draws answers over one recording: add --hop-s"),
+    ("model absent.safetensors", "absent.safetensors"),
+    ("model broken.npz", "broken.npz"),
+    ("data convert absent broken.npz", "there is such a file already; add --force to replace it"),
+    ("data convert absent . --force", "is a folder, --force replaces files only"),
+    ("data convert absent x.mat", "can only be read"),
+    ("data convert absent no/x.npz", "no such folder"),
+    ("data convert absent x.npz", "absent: no such file or folder"),
+    ("data convert absent x.npz --max-gap-s 1", "--max-gap-s is about gaps ... add --resample-hz"),
+    ("data convert absent x.npz --begin-at onset", "--begin-at onset crops recordings: add --duration-s"),
+    ("data convert absent x.npz --lead-s 1", "add --begin-at trigger or onset"),
+    ("data convert absent x.npz --duration-s few", "must be seconds, or shortest, got 'few'"),
+    ("data convert absent x.npz --csv skiprows", "--csv must be KEY=VALUE ... got 'skiprows'"),
+    ("data convert absent x.npz --gravity 0,0,1", "add --compensate"),
+    ("data convert absent x.npz --rotate 0,0,90", "--rotate makes another frame: add --frame"),
+    ("data convert absent x.npz --rotate 90 --frame f", "--rotate must be roll,pitch,yaw in degrees or"),
+    ("data convert absent x.npz --compensate nowhere.json", "nowhere.json: no such file"),
+    ("data check broken.npz --sensor-range 1,2,three", "--sensor-range must be a number, one per axis"),
+    ("data plot broken.npz -o x.xyz", "--output must end in .png, .svg or .pdf, got 'x.xyz'"),
+    ("data plot broken.npz -o x.png --what mean -n 3", "-n does not go with"),
+    ("data synthesize y.npz --materials 'sand and stone'", "sand and stone"),
+    ("setup payload absent -o t.json", "absent: no such file or folder"),
+    ("adapt a.safetensors b.safetensors -o c", "is no recordings but a model file: MODEL comes first"),
+    ("adapt broken.npz broken.npz -o c", "give --labelled, ... neither is given"),
+    ("extract broken.npz -o out --space raw --model m", "--space and --model both say which features"),
+]
+
+
+@pytest.mark.usefixtures("place")
+@pytest.mark.parametrize(("typed", "said"), BEFORE_READING)
+def test_option_that_cannot_be_is_refused_first(typed, said):
+    assert holds(refused(*shlex.split(typed)), said)
+
+
+AFTER_READING = [
+    ("evaluate {folder} --spaces raw,dtf", "--spaces must be among ... got 'dtf'"),
+    ("evaluate {folder} --spaces raw,raw", "--spaces must name each feature space once"),
+    ("evaluate {folder} --spaces ,", "--spaces must name at least one feature space"),
+    ("evaluate {folder} --spaces hfmh --cutoff-hz 80", "cutoff_hz must be in ... got 80"),
+    ("evaluate {folder} --spaces hfmh --bin-range 2,1", "bin_range must be finite with low < high"),
+    ("evaluate {folder} --paper 20,50,12", "class 'oat' has 10 recordings, wanted ... (--paper 20,8,2)"),
+    ("evaluate {folder} --paper 2,6,3 --hold-out tool", "--hold-out='tool' has no use with paper"),
+    ("evaluate {folder} --hold-out speed", "--hold-out='speed' cannot be held out"),
+    ("evaluate {folder} --json {folder}/index.csv", "index.csv belongs to {folder}"),
+    ("explain {folder} oat oat", "FIRST and SECOND must be two materials, got 'oat' twice"),
+    ("explain {folder} oat salt", "SECOND is 'salt', which is no label here; there are oat, rice, sugar"),
+    ("explain {folder} oat rice --space paper", "--space must be one of raw+hfmh, ... got 'paper'"),
+    ("train {folder} -o {folder}/index.csv", "index.csv belongs to {folder}"),
+    ("train {folder} -o m --background salt", "background names 'salt', of which there is no recording"),
+    ("identify {folder} {model}", "MODEL comes first, got {folder}: granular-id identify MODEL PATH"),
+    ("identify {model} {folder} {folder} -o out", "-o takes the answers about one archive, got 2: name one"),
+    ("model .", ". is a folder, wanted a model file, as granular-id train and Identifier.save write"),
+    ("model {model} --json {model}", "belongs to"),
+    ("data info {folder} --csv invalid_option=7", "invalid_option"),
+    ("data check {folder} --sensor-range 'no such sensor'", "--sensor-range"),
+    ("data convert {folder} x.npz --topic /wrench", "--topic must be left out where no file is a bag"),
+    ("data convert {folder} x.npz --flip fx,fw", "wanted a sequence of axes"),
+    ("data convert {folder} x.npz --flip fx,fy,fz,tx,ty,tz", "sign"),
+    ("data convert {folder} x.npz --tare-s 9 --on-error skip", "none of 30 recordings has 9 s of rest"),
+    ("data convert {pushes} x.npz --compensate {pushes}", "pushes.npz: no payload"),
+]
+
+
+@pytest.mark.usefixtures("place")
+@pytest.mark.parametrize(("typed", "said"), AFTER_READING)
+def test_what_does_not_go_with_the_recordings_is_refused(folder, model, pushes, typed, said):
+    names = {"folder": folder, "model": model, "pushes": pushes}
+    assert holds(refused(*shlex.split(typed.format(**names))), said.format(**names))
+
+
+USAGE = [
+    ("evaluate absent --seed -1", "invalid value for '--seed': "),
+    ("evaluate absent --jobs 0", "invalid value for '--jobs' / '-j': "),
+    ("data convert absent x.npz --resample-hz inf", "invalid value for '--resample-hz': must be positive"),
+    ("data convert absent x.npz --recorded-hz 0", "invalid value for '--recorded-hz': must be positive"),
+    ("train absent -o new --target-error 1.5", "invalid value for '--target-error': must lie between 0"),
+    ("train . -o m --seed x", "invalid value for '--seed': "),
+    ("explain", "missing argument 'PATH'"),
+    ("explain . rice", "missing argument 'SECOND'"),
+    ("identify", "missing argument 'MODEL'"),
+    ("live --source sim:rice", "missing option '--model' / '-m'"),
+    ("evaluate . --nope", "no such option: --nope"),
+    ("nothing", "no such command 'nothing'"),
+    ("data nothing", "no such command 'nothing'"),
+    ("record --n", "option '--n' requires an argument"),
+]
+
+
+@pytest.mark.parametrize(("typed", "said"), USAGE)
+def test_wrong_usage_is_refused_as_all_else(typed, said):
+    line = refused(*shlex.split(typed))
+    assert line.startswith(f"error: {said}")
+    assert line.endswith(" --help") or "requires" in line
+
+
+@pytest.mark.parametrize("typed", ["", "data", "archive"])
+def test_group_without_a_command_prints_its_help(typed):
+    result = run(*shlex.split(typed))
+    assert result.exit_code == 2
+    assert "Usage: " in result.output
+    assert "error" not in result.output
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (argument_error(_core.GranularIdError, "by", "is wrong"), "--hold-out is wrong"),
+        (argument_error(_core.GranularIdError, "on_error", "='x'; wanted"), "--on-error='x'; wanted"),
+        (argument_error(_core.GranularIdError, "data", "is wrong"), "data is wrong"),
+        (FileNotFoundError(2, "No such file", "a.csv"), "a.csv: no such file"),
+        (FileNotFoundError("seed: no such file or folder"), "seed: no such file or folder"),
+    ],
+)
+def test_refusal_begins_with_the_option_of_its_argument(folder, monkeypatch, error, said):
+    monkeypatch.setattr("granular_id.io.load", lambda *_, **__: (_ for _ in ()).throw(error))
+    assert refused("evaluate", folder) == f"error: {said}"
+
+
+@pytest.mark.parametrize("bug", [ZeroDivisionError, ValueError("foreign"), TypeError("foreign")])
+def test_bug_keeps_its_traceback(folder, monkeypatch, bug):
+    monkeypatch.setattr("granular_id.io.load", lambda *_, **__: (_ for _ in ()).throw(bug))
+    raised = run("evaluate", folder).exception
+    assert isinstance(raised, bug if isinstance(bug, type) else type(bug))
+
+
+def test_no_order_in_time_leaves_halves_out(tmp_path):
+    timed = make()
+    one = timed[4]
+    without = Recording(one.wrench, rate_hz=125.0, label=one.label, name=one.name)
+    data = saved(Dataset([*timed[:4], without, *timed[5:]]), tmp_path / "x")
+    assert "no start time" in refused("evaluate", data, *SMALL, "--hold-out", "time")
+
+
+def test_folder_without_recordings_or_labels_is_refused(tmp_path):
+    import numpy as np
+
+    (tmp_path / "empty").mkdir()
+    assert "holds no recordings" in refused("evaluate", tmp_path / "empty")
+    one = saved(make()[:10], tmp_path / "one")
+    assert "at least 2 classes, got only 'oat'" in refused("evaluate", one, *SMALL)
+    row = "time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n"
+    folder = tmp_path / "single"
+    folder.mkdir()
+    (folder / "x.csv").write_text(row, encoding="utf-8")
+    (folder / "index.csv").write_text("file,material\nx.csv,rice\n", encoding="utf-8")
+    assert "index.csv has no column label (found: file, material)" in refused("evaluate", folder)
+    for label in LABELS[:2]:
+        for i in (1, 2):
+            (tmp_path / "few" / label).mkdir(parents=True, exist_ok=True)
+            (tmp_path / "few" / label / f"{i}.csv").write_text(row, encoding="utf-8")
+    assert "4 of 4 recordings hold a single sample" in refused("evaluate", tmp_path / "few")
+    assert recording(np.random.default_rng(0), 0, 0).rate_hz == 125
