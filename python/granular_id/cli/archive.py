@@ -91,7 +91,7 @@ def add(
             if not tally.n_added + tally.n_present:
                 raise GranularIdError("no recording is left to add")
     finally:
-        show("\n".join(tally.lines()), most=_SHOWN + 4)
+        show("\n".join(tally.lines()), most=_SHOWN + 4, rest="")
 
 
 def _pieces(path: Path, on_error: Literal["raise", "skip"], tally: _Tally) -> Iterator[Dataset]:

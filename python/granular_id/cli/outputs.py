@@ -32,7 +32,7 @@ def show(
     """Print a text without markup, broken between words; of more than `most` lines the first, and what has the rest."""
     lines = [piece for line in text.splitlines() or [""] for piece in _broken(line)]
     if most is not None and len(lines) > most:
-        lines[most - 1 :] = [f"... {len(lines) - most + 1} more lines: {rest}"]
+        lines[most - 1 :] = [f"... {len(lines) - most + 1} more lines{rest and f': {rest}'}"]
     Console(stderr=err).print(Text("\n".join(lines), style=style), soft_wrap=True)
 
 

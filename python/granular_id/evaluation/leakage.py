@@ -115,7 +115,7 @@ def _rest(data: Dataset) -> Untouched:
     n_rest = min(known, default=0)
     why_not = "a motion begins at the first sample" if n_rest == 0 else ""
     if len(known) < len(onsets):
-        why_not = "no onset known (data convert --begin-at onset --lead-s 0.1 --duration-s S)"
+        why_not = "no onset known (data convert --begin-at onset --lead-s 0.1 ...)"
     if why_not:
         return Baseline("rest", "the rest before the motion", why_not=why_not), None, None
     thinned = np.ascontiguousarray(data.X[:, : n_rest : math.ceil(n_rest / MOST_INSTANTS)])

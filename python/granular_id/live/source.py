@@ -16,7 +16,15 @@ from importlib.metadata import entry_points
 from typing import Any, Protocol, runtime_checkable
 from urllib.parse import parse_qsl, unquote, urlsplit
 
-from granular_id._checks import argument_error, checked_text, freeze, items_of, positive_number, thaw
+from granular_id._checks import (
+    argument_error,
+    checked_text,
+    finite_number,
+    freeze,
+    items_of,
+    positive_number,
+    thaw,
+)
 from granular_id._core import AXES, UNITS, GranularIdError, WrenchBuffer, host_ns
 from granular_id.live.robot import Robot
 
@@ -25,6 +33,9 @@ __all__ = ["Health", "SourceInfo", "SourceUrl", "ThreadedSource", "WrenchSource"
 _LOG = logging.getLogger(__name__)
 
 # Schemes of this package: modules of these names, with ``open_url(url: SourceUrl) -> WrenchSource``.
+_MOST_SPEED = 1000.0
+"""A push takes 4 ms then; buffers hold seconds of their source, and grow with it."""
+
 _OWN = ("rdt", "replay", "sim")
 # Groups of entry points by which other packages bring more: scheme -> function of a `SourceUrl`.
 _SOURCES, _ROBOTS = "granular_id.sources", "granular_id.robots"
@@ -110,8 +121,9 @@ class SourceInfo:
                 problem = f"must be one for each of {len(axes)} axes, got {len(each)}"
                 raise argument_error(GranularIdError, name, problem)
         checked = {"axes": axes, "units": units, "full_scale": scale, "meta": freeze(self.meta, "meta")}
-        for name in ("rate_hz", "tick_hz", "speed"):
+        for name in ("rate_hz", "tick_hz"):
             checked[name] = positive_number(name, getattr(self, name))
+        checked["speed"] = finite_number("speed", self.speed, positive=True, most=_MOST_SPEED)
         for name, value in checked.items():
             object.__setattr__(self, name, value)
 

@@ -302,7 +302,7 @@ NOT_FINITE = "feature space 'mine' must give finite features, got {} in column 3
         ({"spaces": {"mine": Broken(np.inf, False)}}, ValueError, NOT_FINITE.format("inf")),
         ({"by": "speed"}, ValueError, "by='speed' cannot be held out, as no recording states it"),
         ({"by": "session", "paper": True}, ValueError, "by='session' has no use with paper"),
-        ({"paper": True}, ValueError, r"pass paper=\(20, 8, 2\)$"),
+        ({"paper": True}, ValueError, r"pass paper=\(20, 8, 2\) \(--paper 20,8,2\)$"),
         ({"paper": (1, 2)}, TypeError, r"paper must be True or three numbers, .* got \(1, 2\)"),
         ({"paper": (3, 9, 3)}, ValueError, r"class 'oat' has 10 .* 12: 9 to train, 3 to test"),
         ({"classifier": SVC}, TypeError, "classifier must be a classifier of scikit-learn"),

@@ -2,18 +2,15 @@
 
 import os
 import re
-import shlex
 import signal
 import subprocess
 import time
 
 import pytest
-import typer
 
-from cli_cases import SMALL, started
+from cli_cases import run, started
 from granular_id import save
 from granular_id._text import install
-from granular_id.cli.errors import guarded
 from granular_id.synthetic import synthesize
 
 pytestmark = pytest.mark.usefixtures("heeding_interrupts")
@@ -40,10 +37,10 @@ def process(code, *words):
     return out, errors
 
 
-def test_help_model_info_and_a_wrong_path_wait_for_nothing_heavy(model):
+def test_help_and_refusals_wait_for_nothing_heavy(model):
     code = (
-        "for command in ('', 'train', 'identify', 'model info'): run(*command.split(), '--help')\n"
-        "run('model', 'info', *given)\n"
+        "for command in ('', 'train', 'identify', 'model'): run(*command.split(), '--help')\n"
+        "run('model', *given)\n"
         "for rest in ('train absent -o m', 'explain absent oat rice', 'confidence absent'): run(*rest.split())\n"
         "print('heavy', sorted({'sklearn', 'scipy', 'matplotlib'} & set(sys.modules)))"
     )
@@ -60,7 +57,7 @@ def test_help_model_info_and_a_wrong_path_wait_for_nothing_heavy(model):
     assert out.endswith("heavy []\n")
 
 
-def test_missing_extras_are_named_and_the_library_evaluates_without_them():
+def test_missing_extra_is_named():
     code = (
         "for name in ('typer', 'rich'):\n"
         "    sys.modules[name] = None\n"
@@ -80,7 +77,9 @@ def test_missing_extras_are_named_and_the_library_evaluates_without_them():
         needed = f"granular-id: the command line needs {missing}: {install('app')}"
         assert said == f"exit {needed}", "Python prints it and exits with 1"
     assert lines[2] == "exit 1"
-    assert errors == f"error: a report needs matplotlib: {install('app')}\n"
+    assert (
+        " ".join(errors.replace("\\\n", "").split()) == f"error: a report needs matplotlib: {install('app')}"
+    )
     assert lines[3].startswith("raw names ")
 
 
@@ -91,17 +90,17 @@ def test_ctrl_c_while_a_model_is_trained_leaves_no_file(tmp_path):
     words = ("train", tmp_path / "x.npz", "-o", output / "m")
     with started(*words) as running:
         try:
-            assert running.stdout.readline().startswith("220 recordings, 11 materials")
+            assert running.stderr.readline().startswith("220 recordings, 11 materials")
             running.send_signal(signal.SIGINT)
             _, errors = running.communicate(timeout=30)
         finally:
             running.kill()
     assert running.returncode == 130
-    assert errors == "Interrupted: no file was left half-written.\n"
+    assert errors.endswith("Interrupted: no file was left half-written.\n")
     assert list(output.iterdir()) == []
 
 
-def test_the_demo_tells_its_steps_and_ctrl_c_leaves_no_empty_folder(tmp_path):
+def test_ctrl_c_in_the_demo_leaves_no_empty_folder(tmp_path):
     words = ("demo", "-o", tmp_path / "new" / "demo")
     with started(*words, stdout=subprocess.DEVNULL) as running:
         try:
@@ -154,18 +153,12 @@ needs_terminal = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a 
 
 
 @needs_terminal
-def test_a_terminal_gets_accuracies_and_a_progress_bar_that_leaves_nothing_behind(folder):
+def test_progress_bar_leaves_nothing_behind(folder):
     words = (
         "evaluate",
         folder,
         "--paper",
-        *SMALL,
-        "--train",
-        2,
-        "--test",
-        1,
-        "--partitions",
-        100,
+        "100,2,1",
         "--spaces",
         "hfmh",
     )
@@ -177,7 +170,7 @@ def test_a_terminal_gets_accuracies_and_a_progress_bar_that_leaves_nothing_behin
     assert re.search(r"random partitions  hfmh  [\d.]+ %", terminal.shown)
     assert terminal.shown.rstrip().endswith(("\x1b[2K", "\x1b[?25h"))
     assert "partition 4" not in out
-    assert f"repeat with: python -m granular_id.cli {shlex.join(terminal.words)}\n" in out
+    assert out.startswith("hfmh names ")
 
 
 @needs_terminal
@@ -187,13 +180,8 @@ def test_ctrl_c_amid_the_partitions_ends_the_bar_too(folder, tmp_path, threads):
         "evaluate",
         folder,
         "--paper",
-        "--train",
-        6,
-        "--test",
-        3,
-        "--partitions",
-        4000,
-        "--threads",
+        "4000,6,3",
+        "--jobs",
         threads,
     )
     files = ("--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv")
@@ -217,14 +205,13 @@ class ClosesItself:
         raise KeyboardInterrupt
 
 
-def test_ctrl_c_during_a_deletion_is_not_lost(capsys):
-    @guarded
-    def command():
+def test_ctrl_c_during_a_deletion_is_not_lost(monkeypatch):
+    def load(*_, **__):
         ClosesItself()
         for _ in range(1000):
             time.sleep(0.01)
 
-    with pytest.raises(typer.Exit) as end:
-        command()
-    assert end.value.exit_code == 130
-    assert capsys.readouterr().err == "Interrupted: no file was left half-written.\n"
+    monkeypatch.setattr("granular_id.io.load", load)
+    ended = run("evaluate", ".")
+    assert ended.exit_code == 130
+    assert ended.stderr == "Interrupted: no file was left half-written.\n"

@@ -1,0 +1,430 @@
+"""`record` and `live`, end to end with a simulated sensor."""
+
+import json
+import re
+import shlex
+import signal
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import granular_id as gid
+from cli_cases import ended_well, refused, run, started
+from granular_id.live import CallbackRobot, SourceInfo, ThreadedSource
+
+SIM = "sim:?seed=4&speed=20"
+
+ENDED = r"Ended by SIGINT: (the robot is stopped, )?no file was left half-written\.\n"
+
+
+@pytest.fixture(scope="module")
+def pushes(tmp_path_factory):
+    """12 pushes that `record` has written."""
+    folder = tmp_path_factory.mktemp("live") / "pushes"
+    words = ("--label", "rice,fine sugar", "--n", 6, "--duration-s", 1, "--session", "Monday")
+    out = ended_well("record", "--source", SIM, *words, "-o", folder)
+    assert "fine sugar 6/6: 500 samples, mean fx +" in out
+    assert "wrote 12 SYNTHETIC recordings of 2 materials into" in out
+    assert "session 'Monday'" in out
+    return folder
+
+
+@pytest.fixture(scope="module")
+def model(pushes, tmp_path_factory):
+    """Of four sessions: one alone does not show what others do, and those are refused."""
+    path = tmp_path_factory.mktemp("model") / "m.safetensors"
+    days = [gid.load(pushes)]
+    for seed in (5, 6, 7):
+        folder = path.parent / f"day {seed}"
+        words = ("--label", "rice,fine sugar", "--n", 6, "--duration-s", 1, "--session", seed)
+        ended_well("record", "--source", f"sim:?seed={seed}&speed=20", *words, "-o", folder)
+        days.append(gid.load(folder))
+    gid.save(gid.Dataset([recording for day in days for recording in day]), path.parent / "days.npz")
+    ended_well("train", path.parent / "days.npz", "-o", path, "--space", "hfmh", "--quiet")
+    return path
+
+
+@pytest.fixture
+def live(model):
+    """The words of a session that names pushes of rice."""
+    return ("live", "--source", "sim:rice?seed=4&speed=20", "--model", model)
+
+
+def test_recording_holds_all_that_is_known(pushes):
+    data = gid.load(pushes)
+    assert len(data) == 12
+    assert data.labels == ("fine sugar", "rice")
+    for recording in data:
+        assert (recording.n_samples, recording.rate_hz, recording.trigger_index) == (500, 500.0, 125)
+        assert recording.session == "Monday"
+        assert recording.meta["synthetic"]
+        assert recording.meta["truth"] == recording.label
+        assert recording.meta["trigger"] == "motion"
+        assert recording.start_time is not None
+
+
+def test_label_that_the_source_contradicts_is_told(tmp_path):
+    words = ("--source", "sim:rice?seed=2&speed=20", "--duration-s", 1, "--n", 2)
+    out = ended_well("record", *words, "--label", "salt", "-o", tmp_path / "x")
+    assert out.count("recorded as 'salt', but simulated rice says that it was 'rice'") == 1
+    assert "wrote 2 SYNTHETIC recordings of 1 material into" in out
+
+
+# -- answers
+
+
+def test_live_names_pushes_and_says_how_many_were_right(model, tmp_path):
+    rows = tmp_path / "answers.jsonl"
+    words = ("--source", "sim:rice,fine_sugar?seed=3&speed=20", "--model", model)
+    out = ended_well("live", *words, "--n", 3, "--quiet", "--json", rows)
+    assert out.count("final: margin") == 3
+    assert "SYNTHETIC: 3 answers, " in out
+    answers = [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()]
+    assert len(answers) == 3
+    for answer in answers:
+        assert answer["synthetic"]
+        assert answer["truth"] in ("rice", "fine sugar")
+        assert answer["decision"]["final"]
+        assert answer["failure"] is None
+
+
+def test_file_of_answers_is_replaced_by_force_only(live, tmp_path):
+    rows = tmp_path / "answers.jsonl"
+    rows.write_bytes(b"{}\n{}\n")
+    line = refused(*live, "--json", rows)
+    assert line == f"error: --json {rows}: there is such a file already; add --force to replace it"
+    assert rows.read_bytes() == b"{}\n{}\n"
+    ended_well(*live, "--n", 1, "--quiet", "--json", rows, "--force")
+    assert len(rows.read_text(encoding="utf-8").splitlines()) == 1
+    for other in (tmp_path / "other.npz", tmp_path / "other.json"):
+        other.write_bytes(b"PK")
+        line = refused(*live, "--json", other, "--force")
+        assert line.startswith("error: --json")
+        assert other.name in line
+        assert other.read_bytes() == b"PK"
+    model = Path(live[-1])
+    before = model.read_bytes()
+    assert f"belongs to {model}, which is read" in refused(*live, "--json", model)
+    assert model.read_bytes() == before
+
+
+def test_live_prints_what_changes_and_offers_a_page(live):
+    out = ended_well(*live, "--n", 1, "--view", "--no-browser")
+    assert re.search(r"^SYNTHETIC +[\d.]+ s +Done: rice \(final, after 1\.00 s", out, re.MULTILINE)
+    assert "page: http://127.0.0.1:" in out
+    assert "note: the model has no early rule" in ended_well(*live, "--n", 1, "--quiet", "--early")
+
+
+def test_what_is_like_no_known_material_is_counted(pushes, tmp_path):
+    strict = tmp_path / "strict.safetensors"
+    ended_well("train", pushes, "-o", strict, "--space", "hfmh", "--share-known", 0.01, "--quiet")
+    words = ("--source", "sim:macaroni?seed=3&speed=20", "--model", strict, "--n", 1)
+    out = ended_well("live", *words)
+    assert "Done: like no known material (final, after 1.00 s, nearest: " in out
+    assert "SYNTHETIC: 1 answer, 1 right (100 %); 1 like no known material" in out
+
+
+def test_replay_that_is_over_ends_calmly(model, pushes):
+    words = ("live", "--source", f"replay:{pushes}?pause_s=0.5&speed=20", "--model", model)
+    out = ended_well(*words)
+    assert "Ended: the source came to its end" in out
+    assert out.endswith("SYNTHETIC: 12 answers, 12 right (100 %)\n")
+    assert "Failed" not in out
+    nothing = refused(*words, "--trigger", "force", "--threshold-n", 1e6)
+    assert "the source came to its end before any push was answered" in nothing
+    assert "the source came to its end" in refused(*words, "-q", "--n", 13)
+
+
+# -- ends
+
+
+def test_full_disk_ends_a_session_with_whole_lines(live, tmp_path):
+    rows = tmp_path / "answers.jsonl"
+    code = (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))\n"
+        "from granular_id.cli import main; main()"
+    )
+    session = started(*live, "-q", "--json", rows, code=code)
+    _, error = session.communicate(timeout=120)
+    assert session.returncode == 2
+    assert " ".join(error.split()) == f"error: cannot write {rows}: File too large"
+    whole = rows.read_text("utf-8")
+    assert whole.endswith("}\n")
+    answers = [json.loads(line) for line in whole.splitlines()]
+    assert {answer["truth"] for answer in answers} == {"rice"}
+
+
+def interrupted(*words, after):
+    """Press Ctrl-C after two lines of output that hold some text; return the rest of it."""
+    session = started(*words)
+    try:
+        lines = iter(session.stdout.readline, "")
+        for _ in range(2):
+            assert any(after in line for line in lines)
+        session.send_signal(signal.SIGINT)
+        out, error = session.communicate(timeout=30)
+    finally:
+        session.kill()
+    assert session.returncode == 130
+    assert re.fullmatch(ENDED, error), "the robot may stand between two pushes"
+    return out
+
+
+def test_ctrl_c_ends_a_session_with_its_tally(live, heeding_interrupts):
+    out = interrupted(*live, "--quiet", after="final: margin")
+    assert re.fullmatch(r"SYNTHETIC: \d+ answers, \d+ right .*", out.splitlines()[-1])
+
+
+def test_ctrl_c_leaves_whole_files_only(tmp_path, heeding_interrupts):
+    words = ("record", "--source", "sim:rice?seed=1&speed=20", "--label", "rice", "--n", 500)
+    interrupted(*words, "-o", tmp_path / "x", after="1600 samples")
+    assert len(gid.load(tmp_path / "x")) >= 2
+    assert not list((tmp_path / "x").rglob(".*"))
+
+
+# -- refusals
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--label ,", "--label must name at least one material"),
+        ("--label rice,rice", "--label must name each material once, got 'rice,rice'"),
+        ("--label rice,suger", "'suger'; known: dry peas, rice"),
+        ("--label rice,sa\u202elt", "holds the control character"),
+        ("--label rice --session ''", "--session is empty"),
+        ("--label rice --direction 1,0", "--direction must be X,Y,Z such as 0,-1,0, got '1,0'"),
+        ("--label rice --robot none --trigger motion", "--trigger='motion' needs a robot"),
+        ("--label rice --robot ur", "--robot must be one of auto, none, manual, source"),
+        ("--label rice --duration-s 5", "a shorter push or a lower speed_m_s is wanted"),
+        ("--label rice --source sim:?speed=1e9", "speed must be at most 1000, got 1e+09"),
+        ("--label rice --source simm:rice", "'simm'; known: bota, rdt"),
+        ("--label rice --source replay:nowhere", "nowhere: no such file or folder"),
+    ],
+)
+def test_record_refuses_what_cannot_be(tmp_path, words, said):
+    assert said in refused("record", "--source", SIM, *shlex.split(words), "-o", tmp_path / "x")
+    assert not list(tmp_path.iterdir())
+
+
+class Real(ThreadedSource):
+    """A sensor that is no simulation, part of an arm that cannot go back."""
+
+    def __init__(self, _url):
+        super().__init__(SourceInfo("a bench", 500, device_clock=True))
+
+    def deliver(self, buffer, stopping):
+        buffer.push(np.zeros(6), 0.0)
+        stopping.wait()
+
+    def robot(self):
+        return CallbackRobot(pytest.fail, lambda: None)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--label rice,salt --n 1", "--label names 2 materials, somebody must change them"),
+        ("--label rice --n 2 --robot source", "--n 2: somebody must bring the robot back after each push"),
+    ],
+)
+def test_record_without_a_terminal_refuses_what_needs_hands(tmp_path, monkeypatch, words, said):
+    point = SimpleNamespace(name="bench", load=lambda: Real)
+    monkeypatch.setattr("granular_id.live.source.entry_points", lambda group: [point])
+    line = refused("record", "--source", "bench://here", *shlex.split(words), "-o", tmp_path / "x")
+    assert said in line
+    assert "standard input is no terminal" in line
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--no-browser", "--no-browser is about the page of --view: leave it out"),
+        ("--robot none --timeout-s 1", "nothing triggered within 1 s"),
+        ("--source sim:rice?rate_hz=100", "the model is for 500 Hz, simulated rice delivers 100 Hz"),
+        ("--model no.safetensors", "no.safetensors"),
+        ("--early --archive seen", "--archive keeps whole pushes, with --early there are none"),
+    ],
+)
+def test_live_refuses_what_does_nothing_or_harm(live, words, said):
+    line = refused(*live, "--n", 1, "--quiet", *shlex.split(words))
+    assert said in line
+
+
+def test_extra_of_a_source_is_named(model):
+    done = run("live", "--source", "ur://1.2.3.4", "--model", model)
+    assert done.exit_code == 1
+    assert "needs granular-id-contrib, which is not installed: pip install ./contrib" in " ".join(
+        done.stderr.split()
+    )
+
+
+# -- answers that go on, of models of other sensors
+
+IMU = ("wx", "wy", "wz", "ax", "ay", "az")
+
+
+def drive(path, k, seconds, seed):
+    """A CSV file of an IMU, with one column more than its axes."""
+    rng = np.random.default_rng(seed)
+    samples = rng.normal(0, 0.3 * (k + 1), (round(100 * seconds), 6))
+    rows = [f"{i / 100:.2f},{','.join(f'{v:.5f}' for v in row)},12.1" for i, row in enumerate(samples)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join([f"time,{','.join(IMU)},battery", *rows, ""]), encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def grounds(tmp_path_factory):
+    """A model of windows of drives, and the file of another drive."""
+    place = tmp_path_factory.mktemp("grounds")
+    for k, name in enumerate(("asphalt", "gravel")):
+        for i in range(3):
+            drive(place / "drives" / name / f"drive_{i}.csv", k, 5, 10 * k + i)
+    drive(place / "long.csv", 1, 8, 99)
+    words = ("--axes", ",".join(IMU), "--units", "rad/s,m/s2", "--window-s", 0.5)
+    ended_well("data", "convert", place / "drives", place / "drives.npz", *words)
+    ended_well("train", place / "drives.npz", "--space", "raw", "--quiet", "-o", place / "m.safetensors")
+    return place / "m.safetensors", place / "long.csv"
+
+
+def test_live_with_a_hop_answers_as_identify_does(grounds, tmp_path):
+    model, file = grounds
+    table = tmp_path / "a.csv"
+    out = ended_well("identify", model, file, "--hop-s", 0.5, "--csv", table)
+    labels = [row.split(",")[3] for row in table.read_text(encoding="utf-8").splitlines()[1:]]
+    rows = tmp_path / "live.jsonl"
+    words = ("--source", f"replay:{file}?speed=20", "--model", model, "--hop-s", 0.5, "--json", rows)
+    out = ended_well("live", *words, "--quiet")
+    answers = [json.loads(line) for line in rows.read_text(encoding="utf-8").splitlines()]
+    assert [one["decision"]["label"] for one in answers] == labels
+    assert [one["time_s"] for one in answers][:2] == pytest.approx([0.49, 0.99])
+    assert out.splitlines()[0].startswith("0.49 s: ")
+    assert "16 answers" in out
+    assert "Answering: " in ended_well("live", *words[:-2], "--n", 3)
+
+
+ABOUT_PUSHES = (
+    "--early",
+    "--pre-s 0.2",
+    "--robot manual",
+    "--trigger force",
+    "--threshold-n 1",
+    "--direction=-1,0,0",
+    "--max-force-n 9",
+    "--archive seen",
+)
+
+
+@pytest.mark.parametrize("words", ABOUT_PUSHES)
+def test_live_with_a_hop_refuses_what_is_about_pushes(grounds, words):
+    model, file = grounds
+    line = refused(
+        "live", "--source", f"replay:{file}?speed=20", "--model", model, "--hop-s", 0.5, *words.split()
+    )
+    assert f"{re.split('[ =]', words)[0]} is about pushes; with --hop-s answers go on" in line
+
+
+@pytest.mark.parametrize(
+    ("words", "said"), [((), "--pre-s must be given"), (("--hop-s", 0), "'--hop-s': must be positive")]
+)
+def test_live_refuses_a_rest_or_hop_that_is_missing(grounds, words, said):
+    model, file = grounds
+    assert said in refused("live", "--source", f"replay:{file}?speed=20", "--model", model, *words)
+
+
+def test_live_refuses_a_recording_that_is_too_short(grounds, tmp_path):
+    drive(tmp_path / "short.csv", 0, 0.3, 1)
+    source = ("--source", f"replay:{tmp_path / 'short.csv'}?speed=20")
+    line = refused("live", *source, "--model", grounds[0], "--hop-s", 0.5)
+    assert "came to its end before 0.5 s of signal were there" in line
+
+
+class Leaky(ThreadedSource):
+    """Loses every fortieth sample."""
+
+    def __init__(self):
+        units = ("rad/s",) * 3 + ("m/s2",) * 3
+        super().__init__(SourceInfo("leaky", 100, device_clock=True, axes=IMU, units=units, speed=100))
+
+    def deliver(self, buffer, stopping):
+        kept = np.arange(400) % 40 != 39
+        samples = np.random.default_rng(3).normal(0, 0.3, (400, 6))
+        buffer.push_block(samples[kept], np.flatnonzero(kept) / 100)
+
+
+def test_live_says_that_rows_were_lost(grounds, monkeypatch):
+    monkeypatch.setattr("granular_id.live.open_source", lambda *_, **__: Leaky())
+    words = ("live", "--source", "sim:rice", "--model", grounds[0], "--hop-s", 0.5, "--quiet")
+    why = "rows were lost 9 times; a window needs 0.5 s without loss (max_gap)"
+    assert refused(*words).endswith(why)
+    out = run(*words).stdout
+    assert f"no answer: {why}" in out
+    assert f"0 answers; {why}" in out
+    assert "7 answers" in ended_well(*words, "--max-gap", 1)
+
+
+@pytest.mark.parametrize(
+    ("source", "file", "said"),
+    [
+        ("sim:rice", "absent.safetensors", "absent.safetensors: no such file or folder"),
+        ("replay:absent.csv", None, "absent.csv: no such file or folder"),
+    ],
+)
+def test_absent_files_are_refused_at_once(grounds, monkeypatch, source, file, said):
+    monkeypatch.setattr(gid.Identifier, "load", None)  # would fail otherwise
+    assert said in refused("live", "--source", source, "--model", file or grounds[0])
+
+
+# -- into archives
+
+
+@pytest.fixture
+def fleet(pushes, tmp_path):
+    """An archive of those pushes."""
+    pytest.importorskip("pyarrow.parquet")
+    ended_well("archive", "add", tmp_path / "fleet", pushes, "--quiet")
+    return tmp_path / "fleet"
+
+
+def test_record_appends_each_push_to_an_archive_that_is_there(fleet):
+    words = ("--label", "rice", "--n", 2, "--duration-s", 1, "--session", "Tuesday", "-o", fleet)
+    ended_well("record", "--source", "sim:?seed=5&speed=20", *words)
+    data = [one for one in gid.load(fleet) if one.session == "Tuesday"]
+    assert [(one.label, one.n_samples, one.trigger_index) for one in data] == [("rice", 500, 125)] * 2
+    assert all(one.meta["synthetic"] and one.meta["truth"] == one.label for one in data)
+    assert not list(fleet.rglob("*.npz"))
+
+
+def test_live_keeps_each_push_with_its_answer(live, model, tmp_path):
+    pytest.importorskip("pyarrow.parquet")
+    rows = tmp_path / "rows.jsonl"
+    out = ended_well(*live, "--n", 2, "--quiet", "--archive", tmp_path / "seen", "--json", rows)
+    assert "kept 2 recordings in" in out
+    said = [json.loads(line)["decision"] for line in rows.read_text(encoding="utf-8").splitlines()]
+    data = gid.load(tmp_path / "seen")
+    assert [one.meta["answer"]["label"] for one in data] == [one["label"] for one in said]
+    assert [one.label for one in data] == ["rice"] * 2, "the truth, which a simulation knows"
+    assert len({one.session for one in data}) == 1
+    again = ended_well("identify", model, tmp_path / "seen", "--quiet")
+    assert all(one["label"] in line for line, one in zip(again.splitlines(), said, strict=True))
+
+
+def test_push_that_cannot_be_kept_is_answered_and_told(live, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device", "seen")
+
+    monkeypatch.setattr("granular_id.io.parquet.writing.Appender.append", full)
+    ended = run(*live, "--n", 2, "--quiet", "--archive", tmp_path / "seen")
+    assert ended.exit_code == 2
+    assert ended.stdout.count("final: margin") == 1
+    assert "kept 0 recordings" in ended.stdout
+    assert ended.stderr == "error: seen: no space left on device\n"
+
+
+def test_session_without_a_push_leaves_no_empty_folder(live, tmp_path):
+    words = ("--robot", "none", "--timeout-s", 1, "--n", 1, "--quiet", "--archive", tmp_path / "new" / "seen")
+    assert "nothing triggered within 1 s" in refused(*live, *words)
+    assert not list(tmp_path.iterdir())

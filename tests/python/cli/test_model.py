@@ -1,0 +1,397 @@
+"""`train`, `model`, `identify`, `adapt` and `explain`: what they print and write is what the library says."""
+
+import csv
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.pipeline import make_pipeline
+
+from cli_cases import LABELS, SMALL_MODEL, ended_well, make, recording, refused, run, saved, written
+from granular_id import ECOCClassifier, RawSignal, _core, save
+from granular_id.explanation import explain_held_out
+from granular_id.identifier import Identifier, adapt as adapting
+from granular_id.io import load
+from granular_id.recording import Dataset, Recording, SampleFlag
+from granular_id.synthetic import synthesize
+from multiband_cases import louder
+
+# -- train and model
+
+
+def test_train_writes_the_model_of_the_library(folder, tmp_path):
+    pytest.importorskip("matplotlib")
+    file, figure, figures = (tmp_path / name for name in ("m.safetensors", "o.png", "o.json"))
+    out = ended_well("train", folder, "-o", file, *SMALL_MODEL, "--figure", figure, "--json", figures)
+    same = Identifier.fit(load(folder), "raw+hfmh", target_error=0.2)
+    assert Identifier.load(file).core.coef.tobytes() == same.core.coef.tobytes()
+    assert Identifier.load(file).trained["estimate"] == same.trained["estimate"]
+    share = 100 * same.trained["estimate"]["accuracy"]
+    assert out.startswith(f"accuracy, halves in time order: {share:.1f} %, 30 answers in 2 folds\n")
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert written(figures)["over_time"] == same.over_time_.to_dict()
+    assert written(figures)["estimate"] == same.trained["estimate"]
+
+
+def test_train_takes_settings_and_background(folder, tmp_path):
+    file = tmp_path / "m.safetensors"
+    words = ("--space", "raw+hfmh", "--bin-range", "auto", "--cutoff-hz", 11, "--background", LABELS[0])
+    ended_well("train", folder, "-o", file, *words, "--seed", 4, "--quiet")
+    identifier = Identifier.load(file)
+    assert (identifier.spec.cutoff_hz, identifier.classes) == (11.0, LABELS[1:])
+    out = ended_well("model", file, "--details")
+    assert f"background, never named: {LABELS[0]} (10)" in out
+    assert "histogram of 100 bins" in out
+
+
+def test_one_recording_of_each_material_trains_without_an_estimate(tmp_path):
+    data = saved(make(n=1), tmp_path / "few")
+    out = ended_well("train", data, "-o", tmp_path / "m.safetensors", "--space", "hfmh")
+    why = "fewer than two materials have more than one recording"
+    assert f"accuracy: not known: {why}" in out
+    info = ended_well("model", tmp_path / "m.safetensors")
+    for what in ("early answers", "candidates", "unknown materials"):
+        assert f"\n{what}: none: no recordings were held out\n" in info
+    line = refused("train", data, "-o", tmp_path / "n.safetensors", "--figure", tmp_path / "f.png")
+    assert line.startswith(f"error: --figure shows held-out recordings, and there are none: {why}")
+    assert not (tmp_path / "n.safetensors").exists()
+
+
+def test_model_prints_and_writes_what_the_file_holds(model, tmp_path):
+    out = ended_well("model", model, "--details", "--json", tmp_path / "i.json")
+    identifier = Identifier.load(model)
+    for words in (
+        "materials: 3: oat, rice, sugar\n",
+        "takes: 60 samples at 125 Hz (0.48 s)",
+        "classifier: 3 learners, hinge loss\n",
+        "accuracy, halves in time order: ",
+        f"granular-id {_core.__version__}",
+    ):
+        assert words in out, words
+    told = written(tmp_path / "i.json")
+    assert told["trained"] == identifier.trained
+    assert told["training_sha256"] == identifier.core.metadata["training_sha256"]
+
+
+def test_every_command_says_that_a_model_is_of_simulated_recordings(tmp_path):
+    data = synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.3)
+    path, model = save(data, tmp_path / "x.npz"), tmp_path / "m.safetensors"
+    words = ("--space", "hfmh", "--quiet")
+    assert "(SYNTHETIC recordings)" in ended_well("train", path, "-o", model, *words)
+    assert ended_well("model", model).startswith("SYNTHETIC: trained on simulated recordings")
+    assert "SYNTHETIC recordings and a model of such" in ended_well("identify", model, path)
+    assert "SYNTHETIC recordings and a model of such" in run("identify", model, path, "--quiet").stderr
+    out = ended_well("adapt", model, path, "-o", tmp_path / "n.safetensors", "--all-materials")
+    assert "SYNTHETIC recordings and a model of such: this says nothing about real" in out
+
+
+# -- identify
+
+
+@pytest.fixture(scope="module")
+def fresh(tmp_path_factory):
+    """Recordings of the same materials that are 100 samples long, with a trigger at sample 30."""
+    rng = np.random.default_rng(8)
+    recordings = [recording(rng, k, i, samples=100) for k in range(3) for i in range(2)]
+    data = Dataset([replace(r, trigger_index=30) for r in recordings])
+    return data, save(data, tmp_path_factory.mktemp("fresh") / "fresh.npz")
+
+
+def rows_of(table):
+    with table.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_identify_answers_as_the_library(folder, model, tmp_path):
+    answers, table = tmp_path / "a.json", tmp_path / "a.csv"
+    out = ended_well("identify", model, folder, "--json", answers, "--csv", table)
+    identifier, data = Identifier.load(model), load(folder)
+    said = identifier.predict(data.X)
+    right = int((said == data.y).sum())
+    assert f"{right} of 30 recordings with a known material named rightly: {100 * right / 30:.1f} %" in out
+    assert "the model was trained on each of these recordings" in out
+    told = written(answers)
+    assert [row["label"] for row in told["recordings"]] == said.tolist()
+    assert (told["accuracy"], told["n_judged"], told["n_trained_on"]) == (right / 30, 30, 30)
+    for row, loss in zip(told["recordings"], identifier.losses(data.X), strict=True):
+        assert [entry["mean_loss"] for entry in row["ranking"]] == sorted(loss.tolist())
+    rows = rows_of(table)
+    assert [(row["recording"], row["label"], row["truth"]) for row in rows] == [
+        (name, label, truth) for name, label, truth in zip(data.names, said, data.y, strict=True)
+    ]
+    for row, one in zip(told["recordings"], data, strict=True):
+        decision = identifier.identify(one)  # as in a stream
+        assert (decision.label, decision.margin) == (row["label"], row["margin"])
+
+
+def test_several_paths_are_named_and_quiet_prints_answers(folder, model):
+    one = next((folder / "oat").iterdir())
+    words = (one, folder, "--quiet")
+    rows = [line.split("\t") for line in ended_well("identify", model, *words).splitlines() if "\t" in line]
+    assert rows[0][0] == str(one)
+    assert rows[1][0].startswith(str(folder))
+    assert len(rows) == 1 + 30
+    assert {row[1] for row in rows} <= {*LABELS}
+    assert ended_well("identify", model, folder, "--quiet").startswith("oat/oat_00.csv\t")
+
+
+def test_recordings_without_labels_are_named(folder, model, tmp_path):
+    for number, file in enumerate(sorted((folder / "rice").iterdir())[:3]):
+        (tmp_path / f"{number}.csv").write_bytes(file.read_bytes())
+    out = ended_well("identify", model, tmp_path)
+    assert "truth" not in out
+    assert "named rightly" not in out
+
+
+def test_unknown_labels_and_flagged_samples_are_told(model, tmp_path):
+    rng = np.random.default_rng(3)
+    flags = np.zeros(60, np.uint8)
+    flags[:4] = SampleFlag.SATURATED
+    known = replace(recording(rng, 0, 0), flags=flags)
+    save(Dataset([known, *(recording(rng, 1, i, label="salt") for i in range(2))]), tmp_path / "x.npz")
+    out = ended_well("identify", model, tmp_path / "x.npz")
+    assert "of 1 recording with a known material" in out
+    assert "labels that the model does not know, not counted: salt (2)" in out
+    assert re.search("4 +satur", out)
+
+
+@pytest.mark.parametrize(("marked", "start"), [(True, 25), (False, 0)])
+def test_longer_recordings_begin_as_in_training(fresh, tmp_path, marked, start):
+    data, file = fresh
+    cropped = make().align(50, trigger=[10] * 30, lead_s=0.04) if marked else make().align(50)
+    trained = [replace(r, trigger_index=5 if marked else None) for r in cropped]
+    path = save(Dataset(trained, cropped.history), tmp_path / "train.npz")
+    ended_well("train", path, "-o", tmp_path / "m.safetensors", *SMALL_MODEL, "--quiet")
+    ended_well("identify", tmp_path / "m.safetensors", file, "--csv", tmp_path / "a.csv")
+    identifier = Identifier.load(tmp_path / "m.safetensors")
+    losses = np.sort(identifier.losses(data.X[:, start : start + 50]), axis=1)
+    assert [float(row["margin"]) for row in rows_of(tmp_path / "a.csv")] == (
+        losses[:, 1] - losses[:, 0]
+    ).tolist()
+
+
+EXPORT = "Lab 3\nwx;wy;wz;steps;extra\n"
+
+
+def test_recordings_are_read_as_those_of_the_training(tmp_path):
+    rng = np.random.default_rng(4)
+    for k, label in enumerate(LABELS):
+        for i in range(5):
+            path = tmp_path / ("later" if i == 4 else "first") / "monday" / label / f"{i}.csv"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            rows = np.column_stack([rng.normal(0, k + 1, (80, 3)), np.arange(80), np.zeros(80)])
+            path.write_text(EXPORT + "\n".join(";".join(f"{x:.3f}" for x in row) for row in rows) + "\n")
+    read = ("--axes", "wx,wy,wz", "--units", "deg/s", "--recorded-hz", 100)
+    places = ("--csv", "skiprows=1", "--label", "folder", "--session", "parent")
+    ended_well("data", "convert", tmp_path / "first", tmp_path / "first.npz", *read, *places)
+    model = tmp_path / "m.safetensors"
+    ended_well("train", tmp_path / "first.npz", "-o", model, "--space", "raw", "--quiet")
+    out = ended_well("identify", model, tmp_path / "later")
+    assert "of 3 recordings with a known material" in out
+    assert "set-up" not in out
+    ended_well("identify", model, tmp_path / "later" / "monday" / "oat" / "4.csv", tmp_path / "first.npz")
+
+
+# -- identify --hop-s
+
+
+def long(n, name="drive", label="rice", **fields):
+    """Recordings one after another as one of n windows of the model's length."""
+    samples = np.concatenate([one.wrench for one in make(n).select(labels=[label])])
+    return Recording(samples[: 60 * n], rate_hz=125.0, name=name, **fields)
+
+
+def test_answers_over_one_recording_are_those_of_the_library(model, tmp_path):
+    pytest.importorskip("matplotlib")
+    drive = save(Dataset([long(5, label="oat")]), tmp_path / "drive.npz")
+    table, answers, figure = (tmp_path / name for name in ("a.csv", "a.json", "a.png"))
+    words = ("--hop-s", 0.24, "--csv", table, "--json", answers, "--figure", figure)
+    out = ended_well("identify", model, drive, *words)
+    same = Identifier.load(model).predict_over(load(drive)[0], 0.24)
+    for stretch in same.stretches:
+        assert f"{stretch.from_s:.2f} to {stretch.to_s:.2f}" in out
+    assert f"{len(same)} answers, one each 0.24 s about the last 0.48 s" in out
+    assert written(answers)["recordings"] == [same.to_dict()]
+    assert [row["label"] for row in rows_of(table)] == same.labels.tolist()
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    out = ended_well(
+        "identify", model, save(Dataset([long(3)]), tmp_path / "x.npz"), "--hop-s", 0.48, "--quiet"
+    )
+    assert out.startswith("drive\t")
+
+
+def test_answers_over_several_recordings_are_a_line_each(model, tmp_path):
+    save(Dataset([long(4, "a"), long(3, "b")]), tmp_path / "two.npz")
+    lines = ended_well("identify", model, tmp_path / "two.npz", "--hop-s", 0.48).splitlines()
+    assert [line.partition(": ")[0] for line in lines if line[1:2] == ":"] == ["a", "b"]
+    line = refused("identify", model, tmp_path / "two.npz", "--hop-s", 0.48, "--figure", tmp_path / "a.png")
+    assert "--figure draws one recording, got 2" in line
+
+
+# -- adapt
+
+
+def moved(n, *, labels=True, **fields):
+    """The small recordings in another set-up: other gains, another zero, another session."""
+    return Dataset(
+        [
+            replace(r, wrench=1.2 * r.wrench + 0.3, session="elsewhere", label=r.label if labels else None)
+            for r in make(n, **fields)
+        ]
+    )
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory):
+    """Five labelled recordings of each material."""
+    return saved(moved(5), tmp_path_factory.mktemp("adapt") / "elsewhere")
+
+
+def weights(model):
+    return model.core.coef.tobytes(), model.core.intercept.tobytes()
+
+
+@pytest.mark.parametrize("word", ["--labelled", "--all-materials"])
+def test_adapt_writes_the_model_of_the_library(model, elsewhere, tmp_path, word):
+    before = model.read_bytes()
+    out = ended_well("adapt", model, elsewhere, "-o", tmp_path / "new.safetensors", word)
+    assert out.startswith("adapted by 15 ")
+    data = load(elsewhere)
+    way = {"labels": data.y} if word == "--labelled" else {"all_materials": True}
+    wanted = Identifier.load(model).adapt(data, **way)
+    assert weights(Identifier.load(tmp_path / "new.safetensors")) == weights(wanted)
+    assert model.read_bytes() == before
+    assert "\nadapted: by 15 " in ended_well("model", tmp_path / "new.safetensors")
+
+
+def test_missing_materials_are_allowed_as_said(model, tmp_path):
+    some = save(moved(4)[np.arange(8)], tmp_path / "some.npz")
+    words = ("adapt", model, some, "-o", tmp_path / "new.safetensors", "--labelled")
+    line = refused(*words)
+    assert "sugar is missing" in line
+    (allow,) = re.findall(r"\((--allow-missing)\)", line)
+    assert "gain nothing: sugar" in " ".join(ended_well(*words, allow).split())
+
+
+ADAPT_REFUSALS = [
+    ("--all-materials --allow-missing", 15, "leave out allow_missing=True (--allow-missing)"),
+    ("--all-materials", 8, "needs 3 recordings a material in the mean, 9 for 3 materials, got 8"),
+    ("--labelled --all-materials", 15, "give --labelled, ... not both"),
+]
+
+
+@pytest.mark.parametrize(("words", "n", "said"), ADAPT_REFUSALS)
+def test_adapt_refuses_what_cannot_be(model, tmp_path, words, n, said):
+    few = save(moved(5)[np.arange(n)], tmp_path / "few.npz")
+    line = refused("adapt", model, few, "-o", tmp_path / "new", *words.split())
+    assert all(part in line for part in said.split(" ... "))
+    assert not (tmp_path / "new").exists()
+
+
+def test_model_itself_is_replaced_only_when_asked(model, elsewhere, tmp_path, monkeypatch):
+    own = tmp_path / "own.safetensors"
+    own.write_bytes(model.read_bytes())
+    words = ("adapt", own, elsewhere, "-o", own, "--labelled")
+    assert "is MODEL itself: give the new model another name, or add --force" in refused(*words)
+    with monkeypatch.context() as patch:
+        error = _core.GranularIdError("full")
+        patch.setattr(adapting, "_new_model", lambda *_, **__: (_ for _ in ()).throw(error))
+        refused(*words, "--force")
+    assert own.read_bytes() == model.read_bytes()
+    ended_well(*words, "--force")
+    assert "adapted" in Identifier.load(own).trained
+
+
+@pytest.mark.filterwarnings("default")
+def test_warning_of_the_library_is_printed(model, tmp_path):
+    one = save(Dataset([r for r in moved(5) if r.label == "rice"]), tmp_path / "one.npz")
+    words = ("--labelled", "--allow-missing")
+    ended = run("adapt", model, one, "-o", tmp_path / "new.safetensors", *words)
+    assert "warning: all recordings are of one material, rice" in ended.stderr
+
+
+# -- explain
+
+
+@pytest.fixture(scope="module")
+def loud(tmp_path_factory):
+    """Two materials in three sessions, which differ along fz."""
+    data = [
+        Recording(wrench, 500.0, label=str(label), session=f"day {number % 3}", name=f"{number:02d}")
+        for number, (wrench, label) in enumerate(zip(*louder(), strict=True))
+    ]
+    return save(Dataset(data), tmp_path_factory.mktemp("explain") / "loud.npz")
+
+
+@pytest.mark.parametrize("space", ["raw", "multiband"])
+def test_explain_prints_and_writes_contributions(loud, tmp_path, space):
+    pytest.importorskip("matplotlib")
+    words = ("--space", space, "--figure", tmp_path / "why.png", "--json", tmp_path / "why.json")
+    out = ended_well("explain", loud, "rice", "oat", *words)
+    assert re.search(r"^ +fx +fy +fz +(tx +ty +tz +)?sum$", out, re.M)
+    assert (tmp_path / "why.png").stat().st_size > 10_000
+    read = written(tmp_path / "why.json")
+    assert sum(read["features"]["contributions"]) == pytest.approx(read["difference"])
+    assert ("band" in read["tables"]) == (space == "multiband")
+    assert ("\nmost by band: " in out) == (space == "multiband")
+    assert "Contributions" in ended_well("explain", loud, "rice", "oat", "--space", space, "--details")
+
+
+def test_explain_trains_the_model_of_train(loud, tmp_path):
+    out = ended_well("explain", loud, "rice", "oat", "--json", tmp_path / "best.json")
+    read = written(tmp_path / "best.json")
+    assert read["model"].startswith("trained on 16 of 24 recordings; the mean of the candidate models")
+    assert f"best: {read['model']}; explained on recordings held out: " in " ".join(out.split())
+    assert max(read["by_axis"], key=read["by_axis"].get) == "fz"
+    assert (len(read["split"]["train"]), len(read["split"]["explained"])) == (16, 8)
+
+
+def test_labels_with_blanks_are_typed_with_underscores(loud, tmp_path):
+    clays = {"rice": "red clay", "oat": "red_clay"}
+    both = save(Dataset([replace(one, label=clays[one.label]) for one in load(loud)]), tmp_path / "clays.npz")
+    out = ended_well("explain", both, "red clay", "red_clay", "--space", "raw")
+    assert "red clay: mean score" in out
+    assert "red_clay: mean score" in out
+    one = [replace(one, label={"rice": "red clay"}.get(one.label, "peas")) for one in load(loud)]
+    line = refused(
+        "explain", save(Dataset(one), tmp_path / "one.npz"), "red clay", "red_clay", "--space", "raw"
+    )
+    assert "must be two materials, got 'red clay' twice" in line
+    record = ("--source", "sim:?speed=50", "--n", 1, "--duration-s", 0.5, "--label", "oat_flakes")
+    ended_well("record", *record, "-o", tmp_path / "pushes")
+    assert load(tmp_path / "pushes").labels == ("oat flakes",)
+
+
+@pytest.mark.parametrize(
+    ("sessions", "folds"),
+    [
+        ({"rice": "mon tue", "oat": "mon tue", "peas": "tue"}, "held-out sessions"),
+        # no fold holds out both
+        ({"rice": "r1 r2", "oat": "o1 o2", "peas": "p1 p2 p3 p4 p5 p6 p7 p8"}, "held-out sessions"),
+        ({"rice": "mon", "oat": "mon", "peas": "mon tue"}, "halves in time order"),
+        ({}, "random folds"),
+    ],
+)
+def test_explain_holds_out_what_the_materials_allow(sessions, folds):
+    named = {label: words.split() for label, words in sessions.items()}
+    data = Dataset(
+        [
+            Recording(
+                np.random.default_rng(k).normal(size=(4, 6)),
+                500.0,
+                label=label,
+                session=named[label][k % len(named[label])] if named else None,
+                start_time=1e9 + (60.0 * k if named else k // 2 * 60.0),
+                name=f"{label} {k}",
+            )
+            for k in range(8)
+            for label in ("rice", "oat", "peas")
+        ]
+    )
+    pipeline = make_pipeline(RawSignal(), ECOCClassifier())
+    explanation, model, split = explain_held_out(data, pipeline, "rice", "oat")
+    assert split["folds"] == folds
+    assert not set(split["train"]) & set(split["explained"])
+    assert sum(explanation.counts) == len(split["explained"])
+    assert model == f"trained on {len(split['train'])} of 24 recordings"
