@@ -1,12 +1,9 @@
-"""The command line on reference/cli: help, examples and options of every command, as ``--help`` has them.
-
-typer's own page repeats the options of recordings and method for every command, and leaves out their headings.
-"""
+"""The command line on reference/cli: help, examples and options of every command, as ``--help`` has them."""
 
 from __future__ import annotations
 
+import inspect
 import re
-from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,9 +12,6 @@ import typer.main
 from granular_id.cli.app import app as cli
 
 PAGE = "reference/cli"
-SHARED = ("Recordings", "Method")
-"""Headings of ``--help`` whose options stand in one place when they are the same in four commands."""
-
 Command = tuple[str, Any, dict[str, list[str]]]
 
 
@@ -58,60 +52,28 @@ def help_of(command: Any) -> str:
     def block(found: re.Match[str]) -> str:
         return (
             "```console\n"
-            + "\n".join(re.findall(r"^`(.*)`$", found[0], flags=re.MULTILINE))
+            + "\n".join(re.findall(r"^- `(.*)`$", found[0], flags=re.MULTILINE))
             + "\n```\n\n"
         )
 
     return re.sub(
-        r"(?:^`granular-id [^`\n]*`\n*)+",
+        r"(?:^- `granular-id [^`\n]*`\n*)+",
         block,
-        quoted(command.help) + "\n",
+        quoted(inspect.cleandoc(command.help)) + "\n",
         flags=re.MULTILINE,
     )
 
 
-def order(panel: tuple[str, list[str]]) -> int:
-    return -1 if panel[0] == "Arguments" else panel[0] in SHARED
-
-
 def text() -> str:
     commands = list(commands_of(typer.main.get_command(cli), "granular-id"))
-    times = Counter(
-        (panel, item)
-        for *_, panels in commands
-        for panel in SHARED
-        for item in panels.get(panel, ())
-    )
-    shared = [key for key, count in times.items() if count > 3]
     lines = [
         f"- [`{name}`](#{name.replace(' ', '-')}): {command.help.splitlines()[0]}"
         for name, command, _ in commands
     ]
     for name, command, panels in commands:
         lines += ["", f"## `{name}`", "", help_of(command)]
-        for panel, items in sorted(panels.items(), key=order):
-            own = [item for item in items if (panel, item) not in shared]
-            rest = [
-                re.search(r"--?[\w-]+", item)[0]
-                for item in items
-                if (panel, item) in shared
-            ]
-            lines += ["", f"**{panel}**", "", *own, ""]
-            if rest:
-                lines += [
-                    f"[Shared with others](#{panel.lower()}): "
-                    + " ".join(f"`{each}`" for each in rest),
-                    "",
-                ]
-    for title in SHARED:
-        lines += [
-            "",
-            f"## {title}",
-            "",
-            f"Options under *{title}* that several commands share.",
-            "",
-        ]
-        lines += [item for panel, item in shared if panel == title]
+        for panel, items in panels.items():
+            lines += ["", f"**{panel}**", "", *items, ""]
     return "\n".join(lines) + "\n"
 
 

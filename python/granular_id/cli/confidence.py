@@ -56,7 +56,8 @@ def confidence(
     found = confidence_study(
         data, spaces[space], by=hold_out, levels=shares, share_known=share_known, n_jobs=-1
     )
-    show(found.table(), "bold yellow" if found.synthetic else "")
+    lines = [line for line in found.table().splitlines() if line]  # on one screen
+    show("\n".join(lines), "bold yellow" if found.synthetic else "")
 
     def draw(file: Path) -> None:
         from granular_id.plotting import plot_confidence

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from granular_id.evaluation import EvaluationResult
     from granular_id.spaces import FeatureSpace
 
-_MOST_LINES = 4
-"""Of what spoils the figures, and of what deserves mention."""
+_MOST_LINES, _ROOM = 5, 16
+"""Of what spoils the figures, and of what deserves mention; of rows and remarks together."""
 
 
 def evaluate(
@@ -156,14 +156,13 @@ def print_result(result: EvaluationResult, *, details: bool, quiet: bool) -> Non
     show(headline(result), "bold yellow" if result.synthetic else "bold")
     for line in gap_lines(result):
         show(line)
-    show("")
-    print_table(accuracy_table(result), strong=result.synthetic)
+    table, notes = accuracy_table(result), remarks(result)
+    print_table(table, strong=result.synthetic, details=details)
+    room = _ROOM - len(table.rows) - 2 * len(table.notes)
     if details:
         show(result.details())
-    elif not quiet:
-        notes = remarks(result)
-        if notes:
-            show("\n".join(notes), most=_MOST_LINES)
+    elif notes and not quiet and room > 0:
+        show("\n".join(notes), most=min(room, _MOST_LINES))
 
 
 def _with_settings(

@@ -65,8 +65,8 @@ def check_sessions(data: Measured) -> Iterator[Finding]:
     without = [i for i, r in enumerate(data.recordings) if r.session is None]
     if len(without) == len(data.recordings):
         message = (
-            "no recording says which session it is from: keep together what was recorded together (--session file or "
-            'folder where each is one, in Python session="file")'
+            "no recording says which session it is from: keep together what was recorded together (data convert "
+            '--session file, or folder, where each is one; in Python session="file")'
         )
         yield data.finding("warning", "no-session", message)
     elif without:
