@@ -241,7 +241,7 @@ def _spec_of_space(archive: Archive, space: str | FeatureSpec) -> FeaturesSpec:
     if not isinstance(space, FeatureSpec):
         transformer = named(feature_spaces(rate_hz=rate_hz, threads=1), "space", space).transformer
         if learns(transformer):
-            how = "train a model on some of them, as in Identifier.fit(data, 'multiband'), and give model= (--model FILE)"
+            how = "train a model on some, as in Identifier.fit(data, 'multiband'), and give model= (--model FILE)"
             raise argument_error(GranularIdError, "space", f"={space!r} learns from recordings: {how}")
         blank = np.zeros((n_samples, len(archive.axes)))
         extractor = transformer.fit(Dataset([Recording(blank, rate_hz=rate_hz, axes=archive.axes)]))

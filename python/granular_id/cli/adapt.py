@@ -2,54 +2,42 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import MODELS, check_source
+from granular_id.cli import options as opt
 from granular_id.cli.identify import fitted, read_for
-from granular_id.cli.options import Accept, Force, Model, Quiet, Recordings
 from granular_id.cli.outputs import MODEL, check_outputs, show
 from granular_id.cli.recordings import about
 
 
 def adapt(
-    model: Model,
-    path: Recordings,
+    model: opt.Model,
+    path: opt.Recordings,
     *,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write: .safetensors.")],
+    output: opt.NewModel,
     labelled: Annotated[
-        bool, typer.Option("--labelled", help="Take the labels of the recordings: a few of each material.")
+        bool, Option("--labelled", help="Take the labels of a few of each material.")
     ] = False,
-    all_materials: Annotated[
-        bool, typer.Option("--all-materials", help="The recordings hold all materials, about equally.")
-    ] = False,
-    allow_missing: Annotated[
-        bool,
-        typer.Option("--allow-missing", help="Go on without some of the materials, which gain nothing."),
-    ] = False,
-    accept: Accept = None,
-    force: Force = False,
-    quiet: Quiet = False,
+    all_materials: Annotated[bool, Option("--all-materials", help="All materials, about equally.")] = False,
+    allow_missing: Annotated[bool, Option("--allow-missing", help="Go on without some materials.")] = False,
+    accept: opt.Accept = None,
+    force: opt.Force = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Bring a model to another set-up (tool, mounting, zero, room) by recordings of it, in one of two ways.
 
-    `--labelled` takes the labels of a few recordings of each material; three of each are good. Each label is one that
-    the model knows (`granular-id model MODEL`). What some materials show does not carry over to others:
-    those that are missing are named, and refused without `--allow-missing`.
+    `--labelled` takes the labels of a few recordings of each material that the model knows; three of each are good.
+    Missing materials are refused without `--allow-missing`, as what others show does not carry over to them.
 
     `--all-materials` needs no labels, and declares that the recordings hold all materials about equally often; three
-    recordings a material at least, better ten. It loses where that is not so. Where recordings have
-    labels that the model knows, the accuracy before and after is told.
+    recordings a material at least, better ten. It loses where that is not so.
 
-    The new model is a file like any other, with other weights and a line on how it was made (`granular-id model`).
-    What was measured on the old one is dropped: estimate, early answers, candidates, refusal of unknown materials,
-    probabilities. MODEL stays as it is, and may be one that `--all-materials` has made where labels follow.
-
-    Recordings are read and cropped as by `granular-id identify`, which says what of the set-up is refused;
-    `--accept` takes it.
+    The new model is a file like any other, with a line on how it was made (`granular-id model`). What was measured on
+    the old one is dropped: estimate, early answers, candidates, refusal of unknown materials, probabilities.
 
     Examples:
 

@@ -9,24 +9,21 @@ from contextlib import contextmanager
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Argument, Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import check_source, made_folder
 from granular_id._text import Table, counted, verb
-from granular_id.cli.options import FOUND_ERRORS, Details, Jobs, Quiet, Scheduler
+from granular_id.cli import options as opt
 from granular_id.cli.outputs import print_table, show
 from granular_id.cli.recordings import about
 
 if TYPE_CHECKING:
     from granular_id.archive import Archive, Extraction
-    from granular_id.recording import Dataset, StepReport
-
-InArchive = Annotated[
-    Path, typer.Argument(metavar="ARCHIVE", help="Folder of an archive.", show_default=False)
-]
+    from granular_id.recording import Dataset
 
 _SHOWN = 10
 
@@ -35,24 +32,11 @@ _SHOWN = 10
 
 
 def add(
-    archive: Annotated[
-        Path,
-        typer.Argument(
-            metavar="ARCHIVE", help="Folder of an archive; a new one is made.", show_default=False
-        ),
-    ],
-    paths: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="PATH...", help="Folders and files of recordings, archives too.", show_default=False
-        ),
-    ],
+    archive: opt.Archive,
+    paths: Annotated[list[Path], Argument(metavar="PATH...", help="Recordings, archives too.")],
     *,
-    on_error: Annotated[
-        Literal["raise", "skip"],
-        typer.Option(help="What cannot be read, a row group of an archive too: refuse, or leave it out."),
-    ] = "raise",
-    quiet: Quiet = False,
+    on_error: Annotated[opt.Skip, Option(help="What cannot be read: refuse, or leave it out.")] = "raise",
+    quiet: opt.Quiet = False,
 ) -> None:
     """Add recordings to an archive, piece by piece, so that any number fits.
 
@@ -76,110 +60,75 @@ def add(
     from granular_id._progress import showing
     from granular_id.io.parquet.writing import Appender
 
-    tally = _Tally(archive)
+    n_added = n_present = 0
+    skipped: list[str] = []
+    notes: dict[str, None] = {}
+    begun_s = time.monotonic()
     try:
         with made_folder(archive), showing(not quiet) as step:
-            appender, rates = Appender(archive), _Rates(archive)
+            appender, rates = Appender(archive), _rates(archive)
             for path in paths:
-                for piece in _pieces(path, on_error, tally):
-                    rates.check(piece, path)
+                for piece in _pieces(path, on_error, skipped):
+                    rates = rates or {piece[0].rate_hz}
+                    _refuse_other_rate(piece, rates, path, archive)
+                    notes |= dict.fromkeys(f"note: {note}" for note in piece.history[-1].notes)
                     done = appender.append(piece)
-                    tally.n_added += done.n_added
-                    tally.n_present += done.n_present
+                    n_added, n_present = n_added + done.n_added, n_present + done.n_present
                     if step is not None:
-                        step(tally.n_added + tally.n_present, 0, f"recordings: {path.name}")
-            if not tally.n_added + tally.n_present:
+                        step(n_added + n_present, 0, f"recordings: {path.name}")
+            if not n_added + n_present:
                 raise GranularIdError("no recording is left to add")
     finally:
-        show("\n".join(tally.lines()), most=_SHOWN + 4, rest="")
+        speed = n_added / max(time.monotonic() - begun_s, 1e-3)
+        lines = [f"added {counted(n_added)} to {archive}, {speed:,.0f} recordings/s"] * bool(
+            n_added or n_present
+        )
+        lines += [f"{counted(n_present)} {verb(n_present, 'was', 'were')} there already"] * bool(n_present)
+        if skipped:
+            lines += [f"{counted(len(skipped), 'file')} skipped:", *(f"  {reason}" for reason in skipped)]
+        show("\n".join([*lines, *notes]), most=_SHOWN + 4, rest="")
 
 
-def _pieces(path: Path, on_error: Literal["raise", "skip"], tally: _Tally) -> Iterator[Dataset]:
-    """Read a path piece by piece; with --on-error skip, of one that cannot be read that is said alone."""
+def _pieces(path: Path, on_error: opt.Skip, skipped: list[str]) -> Iterator[Dataset]:
+    """Read a path piece by piece; with --on-error skip, why something cannot be read joins a list."""
     from granular_id.io import RecordingFileError, load_parts
 
     try:
         with about(path):
             for piece in load_parts(path, on_error=on_error):
-                tally.report(piece.history[-1])
+                skipped += [row["skipped"] for row in piece.history[-1].rows if "skipped" in row]
                 yield piece
     except RecordingFileError as error:
         if on_error == "raise":
             raise
-        tally.left_out(str(error))
+        skipped.append(str(error))
 
 
-class _Tally:
-    """Counts what became of recordings, and keeps the first reasons why some were left out."""
+def _rates(archive: Path) -> set[float | None]:
+    """Return the rates in an archive, None for uneven stamps; of one that is not there yet none."""
+    from granular_id.io.parquet.layout import is_parquet_archive
 
-    def __init__(self, archive: Path) -> None:
-        self.archive, self.n_added, self.n_present, self._n_skipped = archive, 0, 0, 0
-        self._begun_s = time.monotonic()
-        self._reasons: list[str] = []
-        self._notes: dict[str, None] = {}
+    if not is_parquet_archive(archive):
+        return set()
+    from granular_id.archive import Archive
 
-    def report(self, step: StepReport) -> None:
-        """Take what reading says of a piece."""
-        for row in step.rows:
-            if "skipped" in row:
-                self.left_out(row["skipped"])
-        self._notes.update(dict.fromkeys(f"note: {note}" for note in step.notes))
-
-    def left_out(self, reason: str) -> None:
-        """Count a file of which nothing, or nothing more, can be read."""
-        self._n_skipped += 1
-        self._reasons = [*self._reasons, f"  {reason}"][:_SHOWN]
-
-    def lines(self) -> Iterator[str]:
-        """Yield what to say at the end, however it came about."""
-        if self.n_added or self.n_present:
-            rate = self.n_added / max(time.monotonic() - self._begun_s, 1e-3)
-            speed = f", {rate:,.0f} recordings/s" if self.n_added else ""
-            yield f"added {counted(self.n_added)} to {self.archive}{speed}"
-        if self.n_present:
-            yield f"{counted(self.n_present)} {verb(self.n_present, 'was', 'were')} there already"
-        if self._n_skipped:
-            yield f"{counted(self._n_skipped, 'file')} skipped:"
-            yield from self._reasons
-            if self._n_skipped > _SHOWN:
-                yield f"  ... and {self._n_skipped - _SHOWN} more"
-        yield from list(self._notes)[:_SHOWN]
+    return set(Archive(archive).index["rate_hz"].to_pylist())
 
 
-class _Rates:
-    """The one rate of an archive, if it has one: features and models take nothing else."""
-
-    def __init__(self, archive: Path) -> None:
-        from granular_id.io.parquet.layout import is_parquet_archive
-
-        self._archive, self._known = archive, set[float | None]()
-        if is_parquet_archive(archive):
-            import numpy as np
-
-            from granular_id.archive import Archive
-
-            rates = np.unique(Archive(archive).index["rate_hz"].to_numpy())
-            self._known = {None if np.isnan(rate) else float(rate) for rate in rates}
-
-    def check(self, data: Dataset, path: Path) -> None:
-        """Refuse recordings of another rate than those that are there, or than the first to be added."""
-        self._known = self._known or {data[0].rate_hz}
-        if len(self._known) > 1:
-            return
-        (known,) = self._known
-        other = next((one for one in data if one.rate_hz != known), None)
-        if other is not None:
-            came, wanted = (
-                "no even rate" if rate is None else f"{rate:g} Hz" for rate in (other.rate_hz, known)
+def _refuse_other_rate(data: Dataset, rates: set[float | None], path: Path, archive: Path) -> None:
+    """Refuse recordings of another rate than the one of an archive: features and models take nothing else."""
+    if len(rates) > 1:
+        return
+    (known,) = rates
+    other = next((one for one in data if one.rate_hz != known), None)
+    if other is not None:
+        came, wanted = ("no even rate" if rate is None else f"{rate:g} Hz" for rate in (other.rate_hz, known))
+        help_ = "" if known is None else f" (--resample-hz {known:g})"
+        with about(path):
+            raise GranularIdError(
+                f"{path}: recording {other.name!r} has {came}, those of the archive {archive} have {wanted}: name "
+                f"another archive, or bring them to one rate{help_}"
             )
-            problem = (
-                f"{path}: recording {other.name!r} has {came}, those of the archive {self._archive} have"
-            )
-            help_ = "" if known is None else f" (--resample-hz {known:g})"
-            with about(path):
-                raise GranularIdError(
-                    f"{problem} {wanted}: name another archive, or bring them to one rate{help_}"
-                )
 
 
 # What an archive holds, and whether it is whole.
@@ -195,7 +144,7 @@ def check_is_archive(path: Path) -> None:
         raise GranularIdError(f"{path} is no archive; {make} makes one of recordings")
 
 
-def info(archive: InArchive, *, details: Details = False) -> None:
+def info(archive: opt.Archive, *, details: opt.Details = False) -> None:
     """Say what an archive holds, by its index alone: at once, also for a million recordings.
 
     Examples:
@@ -265,7 +214,7 @@ def _day(utc_s: float) -> str:
     return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y-%m-%d")
 
 
-def check(archive: InArchive, *, details: Details = False, quiet: Quiet = False) -> None:
+def check(archive: opt.Archive, *, details: opt.Details = False, quiet: opt.Quiet = False) -> None:
     """Read all of an archive and say what of it is damaged, or not what its index says.
 
     Exit code 0 when all is whole, 3 when something is not.
@@ -280,7 +229,7 @@ def check(archive: InArchive, *, details: Details = False, quiet: Quiet = False)
     report = archives.check(archive, n_jobs=-1, progress=not quiet)
     show(str(report), most=None if details else 2 * _SHOWN)
     if not report.ok:
-        raise typer.Exit(FOUND_ERRORS)
+        raise typer.Exit(opt.FOUND_ERRORS)
 
 
 archive = typer.Typer(
@@ -296,33 +245,22 @@ for shown in (add, info, check):
 
 
 def extract(
-    archive: InArchive,
+    archive: opt.Archive,
     *,
-    output: Annotated[
-        Path, typer.Option("--output", "-o", help="Folder to write features into, or to go on with.")
-    ],
-    space: Annotated[
-        str | None,
-        typer.Option(help="hfmh, raw+hfmh, dft ...: any that learns nothing. Default: hfmh, 600 counts."),
-    ] = None,
-    model: Annotated[
-        Path | None, typer.Option("--model", "-m", help="Take the features of this model, from `train`.")
-    ] = None,
-    jobs: Jobs = None,
-    scheduler: Scheduler = None,
-    quiet: Quiet = False,
+    output: Annotated[Path, Option("--output", "-o", help="Folder to write into, or to go on with.")],
+    space: Annotated[str | None, Option(help="One that learns nothing. Default: hfmh.")] = None,
+    model: Annotated[Path | None, Option("--model", "-m", help="Take the features of this model.")] = None,
+    jobs: opt.Jobs = None,
+    scheduler: opt.Scheduler = None,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Extract the features of every recording of an archive, each exactly once.
 
-    OUTPUT gets Parquet files of a thousand recordings each. After a Ctrl-C, a crash or a worker that died the same
-    command does what is missing, and only that; the files are the same with any number of threads or workers. A part
-    of the archive that cannot be read is named at the end; all others are finished, and the exit code is 2.
+    After a Ctrl-C, a crash or a worker that died the same command does what is missing; the files are the same with any
+    number of threads or workers. What cannot be read is named at the end; all else is finished, and the exit code is 2.
 
-    Spaces that learn from recordings, as the multi-band ones do, are those of a model: train one on some recordings
-    and give --model. Recordings are taken as they are: `granular-id data convert` brings them to one rate and length.
-
-    With `--scheduler` the workers of a Dask cluster do the work, which must see ARCHIVE and OUTPUT under the same
-    names. Encryption and all else is that of Dask's own configuration.
+    Spaces that learn from recordings, as the multi-band ones do, are those of a model: give --model. With `--scheduler`
+    the workers of a Dask cluster do the work, which must see ARCHIVE and OUTPUT under the same names.
 
     Examples:
 
@@ -337,7 +275,7 @@ def extract(
         check_source(model)
     from granular_id.archive import extract as extract_features
 
-    with working_on(archive, partial(say_features, output)):
+    with working_on(archive, partial(say_made, "Features", output)):
         done = extract_features(
             archive,
             output,
@@ -347,7 +285,7 @@ def extract(
             n_jobs=-1 if jobs is None and scheduler is None else jobs,
             scheduler=scheduler,
         )
-    say_features(output, done)
+    say_made("Features", output, done)
 
 
 @contextmanager
@@ -372,15 +310,9 @@ def working_on(archive: Path, say: Callable[..., None]) -> Iterator[None]:
         raise OSError(f"{error}; once it can be written {again}") from error
 
 
-def say_features(output: Path, done: Extraction, *, partial: bool = False) -> None:
-    """Say what was extracted and how to read it."""
+def say_made(name: str, output: Path, done: Extraction, *, partial: bool = False) -> None:
+    """Say what was made of an archive, and the line of Python that reads it."""
     show(str(done))
     if not partial or done.n_partitions:
-        reader = reader_line("Features", output, partial=partial)
-        show(f"read them with: {reader}  # .X .y .sessions .names")
-
-
-def reader_line(name: str, output: Path, *, partial: bool = False) -> str:
-    """Return the line of Python that reads an output."""
-    how = ", partial=True" if partial else ""
-    return f"from granular_id.archive import {name}; {name.lower()} = {name}({str(output)!r}{how})"
+        how = ", partial=True" if partial else ""
+        show(f"read: from granular_id.archive import {name}; {name.lower()} = {name}({str(output)!r}{how})")

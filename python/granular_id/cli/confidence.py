@@ -5,27 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import check_source
-from granular_id.cli.options import Figure, Force, HoldOut, Json, Recordings, Share, Space, numbers_in
+from granular_id.cli import options as opt
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, show, write_files
 from granular_id.cli.recordings import read
 
 
 def confidence(
-    path: Recordings,
+    path: opt.Recordings,
     *,
-    space: Space = "best",
-    hold_out: HoldOut = "auto",
+    space: opt.Space = "best",
+    hold_out: opt.HoldOut = "auto",
     levels: Annotated[
-        str, typer.Option(help="Shares of recordings whose candidates are to hold the material.")
+        str, Option(help="Shares of recordings whose candidates hold the material.")
     ] = "0.8,0.9,0.95",
-    share_known: Share = 0.95,
-    figure: Figure = None,
-    json: Json = None,
-    force: Force = False,
+    share_known: opt.ShareKnown = 0.95,
+    figure: opt.Figure = None,
+    json: opt.Json = None,
+    force: opt.Force = False,
 ) -> None:
     """Say how far the confidence of a model of these recordings can be trusted, in sessions that did not train.
 
@@ -40,7 +40,7 @@ def confidence(
     - `granular-id confidence recordings --hold-out tool --figure sure.png --json sure.json`
     """
     wanted = "numbers between 0 and 1, separated by commas, each once"
-    shares = numbers_in("--levels", levels, wanted)
+    shares = opt.numbers_in("--levels", levels, wanted)
     if not all(0 < share < 1 for share in shares) or len(set(shares)) < len(shares):
         raise GranularIdError(f"--levels must be {wanted}, got {levels!r}")
     check_outputs(("--figure", figure, PICTURE), ("--json", json, JSON_FILE), source=path, force=force)

@@ -7,24 +7,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
+from typer import Argument, Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import RECORDINGS, check_source, whole_file
 from granular_id._text import counted
-from granular_id.cli.options import (
-    Axes,
-    Csv,
-    Force,
-    Label,
-    Seed,
-    Session,
-    Units,
-    csv_in,
-    names_in,
-    numbers_in,
-    within,
-)
+from granular_id.cli import options as opt
 from granular_id.cli.outputs import show
 from granular_id.cli.recordings import read, refuse_uneven, say_step
 
@@ -34,124 +22,84 @@ if TYPE_CHECKING:
 
 STEPS, SETUP = "Steps, in this order", "Another set-up, before the steps"
 
+Begin = Literal["first", "trigger", "onset"]
+TimeUnit = Literal["s", "ms", "us", "ns", "sample"]
+
 MAX_GAP_S = 0.25
 """Default of ``--max-gap-s``, as of `Dataset.resample`."""
 
 Output = Annotated[
-    Path,
-    typer.Argument(metavar="OUTPUT", help="x.npz; x.parquet, an archive; else a folder of CSV files."),
+    Path, Argument(metavar="OUTPUT", help="x.npz; x.parquet, an archive; else a folder of CSV.")
 ]
 
 
 def convert(
-    path: Annotated[
-        Path, typer.Argument(metavar="PATH", help="Folder or file of recordings, of any format.")
-    ],
+    path: Annotated[Path, Argument(metavar="PATH", help="Folder or file of recordings, of any format.")],
     output: Output,
     *,
-    label: Label = None,
-    session: Session = None,
-    axes: Axes = None,
-    units: Units = None,
-    csv: Csv = None,
-    id_: Annotated[
-        str | None,
-        typer.Option(
-            "--id", help="Column that tells recordings of a table apart. Default: recording, trial or id."
-        ),
-    ] = None,
-    array: Annotated[
-        str | None, typer.Option(help="Array of a file that holds the samples, where it is not X.")
-    ] = None,
-    topic: Annotated[
-        str | None, typer.Option(help="Topic of a bag, where several hold a wrench; /topic.field inside it.")
-    ] = None,
+    label: opt.Label = None,
+    session: opt.Session = None,
+    axes: opt.Axes = None,
+    units: opt.Units = None,
+    csv: opt.Csv = None,
+    id_: Annotated[str | None, Option("--id", help="Column that tells recordings of a table apart.")] = None,
+    array: Annotated[str | None, Option(help="Array that holds the samples, where it is not X.")] = None,
+    topic: Annotated[str | None, Option(help="Topic of a bag; /topic.field inside its messages.")] = None,
     recorded_hz: Annotated[
-        float | None,
-        typer.Option(callback=within(0), help="Rate of files without a clock; it wins over stamps."),
+        float | None, Option(callback=opt.POSITIVE, help="Rate; the clock is ignored.")
     ] = None,
-    time_unit: Annotated[
-        Literal["s", "ms", "us", "ns", "sample"] | None,
-        typer.Option(help="What stamps count, where a file does not state it. Default: seconds."),
-    ] = None,
+    time_unit: Annotated[TimeUnit | None, Option(help="What stamps count. Default: seconds.")] = None,
     on_error: Annotated[
-        Literal["raise", "skip"],
-        typer.Option(help="What is unreadable, too short, or has too long gaps: refuse, or leave it out."),
+        opt.Skip, Option(help="What is unreadable, too short, or has too long gaps: refuse, or leave it out.")
     ] = "raise",
     split_gap_s: Annotated[
         float | None,
-        typer.Option(callback=within(0), help="Make a recording of each stretch between longer gaps."),
+        Option(callback=opt.POSITIVE, help="Make a recording of each stretch between longer gaps."),
     ] = None,
     compensate: Annotated[
         Path | None,
-        typer.Option(
-            rich_help_panel=SETUP, help="Take weight and zero of a tool off: a file of `setup payload`."
-        ),
+        Option(rich_help_panel=SETUP, help="Take a tool's weight off: a file of `setup payload`."),
     ] = None,
     gravity: Annotated[
-        str | None,
-        typer.Option(
-            rich_help_panel=SETUP,
-            help="Where gravity points in the frame of the wrench: x,y,z. Default: what metadata say.",
-        ),
+        str | None, Option(rich_help_panel=SETUP, help="Where it points: x,y,z. Default: what metadata say.")
     ] = None,
-    flip: Annotated[
-        str,
-        typer.Option(rich_help_panel=SETUP, help="Axes whose sign a driver mirrors: fx,tx."),
-    ] = "",
+    flip: Annotated[str, Option(rich_help_panel=SETUP, help="Axes that a driver mirrors: fx,tx.")] = "",
     rotate: Annotated[
         str | None,
-        typer.Option(
+        Option(
             rich_help_panel=SETUP,
             help="Turn into the frame of --frame: roll,pitch,yaw in degrees about fixed axes, or a quaternion x,y,z,w; "
             "as tf gives it for (new frame, old frame).",
         ),
     ] = None,
     frame: Annotated[
-        str | None,
-        typer.Option(rich_help_panel=SETUP, help="Name of the new frame, which models compare."),
+        str | None, Option(rich_help_panel=SETUP, help="Name of the new frame, which models compare.")
     ] = None,
     resample_hz: Annotated[
-        float | None,
-        typer.Option(
-            rich_help_panel=STEPS,
-            callback=within(0),
-            help="Bring all to one rate; to a lower one through a low-pass.",
-        ),
+        float | None, Option(rich_help_panel=STEPS, callback=opt.POSITIVE, help="Bring all to one rate.")
     ] = None,
     max_gap_s: Annotated[
-        float | None,
-        typer.Option(
-            rich_help_panel=STEPS, help="Longest gap to fill then, flagged. Default: 0.25; inf: any."
-        ),
-    ] = None,
+        float, Option(rich_help_panel=STEPS, help="Longest gap to fill then, flagged; inf: any.")
+    ] = MAX_GAP_S,
     begin_at: Annotated[
-        Literal["first", "trigger", "onset"],
-        typer.Option(
-            rich_help_panel=STEPS,
-            help="First sample, stored trigger, or onset of motion found in the forces.",
-        ),
+        Begin,
+        Option(rich_help_panel=STEPS, help="First sample, stored trigger, or onset found in the forces."),
     ] = "first",
     tare_s: Annotated[
         float | None,
-        typer.Option(
-            rich_help_panel=STEPS,
-            callback=within(0),
-            help="Take the mean of so many seconds of rest ahead of trigger or onset for zero.",
+        Option(
+            rich_help_panel=STEPS, callback=opt.POSITIVE, help="Take so much rest ahead of that for zero."
         ),
     ] = None,
-    lead_s: Annotated[
-        float, typer.Option(rich_help_panel=STEPS, help="Seconds to keep ahead of trigger or onset.")
-    ] = 0.0,
+    lead_s: Annotated[float, Option(rich_help_panel=STEPS, help="Seconds to keep ahead of it.")] = 0.0,
     duration_s: Annotated[
-        str | None,
-        typer.Option(rich_help_panel=STEPS, help="Keep so many seconds from there on, or: shortest."),
+        str | None, Option(rich_help_panel=STEPS, help="Keep so many seconds from there, or: shortest.")
     ] = None,
     window_s: Annotated[
         float | None,
-        typer.Option(rich_help_panel=STEPS, callback=within(0), help="Cut into windows of so many seconds."),
+        Option(rich_help_panel=STEPS, callback=opt.POSITIVE, help="Cut into windows of so many seconds."),
     ] = None,
-    force: Force = False,
+    force: opt.Force = False,
 ) -> None:
     """Read recordings of any format, bring them into shape, and write what all commands take.
 
@@ -169,7 +117,7 @@ def convert(
     _refuse_senseless(begin_at, duration_s, tare_s, lead_s, resample_hz, max_gap_s)
     seconds = None if duration_s in (None, "shortest") else _seconds(duration_s)
     check_save(output, force=force)
-    setup, of_csv = _other_setup(compensate, gravity, flip, rotate, frame), csv_in(csv)
+    setup, of_csv = _other_setup(compensate, gravity, flip, rotate, frame), opt.csv_in(csv)
     check_source(path)
     data = read(
         path,
@@ -190,7 +138,7 @@ def convert(
     for made in setup(data):
         data = say_step(made)
     if resample_hz is not None and any(recording.rate_hz != resample_hz for recording in data):
-        limit = MAX_GAP_S if max_gap_s is None else None if math.isinf(max_gap_s) else max_gap_s
+        limit = None if math.isinf(max_gap_s) else max_gap_s
         data = say_step(data.resample(resample_hz, max_gap_s=limit, on_gap=on_error))
     if begin_at == "onset" or tare_s is not None or duration_s is not None or window_s is not None:
         refuse_uneven(data)
@@ -218,7 +166,7 @@ def _refuse_senseless(
     tare_s: float | None,
     lead_s: float,
     resample_hz: float | None,
-    max_gap_s: float | None,
+    max_gap_s: float,
 ) -> None:
     """Refuse steps that lack another one."""
     if begin_at != "first" and duration_s is None and tare_s is None:
@@ -227,9 +175,9 @@ def _refuse_senseless(
         )
     if lead_s and begin_at == "first":
         raise GranularIdError("--lead-s is time kept ahead of a trigger: add --begin-at trigger or onset")
-    if resample_hz is None and max_gap_s is not None:
+    if resample_hz is None and max_gap_s != MAX_GAP_S:
         raise GranularIdError("--max-gap-s is about gaps that resampling fills: add --resample-hz")
-    if max_gap_s is not None and not max_gap_s > 0:
+    if not max_gap_s > 0:
         raise GranularIdError(f"--max-gap-s must be positive, got {max_gap_s:g}")
 
 
@@ -252,7 +200,7 @@ def _other_setup(
         raise GranularIdError("--gravity says in which direction a payload weighs: add --compensate")
     if rotate is not None and frame is None:
         raise GranularIdError("--rotate makes another frame: add --frame with its name")
-    down = None if gravity is None else numbers_in("--gravity", gravity, "x,y,z", 3)
+    down = None if gravity is None else opt.numbers_in("--gravity", gravity, "x,y,z", 3)
     turn = None if rotate is None else _rotation(rotate)
     payload = None
     if compensate is not None:
@@ -265,7 +213,7 @@ def _other_setup(
             data = data.compensate(payload, down)
             yield data
         if flip or frame is not None:
-            yield data.transform(turn, frame=frame, flip=names_in(flip))
+            yield data.transform(turn, frame=frame, flip=opt.names_in(flip))
 
     return steps
 
@@ -273,7 +221,7 @@ def _other_setup(
 def _rotation(text: str) -> FloatArray | list[float]:
     """Read ``--rotate``: a matrix, or a quaternion."""
     wanted = "roll,pitch,yaw in degrees or a quaternion x,y,z,w"
-    turn = numbers_in("--rotate", text, wanted)
+    turn = opt.numbers_in("--rotate", text, wanted)
     if len(turn) == 4:
         return turn
     if len(turn) != 3:
@@ -351,21 +299,14 @@ def _save_checked(data: Dataset, output: Path, *, force: bool) -> None:
 def synthesize(
     output: Output,
     *,
-    materials: Annotated[
-        str, typer.Option(help="Names separated by commas. Default: the paper's eleven.")
-    ] = "",
-    n_per_class: Annotated[int, typer.Option(min=1, help="Recordings of each material.")] = 62,
-    sessions: Annotated[
-        int | None, typer.Option(min=1, help="Sessions they come from. Default: see synthesize().")
-    ] = None,
-    duration_s: Annotated[float, typer.Option(callback=within(0), help="Length of a recording.")] = 3.2,
-    rate_hz: Annotated[float, typer.Option(callback=within(0), help="Sampling rate.")] = 500.0,
-    sensor: Annotated[
-        Literal["wrench", "imu"],
-        typer.Option(help="Forces and torques of one push, or an IMU on the tool during many strokes."),
-    ] = "wrench",
-    seed: Seed = 0,
-    force: Force = False,
+    materials: Annotated[str, Option(help="Names separated by commas. Default: the paper's eleven.")] = "",
+    n_per_class: Annotated[int, Option(min=1, help="Recordings of each material.")] = 62,
+    sessions: Annotated[int | None, Option(min=1, help="Sessions that they come from.")] = None,
+    duration_s: Annotated[float, Option(callback=opt.POSITIVE, help="Length of a recording.")] = 3.2,
+    rate_hz: Annotated[float, Option(callback=opt.POSITIVE, help="Sampling rate.")] = 500.0,
+    sensor: Annotated[Literal["wrench", "imu"], Option(help="One push, or strokes under an IMU.")] = "wrench",
+    seed: opt.Seed = 0,
+    force: opt.Force = False,
 ) -> None:
     """Write SYNTHETIC recordings: pushes through simulated materials.
 
@@ -382,7 +323,7 @@ def synthesize(
     from granular_id.synthetic import synthesize as make
 
     data = make(
-        names_in(materials) or None,
+        opt.names_in(materials) or None,
         n_per_class=n_per_class,
         sessions=sessions,
         rate_hz=rate_hz,

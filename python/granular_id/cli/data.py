@@ -6,39 +6,30 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
+from typer import Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import check_source, write_json
-from granular_id.cli.options import (
-    FOUND_ERRORS,
-    Axes,
-    Csv,
-    Details,
-    Force,
-    Json,
-    Label,
-    Recordings,
-    Session,
-    Units,
-    csv_in,
-)
+from granular_id.cli import options as opt
 from granular_id.cli.outputs import COLUMNS, JSON_FILE, PICTURE, check_outputs, show, write_files
 from granular_id.cli.recordings import read, say_step
 
 _MOST_LINES = 16
 
+Drawn = Literal["recordings", "mean", "onset"]
+
 
 def info(
-    path: Recordings,
+    path: opt.Recordings,
     *,
-    label: Label = None,
-    session: Session = None,
-    axes: Axes = None,
-    units: Units = None,
-    csv: Csv = None,
-    json: Json = None,
-    force: Force = False,
-    details: Details = False,
+    label: opt.Label = None,
+    session: opt.Session = None,
+    axes: opt.Axes = None,
+    units: opt.Units = None,
+    csv: opt.Csv = None,
+    json: opt.Json = None,
+    force: opt.Force = False,
+    details: opt.Details = False,
 ) -> None:
     """Say what a folder or file holds: recordings, materials, sessions, rates, lengths, gaps, flags, history.
 
@@ -52,7 +43,7 @@ def info(
     check_source(path)
     from granular_id.recording import axes_in_words
 
-    data = read(path, label=label, session=session, axes=axes, units=units, csv=csv_in(csv))
+    data = read(path, label=label, session=session, axes=axes, units=units, csv=opt.csv_in(csv))
     summary = data.summary()
     synthetic = sum(recording.is_synthetic for recording in data)
     keys = sorted({key for recording in data for key in recording.meta})
@@ -70,19 +61,19 @@ def info(
 
 
 def check(
-    path: Recordings,
+    path: opt.Recordings,
     *,
-    label: Label = None,
-    session: Session = None,
-    axes: Axes = None,
-    units: Units = None,
-    csv: Csv = None,
+    label: opt.Label = None,
+    session: opt.Session = None,
+    axes: opt.Axes = None,
+    units: opt.Units = None,
+    csv: opt.Csv = None,
     sensor_range: Annotated[
-        str | None, typer.Option(help="Largest values of axes, or a name: 'ATI Mini45 SI-145-5'.")
+        str | None, Option(help="Largest values of axes, or a sensor: 'ATI Mini45 SI-145-5'.")
     ] = None,
-    json: Json = None,
-    force: Force = False,
-    details: Details = False,
+    json: opt.Json = None,
+    force: opt.Force = False,
+    details: opt.Details = False,
 ) -> None:
     """Look recordings over for what would spoil an evaluation, and give each a verdict.
 
@@ -101,7 +92,7 @@ def check(
     limits = _range_of(sensor_range)
     from granular_id.recording import mixed_setup_warnings
 
-    data = read(path, label=label, session=session, axes=axes, units=units, csv=csv_in(csv))
+    data = read(path, label=label, session=session, axes=axes, units=units, csv=opt.csv_in(csv))
     report = data.check(sensor_range=limits, progress=True)
     mixed = mixed_setup_warnings(data)
     show(report.text(width=COLUMNS), most=None if details else _MOST_LINES)
@@ -109,7 +100,7 @@ def check(
         show("\n".join(mixed), "bold yellow", most=None if details else 3)
     write_files((json, lambda file: write_json(file, {**report.to_dict(), "setup": mixed})))
     if report.worst == "error":
-        raise typer.Exit(FOUND_ERRORS)
+        raise typer.Exit(opt.FOUND_ERRORS)
 
 
 def _range_of(text: str | None) -> str | float | list[float] | None:
@@ -127,25 +118,21 @@ def _range_of(text: str | None) -> str | float | list[float] | None:
 
 
 def plot(
-    path: Recordings,
+    path: opt.Recordings,
     *,
-    label: Label = None,
-    session: Session = None,
-    axes: Axes = None,
-    units: Units = None,
-    csv: Csv = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Picture: png, svg or pdf.")] = Path(
+    label: opt.Label = None,
+    session: opt.Session = None,
+    axes: opt.Axes = None,
+    units: opt.Units = None,
+    csv: opt.Csv = None,
+    output: Annotated[Path, Option("--output", "-o", help="Picture: png, svg, pdf.")] = Path(
         "recordings.png"
     ),
-    what: Annotated[
-        Literal["recordings", "mean", "onset"],
-        typer.Option(help="Single recordings, means of materials, or onsets of motion."),
-    ] = "recordings",
+    what: Annotated[Drawn, Option(help="What to draw.")] = "recordings",
     n: Annotated[
-        int | None,
-        typer.Option("-n", min=1, help="Recordings per material (recordings) or in all (onset)."),
+        int | None, Option("-n", min=1, help="Recordings of each material; of onsets in all.")
     ] = None,
-    force: Force = False,
+    force: opt.Force = False,
 ) -> None:
     """Draw recordings: some of each material as they are stored, their mean, or where the motion begins.
 
@@ -164,7 +151,13 @@ def plot(
     from granular_id import plotting
 
     data = read(
-        path, prepared=what == "mean", label=label, session=session, axes=axes, units=units, csv=csv_in(csv)
+        path,
+        prepared=what == "mean",
+        label=label,
+        session=session,
+        axes=axes,
+        units=units,
+        csv=opt.csv_in(csv),
     )
     if what == "mean":
         plotting.plot_mean_forces(data, path=output)

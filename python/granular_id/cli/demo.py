@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
 from granular_id._files import made_folder
 from granular_id.cli.evaluate import print_result, write_report
@@ -23,19 +23,17 @@ LIVE_PUSHES, LIVE_SPEED = 3, 5
 
 def demo(
     *,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the files.")] = Path("demo"),
+    output: Annotated[Path, Option("--output", "-o", help="Folder for the files.")] = Path("demo"),
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
     """Evaluate SYNTHETIC recordings, 11 simulated materials in 4 sessions, then name simulated pushes live.
 
-    The recordings come from a physical model, not from a sensor. The accuracies show that the program works;
-    they say nothing about real materials. Writes report.html (open it in a browser), result.json and
-    predictions.csv. It takes less than a minute of processor time.
+    The recordings come from a physical model: the accuracies say nothing about real materials. Writes report.html
+    (open it in a browser), result.json and predictions.csv.
 
     Examples:
 
-    - `granular-id demo`
     - `granular-id demo -o somewhere --seed 1`
     """
     page, numbers, table = (output / name for name in ("report.html", "result.json", "predictions.csv"))
@@ -48,7 +46,7 @@ def demo(
         from granular_id.synthetic import PAPER_MATERIALS, synthesize
 
         n = PER_CLASS * len(PAPER_MATERIALS)
-        show(f"simulating {n} pushes", err=True)
+        show(f"simulating {n} pushes: SYNTHETIC, to show that the program works", "bold yellow", err=True)
         data = synthesize(n_per_class=PER_CLASS, seed=seed)
         result = evaluate(data, n_jobs=-1, random_state=seed)
         print_result(result, details=False, quiet=False)

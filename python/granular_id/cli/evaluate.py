@@ -8,25 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer import Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import check_source
 from granular_id._text import install
-from granular_id.cli.options import (
-    FOUND_ERRORS,
-    BinRange,
-    CutoffHz,
-    Details,
-    Force,
-    HoldOut,
-    Jobs,
-    Json,
-    Quiet,
-    Recordings,
-    Seed,
-    histogram_settings,
-    names_in,
-)
+from granular_id.cli import options as opt
 from granular_id.cli.outputs import (
     JSON_FILE,
     PAGE,
@@ -48,51 +35,42 @@ _MOST_LINES, _ROOM = 5, 16
 
 
 def evaluate(
-    path: Recordings,
+    path: opt.Recordings,
     *,
     spaces: Annotated[
         str | None,
-        typer.Option(
-            help="Feature spaces separated by commas, the headline's first; paper: the paper's; all. Default: "
-            "best,multiband,raw+hfmh."
-        ),
+        Option(help="Feature spaces, the headline's first; paper; all. Default: best,multiband,raw+hfmh."),
     ] = None,
-    hold_out: HoldOut = "auto",
+    hold_out: opt.HoldOut = "auto",
     paper: Annotated[
         str | None,
-        typer.Option(
-            metavar="20,50,12",
-            help="The paper's table, of random partitions: how many, training and test recordings of each material.",
+        Option(
+            metavar="20,50,12", help="The paper's table: partitions, training and test recordings of each."
         ),
     ] = None,
-    accept: Annotated[
-        list[str] | None,
-        typer.Option(help="A finding, by its name, that is known: no exit code 3. Repeatable."),
-    ] = None,
-    cutoff_hz: CutoffHz = None,
-    bin_range: BinRange = None,
-    jobs: Jobs = None,
-    seed: Seed = 0,
-    report: Annotated[Path | None, typer.Option(help="Write one HTML file with everything.")] = None,
-    json: Json = None,
-    csv: Annotated[Path | None, typer.Option(help="Write every prediction.")] = None,
-    force: Force = False,
-    details: Details = False,
-    quiet: Quiet = False,
+    accept: Annotated[list[str] | None, Option(help="A finding that is known. Repeatable.")] = None,
+    cutoff_hz: opt.CutoffHz = None,
+    bin_range: opt.BinRange = None,
+    jobs: opt.Jobs = None,
+    seed: opt.Seed = 0,
+    report: Annotated[Path | None, Option(help="Write one HTML file with everything.")] = None,
+    json: opt.Json = None,
+    csv: Annotated[Path | None, Option(help="Write every prediction.")] = None,
+    force: opt.Force = False,
+    details: opt.Details = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Measure how well the materials in a set of recordings are told apart.
 
     PATH is what `granular-id data convert` wrote, or a folder of files: one sub-folder per material
     (`rice/01.csv`), files named after it (`rice_01.csv`), or an `index.csv`. Forces are in N, torques in N m.
-    All have one rate and length; what has not is refused with the command that gives it them.
 
     The headline is the space that stands first, on what new recordings will not share: whole sessions held out,
     or halves in time order, or a condition. Beside it as many recordings are drawn at random, which flatters a
-    method that recognises the session instead of the material: what is lost is tested. Baselines, in brackets,
-    say what can be had without touching the material.
+    method that recognises the session. Baselines, in brackets, are had without touching the material.
 
-    Exit code 3: the checks of `granular-id data check`, or a baseline, found what spoils the figures, such as a
-    clock that names the label; `--accept NAME` says that it is known.
+    Exit code 3: something spoils the figures, such as a clock that names the label; `--accept NAME` says that it is
+    known.
 
     Examples:
 
@@ -103,7 +81,7 @@ def evaluate(
     - `granular-id evaluate recordings --paper 20,40,10`
     """
     counts = None if paper is None else _counts(paper)
-    settings = histogram_settings(cutoff_hz, bin_range)
+    settings = opt.histogram_settings(cutoff_hz, bin_range)
     check_outputs(
         ("--report", report, PAGE),
         ("--json", json, JSON_FILE),
@@ -118,7 +96,7 @@ def evaluate(
     check_source(path)  # before imports that take longer than a look
     from granular_id.evaluation import evaluate as evaluate_spaces
 
-    names = spaces if spaces is None or spaces in ("paper", "all") else names_in(spaces)
+    names = spaces if spaces is None or spaces in ("paper", "all") else opt.names_in(spaces)
     if settings and (spaces is not None and spaces not in ("paper", "all") and "hfmh" not in spaces):
         raise GranularIdError(
             f"--cutoff-hz and --bin-range are about the histogram (hfmh), none of {spaces} has one"
@@ -140,7 +118,7 @@ def evaluate(
         (json, result.to_json), (csv, result.to_csv), (report, lambda file: write_report(result, file))
     )
     if result.spoiling:
-        raise typer.Exit(FOUND_ERRORS)
+        raise typer.Exit(opt.FOUND_ERRORS)
 
 
 def print_result(result: EvaluationResult, *, details: bool, quiet: bool) -> None:

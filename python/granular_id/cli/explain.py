@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument
 
 from granular_id._core import GranularIdError
 from granular_id._files import check_source, write_json
 from granular_id._text import in_columns, known_label
-from granular_id.cli.options import Details, Figure, Force, Json, Recordings, Space
+from granular_id.cli import options as opt
 from granular_id.cli.outputs import JSON_FILE, PICTURE, check_outputs, show, write_files
 from granular_id.cli.recordings import read
 from granular_id.cli.train import pipeline_of
@@ -23,23 +23,21 @@ _STRONGEST = 3
 
 
 def explain(
-    path: Recordings,
-    first: Annotated[str, typer.Argument(metavar="FIRST", help="A material.")],
-    second: Annotated[str, typer.Argument(metavar="SECOND", help="Another material.")],
+    path: opt.Recordings,
+    first: Annotated[str, Argument(metavar="FIRST", help="A material.")],
+    second: Annotated[str, Argument(metavar="SECOND", help="Another material.")],
     *,
-    space: Space = "best",
-    figure: Figure = None,
-    json: Json = None,
-    force: Force = False,
-    details: Details = False,
+    space: opt.Space = "best",
+    figure: opt.Figure = None,
+    json: opt.Json = None,
+    force: opt.Force = False,
+    details: opt.Details = False,
 ) -> None:
     """Add up what blocks, bands, axes and times contribute to telling two materials apart.
 
-    The materials are named as in the recordings; oat_flakes names "oat flakes".
-
-    The method is trained on one fold of `granular-id evaluate` and explained on recordings of the two
-    materials that are held out, so that what is shown decides for recordings it has not seen: of whole
-    sessions, else of the earlier or the later half in time, else random ones. What is printed says which.
+    The materials are named as in the recordings; oat_flakes names "oat flakes". The method is trained on one fold of
+    `granular-id evaluate` and explained on recordings of the two materials that are held out: what is shown decides
+    for recordings that it has not seen.
 
     Examples:
 

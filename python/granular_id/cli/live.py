@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import json as json_format
 import webbrowser
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
 from rich.console import Console
+from typer import Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import check_source, made_folder
 from granular_id._text import counted
+from granular_id.cli import options as opt
 from granular_id.cli.identify import read_for
 from granular_id.cli.interrupts import leave_lost_terminal, stopping_the_robot
-from granular_id.cli.options import Accept, Force, Quiet, numbers_in, within
 from granular_id.cli.outputs import LIVE_ANSWERS, check_outputs, show, warn_of_setups
 
 if TYPE_CHECKING:
@@ -26,11 +26,9 @@ if TYPE_CHECKING:
     from granular_id.live.robot import Robot
     from granular_id.live.source import WrenchSource
 
-_MOTION, _LIMITS, _OUTPUT = "Who moves, and when a push begins", "What a push must be like", "Output"
-
 Source = Annotated[
     str,
-    typer.Option(
+    Option(
         "--source",
         "-s",
         help="rdt://HOST, replay:PATH, sim:MATERIAL, sim:unknown, or with granular-id-contrib ur://HOST, bota:FILE "
@@ -39,128 +37,69 @@ Source = Annotated[
 ]
 Robots = Annotated[
     str,
-    typer.Option(
-        rich_help_panel=_MOTION,
+    Option(
         help="auto: the simulated robot of a simulated sensor, else nobody. none: nobody. manual: you push, and are "
         "told when. source: the arm that the source is part of, which WILL MOVE. ur://HOST, with "
-        "granular-id-contrib: that arm, which WILL MOVE.",
+        "granular-id-contrib: that arm, which WILL MOVE."
     ),
 ]
-Direction = Annotated[
-    str, typer.Option(rich_help_panel=_MOTION, help="Where the robot pushes: X,Y,Z in its base frame.")
-]
-Speed = Annotated[
-    float,
-    typer.Option(rich_help_panel=_MOTION, callback=within(0), help="Speed of the robot; the paper's."),
-]
+Direction = Annotated[str, Option(help="Where the robot pushes: X,Y,Z in its base frame.")]
+Speed = Annotated[float, Option(callback=opt.POSITIVE, help="Speed of the robot; the paper's.")]
 Begins = Annotated[
     Literal["auto", "motion", "force"],
-    typer.Option(
-        rich_help_panel=_MOTION, help="What begins a push. auto: the robot's motion; without one the force."
-    ),
+    Option(help="What begins a push. auto: the robot's motion; without one the force."),
 ]
-Threshold = Annotated[
-    float,
-    typer.Option(rich_help_panel=_MOTION, callback=within(0), help="Change of force that is a motion, N."),
-]
-MaxGap = Annotated[
-    int,
-    typer.Option(
-        rich_help_panel=_LIMITS, min=0, help="Missing samples in a row that are filled in, flagged."
-    ),
-]
+Threshold = Annotated[float, Option(callback=opt.POSITIVE, help="Change of force that is a motion, N.")]
+MaxGap = Annotated[int, Option(min=0, help="Missing samples in a row that are filled in, flagged.")]
 MaxForce = Annotated[
     float | None,
-    typer.Option(
-        rich_help_panel=_LIMITS,
-        callback=within(0),
-        help="A larger change of force from rest, N, stops the robot and ends the session. Default: none.",
+    Option(
+        callback=opt.POSITIVE,
+        help="A larger change of force from rest, N, stops the robot and ends the session.",
     ),
 ]
-MaxTorque = Annotated[
-    float | None,
-    typer.Option(rich_help_panel=_LIMITS, callback=within(0), help="The same of torque, N m. Default: none."),
-]
+MaxTorque = Annotated[float | None, Option(callback=opt.POSITIVE, help="The same of torque, N m.")]
 
 
 @stopping_the_robot()
 def live(
     *,
     source: Source,
-    model: Annotated[Path, typer.Option("--model", "-m", help="Model file, from `granular-id train`.")],
-    n: Annotated[int | None, typer.Option("--n", "-n", min=1, help="Stop after so many answers.")] = None,
-    early: Annotated[
-        bool, typer.Option("--early", help="Answer as soon as the model is sure enough, not at the end.")
-    ] = False,
+    model: Annotated[Path, Option("--model", "-m", help="Model file, from `granular-id train`.")],
+    n: Annotated[int | None, Option("--n", "-n", min=1, help="Stop after so many answers.")] = None,
+    early: Annotated[bool, Option("--early", help="Answer as soon as the model is sure enough.")] = False,
     hop_s: Annotated[
-        float | None,
-        typer.Option(
-            callback=within(0), help="Answer every so many seconds about the newest; nothing moves."
-        ),
+        float | None, Option(callback=opt.POSITIVE, help="Answer every so many seconds.")
     ] = None,
-    accept: Accept = None,
+    accept: opt.Accept = None,
     robot: Robots = "auto",
     direction: Direction = "1,0,0",
     speed_m_s: Speed = 0.03,
     trigger: Begins = "auto",
     threshold_n: Threshold = 0.5,
-    pre_s: Annotated[
-        float | None,
-        typer.Option(
-            rich_help_panel=_MOTION, callback=within(0), help="Rest before the motion, if not as in training."
-        ),
-    ] = None,
-    timeout_s: Annotated[
-        float,
-        typer.Option(rich_help_panel=_MOTION, callback=within(0), help="How long to wait for the motion."),
-    ] = 30.0,
+    pre_s: Annotated[float | None, Option(callback=opt.POSITIVE, help="Rest ahead of the motion.")] = None,
+    timeout_s: Annotated[float, Option(callback=opt.POSITIVE, help="Wait for the motion.")] = 30.0,
     max_gap: MaxGap = 0,
     max_force_n: MaxForce = None,
     max_torque_n_m: MaxTorque = None,
-    view: Annotated[
-        bool,
-        typer.Option(
-            "--view", rich_help_panel=_OUTPUT, help="Also show a page in the browser (127.0.0.1 only)."
-        ),
-    ] = False,
-    no_browser: Annotated[
-        bool, typer.Option("--no-browser", rich_help_panel=_OUTPUT, help="Print its address, do not open it.")
-    ] = False,
-    json: Annotated[
-        Path | None, typer.Option(rich_help_panel=_OUTPUT, help="Write each answer as one line of JSON.")
-    ] = None,
-    archive: Annotated[
-        Path | None,
-        typer.Option(
-            rich_help_panel=_OUTPUT, help="Append each answered push to this archive; a new one is made."
-        ),
-    ] = None,
-    force: Force = False,
-    quiet: Quiet = False,
+    view: Annotated[bool, Option("--view", help="Also show a page in the browser (127.0.0.1 only).")] = False,
+    no_browser: Annotated[bool, Option("--no-browser", help="Print its address, do not open it.")] = False,
+    json: Annotated[Path | None, Option(help="Write each answer as one line of JSON.")] = None,
+    archive: Annotated[Path | None, Option(help="Append each answered push; a new one is made.")] = None,
+    force: opt.Force = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Name the material of each push while the tool moves.
 
-    The screen shows the axes, the ranking of materials as it grows, the answer, lag and losses. `--view`
-    adds a page for the browser, on this machine only. Without `--n` it goes on until Ctrl-C or the end of a
-    replay; how many answers there were, and how many of them were right where the source knows it, stands at
-    the end of either.
+    The screen shows the axes, the ranking of materials as it grows, the answer, lag and losses. Without `--n` it goes
+    on until Ctrl-C or the end of a replay, and ends with how many answers were right, where the source knows.
+    With `--hop-s` it answers about the newest samples, as `granular-id identify --hop-s` does.
 
-    With `--hop-s` it answers on and on, each time about the newest samples, as `granular-id identify
-    --hop-s` does: for recordings of a robot that drives, and models of windows of them.
+    A frame or sign other than in the training is refused before anything moves, unless `--accept` says that it may be;
+    another sensor, filter, tool, trigger or speed is a warning beside every answer.
 
-    A final answer says whether the signal is like no known material, with the nearest one, and which others
-    it may be, where the model has rules for that (see `granular-id model`); answers before the end of a
-    push say neither.
-
-    A frame or sign other than in the training is refused before anything moves, unless `--accept` says that
-    it may be; another sensor, filter, tool, trigger or speed is a warning beside every answer. What either
-    side does not know is not compared.
-
-    `--archive` keeps what was pushed, with the answer in its `meta`. An answer is no label: the label stays empty,
-    unless the source knows the truth.
-
-    Works without any hardware: `sim:unknown` draws a material for each push, and tells afterwards which it
-    was. What a simulation answers says nothing about real materials.
+    `--archive` keeps what was pushed, with the answer in its `meta`; the label stays empty, unless the source knows it.
+    `sim:unknown` works without hardware: what a simulation answers says nothing about real materials.
 
     Examples:
 
@@ -188,11 +127,11 @@ def live(
         "--archive": archive,
     }
     if hop_s is not None:
-        _refuse(beside, "is about pushes; with --hop-s answers go on")
+        opt.refuse(beside, "is about pushes; with --hop-s answers go on")
     if early:
-        _refuse({"--archive": archive}, "keeps whole pushes, with --early there are none")
+        opt.refuse({"--archive": archive}, "keeps whole pushes, with --early there are none")
     if not view:
-        _refuse({"--no-browser": no_browser}, "is about the page of --view")
+        opt.refuse({"--no-browser": no_browser}, "is about the page of --view")
     check_outputs(("--json", json, LIVE_ANSWERS), source=model, force=force)
     check_source(model)
 
@@ -256,16 +195,9 @@ def _answer(
         show("the source came to its end")
 
 
-def _refuse(options: Mapping[str, object], why: str) -> None:
-    """Refuse the first option that was given."""
-    for name, value in options.items():
-        if value:
-            raise GranularIdError(f"{name} {why}: leave it out")
-
-
 def vector_in(direction: str) -> tuple[float, ...]:
     """Read ``--direction``."""
-    return tuple(numbers_in("--direction", direction, "X,Y,Z such as 0,-1,0", 3))
+    return tuple(opt.numbers_in("--direction", direction, "X,Y,Z such as 0,-1,0", 3))
 
 
 def refuse_absent_replay(source: str) -> None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
+from typer import Argument, Option
 
 from granular_id._core import GranularIdError
 
@@ -17,16 +18,21 @@ FOUND_ERRORS = 3
 """Exit code where recordings were read, and hold what would spoil, or spoils, an evaluation."""
 
 
-def within(low: float, high: float = math.inf, *, but: str = "") -> Callable[[float | None], float | None]:
+def within(low: float, high: float = math.inf) -> Callable[[float | None], float | None]:
     """Return the callback of an option that refuses numbers outside of an open interval."""
 
     def callback(value: float | None) -> float | None:
         if value is not None and not low < value < high:
             wanted = "be positive and finite" if math.isinf(high) else f"lie between {low:g} and {high:g}"
-            raise typer.BadParameter(f"must {wanted}{but}, got {value:g}")
+            raise typer.BadParameter(f"must {wanted}, got {value:g}")
         return value
 
     return callback
+
+
+POSITIVE, SHARE = within(0), within(0, 1)
+
+Skip = Literal["raise", "skip"]
 
 
 class Difference(str, Enum):
@@ -38,76 +44,56 @@ class Difference(str, Enum):
     units = "units"
 
 
-Recordings = Annotated[
-    Path,
-    typer.Argument(metavar="PATH", help="Recordings: what `granular-id data convert` wrote, or a folder."),
-]
-Model = Annotated[Path, typer.Argument(metavar="MODEL", help="Model file, from `granular-id train`.")]
-Force = Annotated[
-    bool, typer.Option("--force", help="Replace files that are there, where they are of the same kind.")
-]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print the answer only, and no progress.")]
-Details = Annotated[bool, typer.Option("--details", help="Print all there is, not one screen.")]
-Json = Annotated[Path | None, typer.Option(help="Write all numbers into this file, for programs.")]
-Figure = Annotated[Path | None, typer.Option(help="Draw it: png, svg or pdf.")]
-Seed = Annotated[int, typer.Option(min=0, help="Same seed, same numbers.")]
-Jobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Threads. Default: one a core.")]
+Recordings = Annotated[Path, Argument(metavar="PATH", help="What `data convert` wrote, or a folder.")]
+Model = Annotated[Path, Argument(metavar="MODEL", help="Model file, from `granular-id train`.")]
+Archive = Annotated[Path, Argument(metavar="ARCHIVE", help="Folder of an archive.")]
+NewModel = Annotated[Path, Option("--output", "-o", help="Model file to write: .safetensors.")]
+
+Force = Annotated[bool, Option("--force", help="Replace files that are there, of the same kind.")]
+Quiet = Annotated[bool, Option("--quiet", "-q", help="Print the answer only, and no progress.")]
+Details = Annotated[bool, Option("--details", help="Print all there is, not one screen.")]
+Json = Annotated[Path | None, Option(help="Write all numbers into this file, for programs.")]
+Figure = Annotated[Path | None, Option(help="Draw it: png, svg or pdf.")]
+Seed = Annotated[int, Option(min=0, help="Same seed, same numbers.")]
+Jobs = Annotated[int | None, Option("--jobs", "-j", min=1, help="Threads. Default: one a core.")]
+Scheduler = Annotated[str | None, Option(help="Dask cluster: tcp://HOST:8786. Default: threads.")]
+
 Space = Annotated[
     str,
-    typer.Option(
+    Option(
         help="Feature space. best: what held-out recordings choose of multi-band features; multiband: the same "
         "without a choice; raw+hfmh: the paper's."
     ),
 ]
 HoldOut = Annotated[
     str,
-    typer.Option(
+    Option(
         help="auto: sessions where half of the materials have several, else halves in time, else random folds. Or "
         "session, time, random; or a condition: day, tool, sensor, any entry of the metadata."
     ),
 ]
-CutoffHz = Annotated[float | None, typer.Option(help="High-pass of the histogram (HFMH). Default: 23 Hz.")]
+CutoffHz = Annotated[float | None, Option(help="High-pass of the histogram (HFMH). Default: 23 Hz.")]
 BinRange = Annotated[
-    str | None,
-    typer.Option(
-        help="LOW,HIGH of the histogram, N and N m; auto: learned for each axis. Default: -1.5,1.5."
-    ),
+    str | None, Option(help="LOW,HIGH of the histogram; auto: of each axis. Default: -1.5,1.5.")
 ]
-Share = Annotated[
-    float, typer.Option(callback=within(0, 1), help="Share of known recordings that are not called unknown.")
-]
+ShareKnown = Annotated[float, Option(callback=SHARE, help="Share of known recordings not called unknown.")]
 Accept = Annotated[
-    list[Difference] | None,
-    typer.Option(help="Go on though this is not as in the training, with a warning. Repeatable."),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(help="Scheduler of a Dask cluster that does the work: tcp://HOST:8786. Default: threads."),
+    list[Difference] | None, Option(help="Take it though this is not as in the training. Repeatable.")
 ]
 
 # How recordings are read that do not follow the convention.
 
 Label = Annotated[
     str | None,
-    typer.Option(
-        help="Where labels stand: folder, parent (above it), file (its name), column:NAME, meta:PATH."
-    ),
+    Option(help="Where labels stand: folder, parent (above it), file (its name), column:NAME, meta:PATH."),
 ]
-Session = Annotated[
-    str | None,
-    typer.Option(help="Where sessions stand, what was recorded in one go: as --label."),
-]
-Axes = Annotated[
-    str | None, typer.Option(help="Columns that are the axes: wx,wy,wz. Default: fx,fy,fz,tx,ty,tz.")
-]
+Session = Annotated[str | None, Option(help="Where sessions stand, what was recorded in one go: as --label.")]
+Axes = Annotated[str | None, Option(help="Columns that are the axes: wx,wy,wz. Default: fx,fy,fz,tx,ty,tz.")]
 Units = Annotated[
     str | None,
-    typer.Option(help="Units that files do not state: one, one an axis, or one a run of axes (rad/s,m/s2)."),
+    Option(help="Units that files do not state: one, one an axis, or one a run of axes (rad/s,m/s2)."),
 ]
-Csv = Annotated[
-    list[str] | None,
-    typer.Option(help="Option of pandas.read_csv: skiprows=7, decimal=, or encoding=cp1252. Repeatable."),
-]
+Csv = Annotated[list[str] | None, Option(help="KEY=VALUE for pandas.read_csv: skiprows=7. Repeatable.")]
 
 
 def csv_in(texts: list[str] | None) -> dict[str, Any] | None:
@@ -148,3 +134,10 @@ def histogram_settings(cutoff_hz: float | None, bin_range: str | None) -> dict[s
         auto = bin_range == "auto"
         settings["bin_range"] = "auto" if auto else tuple(numbers_in("--bin-range", bin_range, wanted, 2))
     return settings
+
+
+def refuse(options: Mapping[str, object], why: str) -> None:
+    """Refuse the first option that was given."""
+    for name, value in options.items():
+        if value:
+            raise GranularIdError(f"{name} {why}: leave it out")

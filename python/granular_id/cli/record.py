@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import made_folder
@@ -27,7 +28,7 @@ from granular_id.cli.live import (
     stays,
     vector_in,
 )
-from granular_id.cli.options import names_in, within
+from granular_id.cli.options import POSITIVE, names_in
 from granular_id.cli.outputs import show
 
 if TYPE_CHECKING:
@@ -45,27 +46,11 @@ _RETRIES = 3
 def record(
     *,
     source: Source,
-    label: Annotated[
-        str,
-        typer.Option(
-            "--label", "-l", help="Name of the material; several, separated by commas, one after another."
-        ),
-    ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            help="Folder, to which a file for each push is added; or an archive that is there.",
-        ),
-    ],
-    n: Annotated[int, typer.Option("--n", "-n", min=1, help="Recordings of each.")] = 10,
-    session: Annotated[
-        str | None, typer.Option(help="What is recorded in one go (one filling, one set-up). Default: now.")
-    ] = None,
-    duration_s: Annotated[
-        float, typer.Option(callback=within(0), help="Length of a recording, 0.25 s of rest included.")
-    ] = 3.2,
+    label: Annotated[str, Option("--label", "-l", help="Material; several, with commas, one after another.")],
+    output: Annotated[Path, Option("--output", "-o", help="Folder for a file a push, or an archive.")],
+    n: Annotated[int, Option("--n", "-n", min=1, help="Recordings of each.")] = 10,
+    session: Annotated[str | None, Option(help="What is recorded in one go. Default: now.")] = None,
+    duration_s: Annotated[float, Option(callback=POSITIVE, help="Length, 0.25 s of rest included.")] = 3.2,
     robot: Robots = "auto",
     direction: Direction = "1,0,0",
     speed_m_s: Speed = 0.03,

@@ -89,13 +89,13 @@ def way_out(error: Exception, converts: Set[str]) -> str:
     return f":\n{_convert(path)}{words} {ways[0]}{others}"
 
 
-def say_step(data: Dataset) -> Dataset:
+def say_step(data: Dataset, *, err: bool = False) -> Dataset:
     """Say what the last step of a data set did, what it left out before all else; return the data set."""
     from granular_id.recording import skipped_lines
 
     step = data.history[-1]
     first, *others = str(replace(step, rows=())).splitlines()
-    show("\n".join([first, *skipped_lines(step), *others]), most=_MOST_LINES, rest=_HISTORY)
+    show("\n".join([first, *skipped_lines(step), *others]), err=err, most=_MOST_LINES, rest=_HISTORY)
     return data
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Argument, Option
 
 from granular_id._files import MODELS, check_source
 from granular_id._text import Table, counted, in_columns, short
@@ -55,12 +56,9 @@ _NARROW = 16
 
 
 def show_setup(
-    path: Annotated[
-        Path, typer.Argument(metavar="RECORDINGS|MODEL", help="Recordings, or a model.", show_default=False)
-    ],
+    path: Annotated[Path, Argument(metavar="RECORDINGS|MODEL", help="Recordings, or a model.")],
     other: Annotated[
-        Path | None,
-        typer.Argument(metavar="[RECORDINGS|MODEL]", help="What to compare with it.", show_default=False),
+        Path | None, Argument(metavar="[RECORDINGS|MODEL]", help="What to compare with it.")
     ] = None,
     *,
     details: Details = False,
@@ -180,7 +178,7 @@ _WAYS_OUT = {
 def payload(
     path: Recordings,
     *,
-    output: Annotated[Path, typer.Option("--output", "-o", help="JSON file to write.")],
+    output: Annotated[Path, Option("--output", "-o", help="JSON file to write.")],
     force: Force = False,
 ) -> None:
     """Identify what a tool weighs, where its centre of mass is, and the zero of the sensor.

@@ -5,28 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option
 
 from granular_id._core import GranularIdError
 from granular_id._files import check_source, write_json
-from granular_id.cli.options import (
-    BinRange,
-    CutoffHz,
-    Details,
-    Figure,
-    Force,
-    HoldOut,
-    Json,
-    Model,
-    Quiet,
-    Recordings,
-    Seed,
-    Share,
-    Space,
-    histogram_settings,
-    names_in,
-    within,
-)
+from granular_id.cli import options as opt
 from granular_id.cli.outputs import JSON_FILE, MODEL, PICTURE, check_outputs, show, write_files
 from granular_id.cli.recordings import read
 
@@ -42,50 +25,44 @@ _FIRST = ("SYNTHETIC", "materials", "background", "takes")
 
 
 def train(
-    path: Recordings,
+    path: opt.Recordings,
     *,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write: .safetensors.")],
-    space: Space = "best",
-    hold_out: HoldOut = "auto",
+    output: opt.NewModel,
+    space: opt.Space = "best",
+    hold_out: opt.HoldOut = "auto",
     target_error: Annotated[
-        float, typer.Option(callback=within(0, 1), help="Share of early answers that may be wrong.")
+        float, Option(callback=opt.SHARE, help="Share of early answers that may be wrong.")
     ] = 0.01,
     coverage: Annotated[
-        float,
-        typer.Option(callback=within(0, 1), help="Share of recordings whose candidates hold the material."),
+        float, Option(callback=opt.SHARE, help="Share of recordings whose candidates hold the material.")
     ] = 0.9,
-    share_known: Share = 0.95,
+    share_known: opt.ShareKnown = 0.95,
     background: Annotated[
-        str | None,
-        typer.Option(help="Materials recorded, but never named: gravel,sand. The unknown stands out better."),
+        str | None, Option(help="Materials recorded, but never named: gravel,sand.")
     ] = None,
-    cutoff_hz: CutoffHz = None,
-    bin_range: BinRange = None,
-    seed: Seed = 0,
-    figure: Figure = None,
-    json: Json = None,
-    force: Force = False,
-    quiet: Quiet = False,
+    cutoff_hz: opt.CutoffHz = None,
+    bin_range: opt.BinRange = None,
+    seed: opt.Seed = 0,
+    figure: opt.Figure = None,
+    json: opt.Json = None,
+    force: opt.Force = False,
+    quiet: opt.Quiet = False,
 ) -> None:
     """Train a model on all recordings and write it into one file.
 
-    `granular-id identify` and `granular-id live` use it. What may be expected of it is measured on recordings
-    that are held out, as strictly as they allow: whole sessions where half of the materials have several; else
-    halves in time order; else random folds. On the same recordings it is found from which margin on an answer may
-    be given before the push is over. `--figure` draws accuracy against seconds seen.
-
-    Where new recordings will be of another tool, or depth, `--hold-out tool` measures that, and chooses by it.
+    `granular-id identify` and `granular-id live` use it. What may be expected of it is measured on recordings that are
+    held out, as strictly as they allow: whole sessions, else halves in time order, else random folds. They also set
+    from which margin on an answer may be given before the push is over.
 
     Examples:
 
-    - `granular-id train recordings -o kitchen.safetensors`
     - `granular-id train recordings -o kitchen.safetensors --figure over_time.png`
     - `granular-id train recordings -o any-tool.safetensors --hold-out tool`
     - `granular-id train recordings -o paper.safetensors --space raw+hfmh --bin-range auto`
     """
     from granular_id.identifier import SPACES
 
-    settings = histogram_settings(cutoff_hz, bin_range)
+    settings = opt.histogram_settings(cutoff_hz, bin_range)
     if space not in SPACES:
         raise GranularIdError(f"--space must be one of {', '.join(map(repr, SPACES))}, got {space!r:.60}")
     if settings and "hfmh" not in space:
@@ -109,7 +86,7 @@ def train(
         target_error=target_error,
         coverage=coverage,
         share_known=share_known,
-        background=() if background is None else names_in(background),
+        background=() if background is None else opt.names_in(background),
         random_state=seed,
         progress=not quiet,
     )
@@ -152,15 +129,15 @@ def print_lines(lines: Sequence[str], *, rest: str) -> None:
     show("\n".join(lines), most=_MOST_LINES if rest else None, rest=rest)
 
 
-def model(file: Model, *, json: Json = None, force: Force = False, details: Details = False) -> None:
+def model(
+    file: opt.Model, *, json: opt.Json = None, force: opt.Force = False, details: opt.Details = False
+) -> None:
     """Say what a model knows, takes and was trained on, how well it did, and when it answers early.
 
-    How well it did was measured on recordings held out. The file is checked as strictly as for use: what this
-    prints is a model that works.
+    The file is checked as strictly as for use: what this prints is a model that works.
 
     Examples:
 
-    - `granular-id model kitchen.safetensors`
     - `granular-id model kitchen.safetensors --details --json kitchen.json`
     """
     check_outputs(("--json", json, JSON_FILE), source=file, force=force)
