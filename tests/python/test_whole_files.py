@@ -2,10 +2,25 @@
 
 import stat
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
-from granular_id._files import check_target, made_folder, whole_file, whole_lines, write_json
+from granular_id._files import (
+    JSON,
+    MODELS,
+    PAGES,
+    TABLES,
+    check_target,
+    made_folder,
+    whole_file,
+    whole_lines,
+    write_json,
+)
+from granular_id.evaluation import EvaluationResult
+from granular_id.identifier import Identifier
+from granular_id.identifier.answers import Batch
+from granular_id.io.formats import FORMATS
 
 
 def names_in(folder):
@@ -112,3 +127,23 @@ def test_lines_replace_what_was_there_and_none_leave_no_file(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert target.read_text("utf-8") == "one\nzwei ä\n"
+
+
+@pytest.mark.parametrize(
+    ("write", "own"),
+    [
+        (lambda path: write_json(path, {}), JSON),
+        (lambda path: EvaluationResult.to_csv(None, path), TABLES),
+        (lambda path: Batch.to_csv(MagicMock(), path), TABLES),
+        (lambda path: Identifier.save(None, path), MODELS),
+    ],
+)
+def test_names_of_other_kinds_of_files_are_refused(write, own, tmp_path):
+    others = (*JSON, *PAGES, *TABLES, *MODELS, ".png")
+    every = {*others, *(suffix for known in FORMATS for suffix in known.suffixes)} - {".txt"}
+    for suffix in sorted(every - set(own)):
+        there = tmp_path / f"there{suffix}"
+        there.write_bytes(b"PK")
+        with pytest.raises(ValueError, match=f"path must end in {own[0]}.* got .*there{suffix}"):
+            write(there)
+        assert there.read_bytes() == b"PK"

@@ -125,17 +125,11 @@ for group, name in ((data, "data"), (archive, "archive"), (setup, "setup")):
     app.add_typer(group, name=name)
 
 
-def _version(asked: bool) -> None:
-    if asked:
-        typer.echo(f"granular-id {_core.__version__}")
-        raise typer.Exit
-
-
-@app.callback(help=PURPOSE)
+@app.callback(help=PURPOSE, invoke_without_command=True)
 def root(
-    *,
-    version: Annotated[
-        bool, typer.Option("--version", help="Print the version and exit.", callback=_version, is_eager=True)
-    ] = False,
+    *, version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False
 ) -> None:
     """See `PURPOSE`."""
+    if version:
+        typer.echo(f"granular-id {_core.__version__}")
+        raise typer.Exit

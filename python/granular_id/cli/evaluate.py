@@ -81,7 +81,8 @@ def evaluate(
     - `granular-id evaluate recordings --paper 20,40,10`
     """
     counts = None if paper is None else _counts(paper)
-    settings = opt.histogram_settings(cutoff_hz, bin_range)
+    given = cutoff_hz is not None or bin_range is not None
+    settings = opt.histogram_settings(cutoff_hz, bin_range) if given else {}
     check_outputs(
         ("--report", report, PAGE),
         ("--json", json, JSON_FILE),

@@ -6,7 +6,7 @@ import re
 import shlex
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -30,25 +30,24 @@ def show(
     text: str, style: str = "", *, err: bool = False, most: int | None = None, rest: str = "--details"
 ) -> None:
     """Print a text without markup, broken between words; of more than `most` lines the first, and what has the rest."""
-    lines = [piece for line in text.splitlines() or [""] for piece in _broken(line)]
+    console = Console(stderr=err)
+    width = min(COLUMNS, console.width)
+    lines: list[str] = []
+    for line in text.splitlines() or [""]:
+        lines += [line] if len(line) <= width else _broken(line, width)
     if most is not None and len(lines) > most:
         lines[most - 1 :] = [f"... {len(lines) - most + 1} more lines{rest and f': {rest}'}"]
-    Console(stderr=err).print(Text("\n".join(lines), style=style), soft_wrap=True)
+    console.print(Text("\n".join(lines), style=style), soft_wrap=True)
 
 
-def _broken(line: str) -> Iterator[str]:
+def _broken(line: str, width: int) -> list[str]:
     """Break a line; one that is to be typed goes on after a backslash."""
-    width = min(COLUMNS, Console().width)
-    if len(line) <= width:
-        yield line
-        return
     indent = " " * (len(line) - len(line.lstrip()) + 2)
     typed = line.lstrip().startswith("granular-id ")
     pieces = textwrap.wrap(
         line, width - 2 * typed, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
-    yield from (piece + " \\" * typed for piece in pieces[:-1])
-    yield pieces[-1]
+    return [*(piece + " \\" * typed for piece in pieces[:-1]), pieces[-1]]
 
 
 def warn_of_setups(differences: Iterable[str], *, err: bool = False) -> None:
@@ -128,6 +127,8 @@ def check_outputs(*outputs: Output, source: Path | None = None, force: bool = Fa
     like no file of its kind; a file of another kind, by how it begins; without `force` any file that is not empty.
     """
     named = [(name, check_target(path), kind) for name, path, kind in outputs if path is not None]
+    if not named:
+        return
     _refuse_overlaps([path for _, path, _ in named], source)
     for name, path, kind in named:
         if kind is PICTURE:

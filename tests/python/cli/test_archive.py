@@ -5,14 +5,13 @@ from __future__ import annotations
 import csv
 import re
 import shutil
-from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import granular_id as gid
-from archive_cases import poison, rewrite
+from archive_cases import poison
 from cli_cases import ended_well, make, recording, refused, run, saved, way_out
 from granular_id.archive import Archive, Features, append
 from granular_id.io import load_parts
@@ -137,33 +136,6 @@ def test_another_rate_is_refused_with_the_way_out(folder, archive, tmp_path, mon
     assert "has no even rate, those of" in refused("archive", "add", fleet, uneven)
 
 
-def test_archive_of_several_rates_takes_more_of_them(folder, tmp_path):
-    data = gid.load(folder)
-    append(tmp_path / "store", Dataset([data[0], data.resample(62.5)[1]]))
-    ended_well("archive", "add", tmp_path / "store", saved(pushes(2), tmp_path / "pushes"))
-
-
-def test_bad_file_is_left_out_as_in_a_folder(folder, tmp_path):
-    bad = tmp_path / "bad.npz"
-    bad.write_bytes(b"nonsense")
-    out = ended_well("archive", "add", tmp_path / "fleet", bad, folder, "--on-error", "skip")
-    assert out.startswith("added 30 recordings")
-    assert "1 file skipped:\n  " in out
-    assert str(bad) in refused("archive", "add", tmp_path / "other", bad, folder)
-    ended = run("archive", "add", tmp_path / "other", bad, "--on-error", "skip")
-    assert (ended.exit_code, ended.stderr) == (2, "error: no recording is left to add\n")
-
-
-def test_add_shows_how_many_recordings_are_in(folder, tmp_path, pieces, monkeypatch):
-    told = []
-    monkeypatch.setattr(
-        "granular_id._progress.showing", lambda _: nullcontext(lambda *said: told.append(said))
-    )
-    ended_well("archive", "add", tmp_path / "fleet", folder)
-    assert told[0] == (8, 0, f"recordings: {folder.name}")
-    assert told[-1][0] == 30
-
-
 @pytest.fixture
 def damaged(folder, tmp_path):
     """An archive of which a row group and an index file are damaged, and what of it is whole."""
@@ -193,23 +165,6 @@ def test_what_is_whole_of_a_damaged_archive_is_rescued(damaged, tmp_path, pieces
     assert f" {index}: " in said
     assert re.search(rf" {part}, row group 1: cannot be decoded: .*; its 5 recordings left out", said)
     assert sorted_by_name(gid.load(tmp_path / "new")) == sorted_by_name(whole)
-
-
-def test_archive_with_an_unreadable_history_is_rescued(damaged):
-    old, _, _, whole = damaged
-    first = old / f"recordings-{Archive(old, unreadable=[]).keys[0]}.parquet"
-    mark = parquet.read_metadata(first).metadata[b"granular_id"]
-    rewrite(first, labels={"granular_id": mark, "history": "nonsense"})
-    read = gid.load(old, on_error="skip")
-    assert list(read) == whole
-    assert len([row for row in read.history[-1].rows if "skipped" in row]) == 3
-
-
-def test_archive_of_which_nothing_is_readable_is_refused(damaged):
-    old, *_ = damaged
-    shutil.rmtree(old / "samples")
-    with pytest.raises(ValueError, match="magic bytes not found"):
-        gid.load(old, on_error="skip")
 
 
 # -- info, check
@@ -286,14 +241,6 @@ def test_extract_takes_the_features_of_a_model(archive, model, tmp_path):
     assert Features(tmp_path / "features").X.shape == (30, 6 * 60 + 600)
 
 
-def test_part_that_cannot_be_read_ends_with_2(archive, tmp_path):
-    copy = shutil.copytree(archive, tmp_path / "copy")
-    append(copy, pushes())
-    big = max((copy / "samples").iterdir(), key=lambda path: path.stat().st_size)
-    big.unlink()
-    assert big.name in refused("extract", copy, "-o", tmp_path / "features")
-
-
 @pytest.fixture
 def half(folder, tmp_path, monkeypatch):
     """An archive of three partitions, one of which cannot be read."""
@@ -338,11 +285,7 @@ def test_what_stopped_goes_on_with_the_same_command(archive, model, tmp_path, mo
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--scheduler", "tcp://h:1", "--jobs", 2), "scheduler"),
-        (("--jobs", 0), "'--jobs'"),
-    ],
+    ("words", "said"), [(("--scheduler", "tcp://h:1", "--jobs", 2), "scheduler"), (("--jobs", 0), "'--jobs'")]
 )
 def test_workers_are_refused_alike(archive, model, tmp_path, words, said):
     assert said in refused("extract", archive, "-o", tmp_path / "out", *words)

@@ -6,11 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sklearn.pipeline import make_pipeline
 
 from cli_cases import LABELS, SMALL_MODEL, ended_well, make, recording, refused, run, saved, written
-from granular_id import ECOCClassifier, RawSignal, _core, save
-from granular_id.explanation import explain_held_out
+from granular_id import _core, save
 from granular_id.identifier import Identifier, adapt as adapting
 from granular_id.io import load
 from granular_id.recording import Dataset, Recording, SampleFlag
@@ -134,14 +132,6 @@ def test_several_paths_are_named_and_quiet_prints_answers(folder, model):
     assert len(rows) == 1 + 30
     assert {row[1] for row in rows} <= {*LABELS}
     assert ended_well("identify", model, folder, "--quiet").startswith("oat/oat_00.csv\t")
-
-
-def test_recordings_without_labels_are_named(folder, model, tmp_path):
-    for number, file in enumerate(sorted((folder / "rice").iterdir())[:3]):
-        (tmp_path / f"{number}.csv").write_bytes(file.read_bytes())
-    out = ended_well("identify", model, tmp_path)
-    assert "truth" not in out
-    assert "named rightly" not in out
 
 
 def test_unknown_labels_and_flagged_samples_are_told(model, tmp_path):
@@ -363,35 +353,18 @@ def test_labels_with_blanks_are_typed_with_underscores(loud, tmp_path):
     assert load(tmp_path / "pushes").labels == ("oat flakes",)
 
 
-@pytest.mark.parametrize(
-    ("sessions", "folds"),
-    [
-        ({"rice": "mon tue", "oat": "mon tue", "peas": "tue"}, "held-out sessions"),
-        # no fold holds out both
-        ({"rice": "r1 r2", "oat": "o1 o2", "peas": "p1 p2 p3 p4 p5 p6 p7 p8"}, "held-out sessions"),
-        ({"rice": "mon", "oat": "mon", "peas": "mon tue"}, "halves in time order"),
-        ({}, "random folds"),
-    ],
-)
-def test_explain_holds_out_what_the_materials_allow(sessions, folds):
-    named = {label: words.split() for label, words in sessions.items()}
-    data = Dataset(
-        [
-            Recording(
-                np.random.default_rng(k).normal(size=(4, 6)),
-                500.0,
-                label=label,
-                session=named[label][k % len(named[label])] if named else None,
-                start_time=1e9 + (60.0 * k if named else k // 2 * 60.0),
-                name=f"{label} {k}",
-            )
-            for k in range(8)
-            for label in ("rice", "oat", "peas")
-        ]
-    )
-    pipeline = make_pipeline(RawSignal(), ECOCClassifier())
-    explanation, model, split = explain_held_out(data, pipeline, "rice", "oat")
-    assert split["folds"] == folds
-    assert not set(split["train"]) & set(split["explained"])
-    assert sum(explanation.counts) == len(split["explained"])
-    assert model == f"trained on {len(split['train'])} of 24 recordings"
+# -- confidence
+
+
+def test_confidence_writes_what_it_prints(tmp_path):
+    pytest.importorskip("matplotlib")
+    folder = saved(make(6), tmp_path / "set")
+    figure, json_file = tmp_path / "f.svg", tmp_path / "c.json"
+    words = ["--space", "hfmh", "--levels", "0.6,0.8", "--share-known", "0.9"]
+    out = ended_well("confidence", folder, *words, "--figure", figure, "--json", json_file)
+    assert "Candidates" in out
+    assert "refused while 10 % of the known are" in " ".join(out.split())
+    stored = written(json_file)
+    assert [one["level"] for one in stored["coverage"]] == [0.6, 0.8]
+    assert (stored["data"]["n_recordings"], stored["space"], stored["share_known"]) == (18, "hfmh", 0.9)
+    assert figure.read_text().startswith("<?xml")

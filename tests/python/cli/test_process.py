@@ -154,14 +154,7 @@ needs_terminal = pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a 
 
 @needs_terminal
 def test_progress_bar_leaves_nothing_behind(folder):
-    words = (
-        "evaluate",
-        folder,
-        "--paper",
-        "100,2,1",
-        "--spaces",
-        "hfmh",
-    )
+    words = ("evaluate", folder, "--paper", "100,2,1", "--spaces", "hfmh")
     with Terminal(words) as terminal:
         terminal.read_until("a text that never comes")
         out, _ = terminal.running.communicate(timeout=60)
@@ -176,14 +169,7 @@ def test_progress_bar_leaves_nothing_behind(folder):
 @needs_terminal
 @pytest.mark.parametrize("threads", [1, 2])
 def test_ctrl_c_amid_the_partitions_ends_the_bar_too(folder, tmp_path, threads):
-    words = (
-        "evaluate",
-        folder,
-        "--paper",
-        "4000,6,3",
-        "--jobs",
-        threads,
-    )
+    words = ("evaluate", folder, "--paper", "4000,6,3", "--jobs", threads)
     files = ("--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv")
     with Terminal((*words, *files, "--spaces", "raw")) as terminal:
         terminal.read_until("raw: partition")

@@ -9,7 +9,6 @@ from sklearn.ensemble import RandomForestClassifier
 from sklearn.metrics import log_loss
 
 import granular_id as gid
-from cli_cases import ended_well, make, refused, saved
 from evaluation_cases import LABELS, changed, make_data
 from granular_id.confidence import candidate_rule, fit_temperature, softmax
 from granular_id.ecoc import ECOCClassifier
@@ -206,40 +205,3 @@ def test_what_lies_beyond_the_bars_has_a_bar_of_its_own(study, more, height):
     assert panel.get_xticklabels()[-1].get_text().endswith(" 2")
     across, up = panel.patches[1].get_xy().T
     assert up[across > 2.0].max(initial=0.0) == pytest.approx(height)
-
-
-# -- the command
-
-
-def test_command_writes_what_it_prints(tmp_path):
-    pytest.importorskip("matplotlib")
-    folder = saved(make(6), tmp_path / "set")
-    figure, json_file = tmp_path / "f.svg", tmp_path / "c.json"
-    words = ["--space", "hfmh", "--n-bins", "10", "--levels", "0.6,0.8", "--share-known", "0.9", "--quiet"]
-    output = ended_well("confidence", folder, *words, "--figure", figure, "--json", json_file)
-    assert "Candidates" in output
-    assert "refused while 10 % of the known are" in output
-    stored = json.loads(json_file.read_text())
-    assert [one["level"] for one in stored["coverage"]] == [0.6, 0.8]
-    assert (stored["data"]["n_recordings"], stored["space"], stored["share_known"]) == (18, "hfmh", 0.9)
-    assert figure.read_text().startswith("<?xml")
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            ["--levels", "0.9,1.5"],
-            "--levels must be numbers between 0 and 1, separated by commas, each once, got",
-        ),
-        (["--levels", "0.9,0.9"], "each once, got '0.9,0.9'"),
-        (["--share-known", "1"], "'--share-known': must lie between 0 and 1, got 1"),
-        (["--space", "paper"], "there is no feature space 'paper'"),
-        (["--figure", "f.xyz"], "--figure must end in .png, .svg or .pdf"),
-        (["--figure", "one.svg", "--json", "one.svg"], "would be written twice"),
-    ],
-)
-def test_command_is_refused_before_anything_is_read(tmp_path, monkeypatch, words, message):
-    monkeypatch.chdir(tmp_path)
-    assert message in refused("confidence", tmp_path, *words)
-    assert list(tmp_path.iterdir()) == []

@@ -11,7 +11,7 @@ from sklearn.pipeline import FeatureUnion, Pipeline, make_pipeline
 from sklearn.preprocessing import MinMaxScaler, StandardScaler
 
 from granular_id.ecoc import ECOCClassifier
-from granular_id.explanation import explain
+from granular_id.explanation import explain, explain_held_out
 from granular_id.explanation.difference import pair_factors
 from granular_id.recording import Dataset, Recording
 from granular_id.rica import RICA
@@ -404,3 +404,37 @@ def test_models_without_fit_weights_or_space_are_refused():
     flat = X[:, :, 0]
     with pytest.raises(TypeError, match="nothing behind filters"):
         explain(make_pipeline(ECOCClassifier()).fit(flat, Y), "oat", "rice", flat, Y)
+
+
+@pytest.mark.parametrize(
+    ("sessions", "folds"),
+    [
+        ({"rice": "mon tue", "oat": "mon tue", "peas": "tue"}, "held-out sessions"),
+        # no fold holds out both
+        ({"rice": "r1 r2", "oat": "o1 o2", "peas": "p1 p2 p3 p4 p5 p6 p7 p8"}, "held-out sessions"),
+        ({"rice": "mon", "oat": "mon", "peas": "mon tue"}, "halves in time order"),
+        ({}, "random folds"),
+    ],
+)
+def test_explain_holds_out_what_the_materials_allow(sessions, folds):
+    named = {label: words.split() for label, words in sessions.items()}
+    data = Dataset(
+        [
+            Recording(
+                np.random.default_rng(k).normal(size=(4, 6)),
+                500.0,
+                label=label,
+                session=named[label][k % len(named[label])] if named else None,
+                start_time=1e9 + (60.0 * k if named else k // 2 * 60.0),
+                name=f"{label} {k}",
+            )
+            for k in range(8)
+            for label in ("rice", "oat", "peas")
+        ]
+    )
+    pipeline = make_pipeline(RawSignal(), ECOCClassifier())
+    explanation, model, split = explain_held_out(data, pipeline, "rice", "oat")
+    assert split["folds"] == folds
+    assert not set(split["train"]) & set(split["explained"])
+    assert sum(explanation.counts) == len(split["explained"])
+    assert model == f"trained on {len(split['train'])} of 24 recordings"
