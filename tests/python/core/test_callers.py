@@ -350,4 +350,4 @@ def test_a_vector_unit_that_is_none_is_refused_by_name(asked):
     child = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
     assert child.returncode == 1
     last = child.stderr.strip().splitlines()[-1]
-    assert all(word in last for word in ("ValueError", "GRANULAR_ID_SIMD", asked, "baseline"))
+    assert all(word in last for word in ("GranularIdError", "GRANULAR_ID_SIMD", asked, "baseline"))
