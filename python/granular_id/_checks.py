@@ -17,7 +17,6 @@ import numpy.typing as npt
 from numpy.typing import NDArray
 
 from granular_id._core import GranularIdError
-from granular_id._memory import TemporaryMap
 from granular_id._text import fixed
 
 FloatArray = NDArray[np.float64]
@@ -219,13 +218,7 @@ def locked(array: NDArray[Any]) -> NDArray[Any]:
     """Return the array read-only, copied unless nobody can hold a writable view of it."""
     base = array.base
     private = not array.flags.writeable and (
-        base is None
-        or isinstance(base, TemporaryMap)
-        or (
-            isinstance(base, np.ndarray)
-            and not base.flags.writeable
-            and (base.base is None or isinstance(base.base, TemporaryMap))
-        )
+        base is None or (isinstance(base, np.ndarray) and not base.flags.writeable and base.base is None)
     )
     if not private:
         array = array.copy(order="C")

@@ -23,7 +23,6 @@ from granular_id._checks import (
     thaw,
 )
 from granular_id._core import AXES, SAMPLE_FLAGS, UNITS, GranularIdError
-from granular_id._memory import stacked
 from granular_id._text import counted, fixed, verb
 from granular_id.recording.columns import by_name, column_names
 
@@ -390,7 +389,7 @@ def stack(recordings: Sequence[Recording]) -> FloatArray:
     parts = [r.wrench for r in recordings]
     block = shared_base(parts)
     if block is None:
-        block = stacked(parts, "the samples of all recordings")
+        block = np.stack(parts)
         block.flags.writeable = False
     shape = (len(parts), *parts[0].shape)
     return block if block.shape == shape else block.reshape(shape)

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import argument_error, checked_choice, checked_index, finite_number, thaw
 from granular_id._core import GranularIdError
-from granular_id._memory import stacked
 from granular_id._text import counted, fixed
 from granular_id.recording.clock import round_rate, samples_in, uniform_rate
 from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate
@@ -255,9 +254,7 @@ def _crop(kept: Sequence[tuple[Recording, int]], n: int, rate_hz: float) -> list
     """Return `n` samples of each recording from its start on."""
     common_axes([recording for recording, _ in kept])
     # one block that all results look into, so that Dataset.X needs no second copy
-    block = stacked(
-        [recording.wrench[start : start + n] for recording, start in kept], "the cropped recordings"
-    )
+    block = np.stack([recording.wrench[start : start + n] for recording, start in kept])
     block.flags.writeable = False
     return [
         _stretch(recording, start, start + n, start / rate_hz, wrench=wrench)

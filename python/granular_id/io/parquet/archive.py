@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray
 from granular_id._core import GranularIdError, interleave
 from granular_id._files import check_source
-from granular_id._memory import empty
 from granular_id._text import counted
 from granular_id.io.files import RecordingFileError, attempt, naming, need
 from granular_id.io.flat import checked_history
@@ -194,7 +193,7 @@ class Archive:
         groups = self.row_groups if group is None else [group]
         index = self.index.slice(groups[0].start, groups[-1].stop - groups[0].start)
         n_rows, done = sum(one.n_samples for one in groups), 0
-        wrench = empty((n_rows, len(self.axes)), "the samples of the archive")
+        wrench = np.empty((n_rows, len(self.axes)))
         others: dict[str, NDArray[Any]] = {FLAGS: np.zeros(n_rows, np.uint8)}
         if index["rate_hz"].null_count:
             others[TIME] = np.full(n_rows, np.nan)
