@@ -121,7 +121,7 @@ def check(
     reading: TableReading,
     steps: Steps,
     *,
-    sensor_range: str | None = option(SENSOR, "Largest values of axes, or a name: 'ATI Mini45 SI-145-5'."),
+    sensor_range: str | None = option(SENSOR, "Largest values of axes: one number, or one per axis."),
     false_alarm_rate: float = option(
         SENSOR, "Chance that sound data show an outlier or a leak.", default=0.01
     ),
@@ -139,7 +139,7 @@ def check(
 
     `granular-id data check recordings`
     `granular-id data check recordings --sensor-range 145,145,290,5,5,5 --json check.json`
-    `granular-id data check recordings --sensor-range "ATI Mini45 SI-145-5" --strict`
+    `granular-id data check recordings --strict`
     """
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     from granular_id.recording import mixed_setup_warnings
@@ -157,17 +157,15 @@ def check(
         raise typer.Exit(FOUND_ERRORS)
 
 
-def _range_of(text: str | None) -> str | float | list[float] | None:
-    """Read ``--sensor-range``: a name, one number, or a number per axis."""
+def _range_of(text: str | None) -> float | list[float] | None:
+    """Read ``--sensor-range``: one number, or a number per axis."""
     if text is None:
         return None
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        if "," in text:
-            wanted = "a number, one per axis such as 145,145,290,5,5,5, or the name of a sensor"
-            raise GranularIdError(f"--sensor-range must be {wanted}, got {text!r}") from None
-        return text
+        wanted = "a number, or one per axis such as 145,145,290,5,5,5"
+        raise GranularIdError(f"--sensor-range must be {wanted}, got {text!r}") from None
     return numbers if len(numbers) > 1 else numbers[0]
 
 

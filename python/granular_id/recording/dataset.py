@@ -670,12 +670,11 @@ class Dataset:
 
         Parameters
         ----------
-        sensor_range : str, float, sequence of float or mapping, optional
-            Largest reading of the axes, N and N m: the name of a sensor (``"ATI Mini45 SI-145-5"``; the known
-            ones are `granular_id.recording.SENSOR_RANGES`), one number, one per axis, or numbers by axis.
-            Without it clipping shows only where readings stand still at their own extreme.
+        sensor_range : float, sequence of float or mapping, optional
+            Largest reading of the axes, N and N m, as the sensor's certificate states it: one number, one per axis,
+            or numbers by axis, such as 145, 145, 290, 5, 5, 5 of an ATI Mini45 SI-145-5. Without it clipping shows only where readings stand still at their own extreme.
         false_alarm_rate : float
-            Chance that a statistical check (each of: leaks, outliers, clipping, standing still) speaks up
+            Chance that a statistical check (each of: leaks, outliers, clipping) speaks up
             in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.001 as 0.001.
         progress : bool or callable
             True draws a bar on a terminal; a callable is called as ``progress(done, total, what)`` after each step.
@@ -690,7 +689,7 @@ class Dataset:
         Raises
         ------
         TypeError, ValueError
-            An unknown sensor, numbers that do not fit the axes, a rate outside (0, 1).
+            Numbers that do not fit the axes, a rate outside (0, 1).
         """
         # slow to import, and few programs look their recordings over
         from granular_id.recording.checks.run import check_recordings

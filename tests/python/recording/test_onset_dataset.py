@@ -36,7 +36,6 @@ def test_triggers_are_set_and_reported(data):
     why = "no change stands out from the noise of the first 0.1 s"
     assert rows["air_00"] == {"name": "air_00", "onset_s": None, "how": "not found", "why": why}
     assert rows["rice_00"]["onset_s"] == found[0].trigger_index / RATE_HZ
-    assert rows["rice_00"]["detected_s"] > rows["rice_00"]["onset_s"]
     assert report.rows[0]["name"] == "air_00", "what needs a look comes first"
 
 
@@ -84,7 +83,7 @@ def test_overruling(data):
 @pytest.mark.parametrize(
     ("settings", "error", "message"),
     [
-        ({"overrule": {"rice_1": 0.1}}, ValueError, "no recording is called 'rice_1'"),
+        ({"overrule": {"rice_1": 0.1}}, ValueError, "no recordings are called 'rice_1'"),
         ({"overrule": {"rice_01": 9.0}}, ValueError, r"\['rice_01'\] is 9 s; .* lasts from 0 to 3.198 s"),
         ({"overrule": {"rice_01": -0.1}}, ValueError, r"overrule\['rice_01'\] is -0.1 s"),
         ({"overrule": {"rice_01": "0.1"}}, TypeError, r"overrule\['rice_01'\] must be a number, got '0.1'"),
@@ -101,7 +100,7 @@ def test_bad_settings_are_named(data, settings, error, message):
 
 
 def test_a_name_that_two_recordings_have(data):
-    with pytest.raises(ValueError, match="2 recordings are called 'rice_00'; which is meant"):
+    with pytest.raises(ValueError, match="2 recordings are called 'rice_00'; one is wanted"):
         (data + data[:1]).find_onsets(overrule={"rice_00": 0.1})
 
 

@@ -18,7 +18,7 @@ def sound():
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_sound_sets_raise_no_warning(seed):
-    report = sound_set(seed).check(sensor_range="ATI Mini45 SI-145-5")
+    report = sound_set(seed).check(sensor_range=[145, 145, 290, 5, 5, 5])
     assert report.worst == "ok"
     assert codes(report, infos=True) == set()
 
@@ -32,10 +32,6 @@ def clipped(w, _):
 
 def stuck(w, _):
     w[:, 3] = w[0, 3]
-
-
-def stuck_for_a_while(w, _):
-    w[500:700, 1] = w[500, 1]
 
 
 def humming(w, _):
@@ -67,7 +63,6 @@ AFTER_A_PAUSE = TIMES + 0.4 * (np.arange(1600) >= 800)
     [
         ([7, 30], clipped, {}, "clipped", "on fx"),
         ([7, 30], stuck, {}, "stuck-axis", "(tx)"),
-        ([7, 30], stuck_for_a_while, {}, "stuck-stretch", "(fy)"),
         ([6], None, {"label": None}, "no-label", "has no label"),
         ([6], None, {"rate_hz": 400}, "rates-differ", "2 different rates, 400 to 500 Hz; 1 not at 500"),
         ([6], None, {"rate_hz": 0.5}, "slow rates-differ", "in seconds?"),
@@ -123,7 +118,7 @@ def test_a_lower_false_alarm_rate_is_stricter(sound):
 # --- The range and the unit of the sensor
 
 
-@pytest.mark.parametrize("stated", ["ATI Mini45 SI-145-5", [145, 145, 290, 5, 5, 5], {"fx": 145.0}, 145])
+@pytest.mark.parametrize("stated", [[145, 145, 290, 5, 5, 5], {"fx": 145.0}, 145])
 def test_clipping_at_a_stated_range(sound, stated):
     def beyond(w, _):
         w[100:103, 0] = -145
@@ -162,7 +157,7 @@ def test_other_units_are_their_own_affair(meta):
 @pytest.mark.parametrize(
     ("stated", "error", "words"),
     [
-        ("Foo", ValueError, "is no known sensor; choose from ATI Nano17"),
+        ("ATI Mini45", TypeError, "sensor_range must be a number"),
         ([1, 2], ValueError, "2 numbers; wanted 6: fx, fy, fz, tx, ty, tz"),
         ({"fw": 1}, ValueError, "names the axis 'fw'; there are fx"),
         ([1, 1, 1, 1, 1, 0], ValueError, "must be positive, got 0"),
@@ -174,12 +169,6 @@ def test_bad_ranges(sound, stated, error, words):
     with pytest.raises(error, match=r"^sensor_range") as caught:
         sound.check(sensor_range=stated)
     assert words in str(caught.value)
-
-
-def test_a_named_sensor_needs_its_axes():
-    force = Dataset([Recording(np.ones((9, 1)), rate_hz=9, axes=("force",))])
-    with pytest.raises(ValueError, match="sensor_range has the axes fx"):
-        force.check(sensor_range="ATI Mini45 SI-145-5")
 
 
 # --- Stamps, levels, flags

@@ -1,12 +1,10 @@
-"""What the samples show: units, clipping, axes that stand still, outliers."""
+"""What the samples show: units, clipping, axes that never change, outliers."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import pdtrc, stdtrit
 
 from granular_id._checks import FloatArray
@@ -131,67 +129,18 @@ def _piled_up(samples: FloatArray, edge: float, alpha: float) -> int:
     return number if number >= PILED_UP * expected and pdtrc(number - 1, expected) <= alpha else 0
 
 
-# Axes that do not move, for a whole recording or for a long stretch of it.
-
-# Shorter stretches are not judged: coarse converters repeat themselves while the tool rests.
-SHORTEST_STUCK = 20
-# The other axes move when they change, step by step, at least by this part of what is usual for them.
-MOVING = 0.5
-
-
 def check_stuck(data: Measured) -> Iterator[Finding]:
-    """Find axes that never change, and axes that stand still for a stretch while others move."""
-    whole: dict[int, list[int]] = {}
-    part: dict[int, list[int]] = {}
-    alpha = data.false_alarm_rate / sum(len(r.axes) for r in data.recordings)
-    for i, r in enumerate(data.recordings):
-        if r.n_samples < 2:
-            continue
-        wrench = by_axis(r)
-        moves = np.ptp(wrench, axis=0) != 0
-        if not moves.all():
-            whole[i] = np.flatnonzero(~moves).tolist()
-        if columns := _still_stretches(wrench, np.flatnonzero(moves), alpha):
-            part[i] = columns
-    if whole:
-        axes = data.axes_among(whole)
-        where = "every recording" if len(whole) == len(data.recordings) else counted(len(whole))
+    """Find axes that never change."""
+    stuck = {
+        i: columns.tolist()
+        for i, r in enumerate(data.recordings)
+        if r.n_samples > 1 and len(columns := np.flatnonzero(np.ptp(r.wrench, axis=0) == 0))
+    }
+    if stuck:
+        axes = data.axes_among(stuck)
+        where = "every recording" if len(stuck) == len(data.recordings) else counted(len(stuck))
         message = f"{where} with an axis that never changes ({', '.join(axes)})"
-        yield data.finding("warning", "stuck-axis", message, whole, axes=axes)
-    if part:
-        axes = data.axes_among(part)
-        message = f"{subject(len(part))} an axis that stands still for a stretch while others move ({', '.join(axes)})"
-        yield data.finding("warning", "stuck-stretch", message, part, axes=axes)
-
-
-def _still_stretches(wrench: FloatArray, moving: NDArray[np.intp], alpha: float) -> list[int]:
-    """Return the columns that stand still for a surprising stretch."""
-    n_steps = len(wrench) - 1
-    equal, steps = wrench[1:] == wrench[:-1], np.abs(np.diff(wrench, axis=0))
-    repeats = np.count_nonzero(equal, axis=0)
-    stuck = []
-    for column in moving[repeats[moving] >= SHORTEST_STUCK]:
-        start, run = _longest_run(equal[:, column])
-        # at rest, or clipped, if anything
-        if start == 0 or wrench[start, column] in (wrench[:, column].max(), wrench[:, column].min()):
-            continue
-        elsewhere = max((repeats[column] - run) / n_steps, 1 / len(wrench))
-        by_chance = 1 + math.log(alpha / len(wrench)) / math.log(elsewhere)
-        if elsewhere > COARSE or run + 1 < max(SHORTEST_STUCK, by_chance):
-            continue
-        others = moving[moving != column]
-        change = steps[start : start + run, others].mean(axis=0)
-        if len(others) and (change >= MOVING * steps[:, others].mean(axis=0)).mean() >= 0.5:
-            stuck.append(int(column))
-    return stuck
-
-
-def _longest_run(held: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return start and length of the longest run of True."""
-    edges = np.flatnonzero(np.diff(held, prepend=False, append=False))
-    starts, lengths = edges[::2], edges[1::2] - edges[::2]
-    best = int(lengths.argmax())
-    return int(starts[best]), int(lengths[best])
+        yield data.finding("warning", "stuck-axis", message, stuck, axes=axes)
 
 
 # Recordings that stand apart from their own label.
