@@ -671,8 +671,9 @@ class Dataset:
         Parameters
         ----------
         sensor_range : float, sequence of float or mapping, optional
-            Largest reading of the axes, N and N m, as the sensor's certificate states it: one number, one per axis,
-            or numbers by axis, such as 145, 145, 290, 5, 5, 5 of an ATI Mini45 SI-145-5. Without it clipping shows only where readings stand still at their own extreme.
+            Largest reading of the axes, N and N m, as the sensor's certificate states it: one number, one per axis, or
+            numbers by axis; 145, 145, 290, 5, 5, 5 of an ATI Mini45 SI-145-5. Without it clipping shows only where
+            readings stand still at their own extreme.
         false_alarm_rate : float
             Chance that a statistical check (each of: leaks, outliers, clipping) speaks up
             in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.001 as 0.001.

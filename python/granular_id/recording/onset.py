@@ -191,7 +191,7 @@ class _RestNoise(NamedTuple):
     dof: float  # its degrees of freedom
     own: FloatArray  # (C,): the same from each axis alone; not above `shared`
     own_dof: float
-    count: FloatArray  # (C,): smallest change, by which a level may seem to differ though it does not
+    least_step: FloatArray  # (C,): smallest change, by which a level may seem to differ though it does not
     reading: float  # samples that one reading of the sensor lasts, 1 where each sample is new
 
 
@@ -211,8 +211,8 @@ def _rest_noise(at_rest: FloatArray, steps: FloatArray, window: int) -> _RestNoi
     rest = len(at_rest)
     level = at_rest.mean(axis=0)
     centred = at_rest - level
-    count = np.where(steps > 0, steps, np.inf).min(axis=0)
-    count[np.isinf(count)] = 0.0
+    least_step = np.where(steps > 0, steps, np.inf).min(axis=0)
+    least_step[np.isinf(least_step)] = 0.0
     fast = np.square(steps[: rest - 1]).mean(axis=0)
     means = _window_means(centred, window)
     own = np.square(means[window:] - means[:-window]).mean(axis=0)
@@ -222,9 +222,15 @@ def _rest_noise(at_rest: FloatArray, steps: FloatArray, window: int) -> _RestNoi
     own_dof = size_dof if window == 1 else 0.75 * (rest / window - 1)
     dof = _THINNER_TAIL / (1 / (own_dof * _independent(centred)) + 1 / size_dof)
     # reading is exact to half a count at best, evenly spread: a variance of one count squared over twelve
-    own = np.maximum(own, 2 / window * np.square(count) / 12)
+    own = np.maximum(own, 2 / window * np.square(least_step) / 12)
     return _RestNoise(
-        level, np.maximum(own, colour * fast), dof, own, own_dof, count, _reading(np.any(steps > 0, axis=1))
+        level,
+        np.maximum(own, colour * fast),
+        dof,
+        own,
+        own_dof,
+        least_step,
+        _reading(np.any(steps > 0, axis=1)),
     )
 
 
@@ -268,7 +274,7 @@ def _changes(
     # Two windows before and two after must agree: no glitch passes. Their gap never exceeds the difference of the
     # two that meet; two readings of one level may differ by one count.
     gap = np.maximum(low[after] - high[before], low[before] - high[after])
-    gap = np.maximum(gap - noise.count, 0.0)
+    gap = np.maximum(gap - noise.least_step, 0.0)
     own = gap / alone
     if n_axes == 1:
         return own, own[:, 0]
@@ -362,7 +368,7 @@ def _why_not(samples: FloatArray, noise: _RestNoise, rest: int, window: int, rec
         return "no axis ever changes"
     usual = np.sqrt(noise.shared)
     wander = np.abs(_window_means(samples[rest:], window) - noise.level).max(axis=0)
-    strayed = (wander - noise.count) / np.where(usual > 0, usual, np.inf)
+    strayed = (wander - noise.least_step) / np.where(usual > 0, usual, np.inf)
     axis = int(strayed.argmax())
     if strayed[axis] <= _STRAYED:
         return f"no change stands out from the noise of the first {rest / rate_hz:g} s"
