@@ -214,6 +214,17 @@ def as_floats(value: object, name: str, wanted: str) -> FloatArray:
         return np.asarray(array, dtype=np.float64, order="C")
 
 
+def finite_numbers(name: str, values: object, n: int, *, each: bool = False) -> FloatArray:
+    """Return an array of `n` finite numbers; with `each` any number of rows of them, shape (..., n)."""
+    wanted = f"finite numbers of shape ({'..., ' * each}{n}{',' * (not each)})"
+    array = as_floats(values, name, wanted)
+    if array.shape[-1:] != (n,) or not (each or array.ndim == 1) or not np.isfinite(array).all():
+        raise argument_error(
+            GranularIdError, name, f"has shape {array.shape}, or NaN or infinity; wanted {wanted}"
+        )
+    return array
+
+
 def locked(array: NDArray[Any]) -> NDArray[Any]:
     """Return the array read-only, copied unless nobody can hold a writable view of it."""
     base = array.base

@@ -15,7 +15,7 @@ from granular_id._checks import (
     argument_error,
     as_floats,
     checked_text,
-    float_array,
+    finite_numbers,
     thaw,
 )
 from granular_id._core import AXES, GranularIdError
@@ -100,7 +100,7 @@ def transform(
     >>> transform([1, 2, 3, 4, 5, 6], flip=("fx", "tx")).tolist()
     [-1.0, 2.0, 3.0, -4.0, 5.0, 6.0]
     """
-    matrix, p = _rotation_matrix(rotation), _checked_translation(translation)
+    matrix, p = _rotation_matrix(rotation), finite_numbers("translation", translation, 3)
     return _transformed(wrench_array(wrench), matrix, p, _signs(flip))
 
 
@@ -153,15 +153,6 @@ def _rotation_matrix(rotation: RotationLike | None) -> FloatArray:
     return array
 
 
-def _checked_translation(translation: ArrayLike) -> FloatArray:
-    array = float_array("translation", translation)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise argument_error(
-            GranularIdError, "translation", f"={translation!r:.60}; wanted three finite numbers"
-        )
-    return array
-
-
 def wrench_array(wrench: ArrayLike) -> FloatArray:
     """Return samples of six axes as float64."""
     array = as_floats(wrench, "wrench", _WRENCH)
@@ -207,7 +198,7 @@ def transform_recordings(
     sign: str | None,
 ) -> tuple[list[Recording], StepReport]:
     """Turn the wrench of each recording; see :meth:`Dataset.transform`, which calls this."""
-    matrix, p, signs = _rotation_matrix(rotation), _checked_translation(translation), _signs(flip)
+    matrix, p, signs = _rotation_matrix(rotation), finite_numbers("translation", translation, 3), _signs(flip)
     turns = not np.array_equal(matrix, np.eye(3)) or bool(p.any())
     reverses = bool((signs < 0).all())
     if turns and frame is None:
@@ -288,34 +279,29 @@ def tare_recordings(
             f"{subject(len(without))} no trigger_index: {first_names([*map(repr, without)])}; where the rest ends "
             "is not known: call .find_onsets(), or leave them out"
         )
-    rests = [r.trigger_index or 0 for r in recordings]
-    rates = [r.rate_hz or 0.0 for r in recordings]  # all are uniform here
     least_s, most_s = TARE_S if lead_s is None else (lead_s, lead_s)
-    leads = [min(samples_in("lead_s", most_s, rate), rest) for rate, rest in zip(rates, rests, strict=True)]
-    wanted = [samples_in("lead_s", least_s, rate) for rate in rates]
-    short = [i for i, (n, least) in enumerate(zip(leads, wanted, strict=True)) if n < least]
-    if short:
-        raise GranularIdError(_too_short(recordings, rests, short, least_s))
     results, rows = [], []
-    for recording, n, rest in zip(recordings, leads, rests, strict=True):
+    for recording in recordings:
+        rate, rest = (
+            recording.rate_hz or 0.0,
+            recording.trigger_index or 0,
+        )  # all are uniform and have one here
+        n = min(samples_in("lead_s", most_s, rate), rest)
+        if n < samples_in("lead_s", least_s, rate):
+            raise GranularIdError(_too_short(recordings, recording, least_s))
         zero = rest_zero(recording.wrench[rest - n : rest])
         results.append(with_samples(recording, recording.wrench - zero, tare="rest"))
         axes = dict(zip(recording.axes, zero.tolist(), strict=True))
-        rows.append({"name": recording.name, "lead_s": n / (recording.rate_hz or 1.0), **axes})
+        rows.append({"name": recording.name, "lead_s": n / rate, **axes})
     stated = None if lead_s is None else float(lead_s)
     return results, StepReport("tare", {"lead_s": stated}, {"recordings": len(results)}, rows)
 
 
-def _too_short(
-    recordings: Sequence[Recording], rests: Sequence[int], short: Sequence[int], least_s: float
-) -> str:
+def _too_short(recordings: Sequence[Recording], first: Recording, least_s: float) -> str:
     """Say which recording has too short a rest, and what would fit."""
-    seconds = [rest / (r.rate_hz or 1.0) for r, rest in zip(recordings, rests, strict=True)]
-    name, shortest = recordings[short[0]].name, min(seconds)
-    said = (
-        f"recording {name!r} has {seconds[short[0]]:g} s of rest before its trigger, {least_s:g} s are wanted; "
-        f"{len(short)} of {counted(len(recordings))} have too little"
-    )
+    rests = [(r.trigger_index or 0) / (r.rate_hz or 1.0) for r in recordings]
+    own, shortest = (first.trigger_index or 0) / (first.rate_hz or 1.0), min(rests)
+    said = f"recording {first.name!r} has {own:g} s of rest before its trigger, {least_s:g} s are wanted; "
     if shortest > 0:
-        return f"{said}, lead_s={np.floor(1e3 * shortest) / 1e3:g} fits all"
-    return f"{said}; leave out those without any rest, or record with a pre-trigger buffer"
+        return f"{said}lead_s={np.floor(1e3 * shortest) / 1e3:g} fits all"
+    return f"{said}leave out those without any rest, or record with a pre-trigger buffer"

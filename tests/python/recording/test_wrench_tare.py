@@ -101,7 +101,7 @@ def test_of_a_long_rest_the_last_two_seconds_are_taken():
 
 
 def test_too_short_a_rest_is_refused_with_one_that_fits(data):
-    with pytest.raises(ValueError, match=r"0.25 s are wanted; 6 of 6 recordings .* lead_s=0\.1\d* fits all"):
+    with pytest.raises(ValueError, match=r"0.25 s are wanted; lead_s=0\.1\d* fits all"):
         data.tare(lead_s=0.25)
     shortest = min(r.trigger_index for r in data) / 500
     data.tare(lead_s=np.floor(1000 * shortest) / 1000)
@@ -109,7 +109,7 @@ def test_too_short_a_rest_is_refused_with_one_that_fits(data):
 
 def test_less_than_a_tenth_of_a_second_is_taken_where_it_is_stated(data):
     short = Dataset([replace(data[0], trigger_index=40)])
-    with pytest.raises(ValueError, match=r"has 0.08 s of rest .* 0.1 s are wanted; .* lead_s=0.08 fits all"):
+    with pytest.raises(ValueError, match=r"has 0.08 s of rest .* 0.1 s are wanted; lead_s=0.08 fits all"):
         short.tare()
     assert short.tare(lead_s=0.08).history[-1].rows[0]["lead_s"] == 0.08
 
