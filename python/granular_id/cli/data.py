@@ -147,7 +147,7 @@ def check(
     between("--false-alarm-rate", false_alarm_rate)
     limits = _range_of(sensor_range)
     data = steps.taken(reading.load())
-    report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate, progress=True)
+    report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate)
     show("\n" + report.text(width=min(Console().width, 100)))
     mixed = mixed_setup_warnings(data)
     for line in mixed:

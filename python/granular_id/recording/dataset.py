@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import FloatArray, items_of
 from granular_id._core import GranularIdError
-from granular_id._progress import ProgressCallback
 from granular_id._text import counted
 from granular_id.recording.checks import CheckReport, SensorRange
 from granular_id.recording.clock import MAX_GAP_S
@@ -415,7 +414,7 @@ class Dataset:
         n_samples: int | Literal["shortest"] | None = None,
         *,
         duration_s: float | None = None,
-        trigger: Literal["recorded"] | Sequence[int] | None = None,
+        trigger: Literal["recorded"] | None = None,
         lead_s: float = 0.0,
         on_short: Literal["raise", "skip"] = "raise",
     ) -> Dataset:
@@ -427,9 +426,8 @@ class Dataset:
             Samples to keep, or as many as the shortest recording offers.
         duration_s : float, optional
             The same in seconds (n = round(duration_s * rate)); exactly one of the two is given.
-        trigger : None, "recorded" or sequence of int
-            Where to begin: at the first sample, at each recording's `trigger_index`, or at these indices,
-            shape (n,).
+        trigger : {None, "recorded"}
+            Where to begin: at the first sample, or at each recording's `trigger_index`.
         lead_s : float
             Seconds kept ahead of the trigger.
         on_short : {"raise", "skip"}
@@ -664,7 +662,6 @@ class Dataset:
         *,
         sensor_range: SensorRange | None = None,
         false_alarm_rate: float = 0.01,
-        progress: bool | ProgressCallback = False,
     ) -> CheckReport:
         """Look for what would spoil an evaluation: ``print`` it.
 
@@ -677,9 +674,6 @@ class Dataset:
         false_alarm_rate : float
             Chance that a statistical check (each of: leaks, outliers, clipping) speaks up
             in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.001 as 0.001.
-        progress : bool or callable
-            True draws a bar on a terminal; a callable is called as ``progress(done, total, what)`` after each step.
-            Default: silent; a thousand recordings take two seconds.
 
         Returns
         -------
@@ -695,7 +689,7 @@ class Dataset:
         # slow to import, and few programs look their recordings over
         from granular_id.recording.checks.run import check_recordings
 
-        return check_recordings(self.recordings, sensor_range, false_alarm_rate, progress)
+        return check_recordings(self.recordings, sensor_range, false_alarm_rate)
 
     def __add__(self, other: Dataset) -> Dataset:
         return Dataset.concatenate([self, other]) if isinstance(other, Dataset) else NotImplemented

@@ -254,7 +254,8 @@ def test_unknown_labels_are_not_counted_and_flagged_samples_are_told(model, tmp_
 
 def test_longer_recordings_begin_at_their_trigger_or_where_it_is_said(fresh, tmp_path):
     data, file = fresh
-    cropped = make().align(50, trigger=[10] * 30, lead_s=0.04)
+    begun = Dataset([replace(r, trigger_index=10) for r in make()])
+    cropped = begun.align(50, trigger="recorded", lead_s=0.04)
     save(Dataset([replace(r, trigger_index=5) for r in cropped]), tmp_path / "train.npz")
     model = tmp_path / "m.safetensors"
     ended_well("train", tmp_path / "train.npz", "-o", model, *SMALL_MODEL, "--quiet")

@@ -49,14 +49,12 @@ def test_a_sound_set_is_only_said_to_be_small():
     ("recordings", "code", "words"),
     [
         (SMALL[:4], "one-label", "all recordings are 'rice': nothing to tell apart"),
-        (SMALL[:7], "uneven", "between 3 and 4 recordings per label"),
         (
             [recording(session=None), recording(label="peas", session=None)],
             "no-session",
             "(--session file or ",
         ),
         ([SMALL[0], recording(label="peas", session="s9")], "session-is-label", "2 of 2 labels"),
-        ([*SMALL, recording(30)], "lengths-differ", "lengths differ, 20 to 30 samples"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -71,7 +69,7 @@ def test_labels_that_share_a_session_are_no_leak():
 def test_gaps_name_the_recording():
     times = np.arange(20) / 100 + 0.3 * (np.arange(20) >= 10)
     found = found_in(*SMALL, recording(rate_hz=None, time_s=times, name="holed"))
-    assert found["irregular"].recordings == ("holed",)
+    assert found["gaps"].recordings == ("holed",)
     assert "0.31 s in 'holed'" in found["gaps"].message
     assert "slow" not in found
 
@@ -89,13 +87,11 @@ def test_constant_recordings_are_judged_without_a_stumble():
     assert "stuck-axis" in codes(constant.check(sensor_range=100))
 
 
-def test_readings_that_no_sensor_gives_are_refused_before_they_overflow():
+def test_readings_that_no_sensor_gives_are_judged_without_a_stumble():
     wrenches = np.random.default_rng(0).normal(size=(12, 50, 6))
     wrenches[5] *= 1e300
     with np.errstate(all="raise"):
-        (finding,) = alternating(wrenches).check()
-    assert (finding.code, finding.indices) == ("beyond-range", (5,))
-    assert finding.message.startswith("1 recording with readings above 1e+100")
+        assert by_code(alternating(wrenches).check())["units"].indices == (5,)
 
 
 @pytest.mark.data
@@ -117,9 +113,9 @@ def report():
 
 
 def test_worst_first_with_a_verdict_each(report):
-    assert [finding.severity for finding in report] == ["error", "warning", "info"]
+    assert [finding.severity for finding in report] == ["error", "warning"]
     assert report.worst == "error"
-    assert report.counts == {"no-label": 1, "stuck-axis": 5, "uneven": 48}
+    assert report.counts == {"no-label": 1, "stuck-axis": 5}
     assert [report.states[i] for i in (2, 10, 0)] == ["error", "warning", "ok"]
     assert len(report.states) == 48
     nameless = Dataset([recording(seed=i, label="ab"[i % 2]) for i in range(4)])
@@ -128,7 +124,7 @@ def test_worst_first_with_a_verdict_each(report):
 
 
 def test_it_is_a_sequence(report):
-    assert (len(report), report[0].code, report[1:3]) == (3, "no-label", (report[1], report[2]))
+    assert (len(report), report[0].code, report[1:]) == (2, "no-label", (report[1],))
     assert report[0] in report
     empty = CheckReport((), 1)
     assert bool(report)
@@ -155,13 +151,6 @@ def test_findings_are_frozen_compare_and_print_three_names():
     with pytest.raises(TypeError):
         finding.values["share"] = 1
     assert str(Finding("info", "x", "four", ("a", "b", "c", "d"))) == "info: four [a, b, c, ...]"
-
-
-def test_every_step_is_told():
-    told = []
-    sound_set().check(progress=lambda *step: told.append(step))
-    assert [(done, total) for done, total, _ in told] == [(i, len(told)) for i in range(1, len(told) + 1)]
-    assert {"copies", "leaks", "outliers"} <= {what for *_, what in told}
 
 
 # --- The summary

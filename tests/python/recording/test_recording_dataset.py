@@ -200,13 +200,15 @@ def test_align_at_the_recorded_trigger(mixed):
     assert aligned.start_times.tolist() == [30.0, 10.0 + 3 / 100]
 
 
-def test_align_at_given_samples_carries_flags_and_forgets_lost_triggers():
-    data = Dataset([recording(6, flags=[1, 0, 0, 2, 0, 0], trigger_index=0), recording(6, seed=1)])
-    aligned = data.align(3, trigger=[2, 3])
+def test_align_carries_flags_and_moves_triggers():
+    flagged = recording(6, flags=[1, 0, 0, 2, 0, 0], trigger_index=4)
+    data = Dataset([flagged, recording(6, seed=1, trigger_index=5)])
+    aligned = data.align(3, trigger="recorded", lead_s=0.02)
     np.testing.assert_array_equal(aligned.X[0], data[0].wrench[2:5])
     np.testing.assert_array_equal(aligned.X[1], data[1].wrench[3:6])
     assert aligned[0].flags.tolist() == [0, 2, 0]
-    assert aligned[0].trigger_index is None
+    assert [one.trigger_index for one in aligned] == [2, 2]
+    assert data.align(3)[0].trigger_index is None
 
 
 def test_align_skips_short_recordings_only_when_told(mixed):
@@ -223,7 +225,7 @@ def test_align_skips_short_recordings_only_when_told(mixed):
     [
         ({}, "exactly one of n_samples (a number, or 'shortest') and duration_s"),
         ({"n_samples": 3, "duration_s": 1.0}, "exactly one of n_samples"),
-        ({"n_samples": 0}, "n_samples=0 gives 0 samples"),
+        ({"n_samples": 0}, "n_samples must be at least 1, got 0"),
         ({"n_samples": "longest"}, "n_samples='longest'"),
         ({"duration_s": 0.001}, "duration_s=0.001 at 100 Hz is less than one sample"),
         ({"duration_s": np.nan}, "duration_s must be finite"),
@@ -232,8 +234,6 @@ def test_align_skips_short_recordings_only_when_told(mixed):
         ({"n_samples": 3, "on_short": "pad"}, "on_short='pad'"),
         ({"n_samples": 3, "lead_s": 0.1}, "give trigger= too"),
         ({"n_samples": 3, "trigger": "onset"}, "trigger='onset'"),
-        ({"n_samples": 3, "trigger": [1, 2]}, "trigger has 2 indices for 3 recordings"),
-        ({"n_samples": 3, "trigger": [1, 2, 11]}, "trigger 11 is outside recording 'r3' (11 samples)"),
         ({"n_samples": 3, "trigger": "recorded", "lead_s": 0.03}, "'r1' begins 1 samples too late"),
     ],
 )
@@ -255,14 +255,14 @@ def test_align_refuses_missing_triggers_and_rates():
     shift=st.integers(0, 4),
 )
 def test_align_accounts_for_every_sample(lengths, n, shift):
-    data = Dataset([recording(length, seed=i) for i, length in enumerate(lengths)])
+    data = Dataset([recording(length, seed=i, trigger_index=shift) for i, length in enumerate(lengths)])
     aligned = None
     fits = [length - shift >= n for length in lengths]
     if not any(fits):
         with pytest.raises(ValueError, match="none of the"):
-            data.align(n, trigger=[shift] * len(lengths), on_short="skip")
+            data.align(n, trigger="recorded", on_short="skip")
         return
-    aligned = data.align(n, trigger=[shift] * len(lengths), on_short="skip")
+    aligned = data.align(n, trigger="recorded", on_short="skip")
     kept = [r for r, fit in zip(data, fits, strict=True) if fit]
     totals = aligned.history[-1].totals
     assert totals["recordings_skipped"] == len(data) - len(kept)

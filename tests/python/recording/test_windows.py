@@ -102,9 +102,7 @@ def test_recordings_shorter_than_a_window():
     kept = data.windows(2, on_short="skip")
     assert kept.names == ("drive @ 0 s",)
     assert kept.history[-1].rows[0]["skipped"].startswith("is shorter")
-    with pytest.raises(
-        ValueError, match="none of the 2 recordings is as long as a window of 30 samples; the longest has 20"
-    ):
+    with pytest.raises(ValueError, match="none of the 2 recordings is as long as a window of 30 samples"):
         data.windows(3, on_short="skip")
 
 

@@ -14,24 +14,12 @@ from granular_id.recording.checks.report import Finding
 from granular_id.recording.recording import KNOWN_UNITS, Recording, unit_of
 from granular_id.recording.report import subject
 
-# No sensor reads this, in any unit; the squares of such readings would overflow in other checks.
-ABSURD = 1e100
 # Largest readings per unit: a rod through gravel takes tens of newtons, wrist sensors end at some hundred.
 PLAUSIBLE = {"N": 1000.0, "N m": 100.0}
 # Shorter recordings are not judged by their own extremes: there is no telling what is usual.
 SHORTEST = 30
 # Axes that repeat the reading before in more than this part of the samples are too coarse to judge.
 COARSE = 0.3
-
-
-def check_absurd(data: Measured) -> Iterator[Finding]:
-    """Find readings that no later check could bear."""
-    absurd = [i for i, peak in enumerate(data.peaks) if peak.max() > ABSURD]
-    if absurd:
-        message = (
-            f"{counted(len(absurd))} with readings above {ABSURD:g}: repair or leave out, then check again"
-        )
-        yield data.finding("error", "beyond-range", message, absurd)
 
 
 def check_units(data: Measured) -> Iterator[Finding]:
