@@ -42,7 +42,6 @@ from granular_id.recording import (
     columns_of,
     is_unit,
     meaning_of,
-    name_and_unit,
 )
 
 _SEPARATORS = (",", ";", "\t", "|")
@@ -84,7 +83,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     doubtful = not given.keys() & {"names", "header", "usecols"} and _names_no_axes(source.path, head, stated)
     columns, notes = _columns(_read(pandas, source.path, head, _FEW if doubtful else None), source.path, head)
     try:
-        columns_of(list(columns), stated.axes, stated.columns)
+        columns_of(tuple(columns), stated.axes, stated.columns)
     except TableError as error:
         raise _no_columns(source.path, error, head, columns) from error
     if doubtful:
@@ -117,7 +116,7 @@ def _refuse_other_units(
 ) -> None:
     """Refuse units above the names, or below them, that are not understood."""
     named = [name for name in columns if meaning_of(name).what in AXES]
-    silent = options.units is None and not units and any(name_and_unit(name)[1] is None for name in named)
+    silent = options.units is None and not units and any(meaning_of(name).unit is None for name in named)
     for i, line in enumerate(head.above, 1):
         said = _SOME_UNITS.fullmatch(line.strip()) if silent else None
         words = [] if said is None else re.findall(r"[^\s,;/\"':=]+", said[1])
@@ -153,7 +152,7 @@ def _names_no_axes(path: Path, head: _Head, stated: Stated) -> bool:
     twice = next((name for i, name in enumerate(head.names) if name and name in head.names[:i]), None)
     named = [name for name in dict.fromkeys(head.names) if name]
     try:
-        columns_of(named, stated.axes, stated.columns)
+        columns_of(tuple(named), stated.axes, stated.columns)
     except TableError as error:
         found = None if "skiprows" in head.options else _line_of_names(path, head, stated.axes)
         if found is not None and found + 1 != head.line:
@@ -181,7 +180,7 @@ def _no_columns(
     if error.no_wrench and unnamed is not None:
         way_out = unnamed
     elif error.no_wrench and numbers:
-        short = [name_and_unit(name)[0] for name in numbers]
+        short = [meaning_of(name).base for name in numbers]
         way_out = (
             f"; for other axes pass axes={','.join(numbers if len(set(short)) < len(short) else short)!r}"
         )
@@ -213,7 +212,7 @@ def _line_of_names(path: Path, head: _Head, axes: Sequence[str] | None) -> int |
     for i, line in enumerate(_lines(path, head.options.get("encoding"), _HEAD_LINES)):
         for separator in _SEPARATORS:
             try:
-                columns_of([name.strip(' "') for name in line.split(separator)], axes)
+                columns_of(tuple(name.strip(' "') for name in line.split(separator)), axes)
             except TableError:
                 continue
             return i
@@ -495,8 +494,8 @@ def _heads(recording: Recording) -> Sequence[str]:
         for axis in axes
     ]
     try:
-        found = [columns_of(heads, axes)[axis] for axis in axes]
-        units_back = [name_and_unit(head)[1] for head in heads]
+        found = [columns_of(tuple(heads), axes)[axis] for axis in axes]
+        units_back = [meaning_of(head).unit for head in heads]
     except TableError:
         return axes
     told = [None if head == axis else stated[axis] for axis, head in zip(axes, heads, strict=True)]

@@ -18,13 +18,18 @@ from granular_id.recording.columns import (
     columns_of as columns_of,
     is_unit as is_unit,
     meaning_of as meaning_of,
-    name_and_unit as name_and_unit,
     same_unit as same_unit,
     samples_of as samples_of,
     wrench_of as wrench_of,
 )
 from granular_id.recording.conditions import condition_of as condition_of
-from granular_id.recording.conversion import restated as restated, to_recordings as to_recordings
+from granular_id.recording.conversion import (
+    Stated as Stated,
+    Table as Table,
+    restated as restated,
+    to_recordings as to_recordings,
+    units_by_axis as units_by_axis,
+)
 from granular_id.recording.dataset import Dataset, describe_data as describe_data
 from granular_id.recording.frames import checked_time_unit as checked_time_unit, names_in as names_in
 from granular_id.recording.onset import (
@@ -72,11 +77,6 @@ from granular_id.recording.summary import (
     Summary,
     axes_in_words as axes_in_words,
     headline as headline,
-)
-from granular_id.recording.table import (
-    Stated as Stated,
-    Table as Table,
-    units_by_axis as units_by_axis,
 )
 from granular_id.recording.wrench import (
     GRAVITY as GRAVITY,

@@ -125,14 +125,8 @@ def is_unit(text: str) -> bool:
     return not plain or plain in ("-", "1") or known or plain.lower() in _OTHER_UNITS
 
 
-TIME, RECORDING, LABEL, SESSION, RATE, FLAGS = (
-    "time",
-    "recording",
-    "label",
-    "session",
-    "rate_hz",
-    "sample_flags",
-)
+TIME, NANOSECONDS, RECORDING, LABEL, SESSION = "time", "nanoseconds", "recording", "label", "session"
+RATE, FLAGS = "rate_hz", "sample_flags"
 ABOUT = (TIME, RECORDING, LABEL, SESSION, RATE, FLAGS)
 """What a column may be besides an axis; flags only in files that are written here: ``flags`` may be anything."""
 
@@ -153,11 +147,13 @@ _WORDS = {
     **dict.fromkeys(("ratehz", "fs", "samplingrate"), RATE),
     "sampleflags": FLAGS,
 }
+_QUANTITIES = {**dict.fromkeys(AXES[:3], "N"), **dict.fromkeys(AXES[3:], "N m"), TIME: "s", RATE: "Hz"}
+"""The unit in which values are wanted."""
 
 _LONGEST = 200
 """Characters of a name: a topic, a field and a unit have room, and no regular expression takes long."""
 
-_BETWEEN = r"[\s_./-]+"
+_BETWEEN = re.compile(r"[\s_./-]+")
 _PATH = re.compile(r"(?:(?:.*/|field\.)?wrench[\s_./-]+|field\.)")
 _BRACKETED = re.compile(r"(.+?)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
 _TRAILING = re.compile(
@@ -167,6 +163,7 @@ _TRAILING = re.compile(
     re.IGNORECASE,
 )
 _IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORECASE)
+"""Columns of whole seconds and of nanoseconds, as ROS prints stamps."""
 
 
 class TableError(GranularIdError):
@@ -183,57 +180,34 @@ class TableError(GranularIdError):
 
 
 class Meaning(NamedTuple):
-    """What a column is, by its name; None where that is not known, and the unit that the name states."""
+    """A name of a column without its unit, that unit, what the column is (None: not known), and what one unit is."""
 
-    what: str | None
+    base: str
     unit: str | None = None
-
-    @property
-    def quantity(self) -> str | None:
-        """The unit that its values are wanted in; None where there is none."""
-        if self.what in AXES:
-            return "N" if self.what[0] == "f" else "N m"
-        return {TIME: "s", RATE: "Hz"}.get(self.what or "")
-
-    @property
-    def scale(self) -> float | None:
-        """What one of the stated unit is in the one wanted; None where that is not known."""
-        if self.unit is None:
-            return 1.0
-        return None if self.quantity is None else factor(self.unit, self.quantity)
+    what: str | None = None
+    scale: float | None = 1.0  # in N, N m, s or Hz; None where the unit is none of those
 
 
 @lru_cache(maxsize=1024)  # every file of a folder has the same header
 def meaning_of(name: str) -> Meaning:
-    """Say what a column of this name is."""
-    text = name.strip()
-    if text == "T" or len(text) > _LONGEST:  # time, torque or temperature
-        return Meaning(None)
-    base, unit = name_and_unit(name)
-    return Meaning(_word(base), unit)
+    """Say what a column of this name is: ``wx [rad/s]`` is ``wx`` in ``rad/s``."""
+    base, unit = name.strip(), None
+    if len(base) > _LONGEST:
+        return Meaning(base)
+    if (found := _BRACKETED.fullmatch(base)) is not None:
+        base, unit = found[1], (found[3] or found[2] or "").strip() or None
+    elif _word(base) is None and (found := _TRAILING.fullmatch(base)) is not None:
+        base, unit = found[1], found[2]
+    what = None if name.strip() == "T" else _word(base)  # time, torque or temperature
+    wanted = _QUANTITIES.get(what or "")
+    scale = 1.0 if unit is None else None if wanted is None else factor(unit, wanted)
+    return Meaning(base, unit, what, scale)
 
 
 def _word(text: str) -> str | None:
-    text = text.lower()
+    text = text.strip().lower()
     path = _PATH.match(text)
-    return _WORDS.get(_plain(text[path.end() :] if path else text))
-
-
-def _plain(text: str) -> str:
-    return re.sub(_BETWEEN, "", text.strip().lower())
-
-
-@lru_cache(maxsize=1024)
-def name_and_unit(name: str) -> tuple[str, str | None]:
-    """Part a name in what comes before its unit, and the unit: ``wx [rad/s]``."""
-    text = name.strip()
-    if len(text) > _LONGEST:
-        return text, None
-    if (found := _BRACKETED.fullmatch(text)) is not None:
-        base, square, round_ = found.groups()
-        return base, (square if round_ is None else round_).strip() or None
-    trailing = None if _word(text) is not None else _TRAILING.fullmatch(text)
-    return (text, None) if trailing is None else (trailing[1], trailing[2])
+    return _WORDS.get(_BETWEEN.sub("", text[path.end() :] if path else text))
 
 
 def cell_text(value: Any) -> str:
@@ -243,40 +217,35 @@ def cell_text(value: Any) -> str:
     return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value).strip()
 
 
+@lru_cache(maxsize=256)
 def columns_of(
-    names: Sequence[str],
-    axes: Sequence[str] | None = None,
-    asked: Mapping[str, str | None] | None = None,
-) -> dict[str, str]:
+    names: tuple[str, ...],
+    axes: tuple[str, ...] | None = None,
+    asked: tuple[tuple[str, str | None], ...] = (),
+) -> Mapping[str, str]:
     """Find the columns that hold the axes, and the clock and what tells recordings apart where there are such.
 
     Parameters
     ----------
-    names : sequence of str
+    names : tuple of str
         Names of all columns.
-    axes : sequence of str, optional
+    axes : tuple of str, optional
         The axes wanted, in their order; by default fx fy fz tx ty tz.
-    asked : mapping, optional
+    asked : tuple of pairs of str
         Columns that somebody names: of the time, recording, label or session.
 
     Returns
     -------
-    dict
-        Names of columns by axis, and by `TIME`, `RECORDING`, `LABEL`, `SESSION`, `RATE`, `FLAGS`.
+    mapping
+        Names of columns by axis, and by `ABOUT` and `NANOSECONDS`.
     """
-    chosen = tuple((what, name) for what, name in (asked or {}).items() if name is not None)
-    return dict(_columns_of(tuple(names), None if axes is None else tuple(axes), chosen))
-
-
-@lru_cache(maxsize=256)
-def _columns_of(
-    names: tuple[str, ...], axes: tuple[str, ...] | None, asked: tuple[tuple[str, str], ...]
-) -> Mapping[str, str]:
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
         raise TableError(f"column {twice!r:.60} occurs twice")
-    found = {axis: _column_of(axis, names, axes is not None) for axis in axes or AXES}
+    found = {axis: _column_of(axis, names, is_named=axes is not None) for axis in axes or AXES}
     for what, name in asked:
+        if name is None:
+            continue
         if name not in names:
             raise TableError(f"{what}={name!r:.60} is no column of it; there are {_listed(names)}")
         if name in found.values():
@@ -287,32 +256,25 @@ def _columns_of(
         places = [name for name in names if name not in taken and meaning_of(name).what == what]
         if what in found or not places:
             continue
-        if what == TIME:
-            places = sorted(places, key=_preference)[:1]
+        if what == TIME and len(places) > 1:
+            plain = [_BETWEEN.sub("", meaning_of(name).base.lower()) for name in places]
+            ranks = [TIMES.index(one) if one in TIMES else len(TIMES) for one in plain]
+            places = [places[ranks.index(min(ranks))]]
         if len(places) > 1:
             problem = f"columns {' and '.join(map(repr, places[:2]))} both mean {what}"
             raise TableError(f"{problem}; name one of them: {_CHOOSES.get(what, 'keep only one')}")
         found[what] = places[0]
-    return found
+    beside = [name for name in names if TIME in found and _IN_TWO.fullmatch(f"{found[TIME]}\n{name}")]
+    return {**found, NANOSECONDS: beside[0]} if beside else found
 
 
-def _preference(name: str) -> int:
-    plain = _plain(name_and_unit(name)[0])
-    return TIMES.index(plain) if plain in TIMES else len(TIMES)
-
-
-def nanoseconds_beside(time: str, names: Sequence[str]) -> str | None:
-    """Return the column of nanoseconds that belongs to one of whole seconds, as ROS prints stamps."""
-    return next((name for name in names if _IN_TWO.fullmatch(f"{time}\n{name}")), None)
-
-
-def _column_of(axis: str, names: Sequence[str], is_named: bool) -> str:
+def _column_of(axis: str, names: Sequence[str], *, is_named: bool) -> str:
     """Return the column that holds an axis: the one called so, or without its unit, or by another name of fx to tz."""
     small = axis.strip().lower()
     tiers = (
         [name for name in names if name.strip() == axis],
         [name for name in names if name.strip().lower() == small],
-        [name for name in names if name_and_unit(name)[0].strip().lower() == small],
+        [name for name in names if meaning_of(name).base.strip().lower() == small],
         [name for name in names if axis in AXES and meaning_of(name).what == axis],
     )
     for places in tiers:
@@ -326,18 +288,15 @@ def _column_of(axis: str, names: Sequence[str], is_named: bool) -> str:
             return sound[0]
     bad = next((name for places in tiers for name in places), None)
     if bad is not None:
-        unit, wanted = meaning_of(bad).unit or "", TAKEN[Meaning(axis).quantity or ""]
+        unit, wanted = meaning_of(bad).unit or "", TAKEN[_QUANTITIES[axis]]
         raise TableError(f"the unit of column {bad!r:.60} is {unit!r:.40}; wanted {wanted}")
     if is_named:
         raise TableError(f"axes names {axis!r:.60}, which is no column of it; there are {_listed(names)}")
     some = any(meaning_of(name).what in AXES for name in names)
+    missing = f"column {axis!r} is missing; wanted" if some else "names none of"
     also = "also force_x, wrench.force.x, 'Fx [N]'; mx, torque_x, moment_x"
-    if some:
-        raise TableError(
-            f"column {axis!r} is missing; wanted {', '.join(AXES)} ({also}); there are {_listed(names)}"
-        )
-    problem = f"names none of {', '.join(AXES)} ({also}); there are {_listed(names)}"
-    raise TableError(problem, no_wrench=True)
+    problem = f"{missing} {', '.join(AXES)} ({also}); there are {_listed(names)}"
+    raise TableError(problem, no_wrench=not some)
 
 
 def _listed(names: Sequence[str], most: int = 20) -> str:

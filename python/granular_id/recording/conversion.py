@@ -1,24 +1,27 @@
-"""``to_recordings``: the one place that settles clock, label, session, and which rows of a table belong together."""
+"""``to_recordings``: the one place that settles axes, units, clock, label and session of a ``Table``.
+
+Every format and every data frame becomes a `Table`, and passes here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray, checked_text, thaw
+from granular_id._checks import FloatArray, argument_error, checked_text, frozen_mapping, locked
+from granular_id._core import AXES, GranularIdError
 from granular_id._text import counted
 from granular_id.recording.clock import (
     IGNORED_OUT,
     SINCE_1970,
-    ClockError,
     Stamps,
     has_date,
     rate_of,
-    refuse_unlikely,
     stamps_of,
     time_order,
     unpacked,
@@ -26,42 +29,141 @@ from granular_id.recording.clock import (
 from granular_id.recording.columns import (
     FLAGS,
     LABEL,
+    NANOSECONDS,
     RATE,
     RECORDING,
     SESSION,
+    TAKEN,
     TIME,
     TableError,
     cell_text,
+    columns_of,
     factor,
+    meaning_of,
+    same_unit,
+    unit_spelling,
 )
-from granular_id.recording.recording import KNOWN_FLAGS, Recording, SampleFlag
-from granular_id.recording.table import Picked, Stated, Table, numbers_of, picked_columns
+from granular_id.recording.recording import (
+    KNOWN_FLAGS,
+    Recording,
+    SampleFlag,
+    checked_axes,
+    unit_of,
+    with_named_units,
+)
 
-Text = Literal["label", "session"]
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
+_THOUSANDS = re.compile(r"\s*[+-]?\d{1,3}(,\d{3})+\.\d*\s*")
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Samples and what is stated beside them.
+
+    Attributes
+    ----------
+    name : str
+        How reports call the recording; of several, each has its own part behind it.
+    columns : mapping of str to ndarray of shape (T,)
+        Columns by their names, in the order of the table: axes, clock and others.
+    values : ndarray of shape (T, C), optional
+        The samples in place of `columns`, one recording.
+    axes : tuple of str, optional
+        Names of the columns of `values`.
+    units : mapping of str to str
+        Units that are stated beside the names, by column or axis.
+    stamps : ndarray of shape (T,), optional
+        The clock of `values`: seconds, or numpy's dates.
+    rate_hz, label, session, meta
+        What the file states of the recording, as in `Recording`.
+    clock : str
+        How errors call the clock.
+    is_text : bool
+        Whether ``pandas.read_csv`` made it, so that options of that may read it otherwise.
+    """
+
+    name: str = ""
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    values: NDArray[Any] | None = None
+    axes: tuple[str, ...] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    stamps: NDArray[Any] | None = None
+    rate_hz: float | None = None
+    label: str | None = None
+    session: str | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    clock: str = "time"
+    is_text: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """What a caller, an option or an index says of recordings; it is obeyed, or refused where the table contradicts.
+
+    Attributes
+    ----------
+    rate_hz, time_unit, axes, units
+        As in `granular_id.load`.
+    time, id : str, optional
+        Columns of the clock, and of what tells recordings apart.
+    label, session : str, optional
+        Of all recordings; they win over what the table says.
+    label_from, session_from : str, optional
+        Where else to look: ``"column:NAME"``, or ``"meta:PATH"``, a place in the metadata.
+    label_else, session_else : str, optional
+        What holds where nothing else says it.
+    start_time, trigger_index, meta
+        Of the one recording.
+    irregular : bool
+        Keep stamps even where they are even.
+    repair : bool
+        Sort samples whose stamps run back.
+    """
+
+    rate_hz: float | None = None
+    time_unit: str | None = None
+    axes: tuple[str, ...] | None = None
+    units: tuple[str, ...] | None = None
+    time: str | None = None
+    id: str | None = None
+    label: str | None = None
+    session: str | None = None
+    label_from: str | None = None
+    session_from: str | None = None
+    label_else: str | None = None
+    session_else: str | None = None
+    start_time: float | None = None
+    trigger_index: int | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    irregular: bool = False
+    repair: bool = False
+
+    @property
+    def columns(self) -> tuple[tuple[str, str | None], ...]:
+        """Columns that somebody names: of the clock, what tells recordings apart, label and session."""
+        places = ((LABEL, self.label_from), (SESSION, self.session_from))
+        named = [(what, place[7:]) for what, place in places if place and place.startswith("column:")]
+        return ((TIME, self.time), (RECORDING, self.id), *named)
 
 
 @dataclass
 class Made:
     """What `to_recordings` made: recordings, a row for each with remarks, and notes on the whole table."""
 
-    recordings: list[Recording]
+    recordings: list[Recording] = field(default_factory=list)
     rows: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
 def to_recordings(table: Table, stated: Stated) -> Made:
-    """Make the recordings of a table.
+    """Make the recordings of a table, in the order in which they begin.
 
     Parameters
     ----------
     table : Table
     stated : Stated
-        What a caller, an option or an index says; it is obeyed, or refused where the table says something else.
-
-    Returns
-    -------
-    Made
-        Recordings in the order in which they begin.
+        What a caller, an option or an index says.
 
     Raises
     ------
@@ -69,11 +171,13 @@ def to_recordings(table: Table, stated: Stated) -> Made:
         What is missing, or contradicts itself or what is stated; with row and column.
     """
     picked = picked_columns(table, stated)
-    parts = _parts(picked, table.name)
+    parts = [(np.arange(len(picked.wrench)), table.name)]
+    if RECORDING in picked.columns:
+        parts = _parts(picked, table.name)
     if len(parts) > 1 and (stated.start_time is not None or stated.trigger_index is not None):
         problem = f"start_time and trigger_index are stated for {counted(len(parts))}"
         raise TableError(f"{problem}; wanted in the file itself")
-    made = Made([], [], picked.notes)
+    made = Made(notes=picked.notes)
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
         made.recordings.append(part.recording())
@@ -81,19 +185,217 @@ def to_recordings(table: Table, stated: Stated) -> Made:
     return made
 
 
+# Columns, axes and units.
+
+
+def units_by_axis(axes: Sequence[str], units: Sequence[str] | None) -> dict[str, str]:
+    """Return the unit that is stated of each axis: of one for all, one an axis, or one for each of several equal runs.
+
+    Examples
+    --------
+    >>> from granular_id.recording import units_by_axis
+    >>> units_by_axis(("wx", "wy", "ax", "ay"), ("rad/s", "m/s2"))
+    {'wx': 'rad/s', 'wy': 'rad/s', 'ax': 'm/s2', 'ay': 'm/s2'}
+    """
+    if not units:
+        return {}
+    run, rest = divmod(len(axes), len(units))
+    if rest or not run:
+        problem = f"has {len(units)} for {len(axes)} axes ({', '.join(axes)})"
+        wanted = "wanted one for all, one per axis, or one for each of several runs of equal length"
+        raise argument_error(GranularIdError, "units", f"{problem}; {wanted}")
+    return {axis: unit for i, axis in enumerate(axes) if (unit := units[i // run])}
+
+
+@dataclass
+class Picked:
+    """The columns that were chosen; `called` says what each is called in the table."""
+
+    wrench: FloatArray  # N and N m where the axes are those of a wrench
+    axes: tuple[str, ...]
+    called: Mapping[str, str]
+    units: dict[str, str]  # of axes that are not of a wrench
+    notes: list[str]
+    columns: dict[str, NDArray[Any]]  # clock, id, label, session, rate, flags
+    time_unit: str | None  # what the clock counts, where the table says so
+
+
+def picked_columns(table: Table, stated: Stated) -> Picked:
+    """Choose the columns that are read, and settle axes and units."""
+    cells, asked_axes, beside_axes = dict(table.columns), stated.axes, True
+    if not cells:
+        cells, asked_axes, beside_axes = _named_cells(table, stated)
+    own = {what for what in (LABEL, SESSION) if getattr(table, what) is not None}
+    asked = tuple((what, name) for what, name in stated.columns if what not in own)
+    called = dict(columns_of(tuple(cells), asked_axes, asked if beside_axes else ()))
+    axes = asked_axes or AXES
+    if not beside_axes:
+        called = {axis: called[axis] for axis in axes}
+    if stated.id is None and RECORDING in called and _numbers_rows(cells[called[RECORDING]]):
+        del called[RECORDING]
+    scales, units, notes = _units_of(axes, called, table, stated)
+    columns = {what: cells[name] for what, name in called.items() if what not in axes}
+    time_unit = None if TIME not in called else table.units.get(called[TIME]) or meaning_of(called[TIME]).unit
+    if NANOSECONDS in columns:
+        seconds, nanoseconds = columns[TIME], columns.pop(NANOSECONDS)
+        if not (np.isfinite(seconds).all() and np.isfinite(nanoseconds).all()):
+            raise TableError("a stamp is empty", column=called[TIME])
+        columns[TIME] = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
+        time_unit = "ns"
+    if table.stamps is not None and TIME not in columns:
+        columns[TIME] = np.asarray(table.stamps)
+        n = len(cells[called[axes[0]]])
+        if columns[TIME].shape != (n,):
+            raise TableError(f"{TIME} has the shape {columns[TIME].shape} for {n} samples")
+    names = [called[axis] for axis in axes]
+    if table.values is not None and names == list(cells):  # not copied where nobody can change them
+        wrench = locked(np.asarray(table.values, np.float64, order="C"))
+    else:
+        wrench = numbers_of([cells[name] for name in names], names, is_text=table.is_text)
+    unread = [repr(name) for name in cells if name not in called.values()]
+    if unread:
+        notes.append(f"columns that are not read: {', '.join(unread)[:200]}")
+    others = {
+        name: what
+        for what, name in called.items()
+        if what != NANOSECONDS and (what, meaning_of(name).base.strip().lower()) != (TIME, "timestamp")
+        if meaning_of(name).base.strip().lower() != what.lower()
+    }
+    if others:
+        notes.append(f"columns {', '.join(map(repr, others))} taken as {', '.join(others.values())}"[:300])
+    wrench = wrench if scales is None else wrench * scales
+    return Picked(wrench, axes, called, units, notes, columns, time_unit)
+
+
+def _numbers_rows(values: NDArray[Any]) -> bool:
+    """Return True if a column counts 0, 1, 2 ...: it numbers samples, not recordings."""
+    return values.dtype.kind in "iu" and len(values) > 1 and bool((np.diff(values) == 1).all())
+
+
+def _named_cells(
+    table: Table, stated: Stated
+) -> tuple[dict[str, NDArray[Any]], tuple[str, ...] | None, bool]:
+    """Return the columns of an array by their names: its own, those stated, or the six of a wrench.
+
+    Also which of them are the axes, and whether others, such as a clock, are read beside the six.
+    """
+    values = np.asarray(table.values)
+    if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
+        came = f"{values.dtype} of shape {values.shape}"
+        raise TableError(f"samples are {came}; wanted numbers of shape (samples, axes)")
+    n, known = values.shape[1], table.axes
+    if known is not None and len(known) != n:
+        raise TableError(f"samples have {n} columns, and {len(known)} axes are named: {', '.join(known)}")
+    if known is None:
+        known = AXES if stated.axes is None else stated.axes
+    if len(known) != n:
+        came = "" if stated.axes is None else f", and axes names {len(known)}"
+        problem = f"samples have {n} columns without names{came}"
+        raise TableError(f"{problem}; pass axes= with a name for each", no_wrench=True)
+    try:
+        cells = dict(zip(checked_axes(known, values.shape), values.T, strict=True))
+    except (TypeError, ValueError) as error:
+        raise TableError(str(error)) from error
+    has_six = {meaning_of(name).what for name in known} >= set(AXES)
+    names_all = stated.axes is None or (table.axes is None and known == stated.axes)
+    if has_six and names_all and n > len(AXES):
+        return cells, None, True
+    of_wrench = has_six and n == len(AXES)
+    return cells, stated.axes or (AXES if of_wrench else tuple(known)), False
+
+
+def _units_of(
+    axes: Sequence[str], called: Mapping[str, str], table: Table, stated: Stated
+) -> tuple[tuple[float, ...] | None, dict[str, str], list[str]]:
+    """Return what makes N and N m of each axis (None: they are), units of other axes, and what was converted."""
+    asked = units_by_axis(axes, stated.units) if stated.units else {}
+    own: dict[str, str | None] = {}
+    scales: list[float] = []
+    for axis in axes:
+        name = called[axis]
+        in_name = meaning_of(name).unit if axis != name.strip() or axis in AXES else None
+        said = [
+            unit for unit in (in_name, table.units.get(name), table.units.get(axis)) if unit and unit != "-"
+        ]
+        other = next((unit for unit in said[1:] if not same_unit(said[0], unit)), None)
+        if other is not None:
+            problem = f"its unit is {said[0]!r:.40}, and {other!r:.40} is stated beside it"
+            raise TableError(problem, column=name)
+        if said and axis in asked and not same_unit(said[0], asked[axis]):
+            problem = f"its unit is {said[0]!r:.40}, and units= states {asked[axis]!r:.40}; leave it out"
+            raise TableError(problem, column=name)
+        own[axis] = unit = said[0] if said else asked.get(axis)
+        scale = 1.0 if unit is None or axis not in AXES else factor(unit, unit_of(axis))
+        if scale is None:
+            problem = f"its unit is {unit!r:.40}; wanted {TAKEN[unit_of(axis)]}; convert other values first"
+            raise TableError(problem, column=name)
+        scales.append(scale)
+    converted = {axis: own[axis] for axis, scale in zip(axes, scales, strict=True) if scale != 1}
+    for alike in (AXES[:3], AXES[3:]):
+        silent = [axis for axis in alike if axis in axes and own[axis] is None]
+        other = next((axis for axis in alike if axis in converted), None)
+        if silent and other is not None:
+            problem = f"column {called[other]!r} states a unit and column {called[silent[0]]!r} none"
+            raise TableError(f"{problem}; wanted that of each", column=called[silent[0]])
+    units = {axis: unit_spelling(unit) for axis, unit in own.items() if axis not in AXES and unit is not None}
+    if not converted:
+        return None, units, []
+    said_units = ", ".join(dict.fromkeys(f"{unit} to {unit_of(axis)}" for axis, unit in converted.items()))
+    return tuple(scales), units, [f"converted from {said_units}"]
+
+
+def numbers_of(columns: Sequence[NDArray[Any]], names: Sequence[str], *, is_text: bool = False) -> FloatArray:
+    """Put columns of numbers side by side, as a read-only array; empty cells are NaN."""
+    found = []
+    for values, name in zip(columns, names, strict=True):
+        if values.dtype.kind in "iuf":
+            found.append(values)
+            continue
+        if values.ndim != 1 or values.dtype.kind not in "OUT":
+            raise TableError(f"holds {values.dtype}; wanted numbers", column=name)
+        cells = values.tolist()
+        no_number = [
+            row
+            for row, cell in enumerate(cells)
+            if isinstance(cell, bool) or not isinstance(cell, (int, float, type(None)))
+        ]
+        if no_number:
+            texts = [row for row in no_number if _NUMBER.fullmatch(str(cells[row])) is None]
+            row = (texts or no_number)[0]
+            raise TableError(_why_no_number(row, cells[row], columns if is_text else []), row, name)
+        found.append(np.array([np.nan if cell is None else cell for cell in cells], np.float64))
+    whole = np.column_stack(found).astype(np.float64, copy=False)
+    whole.flags.writeable = False
+    return whole
+
+
+def _why_no_number(row: int, cell: Any, columns: Sequence[NDArray[Any]]) -> str:
+    """Say what is wrong with a cell; `columns` are those of a text table, which options of pandas may read."""
+    if isinstance(cell, (list, tuple, np.ndarray)):
+        return "holds lists; wanted one number a row (pandas: frame.explode makes rows of them)"
+    text, way_out = str(cell)[:40], "; wanted a number"
+    if _NUMBER.fullmatch(str(cell)):
+        way_out = "; it is text (pandas: frame.astype makes numbers of it)"
+    elif columns and _DECIMAL_COMMA.fullmatch(str(cell)):
+        way_out = "; a decimal comma is read by csv={'decimal': ','}"
+    elif columns and _THOUSANDS.fullmatch(str(cell)):
+        way_out = "; marks of thousands are read by csv={'thousands': ','}"
+    elif columns and all(column[row] == cell for column in columns):  # else the row would be empty in part
+        way_out = f"; if it stands for a missing sample pass csv={{'na_values': {text!r}}}"
+    return f"{text!r} is no number{way_out}"
+
+
+# The recordings of a table: rows, clock, label, session.
+
+
 def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
     """Return the rows and the name of each recording: those with one id, and of these one label and one session."""
-    n = len(picked.wrench)
-    if RECORDING not in picked.columns:
-        return [(np.arange(n), name)]
-    ids = picked.columns[RECORDING]
     texts = [
-        texts_of(ids),
-        *(texts_of(picked.columns[what]) for what in (LABEL, SESSION) if what in picked.columns),
+        _texts_of(picked.columns[what]) for what in (RECORDING, LABEL, SESSION) if what in picked.columns
     ]
     if (texts[0] == "").any():
         raise TableError("the cell is empty", int((texts[0] == "").argmax()), picked.called[RECORDING])
-    codes = np.zeros(n, np.int64)
+    codes = np.zeros(len(picked.wrench), np.int64)
     for values in texts:
         _, own = np.unique(values, return_inverse=True)
         _, codes = np.unique(codes * (own.max() + 1) + own, return_inverse=True)
@@ -112,8 +414,7 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
     return [(rows[i], names[i]) for i in np.argsort(firsts, kind="stable").tolist()]
 
 
-def texts_of(values: NDArray[Any]) -> NDArray[np.str_]:
-    """Return the cells of a column as texts."""
+def _texts_of(values: NDArray[Any]) -> NDArray[np.str_]:
     return np.array([cell_text(value) for value in values.tolist()], dtype=np.str_)
 
 
@@ -125,12 +426,14 @@ class _Part:
     ) -> None:
         self._table, self._stated, self._picked, self._name = table, stated, picked, name
         self._rows, self._wrench, self._columns = rows, picked.wrench, picked.columns
+        self._flags: NDArray[np.uint8] | None = None
+        self._trigger = stated.trigger_index
+        self._places: NDArray[np.intp] | None = None
+        """Where the samples stood before empty rows were left out."""
+        self.remarks: dict[str, Any] = {}
         if len(rows) < len(picked.wrench):  # all of one recording need not be copied
             self._wrench = picked.wrench[rows]
             self._columns = {what: cells[rows] for what, cells in picked.columns.items()}
-        self._flags: NDArray[np.uint8] | None = None
-        self._trigger = stated.trigger_index
-        self.remarks: dict[str, Any] = {}
 
     def recording(self) -> Recording:
         """Settle the clock and what is known of the recording."""
@@ -139,37 +442,43 @@ class _Part:
             wrong = np.flatnonzero(~np.isin(flags, np.arange(KNOWN_FLAGS + 1)))
             if len(wrong):
                 problem = f"{flags[wrong[0]]:g} is not a sum of SampleFlag bits (0 to {KNOWN_FLAGS})"
-                raise self._fault(problem, int(wrong[0]), FLAGS)
+                raise TableError(problem, int(self._rows[wrong[0]]), self._picked.called[FLAGS])
             self._flags = flags.astype(np.uint8)
-        file_hz = self._rate_in_table()
+        file_hz = self._rate_in_table() if RATE in self._columns else self._table.rate_hz
+        if not np.isfinite(self._wrench).all():
+            self._leave_out_empty_rows()
         try:
             stamps = self._stamps(file_hz)
             rate_hz, time_s, start_time = self._settled(stamps, file_hz)
-        except ClockError as error:
-            raise self._fault(str(error), error.sample, TIME) from error
+        except TableError as error:
+            row = None if error.row is None else int(self._rows[error.row])
+            raise TableError(error.problem, row, self._picked.called.get(TIME)) from error
+        n, trigger = len(self._wrench), self._trigger
+        if trigger is not None and not 0 <= trigger < n:
+            raise TableError(f"trigger_index={trigger} is outside the {n} samples")
         units = {"units": self._picked.units} if self._picked.units else {}
-        meta = {**units, **thaw(self._table.meta), **thaw(self._stated.meta)}
-        label, session = self._text("label", meta), self._text("session", meta)
+        meta = {**units, **self._table.meta, **self._stated.meta}
+        known: dict[str, Any] = {
+            "wrench": self._wrench,
+            "axes": self._picked.axes,
+            "rate_hz": rate_hz,
+            "time_s": time_s,
+            "label": self._text("label", meta),
+            "session": self._text("session", meta),
+            "start_time": start_time if self._stated.start_time is None else self._stated.start_time,
+            "trigger_index": trigger,
+            "flags": None if self._flags is None or not self._flags.any() else self._flags,
+        }
+        for array in (known["wrench"], known["time_s"], known["flags"]):
+            if array is not None:
+                array.flags.writeable = False
         try:
-            return Recording(
-                self._wrench,
-                rate_hz=rate_hz,
-                label=label,
-                session=session,
-                start_time=start_time if self._stated.start_time is None else self._stated.start_time,
-                trigger_index=self._trigger,
-                time_s=time_s,
-                meta=meta,
-                flags=self._flags,
-                name=self._name,
-                axes=self._picked.axes,
-            )
+            known["name"] = checked_text(self._name, "name", empty=True)
+            if meta:
+                known["meta"] = frozen_mapping("meta", with_named_units(meta, self._picked.axes))
         except (TypeError, ValueError) as error:
             raise TableError(str(error)) from error
-
-    def _fault(self, problem: str, sample: int | None, what: str) -> TableError:
-        row = None if sample is None else int(self._rows[sample])
-        return TableError(problem, row, self._picked.called.get(what))
+        return Recording._trusted(**known)
 
     def _keep(self, samples: NDArray[np.intp]) -> None:
         """Keep some samples, in this order."""
@@ -181,44 +490,45 @@ class _Part:
         self._columns = {what: cells[samples] for what, cells in self._columns.items()}
         self._flags = None if self._flags is None else self._flags[samples]
 
-    def _stamps(self, file_hz: float | None) -> Stamps | None:
-        """Leave out samples that are empty in all axes, and return the stamps of the others.
-
-        Without a clock there are stamps only where samples are missing: what is missing leaves a gap. A clock that is
-        none is ignored where a rate is stated. A sample that is empty in some axes is refused.
-        """
-        rate_hz = file_hz if self._stated.rate_hz is None else self._stated.rate_hz
+    def _leave_out_empty_rows(self) -> None:
+        """Leave out samples that are empty in all axes; one that is empty in some is refused."""
         bad = ~np.isfinite(self._wrench)
-        places = np.arange(len(bad))
-        if bad.any():
-            missing = np.isnan(self._wrench).all(axis=1, keepdims=True)
-            partly = np.argwhere(bad & ~missing)
-            if len(partly):
-                sample, column = partly[0].tolist()
-                value = self._wrench[sample, column]
-                what = (
-                    "is empty or NaN, where others of the row are not" if np.isnan(value) else f"is {value}"
-                )
-                wanted = "wanted a finite number, or a row that is empty in all axes"
-                raise self._fault(f"{what}; {wanted}", sample, self._picked.axes[column])
-            if missing.all():
-                raise TableError("holds no samples: all rows are empty")
-            places = np.flatnonzero(~missing)
-            self.remarks["left_out"] = int(missing.sum())
-            self._keep(places)
+        missing = np.isnan(self._wrench).all(axis=1, keepdims=True)
+        partly = np.argwhere(bad & ~missing)
+        if len(partly):
+            sample, column = partly[0].tolist()
+            value = self._wrench[sample, column]
+            came = (
+                f"is {value}" if not np.isnan(value) else "is empty or NaN, where others of the row are not"
+            )
+            wanted = "wanted a finite number, or a row that is empty in all axes"
+            axis = self._picked.axes[column]
+            raise TableError(f"{came}; {wanted}", int(self._rows[sample]), self._picked.called.get(axis))
+        if missing.all():
+            raise TableError("holds no samples: all rows are empty")
+        self.remarks["left_out"] = int(missing.sum())
+        self._places = np.flatnonzero(~missing)
+        self._keep(self._places)
+
+    def _stamps(self, file_hz: float | None) -> Stamps | None:
+        """Return the stamps of the samples; without a clock there are some only where samples are missing.
+
+        A clock that is none is ignored where a rate is stated.
+        """
+        stated = self._stated
+        rate_hz = file_hz if stated.rate_hz is None else stated.rate_hz
         if TIME in self._columns:
-            clock = self._columns[TIME]
             try:
-                return stamps_of(clock, self._picked.time_unit, self._stated.time_unit, rate_hz)
-            except ClockError as error:
-                if self._stated.rate_hz is None or IGNORED_OUT not in str(error):
+                return stamps_of(self._columns[TIME], self._picked.time_unit, stated.time_unit, rate_hz)
+            except TableError as error:
+                if stated.rate_hz is None or IGNORED_OUT not in error.problem:
                     raise
-                said = str(error).partition(";")[0]
+                said = error.problem.partition(";")[0]
                 self.remarks["remark"] = f"the clock was ignored: {rate_hz:g} Hz is stated, and {said}"
                 self._columns = {what: cells for what, cells in self._columns.items() if what != TIME}
-        if rate_hz is None or len(places) == int(places[-1] - places[0]) + 1:
+        if rate_hz is None or self._places is None or (np.diff(self._places) == 1).all():
             return None
-        return Stamps((places - places[0]) / rate_hz, 0.0, 0.0)
+        return Stamps((self._places - self._places[0]) / rate_hz, 0.0, 0.0)
 
     def _settled(
         self, stamps: Stamps | None, file_hz: float | None
@@ -251,9 +561,8 @@ class _Part:
             self.remarks["remark"] = f"the clock was ignored but for its pauses: {stated_hz:g} Hz is stated"
         elif not stated.irregular:
             said = (stated.rate_hz, file_hz, self._picked.time_unit, stated.time_unit)
-            if counts and all(one is None for one in said):
-                refuse_unlikely(stamps)
-            rate_hz, remark = rate_of(stamps, stated_hz, file_hz)
+            doubtful = counts and all(one is None for one in said)
+            rate_hz, remark = rate_of(stamps, stated_hz, file_hz, doubtful=doubtful)
             self.remarks |= {} if remark is None else {"remark": remark}
         first_s = None
         if stamps.first_s > SINCE_1970 and clock is not None and (counts or has_date(clock)):
@@ -263,6 +572,7 @@ class _Part:
         return rate_hz, None if rate_hz is not None else stamps.time_s, first_s
 
     def _no_clock(self) -> str:
+        """Say that no rate is known, and which columns may be a clock."""
         clock = self._table.clock
         if self._stated.irregular:
             return f"has no {clock}, but is called irregular"
@@ -277,11 +587,9 @@ class _Part:
         return f"has no {clock} and no rate is stated; pass rate_hz={column}"
 
     def _rate_in_table(self) -> float | None:
-        """Return the rate that the table, or a column of it, states."""
-        of_table = self._table.rate_hz
-        if RATE not in self._columns:
-            return of_table
-        name, unit = self._picked.called[RATE], self._picked.rate_unit
+        """Return the rate that a column of the table states."""
+        of_table, name = self._table.rate_hz, self._picked.called[RATE]
+        unit = self._table.units.get(name) or meaning_of(name).unit
         rates = np.unique(numbers_of([self._columns[RATE]], [name]))
         scale = 1.0 if unit is None else factor(unit, "Hz")
         if scale is None:
@@ -294,32 +602,31 @@ class _Part:
             raise TableError(f"{problem}; wanted one above 0", int(self._rows[0]), name)
         return float(rates[0] * scale)
 
-    def _text(self, what: Text, meta: Mapping[str, Any]) -> str | None:
+    def _text(self, what: Literal["label", "session"], meta: Mapping[str, Any]) -> str | None:
         """Return label or session: what is stated, else what the table says, else what holds where nothing does."""
-        place = getattr(self._stated, f"{what}_from")
+        place, text = getattr(self._stated, f"{what}_from"), getattr(self._stated, what)
+        column = None
         if place is not None and place.startswith("meta:"):
-            return text_in_meta(what, place, meta)
-        if getattr(self._stated, what) is not None:
-            return str(getattr(self._stated, what))
-        own = getattr(self._table, what)
-        column = self._picked.called.get(what)
-        if what in self._columns:
-            kinds = list(dict.fromkeys(texts_of(self._columns[what]).tolist()))
-            if len(kinds) > 1:
-                shown = ", ".join(f"{text!r:.30}" for text in kinds[:5])
-                apart = (
-                    "" if RECORDING in self._columns else f", or id={column!r} to take each as a recording"
-                )
-                problem = f"has {len(kinds)} values in one recording: {shown}; wanted one{apart}"
-                raise TableError(problem, int(self._rows[0]), column)
-            own = kinds[0] or own
-        elif place is not None and own is None:
-            raise TableError(f"{what}={place!r:.60}: there is no such column")
-        if not own:
-            found: str | None = getattr(self._stated, f"{what}_else")
-            return found
+            text = text_in_meta(what, place, meta)
+        elif text is None:
+            text, column = getattr(self._table, what), self._picked.called.get(what)
+            if what in self._columns:
+                kinds = list(dict.fromkeys(_texts_of(self._columns[what]).tolist()))
+                if len(kinds) > 1:
+                    shown = ", ".join(f"{kind!r:.30}" for kind in kinds[:5])
+                    apart = (
+                        ""
+                        if RECORDING in self._columns
+                        else f", or id={column!r} to take each as a recording"
+                    )
+                    problem = f"has {len(kinds)} values in one recording: {shown}; wanted one{apart}"
+                    raise TableError(problem, int(self._rows[0]), column)
+                text = kinds[0] or text
+            elif place is not None and text is None:
+                raise TableError(f"{what}={place!r:.60}: there is no such column")
+            text = text or getattr(self._stated, f"{what}_else")
         try:
-            return checked_text(own, what, spaced=False)
+            return None if text is None else checked_text(text, what, spaced=False)
         except ValueError as error:
             raise TableError(str(error), column=column) from None
 
@@ -347,27 +654,18 @@ def text_in_meta(what: str, place: str, meta: Mapping[str, Any]) -> str:
 
 def restated(recording: Recording, stated: Stated) -> Recording:
     """Put onto a recording that is complete what is stated from outside; refuse what it contradicts."""
-    changed: dict[str, Any] = {}
     if stated.rate_hz is not None and recording.rate_hz is not None:
         agreed_rate(stated.rate_hz, recording.rate_hz, recording.name)
-    changed |= {
-        name: value
-        for name in ("start_time", "trigger_index")
-        if (value := getattr(stated, name)) is not None
-    }
-    meta = {**thaw(recording.meta), **thaw(stated.meta)}
+    changed = {name: getattr(stated, name) for name in ("start_time", "trigger_index", "label", "session")}
+    meta = {**recording.meta, **stated.meta}
     for name in ("label", "session"):
         place, other = getattr(stated, f"{name}_from"), getattr(stated, f"{name}_else")
         if place is not None and not place.startswith("meta:"):
-            problem = (
-                f"{name}={place!r:.60}: a data set that granular-id wrote has no columns; wanted 'meta:PATH'"
-            )
-            raise TableError(problem)
+            problem = f"{name}={place!r:.60}: a data set that granular-id wrote has no columns"
+            raise TableError(f"{problem}; wanted 'meta:PATH'")
         if place is not None:
             changed[name] = text_in_meta(name, place, meta)
-        elif getattr(stated, name) is not None:
-            changed[name] = getattr(stated, name)
-        elif getattr(recording, name) is None and other is not None:
+        elif changed[name] is None and getattr(recording, name) is None:
             changed[name] = other
     if stated.axes is not None or stated.units is not None:
         own = recording.meta.get("units")
@@ -375,6 +673,7 @@ def restated(recording: Recording, stated: Stated) -> Recording:
         picked = picked_columns(Table(values=recording.wrench, axes=recording.axes, units=units), stated)
         meta = {**meta, "units": picked.units} if picked.units or own else meta
         changed |= {"wrench": picked.wrench, "axes": picked.axes}
+    changed = {name: value for name, value in changed.items() if value is not None}
     if meta != recording.meta:
         changed["meta"] = meta
     try:

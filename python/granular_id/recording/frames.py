@@ -12,10 +12,9 @@ from granular_id._checks import argument_error, as_floats, checked_text, finite_
 from granular_id._core import AXES, GranularIdError
 from granular_id._text import counted
 from granular_id.recording.columns import TableError, cell_text, column_names, unit_spelling
-from granular_id.recording.conversion import to_recordings
+from granular_id.recording.conversion import Stated, Table, to_recordings, units_by_axis
 from granular_id.recording.recording import Recording, checked_axes
 from granular_id.recording.report import StepReport
-from granular_id.recording.table import Stated, Table, units_by_axis
 
 _ARRAYS = "(n, T, C): recordings, samples, axes; or a list of arrays (T, C)"
 

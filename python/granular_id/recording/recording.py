@@ -145,7 +145,7 @@ class Recording:
             if not 0 <= index < n_samples:
                 raise GranularIdError(f"trigger_index={fixed(index)} is outside the {n_samples} samples")
             checked["trigger_index"] = index
-        checked["meta"] = frozen_mapping("meta", _with_named_units(self.meta, axes))
+        checked["meta"] = frozen_mapping("meta", with_named_units(self.meta, axes))
         if self.flags is not None:
             checked["flags"] = _checked_flags(self.flags, n_samples)
         for name, value in checked.items():
@@ -232,7 +232,7 @@ def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str
     return locked(array), axes
 
 
-def _with_named_units(meta: Mapping[str, Any], axes: tuple[str, ...]) -> Mapping[str, Any]:
+def with_named_units(meta: Mapping[str, Any], axes: tuple[str, ...]) -> Mapping[str, Any]:
     """Give the units that stand in a row to the axes; what is no row of texts, one an axis, stays as it is."""
     units = meta.get("units") if isinstance(meta, Mapping) else None
     if not isinstance(units, Sequence) or isinstance(units, str) or len(units) != len(axes):

@@ -11,7 +11,8 @@ from scipy.signal import firwin
 
 from granular_id.io import load
 from granular_id.recording import Dataset, Recording, SampleFlag
-from granular_id.recording.clock import ClockError, round_rate, time_order, uniform_rate
+from granular_id.recording.clock import round_rate, time_order, uniform_rate
+from granular_id.recording.columns import TableError
 from granular_id.recording.resampling import MAX_SAMPLES
 
 # whole microseconds: stamps as loggers write them, and differences that do not vanish in rounding
@@ -289,10 +290,10 @@ def test_time_order_sorts_merges_equal_rows_and_averages_none(ticks):
     assert stamps[equal.rows].tolist() == sorted(set(ticks))
     assert equal.n_merged == len(ticks) - len(set(ticks))
     if len(set(ticks)) < len(ticks):
-        with pytest.raises(ClockError, match="packets"):
+        with pytest.raises(TableError, match="packets"):
             time_order(stamps, values, rate_stated=False, repair=True)
     if ticks != sorted(ticks):
-        with pytest.raises(ClockError, match="time runs back"):
+        with pytest.raises(TableError, match="time runs back"):
             time_order(stamps, values, rate_stated=True, repair=False)
 
 
