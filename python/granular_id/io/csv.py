@@ -79,11 +79,10 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     pandas = need("pandas", extra="app", why="to read text tables")
     given = dict(options.csv or {})
     head = _head(source.path, given)
-    stated = source.stated(options)
-    doubtful = not given.keys() & {"names", "header", "usecols"} and _names_no_axes(source.path, head, stated)
+    doubtful = not given.keys() & {"names", "header", "usecols"} and _names_no_axes(source.path, head, source)
     columns, notes = _columns(_read(pandas, source.path, head, _FEW if doubtful else None), source.path, head)
     try:
-        columns_of(tuple(columns), stated.axes, stated.columns)
+        columns_of(tuple(columns), source.axes, source.columns)
     except TableError as error:
         raise _no_columns(source.path, error, head, columns) from error
     if doubtful:

@@ -96,20 +96,24 @@ def printable(text: str) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
+def failed(path: str | PathLike[str], what: str, error: Exception) -> RecordingFileError:
+    """Return the one exception for whatever a library raised about a file, with what was done."""
+    if isinstance(error, RecordingFileError):
+        return error
+    lines = str(error).strip().splitlines() or [""]
+    said = ": ".join(text for text in (type(error).__name__, lines[0][:200]) if text)
+    return RecordingFileError(path, f"{what} failed with {said}")
+
+
 @contextmanager
 def naming(path: str | PathLike[str], what: str) -> Iterator[None]:
-    """Turn whatever a library raises about a file into the one exception, with the file and what was done.
-
-    A missing library stays an ImportError, which says what to install.
-    """
+    """Turn whatever a library raises about a file into the one exception, but for a missing library."""
     try:
         yield
     except (RecordingFileError, ImportError):
         raise
     except Exception as error:
-        lines = str(error).strip().splitlines() or [""]
-        said = ": ".join(text for text in (type(error).__name__, lines[0][:200]) if text)
-        raise RecordingFileError(path, f"{what} failed with {said}") from error
+        raise failed(path, what, error) from error
 
 
 def attempt(
@@ -130,28 +134,6 @@ def need(module: str, *, extra: str, why: str) -> ModuleType:
     except ImportError as error:
         library = module.partition(".")[0]
         raise ImportError(f"{library} is needed {why}: {install(extra)}") from error
-
-
-_DIGITS = re.compile(r"([0-9]+)")
-
-
-def natural_key(text: str) -> tuple[tuple[int, int | str], ...]:
-    """Sort key by which ``rice_2`` comes before ``rice_10``."""
-    parts = (part for part in _DIGITS.split(text) if part)
-    return tuple((0, int(part)) if _DIGITS.fullmatch(part) else (1, part) for part in parts)
-
-
-def list_folder(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Return the files and the sub-folders of a folder in natural order, hidden ones left out."""
-    files: list[Path] = []
-    folders: list[Path] = []
-    try:
-        for path in sorted(folder.iterdir(), key=lambda p: (natural_key(p.name), p.name)):
-            if not path.name.startswith("."):
-                (folders if path.is_dir() else files).append(path)
-    except OSError as error:
-        raise RecordingFileError(folder, f"cannot be listed: {error.strerror}") from error
-    return files, folders
 
 
 def refuse_outside(path: Path, root: Path) -> None:

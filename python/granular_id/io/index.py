@@ -13,7 +13,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path, PurePosixPath
@@ -39,7 +39,9 @@ _WHOLE_NUMBER = re.compile(r"[0-9]{1,15}")
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 
 
-def read_index(root: Path, problems: list[RecordingFileError]) -> tuple[list[str], list[FileSource]]:
+def read_index(
+    root: Path, problems: list[RecordingFileError], stated: Mapping[str, Any]
+) -> tuple[list[str], list[FileSource]]:
     """Return the columns of the index of a folder, and what it lists; lines that cannot be used go to `problems`."""
     path = root / INDEX_NAME
     rows = _rows(path)
@@ -58,7 +60,7 @@ def read_index(root: Path, problems: list[RecordingFileError]) -> tuple[list[str
     lines: dict[Path, int] = {}
     found: list[FileSource] = []
     for line, cells in rows:
-        source = attempt(problems, _indexed, root, columns, cells, line)
+        source = attempt(problems, _indexed, root, columns, cells, line, stated)
         if source is None:
             continue
         if source.path in lines:
@@ -107,7 +109,9 @@ def _rows(path: Path) -> Any:
         raise RecordingFileError(path, f"is not valid CSV: {error}", line=reader.line_num) from error
 
 
-def _indexed(root: Path, columns: Sequence[str], cells: Sequence[str], line: int) -> FileSource:
+def _indexed(
+    root: Path, columns: Sequence[str], cells: Sequence[str], line: int, stated: Mapping[str, Any]
+) -> FileSource:
     path = root / INDEX_NAME
     if len(cells) != len(columns):
         problem = f"{len(cells)} cells; wanted {len(columns)}, as in the header"
@@ -122,21 +126,20 @@ def _indexed(root: Path, columns: Sequence[str], cells: Sequence[str], line: int
             raise RecordingFileError(path, str(error), line=line, column=column) from error
     irregular = known["rate_hz"] == IRREGULAR
     others = {column: text for column, text in texts.items() if column not in INDEX_COLUMNS and text}
-    return FileSource(
-        path=root.joinpath(known["file"]),
-        root=root,
-        name=texts.get("name", texts["file"]),
-        label=texts.get("label") or None,
-        session=texts.get("session") or None,
-        label_place=INDEX_NAME,
-        session_place=INDEX_NAME,
-        start_time=known["start_time"],
-        rate_hz=None if irregular else known["rate_hz"],
-        irregular=irregular,
-        trigger_index=known["trigger_index"],
-        axes=known["axes"],
-        meta={**others, **(known["meta"] or {})},
-    )
+    own = {
+        "label": texts.get("label") or None,
+        "session": texts.get("session") or None,
+        "label_place": INDEX_NAME,
+        "session_place": INDEX_NAME,
+        "start_time": known["start_time"],
+        "rate_hz": None if irregular else known["rate_hz"] or stated["rate_hz"],
+        "irregular": irregular,
+        "trigger_index": known["trigger_index"],
+        "axes": stated["axes"] or known["axes"],
+        "meta": {**others, **(known["meta"] or {}), **stated["meta"]},
+    }
+    path = root.joinpath(known["file"])
+    return FileSource(path=path, root=root, name=texts.get("name", texts["file"]), **{**stated, **own})
 
 
 def _inside(text: str) -> PurePosixPath:

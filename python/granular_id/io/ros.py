@@ -22,7 +22,6 @@ from granular_id.io.files import RecordingFileError, need
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.recording import AXES, Table
 
-_METADATA = "metadata.yaml"
 _HEADER, _WRENCH = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench"
 _STAMPED = "geometry_msgs/msg/WrenchStamped"
 _NUMBERS = tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz")
@@ -63,11 +62,6 @@ class _Wrench:
     @property
     def count(self) -> int:
         return sum(connection.msgcount for connection in self.connections)
-
-
-def is_bag_folder(folder: Path) -> bool:
-    """Return True if a folder is a ROS 2 bag."""
-    return os.path.isfile(folder / _METADATA)  # noqa: PTH113 (says False where is_file raises: no permission)
 
 
 def read_ros(source: FileSource, options: LoadOptions) -> FileContent:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +16,6 @@ from granular_id.recording import (
     Stated,
     StepReport,
     Table,
-    checked_time_unit,
     names_in,
     units_by_axis,
 )
@@ -38,7 +37,12 @@ SESSION_LIKE = re.compile(
 )
 """Names of folders, or groups, that are most likely no material."""
 
-_CHOICES = {"on_error": ("raise", "skip"), "on_time_error": ("raise", "repair")}
+_CHOICES = {
+    "on_error": ("raise", "skip"),
+    "on_time_error": ("raise", "repair"),
+    "time_unit": (None, "s", "ms", "us", "ns", "sample"),
+}
+_PLACE = re.compile(r"folder|parent|file|(column|meta):.+")
 PLACES = "'folder', 'parent', 'file', 'column:NAME' or 'meta:PATH'"
 
 
@@ -65,50 +69,49 @@ class LoadOptions:
             object.__setattr__(self, "rate_hz", finite_number("rate_hz", self.rate_hz, positive=True))
         for name, wanted in _CHOICES.items():
             if getattr(self, name) not in wanted:
-                words = " or ".join(map(repr, wanted))
-                raise argument_error(GranularIdError, name, f"={getattr(self, name)!r}; wanted {words}")
-        checked_time_unit(self.time_unit)
+                words = ", ".join(repr(word) for word in wanted if word is not None)
+                raise argument_error(
+                    GranularIdError, name, f"={getattr(self, name)!r}; wanted one of {words}"
+                )
         for name in ("topic", "array", "time", "id", "label", "session"):
             if getattr(self, name) is not None:
                 checked_text(getattr(self, name), name)
         for name in ("label", "session"):
             place = getattr(self, name)
-            if place is not None and place not in ("folder", "parent", "file"):
-                kind, _, rest = place.partition(":")
-                if kind not in ("column", "meta") or not rest:
-                    raise argument_error(GranularIdError, name, f"={place!r:.60}; wanted {PLACES}")
+            if place is not None and not _PLACE.fullmatch(place):
+                raise argument_error(GranularIdError, name, f"={place!r:.60}; wanted {PLACES}")
         for name in ("axes", "units"):
-            object.__setattr__(self, name, names_in(name, getattr(self, name), empty=name == "units"))
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, names_in(name, getattr(self, name), empty=name == "units"))
         if self.axes is not None and self.units is not None:
             units_by_axis(self.axes, self.units)
         if self.csv is not None and (
             not isinstance(self.csv, Mapping) or not all(isinstance(k, str) for k in self.csv)
         ):
-            raise argument_error(
-                TypeError, "csv", "must be a mapping of options of pandas.read_csv to their values"
-            )
+            problem = "must be a mapping of options of pandas.read_csv to their values"
+            raise argument_error(TypeError, "csv", problem)
 
     @property
-    def read_as(self) -> str | None:
-        """What somebody chose to read of files: part of the set-up that models compare."""
-        chosen = {"array": self.array, "topic": self.topic, "time": self.time}
-        if self.axes is not None and self.axes != AXES:
-            chosen["axes"] = ",".join(self.axes)
-        said = [f"{name}={value}" for name, value in chosen.items() if value is not None]
-        said += [f"csv {key}={value!r}" for key, value in sorted((self.csv or {}).items())]
-        return ", ".join(said) or None
+    def stated(self) -> dict[str, Any]:
+        """What the options say of every file, in the words of `Stated`."""
+        names = ("rate_hz", "time_unit", "axes", "units", "time", "id")
+        places = {"label_from": self.label, "session_from": self.session}
+        chosen = {name: getattr(self, name) for name in ("array", "topic", "time")}
+        chosen["axes"] = None if self.axes is None or self.axes == AXES else ",".join(self.axes)
+        read_as = [f"{name}={value}" for name, value in chosen.items() if value is not None]
+        read_as += [f"csv {key}={value!r}" for key, value in sorted((self.csv or {}).items())]
+        return {
+            **{name: getattr(self, name) for name in names},
+            **{name: place for name, place in places.items() if place is not None and ":" in place},
+            "repair": self.on_time_error == "repair",
+            # what somebody chose to read of files is part of the set-up that models compare
+            "meta": {"read_as": ", ".join(read_as)} if read_as else {},
+        }
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the settings that were given, for a report."""
-        given = {field.name: getattr(self, field.name) for field in fields(self)}
-        if self.csv is not None:
-            given["csv"] = {key: repr(value) for key, value in self.csv.items()}
-        return {name: value for name, value in given.items() if value is not None}
 
-
-@dataclass(frozen=True)
-class FileSource:
-    """A file (or a folder that is one recording) to read, and what is known about it from outside.
+@dataclass(frozen=True, kw_only=True)
+class FileSource(Stated):
+    """A file (or a folder that is one recording) to read, and what options, index.csv and its place state of it.
 
     Attributes
     ----------
@@ -116,53 +119,18 @@ class FileSource:
         Nothing outside of the folder `root` is opened, whatever links say.
     name : str
         How reports call the recording: the path within the folder, or what index.csv says.
-    label, session : str or None
-        What an option or index.csv states; it wins over what the file says.
-    label_else, session_else : str or None
-        What its folder or name says, where nothing else does.
     label_place, session_place : str
-        Where these come from, for the report.
+        Where label and session come from, for the report.
     two_meanings : str or None
         Why a file that states no label itself is refused: its folders may mean two things.
-    start_time, trigger_index, meta, rate_hz, irregular, axes
-        What index.csv states.
     """
 
     path: Path
     root: Path
     name: str
-    label: str | None = None
-    session: str | None = None
-    label_else: str | None = None
-    session_else: str | None = None
     label_place: str = ""
     session_place: str = ""
     two_meanings: str | None = None
-    start_time: float | None = None
-    trigger_index: int | None = None
-    meta: Mapping[str, Any] = field(default_factory=dict)
-    rate_hz: float | None = None
-    irregular: bool = False
-    axes: tuple[str, ...] | None = None
-
-    @classmethod
-    def alone(cls, path: Path) -> FileSource:
-        """Return the source of a single file that nothing is known about."""
-        return cls(path, path.resolve().parent, path.name)
-
-    def stated(self, options: LoadOptions) -> Stated:
-        """Join what the options and what index.csv say of it."""
-        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name in Stated.__dataclass_fields__}
-        given = {name: getattr(options, name) for name in ("time_unit", "units", "time", "id")}
-        for what in ("label", "session"):
-            rule = getattr(options, what)
-            given[f"{what}_from"] = rule if rule is not None and ":" in rule else None
-        if options.read_as is not None:
-            given["meta"] = {**self.meta, "read_as": options.read_as}
-        if self.rate_hz is None and not self.irregular:
-            given["rate_hz"] = options.rate_hz
-        repair = options.on_time_error == "repair"
-        return Stated(**{**own, **given, "axes": options.axes or self.axes, "repair": repair})
 
 
 @dataclass

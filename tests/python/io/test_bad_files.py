@@ -18,7 +18,7 @@ pytest.importorskip("rosbags")
 from corpus import answers, answers_of_all
 from effort import cases
 from good_files import PATHS, write_good
-from granular_id.io import RecordingFileError, formats, load
+from granular_id.io import RecordingFileError, formats, load, sources
 
 NPY_HZ = {"rate_hz": 500.0}
 MOST_MEGABYTES = 1024
@@ -95,14 +95,14 @@ ODD = {
 def test_what_is_no_file_of_the_folder_is_refused_before_it_is_opened(tmp_path, monkeypatch, known, odd):
     (tmp_path / "secret").write_text("time,fx,fy,fz,tx,ty,tz\n0,1,2,3,4,5,6\n")
     places = [tmp_path / "set" / f"a{suffix}" for suffix in known.suffixes[:1]]
-    if known.is_folder:
+    if known.sign:
         signs = {"parquet": f"recordings-{'0' * 32}.parquet", "ros": "metadata.yaml"}
         sign = tmp_path / "set" / "whole" / signs[known.name]
         sign.parent.mkdir(parents=True)
         sign.write_text("")
         places.append(tmp_path / "set" / "whole" / "data" / "a")
     opened = replace(known, read=lambda *_: pytest.fail("it was opened"))
-    monkeypatch.setattr(formats, "FORMATS", (opened,))
+    monkeypatch.setattr(sources, "FORMATS", (opened,))
     for place in places:
         place.parent.mkdir(exist_ok=True)
         ODD[odd](place, tmp_path / "secret")

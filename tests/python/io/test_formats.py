@@ -13,8 +13,9 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from dataset_strategies import assert_same_bits, datasets
 from effort import cases
 from good_files import write_good
-from granular_id.io import RecordingFileError, formats, load, save
-from granular_id.io.formats import FORMATS, format_of
+from granular_id.io import RecordingFileError, load, save, sources
+from granular_id.io.formats import FORMATS
+from granular_id.io.sources import format_of
 from granular_id.recording import Dataset, Recording, StepReport
 from granular_id.synthetic import synthesize
 from layouts_written import to_h5
@@ -184,7 +185,7 @@ def test_whatever_a_library_raises_names_the_file_and_is_passed_over(tmp_path, m
             raise error
         return FORMATS[0].read(source, options)
 
-    monkeypatch.setattr(formats, "FORMATS", (replace(FORMATS[0], read=read),))
+    monkeypatch.setattr(sources, "FORMATS", (replace(FORMATS[0], read=read),))
     with pytest.raises(RecordingFileError, match=r"rice_2\.csv: reading it as csv failed with") as caught:
         load(tmp_path, rate_hz=10)
     assert caught.value.__cause__ is error

@@ -35,7 +35,7 @@ INDEX_COLUMNS = {
 }
 """Columns of an index file and their types; "text" repeats, and is a dictionary in memory."""
 
-_INDEX_FILE = re.compile(r"recordings-([0-9a-f]{32})\.parquet")
+INDEX_FILE = re.compile(r"recordings-([0-9a-f]{32})\.parquet")
 LEFTOVER = re.compile(rf"{SAMPLES_FOLDER}(/part-[0-9a-f]{{32}}\.parquet|/\.[^/]+)?|\.[^/]+")
 """What an append that was killed may leave of an archive that it began."""
 
@@ -63,7 +63,7 @@ def index_of(file: str) -> str:
 def index_keys(folder: Path) -> list[str]:
     """Return the keys of the index files of an archive: what has no index file does not exist."""
     try:
-        found = [_INDEX_FILE.fullmatch(name) for name in os.listdir(folder)]  # noqa: PTH208 (a third of the time)
+        found = [INDEX_FILE.fullmatch(name) for name in os.listdir(folder)]  # noqa: PTH208 (a third of the time)
     except OSError:  # there is no such folder, or it may not be listed
         return []
     return sorted(match[1] for match in found if match is not None)
