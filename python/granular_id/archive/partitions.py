@@ -27,7 +27,7 @@ from granular_id._files import absolute, durable_file, made_folder
 from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import counted
-from granular_id.archive.workers import run_in_threads, run_on_cluster
+from granular_id.archive.workers import work_through
 from granular_id.io.files import naming, need, printable
 from granular_id.io.parquet.archive import Archive, RowGroup, coded_texts
 from granular_id.io.parquet.layout import MARK, key_of
@@ -265,10 +265,7 @@ def run(
         if missing:
             (folder / UNFINISHED).touch()
         make = partial(make_file, spec=spec, out=str(folder))
-        if scheduler is None:
-            run_in_threads(make, missing, n_jobs, done)
-        else:
-            run_on_cluster(make, missing, scheduler, done)
+        work_through(make, missing, done, n_jobs=n_jobs, scheduler=scheduler)
         _remove_drafts(folder)
         if not failures:
             (folder / UNFINISHED).unlink(missing_ok=True)
