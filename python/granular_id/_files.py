@@ -114,38 +114,28 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def whole_lines(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
-    """Write lines as they come, each whole or not at all, whatever a full disk or an interrupt leaves of one."""
-    target = Path(path)
-    is_new = not target.exists()
-    try:
-        file = target.open("xb" if is_new else "ab", buffering=0)
-    except OSError as error:
-        raise cannot_write(target, error) from error
-    end = 0
+    """Write lines as they come, each whole or not at all, whatever a full disk or an interrupt leaves of one.
+
+    The first line replaces what was there.
+    """
+    target, end = Path(path), -1
 
     def write(line: str) -> None:
         nonlocal end
-        left = (line + "\n").encode()
+        end, text = max(end, 0), (line + "\n").encode()
         try:
-            if not end:
-                file.truncate(0)
-                file.seek(0)
-            while left:
-                left = left[file.write(left) :]
-            end = file.tell()
-        except BaseException as error:
-            file.truncate(end)
-            file.seek(end)
-            if isinstance(error, OSError):
-                raise cannot_write(target, error) from error
-            raise
+            with target.open("ab") as file:
+                file.truncate(end)
+                file.write(text)
+        except OSError as error:
+            raise cannot_write(target, error) from error
+        end += len(text)
 
     try:
         yield write
     finally:
-        file.close()
-        if is_new and not end:
-            target.unlink(missing_ok=True)
+        if end >= 0 and target.exists():
+            os.truncate(target, end)
 
 
 def write_json(path: str | os.PathLike[str], content: object) -> None:
