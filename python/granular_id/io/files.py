@@ -136,35 +136,26 @@ def need(module: str, *, extra: str, why: str) -> ModuleType:
         raise ImportError(f"{library} is needed {why}: {install(extra)}") from error
 
 
-def refuse_outside(path: Path, root: Path) -> None:
-    """Raise when a path, with all its links resolved, lies outside the folder being read."""
-    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(root)):
-        raise RecordingFileError(path, "is a link that leaves the folder; links out are not followed")
-
-
 def check_place(path: Path, root: Path) -> None:
-    """Refuse a file that is not regular or lies outside `root`, and a folder that holds such, before any is opened."""
-    if not os.path.isdir(path):  # noqa: PTH112 (says False of a name that is too long, where Path.is_dir raises)
-        check_file(path, root)
-        return
-    refuse_outside(path, root)
-    for folder, folders, names in os.walk(path):
-        for name in folders:
-            refuse_outside(Path(folder, name), path)
-        for name in names:
-            check_file(Path(folder, name), path)
+    """Refuse what lies outside `root`, is no regular file (a pipe is not opened), or cannot be opened.
 
-
-def check_file(path: Path, root: Path) -> None:
-    """Refuse what lies outside `root`, is no regular file (a pipe is not opened), or cannot be opened."""
-    refuse_outside(path, root)
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise RecordingFileError(path, "is not a regular file")
-        with path.open("rb"):
-            pass
-    except OSError as error:
-        raise RecordingFileError(path, f"cannot be read: {error.strerror or error}") from error
+    A folder that is one recording is looked through, before any file in it is opened.
+    """
+    places = [(path, root)]
+    if os.path.isdir(path):  # noqa: PTH112 (says False of a name that is too long, where Path.is_dir raises)
+        walked = ((Path(folder), [*names, *folders]) for folder, folders, names in os.walk(path))
+        places += [(folder / name, path) for folder, names in walked for name in names]
+    for one, around in places:
+        if not Path(os.path.realpath(one)).is_relative_to(os.path.realpath(around)):
+            raise RecordingFileError(one, "is a link that leaves the folder; links out are not followed")
+        try:
+            mode = one.stat().st_mode
+            if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+                raise RecordingFileError(one, "is not a regular file")
+            if stat.S_ISREG(mode):
+                one.open("rb").close()
+        except OSError as error:
+            raise RecordingFileError(one, f"cannot be read: {error.strerror or error}") from error
 
 
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])(\..*)?", re.IGNORECASE)

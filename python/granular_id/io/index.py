@@ -35,9 +35,6 @@ IRREGULAR = "irregular"
 HISTORY_NAME = "history.json"
 """Beside index.csv: the steps that made the data set, see ``StepReport.to_dict``."""
 
-_WHOLE_NUMBER = re.compile(r"[0-9]{1,15}")
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
-
 
 def read_index(
     root: Path, problems: list[RecordingFileError], stated: Mapping[str, Any]
@@ -54,9 +51,8 @@ def read_index(
             problem = f"column {column!r} occurs twice" if column else "the column has no proper name"
             raise RecordingFileError(path, problem, line=line, column=str(i + 1))
     if "file" not in columns:
-        raise RecordingFileError(
-            path, f"no column 'file'; wanted {', '.join(map(repr, INDEX_COLUMNS))}", line=line
-        )
+        wanted = ", ".join(map(repr, INDEX_COLUMNS))
+        raise RecordingFileError(path, f"no column 'file'; wanted {wanted}", line=line)
     lines: dict[Path, int] = {}
     found: list[FileSource] = []
     for line, cells in rows:
@@ -150,18 +146,10 @@ def _inside(text: str) -> PurePosixPath:
     return path
 
 
-def _plain_number(text: str) -> float | None:
-    """Return a finite plain decimal number, or None: no ``nan``, ``1e999``, ``1_000``, ``0x10``."""
-    if not _NUMBER.fullmatch(text.strip()):
-        return None
-    value = float(text)
-    return value if math.isfinite(value) else None
-
-
 def _start_time(text: str) -> float:
-    seconds = _plain_number(text)
-    if seconds is not None:
-        return seconds
+    with suppress(ValueError):
+        if math.isfinite(seconds := float(text)):
+            return seconds
     with suppress(ValueError):
         # before Python 3.11 it knows no Z, and fractions of three or six digits only
         digits = re.sub(r"\.([0-9]+)", lambda fraction: f".{fraction[1]:0<6.6}", text)
@@ -175,16 +163,14 @@ def _start_time(text: str) -> float:
 def _rate(text: str) -> float | str:
     if text == IRREGULAR:
         return text
-    value = _plain_number(text)
-    if value is None or value <= 0:
-        raise GranularIdError(
-            f"{text[:40]!r} is no rate; wanted a plain positive number of Hz, or {IRREGULAR}"
-        )
-    return value
+    with suppress(ValueError):
+        if 0 < (rate := float(text)) < math.inf:
+            return rate
+    raise GranularIdError(f"{text[:40]!r} is no rate; wanted a positive number of Hz, or {IRREGULAR}")
 
 
 def _trigger(text: str) -> int:
-    if not _WHOLE_NUMBER.fullmatch(text):
+    if not text.isdecimal():
         raise GranularIdError(f"{text[:40]!r} is not a whole number")
     return int(text)
 
@@ -197,11 +183,8 @@ def _meta(text: str) -> dict[str, Any]:
 
 
 def _axes(text: str) -> tuple[str, ...]:
-    listed = json.loads(text) if text.startswith("[") else text.split(",")
-    if not isinstance(listed, list) or not listed:
-        raise TypeError(f"{text[:40]!r} is no list of names; wanted one like wx,wy,wz")
-    names = tuple(name.strip() if isinstance(name, str) else name for name in listed)
-    return checked_axes(names, (0, len(listed)))
+    listed = json.loads(text) if text.startswith("[") else [name.strip() for name in text.split(",")]
+    return checked_axes(tuple(listed), (0, len(listed)))
 
 
 _VALUES: dict[str, Callable[[str], Any]] = {

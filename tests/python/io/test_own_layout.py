@@ -149,7 +149,7 @@ def test_samples_are_held_once(tmp_path):
 # -- columns in memory
 
 PATH = Path("set.npz")
-SOURCE = FileSource(PATH, Path(), "set.npz")
+SOURCE = FileSource(path=PATH, root=Path(), name="set.npz")
 
 
 @pytest.mark.parametrize("n", [1, 3])
@@ -255,7 +255,7 @@ HOSTILE = {
     "trigger: outside": _with("trigger_index", 1, 2),
     "trigger: past int64": {"trigger_index": np.array([0, 2**64 - 1], np.uint64)},
     "flags: negative": {"flags": np.array([0, 0, 0, 0, -1])},
-    "flags: floats": {"flags": np.zeros(5)},
+    "flags: floats": {"flags": np.ones(5)},
     "flags: count": {"flags": np.zeros(6, np.uint8)},
     "label: control character": _with("label", 1, "ri\x00ce"),
     "label: unhashable": _with("label", 0, []),

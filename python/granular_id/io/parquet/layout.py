@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from granular_id.io.files import RecordingFileError, check_file, naming, need
+from granular_id.io.files import RecordingFileError, check_place, naming, need
 from granular_id.recording import unit_of
 
 SAMPLES_FOLDER = "samples"
@@ -122,7 +122,7 @@ class Mark:
 def open_parquet(path: Path, root: Path, texts: Sequence[str] = ()) -> Iterator[Any]:
     """Open a file inside `root` as ``pyarrow.parquet.ParquetFile``, some columns to be read dictionary-encoded."""
     library = need("pyarrow.parquet", extra="app", why="to read Parquet files")
-    check_file(path, root)
+    check_place(path, root)
     with naming(path, "reading it as Parquet"):
         try:
             place = os.fspath(path).encode().decode()
