@@ -247,8 +247,11 @@ def _units(columns: Columns, head: _Head, options: LoadOptions) -> tuple[dict[st
         units |= dict.fromkeys(alike, said[2].strip())
     first = {name: cells[0] for name, cells in columns.items()}
     texts = {name: str(cell).strip() for name, cell in first.items() if isinstance(cell, str)}
-    others_empty = not any(cell_text(cell) for name, cell in first.items() if name not in texts)
-    if texts and others_empty and all(map(is_unit, texts.values())):
+    if (
+        texts
+        and not any(cell_text(cell) for name, cell in first.items() if name not in texts)
+        and all(map(is_unit, texts.values()))
+    ):
         return units | {name: text.strip("[]()") for name, text in texts.items() if text}, 1
     named = [name for name in columns if meaning_of(name).what in AXES]
     silent = options.units is None and not units and any(meaning_of(name).unit is None for name in named)
@@ -346,42 +349,8 @@ def save_csv(
 ) -> Path:
     """Write a folder of CSV files with an ``index.csv``, which names the axes where they are no wrench's.
 
-    Samples are written with as many digits as float64 needs; ``load(folder) == dataset`` holds. Everything is
-    written under a temporary name beside `folder` and renamed when complete: no half-written folder is ever seen
-    under the final name.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Of any axes; their units in ``meta["units"]`` stand in line 1, ``wx [rad/s]``.
-    folder : str or path
-        New or empty folder.
-    progress : callable, optional
-        Called as ``progress(files_done, files_in_all, file)``.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    FileExistsError
-        `folder` is a file, a link or a folder with something in it.
-    FileNotFoundError
-        The folder to put it in does not exist.
-    ValueError
-        The name of an axis has a comma in it, or is that of another column, like time or label.
-
-    Examples
-    --------
-    >>> import numpy as np, tempfile
-    >>> from granular_id.io import load, save_csv
-    >>> from granular_id import Dataset, Recording
-    >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     load(save_csv(data, folder + "/oats")) == data
-    True
+    Samples have as many digits as float64 needs. Units in ``meta["units"]`` stand in line 1, ``wx [rad/s]``.
+    `progress` is called after each file.
     """
     usual = all(recording.axes == AXES for recording in checked_dataset(dataset))
     digits = len(str(len(dataset)))

@@ -202,7 +202,7 @@ def load_parts(
     most = checked_index(n_recordings, "n_recordings")
     if most < 1:
         raise argument_error(GranularIdError, "n_recordings", f"must be positive, got {most}")
-    known = [one.name for one in fields(LoadOptions)]
+    known = [one.name for one in fields(LoadOptions) if one.init]
     unknown = next((name for name in options if name not in known), None)
     if unknown is not None:
         raise argument_error(TypeError, unknown, f"is no option of load; wanted one of {', '.join(known)}")
@@ -347,13 +347,10 @@ class _Reading:
             places = [_place_note(what, reads, self._alone) for what in ("label", "session")]
             notes = [*filter(None, places), *notes]
         self._places_said = True
-        given = {
-            f.name: value
-            for f in fields(LoadOptions)
-            if (value := getattr(self._options, f.name)) is not None
-        }
-        if "csv" in given:
+        given = {one.name: getattr(self._options, one.name) for one in fields(LoadOptions) if one.init}
+        if given["csv"] is not None:
             given["csv"] = {key: repr(value) for key, value in given["csv"].items()}
+        given = {name: value for name, value in given.items() if value is not None}
         skipped = [{"name": Path(problem.path).name, "skipped": str(problem)} for problem in problems]
         parameters = {"format": self._found.layout, **given}
         report = StepReport("load", parameters, totals, skipped + rows, notes)

@@ -12,6 +12,8 @@ from granular_id._checks import argument_error, checked_text, finite_number
 from granular_id._core import GranularIdError
 from granular_id.recording import (
     AXES,
+    RECORDING,
+    TIME,
     Recording,
     Stated,
     StepReport,
@@ -63,6 +65,8 @@ class LoadOptions:
     label: str | None = None
     session: str | None = None
     csv: Mapping[str, Any] | None = None
+    stated: dict[str, Any] = field(init=False, repr=False)
+    """What they say of every file, in the words of `Stated`."""
 
     def __post_init__(self) -> None:
         if self.rate_hz is not None:
@@ -91,22 +95,23 @@ class LoadOptions:
             problem = "must be a mapping of options of pandas.read_csv to their values"
             raise argument_error(TypeError, "csv", problem)
 
-    @property
-    def stated(self) -> dict[str, Any]:
-        """What the options say of every file, in the words of `Stated`."""
-        names = ("rate_hz", "time_unit", "axes", "units", "time", "id")
-        places = {"label_from": self.label, "session_from": self.session}
+        columns = {TIME: self.time, RECORDING: self.id}
+        stated: dict[str, Any] = {
+            name: getattr(self, name) for name in ("rate_hz", "time_unit", "axes", "units")
+        }
+        for name in ("label", "session"):
+            kind, _, place = (getattr(self, name) or "").partition(":")
+            columns |= {name: place} if kind == "column" else {}
+            stated |= {f"{name}_from": getattr(self, name)} if kind == "meta" else {}
         chosen = {name: getattr(self, name) for name in ("array", "topic", "time")}
         chosen["axes"] = None if self.axes is None or self.axes == AXES else ",".join(self.axes)
         read_as = [f"{name}={value}" for name, value in chosen.items() if value is not None]
         read_as += [f"csv {key}={value!r}" for key, value in sorted((self.csv or {}).items())]
-        return {
-            **{name: getattr(self, name) for name in names},
-            **{name: place for name, place in places.items() if place is not None and ":" in place},
-            "repair": self.on_time_error == "repair",
-            # what somebody chose to read of files is part of the set-up that models compare
-            "meta": {"read_as": ", ".join(read_as)} if read_as else {},
-        }
+        stated["columns"] = tuple((what, name) for what, name in columns.items() if name is not None)
+        stated["repair"] = self.on_time_error == "repair"
+        # what somebody chose to read of files is part of the set-up that models compare
+        stated["meta"] = {"read_as": ", ".join(read_as)} if read_as else {}
+        object.__setattr__(self, "stated", stated)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -221,7 +221,7 @@ def cell_text(value: Any) -> str:
 def columns_of(
     names: tuple[str, ...],
     axes: tuple[str, ...] | None = None,
-    asked: tuple[tuple[str, str | None], ...] = (),
+    asked: tuple[tuple[str, str], ...] = (),
 ) -> Mapping[str, str]:
     """Find the columns that hold the axes, and the clock and what tells recordings apart where there are such.
 
@@ -244,8 +244,6 @@ def columns_of(
         raise TableError(f"column {twice!r:.60} occurs twice")
     found = {axis: _column_of(axis, names, is_named=axes is not None) for axis in axes or AXES}
     for what, name in asked:
-        if name is None:
-            continue
         if name not in names:
             raise TableError(f"{what}={name!r:.60} is no column of it; there are {_listed(names)}")
         if name in found.values():

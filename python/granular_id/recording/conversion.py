@@ -105,12 +105,12 @@ class Stated:
     ----------
     rate_hz, time_unit, axes, units
         As in `granular_id.load`.
-    time, id : str, optional
-        Columns of the clock, and of what tells recordings apart.
+    columns : tuple of pairs of str
+        What a column is (`TIME`, `RECORDING`, `LABEL`, `SESSION`) and its name, where somebody names it.
     label, session : str, optional
         Of all recordings; they win over what the table says.
     label_from, session_from : str, optional
-        Where else to look: ``"column:NAME"``, or ``"meta:PATH"``, a place in the metadata.
+        A place in the metadata that holds it: ``"meta:PATH"``.
     label_else, session_else : str, optional
         What holds where nothing else says it.
     start_time, trigger_index, meta
@@ -125,8 +125,7 @@ class Stated:
     time_unit: str | None = None
     axes: tuple[str, ...] | None = None
     units: tuple[str, ...] | None = None
-    time: str | None = None
-    id: str | None = None
+    columns: tuple[tuple[str, str], ...] = ()
     label: str | None = None
     session: str | None = None
     label_from: str | None = None
@@ -138,13 +137,6 @@ class Stated:
     meta: Mapping[str, Any] = field(default_factory=dict)
     irregular: bool = False
     repair: bool = False
-
-    @property
-    def columns(self) -> tuple[tuple[str, str | None], ...]:
-        """Columns that somebody names: of the clock, what tells recordings apart, label and session."""
-        places = ((LABEL, self.label_from), (SESSION, self.session_from))
-        named = [(what, place[7:]) for what, place in places if place and place.startswith("column:")]
-        return ((TIME, self.time), (RECORDING, self.id), *named)
 
 
 @dataclass
@@ -231,7 +223,8 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
     axes = asked_axes or AXES
     if not beside_axes:
         called = {axis: called[axis] for axis in axes}
-    if stated.id is None and RECORDING in called and _numbers_rows(cells[called[RECORDING]]):
+    named = dict(asked)
+    if RECORDING in called and RECORDING not in named and _numbers_rows(cells[called[RECORDING]]):
         del called[RECORDING]
     scales, units, notes = _units_of(axes, called, table, stated)
     columns = {what: cells[name] for what, name in called.items() if what not in axes}
@@ -588,17 +581,15 @@ class _Part:
 
     def _rate_in_table(self) -> float | None:
         """Return the rate that a column of the table states."""
-        of_table, name = self._table.rate_hz, self._picked.called[RATE]
-        unit = self._table.units.get(name) or meaning_of(name).unit
-        rates = np.unique(numbers_of([self._columns[RATE]], [name]))
-        scale = 1.0 if unit is None else factor(unit, "Hz")
+        name = self._picked.called[RATE]
+        unit = self._table.units.get(name) or meaning_of(name).unit or "Hz"
+        rates, scale = np.unique(numbers_of([self._columns[RATE]], [name])), factor(unit, "Hz")
         if scale is None:
             raise TableError(f"its unit is {unit!r:.40}; wanted Hz", column=name)
         if len(rates) > 1 and TIME in self._columns:
             return None  # it was measured; stamps tell the rate
-        if len(rates) > 1 or not 0 < rates[0] < np.inf or of_table not in (None, rates[0] * scale):
-            beside = "" if of_table is None else f", the table one of {of_table:g} Hz"
-            problem = f"recording {self._name!r:.60} states the rates {rates[:5].tolist()}{beside}"
+        if len(rates) > 1 or not 0 < rates[0] < np.inf:
+            problem = f"recording {self._name!r:.60} states the rates {rates[:5].tolist()}"
             raise TableError(f"{problem}; wanted one above 0", int(self._rows[0]), name)
         return float(rates[0] * scale)
 
@@ -606,7 +597,7 @@ class _Part:
         """Return label or session: what is stated, else what the table says, else what holds where nothing does."""
         place, text = getattr(self._stated, f"{what}_from"), getattr(self._stated, what)
         column = None
-        if place is not None and place.startswith("meta:"):
+        if place is not None:
             text = text_in_meta(what, place, meta)
         elif text is None:
             text, column = getattr(self._table, what), self._picked.called.get(what)
@@ -622,8 +613,9 @@ class _Part:
                     problem = f"has {len(kinds)} values in one recording: {shown}; wanted one{apart}"
                     raise TableError(problem, int(self._rows[0]), column)
                 text = kinds[0] or text
-            elif place is not None and text is None:
-                raise TableError(f"{what}={place!r:.60}: there is no such column")
+            elif what in dict(self._stated.columns) and text is None:
+                wanted = dict(self._stated.columns)[what]
+                raise TableError(f"{what}='column:{wanted:.60}': there is no such column")
             text = text or getattr(self._stated, f"{what}_else")
         try:
             return None if text is None else checked_text(text, what, spaced=False)
@@ -660,9 +652,11 @@ def restated(recording: Recording, stated: Stated) -> Recording:
     meta = {**recording.meta, **stated.meta}
     for name in ("label", "session"):
         place, other = getattr(stated, f"{name}_from"), getattr(stated, f"{name}_else")
-        if place is not None and not place.startswith("meta:"):
-            problem = f"{name}={place!r:.60}: a data set that granular-id wrote has no columns"
-            raise TableError(f"{problem}; wanted 'meta:PATH'")
+        if name in dict(stated.columns):
+            problem = (
+                f"{name}='column:{dict(stated.columns)[name]:.60}': a data set that granular-id wrote has no"
+            )
+            raise TableError(f"{problem} columns; wanted 'meta:PATH'")
         if place is not None:
             changed[name] = text_in_meta(name, place, meta)
         elif changed[name] is None and getattr(recording, name) is None:

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from granular_id._checks import argument_error, as_floats, checked_text, finite_number
 from granular_id._core import AXES, GranularIdError
 from granular_id._text import counted
-from granular_id.recording.columns import TableError, cell_text, column_names, unit_spelling
+from granular_id.recording.columns import (
+    LABEL,
+    RECORDING,
+    SESSION,
+    TIME,
+    TableError,
+    cell_text,
+    column_names,
+    unit_spelling,
+)
 from granular_id.recording.conversion import Stated, Table, to_recordings, units_by_axis
 from granular_id.recording.recording import Recording, checked_axes
 from granular_id.recording.report import StepReport
@@ -83,6 +92,7 @@ def recordings_of_frames(
     for what, value in (("time", time), ("id", id), ("label", label), ("session", session)):
         if value is not None:
             checked_text(value, what)
+    named = {TIME: time, RECORDING: id, LABEL: label, SESSION: session}
     for what, column, given in (("label", label, labels), ("session", session, sessions)):
         if column is not None and given is not None:
             problem = f"names a column, and {what}s are given too; wanted one of them"
@@ -92,10 +102,9 @@ def recordings_of_frames(
         time_unit=checked_time_unit(time_unit),
         axes=names_in("axes", axes),
         units=names_in("units", units, empty=True),
-        time=time,
-        id=id,
-        label_from=None if label is None else f"column:{label.removeprefix('column:')}",
-        session_from=None if session is None else f"column:{session.removeprefix('column:')}",
+        columns=tuple(
+            (what, name.removeprefix("column:")) for what, name in named.items() if name is not None
+        ),
     )
     tables = [
         Table(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from granular_id.io import load, save_csv
+from granular_id.io import load, save
 
 pytestmark = pytest.mark.data
 
@@ -36,4 +36,4 @@ def test_it_notices_what_is_odd_about_them(sliding):
 
 def test_round_trip(sliding, tmp_path):
     part = sliding.select(indices=range(0, 1000, 50))
-    assert load(save_csv(part, tmp_path / "part")) == part
+    assert load(save(part, tmp_path / "part", "csv")) == part

@@ -8,7 +8,7 @@ import unicodedata
 import numpy as np
 import pytest
 
-from granular_id.io import load, save, save_csv
+from granular_id.io import load, save
 from granular_id.recording import Dataset, Recording
 
 LABELS = (
@@ -24,7 +24,7 @@ def sample(**fields):
 def test_labels_never_become_paths(tmp_path):
     labels = [*LABELS.split("|"), "x" * 300, "\u9162" * 300, "\U0001f35a" * 3 + "\U00020000" * 300]
     data = Dataset([sample(label=label) for label in labels])
-    folder = save_csv(data, tmp_path / "set")
+    folder = save(data, tmp_path / "set", "csv")
     assert load(folder).y.tolist() == labels
     written = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*"))
     assert len(list(tmp_path.iterdir())) == 1
@@ -41,7 +41,7 @@ def test_labels_never_become_paths(tmp_path):
 
 def test_files_read_without_the_index_too(tmp_path):
     data = Dataset([sample(label="rice"), sample(label="rice", flags=[0, 1, 0]), sample(label=None)])
-    folder = save_csv(data, tmp_path / "set")
+    folder = save(data, tmp_path / "set", "csv")
     assert (folder / "index.csv").read_text().splitlines()[0] == (
         "file,label,session,start_time,rate_hz,trigger_index,name,meta"
     )
@@ -54,17 +54,17 @@ def test_files_read_without_the_index_too(tmp_path):
 
 def test_an_empty_folder_is_used_and_nothing_is_written_through_a_link(tmp_path):
     (tmp_path / "set").mkdir()
-    save_csv(Dataset([sample()]), tmp_path / "set")
+    save(Dataset([sample()]), tmp_path / "set", "csv")
     (tmp_path / "empty").mkdir()
     (tmp_path / "link").symlink_to("empty")
     with pytest.raises(FileExistsError, match="nothing is overwritten"):
-        save_csv(Dataset([sample()]), tmp_path / "link")
+        save(Dataset([sample()]), tmp_path / "link", "csv")
     assert list((tmp_path / "empty").iterdir()) == []
 
 
 def test_relative_paths_go_where_they_say_with_ordinary_permissions(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert load(save_csv(Dataset([sample(label="rice")]), "set")).labels == ("rice",)
+    assert load(save(Dataset([sample(label="rice")]), "set", "csv")).labels == ("rice",)
     (tmp_path / "plain").mkdir()
     assert (tmp_path / "set").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
