@@ -46,6 +46,45 @@ def refused(path, problem, **options):
     return caught.value.problem
 
 
+SIX = "ax,ay,az,wx,wy,wz"
+BOTH = {"label": "folder", "session": "parent"}
+SHARED = {
+    "01_session_above_label/by_day": (BOTH, "label='folder', session='parent'", (12, 150, 250, 2, 2)),
+    "01_session_above_label/by_person": (BOTH, "label='folder', session='parent'", (12, 150, 250, 2, 2)),
+    "03_ati_demo_export": (
+        {"csv": {"skiprows": 7}, "rate_hz": 500},
+        "line 8 names the axes: pass csv={'skiprows': 7}",
+        (2, 300, 500, 2, 0),
+    ),
+    "05_rows_in_packets": ({"axes": SIX, "rate_hz": 100}, "for other axes pass axes=", (2, 600, 100, 2, 0)),
+    "06_other_array_or_topic/train": (
+        {"array": "ee_wrench"},
+        "pass array='ee_wrench' or array='ee_wrench_filtered'",
+        (36, 300, 500, 3, 0),
+    ),
+    "11_encodings/utf16.csv": ({}, None, (1, 200, 500, 0, 0)),
+    "11_encodings/excel_sep_line.csv": ({}, None, (1, 200, 500, 0, 0)),
+    "11_encodings/windows_1252.csv": (
+        {"axes": SIX, "csv": {"encoding": "cp1252"}},
+        "csv={'encoding': 'cp1252'}",
+        (1, 200, 500, 0, 0),
+    ),
+}
+"""Options, what is said without them, and recordings, samples, rate, labels and sessions."""
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("path", SHARED)
+def test_shared_files_are_read_as_the_refusal_says(case, path):
+    options, problem, figures = SHARED[path]
+    if problem is not None:
+        refused(case(path), problem)
+    data = load(case(path), **options)
+    sessions = set(data.sessions) - {None}
+    found = (len(data), max(r.n_samples for r in data), data.rate_hz, len(data.labels), len(sessions))
+    assert found == figures
+
+
 # -- 1: a day or person above the material
 
 
@@ -61,15 +100,6 @@ def test_session_above_label_is_refused_until_somebody_says(tmp_path, above):
     data = load(tmp_path, label="folder", session="parent")
     assert (data.labels, len(data), len(set(data.sessions))) == (("clay", "oats"), 8, 2)
     assert any("mean_clay.csv" in note for note in data.history[-1].notes)
-
-
-@pytest.mark.data
-@pytest.mark.parametrize("name", ["by_day", "by_person"])
-def test_shared_session_above_label(case, name):
-    path = case("01_session_above_label") / name
-    refused(path, "label='folder', session='parent'")
-    data = load(path, label="folder", session="parent")
-    assert (len(data), len(data.labels), len(set(data.sessions))) == (12, 2, 2)
 
 
 # -- 2: dates and times as texts
@@ -168,16 +198,6 @@ def test_export_with_lines_above_is_read_by_csv_options(tmp_path, unit, scale, n
     np.testing.assert_allclose(data[0].wrench, W, atol=1e-6)
 
 
-@pytest.mark.data
-def test_shared_export(case):
-    path = case("03_ati_demo_export")
-    refused(path, "line 8 names the axes: pass csv={'skiprows': 7}")
-    data = load(path, csv={"skiprows": 7}, rate_hz=500)
-    assert ([r.n_samples for r in data], data.rate_hz) == ([300, 300], 500)
-    raw = pd.read_csv(path / "rice" / "push_1.csv", skiprows=7, skipinitialspace=True)
-    np.testing.assert_allclose(data[0].wrench[:, 3:], raw[["Tx", "Ty", "Tz"]] / 1000, rtol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("above", "read"),
     [
@@ -234,12 +254,6 @@ def test_rows_in_packets_need_a_stated_rate_and_stay_as_they_are(tmp_path, size,
     assert "the clock was ignored" in data.history[-1].rows[0]["remark"]
 
 
-@pytest.mark.data
-def test_shared_rows_in_packets(case):
-    data = load(case("05_rows_in_packets"), axes="ax,ay,az,wx,wy,wz", rate_hz=100)
-    assert ([r.n_samples for r in data], data.rate_hz) == ([600, 600], 100)
-
-
 # -- 6: another array than in training
 
 
@@ -261,12 +275,6 @@ def test_another_array_is_another_setup(tmp_path):
     (difference,) = Setup.of(one[0].meta).differences(Setup.of(other[0].meta))
     assert (difference.consequence, difference.name) == ("warn", "read_as")
     assert str(difference) == "read_as 'array=ee_wrench_filtered', in training 'array=ee_wrench'"
-
-
-@pytest.mark.data
-def test_shared_other_array(case):
-    data = load(case("06_other_array_or_topic") / "train", array="ee_wrench")
-    assert (len(data), data.rate_hz, len(data.labels)) == (36, 500, 3)
 
 
 # -- 7: pauses in one log
@@ -434,16 +442,6 @@ def test_utf_16_with_a_tab_in_the_line_of_excel_is_read(tmp_path, name):
     data = text.encode("utf-16")
     (tmp_path / name).write_bytes(gzip.compress(data) if name.endswith("gz") else data)
     assert load(tmp_path / name)[0].wrench.tobytes() == W.tobytes()
-
-
-@pytest.mark.data
-def test_shared_encodings(case):
-    folder = case("11_encodings")
-    for name in ("utf16.csv", "excel_sep_line.csv"):
-        (recording,) = load(folder / name)
-        assert (recording.rate_hz, recording.n_samples) == (500, 200)
-    data = load(folder / "windows_1252.csv", axes="ax,ay,az,wx,wy,wz", csv={"encoding": "cp1252"})
-    assert (data.rate_hz, data[0].n_samples) == (500, 200)
 
 
 # -- 12: empty cells are missing rows
