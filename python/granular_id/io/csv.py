@@ -112,7 +112,17 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         rows = (i for i, line in lines if i >= first and line.strip() and not line.startswith(comment))
         return {"line": next(islice(rows, row, None), first + row)}
 
-    return FileContent([table], notes=notes, place=place)
+    cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
+    return FileContent([table], rows=[cut] if _is_cut_off(source.path) else [], notes=notes, place=place)
+
+
+def _is_cut_off(path: Path) -> bool:
+    """Return True if the last line has no end."""
+    if path.suffix.lower() == ".gz":
+        return False
+    with path.open("rb") as file:
+        file.seek(-min(4, path.stat().st_size), os.SEEK_END)
+        return not file.read().rstrip(b"\0").endswith((b"\n", b"\r"))
 
 
 def _head(path: Path, given: Mapping[str, Any]) -> _Head:

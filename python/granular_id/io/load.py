@@ -18,7 +18,7 @@ from granular_id.io.files import RecordingFileError, check_place, failed
 from granular_id.io.index import INDEX_NAME
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.sources import find_sources, format_of, listed
-from granular_id.recording import Dataset, Recording, StepReport, TableError, restated, to_recordings
+from granular_id.recording import Dataset, Made, StepReport, TableError, restated, to_recordings
 
 _ARRAYS = ("npy", "npz", "mat", "hdf5")
 _OF_FORMATS = {
@@ -222,13 +222,10 @@ def _parts(reading: _Reading, most: int, progress: bool | ProgressCallback) -> I
 
 
 @dataclass
-class _Read:
+class _Read(Made):
     """What a file, or a piece of one, became."""
 
-    source: FileSource
-    recordings: Sequence[Recording]
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    source: FileSource = field(kw_only=True)
     history: Sequence[StepReport] = ()
 
 
@@ -324,19 +321,12 @@ class _Reading:
 
     def dataset(self, reads: Sequence[_Read]) -> Dataset:
         """Put together what was read since the last time, with a report."""
-        recordings = [recording for read in reads for recording in read.recordings]
+        whole = Made(
+            [r for read in reads for r in read.recordings], [row for read in reads for row in read.rows]
+        )
         problems = self._problems[self._n_reported :]
         self._n_reported = len(self._problems)
-        rows = [row for read in reads for row in read.rows]
-        totals = {
-            "recordings": len(recordings),
-            "skipped": len(problems),
-            "uniform": sum(r.rate_hz is not None for r in recordings),
-            "irregular": sum(r.rate_hz is None for r in recordings),
-            "left_out_samples": sum(row.get("left_out", 0) for row in rows),
-            "moved_samples": sum(row.get("moved", 0) for row in rows),
-            "merged_samples": sum(row.get("merged", 0) for row in rows),
-        }
+        totals = {"recordings": 0, "skipped": len(problems), **whole.totals}
         counts = Counter(note for read in reads for note in read.notes)
         notes = [note if count == 1 else f"{note} ({count} files)" for note, count in counts.items()]
         if self._beside:
@@ -353,37 +343,35 @@ class _Reading:
         given = {name: value for name, value in given.items() if value is not None}
         skipped = [{"name": Path(problem.path).name, "skipped": str(problem)} for problem in problems]
         parameters = {"format": self._found.layout, **given}
-        report = StepReport("load", parameters, totals, skipped + rows, notes)
+        report = StepReport("load", parameters, totals, skipped + whole.rows, notes)
         stored = {id(read.history): read.history for read in reads}  # of a file once, not of a piece
-        return Dataset(
-            recordings, [*self._found.history, *(step for h in stored.values() for step in h), report]
-        )
+        before = [*self._found.history, *(step for steps in stored.values() for step in steps)]
+        return Dataset(whole.recordings, [*before, report])
 
 
 def _made(content: FileContent, source: FileSource) -> _Read:
     """Make the recordings of what a reader found."""
-    n = len(content.tables) + len(content.recordings)
-    if n > 1 and (source.start_time is not None or source.trigger_index is not None):
-        problem = f"start_time and trigger_index are stated for a file of {counted(n)}"
-        raise RecordingFileError(source.path, f"{problem}; wanted in the file itself")
-    recordings: list[Recording] = []
-    rows, notes = list(content.rows), list(content.notes)
+    read = _Read(rows=content.rows, notes=content.notes, source=source, history=content.history)
+    try:
+        read.recordings = [restated(recording, source) for recording in content.recordings]
+    except TableError as error:
+        raise RecordingFileError(source.path, error.problem, column=error.column) from error
     for i, table in enumerate(content.tables):
         try:
             made = to_recordings(table, source)
         except TableError as error:
             place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
             raise RecordingFileError(source.path, error.problem, **place) from error
-        recordings += made.recordings
-        rows += made.rows
-        notes += [note for note in made.notes if note not in notes]
-    try:
-        recordings += [restated(recording, source) for recording in content.recordings]
-    except TableError as error:
-        raise RecordingFileError(source.path, error.problem, column=error.column) from error
-    if source.two_meanings is not None and any(recording.label is None for recording in recordings):
+        read.recordings += made.recordings
+        read.rows += made.rows
+        read.notes += [note for note in made.notes if note not in read.notes]
+    n = len(read.recordings)
+    if n > 1 and (source.start_time is not None or source.trigger_index is not None):
+        problem = f"start_time and trigger_index are stated for a file of {counted(n)}"
+        raise RecordingFileError(source.path, f"{problem}; wanted in the file itself")
+    if source.two_meanings is not None and any(recording.label is None for recording in read.recordings):
         raise RecordingFileError(source.root, source.two_meanings)
-    return _Read(source, recordings, rows, notes, content.history)
+    return read
 
 
 def _place_note(what: str, reads: Sequence[_Read], alone: bool) -> str | None:

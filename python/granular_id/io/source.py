@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from granular_id._checks import argument_error, checked_text, finite_number
+from granular_id._checks import argument_error, checked_choice, checked_text, finite_number
 from granular_id._core import GranularIdError
 from granular_id.recording import (
     AXES,
@@ -39,11 +39,6 @@ SESSION_LIKE = re.compile(
 )
 """Names of folders, or groups, that are most likely no material."""
 
-_CHOICES = {
-    "on_error": ("raise", "skip"),
-    "on_time_error": ("raise", "repair"),
-    "time_unit": (None, "s", "ms", "us", "ns", "sample"),
-}
 _PLACE = re.compile(r"folder|parent|file|(column|meta):.+")
 PLACES = "'folder', 'parent', 'file', 'column:NAME' or 'meta:PATH'"
 
@@ -71,12 +66,10 @@ class LoadOptions:
     def __post_init__(self) -> None:
         if self.rate_hz is not None:
             object.__setattr__(self, "rate_hz", finite_number("rate_hz", self.rate_hz, positive=True))
-        for name, wanted in _CHOICES.items():
-            if getattr(self, name) not in wanted:
-                words = ", ".join(repr(word) for word in wanted if word is not None)
-                raise argument_error(
-                    GranularIdError, name, f"={getattr(self, name)!r}; wanted one of {words}"
-                )
+        checked_choice("on_error", self.on_error, "raise", "skip")
+        checked_choice("on_time_error", self.on_time_error, "raise", "repair")
+        if self.time_unit is not None:
+            checked_choice("time_unit", self.time_unit, "s", "ms", "us", "ns", "sample")
         for name in ("topic", "array", "time", "id", "label", "session"):
             if getattr(self, name) is not None:
                 checked_text(getattr(self, name), name)

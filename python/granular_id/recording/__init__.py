@@ -22,18 +22,19 @@ from granular_id.recording.columns import (
     meaning_of as meaning_of,
     same_unit as same_unit,
     samples_of as samples_of,
+    units_by_axis as units_by_axis,
     wrench_of as wrench_of,
 )
 from granular_id.recording.conditions import condition_of as condition_of
 from granular_id.recording.conversion import (
+    Made as Made,
     Stated as Stated,
     Table as Table,
     restated as restated,
     to_recordings as to_recordings,
-    units_by_axis as units_by_axis,
 )
 from granular_id.recording.dataset import Dataset, describe_data as describe_data
-from granular_id.recording.frames import checked_time_unit as checked_time_unit, names_in as names_in
+from granular_id.recording.frames import names_in as names_in
 from granular_id.recording.onset import (
     ONSET_STEP as ONSET_STEP,
     Onset,

@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._checks import FloatArray, argument_error
 from granular_id._core import AXES, GranularIdError
 
 _INCH_M = 0.0254
@@ -125,6 +126,25 @@ def is_unit(text: str) -> bool:
     return not plain or plain in ("-", "1") or known or plain.lower() in _OTHER_UNITS
 
 
+def units_by_axis(axes: Sequence[str], units: Sequence[str] | None) -> dict[str, str]:
+    """Return the unit that is stated of each axis: of one for all, one an axis, or one for each of several equal runs.
+
+    Examples
+    --------
+    >>> from granular_id.recording import units_by_axis
+    >>> units_by_axis(("wx", "wy", "ax", "ay"), ("rad/s", "m/s2"))
+    {'wx': 'rad/s', 'wy': 'rad/s', 'ax': 'm/s2', 'ay': 'm/s2'}
+    """
+    if not units:
+        return {}
+    run, rest = divmod(len(axes), len(units))
+    if rest or not run:
+        problem = f"has {len(units)} for {len(axes)} axes ({', '.join(axes)})"
+        wanted = "wanted one for all, one per axis, or one for each of several runs of equal length"
+        raise argument_error(GranularIdError, "units", f"{problem}; {wanted}")
+    return {axis: unit for i, axis in enumerate(axes) if (unit := units[i // run])}
+
+
 TIME, NANOSECONDS, RECORDING, LABEL, SESSION = "time", "nanoseconds", "recording", "label", "session"
 RATE, FLAGS = "rate_hz", "sample_flags"
 ABOUT = (TIME, RECORDING, LABEL, SESSION, RATE, FLAGS)
@@ -149,6 +169,10 @@ _WORDS = {
 }
 _QUANTITIES = {**dict.fromkeys(AXES[:3], "N"), **dict.fromkeys(AXES[3:], "N m"), TIME: "s", RATE: "Hz"}
 """The unit in which values are wanted."""
+
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
+_THOUSANDS = re.compile(r"\s*[+-]?\d{1,3}(,\d{3})+\.\d*\s*")
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
 
 _LONGEST = 200
 """Characters of a name: a topic, a field and a unit have room, and no regular expression takes long."""
@@ -299,6 +323,49 @@ def _column_of(axis: str, names: Sequence[str], *, is_named: bool) -> str:
 
 def _listed(names: Sequence[str], most: int = 20) -> str:
     return ", ".join(name[:40] for name in names[:most]) + (", ..." if len(names) > most else "")
+
+
+def numbers_of(
+    columns: Sequence[npt.NDArray[Any]], names: Sequence[str], *, is_text: bool = False
+) -> FloatArray:
+    """Put columns of numbers side by side, as a read-only array; empty cells are NaN."""
+    found = []
+    for values, name in zip(columns, names, strict=True):
+        if values.dtype.kind in "iuf":
+            found.append(values)
+            continue
+        if values.ndim != 1 or values.dtype.kind not in "OUT":
+            raise TableError(f"holds {values.dtype}; wanted numbers", column=name)
+        cells = values.tolist()
+        no_number = [
+            row
+            for row, cell in enumerate(cells)
+            if isinstance(cell, bool) or not isinstance(cell, (int, float, type(None)))
+        ]
+        if no_number:
+            texts = [row for row in no_number if _NUMBER.fullmatch(str(cells[row])) is None]
+            row = (texts or no_number)[0]
+            raise TableError(_why_no_number(row, cells[row], columns if is_text else []), row, name)
+        found.append(np.array([np.nan if cell is None else cell for cell in cells], np.float64))
+    whole = np.column_stack(found).astype(np.float64, copy=False)
+    whole.flags.writeable = False
+    return whole
+
+
+def _why_no_number(row: int, cell: Any, columns: Sequence[npt.NDArray[Any]]) -> str:
+    """Say what is wrong with a cell; `columns` are those of a text table, which options of pandas may read."""
+    if isinstance(cell, (list, tuple, np.ndarray)):
+        return "holds lists; wanted one number a row (pandas: frame.explode makes rows of them)"
+    text, way_out = str(cell)[:40], "; wanted a number"
+    if _NUMBER.fullmatch(str(cell)):
+        way_out = "; it is text (pandas: frame.astype makes numbers of it)"
+    elif columns and _DECIMAL_COMMA.fullmatch(str(cell)):
+        way_out = "; a decimal comma is read by csv={'decimal': ','}"
+    elif columns and _THOUSANDS.fullmatch(str(cell)):
+        way_out = "; marks of thousands are read by csv={'thousands': ','}"
+    elif columns and all(column[row] == cell for column in columns):  # else the row would be empty in part
+        way_out = f"; if it stands for a missing sample pass csv={{'na_values': {text!r}}}"
+    return f"{text!r} is no number{way_out}"
 
 
 # Tables as samples.

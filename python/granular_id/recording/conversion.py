@@ -5,7 +5,6 @@ Every format and every data frame becomes a `Table`, and passes here.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -13,9 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray, argument_error, checked_text, frozen_mapping, locked
-from granular_id._core import AXES, GranularIdError
-from granular_id._text import counted
+from granular_id._checks import FloatArray, checked_text, frozen_mapping, locked
+from granular_id._core import AXES
 from granular_id.recording.clock import (
     IGNORED_OUT,
     SINCE_1970,
@@ -40,8 +38,10 @@ from granular_id.recording.columns import (
     columns_of,
     factor,
     meaning_of,
+    numbers_of,
     same_unit,
     unit_spelling,
+    units_by_axis,
 )
 from granular_id.recording.recording import (
     KNOWN_FLAGS,
@@ -51,10 +51,6 @@ from granular_id.recording.recording import (
     unit_of,
     with_named_units,
 )
-
-_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
-_THOUSANDS = re.compile(r"\s*[+-]?\d{1,3}(,\d{3})+\.\d*\s*")
-_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
 
 
 @dataclass(frozen=True)
@@ -147,15 +143,20 @@ class Made:
     rows: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
+    @property
+    def totals(self) -> dict[str, int]:
+        """Figures over all recordings, for a report."""
+        counts = {"left_out_samples": "left_out", "moved_samples": "moved", "merged_samples": "merged"}
+        return {
+            "recordings": len(self.recordings),
+            "uniform": sum(one.rate_hz is not None for one in self.recordings),
+            "irregular": sum(one.rate_hz is None for one in self.recordings),
+            **{name: sum(row.get(key, 0) for row in self.rows) for name, key in counts.items()},
+        }
+
 
 def to_recordings(table: Table, stated: Stated) -> Made:
     """Make the recordings of a table, in the order in which they begin.
-
-    Parameters
-    ----------
-    table : Table
-    stated : Stated
-        What a caller, an option or an index says.
 
     Raises
     ------
@@ -166,9 +167,6 @@ def to_recordings(table: Table, stated: Stated) -> Made:
     parts = [(np.arange(len(picked.wrench)), table.name)]
     if RECORDING in picked.columns:
         parts = _parts(picked, table.name)
-    if len(parts) > 1 and (stated.start_time is not None or stated.trigger_index is not None):
-        problem = f"start_time and trigger_index are stated for {counted(len(parts))}"
-        raise TableError(f"{problem}; wanted in the file itself")
     made = Made(notes=picked.notes)
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
@@ -178,25 +176,6 @@ def to_recordings(table: Table, stated: Stated) -> Made:
 
 
 # Columns, axes and units.
-
-
-def units_by_axis(axes: Sequence[str], units: Sequence[str] | None) -> dict[str, str]:
-    """Return the unit that is stated of each axis: of one for all, one an axis, or one for each of several equal runs.
-
-    Examples
-    --------
-    >>> from granular_id.recording import units_by_axis
-    >>> units_by_axis(("wx", "wy", "ax", "ay"), ("rad/s", "m/s2"))
-    {'wx': 'rad/s', 'wy': 'rad/s', 'ax': 'm/s2', 'ay': 'm/s2'}
-    """
-    if not units:
-        return {}
-    run, rest = divmod(len(axes), len(units))
-    if rest or not run:
-        problem = f"has {len(units)} for {len(axes)} axes ({', '.join(axes)})"
-        wanted = "wanted one for all, one per axis, or one for each of several runs of equal length"
-        raise argument_error(GranularIdError, "units", f"{problem}; {wanted}")
-    return {axis: unit for i, axis in enumerate(axes) if (unit := units[i // run])}
 
 
 @dataclass
@@ -214,17 +193,19 @@ class Picked:
 
 def picked_columns(table: Table, stated: Stated) -> Picked:
     """Choose the columns that are read, and settle axes and units."""
-    cells, asked_axes, beside_axes = dict(table.columns), stated.axes, True
-    if not cells:
-        cells, asked_axes, beside_axes = _named_cells(table, stated)
     own = {what for what in (LABEL, SESSION) if getattr(table, what) is not None}
     asked = tuple((what, name) for what, name in stated.columns if what not in own)
-    called = dict(columns_of(tuple(cells), asked_axes, asked if beside_axes else ()))
+    cells, asked_axes = dict(table.columns), stated.axes
+    if table.values is not None:
+        cells, asked_axes = _named_cells(table.values, table.axes, stated.axes)
+    n_samples = len(next(iter(cells.values()), ()))
+    if table.stamps is not None:
+        cells[table.clock], asked = np.asarray(table.stamps), ((TIME, table.clock), *asked)
+        if table.stamps.shape != (n_samples,):
+            raise TableError(f"{table.clock} has the shape {table.stamps.shape} for {n_samples} samples")
+    called = dict(columns_of(tuple(cells), asked_axes, asked))
     axes = asked_axes or AXES
-    if not beside_axes:
-        called = {axis: called[axis] for axis in axes}
-    named = dict(asked)
-    if RECORDING in called and RECORDING not in named and _numbers_rows(cells[called[RECORDING]]):
+    if RECORDING in called and RECORDING not in dict(asked) and _numbers_rows(cells[called[RECORDING]]):
         del called[RECORDING]
     scales, units, notes = _units_of(axes, called, table, stated)
     columns = {what: cells[name] for what, name in called.items() if what not in axes}
@@ -235,25 +216,25 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
             raise TableError("a stamp is empty", column=called[TIME])
         columns[TIME] = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
         time_unit = "ns"
-    if table.stamps is not None and TIME not in columns:
-        columns[TIME] = np.asarray(table.stamps)
-        n = len(cells[called[axes[0]]])
-        if columns[TIME].shape != (n,):
-            raise TableError(f"{TIME} has the shape {columns[TIME].shape} for {n} samples")
     names = [called[axis] for axis in axes]
-    if table.values is not None and names == list(cells):  # not copied where nobody can change them
+    if (
+        table.values is not None and names == list(cells)[: table.values.shape[1]]
+    ):  # not copied where nobody can change them
         wrench = locked(np.asarray(table.values, np.float64, order="C"))
     else:
         wrench = numbers_of([cells[name] for name in names], names, is_text=table.is_text)
     unread = [repr(name) for name in cells if name not in called.values()]
+    bases = {
+        what: meaning_of(name).base.strip().lower() for what, name in called.items() if what != NANOSECONDS
+    }
+    usual = {(TIME, "timestamp"), (TIME, table.clock)}
+    others = {
+        called[what]: what
+        for what, base in bases.items()
+        if base != what.lower() and (what, base) not in usual
+    }
     if unread:
         notes.append(f"columns that are not read: {', '.join(unread)[:200]}")
-    others = {
-        name: what
-        for what, name in called.items()
-        if what != NANOSECONDS and (what, meaning_of(name).base.strip().lower()) != (TIME, "timestamp")
-        if meaning_of(name).base.strip().lower() != what.lower()
-    }
     if others:
         notes.append(f"columns {', '.join(map(repr, others))} taken as {', '.join(others.values())}"[:300])
     wrench = wrench if scales is None else wrench * scales
@@ -266,23 +247,18 @@ def _numbers_rows(values: NDArray[Any]) -> bool:
 
 
 def _named_cells(
-    table: Table, stated: Stated
-) -> tuple[dict[str, NDArray[Any]], tuple[str, ...] | None, bool]:
-    """Return the columns of an array by their names: its own, those stated, or the six of a wrench.
+    values: NDArray[Any], names: tuple[str, ...] | None, asked: tuple[str, ...] | None
+) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+    """Return the columns of an array by their names: its own, those asked for, or the six of a wrench; and the axes.
 
-    Also which of them are the axes, and whether others, such as a clock, are read beside the six.
+    Beside the six there may be others, such as a clock.
     """
-    values = np.asarray(table.values)
     if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
         came = f"{values.dtype} of shape {values.shape}"
         raise TableError(f"samples are {came}; wanted numbers of shape (samples, axes)")
-    n, known = values.shape[1], table.axes
-    if known is not None and len(known) != n:
-        raise TableError(f"samples have {n} columns, and {len(known)} axes are named: {', '.join(known)}")
-    if known is None:
-        known = AXES if stated.axes is None else stated.axes
-    if len(known) != n:
-        came = "" if stated.axes is None else f", and axes names {len(known)}"
+    n, known = values.shape[1], names or asked or AXES
+    if names is None and len(known) != n:
+        came = "" if asked is None else f", and axes names {len(asked)}"
         problem = f"samples have {n} columns without names{came}"
         raise TableError(f"{problem}; pass axes= with a name for each", no_wrench=True)
     try:
@@ -290,11 +266,9 @@ def _named_cells(
     except (TypeError, ValueError) as error:
         raise TableError(str(error)) from error
     has_six = {meaning_of(name).what for name in known} >= set(AXES)
-    names_all = stated.axes is None or (table.axes is None and known == stated.axes)
-    if has_six and names_all and n > len(AXES):
-        return cells, None, True
-    of_wrench = has_six and n == len(AXES)
-    return cells, stated.axes or (AXES if of_wrench else tuple(known)), False
+    if has_six and (asked is None or (names is None and n > len(AXES))):
+        return cells, AXES
+    return cells, asked or known
 
 
 def _units_of(
@@ -335,47 +309,6 @@ def _units_of(
         return None, units, []
     said_units = ", ".join(dict.fromkeys(f"{unit} to {unit_of(axis)}" for axis, unit in converted.items()))
     return tuple(scales), units, [f"converted from {said_units}"]
-
-
-def numbers_of(columns: Sequence[NDArray[Any]], names: Sequence[str], *, is_text: bool = False) -> FloatArray:
-    """Put columns of numbers side by side, as a read-only array; empty cells are NaN."""
-    found = []
-    for values, name in zip(columns, names, strict=True):
-        if values.dtype.kind in "iuf":
-            found.append(values)
-            continue
-        if values.ndim != 1 or values.dtype.kind not in "OUT":
-            raise TableError(f"holds {values.dtype}; wanted numbers", column=name)
-        cells = values.tolist()
-        no_number = [
-            row
-            for row, cell in enumerate(cells)
-            if isinstance(cell, bool) or not isinstance(cell, (int, float, type(None)))
-        ]
-        if no_number:
-            texts = [row for row in no_number if _NUMBER.fullmatch(str(cells[row])) is None]
-            row = (texts or no_number)[0]
-            raise TableError(_why_no_number(row, cells[row], columns if is_text else []), row, name)
-        found.append(np.array([np.nan if cell is None else cell for cell in cells], np.float64))
-    whole = np.column_stack(found).astype(np.float64, copy=False)
-    whole.flags.writeable = False
-    return whole
-
-
-def _why_no_number(row: int, cell: Any, columns: Sequence[NDArray[Any]]) -> str:
-    """Say what is wrong with a cell; `columns` are those of a text table, which options of pandas may read."""
-    if isinstance(cell, (list, tuple, np.ndarray)):
-        return "holds lists; wanted one number a row (pandas: frame.explode makes rows of them)"
-    text, way_out = str(cell)[:40], "; wanted a number"
-    if _NUMBER.fullmatch(str(cell)):
-        way_out = "; it is text (pandas: frame.astype makes numbers of it)"
-    elif columns and _DECIMAL_COMMA.fullmatch(str(cell)):
-        way_out = "; a decimal comma is read by csv={'decimal': ','}"
-    elif columns and _THOUSANDS.fullmatch(str(cell)):
-        way_out = "; marks of thousands are read by csv={'thousands': ','}"
-    elif columns and all(column[row] == cell for column in columns):  # else the row would be empty in part
-        way_out = f"; if it stands for a missing sample pass csv={{'na_values': {text!r}}}"
-    return f"{text!r} is no number{way_out}"
 
 
 # The recordings of a table: rows, clock, label, session.
@@ -476,9 +409,9 @@ class _Part:
     def _keep(self, samples: NDArray[np.intp]) -> None:
         """Keep some samples, in this order."""
         if self._trigger is not None and 0 <= self._trigger < len(self._wrench):
-            kept = np.flatnonzero(samples == self._trigger)
-            after = np.flatnonzero(samples >= self._trigger)
-            self._trigger = int(kept[0]) if len(kept) else int(after[0]) if len(after) else len(samples) - 1
+            here = np.flatnonzero(samples == self._trigger)
+            here = here if len(here) else np.flatnonzero(samples > self._trigger)
+            self._trigger = int(here[0]) if len(here) else len(samples) - 1
         self._wrench, self._rows = self._wrench[samples], self._rows[samples]
         self._columns = {what: cells[samples] for what, cells in self._columns.items()}
         self._flags = None if self._flags is None else self._flags[samples]

@@ -159,7 +159,7 @@ REFUSED = {
     "rate of no number": ({"X": X, "fs": -1.0}, "fs is '-1'; wanted a rate above 0"),
     "units of others": ({"X": X, "fs": 500, "units": ["N", "N", "N", "N"]}, "units has 4 for 6"),
     "unit unknown": ({"X": X, "fs": 500, "units": ["lb", "N m"]}, "its unit is 'lb'"),
-    "axes of others": ({"X": X, "fs": 500, "axes": AXES[:5]}, "6 columns, and 5 axes are named"),
+    "axes of others": ({"X": X, "fs": 500, "axes": AXES[:5]}, "axes has 5 names, but wrench has 6 columns"),
     "more recordings than samples": (
         {"X": X[:, :3], "fs": 500},
         "4 recordings of 3 samples; if that is so, pass array='X'",
