@@ -1,6 +1,6 @@
 """Where partitions are worked on: threads of this process, or the workers of a Dask cluster.
 
-A partition may be worked on twice, and on a worker that dies: that its file is there exactly once is the work of `make`.
+A partition may be worked on twice, and on a worker that dies: its file is there exactly once by the work of `make`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,9 @@ from contextlib import nullcontext, suppress
 from functools import partial
 from typing import Any, NamedTuple
 
+from joblib import effective_n_jobs
+
+from granular_id import _core
 from granular_id.io.files import need
 
 Make = Callable[[Any], str]
@@ -23,19 +26,10 @@ _DIED = "the processes that worked on it died, each time (out of memory, or a cr
 def work_through(
     make: Make, partitions: Mapping[str, Any], done: Done, *, n_jobs: int | None, scheduler: Any
 ) -> None:
-    """Call `make` with each partition, and `done` with its name and what kept it from being made, or nothing.
-
-    Threads as of joblib; or, with a `scheduler`, a Dask cluster that runs: an address (``tcp://host:8786``), or a
-    client. Partitions and outcomes go through it, a few hundred bytes each; samples and features do not. What is raised,
-    or Ctrl-C, begins nothing more. A partition whose worker dies runs again on another. One whose workers die again and
-    again (four times, unless Dask is configured otherwise) is tried once more when all others are done: alone, so that
-    none fails for its neighbour.
-    """
+    """Call `make` with each partition, and `done` with its name and what kept it from being made, or nothing."""
     if not partitions:
         return
     if scheduler is None:
-        from joblib import effective_n_jobs  # slow to import
-
         with ThreadPoolExecutor(effective_n_jobs(n_jobs)) as pool:
             threads = _Pool(pool.submit, as_completed, lambda _: pool.shutdown(cancel_futures=True))
             _work(threads, make, partitions, done)
@@ -56,6 +50,7 @@ def work_through(
             client.cancel,
             distributed.KilledWorker,
         )
+        # Dask tried each of these four times; alone, none fails for its neighbour.
         for name in _work(cluster, make, partitions, done):
             if _work(cluster, make, {name: partitions[name]}, done):
                 done(name, f"{partitions[name]}: {_DIED}")
@@ -66,12 +61,15 @@ def _check_versions(client: Any) -> None:
     if not client.nthreads():
         warnings.warn("the scheduler has no workers yet: waiting for one", stacklevel=5)
         client.wait_for_workers(1)
-    found = client.get_versions(packages=["granular_id", "pyarrow"])
-    for name, wanted in found["client"]["packages"].items():
-        for worker, said in found["workers"].items():
-            if name in ("granular_id", "pyarrow") and said["packages"][name] != wanted:
-                problem = f"has {name} {said['packages'][name]}, wanted {wanted} as the caller has"
-                raise OSError(f"Dask worker {worker} {problem}: install it there")
+    for worker, found in client.run(_versions).items():
+        if found != _versions():
+            problem = f"has {found}, wanted {_versions()} as the caller has: install it there"
+            raise OSError(f"Dask worker {worker} {problem}")
+
+
+def _versions() -> str:
+    pyarrow = need("pyarrow", extra="app", why="to work on archives")
+    return f"granular_id {_core.__version__} and pyarrow {pyarrow.__version__}"
 
 
 class _Pool(NamedTuple):

@@ -257,7 +257,7 @@ def identify(
         _answer_over(data, fitting, identifier, json, csv, figure, quiet=quiet)
 
 
-_OF_ARCHIVES = ("--model", "--begin-at", "--lead-s", "--on-short", "--accept")
+_OF_ARCHIVES = ("--model", "--accept")
 
 
 def _refuse_beside_output(recordings: Recordings, fitting: Fitting, **others: Path | bool | None) -> None:
@@ -284,8 +284,6 @@ def _answer_archive(
 ) -> None:
     """Write one answer for each recording of an archive, and print what they are in all."""
     (path,) = recordings.paths
-    if fitting.begin_at == "onset":
-        raise GranularIdError("--begin-at onset is not for archives: find onsets by granular-id data convert")
     check_source(recordings.model_file)
     check_is_archive(path)
     from granular_id.archive import Answers, identify as identify_archive
@@ -307,9 +305,6 @@ def _answer_archive(
             model,
             output,
             accept=fitting.accepted,
-            begin_at=fitting.begin_at,
-            lead_s=fitting.lead_s,
-            on_short=fitting.on_short,
             progress=not quiet,
             **workers.given(),
         )

@@ -120,22 +120,17 @@ class Requirements:
         names: Sequence[str],
         lengths: npt.NDArray[np.int64],
         triggers: npt.NDArray[np.int64],
-        *,
-        begin_at: Begin = "auto",
-        lead_s: float | None = None,
     ) -> npt.NDArray[np.int64]:
-        """Return the sample at which `crop` has each of n recordings begin; -1 where it leaves one out.
+        """Return the sample at which `crop` has each of n recordings begin by itself; -1 where it leaves one out.
 
         `triggers` are -1 where there is none. A ValueError where nothing says how much rest comes before the motion.
         """
         n = self.n_samples
         starts = np.zeros(len(lengths), np.int64)
-        from_trigger = np.full(len(lengths), begin_at == "trigger")
-        if begin_at == "auto" and (lead_s is not None or not self._begins_at_first):
-            from_trigger = lengths > n
+        from_trigger = (lengths > n) & (not self._begins_at_first)
         if from_trigger.any():
             first = int(from_trigger.argmax())
-            lead = self._known_lead(lead_s, names[first], int(lengths[first]))
+            lead = self._known_lead(None, names[first], int(lengths[first]))
             begun = np.where(triggers >= 0, triggers - round(lead * self.rate_hz), -1)
             starts = np.where(from_trigger, begun, starts)
         fits: npt.NDArray[np.int64] = np.where((starts >= 0) & (starts + n <= lengths), starts, -1)
