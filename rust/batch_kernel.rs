@@ -1,11 +1,12 @@
 //! A team of recordings through the lanes, in one pass over the samples.
 
 use crate::dsp::{Outside, Real};
-use crate::features::{BatchShape, Extractor};
+use crate::features::Extractor;
 use crate::kernel::{
     fits, pack, unpack, Beside, Cascade, Counting, HalfLines, Job, LaneBins, LaneHistograms, Raw, Row, Simd,
     SimdPath, BLOCK, LANES, MAX_WIDTH,
 };
+use crate::wrench::BatchShape;
 
 /// Recordings that share the lanes.
 pub(crate) fn team_size(n_axes: usize) -> usize {

@@ -1,14 +1,14 @@
 //! From recordings to feature vectors: what to compute ([`FeatureSpec`]) and the tool that does
 //! ([`Extractor`]).
 
-use crate::batch_kernel::Teams;
-use crate::dsp::{butterworth, Band, Outside, Real, Sos, UniformBins, MAX_BINS};
+use crate::batch_kernel::{team_size, Teams};
+use crate::dsp::{butterworth, Band, Outside, Real, Sos, UniformBins};
 use crate::error::{Error, Result};
 use crate::kernel::SimdPath;
-use crate::memory::{filled, reserved, room};
-use crate::pool::in_tasks;
+use crate::memory::{filled, reserved};
+use crate::parallel::in_pieces;
 use crate::specs::{choices, setters};
-use crate::wrench::axis_name;
+use crate::wrench::{axis_name, BatchShape};
 
 /// The largest number of samples of a recording: counts are 32 bits wide.
 pub const MAX_SAMPLES: usize = u32::MAX as usize;
@@ -20,9 +20,6 @@ const MAX_NAMES: usize = 1 << 21;
 /// Results larger than this are written past the caches: they would not find room, and reading every line before it is
 /// overwritten would cost a third of the memory traffic.
 const STREAM_BYTES: usize = 8 << 20;
-
-/// Memory that a name takes, here and as a string of Python.
-pub(crate) const NAME_BYTES: usize = 200;
 
 /// State of the high-pass before the first sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -104,29 +101,10 @@ setters! {
     with_hfmh hfmh bool,
 }
 
-/// Size of a batch of recordings: `values[(recording * n_samples + sample) * n_axes + axis]`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BatchShape {
-    /// Recordings.
-    pub n_recordings: usize,
-    /// Samples per recording.
-    pub n_samples: usize,
-    /// Axes per sample.
-    pub n_axes: usize,
-}
-
-impl BatchShape {
-    /// Values of one recording; the largest number where there are more.
-    #[must_use]
-    pub fn recording_len(&self) -> usize {
-        self.n_samples.saturating_mul(self.n_axes)
-    }
-}
-
 /// Extracts features; a checked [`FeatureSpec`] with its filter and bins. Immutable, shared between threads.
 ///
 /// ```
-/// use granular_id::features::{BatchShape, Extractor, FeatureSpec};
+/// use granular_id::{BatchShape, Extractor, FeatureSpec};
 ///
 /// let extractor = Extractor::new(FeatureSpec::default())?;
 /// let shape = BatchShape { n_recordings: 2, n_samples: 1600, n_axes: 6 };
@@ -147,21 +125,20 @@ impl Extractor {
     /// Checks the specification and designs its filter and bins.
     pub fn new(spec: FeatureSpec) -> Result<Self> {
         if !(spec.raw || spec.hfmh) {
-            return Err(Error::NoFeatures);
+            return Err(Error::argument("raw or hfmh", "be true", "false for both"));
         }
         let sos = butterworth(spec.order, Band::Highpass(spec.cutoff_hz), spec.rate_hz)?;
         let start = match spec.initial {
             Initial::Zero => Vec::new(),
             Initial::Steady => sos.steady_state()?,
         };
-        room(spec.bin_ranges.len().saturating_mul((spec.n_bins.min(MAX_BINS) + 1) * size_of::<f64>()))?;
         let bins: Vec<_> = spec
             .bin_ranges
             .iter()
             .map(|(low, high)| UniformBins::new(spec.n_bins, *low, *high))
             .collect::<Result<_>>()?;
         if bins.is_empty() {
-            return Err(Error::RangeCount { ranges: 0, axes: 1 });
+            return Err(ranges_refused(0, 1));
         }
         Ok(Self { spec, sos, start, bins })
     }
@@ -207,7 +184,7 @@ impl Extractor {
         block(self.spec.raw, n_samples)
             .zip(block(self.spec.hfmh, self.spec.n_bins))
             .and_then(|(raw, hfmh)| raw.checked_add(hfmh))
-            .ok_or(Error::TooLarge { n_samples, n_axes })
+            .ok_or_else(|| too_many_features(n_samples, n_axes))
     }
 
     /// Names of the features, in order: `fx_0000 ... tz_1599, hfmh_fx_00 ... hfmh_tz_99`.
@@ -216,9 +193,8 @@ impl Extractor {
         let (sample_digits, bin_digits) = (digits(n_samples, 4), digits(self.spec.n_bins, 2));
         let n_features = self.n_features(n_samples, n_axes)?;
         if n_features > MAX_NAMES {
-            return Err(Error::TooLarge { n_samples, n_axes });
+            return Err(too_many_features(n_samples, n_axes));
         }
-        room(n_features.saturating_mul(NAME_BYTES))?;
         let mut names = reserved(n_features)?;
         if self.spec.raw {
             for axis in (0..n_axes).map(|axis| axis_name(axis, n_axes)) {
@@ -257,12 +233,9 @@ impl Extractor {
     /// Refuses recordings too long to count, or of a number of axes without ranges.
     pub(crate) fn check_size(&self, n_samples: usize, n_axes: usize) -> Result<()> {
         if self.spec.hfmh && self.bins.len() != 1 && self.bins.len() != n_axes {
-            return Err(Error::RangeCount { ranges: self.bins.len(), axes: n_axes });
+            return Err(ranges_refused(self.bins.len(), n_axes));
         }
-        if n_samples > MAX_SAMPLES {
-            return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
-        }
-        Ok(())
+        Error::check_range("n_samples", n_samples, 0..=MAX_SAMPLES)
     }
 
     /// Features of a batch, one row per recording.
@@ -298,7 +271,7 @@ impl Extractor {
     ) -> Result<()> {
         let stream = size_of_val(out) > STREAM_BYTES;
         let n_features = self.check(wrench, shape)?;
-        in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
+        in_pieces(wrench, shape, (n_features, team_size(shape.n_axes)), threads, out, |wrench, shape, out| {
             self.run_on(path, wrench, shape, out, stream).map(drop)
         })
     }
@@ -314,7 +287,7 @@ impl Extractor {
         let n_features = self.check(wrench, shape)?;
         let path = SimdPath::detect()?;
         let stream = size_of_val(out) > STREAM_BYTES;
-        in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
+        in_pieces(wrench, shape, (n_features, team_size(shape.n_axes)), threads, out, |wrench, shape, out| {
             if self.run_on(path, wrench, shape, out, stream)? {
                 return Ok(());
             }
@@ -366,5 +339,14 @@ pub(crate) fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
             best
         }
     });
-    Error::Overflow { recording: place(index).0, largest }
+    Error::TooLarge { recording: place(index).0, largest, limit: "which overflows float64" }
+}
+
+pub(crate) fn ranges_refused(n_ranges: usize, n_axes: usize) -> Error {
+    let got = format_args!("{n_ranges} ranges for {n_axes} axes");
+    Error::argument("bin_range", "hold one range, or one per axis", got)
+}
+
+pub(crate) fn too_many_features(n_samples: usize, n_axes: usize) -> Error {
+    Error::argument("n_samples and n_axes", "give fewer features", format_args!("{n_samples} and {n_axes}"))
 }

@@ -40,7 +40,7 @@
 //! | module | holds | feature | brings |
 //! |---|---|---|---|
 //! | [`dsp`] | Butterworth design, filters of streams and arrays, histograms | | libm, thiserror |
-//! | [`features`] | the paper's features of a recording or a batch | `parallel` for several threads, else one | rayon |
+//! | [`features`] | the paper's features of a recording or a batch | | |
 //! | [`stream`] | features and answers as rows arrive | answers: `model` | |
 //! | [`wrench`] | order, names and units of the six axes | | |
 //! | [`multiband`] | statistics of every octave | `multiband` | |
@@ -79,7 +79,7 @@ mod memory;
 pub mod model;
 #[cfg(feature = "multiband")]
 pub mod multiband;
-mod pool;
+mod parallel;
 #[cfg(feature = "rdt")]
 pub mod rdt;
 mod specs;
@@ -88,19 +88,19 @@ pub mod wrench;
 
 pub use dsp::{butterworth, sosfilt, sosfilt_from, AlongAxis, Band, Sos, SosState, UniformBins};
 pub use error::{Error, Result};
-pub use features::{BatchShape, Extractor, FeatureSpec};
+pub use features::{Extractor, FeatureSpec};
 pub use kernel::SimdPath;
 #[cfg(feature = "model")]
 pub use model::Model;
-pub use wrench::interleave;
+pub use wrench::{interleave, BatchShape};
 
 /// What the extension module needs beside the public face; no promise to anybody else.
 #[doc(hidden)]
 pub mod bindings {
-    pub use crate::error::brief;
-    pub use crate::memory::{collected, filled, reserved, room};
+    pub use crate::error::short_number;
+    pub use crate::memory::{collected, filled, reserved};
     #[cfg(feature = "model")]
     pub use crate::model::ranking;
-    pub use crate::pool::cores;
+    pub use crate::parallel::cores;
     pub use crate::specs::listed;
 }

@@ -28,6 +28,25 @@ pub const SAMPLE_FLAGS: [(&str, u8); 4] = [
 /// All bits of [`SAMPLE_FLAGS`] together.
 pub const KNOWN_FLAGS: u8 = GAP_FILLED | SATURATED | BAD_STATUS | TIME_REPAIRED;
 
+/// Size of a batch of recordings: `values[(recording * n_samples + sample) * n_axes + axis]`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BatchShape {
+    /// Recordings.
+    pub n_recordings: usize,
+    /// Samples per recording.
+    pub n_samples: usize,
+    /// Axes per sample.
+    pub n_axes: usize,
+}
+
+impl BatchShape {
+    /// Values of one recording; the largest number where there are more.
+    #[must_use]
+    pub fn recording_len(&self) -> usize {
+        self.n_samples.saturating_mul(self.n_axes)
+    }
+}
+
 /// Instants written at a time: those of six axes fill a quarter of the first cache.
 const INSTANTS: usize = 1 << 8;
 

@@ -35,7 +35,7 @@ pub use clock::{host_ns, DeviceClock};
 pub use reader::{Fill, Reader, Taken, Window, WindowError, WindowSpec};
 pub use writer::{Pushed, Writer};
 
-use crate::error::{Error, Result};
+use crate::error::{short_number, Error, Result};
 use crate::specs::setters;
 use crate::wrench::AXES;
 use clock::{ClockLine, CLOCK_WORDS};
@@ -101,22 +101,19 @@ impl BufferSpec {
     /// Rows the buffer holds: seconds times rate, rounded up.
     fn capacity(&self) -> Result<usize> {
         let Self { rate_hz, seconds, tick_hz, reorder_depth, n_axes } = *self;
-        if !(rate_hz.is_finite() && rate_hz > 0.0) {
-            return Err(Error::Rate { rate_hz });
-        }
+        Error::check_rate(rate_hz)?;
         if !(tick_hz.is_finite() && tick_hz >= rate_hz) {
-            return Err(Error::TickRate { tick_hz, rate_hz });
+            let wanted = format_args!("be finite and at least rate_hz = {}", short_number(rate_hz));
+            return Err(Error::argument("tick_hz", wanted, short_number(tick_hz)));
         }
-        if reorder_depth > MAX_REORDER_DEPTH {
-            return Err(Error::ReorderDepth { reorder_depth });
-        }
-        if !(1..=MAX_AXES).contains(&n_axes) {
-            return Err(Error::BufferAxes { n_axes });
-        }
+        Error::check_range("reorder_depth", reorder_depth, 0..=MAX_REORDER_DEPTH)?;
+        Error::check_range("n_axes", n_axes, 1..=MAX_AXES)?;
         let rows = (seconds * rate_hz).ceil();
         // NaN is in no range.
         if !(seconds > 0.0 && (1.0..=MAX_ROWS as f64).contains(&rows)) {
-            return Err(Error::BufferSize { seconds, rate_hz });
+            let wanted = format_args!("be positive and give at most {MAX_ROWS} rows");
+            let got = format_args!("{} at rate_hz = {}", short_number(seconds), short_number(rate_hz));
+            return Err(Error::argument("seconds", wanted, got));
         }
         // Between 1 and MAX_ROWS.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]

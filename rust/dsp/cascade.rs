@@ -166,7 +166,7 @@ impl SosState {
     /// The state as if each channel had held its first sample forever; one value per channel.
     ///
     /// # Errors
-    /// [`Error::NoSteadyState`] when a section has a pole at `z = 1`; [`Error::Memory`].
+    /// [`Error::Argument`] when a section has a pole at `z = 1`; [`Error::Memory`].
     pub fn steady(sos: &Sos, first: &[f64]) -> Result<Self> {
         let mut state = Self::zero(sos, first.len())?;
         state.settle(&sos.steady_state()?, first);

@@ -39,7 +39,7 @@ impl SimdPath {
     /// The environment is read once per process.
     ///
     /// # Errors
-    /// [`Error::VectorUnit`]: the variable names none, or one that this machine lacks.
+    /// [`Error::Argument`]: the variable names none, or one that this machine lacks.
     pub fn detect() -> Result<Self> {
         static CHOICE: OnceLock<Result<SimdPath>> = OnceLock::new();
         let asked = || std::env::var_os("GRANULAR_ID_SIMD").unwrap_or_default();
@@ -54,9 +54,11 @@ impl SimdPath {
         } else {
             available.iter().find(|path| path.name() == asked)
         };
-        found.copied().ok_or_else(|| Error::VectorUnit {
-            asked: asked.to_owned(),
-            available: available.iter().map(|path| path.name()).collect(),
+        found.copied().ok_or_else(|| {
+            let names: Vec<_> = available.iter().map(|path| path.name()).collect();
+            let wanted =
+                format_args!("be one of the vector units of this machine ({}), or not set", names.join(", "));
+            Error::argument("GRANULAR_ID_SIMD", wanted, format_args!("{asked:?}"))
         })
     }
 

@@ -5,8 +5,8 @@
 
 use super::parts::Tensor;
 use super::{Model, ModelError};
-use crate::error::{brief, Error};
-use crate::memory::{filled, reserved, room};
+use crate::error::{short_number, Error};
+use crate::memory::{filled, reserved};
 use crate::specs::choices;
 
 /// A binary loss of the agreement `z` of a code with a score: 1/2 where the score says nothing.
@@ -56,7 +56,7 @@ impl Codes {
                     1.0 => 2,
                     _ => {
                         let what = format!("coding_matrix[{class}, {learner}]");
-                        return Err(ModelError::must_be(what, "-1, 0 or 1", brief(value)));
+                        return Err(ModelError::must_be(what, "-1, 0 or 1", short_number(value)));
                     }
                 });
             }
@@ -194,7 +194,7 @@ impl Model {
         let mut losses = filled(0.0, n_rows.saturating_mul(n_classes))?;
         let rows = scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes));
         for (row, (scores, losses)) in rows.enumerate() {
-            self.decode(scores, losses).map_err(|error| error.later(row))?;
+            self.decode(scores, losses).map_err(|error| error.after(row))?;
         }
         Ok(losses)
     }
@@ -207,10 +207,6 @@ impl Model {
         threads: usize,
     ) -> Result<Vec<Answer>, Error> {
         let (scores, novelty) = self.scores_and_novelty(wrench, n_recordings, threads)?;
-        let numbers = self.n_learners() + self.classes.len();
-        let candidates = self.classes.len() * size_of::<usize>();
-        let per_answer = size_of::<Answer>() + numbers * size_of::<f64>() + candidates;
-        room(n_recordings.saturating_mul(per_answer))?;
         let mut verdict = self.rules.verdict(self.classes.len());
         let answers = scores.chunks_exact(self.n_learners()).enumerate().map(|(row, scores)| {
             let mut losses = vec![0.0; self.classes.len()];

@@ -18,7 +18,7 @@ use super::{
     json, Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts, NoveltyParts,
     Tensor,
 };
-use crate::error::shown;
+use crate::error::quoted;
 use crate::memory::reserved;
 use crate::specs::listed;
 
@@ -192,7 +192,7 @@ fn metadata(header: &str) -> Result<Entries, ModelError> {
     let text = |(key, value): (&String, &Value)| match value {
         Value::String(text) => Ok((key.clone(), text.clone())),
         other => {
-            let (key, kind) = (shown(key.as_bytes()), json::kind(other));
+            let (key, kind) = (quoted(key), json::kind(other));
             Err(not_header(format!("metadata {key} must be a text, got {kind}")))
         }
     };
@@ -200,13 +200,13 @@ fn metadata(header: &str) -> Result<Entries, ModelError> {
         Some(texts.as_object()?.iter().map(text).collect())
     })?;
     if let Some(name) = header.entries.keys().find(|name| !TENSORS.contains(&name.as_str())) {
-        let what = format!("tensor {}", shown(name.as_bytes()));
+        let what = format!("tensor {}", quoted(name));
         return Err(ModelError::part(what, "is unknown"));
     }
     for (name, tensor) in &header.entries {
         let mut keys = tensor.as_object().into_iter().flat_map(|tensor| tensor.keys());
         if let Some(key) = keys.find(|key| !TENSOR_KEYS.contains(&key.as_str())) {
-            let key = shown(key.as_bytes());
+            let key = quoted(key);
             return Err(not_header(format!("tensor '{name}' has an unknown key {key}")));
         }
     }
@@ -222,20 +222,20 @@ fn check_version(entries: &Entries) -> Result<(), ModelError> {
     if version == VERSION {
         return Ok(());
     }
-    Err(ModelError::Version { got: shown(version.as_bytes()) })
+    Err(ModelError::Version { got: quoted(version) })
 }
 
 /// A whole number as it is written: no sign, no leading zeros.
 fn count(entries: &mut Entries, key: &str) -> Result<usize, ModelError> {
     let text = take(entries, key)?;
     let count = text.parse().ok().filter(|count: &usize| count.to_string() == text);
-    count.ok_or_else(|| ModelError::must_be(key, "a whole number", shown(text.as_bytes())))
+    count.ok_or_else(|| ModelError::must_be(key, "a whole number", quoted(&text)))
 }
 
 fn choice<T: Copy>(entries: &mut Entries, key: &str, named: &[(&str, T)]) -> Result<T, ModelError> {
     let text = take(entries, key)?;
     let choice = named.iter().find(|(name, _)| *name == text).map(|(_, meaning)| *meaning);
-    choice.ok_or_else(|| ModelError::must_be(key, listed(named), shown(text.as_bytes())))
+    choice.ok_or_else(|| ModelError::must_be(key, listed(named), quoted(&text)))
 }
 
 /// The tensors of a file.
@@ -244,7 +244,7 @@ struct Tensors<'a>(SafeTensors<'a>);
 impl<'a> Tensors<'a> {
     /// Those of a file that they fill from the header to its end without gaps and overlaps.
     fn of(bytes: &'a [u8]) -> Result<Self, ModelError> {
-        let problem = |error| ModelError::Layout { problem: json::quoted(&error) };
+        let problem = |error| ModelError::Layout { problem: json::cause(&error) };
         SafeTensors::deserialize(bytes).map(Self).map_err(problem)
     }
 

@@ -11,7 +11,7 @@ use serde_json::{json, Map, Value};
 use super::rules::{CandidateRule, UnknownRule};
 use super::{ModelError, Rules};
 use crate::dsp::Outside;
-use crate::error::shown;
+use crate::error::quoted;
 use crate::features::Initial;
 use crate::multiband::{Block, MultiBandSpec};
 use crate::specs::listed;
@@ -83,7 +83,7 @@ impl<'de> Visitor<'de> for StrictVisitor {
         let mut object = Map::new();
         while let Some((name, Strict(value))) = entries.next_entry::<String, _>()? {
             if object.contains_key(&name) {
-                return Err(de::Error::custom(format_args!("{} is there twice", shown(name.as_bytes()))));
+                return Err(de::Error::custom(format_args!("{} is there twice", quoted(&name))));
             }
             if object.len() == MAX_NAMES {
                 return Err(de::Error::custom(format_args!("an object has more than {MAX_NAMES} names")));
@@ -95,7 +95,7 @@ impl<'de> Visitor<'de> for StrictVisitor {
 }
 
 fn parsed(what: &'static str, text: &str) -> Result<Value, ModelError> {
-    let no_json = |error| ModelError::Json { what, problem: format!("is no valid JSON: {}", quoted(&error)) };
+    let no_json = |error| ModelError::Json { what, problem: format!("is no valid JSON: {}", cause(&error)) };
     serde_json::from_str(text).map(|Strict(value)| value).map_err(no_json)
 }
 
@@ -111,7 +111,7 @@ pub(super) fn names(what: &'static str, text: &str) -> Result<Vec<String>, Model
 }
 
 /// What a library says about a file, short and printable.
-pub(super) fn quoted(error: &impl fmt::Display) -> String {
+pub(super) fn cause(error: &impl fmt::Display) -> String {
     let mut text = String::new();
     for character in error.to_string().chars().take(MAX_QUOTED) {
         if character.is_control() {
@@ -197,7 +197,7 @@ impl Object {
     fn end(self) -> Result<(), ModelError> {
         match self.entries.keys().next() {
             None => Ok(()),
-            Some(name) => Err(self.error(format!("has an unknown entry {}", shown(name.as_bytes())))),
+            Some(name) => Err(self.error(format!("has an unknown entry {}", quoted(name)))),
         }
     }
 

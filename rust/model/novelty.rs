@@ -2,7 +2,7 @@
 
 use super::parts::{NoveltyParts, Tensor};
 use super::ModelError;
-use crate::error::brief;
+use crate::error::short_number;
 use crate::kernel::{Job, Simd, SimdPath};
 use crate::memory::filled;
 
@@ -112,7 +112,7 @@ fn single(name: &str, tensor: &Tensor<'_>, index: usize) -> Result<f32, ModelErr
     if value.is_finite() {
         return Ok(value);
     }
-    Err(ModelError::must_be(name, "in the range of float32", brief(tensor.at(index))))
+    Err(ModelError::must_be(name, "in the range of float32", short_number(tensor.at(index))))
 }
 
 struct AddFeatures<'a> {

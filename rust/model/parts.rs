@@ -8,8 +8,8 @@ use super::metadata::check_names;
 use super::novelty::Novelty;
 use super::scores::Weights;
 use super::{json, Loss, Metadata, Model, ModelError};
-use crate::error::{brief, Error};
-use crate::features::{finite, not_finite};
+use crate::error::{short_number, Error};
+use crate::features::{finite, not_finite, ranges_refused};
 use crate::memory::{collected, filled};
 use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use crate::{BatchShape, Extractor, FeatureSpec};
@@ -310,7 +310,7 @@ impl<'a> ModelParts<'a> {
         for row in 0..rows {
             let (seen, margin) = (early.at(2 * row), early.at(2 * row + 1));
             if !(seen > before && seen <= n_samples as f64 && seen.fract() == 0.0 && margin >= 0.0) {
-                let (seen, margin) = (brief(seen), brief(margin));
+                let (seen, margin) = (short_number(seen), short_number(margin));
                 let problem = format!("must be (samples seen, margin): whole, rising, from 1 to {n_samples}; at least 0. Got ({seen}, {margin})");
                 return Err(ModelError::part(format!("early[{row}]"), problem));
             }
@@ -370,7 +370,7 @@ impl Features<'_> {
             Self::Additive(spec) => {
                 let ranges = spec.bin_ranges.len();
                 if ranges != 1 && ranges != n_axes {
-                    return Err(Error::RangeCount { ranges, axes: n_axes }.into());
+                    return Err(ranges_refused(ranges, n_axes).into());
                 }
                 let n_bins = spec.n_bins.saturating_mul(ranges);
                 in_range("n_bins of all axes together", n_bins, 1..=MAX_BINS_IN_ALL)?;

@@ -6,7 +6,7 @@ use super::{Model, ModelError};
 use crate::error::Error;
 use crate::kernel::{Job, Simd, SimdPath, LANES};
 use crate::memory::{collected, filled};
-use crate::pool::in_tasks;
+use crate::parallel::in_pieces;
 use crate::BatchShape;
 
 /// Recordings of a block: they share each row of weights on its way through the caches.
@@ -205,7 +205,7 @@ impl Model {
         self.extraction.check(wrench, shape)?;
         let path = SimdPath::detect()?;
         let width = self.n_learners() + usize::from(novelty.is_some());
-        in_tasks(wrench, shape, width, threads, out, |wrench, shape, out| {
+        in_pieces(wrench, shape, (width, BLOCK), threads, out, |wrench, shape, out| {
             let features = self.extraction.extract(wrench, shape)?;
             let n_features = features.len() / shape.n_recordings;
             let mut sums = filled(0.0, 2 * BLOCK * self.lanes())?;
@@ -218,7 +218,7 @@ impl Model {
             let mut sums = filled(0.0, novelty.map_or(0, Novelty::width))?;
             for (recording, row) in out.chunks_exact_mut(width).enumerate() {
                 let (scores, rest) = row.split_at_mut(self.n_learners());
-                self.check_scores(scores).map_err(|error| error.later(recording))?;
+                self.check_scores(scores).map_err(|error| error.after(recording))?;
                 let Some(novelty) = novelty else { continue };
                 sums.fill(0.0);
                 let raw = &wrench[recording * shape.recording_len()..][..self.n_raw()];

@@ -14,7 +14,8 @@ use super::filters::{run, Axes8, Filters, Remembered, Rows, BACK, GROUP, REST, R
 use super::spec::{halved, halves_early, halvings, least_scales, n_octaves};
 use super::{BandSignals, Region};
 use crate::dsp::Real;
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::features::too_many_features;
 use crate::kernel::{Pack, Register, Simd};
 
 /// Signals begin at whole cache lines: this many float32.
@@ -218,7 +219,7 @@ impl Bank {
             .checked_add(2 * LINE)
             .and_then(|n| n.checked_mul(n_axes)?.checked_mul(8 * size_of::<f32>()));
         if room.is_none_or(|room| isize::try_from(room).is_err()) {
-            return Err(Error::TooLarge { n_samples, n_axes });
+            return Err(too_many_features(n_samples, n_axes));
         }
         let filters = Filters::new()?;
         let early = halves_early(n_samples);

@@ -8,26 +8,19 @@ use super::quantiles::{Quantiles, PROBABILITIES};
 use super::spec::{bands, least_scales, Block, FrequencyBand, MultiBandSpec, Scales, LARGEST};
 use super::spectrum::Spectrum;
 use super::workspace::{Workspace, WorkspacePool};
+use super::TOO_LOUD;
 use super::{Compute, Split, Statistic};
 use crate::error::{Error, Result};
-use crate::features::{finite, not_finite};
-use crate::features::{BatchShape, MAX_SAMPLES, NAME_BYTES};
+use crate::features::{finite, not_finite, too_many_features, MAX_SAMPLES};
 use crate::kernel::{Job, Simd, SimdPath};
-use crate::memory::{reserved, room};
-use crate::wrench::axis_name;
+use crate::memory::reserved;
+use crate::wrench::{axis_name, BatchShape};
 
 /// The largest number of features of a recording that is worth computing.
 const MAX_FEATURES: usize = 100_000_000;
 
 /// The largest number of values of a recording, 23 minutes of six axes at 500 Hz.
 pub(super) const MAX_VALUES: usize = 1 << 22;
-
-/// Bytes that a design takes for each value of a recording at most, and a workspace. Both are made in many pieces.
-pub(super) const DESIGN_BYTES: usize = 200;
-pub(super) const WORK_BYTES: usize = 650;
-
-/// Bytes that a workspace takes for each axis, however few its samples are.
-pub(super) const AXIS_BYTES: usize = 3000;
 
 /// Extracts multi-band features of recordings of one shape; a checked [`MultiBandSpec`] with its filters and scales.
 /// Immutable, shared between threads; it keeps the memory that batches of short recordings worked in.
@@ -55,17 +48,17 @@ impl MultiBand {
     /// short recordings do not have are left out, see [`Block::least_samples`].
     ///
     /// # Errors
-    /// [`Error::Rate`]; [`Error::Empty`], [`Error::Samples`], [`Error::TooLarge`]: a recording of no samples or axes, or of
-    /// too many; [`Error::Memory`]; [`Error::NoBlocks`]; [`Error::Length`], [`Error::Scale`]: scales of another shape, or none to divide by.
+    /// [`Error::Argument`], [`Error::Empty`], [`Error::Range`]: a rate that is not positive, a recording of no samples or
+    /// axes or of too many, no block that it has; [`Error::Length`], [`Error::Argument`]: scales of another shape, or none to
+    /// divide by.
     pub fn new(spec: MultiBandSpec, n_samples: usize, n_axes: usize, scales: &Scales) -> Result<Self> {
-        if !(spec.rate_hz.is_finite() && spec.rate_hz > 0.0) {
-            return Err(Error::Rate { rate_hz: spec.rate_hz });
-        }
+        Error::check_rate(spec.rate_hz)?;
         Self::check_size(n_samples, n_axes)?;
-        room(n_samples * n_axes * DESIGN_BYTES)?;
         let has = |block| spec.has(block, n_samples, n_axes);
         if !Block::NAMED.iter().any(|(_, block)| has(*block)) {
-            return Err(Error::NoBlocks { n_samples, n_axes });
+            let recordings = format_args!("recordings of {n_samples} samples of {n_axes} axes");
+            let wanted = format_args!("name at least one block that {recordings} have");
+            return Err(Error::argument("blocks", wanted, "none"));
         }
         scales.check(n_samples, n_axes)?;
         let bands = bands(n_samples, spec.rate_hz);
@@ -74,7 +67,7 @@ impl MultiBand {
         // The couplings of many axes are the most by far.
         let pairs = n_axes.checked_mul(n_axes).and_then(|n| n.checked_mul(4 * n_bands));
         if pairs.is_none_or(|pairs| has(Block::Coupling) && pairs > MAX_FEATURES) {
-            return Err(Error::TooLarge { n_samples, n_axes });
+            return Err(too_many_features(n_samples, n_axes));
         }
         let mut this = Self {
             bank: Bank::new(n_samples, n_axes, &scales.bands)?,
@@ -102,11 +95,9 @@ impl MultiBand {
         if n_samples == 0 || n_axes == 0 {
             return Err(Error::Empty { what: "a recording", shape: vec![n_samples, n_axes] });
         }
-        if n_samples > MAX_SAMPLES {
-            return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
-        }
+        Error::check_range("n_samples", n_samples, 1..=MAX_SAMPLES)?;
         if n_samples.checked_mul(n_axes).is_none_or(|values| values > MAX_VALUES) {
-            return Err(Error::TooLarge { n_samples, n_axes });
+            return Err(too_many_features(n_samples, n_axes));
         }
         Ok(())
     }
@@ -116,7 +107,6 @@ impl MultiBand {
     /// # Errors
     /// [`Error::Memory`].
     pub fn workspace(&self) -> Result<Workspace> {
-        room(self.n_samples * self.n_axes * WORK_BYTES + self.n_axes * AXIS_BYTES)?;
         Ok(Workspace {
             shape: (self.n_samples, self.n_axes),
             bank: self.bank.work(),
@@ -204,7 +194,6 @@ impl MultiBand {
     pub fn names(&self) -> Result<Vec<String>> {
         let n_bands = self.n_bands();
         let axes: Vec<_> = (0..self.n_axes()).map(|axis| axis_name(axis, self.n_axes())).collect();
-        room(self.n_features().saturating_mul(NAME_BYTES))?;
         let mut names = reserved(self.n_features())?;
         if let Some(coupling) = &self.coupling {
             for &(band, lag) in &coupling.bands {
@@ -255,7 +244,7 @@ impl MultiBand {
     /// - `out`: [`n_features`](Self::n_features) numbers.
     ///
     /// # Errors
-    /// [`Error::Length`]; [`Error::NonFinite`] and [`Error::TooLoud`] call the recording number 0. On an error `out` holds
+    /// [`Error::Length`]; [`Error::NonFinite`] and [`Error::TooLarge`] call the recording number 0. On an error `out` holds
     /// unspecified numbers.
     pub fn extract_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
         self.extract_on(SimdPath::detect()?, rows, work, out)
@@ -396,7 +385,9 @@ impl MultiBand {
     fn refused(&self, rows: &[f64]) -> Error {
         let shape = BatchShape { n_recordings: 1, n_samples: rows.len() / self.n_axes, n_axes: self.n_axes };
         match not_finite(rows, shape) {
-            Error::Overflow { recording, largest } => Error::TooLoud { recording, largest },
+            Error::TooLarge { recording, largest, .. } => {
+                Error::TooLarge { recording, largest, limit: TOO_LOUD }
+            }
             error => error,
         }
     }

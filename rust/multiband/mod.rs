@@ -34,6 +34,7 @@ mod workspace;
 use crate::kernel::{Job, Simd};
 
 pub use extractor::MultiBand;
+pub(crate) use spec::TOO_LOUD;
 pub use spec::{n_bands, Block, FrequencyBand, MultiBandSpec, Scales};
 pub use workspace::Workspace;
 

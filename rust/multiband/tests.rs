@@ -4,7 +4,7 @@ use allocation_counter::measure;
 use proptest::prelude::*;
 
 use super::envelope::{self, STRETCHES};
-use super::extractor::{AXIS_BYTES, DESIGN_BYTES, MAX_VALUES, WORK_BYTES};
+use super::extractor::MAX_VALUES;
 use super::workspace::MAX_POOLED;
 use super::*;
 use crate::dsp::Real;
@@ -310,7 +310,10 @@ fn errors_name_what_is_wrong() {
     let unit = Scales::unit(n_bands(20), 2).unwrap();
     let refused =
         |spec, n_samples, n_axes, scales| MultiBand::new(spec, n_samples, n_axes, scales).unwrap_err();
-    assert!(matches!(refused(MultiBandSpec { rate_hz: 0.0, ..ALL }, 20, 2, &unit), Error::Rate { .. }));
+    assert!(matches!(
+        refused(MultiBandSpec { rate_hz: 0.0, ..ALL }, 20, 2, &unit),
+        Error::Argument { what: "rate_hz", .. }
+    ));
     assert!(matches!(refused(ALL, 0, 2, &unit), Error::Empty { .. }));
     assert!(matches!(refused(ALL, 21, 3, &unit), Error::Length { what: "scales", .. }));
     let none = MultiBandSpec {
@@ -321,11 +324,14 @@ fn errors_name_what_is_wrong() {
         ..Default::default()
     };
     let short = refused(none, 3, 2, &unit);
-    assert_eq!(short, Error::NoBlocks { n_samples: 3, n_axes: 2 });
+    assert!(matches!(short, Error::Argument { what: "blocks", .. }));
     let mut zero = unit.clone();
     zero.bands[3] = 0.0;
-    let expected = Error::Scale { what: "scales", band: 1, axis: 1, value: 0.0 };
-    assert_eq!(refused(ALL, 20, 2, &zero), expected);
+    let error = refused(ALL, 20, 2, &zero).to_string();
+    assert!(
+        error.starts_with("scales must be from") && error.ends_with("got 0 for band 1, axis 1"),
+        "{error}"
+    );
 
     let design = design(20, 2);
     let (mut work, mut out) = (design.workspace().unwrap(), vec![0.0; design.n_features()]);
@@ -338,7 +344,7 @@ fn errors_name_what_is_wrong() {
     let mut rows = [0.0; 40];
     rows[7] = 1e13;
     let error = design.extract_into(&rows, &mut work, &mut out).unwrap_err();
-    assert_eq!(error, Error::TooLoud { recording: 0, largest: 1e13 });
+    assert_eq!(error, Error::TooLarge { recording: 0, largest: 1e13, limit: TOO_LOUD });
     rows[11] = f64::NAN;
     let error = design.extract_into(&rows, &mut work, &mut out).unwrap_err();
     assert!(matches!(error, Error::NonFinite { recording: 0, sample: 5, axis: 1, .. }));
@@ -347,7 +353,7 @@ fn errors_name_what_is_wrong() {
     design.extract_into(&[1.0; 40], &mut other, &mut out).unwrap();
     let shape = BatchShape { n_recordings: 1, n_samples: 20, n_axes: 3 };
     let error = design.extract_batch(&[0.0; 60], shape, 1, &mut out).unwrap_err();
-    assert_eq!(error, Error::RecordingShape { wanted: (20, 2), got: (20, 3) });
+    assert!(matches!(error, Error::Argument { what: "recordings", .. }));
 }
 
 proptest! {
@@ -367,41 +373,8 @@ proptest! {
         let largest = rows.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
         match design.extract_into(&rows, &mut design.workspace().unwrap(), &mut out) {
             Ok(()) => prop_assert!(largest <= 1e12 && out.iter().all(|feature| feature.is_finite())),
-            Err(error) => prop_assert_eq!(error, Error::TooLoud { recording: 0, largest }),
+            Err(error) => prop_assert_eq!(error, Error::TooLarge { recording: 0, largest, limit: TOO_LOUD }),
         }
-    }
-}
-
-/// What is asked for before a design or its memory is made is as much as they take, but for what a small one needs.
-#[test]
-fn memory_is_asked_for_beforehand() {
-    let small = 1 << 17;
-    for (n_samples, n_axes) in [
-        (1, 1),
-        (1600, 6),
-        (1, 20_000),
-        (3, 20_000),
-        (7, 20_000),
-        (12, 20_000),
-        (65, 4000),
-        (1 << 17, 1),
-        (100_003, 2),
-        (4000, 400),
-    ] {
-        let values = n_samples * n_axes;
-        let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap(); // the caller's own
-        let mut made = None;
-        let counted = measure(|| made = Some(MultiBand::new(ALL, n_samples, n_axes, &scales).unwrap()));
-        assert!(
-            counted.bytes_max <= (values * DESIGN_BYTES + small) as u64,
-            "{n_samples} x {n_axes}: {counted:?}"
-        );
-        let design = made.unwrap();
-        let counted = measure(|| drop(design.workspace().unwrap()));
-        assert!(
-            counted.bytes_max <= (values * WORK_BYTES + n_axes * AXIS_BYTES + small) as u64,
-            "{n_samples} x {n_axes}: {counted:?}"
-        );
     }
 }
 
@@ -418,7 +391,7 @@ fn recordings_too_large_for_any_memory_are_refused() {
         (MAX_SAMPLES, usize::MAX),
     ] {
         let error = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &unit).unwrap_err();
-        assert!(matches!(error, Error::Samples { .. } | Error::TooLarge { .. }), "{error}");
+        assert!(matches!(error, Error::Range { .. } | Error::Argument { .. }), "{error}");
     }
 }
 

@@ -9,10 +9,9 @@ use super::quantiles::BandHistograms;
 use super::spectrum::SpectrumWork;
 use super::MultiBand;
 use crate::error::{Error, Result};
-use crate::features::BatchShape;
 use crate::kernel::SimdPath;
-use crate::pool;
-use crate::pool::in_tasks;
+use crate::parallel::{cores, in_pieces};
+use crate::wrench::BatchShape;
 
 /// The largest number of values of a recording whose workspace is kept: twelve times the paper's, or 40 MB of memory.
 /// Longer ones take so much time that fresh memory costs nothing beside it.
@@ -80,7 +79,7 @@ impl WorkspacePool {
             return;
         }
         if let Ok(mut pool) = self.0.try_lock() {
-            if pool.len() < pool::cores() {
+            if pool.len() < cores() {
                 pool.push(work);
             }
         }
@@ -99,7 +98,7 @@ impl MultiBand {
     ///
     /// # Errors
     /// As [`extract_into`](Self::extract_into), naming the first recording that is refused; [`Error::Empty`];
-    /// [`Error::Threads`]. On an error `out` holds unspecified numbers.
+    /// [`Error::Range`]. On an error `out` holds unspecified numbers.
     pub fn extract_batch(
         &self,
         wrench: &[f64],
@@ -144,8 +143,9 @@ impl MultiBand {
             return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
         }
         if n_samples > self.n_samples() || n_axes != self.n_axes() {
-            let wanted = (self.n_samples(), self.n_axes());
-            return Err(Error::RecordingShape { wanted, got: (n_samples, n_axes) });
+            let wanted = format_args!("have at most {} samples of {} axes", self.n_samples(), self.n_axes());
+            let got = format_args!("{n_samples} samples of {n_axes}");
+            return Err(Error::argument("recordings", wanted, got));
         }
         let expected = n_recordings.saturating_mul(shape.recording_len());
         if len != expected {
@@ -165,11 +165,11 @@ impl MultiBand {
         one: impl Fn(&[f64], &mut Workspace, &mut [f64]) -> Result<()> + Sync,
     ) -> Result<()> {
         self.check_batch(wrench.len(), shape)?;
-        in_tasks(wrench, shape, row_len, threads, out, |wrench, shape, out| {
+        in_pieces(wrench, shape, (row_len, 1), threads, out, |wrench, shape, out| {
             let mut work = self.pool.take().map_or_else(|| self.workspace(), Ok)?;
             let recordings = wrench.chunks_exact(shape.recording_len()).zip(out.chunks_exact_mut(row_len));
             for (recording, (rows, out)) in recordings.enumerate() {
-                one(rows, &mut work, out).map_err(|error| error.later(recording))?;
+                one(rows, &mut work, out).map_err(|error| error.after(recording))?;
             }
             self.pool.keep(work);
             Ok(())

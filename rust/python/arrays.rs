@@ -13,7 +13,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyMemoryView, PyTuple, PyWeakrefReference};
 
 use crate::arguments::{threads, GranularIdError, OrRaise};
-use granular_id::bindings::{collected, reserved, room};
+use granular_id::bindings::{collected, reserved};
 use granular_id::BatchShape;
 
 /// Values of an array from which on other threads of Python run meanwhile: some 40 microseconds of work. Handing the GIL
@@ -59,8 +59,6 @@ fn is_aligned<T: Element>(array: &Bound<'_, PyArrayDyn<T>>) -> bool {
 
 /// A new array of zeros; a `MemoryError` where there is no room for it.
 pub(super) fn zeros<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let bytes = shape.iter().fold(size_of::<f64>(), |bytes, n| bytes.saturating_mul(*n));
-    room(bytes).or_raise()?;
     let arguments = (PyTuple::new(py, shape)?, numpy::dtype::<f64>(py));
     Ok(get_array_module(py)?.call_method1("zeros", arguments)?.cast_into()?)
 }

@@ -20,7 +20,7 @@ use crate::arrays::{
 };
 use crate::features::PyFeatureSpec;
 use crate::multiband::PyMultiBandExtractor;
-use granular_id::bindings::{collected, room};
+use granular_id::bindings::collected;
 use granular_id::model::{
     Extraction, Features, Loss, Metadata, ModelError, ModelFileError as FileError, ModelParts, NoveltyParts,
     Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
@@ -247,10 +247,6 @@ impl PyModel {
         };
         let verdicts =
             self.of_scores(scores, |model, scores| model.verdicts(scores, &novelty))?.or_raise()?;
-        // The list, a pair for each row, and its candidates: objects of Python with a header of some 50 bytes.
-        let per_row = size_of::<usize>() + 2 * (56 + 2 * size_of::<usize>());
-        room(verdicts.n_rows().saturating_mul(per_row) + size_of::<usize>() * verdicts.n_candidates())
-            .or_raise()?;
         let labels: Vec<_> = self.model.classes().iter().map(|label| PyString::new(py, label)).collect();
         let named = PyList::empty(py);
         for (candidates, unknown) in verdicts.rows() {

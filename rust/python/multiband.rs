@@ -9,7 +9,7 @@ use crate::arguments::{
     each, new_arguments, number, samples_and_axes, shown, word, GranularIdError, NewArguments, OrRaise,
 };
 use crate::arrays::{copied, owned_real, tuple, work_into, wrong_shape, zeros, Recordings};
-use granular_id::bindings::{brief, collected, filled};
+use granular_id::bindings::{collected, filled, short_number};
 use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
 use granular_id::BatchShape;
 
@@ -161,7 +161,7 @@ impl PyMultiBandExtractor {
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        let (n_samples, n_axes, rate_hz) = (self.n_samples(), self.n_axes(), brief(self.rate_hz()));
+        let (n_samples, n_axes, rate_hz) = (self.n_samples(), self.n_axes(), short_number(self.rate_hz()));
         let blocks = self.blocks(py)?.repr()?;
         Ok(format!(
             "<MultiBandExtractor of {n_samples} samples of {n_axes} axes at {rate_hz} Hz, blocks={blocks}>"

@@ -20,7 +20,7 @@ pub use packet::{
 pub use receiver::{Receiver, State};
 
 use crate::buffer::counters;
-use crate::error::brief;
+use crate::error::short_number;
 use crate::specs::setters;
 
 /// The port that boxes listen on unless told otherwise.
@@ -175,7 +175,7 @@ counters! {
 #[non_exhaustive]
 pub enum RdtError {
     /// A scale that no sensor has.
-    #[error("{what} must be from {least} to {most:e}, got {}", brief(*.value))]
+    #[error("{what} must be from {least} to {most:e}, got {}", short_number(*.value))]
     Scale {
         /// Which one.
         what: &'static str,
@@ -187,7 +187,7 @@ pub enum RdtError {
         most: f64,
     },
     /// A number among the settings outside its range.
-    #[error("{what} must be {wanted}, got {}", brief(*.value))]
+    #[error("{what} must be {wanted}, got {}", short_number(*.value))]
     Setting {
         /// Which one.
         what: &'static str,

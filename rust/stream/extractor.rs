@@ -115,15 +115,15 @@ impl StreamingExtractor {
     /// # Errors
     /// - [`Error::Length`]: the values are not whole rows.
     /// - [`Error::NonFiniteRow`]: NaN or infinity in one of the rows that would have been taken.
-    /// - [`Error::FilterOverflow`]: finite rows so large that the filter leaves float64.
+    /// - [`Error::TooLargeRow`]: finite rows so large that the filter leaves float64.
     pub fn push(&mut self, rows: &[f64]) -> Result<usize> {
         let rows = self.position.taken(rows)?;
         let before = self.position;
         self.filter_before.copy_from_slice(self.filter.values());
         for chunk in rows.chunks(self.chunk.len()) {
-            if let Err(error) = self.take(chunk) {
+            if !self.take(chunk)? {
                 self.undo(before);
-                return Err(error);
+                return Err(self.too_large(rows));
             }
         }
         Ok(rows.len() / self.position.windows.n_axes)
@@ -132,7 +132,7 @@ impl StreamingExtractor {
     /// Goes on to the next window: rows that it shares with this one stay, the others are forgotten.
     ///
     /// # Errors
-    /// [`Error::NoHop`] without a hop; [`Error::Unfinished`] while rows of this window are missing.
+    /// [`Error::NoNextWindow`] without a hop, and while rows of this window are missing.
     pub fn advance(&mut self) -> Result<()> {
         let leaving = self.position.advance()?;
         let n_samples = self.position.windows.n_samples;
@@ -195,8 +195,8 @@ impl StreamingExtractor {
         self.raw.is_some()
     }
 
-    /// Filters, counts and keeps at most a chunk of rows.
-    fn take(&mut self, rows: &[f64]) -> Result<()> {
+    /// Filters, counts and keeps at most a chunk of rows; false where the filter leaves float64.
+    fn take(&mut self, rows: &[f64]) -> Result<bool> {
         let Windows { n_samples, n_axes, .. } = self.position.windows;
         let filtered = &mut self.chunk[..rows.len()];
         if self.histograms.is_some() {
@@ -207,7 +207,7 @@ impl StreamingExtractor {
             self.filter.filter(filtered)?;
             // A value that is not finite would never leave the filter again.
             if !self.filter.values().iter().all(|value| value.is_finite()) {
-                return Err(Error::FilterOverflow { largest: largest(rows) });
+                return Ok(false);
             }
         }
         for (row, filtered) in rows.chunks_exact(n_axes).zip(filtered.chunks_exact(n_axes)) {
@@ -224,7 +224,16 @@ impl StreamingExtractor {
             }
             self.position.n_seen += 1;
         }
-        Ok(())
+        Ok(true)
+    }
+
+    /// The refusal of rows that the filter cannot hold, naming their largest value.
+    fn too_large(&self, rows: &[f64]) -> Error {
+        let n_axes = self.position.windows.n_axes;
+        let larger = |a: &usize, b: &usize| rows[*a].abs().total_cmp(&rows[*b].abs());
+        let place = (0..rows.len()).rev().max_by(larger).unwrap_or_default();
+        let (row, axis) = (place / n_axes, place % n_axes);
+        Error::TooLargeRow { row, axis, value: rows[place], limit: "which overflows float64" }
     }
 
     /// As it was before a push: no row of it is counted, the filter has not met it.
@@ -237,10 +246,6 @@ impl StreamingExtractor {
         self.filter.values_mut().copy_from_slice(&self.filter_before);
         self.position = before;
     }
-}
-
-fn largest(values: &[f64]) -> f64 {
-    values.iter().fold(0.0, |largest, value| value.abs().max(largest))
 }
 
 /// The samples of a window, a ring per axis: `values[axis * n_slots + slot]`.

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::kernel::SimdPath;
 use crate::memory::filled;
 use crate::model::{AddRows, Model};
-use crate::multiband::{MultiBand, Workspace};
+use crate::multiband::{MultiBand, Workspace, TOO_LOUD};
 
 /// The rows of a window, what is known of them already, and room for their features.
 #[derive(Clone, Debug)]
@@ -51,7 +51,7 @@ impl MultiBandStream {
         for (row, values) in (passed..).zip(kept.chunks_exact(n_axes)) {
             let mut limits = values.iter().zip(self.multiband.limits());
             if let Some(axis) = limits.position(|(value, limit)| value.abs() > *limit) {
-                return Err(Error::LoudRow { row, axis, value: values[axis] });
+                return Err(Error::TooLargeRow { row, axis, value: values[axis], limit: TOO_LOUD });
             }
         }
         self.values[n_seen * n_axes..][..kept.len()].copy_from_slice(kept);

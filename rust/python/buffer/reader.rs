@@ -8,7 +8,7 @@ use pyo3::create_exception;
 use pyo3::prelude::*;
 
 use crate::arguments::{count, number, GranularIdError, OrRaise, Raise};
-use granular_id::bindings::{brief, collected, reserved};
+use granular_id::bindings::{collected, reserved, short_number};
 use granular_id::buffer::{self, BufferSpec, BufferedRow, Reader};
 
 create_exception!(
@@ -93,7 +93,7 @@ impl PyWrenchReader {
     fn wait(&self, py: Python<'_>, timeout_s: &Bound<'_, PyAny>) -> PyResult<bool> {
         let timeout_s = number(timeout_s, "timeout_s")?;
         if timeout_s.is_nan() || timeout_s < 0.0 {
-            let message = format!("timeout_s must not be negative, got {}", brief(timeout_s));
+            let message = format!("timeout_s must not be negative, got {}", short_number(timeout_s));
             return Err(GranularIdError::new_err(message));
         }
         let start = Instant::now();

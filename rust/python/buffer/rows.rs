@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 
 use crate::arguments::{shown, whole, GranularIdError, OrRaise};
 use crate::arrays::{contiguous_real, readable, wrong_shape};
-use granular_id::bindings::{brief, collected, reserved};
+use granular_id::bindings::{collected, reserved, short_number};
 use granular_id::buffer::{self, BufferSpec};
 use granular_id::wrench::KNOWN_FLAGS;
 
@@ -106,7 +106,10 @@ pub(super) fn number_of_ticks(t: f64, tick_hz: f64, row: Option<usize>) -> PyRes
     }
     let place = row.map_or_else(String::new, |row| format!(" at row {row}"));
     let most = MOST_TICKS / tick_hz;
-    Err(GranularIdError::new_err(format!("t must be from 0 to {most:e} seconds, got {}{place}", brief(t))))
+    Err(GranularIdError::new_err(format!(
+        "t must be from 0 to {most:e} seconds, got {}{place}",
+        short_number(t)
+    )))
 }
 
 fn times(t: &Bound<'_, PyAny>, n_rows: usize, tick_hz: f64) -> PyResult<Vec<u64>> {
