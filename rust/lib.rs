@@ -92,7 +92,7 @@ pub use features::{Extractor, FeatureSpec};
 pub use kernel::SimdPath;
 #[cfg(feature = "model")]
 pub use model::Model;
-pub use wrench::{interleave, BatchShape};
+pub use wrench::BatchShape;
 
 /// What the extension module needs beside the public face; no promise to anybody else.
 #[doc(hidden)]

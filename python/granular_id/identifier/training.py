@@ -175,7 +175,7 @@ def features_of(core: _core.Model, X: FloatArray, threads: int | None = None) ->
     for start in range(0, len(X), _AT_ONCE):
         rows = slice(start, start + _AT_ONCE)
         if isinstance(spec, FeatureSpec):
-            features[rows] = _core.extract_features(X[rows], spec, threads, None, np.float64)
+            features[rows] = _core.extract_features(X[rows], spec, threads)
         else:
             features[rows] = spec.extract(X[rows], threads)
     return features

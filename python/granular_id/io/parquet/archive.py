@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
-from granular_id._core import GranularIdError, interleave
+from granular_id._core import GranularIdError
 from granular_id._files import check_source
 from granular_id._text import counted
 from granular_id.io.files import RecordingFileError, attempt, naming, need
@@ -327,7 +327,8 @@ class Archive:
                     rows = slice(start, start + batch.num_rows)
                     start = rows.stop
                     columns = [_values(batch.column(name)) for name in self._mark.columns]
-                    finite = interleave(columns, wrench[rows]) and finite
+                    np.stack(columns, axis=1, out=wrench[rows])
+                    finite = finite and bool(np.isfinite(wrench[rows]).all())
                     for name in there:
                         others[name][rows] = batch.column(name).to_numpy(zero_copy_only=False)
             except Exception as error:  # checksums, columns that are missing or hold something else
