@@ -3,7 +3,6 @@
 use super::bank::{means_within, Bank};
 use super::coupling::Coupling;
 use super::envelope::{mean_square, measure, Envelope, Level, STRETCHES};
-use super::filters::ROWS;
 use super::quantiles::{Quantiles, PROBABILITIES};
 use super::spec::{bands, least_scales, Block, FrequencyBand, MultiBandSpec, Scales, LARGEST};
 use super::spectrum::Spectrum;
@@ -72,7 +71,7 @@ impl MultiBand {
         let mut this = Self {
             bank: Bank::new(n_samples, n_axes, &scales.bands)?,
             coupling: has(Block::Coupling).then(|| Coupling::new(&lengths, n_axes)),
-            quantiles: has(Block::Quantiles).then(|| Quantiles::new(lengths.clone(), n_axes)),
+            quantiles: has(Block::Quantiles).then(|| Quantiles::new(n_bands * n_axes)),
             envelope: has(Block::Envelope).then(|| Envelope { n_signals: n_bands * n_axes }),
             spectrum: has(Block::Spectrum).then(|| Spectrum::new(n_samples, n_axes)),
             level: has(Block::Level).then(|| Level::new(scales.level.clone(), n_samples)),
@@ -108,7 +107,7 @@ impl MultiBand {
     /// [`Error::Memory`].
     pub fn workspace(&self) -> Result<Workspace> {
         Ok(Workspace {
-            shape: (self.n_samples, self.n_axes),
+            made_for: self.work_key(),
             bank: self.bank.work(),
             means: vec![0.0; self.n_axes],
             energies: vec![[0.0; STRETCHES]; self.n_bands() * self.n_axes],
@@ -116,6 +115,11 @@ impl MultiBand {
             quantiles: self.quantiles.as_ref().map(Statistic::work),
             spectrum: self.spectrum.as_ref().map(Statistic::work),
         })
+    }
+
+    /// What tells workspaces apart.
+    fn work_key(&self) -> (usize, usize, MultiBandSpec) {
+        (self.n_samples, self.n_axes, self.spec)
     }
 
     /// What is computed.
@@ -259,55 +263,6 @@ impl MultiBand {
         work: &mut Workspace,
         out: &mut [f64],
     ) -> Result<()> {
-        work.restart();
-        let done = self.finish_on(path, rows, work, out);
-        work.restart();
-        done
-    }
-
-    /// Does what can be done already while a recording arrives, 64 rows at a time: [`finish_into`](Self::finish_into) then
-    /// has less to do. Takes a time in proportion to the rows that are new, and catches up where more are left.
-    ///
-    /// # Arguments
-    /// - `rows`: all samples so far, time-major. Those that were there before have not changed since
-    ///   [`Workspace::restart`]; where there are fewer than before they are those of another recording.
-    /// - `work`: from [`workspace`](Self::workspace) of the same design.
-    /// - `n_new`: how many of them are new.
-    ///
-    /// # Errors
-    /// [`Error::Length`].
-    pub(crate) fn advance(&self, rows: &[f64], work: &mut Workspace, n_new: usize) -> Result<()> {
-        self.advance_on(SimdPath::detect()?, rows, work, n_new)
-    }
-
-    pub(super) fn advance_on(
-        &self,
-        path: SimdPath,
-        rows: &[f64],
-        work: &mut Workspace,
-        n_new: usize,
-    ) -> Result<()> {
-        self.fit(rows, work)?;
-        path.run(Advance { design: self, rows, work, n_blocks: n_new.div_ceil(ROWS) + 1 });
-        Ok(())
-    }
-
-    /// Features of a recording of which [`advance`](Self::advance) knows a beginning, or nothing, into `out`: the bits of
-    /// [`extract_into`](Self::extract_into). More of it may still come.
-    ///
-    /// # Errors
-    /// As [`extract_into`](Self::extract_into).
-    pub(crate) fn finish_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
-        self.finish_on(SimdPath::detect()?, rows, work, out)
-    }
-
-    pub(super) fn finish_on(
-        &self,
-        path: SimdPath,
-        rows: &[f64],
-        work: &mut Workspace,
-        out: &mut [f64],
-    ) -> Result<()> {
         self.split(path, rows, work)?;
         if out.len() != self.n_features {
             return Err(Error::Length { what: "out", expected: self.n_features, got: out.len() });
@@ -324,10 +279,7 @@ impl MultiBand {
     /// # Errors
     /// As [`extract_into`](Self::extract_into).
     pub fn rms_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
-        work.restart();
-        let split = self.split(SimdPath::detect()?, rows, work);
-        work.restart();
-        split?;
+        self.split(SimdPath::detect()?, rows, work)?;
         let expected = self.n_bands() * self.n_axes;
         if out.len() != expected {
             return Err(Error::Length { what: "out", expected, got: out.len() });
@@ -354,10 +306,10 @@ impl MultiBand {
         block(path, self.level.as_ref(), Some(&mut ()), split, &mut out);
     }
 
-    /// Splits the rest of a recording into bands, once it is known to be one.
+    /// Splits a recording into bands, once it is known to be one.
     fn split(&self, path: SimdPath, rows: &[f64], work: &mut Workspace) -> Result<()> {
         self.fit(rows, work)?;
-        if path.run(Finish { design: self, rows, work }) {
+        if path.run(SplitBands { design: self, rows, work }) {
             return Ok(());
         }
         Err(self.refused(rows))
@@ -370,13 +322,8 @@ impl MultiBand {
             return Err(Error::Length { what: "rows", expected: whole, got: rows.len() });
         }
         // A workspace made for something else is replaced: a mistake that costs time only.
-        let needed = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
-        if !work.suits((self.n_samples, self.n_axes), needed) {
+        if work.made_for != self.work_key() {
             *work = self.workspace()?;
-        }
-        // One that knows more rows than there are knows another recording.
-        if work.bank.n_done() * self.n_axes > rows.len() {
-            work.restart();
         }
         Ok(())
     }
@@ -408,54 +355,24 @@ fn block<S: Statistic>(
     }
 }
 
-/// Splits the next blocks of rows of the beginning of a recording into octaves, and adds up what the statistics make of them.
-struct Advance<'a> {
-    design: &'a MultiBand,
-    rows: &'a [f64],
-    work: &'a mut Workspace,
-    /// Blocks of rows, at most.
-    n_blocks: usize,
-}
-
-impl Job for Advance<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S) {
-        let Advance { design, rows, work, n_blocks } = self;
-        for _ in 0..n_blocks {
-            if !design.bank.advance(simd, rows, &mut work.bank) {
-                return;
-            }
-            let signals = work.bank.signals(design.n_axes);
-            if let Some(coupling) = &mut work.coupling {
-                coupling.advance(simd, signals);
-            }
-            if let Some(histograms) = &mut work.quantiles {
-                histograms.advance(signals);
-            }
-        }
-    }
-}
-
-/// Splits what is left of a recording into the bands of a workspace and measures their energies; false, and nothing split,
-/// where a value is not to be worked with.
-struct Finish<'a> {
+/// Splits a recording into the bands of a workspace and measures their energies; false, and nothing split, where a value is
+/// not to be worked with.
+struct SplitBands<'a> {
     design: &'a MultiBand,
     rows: &'a [f64],
     work: &'a mut Workspace,
 }
 
-impl Job for Finish<'_> {
+impl Job for SplitBands<'_> {
     type Output = bool;
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) -> bool {
-        let Finish { design, rows, work } = self;
+        let SplitBands { design, rows, work } = self;
         let within = means_within(rows, &design.limits, &mut work.means);
         if within {
-            design.bank.finish(simd, rows, &work.means, &mut work.bank);
-            measure(simd, work.bank.signals(design.n_axes), &mut work.energies);
+            design.bank.split(simd, rows, &work.means, &mut work.bank);
+            measure(work.bank.signals(design.n_axes), &mut work.energies);
         }
         within
     }

@@ -20,9 +20,7 @@ mod bank;
 mod coupling;
 mod envelope;
 mod extractor;
-mod fft;
 mod filters;
-mod logarithm;
 mod quantiles;
 mod resolvents;
 mod spec;
@@ -42,7 +40,7 @@ pub use workspace::Workspace;
 const LANES: usize = 8;
 
 /// The signals of all bands of one recording, divided by their scales: band 0 is the recording without its mean, then
-/// octave after octave downward, each at a rate of its own. While a recording arrives they end where its bands do.
+/// octave after octave downward, each at a rate of its own.
 #[derive(Clone, Copy, Debug)]
 struct BandSignals<'a> {
     values: &'a [f32],

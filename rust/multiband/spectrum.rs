@@ -1,13 +1,15 @@
 //! Power over frequency: the Hann periodogram of the mean-free signal, pooled into bins of nearly equal ratio.
 
 use std::f64::consts::PI;
-use std::ops::Range;
+use std::fmt;
+use std::sync::Arc;
 
-use super::fft::{ComplexValues, Fft, FftWork};
-use super::logarithm::{each, Log};
-use super::{Split, Statistic, LANES};
+use rustfft::num_complex::Complex32;
+use rustfft::{Fft, FftPlannerScalar};
+
+use super::{Split, Statistic};
 use crate::dsp::Real;
-use crate::kernel::{Register, Simd, Vectors};
+use crate::kernel::Simd;
 
 /// Pooled bins at most.
 const BINS: usize = 40;
@@ -21,25 +23,27 @@ pub(super) const LEAST_SAMPLES: usize = 18;
 /// Added to scaled powers before the logarithm.
 const FLOOR: f64 = 1e-6;
 
-/// Axes of which powers are added up at a time.
-const AXES: usize = LANES;
-
 /// The statistic for signals of some length.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub(super) struct Spectrum {
     n_axes: usize,
-    n_samples: usize,
     /// First frequency of each bin, then one past the last, in steps of the transform.
     pub(super) edges: Vec<usize>,
-    fft: Fft,
+    // The scalar one: others use fused multiply-add where a machine has it, and their last bits differ.
+    fft: Arc<dyn Fft<f32>>,
+}
+
+impl fmt::Debug for Spectrum {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Spectrum").field("n_axes", &self.n_axes).finish_non_exhaustive()
+    }
 }
 
 /// What one thread needs to compute it.
 #[derive(Clone, Debug)]
 pub(super) struct SpectrumWork {
-    transform: FftWork,
-    /// Powers of a few axes, axis by axis.
-    powers: [Vec<f32>; AXES],
+    transform: Vec<Complex32>,
+    scratch: Vec<Complex32>,
     /// The window of the length that came last, and the sum of its squares.
     window: Vec<f32>,
     weight: f64,
@@ -47,7 +51,8 @@ pub(super) struct SpectrumWork {
 
 impl Spectrum {
     pub(super) fn new(n_samples: usize, n_axes: usize) -> Self {
-        Self { n_axes, n_samples, edges: edges(n_samples), fft: Fft::new(n_samples) }
+        let fft = FftPlannerScalar::new().plan_fft_forward(n_samples);
+        Self { n_axes, edges: edges(n_samples), fft }
     }
 }
 
@@ -60,45 +65,56 @@ impl Statistic for Spectrum {
 
     /// Room, and the window of whole recordings.
     fn work(&self) -> SpectrumWork {
-        // Whole vectors of the frequencies up to half of the rate, and one that begins at the last.
-        let powers = vec![0.0; (self.n_samples / 2 + 1).next_multiple_of(LANES) + LANES];
+        let room = |n| vec![Complex32::default(); n];
+        let n_samples = self.fft.len();
         let mut work = SpectrumWork {
-            transform: self.fft.work(),
-            powers: std::array::from_fn(|_| powers.clone()),
-            window: Vec::with_capacity(self.n_samples),
+            transform: room(n_samples),
+            scratch: room(self.fft.get_inplace_scratch_len()),
+            window: Vec::with_capacity(n_samples),
             weight: 0.0,
         };
-        work.open(self.n_samples);
+        work.open(n_samples);
         work
     }
 
     /// Axis by axis the logarithms of the pooled powers of band 0, which is the mean-free signal; a beginning of a recording
     /// is followed by zeros.
     #[inline(always)]
-    fn compute(&self, simd: impl Simd, split: Split<'_>, work: &mut SpectrumWork, out: &mut [f64]) {
+    fn compute(&self, _simd: impl Simd, split: Split<'_>, work: &mut SpectrumWork, out: &mut [f64]) {
         if work.window.len() != split.signals.len(0) {
             work.open(split.signals.len(0));
         }
-        let (n, per_axis) = (self.n_samples, self.edges.len() - 1);
-        let SpectrumWork { transform, powers, window, weight } = work;
-        for first in (0..self.n_axes).step_by(AXES) {
-            let axes = first..self.n_axes.min(first + AXES);
-            // Two axes are one complex signal.
-            for (pair, [even, odd]) in axes.clone().step_by(2).zip(powers.as_chunks_mut().0) {
-                let [re, im] = [pair, (pair + 1).min(axes.end - 1)].map(|axis| split.signals.axis(0, axis));
-                self.fft.process(simd, [re, im, window], transform);
-                measure(simd, &transform.transform, n, even, odd);
+        let SpectrumWork { transform, scratch, window, weight } = work;
+        let per_axis = self.edges.len() - 1;
+        for (pair, out) in out.chunks_mut(2 * per_axis).enumerate() {
+            // Two axes are one complex signal. Where there is no second one, the first is taken twice.
+            let [x, y] = [2 * pair, (2 * pair + 1).min(self.n_axes - 1)].map(|axis| split.signals.axis(0, axis));
+            transform[window.len()..].fill(Complex32::default());
+            for (((z, window), x), y) in transform.iter_mut().zip(&*window).zip(x).zip(y) {
+                *z = Complex32::new(x * window, y * window);
             }
+            self.fft.process_with_scratch(transform, scratch);
             for (bin, range) in self.edges.windows(2).enumerate() {
                 let share = 0.25 / (*weight * (range[1] - range[0]) as f64);
-                let sums = pooled(simd, powers, range[0]..range[1]);
-                for (axis, power) in axes.clone().zip(sums) {
-                    out[axis * per_axis + bin] = power.value() * share + FLOOR;
+                let back = transform.iter().rev().skip(range[0] - 1);
+                let powers = transform[range[0]..range[1]].iter().zip(back);
+                let sums = powers.fold([0.0; 2], |sums, (there, back)| {
+                    let [x, y] = powers_of_both(*there, *back);
+                    [sums[0] + x, sums[1] + y]
+                });
+                for (sum, out) in sums.into_iter().zip(out.chunks_mut(per_axis)) {
+                    out[bin] = libm::log(sum.value() * share + FLOOR);
                 }
             }
         }
-        each::<Log, LANES>(out);
     }
+}
+
+/// Four times the power of the signal that is the real part, and of the one that is the imaginary part, of a frequency of
+/// their transform and the same frequency counted from the end. Both are scaled: each takes on rounding errors of the other.
+#[inline(always)]
+fn powers_of_both(there: Complex32, back: Complex32) -> [f32; 2] {
+    [(there + back.conj()).norm_sqr(), (there - back.conj()).norm_sqr()]
 }
 
 impl SpectrumWork {
@@ -130,57 +146,6 @@ fn edges(n_samples: usize) -> Vec<usize> {
         edges.push(end);
     }
     edges
-}
-
-/// Four times the powers of the signal that is the real part, and of the one that is the imaginary part; that of frequency
-/// zero is not there. Both are scaled: each takes on rounding errors of the other.
-#[inline(always)]
-fn measure(
-    simd: impl Vectors<f32, LANES>,
-    transform: &ComplexValues,
-    n: usize,
-    real: &mut [f32],
-    imaginary: &mut [f32],
-) {
-    let ComplexValues { re, im } = transform;
-    let there = re.as_chunks::<LANES>().0.iter().zip(im.as_chunks::<LANES>().0);
-    let back = re[..=n].rchunks_exact(LANES).zip(im[..=n].rchunks_exact(LANES));
-    let outs = real.as_chunks_mut::<LANES>().0.iter_mut().zip(imaginary.as_chunks_mut::<LANES>().0);
-    for ((there, back), (real, imaginary)) in there.zip(back).zip(outs) {
-        let (a_re, a_im) = (simd.load(there.0), simd.load(there.1));
-        let (b_re, b_im) = (simd.load(back.0).reversed(), simd.load(back.1).reversed());
-        let (p, q) = (a_re + b_re, a_im - b_im);
-        (p * p + q * q).store(real);
-        let (p, q) = (a_im + b_im, a_re - b_re);
-        (p * p + q * q).store(imaginary);
-    }
-}
-
-/// Sums over some frequencies, axis by axis.
-#[inline(always)]
-fn pooled(simd: impl Vectors<f32, LANES>, powers: &[Vec<f32>; AXES], bin: Range<usize>) -> [f32; AXES] {
-    const THERE: [f32; 2 * LANES] =
-        [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-    let zero = simd.splat(0.0);
-    let n_whole = bin.len() / LANES;
-    let there = simd.load(&THERE[LANES - bin.len() % LANES..]).above(zero);
-    let mut sums = [zero; AXES];
-    for (sum, powers) in sums.iter_mut().zip(powers) {
-        let powers = &powers[bin.start..];
-        *sum = there.select(simd.load(&powers[n_whole * LANES..]), zero);
-        for powers in &powers.as_chunks::<LANES>().0[..n_whole] {
-            *sum = *sum + simd.load(powers);
-        }
-    }
-    let mut rows = Register::transposed(sums);
-    for half in [4, 2, 1] {
-        for l in 0..half {
-            rows[l] = rows[l] + rows[l + half];
-        }
-    }
-    let mut out = [0.0; AXES];
-    rows[0].store(&mut out);
-    out
 }
 
 #[cfg(test)]

@@ -9,7 +9,6 @@ use super::workspace::MAX_POOLED;
 use super::*;
 use crate::dsp::Real;
 use crate::features::MAX_SAMPLES;
-use crate::kernel::Portable;
 use crate::{BatchShape, Error, SimdPath};
 
 const ALL: MultiBandSpec = MultiBandSpec {
@@ -70,7 +69,7 @@ impl Signals {
         work: &mut S::Work,
     ) -> Vec<f64> {
         let mut energies = vec![[0.0; STRETCHES]; self.regions.len() * self.n_axes];
-        envelope::measure(Portable, self.view(), &mut energies);
+        envelope::measure(self.view(), &mut energies);
         let split = Split { rows: &[], signals: self.view(), energies: &energies };
         let mut out = vec![0.0; statistic.n_features()];
         path.run(Compute { statistic, split, work, out: &mut out });
@@ -163,45 +162,7 @@ fn extraction_allocates_nothing() {
     }
 }
 
-/// A recording that arrives bit by bit, with features asked for now and then, on all paths in turn, in the memory of another.
-#[test]
-fn a_recording_that_arrives_has_the_same_bits() {
-    let paths = SimdPath::available();
-    for (n_samples, n_axes) in
-        [(6, 2), (63, 3), (64, 1), (85, 6), (100, 2), (700, 5), (1600, 6), (1665, 13), (2800, 4)]
-    {
-        let design = design(n_samples, n_axes);
-        let (mut work, mut fresh) = (design.workspace().unwrap(), design.workspace().unwrap());
-        let (mut out, mut expected) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
-        for seed in 0..6_u8 {
-            let rows = noise(n_samples * n_axes, seed.into());
-            work.restart();
-            let mut n_seen = 0;
-            // Single samples, some blocks at once, and work that lags behind.
-            let news = [1, 1, 63, 64, 2, 1, 190, 65, 30, 1, 257, 5, 128, 3].into_iter().cycle();
-            for (step, new) in news.skip(seed.into()).take(40).enumerate() {
-                n_seen = (n_seen + new).min(n_samples);
-                let seen = &rows[..n_seen * n_axes];
-                let n_new = new / usize::from(1 + seed % 3);
-                let path = paths[step % paths.len()];
-                let counted = measure(|| design.advance_on(path, seen, &mut work, n_new).unwrap());
-                assert_eq!(counted.count_total, 0);
-                if step % 4 == 0 || step == 39 {
-                    let path = paths[(step + n_new) % paths.len()];
-                    design.finish_on(path, seen, &mut work, &mut out).unwrap();
-                    design.extract_into(seen, &mut fresh, &mut expected).unwrap();
-                    assert!(bits(&out) == bits(&expected), "{n_seen} of {n_samples} x {n_axes}");
-                }
-            }
-            design.advance(&rows, &mut work, usize::MAX - 100).unwrap();
-            design.finish_into(&rows, &mut work, &mut out).unwrap();
-            design.extract_into(&rows, &mut fresh, &mut expected).unwrap();
-            assert!(bits(&out) == bits(&expected), "{n_samples} x {n_axes}");
-        }
-    }
-}
-
-/// A copy goes on from where it was made, wherever its memory lies.
+/// A copy works like its original, wherever its memory lies.
 #[test]
 fn a_clone_has_the_bits_of_its_original() {
     let (n_samples, n_axes) = (200, 2);
@@ -210,11 +171,10 @@ fn a_clone_has_the_bits_of_its_original() {
     let (mut out, mut expected) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
     let mut work = design.workspace().unwrap();
     design.extract_into(&rows, &mut work, &mut expected).unwrap();
-    design.advance(&rows[..130 * n_axes], &mut work, 130).unwrap();
     let mut kept = Vec::new();
     for size in 1..20 {
         let mut copy = work.clone();
-        design.finish_into(&rows, &mut copy, &mut out).unwrap();
+        design.extract_into(&rows, &mut copy, &mut out).unwrap();
         assert!(bits(&out) == bits(&expected));
         kept.push((copy, vec![0_u8; 16 * size]));
     }
@@ -229,67 +189,20 @@ fn a_long_recording_at_the_limit_has_features() {
     design.extract_into(&rows, &mut design.workspace().unwrap(), &mut out).unwrap();
 }
 
-/// Whole recordings and sizes of bands leave nothing behind for one that arrives, nor does it for them.
+/// A recording that is refused leaves nothing behind in its workspace.
 #[test]
-fn whole_recordings_between_those_that_arrive() {
-    let (n_samples, n_axes) = (700, 3);
-    let design = design(n_samples, n_axes);
-    let (mut work, mut fresh) = (design.workspace().unwrap(), design.workspace().unwrap());
-    let (mut out, mut expected) = (vec![0.0; design.n_features()], vec![0.0; design.n_features()]);
-    let mut rms = [vec![0.0; design.n_bands() * n_axes], vec![0.0; design.n_bands() * n_axes]];
-    let [a, b, c] = [1, 2, 3].map(|seed| noise(n_samples * n_axes, seed));
-    design.extract_into(&b, &mut fresh, &mut expected).unwrap();
-    design.rms_into(&c, &mut fresh, &mut rms[0]).unwrap();
-    for between in 0..3 {
-        // The memory of `a` in part; then others; then all of `b`, which has not been announced.
-        design.advance(&a, &mut work, n_samples).unwrap();
-        if between > 0 {
-            design.rms_into(&c, &mut work, &mut rms[1]).unwrap();
-            assert_eq!(bits(&rms[0]), bits(&rms[1]));
-        }
-        if between > 1 {
-            design.extract_into(&c, &mut work, &mut out).unwrap();
-        }
-        if between == 0 {
-            work.restart();
-        }
-        design.finish_into(&b, &mut work, &mut out).unwrap();
-        assert!(bits(&out) == bits(&expected), "{between}");
-        work.restart();
-    }
-}
-
-/// What cannot be worked with is refused at the end, and leaves nothing behind.
-#[test]
-fn a_recording_that_arrives_too_loud_is_refused_as_a_whole() {
+fn a_refused_recording_leaves_nothing_behind() {
     let design = design(1000, 2);
     let (mut work, mut out) = (design.workspace().unwrap(), vec![0.0; design.n_features()]);
     let rows = noise(2000, 7);
+    let mut expected = out.clone();
+    design.extract_into(&rows, &mut work, &mut expected).unwrap();
     for bad in [1e13, f64::NAN, f64::INFINITY] {
         let mut wrong = rows.clone();
         wrong[300] = bad;
-        design.advance(&wrong, &mut work, 1000).unwrap();
-        let whole = design.extract_into(&wrong, &mut design.workspace().unwrap(), &mut out).unwrap_err();
-        let error = design.finish_into(&wrong, &mut work, &mut out).unwrap_err();
-        assert_eq!(error.to_string(), whole.to_string());
-        work.restart();
-        design.advance(&rows, &mut work, 1000).unwrap();
-        design.finish_into(&rows, &mut work, &mut out).unwrap();
-        let mut expected = vec![0.0; design.n_features()];
-        design.extract_into(&rows, &mut design.workspace().unwrap(), &mut expected).unwrap();
+        assert!(design.extract_into(&wrong, &mut work, &mut out).is_err());
+        design.extract_into(&rows, &mut work, &mut out).unwrap();
         assert!(bits(&out) == bits(&expected));
-    }
-    // Fewer rows than it has seen are those of another recording.
-    design.advance(&rows[1000..], &mut work, 1000).unwrap();
-    for n_seen in [600, 2, 500] {
-        let mut expected = vec![0.0; design.n_features()];
-        design.finish_into(&rows[..n_seen], &mut work, &mut out).unwrap();
-        design.extract_into(&rows[..n_seen], &mut design.workspace().unwrap(), &mut expected).unwrap();
-        assert!(bits(&out) == bits(&expected), "{n_seen}");
-    }
-    for len in [0, 1, 2002] {
-        let error = design.advance(&vec![0.0; len], &mut work, 1).unwrap_err();
-        assert_eq!(error, Error::Length { what: "rows", expected: 2000, got: len });
     }
 }
 
@@ -424,24 +337,6 @@ fn memory_of_another_design_changes_nothing() {
     }
 }
 
-#[test]
-fn work_is_done_while_rows_arrive_and_never_much_at_a_time() {
-    let (n_samples, n_axes) = (1000, 2);
-    let scales = Scales::unit(n_bands(n_samples), n_axes).unwrap();
-    let design = MultiBand::new(MultiBandSpec::default(), n_samples, n_axes, &scales).unwrap();
-    let rows: Vec<f64> = (0..n_samples * n_axes).map(|i| (0.37 * (i * i) as f64).sin()).collect();
-    let mut work = design.workspace().unwrap();
-    for n_seen in 1..=n_samples {
-        design.advance(&rows[..n_seen * n_axes], &mut work, 1).unwrap();
-        assert_eq!(work.bank.n_done(), n_seen / 64 * 64);
-    }
-    work.restart();
-    for n_done in [128, 256, 384] {
-        design.advance(&rows, &mut work, 1).unwrap();
-        assert_eq!(work.bank.n_done(), n_done);
-    }
-}
-
 fn default_of(n_samples: usize) -> MultiBand {
     let scales = Scales::unit(n_bands(n_samples), 1).unwrap();
     MultiBand::new(MultiBandSpec::default(), n_samples, 1, &scales).unwrap()
@@ -464,7 +359,7 @@ fn the_next_batch_works_where_the_last_one_did() {
     assert_eq!(extract(&design, f64::NAN), None);
     assert_eq!(extract(&design, 0.5), first);
     assert!(design.clone().pool.take().is_none());
-    assert!(design.pool.take().is_some_and(|work| work.shape == (60, 1)));
+    assert!(design.pool.take().is_some_and(|work| (work.made_for.0, work.made_for.1) == (60, 1)));
 }
 
 #[test]

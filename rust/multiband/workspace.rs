@@ -3,11 +3,11 @@
 use std::sync::Mutex;
 
 use super::bank::BankWork;
-use super::coupling::CouplingWork;
 use super::envelope::Energies;
-use super::quantiles::BandHistograms;
+use super::quantiles::Histogram;
+use super::resolvents::Resolvents;
 use super::spectrum::SpectrumWork;
-use super::MultiBand;
+use super::{MultiBand, MultiBandSpec};
 use crate::error::{Error, Result};
 use crate::kernel::SimdPath;
 use crate::parallel::{cores, in_pieces};
@@ -21,37 +21,14 @@ pub(super) const MAX_POOLED: usize = 1 << 16;
 /// [`MultiBand::workspace`](super::MultiBand::workspace). Nothing that it holds ever shows in the features of a recording.
 #[derive(Clone, Debug)]
 pub struct Workspace {
-    /// Samples and axes that it was made for.
-    pub(super) shape: (usize, usize),
+    /// Samples, axes and blocks that it was made for.
+    pub(super) made_for: (usize, usize, MultiBandSpec),
     pub(super) bank: BankWork,
     pub(super) means: Vec<f64>,
     pub(super) energies: Vec<Energies>,
-    pub(super) coupling: Option<CouplingWork>,
-    pub(super) quantiles: Option<BandHistograms>,
+    pub(super) coupling: Option<Resolvents>,
+    pub(super) quantiles: Option<Histogram>,
     pub(super) spectrum: Option<SpectrumWork>,
-}
-
-impl Workspace {
-    /// Forgets the recording that went before: the next row is the first one of another.
-    pub(crate) fn restart(&mut self) {
-        // Before the first block of rows nothing is remembered.
-        if self.bank.n_done() == 0 {
-            return;
-        }
-        self.bank.restart();
-        if let Some(coupling) = &mut self.coupling {
-            coupling.restart();
-        }
-        if let Some(quantiles) = &mut self.quantiles {
-            quantiles.restart();
-        }
-    }
-
-    /// Whether there is room for recordings of a shape and for those of couplings, quantiles and spectrum that are needed.
-    pub(super) fn suits(&self, shape: (usize, usize), needed: [bool; 3]) -> bool {
-        let there = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
-        self.shape == shape && there.iter().zip(needed).all(|(there, needed)| *there || !needed)
-    }
 }
 
 /// Workspaces of a design that nobody works in, kept for the recordings to come: to a short recording fresh memory costs as
@@ -75,7 +52,7 @@ impl WorkspacePool {
 
     /// Keeps one, at most one for each core and none of long recordings.
     pub(super) fn keep(&self, work: Workspace) {
-        if work.shape.0.saturating_mul(work.shape.1) > MAX_POOLED {
+        if work.made_for.0.saturating_mul(work.made_for.1) > MAX_POOLED {
             return;
         }
         if let Ok(mut pool) = self.0.try_lock() {

@@ -19,9 +19,8 @@ use crate::model::{best_and_margin, Extraction, Model, Verdict};
 ///   up to a whole window. With a hop they are those of a filter that never stops, as
 ///   [`StreamingExtractor`](super::StreamingExtractor) says. [`advance`](Self::advance) adds up the samples that windows
 ///   share once more, in their new places: about as much work as pushing them.
-/// - **Multi-band features**: the rows so far are taken as the beginning of a recording. Octaves, and what can be added up
-///   of them, are computed as rows arrive, 64 at a time, the rest when somebody asks. With a hop each window is a recording
-///   of its own.
+/// - **Multi-band features**: the rows so far are taken as the beginning of a recording, and its features are computed when
+///   somebody asks. With a hop each window is a recording of its own.
 ///
 /// All memory is allocated at construction. [`push`](Self::push), [`standing`](Self::standing) and the others allocate
 /// nothing and never block.

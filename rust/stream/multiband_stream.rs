@@ -1,4 +1,4 @@
-//! Scores of multi-band features: what can be added up is, as rows arrive; the rest is computed whenever somebody asks.
+//! Scores of multi-band features, which are computed when somebody asks.
 
 use super::{Position, Windows};
 use crate::error::{Error, Result};
@@ -7,7 +7,7 @@ use crate::memory::filled;
 use crate::model::{AddRows, Model};
 use crate::multiband::{MultiBand, Workspace, TOO_LOUD};
 
-/// The rows of a window, what is known of them already, and room for their features.
+/// The rows of a window, and room for their features.
 #[derive(Clone, Debug)]
 pub(super) struct MultiBandStream {
     position: Position,
@@ -57,11 +57,6 @@ impl MultiBandStream {
         self.values[n_seen * n_axes..][..kept.len()].copy_from_slice(kept);
         self.position.ahead -= passed;
         self.position.n_seen += n_taken - passed;
-        // A bounded time per push: rows that windows share are caught up with by and by.
-        if n_taken > 0 && self.position.n_seen > 0 {
-            let seen = &self.values[..self.position.n_seen * n_axes];
-            self.multiband.advance(seen, &mut self.work, n_taken)?;
-        }
         Ok(n_taken)
     }
 
@@ -69,13 +64,11 @@ impl MultiBandStream {
     pub(super) fn advance(&mut self) -> Result<()> {
         let leaving = self.position.advance()?;
         self.values.copy_within(leaving * self.position.windows.n_axes.., 0);
-        self.work.restart();
         Ok(())
     }
 
     pub(super) fn reset(&mut self) {
         self.position = Position::new(self.position.windows);
-        self.work.restart();
     }
 
     /// The novelty of the window whose scores were computed last.
@@ -90,7 +83,7 @@ impl MultiBandStream {
         self.sums.fill(0.0);
         if self.position.n_seen > 0 {
             let seen = &self.values[..self.position.n_seen * self.position.windows.n_axes];
-            self.multiband.finish_into(seen, &mut self.work, &mut self.features)?;
+            self.multiband.extract_on(self.path, seen, &mut self.work, &mut self.features)?;
             let (rows, values) = (model.rows_from(0), &self.features);
             self.path.run(AddRows { sums: &mut self.sums, rows, values, scale: 1.0 });
         }
