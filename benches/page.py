@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from string import Template
@@ -203,4 +204,7 @@ def written() -> dict[Path, str]:
 
 if __name__ == "__main__":
     for path, text in written().items():
-        path.write_text(text, encoding="utf-8")
+        if "--check" not in sys.argv:
+            path.write_text(text, encoding="utf-8")
+        elif path.read_text(encoding="utf-8") != text:
+            sys.exit(f"{path.name} is not what benches/page.py makes of the stored figures: run it")
