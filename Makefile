@@ -87,11 +87,10 @@ rust-test: | toolchain
 instructions: rust-test
 	$(call step,instructions,! command -v valgrind >/dev/null || $(PYTHON) benches/counts.py --profile dev)
 
-# With GH_TOKEN zizmor also asks whether the pinned commits are those of the versions beside them.
 python-lint: .venv/.tools
 	$(call step,ruff,$(BIN)/ruff check --quiet && $(BIN)/ruff format --quiet --check)
 	$(call step,generated pages,$(BIN)/python benches/page.py --check)
-	$(call step,zizmor,$(BIN)/zizmor --quiet $(if $(GH_TOKEN),,--offline) .github)
+	$(call step,zizmor,$(BIN)/zizmor --quiet --offline .github)
 	$(call step,mypy,$(BIN)/mypy --no-error-summary)
 	$(call step,import-linter,$(BIN)/lint-imports --no-logo)
 	$(call step,stubtest,$(BIN)/python -m mypy.stubtest --concise granular_id._core)
@@ -267,6 +266,6 @@ nightly-supply: .venv/.tools
 	$(BIN)/uv tool run pip-audit@2.10.1 --requirement requirements.txt --no-deps --disable-pip
 
 ##   wheels        all wheels for Linux and the source distribution in ./dist, audited and run
-nightly-wheels: .venv/.tools
-	$(OURS) --group release
+nightly-wheels: $(BIN)/python
+	$(UV) --python .venv $(PINNED) --group release
 	$(BIN)/python tests/wheels.py
