@@ -1,15 +1,21 @@
 """The pictures of README.md and the guide, all of SYNTHETIC recordings: python docs/pictures.py [name ...].
 
-They are drawn with the package of the moment and committed; those of the gallery are drawn whenever the site is built.
+They are drawn with the package of the moment and committed; those of the gallery are drawn whenever the site is built;
+answers.png is that of the tutorial. The page of a live session wants Chromium.
 """
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from playwright.sync_api import sync_playwright
 
 import granular_id as gid
 from granular_id.evaluation import confidence_study
@@ -139,11 +145,41 @@ def accuracy_over_time():
     )
 
 
-PICTURES = (method, onset, gap, confidence, accuracy_over_time)
+def monitor():
+    """The page of a live session after six pushes, through materials that the model knows and one that it does not."""
+    materials = ["rice", "fine sugar", "cat litter", "oat flakes", "potting gravel"]
+    source = "sim:rice,fine_sugar,macaroni,cat_litter?seed=5"
+    words = f"live --source {source} --view --no-browser --pre-s 0.25 --n 20".split()
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
+        model = Path(folder, "model.safetensors")
+        data = gid.synthesize(materials, n_per_class=30, sessions=6, seed=1)
+        gid.Identifier.fit(data, "multiband", target_error=None).save(model)
+        command = [sys.executable, "-m", "granular_id", *words, "--model", str(model)]
+        live = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        address = next(
+            filter(None, (re.search(r"http://\S+", line) for line in live.stdout))
+        )[0]
+        browser = driver.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
+        page = browser.new_page(viewport={"width": 1280, "height": 700})
+        page.goto(address)
+        page.get_by_text("of 6 right").wait_for(timeout=60_000)
+        page.screenshot(path=IMAGES / "monitor.png")
+        live.kill()
+
+
+PICTURES = (method, onset, gap, confidence, accuracy_over_time, monitor)
 
 if __name__ == "__main__":
     for picture in PICTURES:
-        if picture.__name__ in (sys.argv[1:] or [each.__name__ for each in PICTURES]):
-            picture().savefig(
+        if picture.__name__ not in (
+            sys.argv[1:] or [each.__name__ for each in PICTURES]
+        ):
+            continue
+        if figure := picture():
+            figure.savefig(
                 IMAGES / f"{picture.__name__}.png", metadata={"Software": None}
             )
