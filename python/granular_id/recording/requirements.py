@@ -100,20 +100,20 @@ class Requirements:
                 f"({short[0].n_samples / rate_hz:g} s), the model takes {n} ({n / rate_hz:g} s); {len(short)} of "
                 f"{counted(len(data))} {verb(len(short), 'is', 'are')} shorter{skip if len(short) < len(data) else ''}"
             )
-        if begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
-            return data.align(n, on_short=on_short)
-        if begin_at == "auto" and lead_s is None and self._begins_at_first:
-            *before, step = (cropped := data.align(n, on_short=on_short)).history
-            as_trained = replace(step, notes=["begins at the first sample, as in the training"])
-            return Dataset(cropped.recordings, [*before, as_trained])
+        as_trained = begin_at == "auto" and max(lengths) > n and lead_s is None and self._begins_at_first
+        if as_trained or begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
+            cropped = data.align(n, on_short=on_short)
+            if not as_trained:
+                return cropped
+            step = replace(cropped.history[-1], notes=["begins at the first sample, as in the training"])
+            return Dataset(cropped.recordings, [*data.history, step])
         longer = next((r for r in data if r.n_samples > n), data[0])
         lead = self._known_lead(lead_s, longer.name, longer.n_samples, over_all=over_all)
-        marked = data
         if begin_at == "auto":
             start = round(lead * rate_hz)
             recordings = [replace(r, trigger_index=start) if r.n_samples <= n else r for r in data]
-            marked = Dataset(recordings, data.history)
-        return marked.align(n, trigger="recorded", lead_s=lead, on_short=on_short)
+            data = Dataset(recordings, data.history)
+        return data.align(n, trigger="recorded", lead_s=lead, on_short=on_short)
 
     def starts(
         self,
@@ -144,11 +144,8 @@ class Requirements:
         """Return the rest before the motion, seconds: stated, or that of the training."""
         lead = self.lead_s if lead_s is None else lead_s
         if lead is None:
-            ways = (
-                ", pass begin_at='first', or call .predict_over(recording)"
-                if over_all
-                else " or pass begin_at='first'"
-            )
+            over = ", pass begin_at='first', or call .predict_over(recording)"
+            ways = over if over_all else " or pass begin_at='first'"
             raise GranularIdError(
                 f"recording {name!r} has {length} samples, the model takes {self.n_samples}, and does not know how "
                 f"much rest comes before the motion: state lead_s{ways}"
