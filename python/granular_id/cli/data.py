@@ -121,7 +121,6 @@ def check(
     reading: TableReading,
     steps: Steps,
     *,
-    sensor_range: str | None = option(SENSOR, "Largest values of axes: one number, or one per axis."),
     false_alarm_rate: float = option(
         SENSOR, "Chance that sound data show an outlier or a leak.", default=0.01
     ),
@@ -138,16 +137,15 @@ def check(
     Examples:
 
     `granular-id data check recordings`
-    `granular-id data check recordings --sensor-range 145,145,290,5,5,5 --json check.json`
+    `granular-id data check recordings --json check.json`
     `granular-id data check recordings --strict`
     """
     check_outputs(("--json", json, JSON_FILE), source=reading.path, force=force)
     from granular_id.recording import mixed_setup_warnings
 
     between("--false-alarm-rate", false_alarm_rate)
-    limits = _range_of(sensor_range)
     data = steps.taken(reading.load())
-    report = data.check(sensor_range=limits, false_alarm_rate=false_alarm_rate)
+    report = data.check(false_alarm_rate=false_alarm_rate)
     show("\n" + report.text(width=min(Console().width, 100)))
     mixed = mixed_setup_warnings(data)
     for line in mixed:
@@ -155,18 +153,6 @@ def check(
     write_files((json, lambda path: write_json(path, {**report.to_dict(), "setup": mixed})))
     if report.worst == "error" or (strict and (mixed or report.worst == "warning")):
         raise typer.Exit(FOUND_ERRORS)
-
-
-def _range_of(text: str | None) -> float | list[float] | None:
-    """Read ``--sensor-range``: one number, or a number per axis."""
-    if text is None:
-        return None
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        wanted = "a number, or one per axis such as 145,145,290,5,5,5"
-        raise GranularIdError(f"--sensor-range must be {wanted}, got {text!r}") from None
-    return numbers if len(numbers) > 1 else numbers[0]
 
 
 @command

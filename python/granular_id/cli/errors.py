@@ -32,7 +32,7 @@ _SAME = (
     "array axes begin_at id time bin_range block_weights C cutoff_hz direction dtype duration_s "
     "false_alarm_rate hop_s initial label lead_s max_force_n max_gap max_gap_s max_torque_n_m n_bins "
     "n_samples on_error on_gap on_short on_time_error order pre_s rate_hz rest_s robot "
-    "scheduler sensor_range session space spaces speed_m_s tare_s target_error threads threshold_n time_unit "
+    "scheduler session space spaces speed_m_s tare_s target_error threads threshold_n time_unit "
     "topic trigger units window_s"
 )
 OPTIONS = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from granular_id._checks import FloatArray, items_of
 from granular_id._core import GranularIdError
 from granular_id._text import counted
-from granular_id.recording.checks import CheckReport, SensorRange
+from granular_id.recording.checks import CheckReport
 from granular_id.recording.clock import MAX_GAP_S
 from granular_id.recording.frames import TimeUnit, recordings_of_arrays, recordings_of_frames
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
@@ -657,20 +657,11 @@ class Dataset:
         """Count recordings, lengths, rates, sessions and flags per label; ``print`` it."""
         return summarise(self.recordings)
 
-    def check(
-        self,
-        *,
-        sensor_range: SensorRange | None = None,
-        false_alarm_rate: float = 0.01,
-    ) -> CheckReport:
+    def check(self, *, false_alarm_rate: float = 0.01) -> CheckReport:
         """Look for what would spoil an evaluation: ``print`` it.
 
         Parameters
         ----------
-        sensor_range : float, sequence of float or mapping, optional
-            Largest reading of the axes, N and N m, as the sensor's certificate states it: one number, one per axis, or
-            numbers by axis; 145, 145, 290, 5, 5, 5 of an ATI Mini45 SI-145-5. Without it clipping shows only where
-            readings stand still at their own extreme.
         false_alarm_rate : float
             Chance that a statistical check (each of: leaks, outliers, clipping) speaks up
             in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.001 as 0.001.
@@ -684,12 +675,12 @@ class Dataset:
         Raises
         ------
         TypeError, ValueError
-            Numbers that do not fit the axes, a rate outside (0, 1).
+            A rate outside (0, 1).
         """
         # slow to import, and few programs look their recordings over
         from granular_id.recording.checks.run import check_recordings
 
-        return check_recordings(self.recordings, sensor_range, false_alarm_rate)
+        return check_recordings(self.recordings, false_alarm_rate)
 
     def __add__(self, other: Dataset) -> Dataset:
         return Dataset.concatenate([self, other]) if isinstance(other, Dataset) else NotImplemented

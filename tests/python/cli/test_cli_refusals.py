@@ -162,8 +162,6 @@ AFTER_READING = [
     ("data info {pushes} --json {pushes}", "belongs to"),
     ("data check {folder} --json {folder}/index.csv", "belongs to"),
     ("evaluate {folder} --json {folder}/index.csv", "belongs to"),
-    ("data check {folder} --sensor-range 1,2,three", "--sensor-range"),
-    ("data check {folder} --sensor-range 'no such sensor'", "--sensor-range"),
     ("data convert {folder} x.npz --begin-at trigger", "add --duration-s or --n-samples"),
     ("data convert {folder} x.npz --lead-s 1", "add --begin-at trigger or onset"),
     ("data convert {pushes} x.npz --onset-at rice_00=0.2", "add --begin-at onset"),

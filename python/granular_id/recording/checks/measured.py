@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular_id._checks import FloatArray, argument_error, finite_number
-from granular_id._core import GranularIdError
+from granular_id._checks import FloatArray
 from granular_id.recording.checks.report import Finding, Severity
 from granular_id.recording.clock import MAX_GAP_S
 from granular_id.recording.recording import Recording, places_of, unit_of
@@ -18,11 +17,8 @@ from granular_id.recording.recording import Recording, places_of, unit_of
 class Measured:
     """Recordings, the settings of the checks, and what several checks look at; each figure is made when first used."""
 
-    def __init__(
-        self, recordings: Sequence[Recording], ranges: Mapping[str, float] | None, false_alarm_rate: float
-    ) -> None:
+    def __init__(self, recordings: Sequence[Recording], false_alarm_rate: float) -> None:
         self.recordings = recordings
-        self.ranges = ranges
         self.false_alarm_rate = false_alarm_rate
 
     @cached_property
@@ -100,22 +96,3 @@ def _pace(recording: Recording) -> Pace:
     low, median, high, long = (float(q) for q in np.quantile(steps, (0.1, 0.5, 0.9, 0.95)))
     limit = min(GAP_STEPS * long, max(MAX_GAP_S, GAP_STEPS * median))
     return Pace(median, float(steps.mean()), (high - low) / median, float(steps.max()), limit)
-
-
-SensorRange = float | Sequence[float] | Mapping[str, float]
-"""Largest reading of the axes of a sensor, N and N m: one number, one an axis, or numbers by axis."""
-
-
-def resolve_range(value: SensorRange, axes: Sequence[str]) -> dict[str, float]:
-    """Return the largest reading of each axis, as `Dataset.check` takes it."""
-    if isinstance(value, (list, tuple, np.ndarray)):
-        if len(value) != len(axes):
-            problem = f"has {len(value)} numbers; wanted {len(axes)}: {', '.join(axes)}"
-            raise argument_error(GranularIdError, "sensor_range", problem)
-        value = dict(zip(axes, value, strict=True))
-    numbers = value if isinstance(value, Mapping) else dict.fromkeys(axes, value)
-    foreign = [str(axis) for axis in numbers if axis not in axes]
-    if foreign:
-        problem = f"names the axis {foreign[0]!r}; there are {', '.join(axes)}"
-        raise argument_error(GranularIdError, "sensor_range", problem)
-    return {axis: finite_number("sensor_range", number, positive=True) for axis, number in numbers.items()}

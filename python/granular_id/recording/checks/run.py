@@ -8,7 +8,7 @@ import numpy as np
 
 from granular_id._checks import checked_share
 from granular_id.recording.checks import copies, leaks, signal, stated
-from granular_id.recording.checks.measured import Measured, SensorRange, resolve_range
+from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import SEVERITIES, CheckReport, Finding
 from granular_id.recording.recording import Recording
 
@@ -30,13 +30,9 @@ CHECKS: tuple[Callable[[Measured], Iterator[Finding]], ...] = (
 )
 
 
-def check_recordings(
-    recordings: Sequence[Recording], sensor_range: SensorRange | None, false_alarm_rate: float
-) -> CheckReport:
+def check_recordings(recordings: Sequence[Recording], false_alarm_rate: float) -> CheckReport:
     """Run all checks; see :meth:`Dataset.check`, which calls this."""
-    rate = checked_share("false_alarm_rate", false_alarm_rate)
-    axes = list(dict.fromkeys(axis for r in recordings for axis in r.axes))
-    data = Measured(recordings, None if sensor_range is None else resolve_range(sensor_range, axes), rate)
+    data = Measured(recordings, checked_share("false_alarm_rate", false_alarm_rate))
     with np.errstate(all="ignore"):  # of readings that no sensor gives squares overflow
         findings = [finding for check in CHECKS for finding in check(data)]
     findings.sort(key=lambda finding: SEVERITIES.index(finding.severity))

@@ -11,7 +11,7 @@ from granular_id._checks import FloatArray
 from granular_id._text import counted, short, verb
 from granular_id.recording.checks.measured import Measured, by_axis, unit_columns
 from granular_id.recording.checks.report import Finding
-from granular_id.recording.recording import KNOWN_UNITS, Recording, unit_of
+from granular_id.recording.recording import Recording, unit_of
 from granular_id.recording.report import subject
 
 # Largest readings per unit: a rod through gravel takes tens of newtons, wrist sensors end at some hundred.
@@ -39,11 +39,8 @@ def check_units(data: Measured) -> Iterator[Finding]:
         yield data.finding("warning", "units", message, beyond)
 
 
-# Samples at the end of the sensor's range, whether the range is known or shows in the samples.
+# Samples at the end of the sensor's range, as far as it shows in the samples.
 
-# From this part of the range on a reading counts as clipped: converters stop a few counts early.
-NEAR_RANGE = 0.999
-FAR_BEYOND = 2.0  # readings above this many ranges are no overload but another unit or another sensor
 FEWEST = 5  # readings at the extreme from which on it is looked at
 # Times as many readings as at any value nearby: the flat top of a smooth signal has up to 2.4 times.
 PILED_UP = 3.0
@@ -51,41 +48,16 @@ _NEIGHBOURS = 10
 
 
 def check_clipping(data: Measured) -> Iterator[Finding]:
-    """Find samples at the sensor's range; without one, axes whose readings pile up at their own extreme."""
+    """Find axes whose readings pile up at their own extreme."""
     alpha = data.false_alarm_rate / (2 * sum(len(r.axes) for r in data.recordings))
-    clipped: dict[int, list[int]] = {}
-    samples = 0
-    far: list[int] = []
-    for i, (r, peak) in enumerate(zip(data.recordings, data.peaks, strict=True)):
-        if data.ranges is None:
-            columns, number = _piled_up_axes(by_axis(r), alpha)
-        else:
-            limit = np.array([data.ranges.get(axis, np.inf) for axis in r.axes])
-            if (peak > FAR_BEYOND * limit).any():
-                far.append(i)
-                continue
-            columns = np.flatnonzero(peak >= NEAR_RANGE * limit).tolist()
-            number = int((np.abs(r.wrench) >= NEAR_RANGE * limit).any(axis=1).sum()) if columns else 0
-        if columns:
-            clipped[i] = columns
-            samples += number
-    if far:
-        of_wrench = (data.ranges or {}).keys() <= KNOWN_UNITS.keys()
-        units = "N and N m" if of_wrench else "the units of the range"
-        message = f"{counted(len(far))} with readings above twice the range: are they in {units}?"
-        yield data.finding("error", "beyond-range", message, far)
+    piled = {i: _piled_up_axes(by_axis(r), alpha) for i, r in enumerate(data.recordings)}
+    clipped = {i: columns for i, (columns, _) in piled.items() if columns}
     if clipped:
-        axes = data.axes_among(clipped)
-        if data.ranges is None:
-            message = (
-                f"{subject(len(clipped), 'seems', 'seem')} clipped on {', '.join(axes)}: "
-                f"{counted(samples, 'reading')} piled up at the extreme; state sensor_range to be sure"
-            )
-        else:
-            message = (
-                f"{subject(len(clipped), 'reaches', 'reach')} the sensor's range on {', '.join(axes)}, "
-                f"in {counted(samples, 'sample')}: the true load was higher"
-            )
+        axes, samples = data.axes_among(clipped), sum(number for _, number in piled.values())
+        message = (
+            f"{subject(len(clipped), 'seems', 'seem')} clipped on {', '.join(axes)}: "
+            f"{counted(samples, 'reading')} piled up at the extreme; the true load was higher"
+        )
         yield data.finding("warning", "clipped", message, clipped, axes=axes, samples=samples)
 
 
