@@ -239,14 +239,9 @@ def locked(array: NDArray[Any]) -> NDArray[Any]:
 
 # JSON-like trees.
 
-_PLAIN = frozenset((type(None), bool, int, str))
-"""Types whose values a tree holds as they are; asked first, as nearly all values are of one of them."""
-
 
 def freeze(value: object, name: str) -> Any:
     """Copy a JSON-like tree into one that cannot be changed (mappings become read-only, lists tuples)."""
-    if type(value) in _PLAIN:
-        return value
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int, str)):
@@ -259,16 +254,9 @@ def freeze(value: object, name: str) -> Any:
         for key in value:
             if not isinstance(key, str):
                 raise argument_error(TypeError, name, f"has the key {key!r}; keys must be str")
-        # most items are plain, and making a name for each would take longer than everything else
-        tree = {
-            str(key): item if _is_plain(item) else freeze(item, f"{name}[{key!r}]")
-            for key, item in value.items()
-        }
-        return MappingProxyType(tree)
+        return MappingProxyType({str(key): freeze(item, f"{name}[{key!r}]") for key, item in value.items()})
     if isinstance(value, (list, tuple)):
-        return tuple(
-            item if _is_plain(item) else freeze(item, f"{name}[{i}]") for i, item in enumerate(value)
-        )
+        return tuple(freeze(item, f"{name}[{i}]") for i, item in enumerate(value))
     wanted = "None, bool, int, float, str, lists or mappings of them"
     raise argument_error(TypeError, name, f"is a {type(value).__name__}; wanted {wanted}")
 
@@ -278,11 +266,6 @@ def frozen_mapping(argument: str, value: object) -> Any:
     if not isinstance(value, Mapping):
         raise argument_error(TypeError, argument, f"must be a mapping, got {type(value).__name__}")
     return freeze(value, argument)
-
-
-def _is_plain(item: object) -> bool:
-    kind = type(item)
-    return kind in _PLAIN or (kind is float and math.isfinite(item))  # type: ignore[arg-type]
 
 
 def thaw(value: Any) -> Any:

@@ -6,8 +6,9 @@ import json
 import math
 import os
 import secrets
+import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -181,12 +182,13 @@ def made_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _draft_of(target: Path) -> Path:
+    """Make an empty file beside the target, or say why it cannot become a file."""
     try:
         if target.is_dir():
             raise IsADirectoryError(f"{target} is a folder, wanted the name of a file")
-        # From Python 3.14 on `exists` does not say that a name is too long.
-        if _is_there(target) and not target.is_file():
-            raise FileExistsError(f"cannot write {target}: it is no ordinary file")
+        with suppress(FileNotFoundError, NotADirectoryError):
+            if not stat.S_ISREG(target.stat().st_mode):
+                raise FileExistsError(f"cannot write {target}: it is no ordinary file")
         if not target.parent.is_dir():
             raise FileNotFoundError(f"cannot write {target}: the folder {target.parent} does not exist")
         # A long name must not become too long by what is added.
@@ -197,14 +199,6 @@ def _draft_of(target: Path) -> Path:
             raise
         raise cannot_write(target, error) from error
     return draft
-
-
-def _is_there(target: Path) -> bool:
-    try:
-        target.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    return True
 
 
 def cannot_write(target: Path, error: OSError) -> OSError:
