@@ -42,7 +42,7 @@ def test_a_sound_set_is_only_said_to_be_small():
     report = Dataset(SMALL).check()
     assert [finding.code for finding in report] == ["few"]
     assert report.worst == "ok"
-    assert "few" not in sound_set().check().counts
+    assert not codes(sound_set().check(), infos=True)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,6 @@ def report():
 def test_worst_first_with_a_verdict_each(report):
     assert [finding.severity for finding in report] == ["error", "warning"]
     assert report.worst == "error"
-    assert report.counts == {"no-label": 1, "stuck-axis": 5}
     assert [report.states[i] for i in (2, 10, 0)] == ["error", "warning", "ok"]
     assert len(report.states) == 48
     nameless = Dataset([recording(seed=i, label="ab"[i % 2]) for i in range(4)])
@@ -132,15 +131,11 @@ def test_it_is_a_sequence(report):
     assert str(empty) == "1 recording checked: 1 ok: nothing found that would spoil an evaluation"
 
 
-def test_it_can_be_saved_and_pickled(report, tmp_path):
-    report.save(tmp_path / "check.json")
-    saved = json.loads((tmp_path / "check.json").read_text(encoding="utf-8"))
-    assert saved == report.to_dict()
-    assert set(saved) == {"worst", "counts", "findings", "states"}
-    assert saved["findings"][1]["indices"] == [10, 11, 12, 13, 14]
-    assert saved["states"][2] == "error"
-    report.save(tmp_path / "check.txt")
-    assert (tmp_path / "check.txt").read_text(encoding="utf-8") == f"{report}\n"
+def test_it_is_plain_values_and_can_be_pickled(report):
+    plain = json.loads(json.dumps(report.to_dict()))
+    assert set(plain) == {"worst", "findings", "states"}
+    assert plain["findings"][1]["indices"] == [10, 11, 12, 13, 14]
+    assert plain["states"][2] == "error"
     assert pickle.loads(pickle.dumps(report)) == report
 
 
