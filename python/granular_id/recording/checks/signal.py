@@ -131,7 +131,7 @@ def check_outliers(data: Measured) -> Iterator[Finding]:
         for row in np.flatnonzero((far > _largest_distance(len(group), alpha)).any(axis=1)):
             column = int(far[row].argmax())
             factor = float(np.exp(table[group[row], column] - middle[column]))
-            apart[group[row]] = (float(far[row, column]), f"{names[column]} {_times(factor)}")
+            apart[group[row]] = (float(far[row, column]), f"{names[column]} {factor:.3g} times")
     if apart:
         order = sorted(apart, key=lambda i: -apart[i][0])
         worst = data.recordings[order[0]]
@@ -169,9 +169,3 @@ def _largest_distance(n: int, alpha: float) -> float:
     uncertainty of the median itself.
     """
     return float(-stdtrit(_EFFICIENCY * (n - 1), alpha / 2) * np.sqrt(1 + np.pi / (2 * n)))
-
-
-def _times(factor: float) -> str:
-    if factor >= 1.1 or factor <= 1 / 1.1:
-        return f"{factor:.2g} times"
-    return f"{abs(factor - 1):.1%} {'above' if factor > 1 else 'below'}"
