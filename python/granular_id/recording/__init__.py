@@ -25,7 +25,15 @@ from granular_id.recording.columns import (
     units_by_axis as units_by_axis,
     wrench_of as wrench_of,
 )
-from granular_id.recording.conditions import condition_of as condition_of
+from granular_id.recording.conditions import (
+    SEVERE_PREFIXES as SEVERE_PREFIXES,
+    common_units as common_units,
+    condition_of as condition_of,
+    data_warnings as data_warnings,
+    labelled_check_note as labelled_check_note,
+    mixed_setup_warnings as mixed_setup_warnings,
+    setups_in as setups_in,
+)
 from granular_id.recording.conversion import (
     Made as Made,
     Stated as Stated,
@@ -57,18 +65,12 @@ from granular_id.recording.report import (
 )
 from granular_id.recording.requirements import Begin as Begin, Requirements as Requirements
 from granular_id.recording.setup import (
-    SEVERE_PREFIXES as SEVERE_PREFIXES,
     UNSTATED as UNSTATED,
     Difference as Difference,
     Setup,
-    common_units as common_units,
-    data_warnings as data_warnings,
-    labelled_check_note as labelled_check_note,
-    mixed_setup_warnings as mixed_setup_warnings,
     refuse_or_list as refuse_or_list,
     setup_differences as setup_differences,
     setup_mismatch as setup_mismatch,
-    setups_in as setups_in,
     unit_differences as unit_differences,
     values_in as values_in,
 )

@@ -24,10 +24,10 @@ from granular_id._files import check_source, json_value, write_json
 from granular_id._text import counted
 from granular_id.recording.recording import Recording
 from granular_id.recording.report import StepReport
+from granular_id.recording.setup import Setup
 from granular_id.recording.wrench import (
     GRAVITY,
     rest_zero,
-    stated,
     with_samples,
     wrench_array,
     wrench_samples,
@@ -245,7 +245,8 @@ def _rest(rest: Recording | ArrayLike) -> FloatArray:
 
 
 def _common(name: str, rests: Iterable[Recording | ArrayLike]) -> str | None:
-    found = {words for rest in rests if isinstance(rest, Recording) and (words := stated(rest, name))}
+    setups = [Setup.of(rest.meta) for rest in rests if isinstance(rest, Recording)]
+    found = {words for setup in setups if (words := getattr(setup, name))}
     if len(found) > 1:
         problem = f"are of several {name}s: {', '.join(map(repr, sorted(found)))}"
         raise argument_error(GranularIdError, "rests", problem)
@@ -254,12 +255,13 @@ def _common(name: str, rests: Iterable[Recording | ArrayLike]) -> str | None:
 
 def _refuse_without_weight(recording: Recording) -> None:
     """Refuse a recording of which an earlier step, or its source, took the weight off."""
-    if stated(recording, "compensated") not in (None, False, "no"):
+    setup = Setup.of(recording.meta)
+    if setup.compensated not in (None, "no"):
         raise GranularIdError(
             f"recording {recording.name!r} is compensated already, as its metadata say, by its source or an earlier "
             "step: compensate once, and take rests as the sensor reads them"
         )
-    if stated(recording, "tare") == "rest":
+    if setup.tare == "rest":
         raise GranularIdError(
             f"recording {recording.name!r} is tared from rest, which took weight and zero off: compensate before the "
             "tare, and take rests as the sensor reads them"
@@ -349,7 +351,7 @@ def compensate_recordings(
     for recording, down in zip(recordings, each, strict=True):
         _refuse_without_weight(recording)
         for name in _STATED:
-            now, known = stated(recording, name), getattr(payload, name)
+            now, known = getattr(Setup.of(recording.meta), name), getattr(payload, name)
             if now and known and now != known:
                 raise GranularIdError(
                     f"recording {recording.name!r} is of the {name} {now!r}, the payload of {known!r}; compensate "

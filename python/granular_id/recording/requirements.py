@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from granular_id._core import GranularIdError
 from granular_id._text import counted, verb
+from granular_id.recording.conditions import setups_in
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.setup import (
     Difference,
     Setup,
     refuse_or_list,
     setup_differences,
-    setups_in,
     unit_differences,
 )
 

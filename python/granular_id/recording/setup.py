@@ -11,10 +11,7 @@ from typing import Any, Literal
 
 from granular_id._checks import argument_error, thaw
 from granular_id._core import GranularIdError
-from granular_id.recording.checks import Finding
 from granular_id.recording.columns import same_unit
-from granular_id.recording.dataset import Dataset
-from granular_id.recording.onset import ONSET_STEP as ONSET
 from granular_id.recording.recording import unit_of
 
 # What is refused where it differs, unless somebody says that it may.
@@ -168,17 +165,6 @@ class Setup:
         return setup_differences(values_in([self]), other)
 
 
-def setups_in(data: Dataset) -> list[Setup]:
-    """Return the set-up of each recording."""
-    setups = [Setup.of(recording.meta) for recording in data]
-    onsets = [step for step in data.history if step.step == ONSET]
-    if not onsets:
-        return setups
-    # The motion begins where it was found in the forces, whatever started the recording.
-    trigger = None if onsets[-1].totals.get("kept") else "onset"
-    return [replace(setup, trigger=trigger) for setup in setups]
-
-
 def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
     """Gather what is known of each thing: its values, sorted, each once; nothing of a thing with very many.
 
@@ -253,20 +239,16 @@ def unit_differences(trained: Mapping[str, str], meta: Mapping[str, Any]) -> lis
     ]
 
 
-def common_units(data: Dataset) -> list[str]:
-    """Return the unit of each axis, or refuse recordings that differ in them."""
-    units = dict.fromkeys(data.axes, "")
-    first = dict.fromkeys(data.axes, data[0].name)
-    for recording in data:
-        for other in unit_differences(units, recording.meta):
-            axis = other.now.partition(":")[0]
-            raise GranularIdError(
-                f"recordings differ in the units of their axes: {first[axis]!r} has {other.trained[0]}, "
-                f"{recording.name!r} has {other.now}; convert the samples to the same before"
-            )
-        for axis in [axis for axis, unit in units.items() if not unit]:
-            units[axis], first[axis] = unit_of(axis, recording.meta), recording.name
-    return list(units.values())
+def mixed_setups(setups: Iterable[Setup]) -> list[str]:
+    """Say in which frames they are, or what was taken off some of them, where that is not the same in all."""
+    known = values_in(setups)
+    follows = dict.fromkeys(("frame", "transform", "sign"), "nothing is turned")
+    follows |= dict.fromkeys(("compensated", *_taken_off(known)), "their forces do not count from one zero")
+    return [
+        f"{name}: {', '.join(map(_quoted, values))}; {what}"
+        for name, what in follows.items()
+        if len(values := known.get(name, ())) > 1
+    ]
 
 
 def refuse_or_list(
@@ -293,19 +275,6 @@ def setup_mismatch(*differences: str) -> str:
     return f"another set-up than in the training: {'; '.join(differences)}"
 
 
-def mixed_setup_warnings(data: Dataset) -> list[str]:
-    """Say where recordings of one data set differ in their frame, or in what was taken off them, one line each."""
-    known = values_in(setups_in(data))
-    follows = dict.fromkeys(("frame", "transform", "sign"), "nothing is turned")
-    follows |= dict.fromkeys(("compensated", *_TAKEN_OFF), "their forces do not count from one zero")
-    off = _taken_off(known)
-    return [
-        f"warning: recordings differ in their {name}: {', '.join(map(_quoted, values))}; {what}"
-        for name, what in follows.items()
-        if len(values := known.get(name, ())) > 1 and (name in off or name not in _TAKEN_OFF)
-    ]
-
-
 def _first(places: Sequence[Mapping[str, Any]], key: str) -> Any:
     return next((value for place in places if (value := place.get(key)) is not None), None)
 
@@ -324,24 +293,3 @@ def _text(value: Any, unit: str = "") -> str | None:
         return f"{str(value).removesuffix('.0')}{unit}"  # all digits: a serial number may have many
     text = value if isinstance(value, str) else json.dumps(thaw(value), sort_keys=True)
     return text.strip()[:_LONGEST] or None
-
-
-# What a reader of accuracies should know of the recordings.
-
-SEVERE_PREFIXES = ("error: ", "warning: ")
-"""How the lines of `data_warnings` begin."""
-
-
-def data_warnings(data: Dataset, findings: Iterable[Finding] | None = None) -> list[str]:
-    """Return what may mislead a reader of the accuracies: set-ups that differ, errors and warnings of the checks.
-
-    `findings`: of the checks, where they have been made already.
-    """
-    made = data.check() if findings is None else findings
-    told = [str(finding) for finding in made if finding.severity != "info"]
-    return mixed_setup_warnings(data) + told
-
-
-def labelled_check_note(note: str) -> str:
-    """Say whose a line of `data_warnings` is: "error: " alone is what a command prints that has failed."""
-    return f"data check: {note}" if note.startswith(SEVERE_PREFIXES) else note

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -24,6 +24,7 @@ from granular_id.recording.clock import samples_in
 from granular_id.recording.columns import same_unit
 from granular_id.recording.recording import KNOWN_UNITS, Recording, irregular_among, unit_of
 from granular_id.recording.report import StepReport, first_names, subject
+from granular_id.recording.setup import Setup
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -236,7 +237,7 @@ def _without_gravity(recording: Recording) -> Recording:
 
 def _refuse_unclear(recordings: Sequence[Recording], name: str, new: str) -> None:
     """Refuse to turn or reverse what is so already by its metadata, or is not of one frame or sign."""
-    now = Counter(value for recording in recordings if (value := stated(recording, name)))
+    now = Counter(value for recording in recordings if (value := getattr(Setup.of(recording.meta), name)))
     if len(now) > 1:
         told = ", ".join(f"{value!r} ({n})" for value, n in now.most_common())
         raise GranularIdError(f"recordings are of several {name}s: {told}; give those of each {name} apart")
@@ -247,14 +248,6 @@ def _refuse_unclear(recordings: Sequence[Recording], name: str, new: str) -> Non
             f"is {new!r} already, as the metadata of {counted(now[new])} state; wanted the name of what it is "
             "afterwards, which is another",
         )
-
-
-def stated(recording: Recording, name: str) -> Any:
-    """Return what the metadata say, at their places in `Setup.of`."""
-    source = recording.meta.get("source")
-    places = [recording.meta, source, source.get("meta") if isinstance(source, Mapping) else None]
-    said = (place.get(name) for place in places if isinstance(place, Mapping))
-    return next((value for value in said if value is not None), None)
 
 
 # The zero that the rest before the motion gives.

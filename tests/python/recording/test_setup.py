@@ -14,15 +14,17 @@ from granular_id.identifier import describe_model, describe_performance
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
 from granular_id.live.robot import Robot
-from granular_id.recording import AXES, Dataset, Setup
-from granular_id.recording.setup import (
-    ACCEPTABLE,
+from granular_id.recording import (
+    AXES,
+    Dataset,
+    Setup,
     data_warnings,
     mixed_setup_warnings,
     setups_in,
     unit_differences,
     values_in,
 )
+from granular_id.recording.setup import ACCEPTABLE
 from model_cases import put_together, taken_apart
 
 FLANGE = {
