@@ -15,10 +15,10 @@ import re
 import sys
 import warnings
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,7 @@ class _Head(NamedTuple):
     above: list[str]
     names: list[str]
     line: int
+    is_whole: bool  # the last line has an end
 
     def lines(self, n: int = _HEAD_LINES) -> Iterator[str]:
         """Yield the first lines of the file."""
@@ -113,26 +114,13 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         return {"line": next(islice(rows, row, None), first + row)}
 
     cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
-    return FileContent([table], rows=[cut] if _is_cut_off(source.path) else [], notes=notes, place=place)
-
-
-def _is_cut_off(path: Path) -> bool:
-    """Return True if the last line has no end."""
-    if path.suffix.lower() == ".gz":
-        return False
-    with path.open("rb") as file:
-        file.seek(-min(4, path.stat().st_size), os.SEEK_END)
-        return not file.read().rstrip(b"\0").endswith((b"\n", b"\r"))
+    return FileContent([table], rows=[] if head.is_whole else [cut], notes=notes, place=place)
 
 
 def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     """Find encoding, separator and names, as far as the options leave them open."""
     options: dict[str, Any] = dict(given)
-    try:
-        with _opener(path)(path, "rb") as file:
-            begins = file.read(4)
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingFileError(path, f"cannot be read: {error}") from error
+    begins, is_whole = _both_ends(path)
     if not begins:
         raise RecordingFileError(path, "is empty (0 bytes)")
     mark = next((name for mark, name in _MARKS.items() if begins.startswith(mark)), None)
@@ -168,19 +156,28 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     if len(cells) > 1 and "comment" not in given and "names" not in given:
         cells[0] = cells[0].lstrip("#")  # as numpy.savetxt writes names
     cells[0] = cells[0].lstrip("%")  # as rostopic does
-    return _Head(path, options, lines[:i], [cell.strip().strip('"').strip() for cell in cells], i + 1)
+    names = [cell.strip().strip('"').strip() for cell in cells]
+    return _Head(path, options, lines[:i], names, i + 1, is_whole)
 
 
-def _opener(path: Path) -> Callable[..., IO[Any]]:
-    return gzip.open if path.suffix.lower() == ".gz" else open
+def _both_ends(path: Path) -> tuple[bytes, bool]:
+    """Return the first four bytes of a text, and whether its last line has an end."""
+    is_packed = path.suffix.lower() == ".gz"
+    try:
+        with (gzip.open if is_packed else open)(path, "rb") as file:
+            begins = file.read(4)
+            if begins and not is_packed:
+                file.seek(-min(4, path.stat().st_size), os.SEEK_END)
+            return begins, is_packed or file.read().rstrip(b"\0").endswith((b"\n", b"\r"))
+    except (OSError, EOFError, zlib.error) as error:
+        raise RecordingFileError(path, f"cannot be read: {error}") from error
 
 
 def _lines(path: Path, encoding: object, n: int) -> Iterator[str]:
     """Yield the first lines of a file, whatever their encoding."""
+    opened = gzip.open if path.suffix.lower() == ".gz" else open
     try:
-        with _opener(path)(
-            path, "rt", encoding=str(encoding or "utf-8"), errors="replace", newline=""
-        ) as file:
+        with opened(path, "rt", encoding=str(encoding or "utf-8"), errors="replace", newline="") as file:
             for line in islice(file, n):
                 yield line.rstrip("\r\n")
     except (OSError, EOFError, LookupError, UnicodeError, zlib.error) as error:

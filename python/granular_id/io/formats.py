@@ -158,12 +158,6 @@ def save(
 
 
 def check_save(path: str | os.PathLike[str], format: str | None = None) -> None:  # noqa: A002 (as in save)
-    """Refuse what `save` would refuse whatever the data set, before hours of work depend on it.
-
-    Raises
-    ------
-    FileExistsError, FileNotFoundError, ValueError
-        As `save`.
-    """
+    """Refuse what `save` would refuse whatever the data set, before hours of work depend on it."""
     writer(path, format)
     check_room(Path(path))

@@ -161,11 +161,9 @@ def _start_time(text: str) -> float:
 
 
 def _rate(text: str) -> float | str:
-    if text == IRREGULAR:
-        return text
     with suppress(ValueError):
-        if 0 < (rate := float(text)) < math.inf:
-            return rate
+        if text == IRREGULAR or 0 < float(text) < math.inf:
+            return text if text == IRREGULAR else float(text)
     raise GranularIdError(f"{text[:40]!r} is no rate; wanted a positive number of Hz, or {IRREGULAR}")
 
 

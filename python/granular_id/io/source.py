@@ -39,8 +39,13 @@ SESSION_LIKE = re.compile(
 )
 """Names of folders, or groups, that are most likely no material."""
 
+_CHOICES = {
+    "on_error": ("raise", "skip"),
+    "on_time_error": ("raise", "repair"),
+    "time_unit": ("s", "ms", "us", "ns", "sample"),
+}
 _PLACE = re.compile(r"folder|parent|file|(column|meta):.+")
-PLACES = "'folder', 'parent', 'file', 'column:NAME' or 'meta:PATH'"
+_PLACES = "'folder', 'parent', 'file', 'column:NAME' or 'meta:PATH'"
 
 
 @dataclass(frozen=True)
@@ -66,17 +71,15 @@ class LoadOptions:
     def __post_init__(self) -> None:
         if self.rate_hz is not None:
             object.__setattr__(self, "rate_hz", finite_number("rate_hz", self.rate_hz, positive=True))
-        checked_choice("on_error", self.on_error, "raise", "skip")
-        checked_choice("on_time_error", self.on_time_error, "raise", "repair")
-        if self.time_unit is not None:
-            checked_choice("time_unit", self.time_unit, "s", "ms", "us", "ns", "sample")
+        for name, known in _CHOICES.items():
+            if getattr(self, name) is not None and getattr(self, name) not in known:
+                checked_choice(name, getattr(self, name), *known)
         for name in ("topic", "array", "time", "id", "label", "session"):
             if getattr(self, name) is not None:
                 checked_text(getattr(self, name), name)
         for name in ("label", "session"):
-            place = getattr(self, name)
-            if place is not None and not _PLACE.fullmatch(place):
-                raise argument_error(GranularIdError, name, f"={place!r:.60}; wanted {PLACES}")
+            if not _PLACE.fullmatch(getattr(self, name) or "file"):
+                raise argument_error(GranularIdError, name, f"={getattr(self, name)!r:.60}; wanted {_PLACES}")
         for name in ("axes", "units"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, names_in(name, getattr(self, name), empty=name == "units"))
@@ -109,26 +112,16 @@ class LoadOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class FileSource(Stated):
-    """A file (or a folder that is one recording) to read, and what options, index.csv and its place state of it.
-
-    Attributes
-    ----------
-    path, root : Path
-        Nothing outside of the folder `root` is opened, whatever links say.
-    name : str
-        How reports call the recording: the path within the folder, or what index.csv says.
-    label_place, session_place : str
-        Where label and session come from, for the report.
-    two_meanings : str or None
-        Why a file that states no label itself is refused: its folders may mean two things.
-    """
+    """A file (or a folder that is one recording) to read, and what options, index.csv and its place state of it."""
 
     path: Path
-    root: Path
-    name: str
-    label_place: str = ""
+    root: Path  # nothing outside of this folder is opened, whatever links say
+    name: str  # how reports call the recording: the path within the folder, or what index.csv says
+    label_place: str = ""  # where label and session come from, for the report
     session_place: str = ""
-    two_meanings: str | None = None
+    two_meanings: str | None = (
+        None  # why it is refused where it states no label: its folders may mean two things
+    )
 
 
 @dataclass

@@ -89,7 +89,9 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
     known, stated = format_of(path), options.stated
     if known is not None:
         source = FileSource(path=path, root=path.resolve().parent, name=path.name, **stated)
-        return Sources(known.what, [_told(source, options, path.resolve(), alone=True)])
+        is_told = options.label is not None or options.session is not None
+        source = _told(source, options, path.resolve(), alone=True) if is_told else source
+        return Sources(known.what, [source])
     if not path.is_dir():
         wanted = "; ".join(known.what for known in FORMATS)
         problem = f"is of no known format; what can be read: {wanted}; or a folder of such files ({LAYOUTS})"
@@ -118,16 +120,15 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
     return found
 
 
-def _natural(name: str) -> list[Any]:
-    return [int(part) if i % 2 else part for i, part in enumerate(_DIGITS.split(name))]
-
-
 def _walk(root: Path, found: Sources, stated: dict[str, Any]) -> None:
     """Gather what can be read below a folder, in natural order: ``rice_2`` before ``rice_10``, files before folders."""
 
     def unlisted(error: OSError) -> None:
         problem = f"cannot be listed: {error.strerror}"
         found.problems.append(RecordingFileError(error.filename, problem))
+
+    def natural(name: str) -> list[Any]:
+        return [int(part) if i % 2 else part for i, part in enumerate(_DIGITS.split(name))]
 
     inside = root.resolve()
     paths: list[tuple[Any, Path]] = []
@@ -144,7 +145,7 @@ def _walk(root: Path, found: Sources, stated: dict[str, Any]) -> None:
                 deeper.discard(name)
             elif format_of(path) is not None:
                 levels = [*((True, part) for part in parts), (not is_file, name)]
-                order = [(below, _natural(part), part) for below, part in levels]
+                order = [(below, natural(part), part) for below, part in levels]
                 paths.append((order, path))
                 deeper.discard(name)
             elif is_file:

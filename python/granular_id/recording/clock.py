@@ -63,18 +63,9 @@ class Stamps:
 
 
 def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz: float | None) -> Stamps:
-    """Turn the cells of a clock into seconds; the row of a `TableError` is the first sample that is wrong.
+    """Turn numbers, dates, times or texts of these into seconds; the row of an error is the first sample that is wrong.
 
-    Parameters
-    ----------
-    values : ndarray of shape (T,)
-        Numbers, numpy's dates or times, or texts of such.
-    unit : str, optional
-        What the file states that they count.
-    asked : {"s", "ms", "us", "ns", "sample"}, optional
-        What the user states.
-    rate_hz : float, optional
-        A rate that is stated, needed for "sample".
+    They count `unit`, as the file states, or what is `asked`; the rate is needed where that is "sample".
     """
     if values.dtype.kind in "OUT":
         values = _from_text(values)

@@ -90,14 +90,7 @@ def unit_spelling(unit: str) -> str:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """Whether two texts of units are of one unit: "Nm" and "N m", "m/s^2" and "m/s2".
-
-    Examples
-    --------
-    >>> from granular_id.recording import same_unit
-    >>> same_unit("m/s^2", "m s-2"), same_unit("N m", "N\N{MIDDLE DOT}m"), same_unit("mN m", "N mm")
-    (True, True, True)
-    """
+    """Whether two texts of units are of one unit: "Nm" and "N m", "m/s^2" and "m s-2"."""
     for quantity in ("N", "N m"):
         scales = [factor(unit, quantity) for unit in (one, other)]
         if None not in scales:
@@ -127,14 +120,7 @@ def is_unit(text: str) -> bool:
 
 
 def units_by_axis(axes: Sequence[str], units: Sequence[str] | None) -> dict[str, str]:
-    """Return the unit that is stated of each axis: of one for all, one an axis, or one for each of several equal runs.
-
-    Examples
-    --------
-    >>> from granular_id.recording import units_by_axis
-    >>> units_by_axis(("wx", "wy", "ax", "ay"), ("rad/s", "m/s2"))
-    {'wx': 'rad/s', 'wy': 'rad/s', 'ax': 'm/s2', 'ay': 'm/s2'}
-    """
+    """Return the unit stated of each axis: of one for all, one an axis, or one for each of several equal runs."""
     if not units:
         return {}
     run, rest = divmod(len(axes), len(units))
@@ -247,22 +233,7 @@ def columns_of(
     axes: tuple[str, ...] | None = None,
     asked: tuple[tuple[str, str], ...] = (),
 ) -> Mapping[str, str]:
-    """Find the columns that hold the axes, and the clock and what tells recordings apart where there are such.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Names of all columns.
-    axes : tuple of str, optional
-        The axes wanted, in their order; by default fx fy fz tx ty tz.
-    asked : tuple of pairs of str
-        Columns that somebody names: of the time, recording, label or session.
-
-    Returns
-    -------
-    mapping
-        Names of columns by axis, and by `ABOUT` and `NANOSECONDS`.
-    """
+    """Find columns: by axis (default fx fy fz tx ty tz), and by `ABOUT` and `NANOSECONDS`; `asked` are named ones."""
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
         raise TableError(f"column {twice!r:.60} occurs twice")
@@ -393,39 +364,34 @@ def by_name(
     table: Any, names: Sequence[str], argument: str, wanted: Sequence[str] | None
 ) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
     """Take columns by their names: those wanted; else the six of a wrench in their order, or all as they stand."""
-    have = " ".join(names)
-    own = {_axis(name): name for name in names}  # fx for Fx
-    if len(own) < len(names):
-        twice = next(name for k, name in enumerate(names) if _axis(name) in map(_axis, names[:k]))
-        raise GranularIdError(f"{argument} has two columns {twice!r}: {have}")
-    if wanted is not None:
-        places = {**own, **{name: name for name in names}}
-        missing = [axis for axis in wanted if axis not in places]
-        if missing:
-            raise GranularIdError(
-                f"{argument} has no column {missing[0]!r}: its columns are {have}, wanted are {' '.join(wanted)}; an "
-                f"array has no names: {argument}.to_numpy() passes for these"
-            )
-        chosen = [(axis, places[axis]) for axis in wanted]
-    elif own.keys() == set(AXES):
-        chosen = [(axis, own[axis]) for axis in AXES]
-    else:
+    have = f"its columns are {' '.join(names)}"
+    own: dict[str, str] = {}  # fx for Fx
+    for name in names:
+        if own.setdefault(_axis(name), name) != name:
+            raise GranularIdError(f"{argument} has two columns {name!r}: {have}")
+    places = {**own, **{name: name for name in names}}
+    axes = tuple(wanted or (AXES if own.keys() == set(AXES) else names))
+    missing = [axis for axis in axes if axis not in places]
+    if missing:
+        raise GranularIdError(
+            f"{argument} has no column {missing[0]!r}: {have}, wanted are {' '.join(axes)}; an array has no names: "
+            f"{argument}.to_numpy() passes for these"
+        )
+    if axes == tuple(names):  # nobody chose: all of them must be axes
         times = [name for name in names if meaning_of(name.lstrip("%# ")).what == TIME]
         beside = [name for name in names if _axis(name) not in AXES] if own.keys() >= set(AXES) else []
-        if times or beside:
+        if wanted is None and (times or beside):
             left = [name for name in names if name not in times and name not in beside]
-            axes = [name for name in left if np.asarray(table[name]).dtype.kind in "iuf"]
-            what = "no axis" if times else "no force or torque"
-            raise GranularIdError(
-                f"{argument} has the column {(times or beside)[0]!r}, which is {what}: its columns are {have}; choose "
-                f"those that are axes, as in {argument}[{axes}]"
-            )
-        chosen = [(name, name) for name in names]
-    columns = [np.asarray(table[name]) for _, name in chosen]
-    for (_, name), column in zip(chosen, columns, strict=True):
+            numbers = [name for name in left if np.asarray(table[name]).dtype.kind in "iuf"]
+            came = f"{(times or beside)[0]!r}, which is {'no axis' if times else 'no force or torque'}"
+            way_out = f"choose those that are axes, as in {argument}[{numbers}]"
+            raise GranularIdError(f"{argument} has the column {came}: {have}; {way_out}")
+    columns = [np.asarray(table[places[axis]]) for axis in axes]
+    for axis, column in zip(axes, columns, strict=True):
         if column.dtype.kind not in "iuf" or column.ndim != 1:
-            raise TypeError(f"column {name!r} of {argument} must hold real numbers, got dtype {column.dtype}")
-    return np.column_stack(columns), tuple(axis for axis, _ in chosen)
+            problem = f"must hold real numbers, got dtype {column.dtype}"
+            raise TypeError(f"column {places[axis]!r} of {argument} {problem}")
+    return np.column_stack(columns), axes
 
 
 def samples_of(value: Any, argument: str, wanted: Sequence[str] | None) -> tuple[Any, tuple[str, ...] | None]:

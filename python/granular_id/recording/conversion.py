@@ -55,84 +55,42 @@ from granular_id.recording.recording import (
 
 @dataclass(frozen=True)
 class Table:
-    """Samples and what is stated beside them.
+    """Samples and what is stated beside them: columns by their names, or an array of one recording."""
 
-    Attributes
-    ----------
-    name : str
-        How reports call the recording; of several, each has its own part behind it.
-    columns : mapping of str to ndarray of shape (T,)
-        Columns by their names, in the order of the table: axes, clock and others.
-    values : ndarray of shape (T, C), optional
-        The samples in place of `columns`, one recording.
-    axes : tuple of str, optional
-        Names of the columns of `values`.
-    units : mapping of str to str
-        Units that are stated beside the names, by column or axis.
-    stamps : ndarray of shape (T,), optional
-        The clock of `values`: seconds, or numpy's dates.
-    rate_hz, label, session, meta
-        What the file states of the recording, as in `Recording`.
-    clock : str
-        How errors call the clock.
-    is_text : bool
-        Whether ``pandas.read_csv`` made it, so that options of that may read it otherwise.
-    """
-
-    name: str = ""
+    name: str = ""  # of the recording in reports; of several, each has its own part behind it
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    values: NDArray[Any] | None = None
-    axes: tuple[str, ...] | None = None
-    units: Mapping[str, str] = field(default_factory=dict)
-    stamps: NDArray[Any] | None = None
+    values: NDArray[Any] | None = None  # (T, C), in place of `columns`
+    axes: tuple[str, ...] | None = None  # names of the columns of `values`
+    units: Mapping[str, str] = field(default_factory=dict)  # stated beside the names, by column or axis
+    stamps: NDArray[Any] | None = None  # the clock of `values`: seconds, or numpy's dates
     rate_hz: float | None = None
     label: str | None = None
     session: str | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
-    clock: str = "time"
-    is_text: bool = False
+    clock: str = "time"  # how errors call the clock
+    is_text: bool = False  # pandas.read_csv made it, so that options of that may read it otherwise
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stated:
-    """What a caller, an option or an index says of recordings; it is obeyed, or refused where the table contradicts.
-
-    Attributes
-    ----------
-    rate_hz, time_unit, axes, units
-        As in `granular_id.load`.
-    columns : tuple of pairs of str
-        What a column is (`TIME`, `RECORDING`, `LABEL`, `SESSION`) and its name, where somebody names it.
-    label, session : str, optional
-        Of all recordings; they win over what the table says.
-    label_from, session_from : str, optional
-        A place in the metadata that holds it: ``"meta:PATH"``.
-    label_else, session_else : str, optional
-        What holds where nothing else says it.
-    start_time, trigger_index, meta
-        Of the one recording.
-    irregular : bool
-        Keep stamps even where they are even.
-    repair : bool
-        Sort samples whose stamps run back.
-    """
+    """What a caller, an option or an index says of recordings; it is obeyed, or refused where the table contradicts."""
 
     rate_hz: float | None = None
     time_unit: str | None = None
     axes: tuple[str, ...] | None = None
     units: tuple[str, ...] | None = None
-    columns: tuple[tuple[str, str], ...] = ()
-    label: str | None = None
+    columns: tuple[tuple[str, str], ...] = ()  # what a column is, as TIME, and its name
+    label: str | None = None  # wins over what the table says
     session: str | None = None
-    label_from: str | None = None
+    label_from: str | None = None  # a place in the metadata that holds it, "meta:PATH"
     session_from: str | None = None
-    label_else: str | None = None
+    label_else: str | None = None  # where nothing else says it
     session_else: str | None = None
     start_time: float | None = None
     trigger_index: int | None = None
     meta: Mapping[str, Any] = field(default_factory=dict)
-    irregular: bool = False
-    repair: bool = False
+    irregular: bool = False  # keep stamps even where they are even
+    repair: bool = False  # sort samples whose stamps run back
 
 
 @dataclass
@@ -156,13 +114,7 @@ class Made:
 
 
 def to_recordings(table: Table, stated: Stated) -> Made:
-    """Make the recordings of a table, in the order in which they begin.
-
-    Raises
-    ------
-    TableError
-        What is missing, or contradicts itself or what is stated; with row and column.
-    """
+    """Make the recordings of a table, in the order in which they begin; a `TableError` names row and column."""
     picked = picked_columns(table, stated)
     parts = [(np.arange(len(picked.wrench)), table.name)]
     if RECORDING in picked.columns:
@@ -507,10 +459,9 @@ class _Part:
             for name, cells in self._table.columns.items()
             if cells.dtype.kind in "iuf" and len(cells) > 2 and (np.diff(cells.astype(np.float64)) > 0).all()
         ]
-        column = (
-            f", or time= with the column that is the clock ({', '.join(counting)[:80]}?)" if counting else ""
-        )
-        return f"has no {clock} and no rate is stated; pass rate_hz={column}"
+        names = ", ".join(counting)[:80]
+        column = f", or time= with the column that is the clock ({names}?)" if names else ""
+        return f"has no {clock} and no rate is stated; pass rate_hz=RATE{column}"
 
     def _rate_in_table(self) -> float | None:
         """Return the rate that a column of the table states."""
