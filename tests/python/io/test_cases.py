@@ -494,13 +494,3 @@ def test_clocks_that_drift_have_the_round_rate(tmp_path):
         frame(time=np.arange(120) / 500 * (1 + ppm * 1e-6)).to_csv(tmp_path / f"rice_{i}.csv", index=False)
     data = load(tmp_path)
     assert (data.rate_hz, data.X.shape) == (500, (4, 120, 6))
-
-
-def test_arrays_named_after_materials_have_labels(tmp_path):
-    np.savez(tmp_path / "a.npz", rice=W, peas=W * 2, fs=500)
-    assert load(tmp_path / "a.npz").labels == ("peas", "rice")
-
-
-def test_time_first_is_refused_with_the_line_that_turns_it(tmp_path):
-    np.savez(tmp_path / "a.npz", X=RNG.normal(size=(200, 12, 6)), y=list("ab") * 6, fs=500)
-    refused(tmp_path / "a.npz", r"\.transpose\(1, 0, 2\)")

@@ -112,6 +112,18 @@ def test_values_have_the_bits_that_python_reads(tmp_path):
     assert load(tmp_path / "a.csv")[0].wrench.tobytes() == values.tobytes()
 
 
+@pytest.mark.data
+def test_real_files_have_the_samples_that_loadtxt_reads(data_dir):
+    sliding = load(data_dir / "sliding_wrench")
+    assert len(sliding) == 1000
+    for recording in sliding.select(indices=range(0, 1000, 97)):
+        plain = np.loadtxt(data_dir / "sliding_wrench" / recording.name, delimiter=",", skiprows=1)
+        assert recording.wrench.tobytes() == np.ascontiguousarray(plain[:, 1:]).tobytes()
+        np.testing.assert_array_equal(recording.time_s, plain[:, 0] - plain[0, 0])
+        assert recording.start_time == plain[0, 0]
+        assert recording.name.startswith(recording.label)
+
+
 NO_AXES = b"time,ax,ay,az,wx,wy,wz\n" + ROW1 + ROW2 + ROW3
 LATIN = GOOD.replace(b"time", b"Zeit \xe4,time").replace(b"0.0", b"x,0.0")
 IN_MS = GOOD.replace(b"0.00", b"0").replace(b"0.01", b"10").replace(b"0.02", b"20")

@@ -107,18 +107,6 @@ def test_files_that_contradict_themselves_are_refused(tmp_path, change, message)
     assert caught.value.path == str(path)
 
 
-def test_files_that_are_cut_off_or_of_another_kind_are_refused(tmp_path):
-    path = save(SMALL, tmp_path / "x.npz")
-    data = path.read_bytes()
-    parts = [data[: len(data) * tenth // 10] for tenth in range(10)]
-    for part in (*parts, b"fx,fy\n1,2\n", b"\x89HDF\r\n\x1a\n" + bytes(500), b"PK\3\4" + bytes(500)):
-        path.write_bytes(part)
-        with pytest.raises(RecordingFileError, match=path.name):
-            load(path)
-    path.write_bytes(data)  # the same file to the operating system
-    assert load(path) == SMALL
-
-
 @pytest.mark.data
 def test_a_thousand_real_recordings_keep_every_bit(tmp_path, data_dir):
     dataset = load(data_dir / "sliding_wrench")

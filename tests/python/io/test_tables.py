@@ -65,12 +65,9 @@ REFUSED = {
         "has 2 values in one recording: 'a', 'b'; wanted one, or id='label'",
     ),
     "time restarts": ({"time": T6}, "time runs back .* several recordings must be told apart: .* id="),
-    "no id": ({"id": [1, 1, None, 2, 2, 2]}, "column id.*: the cell is empty"),
     "again without a clock": ({"id": [1, 1, 2, 2, 1, 1]}, "the same value again"),
     "two rates": ({"fs": [100, 100, 100, 100, 100, 50]}, r"states the rates \[50.0, 100.0\]"),
     "two ids": ({"id": [1] * 6, "trial": [1] * 6}, "both mean recording; name one of them: id="),
-    "texts as forces": ({"fx": ["1"] * 5 + ["x"]}, "line 7, column fx: 'x'|row 5: 'x' is no number"),
-    "a label of no text": ({"label": ["a\x07b"] * 6}, "control character"),
 }
 
 
