@@ -22,15 +22,12 @@ METHODS = {
     "multiband": "**multiband**",
     "multirocket": "MultiRocket + ridge",
     "minirocket": "MiniRocket + ridge",
-    "hydra": "Hydra + ridge",
     "multirocket+hydra": "MultiRocket, Hydra + ridge",
     "quant": "QUANT + forest",
     "rdst": "RDST + ridge",
     "freshprince": "FreshPRINCE",
     "catch22+rf": "Catch22 + forest",
-    "dft+svm": "spectrum + SVM",
     "raw+svm": "raw + SVM",
-    "1nn": "raw + nearest neighbour",
     "raw+hfmh": "**raw+hfmh (paper), bins of the data**",
 }
 FEATURES = {
@@ -141,7 +138,7 @@ def page(results: Json, accuracy: Json, counts: Json) -> str:
             ("", "µs"), ((k, digits(decision["microseconds"][name])) for k, name in DECISIONS.items())
         ),
         ecoc=classifier(results["ecoc"]),
-        memory=digits(results["ecoc"]["walk"]["megabytes"]["ECOCClassifier, resident"], 2),
+        memory=digits(results["ecoc"]["walk"]["megabytes"], 2),
         accuracy_made="; ".join(origin(accuracy["made"])),
         draws=accuracy["seeds"],
         accuracies=accuracies(accuracy["folders"]),
