@@ -53,6 +53,12 @@ _AHEAD = re.compile(rf"(?:{_WORD}[\s_.-]*\d+|{_DATE}|\d+)[\s_.-]+(?!{_SIZE})(?=\
 """The same ahead of a name: ``run3-``, ``2025-03-04_``, but not ``4_mm_``."""
 
 _DIGITS = re.compile(r"([0-9]+)")
+
+_NO_LABEL = frozenset(
+    ("", "empty", "full", "missing", "left", "right", "slow", "fast", "before", "after", "raw")
+)
+"""Names of files in each of several folders that are no materials: then the folders are."""
+
 _MOST_DEEP = 12
 _EXAMPLES = 3
 
@@ -278,27 +284,16 @@ def _two_levels(first: FileSource) -> str:
 
 
 def _no_materials(found: Sources) -> str | None:
-    """Say why folders are most likely no materials: days, persons, runs, or the same numbered names in each.
-
-    The same names without numbers may be either: the folders are taken, and a note has the other reading.
-    """
+    """Say why folders may be no materials: days, persons, runs, or files of the same names in each."""
     files = found.files
     stems: dict[str, dict[str, None]] = {}
     for source in files:
-        stems.setdefault(source.path.parent.name, {})[_label_of(source.path) or ""] = None
+        stems.setdefault(source.path.parent.name, {})[(_label_of(source.path) or "").lower()] = None
     names = list(stems)
-    session_like = all(SESSION_LIKE.fullmatch(name) for name in names)
-    alike = len(names) > 1 and all(
-        len(one) > 1 and any(one.keys() & other.keys() for name, other in stems.items() if name != own)
-        for own, one in stems.items()
-    )
-    numbered = all(_NUMBER.search(source.path.stem) for source in files)
-    series = len({_NUMBER.sub("", name).lower() for name in names}) == 1
-    if alike and not (numbered or series or session_like):
-        two = " and ".join(map(repr, list(stems[names[0]])[:2]))
-        way_out = "if those are the materials, pass label='file', session='folder'"
-        found.notes.append(f"folders hold files of the same names ({two}): {way_out}")
-    if not session_like and not (alike and (numbered or series)):
+    n_folders = Counter(stem for one in stems.values() for stem in one)
+    shared = {stem for stem, n in n_folders.items() if n > 1}
+    alike = all(len(one) > 1 and one.keys() & shared for one in stems.values()) and not shared & _NO_LABEL
+    if not alike and not all(SESSION_LIKE.fullmatch(name) for name in names):
         return None
     example = files[0].name
     label = _label_of(files[0].path) or files[0].path.stem

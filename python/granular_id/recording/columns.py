@@ -34,14 +34,21 @@ from granular_id._core import AXES, GranularIdError
 
 _INCH_M = 0.0254
 _POUND_N = 4.4482216152605
+_OUNCE_N = _POUND_N / 16
+_KILOGRAM_N = 9.80665
 
 _FACTORS: dict[str, dict[float, str]] = {
-    "N": {1.0: "n newton newtons", 1e-3: "mn", 1e3: "kn", _POUND_N: "lbf", 9.80665: "kgf"},
+    "N": {1.0: "n newton newtons", 1e-3: "mn", 1e3: "kn", _POUND_N: "lbf", _OUNCE_N: "ozf", _KILOGRAM_N: "kgf"},
     "N m": {
         1.0: "nm newtonmetre newtonmetres newtonmeter newtonmeters",
+        1e-2: "cnm ncm",
         1e-3: "mnm nmm",
         1e3: "knm",
-        _POUND_N * _INCH_M: "lbfin",
+        _POUND_N * _INCH_M: "lbfin inlbf lbin inlb inlbs",
+        _POUND_N * _INCH_M * 12: "lbfft ftlbf lbft ftlb ftlbs",
+        _OUNCE_N * _INCH_M: "ozfin inozf ozin inoz",
+        _KILOGRAM_N: "kgfm",
+        _KILOGRAM_N / 100: "kgfcm kgcm",
     },
     "s": {
         1.0: "s sec secs second seconds",
@@ -53,8 +60,8 @@ _FACTORS: dict[str, dict[float, str]] = {
 }  # fmt: skip
 
 TAKEN = {
-    "N": "N, mN, kN, lbf or kgf (kilograms-force)",
-    "N m": "N m, mN m, kN m, N mm or lbf in",
+    "N": "N, mN, kN, lbf, ozf or kgf (kilograms-force)",
+    "N m": "N m, mN m, cN m, kN m, N mm, lbf in, lbf ft, ozf in or kgf cm",
     "s": "s, ms, us or ns",
     "Hz": "Hz or kHz",
 }
@@ -169,7 +176,7 @@ _BRACKETED = re.compile(r"(.+?)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
 _TRAILING = re.compile(
     r"(.+?)[\s_./,-]+("
     + "|".join(sorted((name for known in _KNOWN.values() for name in known), key=len, reverse=True))
-    + r"|n[\s_.*\N{MIDDLE DOT}-]m|n[\s_.*\N{MIDDLE DOT}-]mm)",
+    + r"|(?:[mck]?n|kgf|lbf|ozf)[\s_.*\N{MIDDLE DOT}-](?:m|mm|cm|in|ft)|(?:in|ft)[\s_.*\N{MIDDLE DOT}-](?:lb|lbs|lbf))",
     re.IGNORECASE,
 )
 _IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORECASE)

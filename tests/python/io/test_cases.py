@@ -185,7 +185,12 @@ def export(path, torque_unit, scale, n_above):
 
 
 @pytest.mark.parametrize(
-    ("unit", "scale", "n_above"), [("N-mm", 1000, 7), ("N-m", 1, 4), ("lbf-in", 1 / 0.1129848290276167, 5)]
+    ("unit", "scale", "n_above"),
+    [
+        *(("N-mm", 1000, 7), ("N-m", 1, 4), ("cN-m", 100, 8), ("kgf-cm", 100 / 9.80665, 4)),
+        *((unit, 1 / 0.1129848290276167, 5) for unit in ("lbf-in", "in-lb")),
+        *(("ft-lbf", 1 / 1.3558179483314004, 6), ("oz-in", 1 / 0.00706155181422604, 6)),
+    ],
 )
 def test_export_with_lines_above_is_read_by_csv_options(tmp_path, unit, scale, n_above):
     for label in ("rice", "oats"):
@@ -222,8 +227,8 @@ def test_lines_about_other_units_are_passed_over(tmp_path, above):
 
 def test_units_that_are_not_known_are_no_missing_sample(tmp_path):
     text = frame(time=np.arange(120) / 500).to_csv(index=False).partition("\n")
-    (tmp_path / "a.csv").write_text(f"{text[0]}\ns,N,N,N,cNm,cNm,cNm\n{text[2]}")
-    assert "csv=" not in refused(tmp_path / "a.csv", "'cNm' is none that is known; convert the values")
+    (tmp_path / "a.csv").write_text(f"{text[0]}\ns,N,N,N,dynm,dynm,N m\n{text[2]}")
+    assert "csv=" not in refused(tmp_path / "a.csv", "'dynm' is none that is known; convert the values")
 
 
 def test_marks_of_thousands_have_their_option(tmp_path):
