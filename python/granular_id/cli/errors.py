@@ -138,7 +138,7 @@ def words_of(error: Exception, rate_option: str = "--rate-hz", archive: str | os
 
 def in_options(message: str, rate_option: str = "--rate-hz") -> str:
     """Say in options, on one line, the ways out that a message offers in arguments: ``pass on_short='skip'``."""
-    said = " ".join(message.split())
+    said, python, line = " ".join(message.split()).partition("in Python: ")
     if said.startswith("url '"):  # it speaks of what stands behind the question mark there
         return said
     for way_out, in_words in _WAYS_OUT.items():
@@ -153,7 +153,7 @@ def in_options(message: str, rate_option: str = "--rate-hz") -> str:
         option = rate_option if name == "rate_hz" else OPTIONS[name]
         return option + (" " + shlex.quote(value.strip("'")) if value else "")
 
-    return _MENTION.sub(as_option, said)
+    return _MENTION.sub(as_option, said) + python + line
 
 
 def _excluded(few: re.Match[str]) -> str:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from granular_id.io.files import RecordingFileError
 from granular_id.io.remedy import (
     BESIDE,
+    LABELS,
     MOST_DEEP,
     MOST_LISTED,
     SIGNAL,
@@ -26,6 +27,7 @@ from granular_id.io.remedy import (
     Found,
     Leaf,
     Opening,
+    label_levels,
     remedy,
     without_number,
 )
@@ -61,9 +63,15 @@ def content_of(
 
 class _Reading:
     def __init__(
-        self, tree: Mapping[str, Any], source: FileSource, options: LoadOptions, how: Opening
+        self,
+        tree: Mapping[str, Any],
+        source: FileSource,
+        options: LoadOptions,
+        how: Opening,
+        *,
+        offers: bool = True,
     ) -> None:
-        self._tree, self._source, self._options, self._how = tree, source, options, how
+        self._tree, self._source, self._options, self._how, self._offers = tree, source, options, how, offers
         self._leaves = list(_leaves(tree, "", ()))
         self._axes = options.axes or source.axes or AXES
 
@@ -83,6 +91,7 @@ class _Reading:
             found = [one for one in named if len(one.leaf.shape) in (2, 3)]
             if not found:
                 raise self.fault(f"array={asked!r:.60} names no array of samples (2 or 3 dimensions)")
+            found = self._in_groups(found)
         elif "X" in tree:
             why_none, node = "X is no array (recordings, samples, axes)", tree["X"]
             if isinstance(node, Leaf):
@@ -106,6 +115,22 @@ class _Reading:
             problem = f"{unit!r:.60} states units, which are read from 'units' only; pass units= with those of the axes"
             raise RecordingFileError(self._source.path, problem)
         return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
+
+    def _in_groups(self, found: list[Found]) -> list[Found]:
+        """Name arrays by the groups that differ, where nothing else says the label: rice in rice/1/wrench."""
+        levels = label_levels([one.path for one in found])
+        if not levels or self._options.label is not None or self._about("y", found[0]) is not None:
+            return found
+        if len(levels) > 1:
+            both = " or ".join(repr(names[0]) for names in levels)
+            raise self.fault(f"groups lie in each other: {both} may be a material")
+        own, place = self._source.label or self._source.label_else, self._source.label_place
+        if own is not None and {own} != set(levels[0]):
+            both = f"its groups are called {levels[0][0]!r:.60}, and its {place} {own!r:.60}"
+            raise self.fault(
+                f"{both}: either may be the label; pass label={'file' if 'file' in place else 'folder'!r}"
+            )
+        return [replace(one, label=name) for one, name in zip(found, levels[0], strict=True)]
 
     def _labelled(self) -> list[Found]:
         """Return arrays that are named as their labels, with a number behind; or the only one, without a label."""
@@ -165,6 +190,7 @@ class _Reading:
             raise self.fault(f"{one.path} holds {values.dtype}; wanted numbers")
         label = self._each("y", one, of_all, self._options.label)
         session = self._each("session", one, of_all, self._options.session)
+        self._refuse_labels_unread(one, of_all, label)
         called, rates, lengths = (self._each(what, one, of_all) for what in ("name", "rate_hz", "lengths"))
         stamps = self._about("t", one)
         clock = None if stamps is None else np.squeeze(stamps.read())  # of all recordings, or a row for each
@@ -200,6 +226,15 @@ class _Reading:
                 )
             )
         return tables
+
+    def _refuse_labels_unread(self, one: Found, n: int, label: Sequence[str | None]) -> None:
+        """Refuse labels of all recordings under a name that is not read."""
+        known = any(label) or one.label or self._source.label or self._source.label_else
+        if known or self._options.label is not None or not self._offers:
+            return
+        for two in self._leaves:
+            if LABELS.match(two.path) and not two.leaf.is_numbers and two.leaf.shape == (n,) and n > 1:
+                raise self.fault(f"{two.path!r:.60} may be the labels, which are read from 'y' only")
 
     def _refuse_order(self, values: NDArray[Any], one: Found, label: Sequence[str | None]) -> None:
         """Refuse three dimensions of which nobody says the order: more recordings than samples, and no labels."""
@@ -262,10 +297,18 @@ class _Reading:
         more = len(shown) - MOST_LISTED
         listed = ", ".join(shown[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
         whole = f"{problem}; it holds {listed or 'no arrays'}"
-        if offers:
-            whole += remedy(self._leaves, self._source.path, self._options, self._how, self._source.axes)
+        if offers and self._offers:
+            where = (self._source.path, self._options, self._how, self._source.axes)
+            whole += remedy(self._leaves, *where, self._tables_by)
         no_wrench = not any(len(one.leaf.shape) > 1 for one in self._leaves)
         return RecordingFileError(self._source.path, whole, no_wrench=no_wrench)
+
+    def _tables_by(self, options: LoadOptions) -> list[Table]:
+        """Read the file with other options, for a way out."""
+        again = _Reading(self._tree, self._source, options, self._how, offers=False)
+        tables = [table for one in again.found()[0] for table in again.tables(one)]
+        own = self._source.label or self._source.label_else
+        return [replace(table, label=table.label or own) for table in tables]
 
 
 def _leaves(node: Any, path: str, chain: Chain, depth: int = 0) -> Iterator[Found]:
