@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import math
 import re
 import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from typing import Any
 
 
 def counted(number: int, noun: str = "recording") -> str:
@@ -85,6 +87,33 @@ def known_label(name: str, known: Iterable[str]) -> str:
     every = list(known)
     alike = [label for label in every if label.replace(" ", "_") == name.replace(" ", "_")]
     return alike[0] if name not in every and len(alike) == 1 else name
+
+
+def in_both(**arguments: Any) -> str:
+    """Name arguments of `load` as in Python and, in brackets, as on the command line.
+
+    ``csv={'skiprows': 7} (--csv skiprows=7)``: the command that a refusal ends with is made of such brackets.
+    """
+    words = []
+    for name, value in arguments.items():
+        texts = (
+            [f"{key}={_typed(each)}" for key, each in value.items()]
+            if isinstance(value, dict)
+            else [str(value)]
+        )
+        words += [f"--{name.replace('_', '-')} {shlex.quote(text)}" for text in texts]
+    given = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
+    return f"{given} ({' '.join(words)})"
+
+
+def _typed(value: Any) -> str:
+    """Return a value of `--csv`, which is one of Python where it looks so, else a text."""
+    try:
+        is_text = isinstance(value, str) and ast.literal_eval(value) is None
+    except (ValueError, SyntaxError):
+        is_text = isinstance(value, str)
+    written = repr(value)
+    return str(value) if is_text else written if '"' in written else written.replace("'", '"')
 
 
 def install(extra: str) -> str:

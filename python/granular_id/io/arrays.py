@@ -32,6 +32,7 @@ from granular_id.io.remedy import (
     without_number,
 )
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
+from granular_id.io.ways_out import passed
 from granular_id.recording import AXES, Table, cell_text, units_by_axis
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
@@ -127,9 +128,8 @@ class _Reading:
         own, place = self._source.label or self._source.label_else, self._source.label_place
         if own is not None and {own} != set(levels[0]):
             both = f"its groups are called {levels[0][0]!r:.60}, and its {place} {own!r:.60}"
-            raise self.fault(
-                f"{both}: either may be the label; pass label={'file' if 'file' in place else 'folder'!r}"
-            )
+            way = passed({"label": "file" if "file" in place else "folder"})
+            raise self.fault(f"{both}: either may be the label; pass {way}")
         return [replace(one, label=name) for one, name in zip(found, levels[0], strict=True)]
 
     def _labelled(self) -> list[Found]:

@@ -26,10 +26,12 @@ from numpy.typing import NDArray
 from granular_id._checks import thaw
 from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback
+from granular_id._text import in_both
 from granular_id.io.files import RecordingFileError, need, new_folder, safe_name
 from granular_id.io.flat import checked_dataset
 from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR, write_history
 from granular_id.io.source import FileContent, FileSource, LoadOptions
+from granular_id.io.ways_out import frames_line, in_python
 from granular_id.recording import (
     ABOUT,
     AXES,
@@ -87,7 +89,10 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     given = dict(options.csv or {})
     head = _head(source.path, given)
     try:
-        if not given.keys() & {"names", "header", "usecols"} and isinstance(given.get("skiprows", 0), int):
+        is_plain = not given.keys() & {"names", "header", "usecols"} and isinstance(
+            given.get("skiprows", 0), int
+        )
+        if is_plain and not any("\N{REPLACEMENT CHARACTER}" in name for name in head.names):
             columns_of(
                 tuple(filter(None, head.names)), source.axes, source.columns
             )  # before all of it is read
@@ -114,7 +119,18 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         return {"line": next(islice(rows, row, None), first + row)}
 
     cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
-    return FileContent([table], rows=[] if head.is_whole else [cut], notes=notes, place=place)
+    whole = [] if head.is_whole else [cut]
+    return FileContent([table], rows=whole, notes=notes, place=place, opening=_opening(head, n_units))
+
+
+def _opening(head: _Head, n_units: int = 0) -> str:
+    """Return how people read this table in Python."""
+    options = {name: value for name, value in head.options.items() if (name, value) != ("sep", ",")}
+    if n_units:
+        above = options.get("skiprows", 0)
+        options["skiprows"] = [*range(above), head.line] if isinstance(above, int) else [*above, head.line]
+    said = "".join(f", {name}={value!r}" for name, value in options.items())
+    return f"pandas.read_csv({{}}, index_col=False, skipinitialspace=True{said.replace('{', '{{').replace('}', '}}')})"
 
 
 def _head(path: Path, given: Mapping[str, Any]) -> _Head:
@@ -128,7 +144,9 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
         options.setdefault("encoding", mark)
     elif "encoding" not in given and b"\0" in begins[:2] and begins[:2] != b"\0\0":
         encoding = "utf-16-le" if begins[1] == 0 else "utf-16-be"
-        raise RecordingFileError(path, f"may be UTF-16 text: pass csv={{'encoding': {encoding!r}}}", line=1)
+        raise RecordingFileError(
+            path, f"may be UTF-16 text: pass {in_both(csv={'encoding': encoding})}", line=1
+        )
     n_skipped = given.get("skiprows", 0) if isinstance(given.get("skiprows", 0), int) else 0
     lines = list(_lines(path, options.get("encoding"), n_skipped + _HEAD_LINES))
     if any("\0" in line for line in lines):
@@ -197,16 +215,32 @@ def _read(pandas: Any, head: _Head, n_rows: int | None = None) -> Any:
             warnings.simplefilter("error")
             return pandas.read_csv(head.path, **{**settings, **head.options})
     except UnicodeDecodeError as error:
-        way_out = "pass csv={'encoding': 'cp1252'}, or what it was written in"
+        way_out = f"pass {in_both(csv={'encoding': _encoding(head.path)})}, or what it was written in"
         byte = error.object[error.start]
         raise RecordingFileError(head.path, f"byte 0x{byte:02x} is not UTF-8 text; {way_out}") from error
     except (Warning, Exception) as error:
         said = str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
         if re.search(r"Expected \d+ fields in line \d+, saw", said):
-            said += "; lines with more cells than names are left out by csv={'on_bad_lines': 'skip'}"
+            said += f"; lines with more cells than names are left out: pass {in_both(csv={'on_bad_lines': 'skip'})}"
+        if said.startswith("Length of header or names does not match"):
+            first = in_both(csv={"usecols": list(range(len(head.names)))})
+            said = f"rows have more cells than line {head.line} has names; if the first cells are these pass {first}"
         no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
         problem = f"is no table that pandas.read_csv reads: {said}"
         raise RecordingFileError(head.path, problem, no_wrench=no_wrench) from error
+
+
+def _encoding(path: Path) -> str:
+    """Return the first usual encoding that a file may be in."""
+    with _opener(path)(path, "rb") as file:
+        data = file.read()
+    for encoding in ("cp1252", "cp932", "gb18030"):
+        try:
+            data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        return encoding
+    return "latin-1"
 
 
 def _columns(frame: Any, head: _Head) -> tuple[Columns, list[str]]:
@@ -271,7 +305,8 @@ def _units(columns: Columns, head: _Head, options: LoadOptions) -> tuple[dict[st
     other = next((text for text in texts.values() if not is_unit(text)), None)
     if other is not None and any(text.isascii() and text[:1].isalpha() and is_unit(text) for text in of_axes):
         problem = f"may hold units, of which {other!r:.40} is none that is known"
-        way_out = "convert the values, and name their unit"
+        csv = in_both(csv={"skiprows": [head.line]}).removesuffix(")")
+        way_out = f"if these are others that are known, pass units= with them and {csv} --units UNITS)"
         raise RecordingFileError(head.path, f"{problem}; {way_out}", line=head.line + 1)
     return units, 0
 
@@ -289,15 +324,61 @@ def _numbers_again(cells: NDArray[Any], decimal: str) -> NDArray[Any]:
 
 def _other_names(pandas: Any, head: _Head, error: TableError, source: FileSource) -> RecordingFileError:
     """Say what reads a table whose names are not those of the axes."""
-    no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
-    way_out = f"; line {head.line} names the columns" if no_wrench else ""
+    known = [what for name in head.names if (what := meaning_of(name).what) in AXES]
+    way_out = f"; line {head.line} names the columns" if not known else ""
     of_names = None if "skiprows" in head.options else _line_of_names(head, source.axes)
     if of_names is not None and of_names + 1 != head.line:
-        way_out = f"; line {of_names + 1} names the axes: pass csv={{'skiprows': {of_names}}}"
-        no_wrench = False
-    elif no_wrench:
-        way_out = _names_given(head) or _axes_given(pandas, head) or way_out
-    return RecordingFileError(head.path, f"{error}{way_out}", line=head.line, no_wrench=no_wrench)
+        way_out = f"; line {of_names + 1} names the axes: pass {in_both(csv={'skiprows': of_names})}"
+        known = list(AXES)
+    elif source.axes is None:
+        way_out = (
+            (_names_given(head) if not known else "")
+            or _renamed(head, error)
+            or _beside_each_other(head, source)
+            or _axes_in_rows(pandas, head, source)
+            or (_axes_given(pandas, head) if not known else "")
+            or way_out
+        )
+        if not way_out and len(set(known)) == len(known) < len(AXES):
+            way_out = f"; for these alone pass {in_both(axes=','.join(known))}"
+    return RecordingFileError(head.path, f"{error}{way_out}", line=head.line, no_wrench=not known)
+
+
+def _renamed(head: _Head, error: TableError) -> str:
+    """Say how columns are named anew: six or seven in the order of the axes, or those whose unit is not known."""
+    names = [name for name in head.names if name]
+    if "the unit of column" in str(error):
+        plain = [meaning_of(name).base if meaning_of(name).what in AXES else name for name in names]
+        csv = in_both(csv={"header": 0, "names": plain}).removesuffix(")")
+        return f"; if it is one of these, pass units= with it and {csv} --units UNITS)"
+    wanted = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}.get(len(names), [])
+    units = [meaning_of(name).unit for name in names]
+    if not wanted or not any(units) or len(set(names)) < len(names):
+        return ""
+    if any(
+        unit and meaning_of(f"{name} [{unit}]").scale is None
+        for name, unit in zip(wanted, units, strict=True)
+    ):
+        return ""
+    named = [f"{name} [{unit}]" if unit else name for name, unit in zip(wanted, units, strict=True)]
+    return f"; if its columns are these, pass {in_both(csv={'header': 0, 'names': named})}"
+
+
+def _beside_each_other(head: _Head, source: FileSource) -> str:
+    """Return the line that reads several recordings whose columns stand beside each other."""
+    names = [name for name in head.names if name]
+    width = next(
+        (k for k in range(len(AXES), len(names) // 2 + 1) if names == names[:k] * (len(names) // k)), 0
+    )
+    if not width:
+        return ""
+    label = source.label or source.label_else
+    labels = "" if label is None else f", [{label!r}] * {len(names) // width}"
+    parts = f"frame.iloc[:, i:i + {width}].set_axis({names[:width]}, axis=1).dropna()"
+    return in_python(
+        f"frame = {_opening(head).format(repr(str(head.path)))}",
+        f"Dataset.from_frames([{parts} for i in range(0, {len(names)}, {width})]{labels})",
+    )
 
 
 def _line_of_names(head: _Head, axes: tuple[str, ...] | None) -> int | None:
@@ -325,8 +406,21 @@ def _names_given(head: _Head) -> str:
         own = {name for name in head.names if name and not _is_number(name)}
         if len(own) >= len(cells):
             return ""
-        skipped = f"'skiprows': {i}, " if i else ""
-        return f"; if its columns are these, pass csv={{'header': None, {skipped}'names': {names}}}"
+        skipped = {"skiprows": i} if i else {}
+        return f"; if its columns are these, pass {in_both(csv={'header': None, **skipped, 'names': names})}"
+    return ""
+
+
+def _axes_in_rows(pandas: Any, head: _Head, source: FileSource) -> str:
+    """Return the line that reads a table with a row for each axis of a sample."""
+    frame = _read(pandas, head)
+    for name in frame.columns:
+        words = frame[name].astype(str).unique() if frame[name].dtype == object else ()
+        if set(AXES) <= {meaning_of(word).what for word in words}:
+            *others, values = (one for one in frame.columns if one != name)
+            mend = f".pivot(index={others}, columns={name!r}, values={values!r}).reset_index()"
+            columns = {str(one): np.zeros(0) for one in others}
+            return frames_line(_opening(head), source, Table(columns=columns), mend)
     return ""
 
 

@@ -44,8 +44,8 @@ class FileFormat:
 FORMATS = (
     FileFormat(
         "csv",
-        "text tables (*.csv, *.tsv, *.txt, *.csv.gz)",
-        (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz"),
+        "text tables (*.csv, *.tsv, *.txt, *.dat, *.lvm, *.csv.gz)",
+        (".csv", ".tsv", ".txt", ".dat", ".lvm", ".csv.gz", ".tsv.gz", ".txt.gz"),
         read_csv,
         save_csv,
         saves_folder=True,

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,6 +19,7 @@ from granular_id.io.files import RecordingFileError, check_place, failed
 from granular_id.io.index import INDEX_NAME
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.sources import find_sources, format_of, listed
+from granular_id.io.ways_out import frames_line, with_all_wanted
 from granular_id.recording import Dataset, Made, StepReport, TableError, restated, to_recordings
 
 _ARRAYS = ("npy", "npz", "mat", "hdf5")
@@ -316,8 +318,11 @@ class _Reading:
             elif self._options.on_error == "skip" and not doubt:
                 self._problems.append(error)
             else:
+                cause = error.__cause__ if error is reason else reason
+                if not doubt:
+                    error = with_all_wanted(error, source, self._options, partial(_tried, source))
                 error.skippable = not doubt and not (self._alone and whole)
-                raise error from error.__cause__ if error is reason else reason
+                raise error from cause
 
     def dataset(self, reads: Sequence[_Read]) -> Dataset:
         """Put together what was read since the last time, with a report."""
@@ -349,6 +354,17 @@ class _Reading:
         return Dataset(whole.recordings, [*before, report])
 
 
+def _tried(source: FileSource, options: LoadOptions) -> None:
+    """Read one file with other options, for what is wanted beside them."""
+    known = format_of(source.path)
+    stated = replace(source, **{name: value for name, value in options.stated.items() if value is not None})
+    if known is not None:
+        try:
+            _made(known.read(stated, options), stated)
+        except Exception as reason:
+            raise failed(source.path, f"reading it as {known.name}", reason) from reason
+
+
 def _made(content: FileContent, source: FileSource) -> _Read:
     """Make the recordings of what a reader found."""
     read = _Read(rows=content.rows, notes=content.notes, source=source, history=content.history)
@@ -361,7 +377,12 @@ def _made(content: FileContent, source: FileSource) -> _Read:
             made = to_recordings(table, source)
         except TableError as error:
             place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
-            raise RecordingFileError(source.path, error.problem, **place) from error
+            line = ""
+            if error.mend and content.opening:
+                line = frames_line(content.opening, source, table, error.mend)
+            elif error.mend and content.in_python is not None:
+                line = content.in_python(error.mend)
+            raise RecordingFileError(source.path, error.problem + line, **place) from error
         read.recordings += made.recordings
         read.rows += made.rows
         read.notes += [note for note in made.notes if note not in read.notes]

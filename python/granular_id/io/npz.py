@@ -20,9 +20,10 @@ from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays import content_of
 from granular_id.io.files import RecordingFileError
 from granular_id.io.flat import NUMBERS, OPTIONAL, TEXTS, FlatRecordings, flatten, unflatten
-from granular_id.io.remedy import BESIDE, Leaf, Opening, in_python
+from granular_id.io.remedy import BESIDE, Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.recording import Dataset, meaning_of
+from granular_id.io.ways_out import in_python, is_clock
+from granular_id.recording import Dataset
 
 FORMAT = "granular_id recordings"
 MARK = f"{FORMAT} 1"
@@ -178,7 +179,7 @@ def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
         line = in_python(opened, "Dataset.from_arrays(list(f), rate_hz=RATE)")
         raise RecordingFileError(source.path, f"{_PICKLED}{line}") from error
     if array.dtype.names is not None:
-        has_clock = any(meaning_of(name).what == "time" for name in array.dtype.names)
+        has_clock = is_clock(array.dtype.names)
         call = f"Dataset.from_frames({{name: f[name] for name in f.dtype.names}}{', rate_hz=RATE' * (not has_clock)})"
         line = in_python(f"f = numpy.load({str(source.path)!r})", call)
         raise RecordingFileError(source.path, f"has the fields {', '.join(array.dtype.names)}{line}")

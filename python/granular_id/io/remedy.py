@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,13 +14,13 @@ from numpy.typing import NDArray
 
 from granular_id.io.files import RecordingFileError
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, LoadOptions
+from granular_id.io.ways_out import RATE, in_python, passed
 from granular_id.recording import AXES, Table, meaning_of
 
 MOST_LISTED = 12
 MOST_DEEP = 12
 """Groups in groups that are looked into."""
 
-_MODULES = ("h5py", "io", "json", "numpy", "pandas", "pathlib", "scipy.io")
 LABELS = re.compile(r"(y|labels?|materials?|targets?|class|classes|name)($|[_\d])", re.IGNORECASE)
 _RATES = re.compile(r"fs|(sampl(e|ing)_?)?(rate|freq(uency)?)(_?hz)?", re.IGNORECASE)
 _PARTS = (("force", "forces", "f"), ("torque", "torques", "moment", "moments", "tau", "t", "m"))
@@ -141,25 +140,6 @@ def _indexed(part: str) -> str:
     return (f"[{name!r}]" if name else "") + places
 
 
-def in_python(*lines: str) -> str:
-    """Return lines of Python as the end of an error; what they import comes first, data sets last."""
-    text = "; ".join(lines)
-    used = [name for name in _MODULES if re.search(rf"(?<![\w.]){re.escape(name)}\.", text)]
-    imports = f"import {', '.join(used)}; " * bool(used)
-    return f"; in Python: {imports}from granular_id import Dataset; {text}"
-
-
-def options_in(problem: str) -> dict[str, Any]:
-    """Return the options of `granular_id.load` that an error says to pass: ``pass csv={'skiprows': 7}``."""
-    found: dict[str, Any] = {}
-    for clause in re.findall(
-        r"pass ((?:\w+=(?:\{[^{}]*\}|'[^']*')(?: and )?)+)(?! or )", problem.partition("; in Python")[0]
-    ):
-        for name, value in re.findall(r"(\w+)=(\{[^{}]*\}|'[^']*')", clause):
-            found.setdefault(name, ast.literal_eval(value))
-    return found
-
-
 def remedy(
     leaves: Sequence[Found],
     path: Path,
@@ -211,8 +191,8 @@ class _Remedy:
         if with_time and self._given.array is None:  # arrays that are named as their labels
             way = self._tried(replace(self._given, axes=timed), read)
             if way is not None and way[1]:
-                return f"; pass {way[0].removeprefix(' and ')}"
-        ways: dict[str, tuple[str, str | None]] = {}
+                return f"; pass {passed(way[0])}"
+        ways: dict[str, tuple[dict[str, str], str | None]] = {}
         for one in [*self._in_order(), *with_time]:
             name = re.sub(r"\[\d+\]", "", one.name)
             if name not in ways and len(ways) < MOST_LISTED:
@@ -227,10 +207,10 @@ class _Remedy:
         has_y = any(one.name.lower() in BESIDE["y"] for one in self._every)
         if len(known) > 1 or counted or (of_names and not has_y and known <= {_OWN}):
             return ""  # each has other labels beside it, or is named as its label, or the labels count another axis
-        said = [f"array={name!r}" * (self._given.array is None) + way for name, (way, _) in ways.items()]
-        return (
-            f"; pass {' or '.join(one.removeprefix(' and ') for one in said)}" if all(said) and said else ""
-        )
+        said = [
+            ({"array": name} if self._given.array is None else {}) | way for name, (way, _) in ways.items()
+        ]
+        return f"; pass {' or '.join(map(passed, said))}" if said and all(said) else ""
 
     def _with_time(self) -> list[Found]:
         """Return the arrays whose first column rises from sample to sample, and has the axes behind it."""
@@ -239,7 +219,7 @@ class _Remedy:
 
     def _tried(
         self, options: LoadOptions, read: Callable[[LoadOptions], Sequence[Table]]
-    ) -> tuple[str, str | None] | None:
+    ) -> tuple[dict[str, str], str | None] | None:
         """Return what is passed beside an array, and where its labels are known from; None where it cannot be read."""
         names = dict.fromkeys(one.name for one in self._labels)
         best: tuple[str | None, Sequence[Table], bool] | None = None
@@ -257,11 +237,13 @@ class _Remedy:
         if best is None:
             return None
         rule, tables, known = best
-        said = "" if options.axes == self._given.axes else f" and axes={','.join(options.axes or ())!r}"
-        has_clock = options.rate_hz is not None or bool(said)
-        said += "" if rule is None or self._given.label is not None else f" and label={rule!r}"
-        if not has_clock and any(table.rate_hz is None and table.stamps is None for table in tables):
-            said += " and rate_hz=RATE"
+        said = {}
+        if options.axes is not None and options.axes != self._given.axes:
+            said["axes"] = ",".join(options.axes)
+        elif options.rate_hz is None and any(one.rate_hz is None and one.stamps is None for one in tables):
+            said["rate_hz"] = RATE
+        if rule is not None and self._given.label is None:
+            said["label"] = rule
         return said, (rule or _OWN) if known else None
 
     # lines of Python
@@ -334,7 +316,8 @@ class _Remedy:
         X, n = next(iter(whole.values()))
         y = "" if n is None else self._label_beside(n)
         if self._how.by_reference and "[" in next(iter(whole)):
-            X = f"[{', '.join(self._joined('', groups[place])[0] for place in whole)}]"
+            every = [joined[0] for place in whole if (joined := self._joined("", groups[place])) is not None]
+            X = f"[{', '.join(every)}]"
             y = f"[{', '.join(self._how.label(one) for one in self._labels if one.parent in whole)}]"
         elif list(whole) != [""]:
             loop, y = self._loop(list(whole))

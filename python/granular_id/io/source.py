@@ -25,7 +25,7 @@ from granular_id.recording import (
 NO_MATERIAL = frozenset(
     (
         *("trial", "run", "push", "recording", "rec", "take", "test", "sample", "measurement", "data", "log"),
-        *("exp", "experiment", "file", "episode", "session", "day", "rep", "rosbag", "rosbag2"),
+        *("exp", "experiment", "demo", "file", "episode", "session", "day", "rep", "rosbag", "rosbag2"),
     )
 )
 """Names that number recordings: no label."""
@@ -128,7 +128,8 @@ class FileSource(Stated):
 class FileContent:
     """What a reader found in a file: tables, or recordings that are complete already.
 
-    `place` leads from a table (its number) and a row to what an error names: ``line=``, ``place=``.
+    `place` leads from a table (its number) and a row to what an error names: ``line=``, ``place=``; `opening` is how
+    people read the table in Python, with ``{}`` for the path; `in_python` returns the line that reads others, mended.
     """
 
     tables: Sequence[Table] = ()
@@ -137,3 +138,5 @@ class FileContent:
     notes: list[str] = field(default_factory=list)
     history: Sequence[StepReport] = ()
     place: Callable[[int, int | None], dict[str, Any]] = lambda table, row: {}  # noqa: ARG005
+    opening: str = ""
+    in_python: Callable[[str], str] | None = None

@@ -18,11 +18,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from granular_id._text import counted, verb
+from granular_id._text import counted, in_both, verb
 from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.formats import FORMATS, FileFormat
 from granular_id.io.index import HISTORY_NAME, INDEX_COLUMNS, INDEX_NAME, read_history, read_index
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions
+from granular_id.io.ways_out import index_line, unknown_files_line
 from granular_id.recording import StepReport
 
 LAYOUTS = "label/*.csv, label_1.csv, or an index.csv with the columns file and label"
@@ -101,7 +102,8 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
     if not path.is_dir():
         wanted = "; ".join(known.what for known in FORMATS)
         problem = f"is of no known format; what can be read: {wanted}; or a folder of such files ({LAYOUTS})"
-        raise RecordingFileError(path, f"{problem}; {OTHER_FILES}")
+        line = unknown_files_line(path, [path.suffix])
+        raise RecordingFileError(path, f"{problem}; {OTHER_FILES}{line}")
     found = Sources("label/*")
     _walk(path, found, stated)
     if (path / INDEX_NAME).is_file():
@@ -113,7 +115,8 @@ def find_sources(path: Path, options: LoadOptions) -> Sources:
     kinds = ", ".join(ending for ending, _ in Counter(found.others).most_common(3))
     if not found.files and not found.problems:
         problem = f"holds no recordings; wanted {LAYOUTS} (or files of another format)"
-        of_others = f"; it holds files of no known format ({kinds}); {OTHER_FILES}" if kinds else ""
+        line = unknown_files_line(path, found.others)
+        of_others = f"; it holds files of no known format ({kinds}); {OTHER_FILES}{line}" if kinds else ""
         raise RecordingFileError(path, problem + of_others)
     if n := len(found.others):
         unknown = f"{counted(n, 'file')} of no known format {verb(n, 'is', 'are')} not read ({kinds})"
@@ -256,7 +259,10 @@ def _label_by_place(root: Path, found: Sources) -> None:
         parent = "label='parent' or " if min(depths) else ""
         way_out = f"or say where the label stands: label='folder', {parent}label='file'"
         problem = f"recordings lie at several levels of folders ({both})"
-        raise RecordingFileError(root, f"{problem}; wanted one layout: {LAYOUTS}; {way_out}")
+        line = f"; where the first folder is the material{index_line(root, found.files[0].path.suffix)[1:]}"
+        raise RecordingFileError(
+            root, f"{problem}; wanted one layout: {LAYOUTS}; {way_out}{line * (min(depths) > 0)}"
+        )
     doubt = _no_materials(found) if depths == {1} else _two_levels(found.files[0]) if found.files else None
     found.files = [
         replace(
@@ -271,15 +277,13 @@ def _label_by_place(root: Path, found: Sources) -> None:
 
 def _two_levels(first: FileSource) -> str:
     *above, outer, inner, _ = Path(first.name).parts
-    top = (
-        f"; that {above[0]!r} is the material only an index.csv says"
-        if above
-        else "; an index.csv says it, too"
-    )
+    top = "; an index.csv says it, too"
+    if above:
+        top = f"; where {above[0]!r} is the material{index_line(first.root, first.path.suffix)[1:]}"
     return (
         f"files lie in folders within folders ({first.name!r}), which may mean two things: {inner!r} is the material "
-        f"and {outer!r} the session (pass label='folder', session='parent'), or {outer!r} is the material and "
-        f"{inner!r} the session (pass label='parent', session='folder'){top}"
+        f"and {outer!r} the session: pass {in_both(label='folder', session='parent')}; or {outer!r} is the material "
+        f"and {inner!r} the session: pass {in_both(label='parent', session='folder')}{top}"
     )
 
 
@@ -298,9 +302,9 @@ def _no_materials(found: Sources) -> str | None:
     example = files[0].name
     label = _label_of(files[0].path) or files[0].path.stem
     return (
-        f"folders may be no materials ({example!r}): {names[0]!r} is the session and {label!r} the material (pass "
-        f"label='file', session='folder'), or {names[0]!r} is the material (pass label='folder'); an index.csv says "
-        "it, too"
+        f"folders may be no materials ({example!r}): {names[0]!r} is the session and {label!r} the material: pass "
+        f"{in_both(label='file', session='folder')}; or {names[0]!r} is the material: pass {in_both(label='folder')}; "
+        "an index.csv says it, too"
     )
 
 

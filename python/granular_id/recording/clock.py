@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error, finite_number
 from granular_id._core import GranularIdError
-from granular_id._text import install
-from granular_id.recording.columns import TAKEN, TableError, factor
+from granular_id._text import in_both, install
+from granular_id.recording.columns import NUMERIC_ROWS, TAKEN, TableError, factor
 
 SINCE_1970 = 1e8
 """Stamps above this (1973) are seconds since 1970; below, a clock of the recording's own."""
@@ -45,6 +45,8 @@ _MOST_LATE = 0.1
 """If more samples than this part are late, a clock that ran back to its begin was started again."""
 
 UNIT_OUT = "pass time_unit= ('s', 'ms', 'us', 'ns', or 'sample' with a rate for an index)"
+SEVERAL = "several recordings must be told apart: a file each, or a column that does (id=)"
+
 IGNORED_OUT = "state the rate, and the clock is ignored: rate_hz=RATE"
 
 _CLOCK_TEXT = re.compile(r"(-?\d+ days )?[+-]?\d{1,3}:\d{2}:\d{2}(\.\d+)?")
@@ -120,6 +122,9 @@ def _from_text(values: NDArray[Any]) -> NDArray[Any]:
     if empty.any():
         raise TableError(f"the stamp is empty; {IGNORED_OUT}", int(empty.to_numpy().argmax()))
     texts = series.astype(str).str.strip().str.replace(_FRACTION, ".", regex=True)
+    numbers = pandas.to_numeric(texts, errors="coerce")
+    if not numbers.isna().any():  # rows that are no samples made text of them
+        return np.asarray(numbers)
     of_an_hour = texts.str.fullmatch(_MINUTES_TEXT).all()
     texts = "00:" + texts if of_an_hour else texts
     if texts.str.fullmatch(_CLOCK_TEXT).all():  # one that begins anew, at midnight, goes on
@@ -140,14 +145,18 @@ def _from_text(values: NDArray[Any]) -> NDArray[Any]:
                 break
     if readings:  # 04.03. and 05.03. are a day apart, not a month: the shortest reading
         return min(readings, key=lambda dates: np.abs(np.diff(dates)).sum())
-    numbers = pandas.to_numeric(texts, errors="coerce").isna().to_numpy()
-    first = int(numbers.argmax()) if numbers.any() else 0
-    way_out = f"; {IGNORED_OUT}" if first == 0 else ""  # a later row may be no sample
-    if first and numbers[first:].all():
-        way_out = (
-            f"; what stands below the samples is left out by csv={{'skipfooter': {len(values) - first}}}"
-        )
-    raise TableError(f"the stamp {str(values[first])[:40]!r} is no number and no date{way_out}", first)
+    no_number = numbers.isna().to_numpy()
+    first = int(no_number.argmax())
+    way_out, mend = "", ""
+    if first == 0:  # a later row may be no sample
+        way_out = f"; {IGNORED_OUT}"
+    elif no_number[first:].all():
+        below = in_both(csv={"skipfooter": len(values) - first})
+        way_out = f"; what stands below the samples is left out: pass {below}"
+    elif no_number.mean() < _MOST_LATE:
+        mend = NUMERIC_ROWS
+    problem = f"the stamp {str(values[first])[:40]!r} is no number and no date{way_out}"
+    raise TableError(problem, first, mend=mend)
 
 
 def has_date(values: NDArray[Any]) -> bool:
@@ -182,10 +191,7 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
             ways_out = [f"time runs back from {before:.9g} to {after:.9g} s after the first sample"]
             restarts = bool(after <= 0)
             if restarts:
-                several = (
-                    "several recordings must be told apart: a file each, or id= with the column that does"
-                )
-                ways_out.append(several)
+                ways_out.append(SEVERAL)
             if not restarts or late.sum() <= 2 + _MOST_LATE * len(late):
                 ways_out.append("on_time_error='repair' sorts samples")
             raise TableError("; ".join(ways_out), first)

@@ -5,7 +5,7 @@ column     also                                                  unit, where it 
 ========== ===================================================== =========================
 fx         force_x, F_x, wrench.force.x                          N
 tx         torque_x, moment_x, tau_x, Mx, wrench.torque.x        N m
-time       t, timestamp, time_stamp, stamp, datetime, seconds    s
+time       t, timestamp, stamp, datetime, seconds, X_Value       s
 recording  trial, id
 label      material, class
 session
@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ import numpy.typing as npt
 
 from granular_id._checks import FloatArray, argument_error
 from granular_id._core import AXES, GranularIdError
+from granular_id._text import in_both
 
 _INCH_M = 0.0254
 _POUND_N = 4.4482216152605
@@ -145,7 +146,19 @@ ABOUT = (TIME, RECORDING, LABEL, SESSION, RATE, FLAGS)
 
 _CHOOSES = {RECORDING: "id='NAME'", LABEL: "label='column:NAME'", SESSION: "session='column:NAME'"}
 
-TIMES = ("time", "t", "timestamp", "timestamps", "stamp", "ts", "datetime", "seconds", "sec", "secs")
+TIMES = (
+    "time",
+    "t",
+    "timestamp",
+    "timestamps",
+    "stamp",
+    "ts",
+    "datetime",
+    "seconds",
+    "sec",
+    "secs",
+    "xvalue",
+)
 """Names of a clock without case and separators; of several that are there, the first one is it."""
 
 _WORDS = {
@@ -186,14 +199,22 @@ _IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORE
 class TableError(GranularIdError):
     """Samples that make no recording: the problem, and the row and column of the table where it is.
 
-    `no_wrench`: the table holds none of the axes, so that it may be something else beside recordings.
+    `no_wrench`: the table holds none of the axes, so that it may be something else beside recordings. `mend`: methods
+    of a data frame that make recordings of it.
     """
 
     def __init__(
-        self, problem: str, row: int | None = None, column: str | None = None, *, no_wrench: bool = False
+        self,
+        problem: str,
+        row: int | None = None,
+        column: str | None = None,
+        *,
+        no_wrench: bool = False,
+        mend: str = "",
     ) -> None:
         super().__init__(problem)
         self.problem, self.row, self.column, self.no_wrench = problem, row, column, no_wrench
+        self.mend = mend
 
 
 class Meaning(NamedTuple):
@@ -304,11 +325,19 @@ def _listed(names: Sequence[str], most: int = 20) -> str:
 
 
 def numbers_of(
-    columns: Sequence[npt.NDArray[Any]], names: Sequence[str], *, is_text: bool = False
+    columns: Mapping[str, npt.NDArray[Any]],
+    names: Sequence[str],
+    *,
+    clock: str | None = None,
+    of_text: Sequence[str] = (),
 ) -> FloatArray:
-    """Put columns of numbers side by side, as a read-only array; empty cells are NaN."""
+    """Put columns of numbers side by side, as a read-only array; empty cells are NaN.
+
+    `clock` is the column of stamps; `of_text` names all columns of a table that ``pandas.read_csv`` read.
+    """
     found = []
-    for values, name in zip(columns, names, strict=True):
+    for name in names:
+        values = columns[name]
         if values.dtype.kind in "iuf":
             found.append(values)
             continue
@@ -323,27 +352,76 @@ def numbers_of(
         if no_number:
             texts = [row for row in no_number if _NUMBER.fullmatch(str(cells[row])) is None]
             row = (texts or no_number)[0]
-            raise TableError(_why_no_number(row, cells[row], columns if is_text else []), row, name)
+            several = {str(cells[one])[:40] for one in texts}
+            raise _no_number(
+                row,
+                name,
+                several,
+                {name: columns[name] for name in names},
+                columns.get(clock or ""),
+                clock,
+                of_text,
+            )
         found.append(np.array([np.nan if cell is None else cell for cell in cells], np.float64))
     whole = np.column_stack(found).astype(np.float64, copy=False)
     whole.flags.writeable = False
     return whole
 
 
-def _why_no_number(row: int, cell: Any, columns: Sequence[npt.NDArray[Any]]) -> str:
-    """Say what is wrong with a cell; `columns` are those of a text table, which options of pandas may read."""
+def _no_number(
+    row: int,
+    name: str,
+    several: Set[str],
+    columns: Mapping[str, npt.NDArray[Any]],
+    stamps: npt.NDArray[Any] | None,
+    clock: str | None,
+    of_text: Sequence[str],
+) -> TableError:
+    """Say what is wrong with a cell, and what reads it: options of pandas, or methods of its frames.
+
+    `several` are all texts of the column that are no numbers.
+    """
+    cell, names = columns[name][row], list(columns)
     if isinstance(cell, (list, tuple, np.ndarray)):
-        return "holds lists; wanted one number a row (pandas: frame.explode makes rows of them)"
-    text, way_out = str(cell)[:40], "; wanted a number"
-    if _NUMBER.fullmatch(str(cell)):
-        way_out = "; it is text (pandas: frame.astype makes numbers of it)"
-    elif columns and _DECIMAL_COMMA.fullmatch(str(cell)):
-        way_out = "; a decimal comma is read by csv={'decimal': ','}"
-    elif columns and _THOUSANDS.fullmatch(str(cell)):
-        way_out = "; marks of thousands are read by csv={'thousands': ','}"
-    elif columns and all(column[row] == cell for column in columns):  # else the row would be empty in part
-        way_out = f"; if it stands for a missing sample pass csv={{'na_values': {text!r}}}"
-    return f"{text!r} is no number{way_out}"
+        mend = f".explode({names}).astype(dict.fromkeys({names}, float))"
+        return TableError("holds lists; wanted one number a row", row, name, mend=mend)
+    text = str(cell)[:40]
+    with_comma = _DECIMAL_COMMA.fullmatch(text), _THOUSANDS.fullmatch(text)
+    option: dict[str, Any] = {}
+    if any(with_comma):
+        option = {"decimal": ","} if with_comma[0] else {"thousands": ","}
+    elif all(str(values[row]).strip() == called for called, values in columns.items()) and several == {text}:
+        option = {"na_values": list(of_text)}  # its names again
+    elif several == {text} and all(
+        values[row] == cell for values in columns.values()
+    ):  # else it were empty in part
+        option = {"na_values": text}
+    why = "; if it stands for a missing sample" * (option.get("na_values") == text)
+    if option and of_text:
+        return TableError(f"{text!r} is no number{why}: pass {in_both(csv=option)}", row, name)
+    mend = mended(names, is_text=True)
+    if (
+        clock is not None
+        and stamps is not None
+        and stamps.dtype.kind == "O"
+        and _NUMBER.fullmatch(str(stamps[0]))
+    ):
+        mend = NUMERIC_ROWS.format(clock=clock) + mend
+    return TableError(f"{text!r} is no number; wanted a number", row, name, mend=mend * (not any(with_comma)))
+
+
+NUMERIC_ROWS = ".pipe(lambda f: f[pandas.to_numeric(f[{clock!r}], errors='coerce').notna()])"
+"""The method of a data frame that leaves out rows whose stamp is no number."""
+
+
+def mended(
+    names: Sequence[str], *, is_text: bool = False, is_infinite: bool = False, fill: bool = False
+) -> str:
+    """Return the method of a data frame that empties rows which are no samples; a gap stays where they were."""
+    numbers = ".apply(pandas.to_numeric, errors='coerce')" * is_text
+    finite = ".replace([float('inf'), -float('inf')], float('nan'))" * is_infinite
+    filled = ".interpolate()" * fill
+    return f".pipe(lambda f: f.assign(**f[{list(names)}]{numbers}{finite}{filled}.dropna().reindex(f.index)))"
 
 
 # Tables as samples.

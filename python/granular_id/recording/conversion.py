@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, checked_text, frozen_mapping, locked
 from granular_id._core import AXES
+from granular_id._text import in_both
 from granular_id.recording.clock import (
     IGNORED_OUT,
+    SEVERAL,
     SINCE_1970,
     Stamps,
     has_date,
@@ -38,6 +40,7 @@ from granular_id.recording.columns import (
     columns_of,
     factor,
     meaning_of,
+    mended,
     numbers_of,
     same_unit,
     unit_spelling,
@@ -174,7 +177,13 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
     ):  # not copied where nobody can change them
         wrench = locked(np.asarray(table.values, np.float64, order="C"))
     else:
-        wrench = numbers_of([cells[name] for name in names], names, is_text=table.is_text)
+        try:
+            of_text = list(cells) if table.is_text else ()
+            wrench = numbers_of(cells, names, clock=called.get(TIME), of_text=of_text)
+        except TableError as error:
+            if ".explode(" in error.mend and not any(meaning_of(name).what == RECORDING for name in cells):
+                error.mend = f".assign(recording=lambda f: range(len(f))){error.mend}"
+            raise
     unread = [repr(name) for name in cells if name not in called.values()]
     bases = {
         what: meaning_of(name).base.strip().lower() for what, name in called.items() if what != NANOSECONDS
@@ -272,7 +281,9 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
         _texts_of(picked.columns[what]) for what in (RECORDING, LABEL, SESSION) if what in picked.columns
     ]
     if (texts[0] == "").any():
-        raise TableError("the cell is empty", int((texts[0] == "").argmax()), picked.called[RECORDING])
+        mend = f".dropna(subset=[{picked.called[RECORDING]!r}])"
+        row = int((texts[0] == "").argmax())
+        raise TableError("the cell is empty", row, picked.called[RECORDING], mend=mend)
     codes = np.zeros(len(picked.wrench), np.int64)
     for values in texts:
         _, own = np.unique(values, return_inverse=True)
@@ -316,7 +327,7 @@ class _Part:
     def recording(self) -> Recording:
         """Settle the clock and what is known of the recording."""
         if FLAGS in self._columns:
-            flags = numbers_of([self._columns[FLAGS]], [FLAGS])[:, 0]
+            flags = numbers_of({FLAGS: self._columns[FLAGS]}, [FLAGS])[:, 0]
             wrong = np.flatnonzero(~np.isin(flags, np.arange(KNOWN_FLAGS + 1)))
             if len(wrong):
                 problem = f"{flags[wrong[0]]:g} is not a sum of SampleFlag bits (0 to {KNOWN_FLAGS})"
@@ -330,7 +341,11 @@ class _Part:
             rate_hz, time_s, start_time = self._settled(stamps, file_hz)
         except TableError as error:
             row = None if error.row is None else int(self._rows[error.row])
-            raise TableError(error.problem, row, self._picked.called.get(TIME)) from error
+            problem, mend = error.problem, error.mend.format(clock=self._picked.called.get(TIME))
+            if SEVERAL in problem:
+                way, mend = self._told_apart()
+                problem = problem.replace(SEVERAL, f"{SEVERAL}{way}")
+            raise TableError(problem, row, self._picked.called.get(TIME), mend=mend) from error
         n, trigger = len(self._wrench), self._trigger
         if trigger is not None and not 0 <= trigger < n:
             raise TableError(f"trigger_index={trigger} is outside the {n} samples")
@@ -380,8 +395,11 @@ class _Part:
                 f"is {value}" if not np.isnan(value) else "is empty or NaN, where others of the row are not"
             )
             wanted = "wanted a finite number, or a row that is empty in all axes"
-            axis = self._picked.axes[column]
-            raise TableError(f"{came}; {wanted}", int(self._rows[sample]), self._picked.called.get(axis))
+            names = [self._picked.called[axis] for axis in self._picked.axes]
+            fill = 2 * len(np.unique(partly[:, 0])) > len(bad)  # axes that take turns
+            mend = mended(names, is_infinite=bool(np.isinf(self._wrench).any()), fill=fill)
+            row, name = int(self._rows[sample]), names[column]
+            raise TableError(f"{came}; {wanted}", row, name, mend=mend)
         if missing.all():
             raise TableError("holds no samples: all rows are empty")
         self.remarks["left_out"] = int(missing.sum())
@@ -449,6 +467,34 @@ class _Part:
             self.remarks["first_stamp_s"] = stamps.first_s
         return rate_hz, None if rate_hz is not None else stamps.time_s, first_s
 
+    def _told_apart(self) -> tuple[str, str]:
+        """Return the option that tells recordings apart whose clocks begin anew, or methods that do."""
+        clock, label = self._columns[TIME], self._columns.get(LABEL)
+        if clock.dtype.kind not in "iuf":
+            return "", ""
+        begins = set(np.flatnonzero(np.diff(clock) < 0).tolist())
+        known = set() if label is None else _changes(label)
+        others = {
+            name: _changes(cells[self._rows])
+            for name, cells in self._table.columns.items()
+            if name not in self._picked.called.values() and cells.dtype.kind in "iuOUT"
+        }
+        ids = [name for name, changes in others.items() if changes and changes | known == begins]
+        if not ids:
+            return "", f".assign(recording=lambda f: (f[{self._picked.called[TIME]!r}].diff() < 0).cumsum())"
+        way = {"id": ids[0]}
+        if label is None and self._stated.label is None and self._stated.label_else is None:
+            texts = {
+                name: len(set(self._table.columns[name].tolist()))
+                for name, changes in others.items()
+                if name != ids[0] and changes <= begins and self._table.columns[name].dtype.kind == "O"
+            }
+            if not texts and self._table.columns[ids[0]].dtype.kind == "O":  # of names of files
+                names = f"f[{ids[0]!r}].str.replace(r'[\\W_]*\\d*(\\.\\w+)?$', '', regex=True)"
+                return "", f".assign(recording=lambda f: f[{ids[0]!r}], label=lambda f: {names})"
+            way |= {"label": f"column:{min(texts, key=texts.__getitem__)}"} if texts else {}
+        return f"; pass {in_both(**way)}", ""
+
     def _no_clock(self) -> str:
         """Say that no rate is known, and which columns may be a clock."""
         clock = self._table.clock
@@ -467,7 +513,7 @@ class _Part:
         """Return the rate that a column of the table states."""
         name = self._picked.called[RATE]
         unit = self._table.units.get(name) or meaning_of(name).unit or "Hz"
-        rates, scale = np.unique(numbers_of([self._columns[RATE]], [name])), factor(unit, "Hz")
+        rates, scale = np.unique(numbers_of({name: self._columns[RATE]}, [name])), factor(unit, "Hz")
         if scale is None:
             raise TableError(f"its unit is {unit!r:.40}; wanted Hz", column=name)
         if len(rates) > 1 and TIME in self._columns:
@@ -489,13 +535,15 @@ class _Part:
                 kinds = list(dict.fromkeys(_texts_of(self._columns[what]).tolist()))
                 if len(kinds) > 1:
                     shown = ", ".join(f"{kind!r:.30}" for kind in kinds[:5])
-                    apart = (
-                        ""
-                        if RECORDING in self._columns
-                        else f", or id={column!r} to take each as a recording"
-                    )
+                    apart, mend = "", ""
+                    if RECORDING not in self._columns and len(_changes(self._columns[what])) >= len(kinds):
+                        mend = (
+                            f".assign(recording=lambda f: (f[{column!r}] != f[{column!r}].shift()).cumsum())"
+                        )
+                    elif RECORDING not in self._columns:
+                        apart = f"; to take each as a recording pass {in_both(id=column)}"
                     problem = f"has {len(kinds)} values in one recording: {shown}; wanted one{apart}"
-                    raise TableError(problem, int(self._rows[0]), column)
+                    raise TableError(problem, int(self._rows[0]), column, mend=mend)
                 text = kinds[0] or text
             elif what in dict(self._stated.columns) and text is None:
                 wanted = dict(self._stated.columns)[what]
@@ -505,6 +553,12 @@ class _Part:
             return None if text is None else checked_text(text, what, spaced=False)
         except ValueError as error:
             raise TableError(str(error), column=column) from None
+
+
+def _changes(cells: NDArray[Any]) -> set[int]:
+    """Return the rows behind which a column has another value."""
+    texts = _texts_of(cells)
+    return set(np.flatnonzero(texts[1:] != texts[:-1]).tolist())
 
 
 def agreed_rate(stated_hz: float, own_hz: float | None, name: str) -> float:

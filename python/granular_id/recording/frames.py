@@ -237,7 +237,8 @@ def _made(
             where = [f"{argument}[{i}]" if len(tables) > 1 else argument]
             where += [] if error.row is None else [f"row {error.row}"]
             where += [] if error.column is None else [f"column {error.column!r}"]
-            raise GranularIdError(f"{', '.join(where)}: {error.problem}") from error
+            mend = f"; pandas: frame{error.mend}" * bool(error.mend)
+            raise GranularIdError(f"{', '.join(where)}: {error.problem}{mend}") from error
         whole.recordings += made.recordings
         whole.rows += made.rows
         whole.notes += [note for note in made.notes if note not in whole.notes]

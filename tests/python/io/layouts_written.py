@@ -94,7 +94,9 @@ def _put73(group: Any, key: str, value: Any, hidden: Any) -> None:
         inner = group.create_group(key)
         for name, item in value.items():
             _put73(inner, name, item, hidden)
-    elif isinstance(value, list) and isinstance(value[0], Mapping):  # a struct array: references in each field
+    elif isinstance(value, list) and isinstance(
+        value[0], Mapping
+    ):  # a struct array: references in each field
         class_name = "struct"
         inner = group.create_group(key)
         for field in value[0]:

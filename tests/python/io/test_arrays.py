@@ -157,7 +157,7 @@ REFUSED = {
     ),
     "signals, no materials": (
         {"ee_wrench": W, "ee_wrench_raw": W, "fs": 500},
-        "pass array='ee_wrench' or array='ee_wrench_raw'",
+        "pass array='ee_wrench' .* or array='ee_wrench_raw'",
     ),
     "seven columns": ({"X": np.ones((4, 50, 7)), "fs": 500}, "7 columns without names; pass axes="),
     "texts": ({"X": np.array([["a", "b"]]), "fs": 500}, "wanted numbers|no array"),

@@ -59,7 +59,7 @@ SHARED = {
     "05_rows_in_packets": ({"axes": SIX, "rate_hz": 100}, "for other axes pass axes=", (2, 600, 100, 2, 0)),
     "06_other_array_or_topic/train": (
         {"array": "ee_wrench"},
-        "pass array='ee_wrench' or array='ee_wrench_filtered'",
+        r"pass array='ee_wrench' \(.*\) or array='ee_wrench_filtered'",
         (36, 300, 500, 3, 0),
     ),
     "11_encodings/utf16.csv": ({}, None, (1, 200, 500, 0, 0)),
@@ -228,7 +228,7 @@ def test_lines_about_other_units_are_passed_over(tmp_path, above):
 def test_units_that_are_not_known_are_no_missing_sample(tmp_path):
     text = frame(time=np.arange(120) / 500).to_csv(index=False).partition("\n")
     (tmp_path / "a.csv").write_text(f"{text[0]}\ns,N,N,N,dynm,dynm,N m\n{text[2]}")
-    assert "csv=" not in refused(tmp_path / "a.csv", "'dynm' is none that is known; convert the values")
+    assert "na_values" not in refused(tmp_path / "a.csv", "'dynm' is none that is known")
 
 
 def test_marks_of_thousands_have_their_option(tmp_path):
@@ -270,7 +270,7 @@ def test_another_array_is_another_setup(tmp_path):
                 group = file.create_group(f"data/demo_{i}/obs")
                 group["ee_wrench"], group["ee_wrench_filtered"] = W, W * 2
                 group.parent.attrs["rate_hz"] = 500
-    refused(tmp_path, "pass array='ee_wrench' or array='ee_wrench_filtered'")
+    refused(tmp_path, r"pass array='ee_wrench' \(.*\) or array='ee_wrench_filtered'")
     one, other = (load(tmp_path, array=name) for name in ("ee_wrench", "ee_wrench_filtered"))
     assert one.y.tolist() == ["oats", "oats", "rice", "rice"]
     assert (one[0].meta["read_as"], other[0].meta["read_as"]) == (
@@ -329,7 +329,7 @@ def test_times_of_a_day_that_run_back_are_refused(tmp_path):
 
 def test_a_clock_that_starts_again_is_not_sorted(tmp_path):
     frame(time=np.arange(120) % 40 / 500).to_csv(tmp_path / "a.csv", index=False)
-    assert "repair" not in refused(tmp_path / "a.csv", "several recordings .* id=")
+    assert "repair" not in refused(tmp_path / "a.csv", "several recordings .* in Python: ")
 
 
 # -- 9: an MCAP file of JSON

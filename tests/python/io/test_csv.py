@@ -159,7 +159,7 @@ EXPORT = b"Start: 3/4/25 2:03 PM\nRate: 500\nNote: lab 3\n" + GOOD
         (PACKET, "rate_hz=RATE", {"rate_hz": 100}),
         (HEADER + ROW2 + ROW1 + ROW3, "on_time_error='repair'", {"on_time_error": "repair"}),
         (TWO_LABELS, "label='column:NAME'", {"label": "column:class"}),
-        (TWO_VALUES, "id='label' to take each as a recording", {"id": "label"}),
+        (TWO_VALUES, "to take each as a recording pass id='label'", {"id": "label"}),
         (TWO_FX, "pass axes=", {"axes": "F_x,fy,fz,tx,ty,tz"}),
     ],
 )  # fmt: skip
@@ -174,7 +174,9 @@ def test_the_way_out_of_a_refusal_works(tmp_path, data, way_out, options):
 
 def test_text_in_one_axis_offers_no_option_that_cannot_help(tmp_path):
     (tmp_path / "a.csv").write_bytes(HEADER + ROW1 + ROW2 + b"0.02,--,2,3,4,5,6\n")
-    with pytest.raises(RecordingFileError, match=r"line 4, column fx: '--' is no number; wanted a number$"):
+    with pytest.raises(
+        RecordingFileError, match=r"line 4, column fx: '--' is no number; wanted a number; in Python"
+    ):
         load(tmp_path / "a.csv")
 
 
