@@ -9,7 +9,7 @@ chosen by name (``array=``). Nothing is guessed: anything else is an error with 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +20,7 @@ from granular_id.io.files import RecordingFileError
 from granular_id.io.remedy import (
     BESIDE,
     LABELS,
+    MEND,
     MOST_DEEP,
     MOST_LISTED,
     SIGNAL,
@@ -28,6 +29,7 @@ from granular_id.io.remedy import (
     Leaf,
     Opening,
     label_levels,
+    mended_arrays,
     remedy,
     without_number,
 )
@@ -59,7 +61,10 @@ def content_of(
     def place(table: int, row: int | None) -> dict[str, Any]:
         return {"place": places[table] + ("" if row is None else f", sample {row}")}
 
-    return FileContent(tables, notes=notes, place=place)
+    line = None  # now, as the file will be closed
+    if not all(np.isfinite(table.values).all() for table in tables if table.values is not None):
+        line = reading.in_python(found)
+    return FileContent(tables, notes=notes, place=place, in_python=line)
 
 
 class _Reading:
@@ -232,9 +237,14 @@ class _Reading:
         known = any(label) or one.label or self._source.label or self._source.label_else
         if known or self._options.label is not None or not self._offers:
             return
-        for two in self._leaves:
-            if LABELS.match(two.path) and not two.leaf.is_numbers and two.leaf.shape == (n,) and n > 1:
-                raise self.fault(f"{two.path!r:.60} may be the labels, which are read from 'y' only")
+        beside = [key for place in (one.leaf.about, *one.chain[:-1]) for key in place if LABELS.match(key)]
+        beside += [
+            two.path
+            for two in self._leaves
+            if LABELS.match(two.path) and not two.leaf.is_numbers and two.leaf.shape == (n,) and n > 1
+        ]
+        if beside:
+            raise self.fault(f"{beside[0]!r:.60} may be the labels, which are read from 'y' only")
 
     def _refuse_order(self, values: NDArray[Any], one: Found, label: Sequence[str | None]) -> None:
         """Refuse three dimensions of which nobody says the order: more recordings than samples, and no labels."""
@@ -302,6 +312,11 @@ class _Reading:
             whole += remedy(self._leaves, *where, self._tables_by)
         no_wrench = not any(len(one.leaf.shape) > 1 for one in self._leaves)
         return RecordingFileError(self._source.path, whole, no_wrench=no_wrench)
+
+    def in_python(self, found: Sequence[Found]) -> Callable[[str], str]:
+        """Return what gives the line that reads the arrays as tables, mended."""
+        line = mended_arrays(found, self._leaves, self._source, self._options, self._how)
+        return lambda mend: line.replace(MEND, mend)
 
     def _tables_by(self, options: LoadOptions) -> list[Table]:
         """Read the file with other options, for a way out."""

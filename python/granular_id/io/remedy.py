@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.files import RecordingFileError
-from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, LoadOptions
+from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions
 from granular_id.io.ways_out import RATE, in_python, passed
 from granular_id.recording import AXES, Table, meaning_of
 
@@ -32,6 +32,7 @@ SIGNAL = re.compile(
 )
 """Names of arrays that are no materials."""
 
+MEND = ".MEND"
 _OWN = "what the file says"
 
 _COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
@@ -156,6 +157,24 @@ def remedy(
     return way.options(read) or way.lines() or way.by_hand()
 
 
+def mended_arrays(
+    found: Sequence[Found],
+    leaves: Sequence[Found],
+    source: FileSource,
+    options: LoadOptions,
+    how: Opening,
+) -> str:
+    """Return the line that reads arrays as tables, each mended by methods of a data frame, which `MEND` stands for."""
+    way = _Remedy(leaves, source.path, options, how, source.axes)
+    names = list(options.axes or source.axes or AXES)
+    items = ["*" * (len(one.leaf.shape) == 3) + how.item(one) for one in found]
+    n = sum(one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1 for one in found)
+    y = way.label_beside(n) or _runs([one.label for one in found])
+    opened = f"f = {how.line.format(str(source.path))}"
+    frames = f"frames = [pandas.DataFrame(one, columns={names}){MEND} for one in [{', '.join(items)}]]"
+    return in_python(opened, frames, f"Dataset.from_frames(frames, {y}, rate_hz={way.rate()})")
+
+
 class _Remedy:
     """What reads a file that does not keep the convention."""
 
@@ -186,6 +205,9 @@ class _Remedy:
 
     def options(self, read: Callable[[LoadOptions], Sequence[Table]]) -> str:
         """Return the options that read arrays, the labels beside them, and what else is missing."""
+        way = self._tried(self._given, read)
+        if way is not None and way[0] and way[1] not in (None, _OWN):  # only the labels are not known
+            return f"; pass {passed(way[0])}"
         with_time = self._with_time() if self._given.axes is None else []
         timed = ("time", *AXES)
         if with_time and self._given.array is None:  # arrays that are named as their labels
@@ -201,7 +223,7 @@ class _Remedy:
                 ways |= {} if way is None else {name: way}
         known = {label for _, label in ways.values()} - {None}
         names = [one.path for one in self._in_order() if one.name in ways]
-        n_labels = any(self._label_beside(n) for one in self._in_order() for n in one.leaf.shape[1:-1])
+        n_labels = any(self.label_beside(n) for one in self._in_order() for n in one.leaf.shape[1:-1])
         counted = len(ways) > len({_stem(name) for name in ways})
         of_names = len(label_levels(names, own=True)) > len(label_levels(names)) or (not known and n_labels)
         has_y = any(one.name.lower() in BESIDE["y"] for one in self._every)
@@ -221,7 +243,8 @@ class _Remedy:
         self, options: LoadOptions, read: Callable[[LoadOptions], Sequence[Table]]
     ) -> tuple[dict[str, str], str | None] | None:
         """Return what is passed beside an array, and where its labels are known from; None where it cannot be read."""
-        names = dict.fromkeys(one.name for one in self._labels)
+        about = (key for one in self._every for key in one.leaf.about if LABELS.match(key))
+        names = dict.fromkeys([*(one.name for one in self._labels), *about])
         best: tuple[str | None, Sequence[Table], bool] | None = None
         for rule in (
             [None, *(f"column:{name}" for name in names)] if options.label is None else [options.label]
@@ -263,7 +286,7 @@ class _Remedy:
             return ""
         return "; samples of a wrench are X (recordings, samples, 6); of another sensor pass axes= with a name a column"
 
-    def _rate(self) -> str:
+    def rate(self) -> str:
         if self._given.rate_hz is not None:
             return f"{self._given.rate_hz:g}"
         for one in self._every:
@@ -272,9 +295,9 @@ class _Remedy:
         return "RATE"
 
     def _call(self, X: str, y: str = "") -> str:
-        return f"Dataset.from_arrays({X}{', ' * bool(y)}{y}, rate_hz={self._rate()}{self._axes})"
+        return f"Dataset.from_arrays({X}{', ' * bool(y)}{y}, rate_hz={self.rate()}{self._axes})"
 
-    def _label_beside(self, n: int) -> str:
+    def label_beside(self, n: int) -> str:
         """Return the labels of n recordings in one array."""
         for one in self._labels:
             if max(one.leaf.shape, default=1) == np.prod(one.leaf.shape) == n and "[" not in one.path:
@@ -283,13 +306,8 @@ class _Remedy:
 
     def _of_one_hot(self, n: int) -> str:
         for one in self._labels:
-            shape = one.leaf.shape
-            if (
-                one.leaf.is_numbers
-                and len(shape) == 2
-                and shape[0] == n
-                and (one.leaf.read().sum(1) == 1).all()
-            ):
+            shape, is_flags = one.leaf.shape, one.leaf.values.dtype.kind in "iufb"
+            if is_flags and len(shape) == 2 and shape[0] == n and (one.leaf.read().sum(1) == 1).all():
                 names = next(
                     (two for two in self._every if not two.leaf.is_numbers and two.leaf.shape == shape[1:]),
                     None,
@@ -314,7 +332,7 @@ class _Remedy:
         if not whole:
             return []
         X, n = next(iter(whole.values()))
-        y = "" if n is None else self._label_beside(n)
+        y = "" if n is None else self.label_beside(n)
         if self._how.by_reference and "[" in next(iter(whole)):
             every = [joined[0] for place in whole if (joined := self._joined("", groups[place])) is not None]
             X = f"[{', '.join(every)}]"
@@ -326,7 +344,7 @@ class _Remedy:
             X = f"[{X}]"
         if "{" not in X:
             return [(self._call(X, y), None)]
-        rate = "" if "'time'" in X else f", rate_hz={self._rate()}"
+        rate = "" if "'time'" in X else f", rate_hz={self.rate()}"
         return [(f"Dataset.from_frames({X}{', ' * bool(y)}{y}{rate})", None)]
 
     def _joined(self, place: str, inner: Mapping[str, Found]) -> tuple[str, int | None] | None:
@@ -377,7 +395,7 @@ class _Remedy:
         for first, middle, last in permutations(range(3)):
             if shape[last] != self._n_axes or (first, middle, last) == (0, 1, 2):
                 continue
-            if y := self._label_beside(shape[first]):
+            if y := self.label_beside(shape[first]):
                 turned = f"{self._how.item(one)}.transpose({first}, {middle}, {last})"
                 found[turned] = (
                     self._call(turned, y),
@@ -400,7 +418,7 @@ class _Remedy:
         n = self._n_axes
         for one in self._arrays:
             rows, width = one.leaf.shape[:2]
-            y = self._label_beside(rows)
+            y = self.label_beside(rows)
             if len(one.leaf.shape) == 2 and width % n == 0 and width > n and (y or rows != n):
                 item, samples = self._how.item(one), width // n
                 return [
@@ -430,7 +448,7 @@ class _Remedy:
         beside = [self._label_beside_of(one, n) for one, n in zip(arrays, counts, strict=True)]
         if all(beside):
             return [(self._call(X, f"[{', '.join('*' + y for y in beside)}]"), None)]
-        if y := self._label_beside(sum(counts)):
+        if y := self.label_beside(sum(counts)):
             return [(self._call(X, y), None)]
         levels = label_levels([one.path for one in arrays], own=True)
         labels = [[name for name, n in zip(names, counts, strict=True) for _ in range(n)] for names in levels]

@@ -58,8 +58,8 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
 
     Its clock is ``header.stamp``, or the log time where stamps were never set.
     """
-    with _opened(source.path) as reader:
-        chosen, notes = _chosen(reader, source.path, options.topic)
+    with _opened(source) as reader:
+        chosen, notes = _chosen(reader, source, options.topic)
         found = [
             (log_ns, reader.deserialize(data, connection.msgtype))
             for connection, log_ns, data in reader.messages(connections=list(chosen.connections))
@@ -102,13 +102,14 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         return {} if row is None else {"place": f"message {row + 1} of {chosen.topic[:80]}"}
 
     fields = [f"{chosen.wrench}.{name}".lstrip(".") for name in _NUMBERS]
-    line = partial(_bag_line, source.path, chosen.topic, fields)
+    line = partial(_bag_line, source, chosen.topic, fields)
     return FileContent([table], notes=notes, place=place, in_python=line)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _opened(source: FileSource) -> Iterator[Any]:
     """Open a bag; what rosbags says of one that was not closed gets the way out."""
+    path = source.path
     library = need("rosbags.highlevel", extra="ros", why="to read ROS bags and MCAP")
     typesys = need("rosbags.typesys", extra="ros", why="to read ROS bags and MCAP")
     is_ros1 = path.suffix.lower() == ".bag" and path.is_file()
@@ -126,7 +127,7 @@ def _opened(path: Path) -> Iterator[Any]:
     except (library.AnyReaderError, AssertionError, KeyError, ValueError) as error:
         if isinstance(error, RecordingFileError):
             raise
-        other = _other_messages(path)
+        other = _other_messages(source)
         if other is not None:
             raise RecordingFileError(path, other) from error
         said = (str(error).partition("\n")[0] or type(error).__name__)[:200].rstrip(".")
@@ -135,8 +136,9 @@ def _opened(path: Path) -> Iterator[Any]:
         raise RecordingFileError(path, problem) from error
 
 
-def _other_messages(path: Path) -> str | None:
+def _other_messages(source: FileSource) -> str | None:
     """Say what reads an MCAP file whose messages are not those of ROS 2; None for any other file."""
+    path = source.path
     if path.suffix.lower() != ".mcap" or not path.is_file():
         return None
     try:
@@ -153,12 +155,13 @@ def _other_messages(path: Path) -> str | None:
         return None
     for topic, (schema, channel, message) in found.items():
         if channel.message_encoding == "ros1":
-            return _ros1_in_mcap(path, topic, schema.name)
+            return _ros1_in_mcap(source, topic, schema.name)
         where = _numbers_in(json.loads(message.data)) if channel.message_encoding == "json" else None
         if where is not None:
             numbers = ", ".join("w" + "".join(f"[{key!r}]" for key in keys) for keys in where)
-            row = f"(m.log_time / 1e9, {numbers}) for _, _, m in bag.iter_messages(topics=[{topic!r}])"
-            return f"messages in JSON are no messages of ROS{_mcap_lines(path, f'{row} for w in [json.loads(m.data)]')}"
+            rows = f"(m.log_time / 1e9, {numbers}) for _, _, m in bag.iter_messages(topics=[{topic!r}])"
+            line = _mcap_lines(source, f"{rows} for w in [json.loads(m.data)]")
+            return f"messages in JSON are no messages of ROS{line}"
     listed = ", ".join(
         f"{topic[:80]} ({channel.message_encoding})" for topic, (_, channel, _) in found.items()
     )
@@ -168,17 +171,17 @@ def _other_messages(path: Path) -> str | None:
     return None if {channel.message_encoding for _, channel, _ in found.values()} <= {"cdr"} else others
 
 
-def _mcap_lines(path: Path, rows: str, *before: str) -> str:
+def _mcap_lines(source: FileSource, rows: str, *before: str) -> str:
     return in_python(
         "from mcap.reader import make_reader",
         *before,
-        f"bag = make_reader(io.BytesIO(pathlib.Path({str(path)!r}).read_bytes()))",
+        f"bag = make_reader(io.BytesIO(pathlib.Path({str(source.path)!r}).read_bytes()))",
         f"rows = [{rows}]",
-        f"Dataset.from_frames(pandas.DataFrame(rows, columns={['time', *AXES]}))",
+        _frame_of_rows(source),
     )
 
 
-def _ros1_in_mcap(path: Path, topic: str, type_name: str) -> str:
+def _ros1_in_mcap(source: FileSource, topic: str, type_name: str) -> str:
     kind = type_name if "/msg/" in type_name else type_name.replace("/", "/msg/")
     numbers = ", ".join(f"w.{name}" for name in _NUMBERS)
     field = ".wrench" * (kind == _STAMPED)
@@ -188,22 +191,28 @@ def _ros1_in_mcap(path: Path, topic: str, type_name: str) -> str:
         "from rosbags.typesys import Stores, get_typestore",
         "store = get_typestore(Stores.ROS1_NOETIC)",
     )
-    return f"holds messages of ROS 1 in a container of ROS 2{_mcap_lines(path, rows, *before)}"
+    return f"holds messages of ROS 1 in a container of ROS 2{_mcap_lines(source, rows, *before)}"
 
 
-def _bag_line(path: Path, topic: str, numbers: Sequence[str], mend: str = "") -> str:
+def _bag_line(source: FileSource, topic: str, numbers: Sequence[str], mend: str = "") -> str:
     """Return the line that reads six numbers of the messages on a topic."""
     row = f"(t / 1e9, {', '.join(f'w.{one}' for one in numbers)})"
     found = "bag.messages() for w in [bag.deserialize(data, c.msgtype)]"
     return in_python(
         "from rosbags.highlevel import AnyReader",
         "from rosbags.typesys import Stores, get_typestore",
-        f"bag = AnyReader([pathlib.Path({str(path)!r})], default_typestore=get_typestore(Stores.LATEST))",
+        f"bag = AnyReader([pathlib.Path({str(source.path)!r})], default_typestore=get_typestore(Stores.LATEST))",
         "bag.open()",
         f"rows = [{row} for c, t, data in {found} if c.topic == {topic!r}]",
         "bag.close()",
-        f"Dataset.from_frames(pandas.DataFrame(rows, columns={['time', *AXES]}){mend})",
+        _frame_of_rows(source, mend),
     )
+
+
+def _frame_of_rows(source: FileSource, mend: str = "") -> str:
+    label = source.label or source.label_else
+    labels = "" if label is None else f", [{label!r}]"
+    return f"Dataset.from_frames(pandas.DataFrame(rows, columns={['time', *AXES]}){mend}{labels})"
 
 
 def _numbers_in(value: Any, keys: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]] | None:
@@ -248,8 +257,9 @@ def _leaves_in(value: Any, depth: int = 0) -> list[tuple[Any, ...]]:
     return [(key, *path) for key, one in items for path in _leaves_in(one, depth + 1)]
 
 
-def _chosen(reader: Any, path: Path, asked: str | None) -> tuple[_Wrench, list[str]]:
+def _chosen(reader: Any, source: FileSource, asked: str | None) -> tuple[_Wrench, list[str]]:
     """Return the one wrench to read, and a note where it is a field of a message."""
+    path = source.path
     groups: dict[tuple[str, str], list[Any]] = {}
     counted = any(connection.msgcount for connection in reader.connections)  # an MCAP file may not count them
     for connection in reader.connections:
@@ -267,7 +277,7 @@ def _chosen(reader: Any, path: Path, asked: str | None) -> tuple[_Wrench, list[s
         nothing = "no messages at all" + "; `mcap recover` lists topics that a summary lacks" * (
             path.suffix == ".mcap"
         )
-        line = next(filter(None, (_line_of(reader, path, same[0]) for same in groups.values())), "")
+        line = next(filter(None, (_line_of(reader, source, same[0]) for same in groups.values())), "")
         raise RecordingFileError(path, f"has no {wanted}; it has {there or nothing}{line}")
     found = (
         every
@@ -290,7 +300,7 @@ def _chosen(reader: Any, path: Path, asked: str | None) -> tuple[_Wrench, list[s
     return one, [f"the wrench is the field {one.field} of {one.type_name}"] if one.field else []
 
 
-def _line_of(reader: Any, path: Path, connection: Any) -> str:
+def _line_of(reader: Any, source: FileSource, connection: Any) -> str:
     """Return the line that reads six numbers of messages of another type, by the first of them."""
     first = next(reader.messages(connections=[connection]), None)
     if first is None:
@@ -301,7 +311,7 @@ def _line_of(reader: Any, path: Path, connection: Any) -> str:
     numbers = [
         "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:] for keys in where
     ]
-    return _bag_line(path, connection.topic, numbers)
+    return _bag_line(source, connection.topic, numbers)
 
 
 def _plain(value: Any) -> Any:

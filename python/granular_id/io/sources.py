@@ -58,7 +58,7 @@ _DIGITS = re.compile(r"([0-9]+)")
 _NO_LABEL = frozenset(
     ("", "empty", "full", "missing", "left", "right", "slow", "fast", "before", "after", "raw")
 )
-"""Names of files in each of several folders that are no materials: then the folders are."""
+"""Names of files in folders that are no materials: then the folders are."""
 
 _MOST_DEEP = 12
 _EXAMPLES = 3
@@ -288,16 +288,19 @@ def _two_levels(first: FileSource) -> str:
 
 
 def _no_materials(found: Sources) -> str | None:
-    """Say why folders may be no materials: days, persons, runs, or files of the same names in each."""
+    """Say why folders may be no materials: days, persons, runs, or files of the same names, or of several words."""
     files = found.files
     stems: dict[str, dict[str, None]] = {}
     for source in files:
         stems.setdefault(source.path.parent.name, {})[(_label_of(source.path) or "").lower()] = None
     names = list(stems)
     n_folders = Counter(stem for one in stems.values() for stem in one)
-    shared = {stem for stem, n in n_folders.items() if n > 1}
-    alike = all(len(one) > 1 and one.keys() & shared for one in stems.values()) and not shared & _NO_LABEL
-    if not alike and not all(SESSION_LIKE.fullmatch(name) for name in names):
+    shared = any(n > 1 for n in n_folders.values())
+    words = not any(re.search(r"\d", source.path.stem) for source in files) and not any(
+        name.lower() in stem for name, one in stems.items() for stem in one
+    )
+    several = any(len(one) > 1 for one in stems.values()) and not n_folders.keys() & _NO_LABEL
+    if not (several and (shared or words)) and not all(SESSION_LIKE.fullmatch(name) for name in names):
         return None
     example = files[0].name
     label = _label_of(files[0].path) or files[0].path.stem

@@ -31,7 +31,7 @@ def in_python(*lines: str) -> str:
     text = "; ".join(lines)
     used = [name for name in _MODULES if re.search(rf"(?<![\w.]){re.escape(name)}\.", text)]
     imports = f"import {', '.join(used)}; " * bool(used)
-    public = [name for name in ("Dataset", "load") if re.search(rf"\b{name}[.(]", text)]
+    public = [name for name in ("Dataset", "load") if re.search(rf"(?<![\w.]){name}[.(]", text)]
     return f"; in Python: {imports}from granular_id import {', '.join(public)}; {text}"
 
 

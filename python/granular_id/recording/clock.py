@@ -45,9 +45,11 @@ _MOST_LATE = 0.1
 """If more samples than this part are late, a clock that ran back to its begin was started again."""
 
 UNIT_OUT = "pass time_unit= ('s', 'ms', 'us', 'ns', or 'sample' with a rate for an index)"
+_DAYS = ".assign(**{{{clock!r}: lambda f: f[{clock!r}] * 86400}})"
+
 SEVERAL = "several recordings must be told apart: a file each, or a column that does (id=)"
 
-IGNORED_OUT = "state the rate, and the clock is ignored: rate_hz=RATE"
+IGNORED_OUT = "state the rate, and the clock is ignored: pass rate_hz=RATE (--recorded-hz RATE)"
 
 _CLOCK_TEXT = re.compile(r"(-?\d+ days )?[+-]?\d{1,3}:\d{2}:\d{2}(\.\d+)?")
 _MINUTES_TEXT = re.compile(r"\d{1,3}:\d{2}\.\d+")
@@ -210,7 +212,7 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
         mean = f" (by the stamps {(len(stamps) - 1) / float(stamps[-1]):.4g} Hz)" if stamps[-1] > 0 else ""
         raise TableError(
             f"up to {most} different rows have one stamp: readings came in packets, and are not averaged; state the "
-            f"rate at which they were taken{mean}, and the clock is ignored: rate_hz=RATE",
+            f"rate at which they were taken{mean}, and the clock is ignored: pass rate_hz=RATE (--recorded-hz RATE)",
             int(rows[repeated[0] + 1]),
         )
     return Order(rows, touched, n_moved, int(again.sum()))
@@ -277,6 +279,8 @@ def rate_of(
     if doubtful and step is not None:
         guess = "milliseconds, microseconds, nanoseconds or an index" if step > 1e-3 else "minutes or days"
         came = f"stamps lie {step:g} apart: that would be {1 / step:.3g} Hz"
+        if 3e4 < stamps.first_s < 6e4 and step < 1e-3:  # of Excel, 1982 to 2064
+            raise TableError(f"{came}; most likely they count days", mend=_DAYS)
         raise TableError(f"{came}; most likely they count {guess}: {UNIT_OUT}")
     others = file_hz is not None and all(
         abs(one - file_hz) > _RATE_TOLERANCE * file_hz for one in measured_hz

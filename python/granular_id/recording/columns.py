@@ -414,12 +414,10 @@ NUMERIC_ROWS = ".pipe(lambda f: f[pandas.to_numeric(f[{clock!r}], errors='coerce
 """The method of a data frame that leaves out rows whose stamp is no number."""
 
 
-def mended(
-    names: Sequence[str], *, is_text: bool = False, is_infinite: bool = False, fill: bool = False
-) -> str:
+def mended(names: Sequence[str], *, is_text: bool = False, fill: bool = False) -> str:
     """Return the method of a data frame that empties rows which are no samples; a gap stays where they were."""
     numbers = ".apply(pandas.to_numeric, errors='coerce')" * is_text
-    finite = ".replace([float('inf'), -float('inf')], float('nan'))" * is_infinite
+    finite = ".replace([float('inf'), -float('inf')], float('nan'))"
     filled = ".interpolate()" * fill
     return f".pipe(lambda f: f.assign(**f[{list(names)}]{numbers}{finite}{filled}.dropna().reindex(f.index)))"
 

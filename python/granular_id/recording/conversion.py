@@ -397,7 +397,7 @@ class _Part:
             wanted = "wanted a finite number, or a row that is empty in all axes"
             names = [self._picked.called[axis] for axis in self._picked.axes]
             fill = 2 * len(np.unique(partly[:, 0])) > len(bad)  # axes that take turns
-            mend = mended(names, is_infinite=bool(np.isinf(self._wrench).any()), fill=fill)
+            mend = mended(names, fill=fill)
             row, name = int(self._rows[sample]), names[column]
             raise TableError(f"{came}; {wanted}", row, name, mend=mend)
         if missing.all():
@@ -507,7 +507,7 @@ class _Part:
         ]
         names = ", ".join(counting)[:80]
         column = f", or time= with the column that is the clock ({names}?)" if names else ""
-        return f"has no {clock} and no rate is stated; pass rate_hz=RATE{column}"
+        return f"has no {clock} and no rate is stated; pass rate_hz=RATE (--recorded-hz RATE){column}"
 
     def _rate_in_table(self) -> float | None:
         """Return the rate that a column of the table states."""

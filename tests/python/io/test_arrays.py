@@ -177,6 +177,17 @@ def test_arrays_that_contradict_themselves_are_refused(tmp_path, case, form):
         load(written(tree, form, tmp_path))
 
 
+@pytest.mark.parametrize("form", WRITERS)
+def test_partly_empty_samples_have_a_line_that_leaves_them_out(tmp_path, form):
+    holed = X.copy()
+    holed[1, 7, 2], holed[3, 9, 0] = np.nan, np.inf
+    path = written({"X": holed, "y": LABELS, "fs": 500}, form, tmp_path)
+    data = run(*lines_of(refusal(path)))
+    assert (data.y.tolist(), [len(one.wrench) for one in data]) == (LABELS, [50, 49, 50, 49])
+    assert np.array_equal(data[1].wrench, np.delete(X[1], 7, axis=0))
+    assert (data[1].rate_hz, np.diff(data[1].times()).max()) == (None, pytest.approx(0.004))
+
+
 def test_more_recordings_than_samples_are_read_where_stated(tmp_path):
     data = load(written({"X": X[:, :3], "fs": 500}, "npz", tmp_path), array="X")
     assert data.X.shape == (4, 3, 6)

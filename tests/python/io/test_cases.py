@@ -136,7 +136,7 @@ def test_text_timestamps_are_a_clock(tmp_path, texts):
 @pytest.mark.parametrize("stamps", [["soon"] * 120, [*np.arange(119) / 500, ""]])
 def test_stated_rate_ignores_stamps_that_are_none(tmp_path, stamps):
     frame(time=stamps).to_csv(tmp_path / "a.csv", index=False)
-    refused(tmp_path / "a.csv", "state the rate, and the clock is ignored: rate_hz=RATE")
+    refused(tmp_path / "a.csv", "state the rate, and the clock is ignored: pass rate_hz=RATE")
     data = load(tmp_path / "a.csv", rate_hz=500)
     assert (data.rate_hz, data[0].wrench.tobytes()) == (500, W.tobytes())
     assert "the clock was ignored" in data.history[-1].rows[0]["remark"]
