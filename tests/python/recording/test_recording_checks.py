@@ -115,6 +115,9 @@ def test_worst_first_with_a_state_each(report):
         ("warning", "stuck-axis"),
     ]
     assert report.worst == "error"
+    lines = str(report).splitlines()
+    assert lines[0] == "48 recordings checked: 42 ok, 5 with warnings, 1 with errors"
+    assert "warning  stuck-axis  5 recordings with an axis that never changes (fx)" in lines
     assert [report.states[i] for i in (2, 10, 0)] == ["error", "warning", "ok"]
     assert len(report.states) == 48
     assert (len(report), report[1:]) == (2, (report[1],))
