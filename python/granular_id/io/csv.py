@@ -232,7 +232,8 @@ def _read(pandas: Any, head: _Head, n_rows: int | None = None) -> Any:
 
 def _encoding(path: Path) -> str:
     """Return the first usual encoding that a file may be in."""
-    with _opener(path)(path, "rb") as file:
+    opened = gzip.open if path.suffix.lower() == ".gz" else open
+    with opened(path, "rb") as file:
         data = file.read()
     for encoding in ("cp1252", "cp932", "gb18030"):
         try:

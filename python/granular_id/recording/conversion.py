@@ -172,9 +172,8 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
         columns[TIME] = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
         time_unit = "ns"
     names = [called[axis] for axis in axes]
-    if (
-        table.values is not None and names == list(cells)[: table.values.shape[1]]
-    ):  # not copied where nobody can change them
+    if table.values is not None and names == list(cells)[: table.values.shape[1]]:
+        # not copied where nobody can change them
         wrench = locked(np.asarray(table.values, np.float64, order="C"))
     else:
         try:
@@ -223,7 +222,8 @@ def _named_cells(
         problem = f"samples have {n} columns without names{came}"
         raise TableError(f"{problem}; pass axes= with a name for each", no_wrench=True)
     try:
-        cells = dict(zip(checked_axes(known, values.shape), values.T, strict=True))
+        known = known if known == AXES and n == len(AXES) else checked_axes(known, values.shape)
+        cells = dict(zip(known, values.T, strict=True))
     except (TypeError, ValueError) as error:
         raise TableError(str(error)) from error
     has_six = {meaning_of(name).what for name in known} >= set(AXES)
@@ -284,11 +284,8 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
         mend = f".dropna(subset=[{picked.called[RECORDING]!r}])"
         row = int((texts[0] == "").argmax())
         raise TableError("the cell is empty", row, picked.called[RECORDING], mend=mend)
-    codes = np.zeros(len(picked.wrench), np.int64)
-    for values in texts:
-        _, own = np.unique(values, return_inverse=True)
-        _, codes = np.unique(codes * (own.max() + 1) + own, return_inverse=True)
-    firsts = np.unique(codes, return_index=True)[1]
+    found = np.unique(np.column_stack(texts), axis=0, return_index=True, return_inverse=True)
+    firsts, codes = found[1], found[2].ravel()
     if np.count_nonzero(np.diff(codes)) >= len(firsts) and TIME not in picked.columns:
         problem = "has the same value again behind other recordings, and no clock tells where the rows belong"
         raise TableError(problem, column=picked.called[RECORDING])
@@ -368,7 +365,8 @@ class _Part:
         try:
             known["name"] = checked_text(self._name, "name", empty=True)
             if meta:
-                known["meta"] = frozen_mapping("meta", with_named_units(meta, self._picked.axes))
+                named = with_named_units(meta, self._picked.axes) if "units" in meta else meta
+                known["meta"] = frozen_mapping("meta", named)
         except (TypeError, ValueError) as error:
             raise TableError(str(error)) from error
         return Recording._trusted(**known)
