@@ -67,7 +67,7 @@ def load(
     ----------
     path : str or path
         A file of a known format, or a folder of such files: ``label/*``, ``label_1.csv``, or with an ``index.csv``.
-        Formats: text tables (.csv, .tsv, .txt, .csv.gz), NumPy (.npy, .npz), MATLAB (.mat), HDF5 (.h5), Parquet (a
+        Formats: text tables (.csv, .txt, .lvm, .csv.gz ...), NumPy (.npy, .npz), MATLAB (.mat), HDF5 (.h5), Parquet (a
         native folder, or a table), ROS 1 and ROS 2 bags, MCAP.
     rate_hz : float, optional
         Rate at which the recordings were taken, Hz (``--recorded-hz`` on the command line); for files without a clock,
