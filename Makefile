@@ -45,13 +45,13 @@ $(BIN)/python: | toolchain
 	@$(PIP) uv || echo "without uv: pip takes longer"
 
 # Editable: Python files are used where they are, Rust is built again when it changes. The core compiles while packages
-# come. maturin shows cargo's progress, which pip would hide.
+# come. Without isolation, as a new environment for each build would compile pyo3 anew.
 .venv/.app: $(SOURCES) requirements.txt | toolchain $(BIN)/python
 	@echo "[1 of 2] fetching numpy, scikit-learn, matplotlib ...; compiling the core"
-	@test ! -x $(BIN)/uv || $(OURS) --extra app & cargo build --quiet --package granular-id && wait $$!
+	@test ! -x $(BIN)/uv || $(OURS) --extra app & cargo build --package granular-id && wait $$!
 	@echo "[2 of 2] compiling the extension module"
-	@VIRTUAL_ENV='$(CURDIR)/.venv' UV_CONSTRAINT=requirements.txt PIP_CONSTRAINT=requirements.txt PIP_QUIET=1 \
-		$(BIN)/maturin develop --extras app $$(test ! -x $(BIN)/uv || echo --uv)
+	@export PATH="$(CURDIR)/$(BIN):$$PATH"; if [ -x $(BIN)/uv ]; then $(UV) --python .venv $(PINNED) --reinstall-package granular-id \
+		--no-build-isolation --editable '.[app]'; else $(PIP) --no-build-isolation --editable '.[app]'; fi
 	@touch $@
 
 .venv/.tools: .venv/.app
