@@ -36,8 +36,6 @@ INDEX_COLUMNS = {
 """Columns of an index file and their types; "text" repeats, and is a dictionary in memory."""
 
 INDEX_FILE = re.compile(r"recordings-([0-9a-f]{32})\.parquet")
-LEFTOVER = re.compile(rf"{SAMPLES_FOLDER}(/part-[0-9a-f]{{32}}\.parquet|/\.[^/]+)?|\.[^/]+")
-"""What an append that was killed may leave of an archive that it began."""
 
 
 def index_file(key: str) -> str:
@@ -124,12 +122,8 @@ def open_parquet(path: Path, root: Path, texts: Sequence[str] = ()) -> Iterator[
     library = need("pyarrow.parquet", extra="app", why="to read Parquet files")
     check_place(path, root)
     with naming(path, "reading it as Parquet"):
-        try:
-            place = os.fspath(path).encode().decode()
-        except UnicodeEncodeError:  # pyarrow cannot spell it
-            place = need("pyarrow", extra="app", why="to read Parquet files").BufferReader(path.read_bytes())
         with library.ParquetFile(
-            place,
+            path,
             read_dictionary=texts,
             page_checksum_verification=True,
             pre_buffer=False,  # which reads by threads of its own
