@@ -266,7 +266,7 @@ class Answers(Outputs):
             (row["label"], row["answer"], row["trained_on"]): row["count_all"]
             for row in groups.aggregate([([], "count_all")]).to_pylist()
         }
-        n, classes, rows = len(table), self.model.classes, []
+        n, classes, rows = len(table), self.model.classes, list[tuple[str, ...]]()
         for name in classes:
             answers = sum(count for (_, answer, _), count in counts.items() if answer == name)
             true = sum(count for (truth, _, _), count in counts.items() if truth == name)
@@ -276,8 +276,7 @@ class Answers(Outputs):
             )
             rows.append((name, str(answers), share, str(true), rightly))
         header = ("material", "answers", "share", "recordings of it", "named rightly")
-        if not any(truth in classes for truth, _, _ in counts):
-            header, rows = header[:3], [row[:3] for row in rows]
+        n_columns = 5 if any(truth in classes for truth, _, _ in counts) else 3
         notes = [*notes_of_answers(counts, classes)] if n else []
         unknown = table["unknown"].drop_null().to_numpy()
         compute = need("pyarrow.compute", extra="app", why="to work on archives")
@@ -300,4 +299,4 @@ class Answers(Outputs):
             notes.append("not finished: these are the answers that there are")
         simulated = synthetic_words(recordings=bool(self.n_synthetic), model=self.model.synthetic)
         title = f"Materials named in {counted(n)}{', ' + simulated if simulated else ''}"
-        return Table(title, header, tuple(rows), tuple(notes))
+        return Table(title, header[:n_columns], tuple(row[:n_columns] for row in rows), tuple(notes))

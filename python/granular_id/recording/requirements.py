@@ -129,9 +129,13 @@ class Requirements:
         starts = np.zeros(len(lengths), np.int64)
         from_trigger = (lengths > n) & (not self._begins_at_first)
         if from_trigger.any():
-            first = int(from_trigger.argmax())
-            lead = self._known_lead(None, names[first], int(lengths[first]))
-            begun = np.where(triggers >= 0, triggers - round(lead * self.rate_hz), -1)
+            if self.lead_s is None:
+                first = int(from_trigger.argmax())
+                raise GranularIdError(
+                    f"recording {names[first]!r} has {lengths[first]} samples; the model does not know how much rest "
+                    f"comes before the motion, and wants {n} of each: call .align on the recordings"
+                )
+            begun = np.where(triggers >= 0, triggers - round(self.lead_s * self.rate_hz), -1)
             starts = np.where(from_trigger, begun, starts)
         fits: npt.NDArray[np.int64] = np.where((starts >= 0) & (starts + n <= lengths), starts, -1)
         return fits

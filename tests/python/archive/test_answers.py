@@ -111,6 +111,17 @@ def test_recordings_that_do_not_hold_the_length_have_no_answer(model, tmp_path):
     assert f"{n_without} recordings without an answer: too short, or no trigger" in answers.summary().notes
 
 
+def test_longer_recordings_of_an_unknown_lead_are_refused(tmp_path):
+    leads = [replace(one, trigger_index=LEAD + i % 4) for i, one in enumerate(pushes())]
+    own, longer = Identifier.fit(Dataset(leads), "hfmh", estimate=False), pushes(6, n_samples=90)
+    with pytest.raises(
+        gid.GranularIdError, match=r"'push 0' has 90 samples; .* wants 60 of each: call .align on"
+    ):
+        answered(own, longer, tmp_path)
+    append(tmp_path / "aligned", longer.align(60))
+    assert len(identify(tmp_path / "aligned", own, tmp_path / "out", progress=False)) == 6
+
+
 @pytest.mark.parametrize(
     ("fields", "message"),
     [

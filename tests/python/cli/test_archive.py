@@ -338,7 +338,7 @@ def test_what_stopped_goes_on_with_the_same_command(archive, model, tmp_path, mo
     def stopped(*_args, **_options):
         raise full
 
-    monkeypatch.setattr("granular_id.archive.partitions.run_in_threads", stopped)
+    monkeypatch.setattr("granular_id.archive.partitions.work_through", stopped)
     for words in (
         ("extract", archive, "-o", tmp_path / "a"),
         ("identify", model, archive, "-o", tmp_path / "b"),
@@ -386,7 +386,7 @@ def test_spaces_that_do_not_fit_are_refused_in_options(archive, folder, model, t
     ended_well("extract", new, "-o", tmp_path / "out", "--space", "raw")
 
 
-def test_the_way_out_of_other_rates_axes_and_leads_is_another_archive(folder, model, tmp_path):
+def test_the_way_out_of_other_rates_and_axes_is_another_archive(folder, model, tmp_path):
     data = gid.load(folder)
     append(tmp_path / "slow", data.resample(62.5))
     axes = ("fy", "fx", "fz", "tx", "ty", "tz")
@@ -395,11 +395,6 @@ def test_the_way_out_of_other_rates_axes_and_leads_is_another_archive(folder, mo
         said = f"granular-id data convert {tmp_path / name} NEW --to parquet {option}"
         assert said in refused("identify", model, tmp_path / name, "-o", tmp_path / "out")
         assert said in refused("extract", tmp_path / name, "-o", tmp_path / "out", "-m", model)
-    append(tmp_path / "long", pushes(3))
-    trigger = refused("identify", model, tmp_path / "long", "-o", tmp_path / "out", "--begin-at", "trigger")
-    assert "state --lead-s, pass --begin-at first, or answer over all of it: " in trigger
-    convert = f"granular-id data convert {tmp_path / 'long'} NEW --to parquet"
-    assert trigger.endswith(f"{convert} --window-s SECONDS")
 
 
 def test_workers_reach_the_work(archive, monkeypatch):
@@ -416,7 +411,7 @@ def test_workers_reach_the_work(archive, monkeypatch):
 
 
 def test_identify_answers_an_archive_as_it_does_in_memory(archive, model, tmp_path):
-    out = ended_well("identify", model, archive, "-o", tmp_path / "answers", "--on-short", "skip")
+    out = ended_well("identify", model, archive, "-o", tmp_path / "answers")
     assert "Materials named in 30 recordings" in out
     assert f"\n{tmp_path / 'answers'}: 30 recordings in 1 partition; " in out
     namespace = {}
@@ -433,7 +428,7 @@ def test_identify_answers_an_archive_as_it_does_in_memory(archive, model, tmp_pa
     [
         (("--rate-hz", 50), "--rate-hz does not go with -o"),
         (("--on-error", "skip"), "--on-error does not go with -o"),
-        (("--begin-at", "onset"), "find onsets by granular-id data convert"),
+        (("--begin-at", "onset"), "--begin-at does not go with -o"),
         (("--hop-s", 0.1), "--hop-s does not go with -o"),
         (("--csv", "x.csv"), "--csv does not go with -o, whose folder holds the answers"),
         (("another",), "-o takes the answers about one archive, got 2"),

@@ -121,14 +121,10 @@ def open_parquet(path: Path, root: Path, texts: Sequence[str] = ()) -> Iterator[
     """Open a file inside `root` as ``pyarrow.parquet.ParquetFile``, some columns to be read dictionary-encoded."""
     library = need("pyarrow.parquet", extra="app", why="to read Parquet files")
     check_place(path, root)
-    with naming(path, "reading it as Parquet"):
-        with library.ParquetFile(
-            path,
-            read_dictionary=texts,
-            page_checksum_verification=True,
-            pre_buffer=False,  # which reads by threads of its own
-        ) as opened:
-            yield opened
+    # Without threads of its own.
+    options = {"read_dictionary": texts, "page_checksum_verification": True, "pre_buffer": False}
+    with naming(path, "reading it as Parquet"), library.ParquetFile(path, **options) as opened:
+        yield opened
 
 
 def labels_of(opened: Any) -> dict[str, str]:
