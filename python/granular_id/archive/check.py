@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from granular_id._checks import checked_n_jobs
 from granular_id._files import check_source
-from granular_id._parallel import in_threads
+from granular_id._parallel import spread
 from granular_id._progress import ProgressCallback, Ticker, check_progress, showing
 from granular_id._text import counted, verb
 from granular_id.io import RecordingFileError
@@ -111,6 +112,9 @@ def check(
     (True, 5, ())
     """
     check_progress(progress)
+    checked_n_jobs(n_jobs)
+    from joblib import effective_n_jobs  # slow to import
+
     folder = archive.folder if isinstance(archive, Archive) else check_source(archive)
     problems: list[RecordingFileError] = []
     try:
@@ -127,7 +131,7 @@ def check(
             ticker.tick(group.file)
             return problem
 
-        found = in_threads(checked, opened.row_groups, n_jobs)
+        found = spread(checked, opened.row_groups, effective_n_jobs(n_jobs))
     # Of a whole file once.
     problems += {str(problem): problem for problem in found if problem is not None}.values()
     problems += _doubles(opened)

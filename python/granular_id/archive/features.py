@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from granular_id._checks import FloatArray, argument_error
-from granular_id._core import FeatureSpec, GranularIdError, MultiBandExtractor
+from granular_id._core import AXES, FeatureSpec, GranularIdError, MultiBandExtractor
 from granular_id._progress import ProgressCallback
 from granular_id._text import counted
 from granular_id.archive.partitions import ABOUT, Extraction, Outputs, one_of_each, pa, pq, run
@@ -23,7 +23,6 @@ from granular_id.features import extract_features
 from granular_id.identifier import Identifier
 from granular_id.io.parquet.archive import Archive, RowGroup
 from granular_id.recording import setup_mismatch
-from granular_id.spaces import renamed
 
 COLUMN = "features"
 
@@ -159,6 +158,10 @@ class FeaturesSpec:
             plain = self.extractor.feature_names(self.n_samples or 1, len(self.axes))
         else:
             plain = self.extractor.names
+        if self.axes == AXES:
+            return list(plain)
+        from granular_id.spaces import renamed  # brings in scikit-learn
+
         return renamed(plain, self.axes)
 
     def table(self, archive: Archive, groups: Sequence[RowGroup]) -> Any:

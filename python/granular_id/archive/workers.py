@@ -12,8 +12,6 @@ from contextlib import nullcontext, suppress
 from functools import partial
 from typing import Any, NamedTuple
 
-from joblib import effective_n_jobs
-
 from granular_id import _core
 from granular_id.io.files import need
 
@@ -30,6 +28,8 @@ def work_through(
     if not partitions:
         return
     if scheduler is None:
+        from joblib import effective_n_jobs  # slow to import
+
         with ThreadPoolExecutor(effective_n_jobs(n_jobs)) as pool:
             threads = _Pool(pool.submit, as_completed, lambda _: pool.shutdown(cancel_futures=True))
             _work(threads, make, partitions, done)
