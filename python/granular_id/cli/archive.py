@@ -329,9 +329,7 @@ def extract(
     output: Path = option(
         OUTPUT, "Folder to write features into, or to go on with.", "--output", "-o", default=...
     ),
-    space: str | None = option(
-        FEATURES, "hfmh, raw+hfmh, dft ...: any that learns nothing. Default: hfmh, 600 counts."
-    ),
+    space: str | None = option(FEATURES, "hfmh, raw+hfmh or raw. Default: hfmh, 600 counts."),
     model: Path | None = option(
         FEATURES, "Take the features of this model, from `granular-id train`.", "--model", "-m"
     ),

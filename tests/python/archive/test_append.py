@@ -129,7 +129,7 @@ def writer(folder, *numbers, killed_at=""):
 
 def test_processes_append_at_once(tmp_path):
     writers = [writer(tmp_path, *range(10 * i, 10 * i + 10)) for i in range(3)]
-    assert [each.wait(60) for each in writers] == [0, 0, 0]
+    assert [each.wait(120) for each in writers] == [0, 0, 0]
     assert sorted(names(tmp_path), key=int) == [str(i) for i in range(30)]
 
 
@@ -139,7 +139,7 @@ def test_append_that_was_killed_is_run_again(tmp_path, before):
     if before:
         append(tmp_path, Dataset(PUSHES))
     for when in ("_write_index", "_sync"):  # the samples have their name, and before that
-        assert writer(tmp_path, 1, 2, killed_at=when).wait(60) == -signal.SIGKILL
+        assert writer(tmp_path, 1, 2, killed_at=when).wait(120) == -signal.SIGKILL
         if before:
             assert len(Archive(tmp_path).index) == before
         else:
@@ -147,7 +147,7 @@ def test_append_that_was_killed_is_run_again(tmp_path, before):
                 RecordingFileError, match=r"is no archive: no recordings-\*.parquet lies in it"
             ):
                 Archive(tmp_path)
-    assert writer(tmp_path, 1, 2).wait(60) == 0
+    assert writer(tmp_path, 1, 2).wait(120) == 0
     assert names(tmp_path) == [*(push.name for push in PUSHES[:before]), "1", "2"]
     report = check(tmp_path, progress=False)
     assert (report.ok, len(report.leftovers)) == (True, 2), "temporary ones"

@@ -103,7 +103,7 @@ def six_partitions(monkeypatch):
 def wanted(archive, tmp_path_factory) -> dict[str, bytes]:
     """What is in the folder when nothing disturbs."""
     out = tmp_path_factory.mktemp("undisturbed") / "out"
-    assert driver(archive, out).wait(60) == 0
+    assert driver(archive, out).wait(120) == 0
     return files_in(out)
 
 
@@ -126,7 +126,7 @@ def out(archive, wanted, tmp_path):
 )
 def test_killed_driver_is_taken_up(archive, out, tmp_path, monkeypatch, deaths, n_finished):
     monkeypatch.chdir(tmp_path)
-    assert driver(archive, out, **deaths).wait(60) == -signal.SIGKILL
+    assert driver(archive, out, **deaths).wait(120) == -signal.SIGKILL
     finished = {name: (out / name).stat().st_ino for name in partitions_in(out)}
     assert len(finished) == n_finished
     assert run(Archive(archive), Sums(), out, n_jobs=2, progress=False).n_resumed == n_finished
@@ -155,7 +155,7 @@ def test_drivers_at_once_make_the_same_files(archive, wanted, out, tmp_path, mon
         while not place.is_dir():
             assert other.poll() is None
         run(Archive(archive), Sums(), place, n_jobs=1, progress=False)
-        assert other.wait(60) == 0
+        assert other.wait(120) == 0
         assert files_in(place) == wanted
 
 
