@@ -1,6 +1,5 @@
 """Appends: by many writers, killed and run again, twice the same; what is refused."""
 
-import json
 import signal
 import subprocess
 import sys
@@ -9,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from archive_cases import index_in, rewrite
+from archive_cases import index_in
 from granular_id.archive import Appended, Archive, append, check
 from granular_id.io import RecordingFileError, load, save
 from granular_id.io.parquet import writing
 from granular_id.io.parquet.writing import Appender
 from granular_id.recording import Dataset, Recording, StepReport
 
-pq = pytest.importorskip("pyarrow.parquet")
+pytest.importorskip("pyarrow.parquet")
 
 RNG = np.random.default_rng(7)
 PUSHES = [
@@ -212,16 +211,6 @@ def test_append_to_something_else_is_refused(tmp_path, place):
     with pytest.raises(NotADirectoryError, match="is or lies in a file"):
         append(tmp_path / place, Dataset(PUSHES))
     assert files(tmp_path) == [place]
-
-
-@pytest.mark.parametrize("written", [None, "now", {}])
-def test_index_file_without_its_time_is_refused(tmp_path, written):
-    append(tmp_path, Dataset(PUSHES))
-    path = index_in(tmp_path)
-    mark = json.loads(pq.read_metadata(path).metadata[b"granular_id"])
-    rewrite(path, labels={"granular_id": json.dumps({**mark, "written": written})})
-    with pytest.raises(RecordingFileError, match=r"recordings-.*: reading its columns failed with"):
-        Archive(tmp_path)
 
 
 def test_index_file_of_other_axes_is_refused(tmp_path):

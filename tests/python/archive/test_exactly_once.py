@@ -190,6 +190,7 @@ def test_poisoned_partition_fails_alone_by_name(archive, out):
         run(Archive(archive), Sums(), out, progress=False)
     samples_in(archive).write_bytes(good)
     assert (len(partitions_in(out)), (out / UNFINISHED).exists()) == (5, True)
+    assert run(Archive(archive), Sums(), out, progress=False).n_resumed == 5
 
 
 def test_full_disk_stops_all_in_one_line(archive, out):

@@ -17,7 +17,6 @@ from archive_cases import (
     partitions_in,
     poison,
     rewrite,
-    samples_in,
     small_partitions,
     some_archive,
     some_recordings,
@@ -213,19 +212,6 @@ def test_run_into_the_archive_is_refused(archive, place):
 
 
 # What goes wrong.
-
-
-def test_row_group_that_cannot_be_read_fails_alone(archive, out, tmp_path):
-    done(archive, tmp_path / "whole")
-    good = poison(samples_in(archive), 3)
-    with pytest.raises(PartitionError, match=r"1 partition failed.*row group 2 to 3: .*row group 3: "):
-        done(archive, out)
-    with pytest.raises(FileNotFoundError, match=r"the sums are not finished: .* partial=True"):
-        OfSums(out)
-    assert len(OfSums(out, partial=True)) == 20
-    samples_in(archive).write_bytes(good)
-    assert done(archive, out).n_resumed == 5
-    assert files_in(out) == files_in(tmp_path / "whole")
 
 
 def test_partitions_that_fail_are_named(archive, out):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from types import SimpleNamespace
 
 import pytest
 
@@ -87,21 +86,6 @@ def test_workers_after_an_interrupt_begin_nothing_more(work):
 
 
 # Clusters.
-
-
-@pytest.mark.parametrize("times", [1, 9])
-def test_cluster_whose_workers_die_tries_again_alone(client, times):
-    begun, told, left = [], {}, iter(range(times))
-
-    def make(number, *_):
-        begun.append(number)
-        if number == 1 and next(left, None) is not None:
-            raise distributed.KilledWorker("1.parquet", SimpleNamespace(address="tcp://worker"), 3)
-        return ""
-
-    on_cluster(make, told.__setitem__, client)
-    problem = "" if times == 1 else f"1: {workers._DIED}"
-    assert (begun[-1], told) == (1, {**dict.fromkeys(EIGHT, ""), "1.parquet": problem})
 
 
 def test_cluster_that_goes_is_a_connection_error():

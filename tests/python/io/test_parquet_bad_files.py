@@ -85,6 +85,7 @@ def test_archive_without_a_column_rows_or_a_part_is_refused(archive):
         ({"format": "samples"}, "the format is 'samples'; wanted 'recordings'"),
         ({"version": 2}, "the version is 2; wanted 1"),
         ({"units": ["lbf"]}, r"the units is \['lbf'\]; wanted \[''\]"),
+        ({"written": "now"}, "reading its columns failed with"),
         ({}, "holds other axes"),
     ],
 )
