@@ -18,6 +18,9 @@ from granular_id.io.files import need
 Make = Callable[[Any], str]
 Done = Callable[[str, str], None]
 
+_BATCH = 512
+"""Partitions in one message to the scheduler: a few MB; Dask warns above 10."""
+
 _DIED = "the processes that worked on it died, each time (out of memory, or a crash in a library)"
 
 
@@ -31,7 +34,11 @@ def work_through(
         from joblib import effective_n_jobs  # slow to import
 
         with ThreadPoolExecutor(effective_n_jobs(n_jobs)) as pool:
-            threads = _Pool(pool.submit, as_completed, lambda _: pool.shutdown(cancel_futures=True))
+            threads = _Pool(
+                lambda make, items: [pool.submit(make, item) for item in items],
+                as_completed,
+                lambda _: pool.shutdown(cancel_futures=True),
+            )
             _work(threads, make, partitions, done)
         return
     distributed = need("distributed", extra="dask", why="to work on a Dask cluster")
@@ -44,7 +51,7 @@ def work_through(
         _check_versions(client)
         cluster = _Pool(
             # Not pure: a result of another call may be of a file that is gone since.
-            partial(client.submit, pure=False),
+            partial(client.map, pure=False, batch_size=_BATCH),
             # Not with_results: where the worker that has a result dies before it is fetched, that never ends.
             partial(distributed.as_completed, loop=client.loop),
             client.cancel,
@@ -75,7 +82,7 @@ def _versions() -> str:
 class _Pool(NamedTuple):
     """What threads and a cluster have in common: both have futures."""
 
-    submit: Callable[..., Any]
+    submit: Callable[[Make, list[Any]], list[Any]]
     completed: Callable[[list[Any]], Iterable[Any]]
     cancel: Callable[[list[Any]], object]
     deaths: type[Exception] | tuple[()] = ()
@@ -83,7 +90,7 @@ class _Pool(NamedTuple):
 
 def _work(pool: _Pool, make: Make, partitions: Mapping[str, Any], done: Done) -> list[str]:
     """Have partitions made; return those whose workers died."""
-    futures = {pool.submit(make, one): name for name, one in partitions.items()}
+    futures = dict(zip(pool.submit(make, [*partitions.values()]), partitions, strict=True))
     died = []
     try:
         for future in pool.completed(list(futures)):
