@@ -131,17 +131,19 @@ def extract_features(
         raise TypeError(
             f"wrench must be an array, got a {type(wrench).__name__}: pass recording.wrench, or dataset.X for a batch"
         )
-    if np.dtype(dtype) not in {np.dtype(np.float64), np.dtype(np.float32)}:
-        raise TypeError(f"dtype must be float64 or float32, got {dtype!r}")
+    try:
+        narrow = {np.dtype(np.float64): False, np.dtype(np.float32): True}[np.dtype(dtype)]
+    except (KeyError, TypeError):
+        raise TypeError(f"dtype must be float64 or float32, got {dtype!r}") from None
     features = _core.extract_features(wrench_of(wrench), _spec(spec, keywords), threads, out)
-    if out is not None or np.dtype(dtype) == np.float64:
+    if out is not None or not narrow:
         return features
     with np.errstate(over="ignore"):
-        narrow = features.astype(np.float32)
-    if not np.isfinite(narrow).all():
+        rounded = features.astype(np.float32)
+    if not np.isfinite(rounded).all():
         largest = np.abs(features).max()
         raise GranularIdError(f"features reach {largest:g}, which float32 cannot hold: use dtype float64")
-    return narrow
+    return rounded
 
 
 def feature_names(

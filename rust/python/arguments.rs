@@ -115,7 +115,7 @@ macro_rules! converters {
     )*)*}
 }
 
-/// Converters for `from_py_with`, each called as its argument: by itself PyO3 raises an `OverflowError` without a name
+/// Converters for `from_py_with`, each called as its argument: by itself `PyO3` raises an `OverflowError` without a name
 /// for a negative count.
 pub(super) mod named {
     use pyo3::prelude::*;

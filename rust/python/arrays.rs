@@ -120,11 +120,11 @@ pub(super) fn writable<'py>(
         return Err(wrong_shape("out", tuple(wanted), out.shape()));
     }
     let refused = |problem| Err(GranularIdError::new_err(format!("out must {problem}")));
-    let borrowed = match out.try_readwrite() {
-        Ok(borrowed) => borrowed,
-        Err(BorrowError::NotWriteable) => return refused("be writable, got a read-only array".to_owned()),
-        Err(_) => return refused("not be in use by another call".to_owned()),
-    };
+    // Views of the same memory by way of different objects: borrows know nothing of each other.
+    let (start, read) = (out.data().addr(), input.as_ptr_range());
+    if start < read.end.addr() && read.start.addr() < start + out.len() * size_of::<f64>() {
+        return refused(format!("not overlap {name}"));
+    }
     if !is_still(out) {
         return refused("not be changed by another call meanwhile".to_owned());
     }
@@ -134,12 +134,11 @@ pub(super) fn writable<'py>(
     if !is_aligned(out) {
         return refused("be aligned, got an array at an odd address".to_owned());
     }
-    // Views of the same memory by way of different objects: the borrows know nothing of each other.
-    let (start, read) = (out.data().addr(), input.as_ptr_range());
-    if start < read.end.addr() && read.start.addr() < start + out.len() * size_of::<f64>() {
-        return refused(format!("not overlap {name}"));
+    match out.try_readwrite() {
+        Ok(borrowed) => Ok(borrowed),
+        Err(BorrowError::NotWriteable) => refused("be writable, got a read-only array".to_owned()),
+        Err(_) => refused("not be in use by another call".to_owned()),
     }
-    Ok(borrowed)
 }
 
 /// An array to write to, called `out`; a new one where there is none.

@@ -11,6 +11,7 @@ use crate::features::PyFeatureSpec;
 use crate::model::PyModel;
 use granular_id::bindings::ranking;
 use granular_id::stream::{StreamingExtractor, StreamingIdentifier, Windows};
+use granular_id::Model;
 
 /// Features of a recording while its samples arrive, equal to those of the whole recording bit for bit.
 ///
@@ -87,8 +88,8 @@ impl PyStreamingExtractor {
     /// values too large to filter raise a `ValueError`; no row was taken then.
     fn push(slf: &Bound<'_, Self>, wrench: &Bound<'_, PyAny>) -> PyResult<usize> {
         let array = contiguous_real(wrench, "wrench")?;
-        let stream = &mut slf.try_borrow_mut()?.stream;
-        stream.push(rows(&array, stream.windows().n_axes)?.as_slice()?).or_raise()
+        let rows = rows(&array, slf.try_borrow()?.n_axes())?;
+        slf.try_borrow_mut()?.stream.push(rows.as_slice()?).or_raise()
     }
 
     /// Features `(n_features,)` of the window so far; raw samples that have not arrived are 0.
@@ -96,11 +97,14 @@ impl PyStreamingExtractor {
     /// `out`, if given, is written and returned: float64, C-contiguous.
     #[pyo3(signature = (out = None))]
     fn features<'py>(
-        &self,
-        py: Python<'py>,
+        slf: &Bound<'py, Self>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        written(py, out, self.n_features(), |target| self.stream.features_into(target))
+        let n_features = slf.try_borrow()?.stream.n_features();
+        let out = output(slf.py(), out, &[n_features])?;
+        let mut target = writable(&out, &[n_features], "", &[])?;
+        slf.try_borrow()?.stream.features_into(target.as_slice_mut()?).or_raise()?;
+        Ok(out)
     }
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
@@ -188,36 +192,26 @@ impl PyStreamingIdentifier {
     /// As `StreamingExtractor.push`.
     fn push(slf: &Bound<'_, Self>, wrench: &Bound<'_, PyAny>) -> PyResult<usize> {
         let array = contiguous_real(wrench, "wrench")?;
-        let stream = &mut slf.try_borrow_mut()?.stream;
-        stream.push(rows(&array, stream.model().n_axes())?.as_slice()?).or_raise()
+        let rows = rows(&array, slf.try_borrow()?.stream.model().n_axes())?;
+        slf.try_borrow_mut()?.stream.push(rows.as_slice()?).or_raise()
     }
 
     /// Scores `(L,)` of the learners; written to `out` and returned, where it is given.
     #[pyo3(signature = (out = None))]
     fn scores<'py>(
-        &mut self,
-        py: Python<'py>,
+        slf: &Bound<'py, Self>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let scores = self.stream.scores().or_raise()?;
-        written(py, out, scores.len(), |out| {
-            out.copy_from_slice(scores);
-            Ok(())
-        })
+        written(slf, out, Model::n_learners, StreamingIdentifier::scores)
     }
 
     /// Mean losses `(K,)` of the classes: the smallest wins, the first of equal ones. Written to `out`, where it is given.
     #[pyo3(signature = (out = None))]
     fn losses<'py>(
-        &mut self,
-        py: Python<'py>,
+        slf: &Bound<'py, Self>,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-        let losses = self.stream.losses().or_raise()?;
-        written(py, out, losses.len(), |out| {
-            out.copy_from_slice(losses);
-            Ok(())
-        })
+        written(slf, out, |model| model.classes().len(), StreamingIdentifier::losses)
     }
 
     /// Everything about the answer at one moment.
@@ -225,15 +219,20 @@ impl PyStreamingIdentifier {
     /// A tuple of: the ranking, pairs of label and mean loss, best first; the margin; whether the window is complete;
     /// whether the margin meets the rule for early answers; rows of the window; rows before it; labels of the candidates,
     /// the likeliest first, and whether the window is like none: of a complete window, by the rules of the model.
-    fn standing<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        let first_row = self.stream.first_row();
-        let at = self.stream.standing().or_raise()?;
-        let classes = self.model.get().model.classes();
-        let pairs = ranking(at.losses).into_iter().map(|class| (&classes[class], at.losses[class]));
+    fn standing<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyTuple>> {
+        let py = slf.py();
+        let (model, losses, candidates, first_row, rest) = {
+            let stream = &mut slf.try_borrow_mut()?.stream;
+            let (model, first_row) = (stream.model().clone(), stream.first_row());
+            let at = stream.standing().or_raise()?;
+            let rest = (at.margin, at.is_final, at.is_sure, at.n_seen, at.unknown);
+            (model, at.losses.to_vec(), at.candidates.to_vec(), first_row, rest)
+        };
+        let pairs = ranking(&losses).into_iter().map(|class| (&model.classes()[class], losses[class]));
         let pairs = PyTuple::new(py, pairs.collect::<Vec<_>>())?;
-        let candidates = PyTuple::new(py, at.candidates.iter().map(|class| &classes[*class]))?;
-        (pairs, at.margin, at.is_final, at.is_sure, at.n_seen, first_row, candidates, at.unknown)
-            .into_pyobject(py)
+        let (margin, is_final, is_sure, n_seen, unknown) = rest;
+        let candidates = PyTuple::new(py, candidates.iter().map(|class| &model.classes()[*class]))?;
+        (pairs, margin, is_final, is_sure, n_seen, first_row, candidates, unknown).into_pyobject(py)
     }
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
@@ -278,14 +277,18 @@ fn rows<'py>(array: &Bound<'py, PyArrayDyn<f64>>, n_axes: usize) -> PyResult<PyR
     Err(wrong_shape("wrench", format_args!("(k, {n_axes}) or ({n_axes},)"), array.shape()))
 }
 
-/// A float64 vector of `len` values, the caller's `out` or a new one, after `write` has written it.
+/// Numbers of an answer, as many as `len` says, in the caller's `out` or a new array. A stream is borrowed for moments only,
+/// in which nothing of Python's runs: any thread finds it free.
 fn written<'py>(
-    py: Python<'py>,
+    slf: &Bound<'py, PyStreamingIdentifier>,
     out: Option<&Bound<'py, PyAny>>,
-    len: usize,
-    write: impl FnOnce(&mut [f64]) -> granular_id::Result<()>,
+    len: impl FnOnce(&Model) -> usize,
+    numbers: for<'a> fn(&'a mut StreamingIdentifier) -> granular_id::Result<&'a [f64]>,
 ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let out = output(py, out, &[len])?;
-    write(writable(&out, &[len], "", &[])?.as_slice_mut()?).or_raise()?;
+    let len = len(slf.try_borrow()?.stream.model());
+    let out = output(slf.py(), out, &[len])?;
+    let mut target = writable(&out, &[len], "", &[])?;
+    let target = target.as_slice_mut()?;
+    target.copy_from_slice(numbers(&mut slf.try_borrow_mut()?.stream).or_raise()?);
     Ok(out)
 }
