@@ -261,15 +261,17 @@ pub(super) fn means_within(recording: &[f64], limits: &[f64], means: &mut [f64])
 #[inline(always)]
 fn group_within<const N: usize>(recording: &[f64], axis: usize, limits: &[f64], means: &mut [f64]) -> bool {
     let at_start = first::<N>(&recording[axis..]);
-    let (mut sum, mut largest) = (Pack::ZERO, Pack::<f64, GROUP>::ZERO);
+    // Two sums in turn: one would wait for itself at every row.
+    let (mut sums, mut largest) = ([Pack::ZERO; 2], Pack::<f64, GROUP>::ZERO);
     for row in recording.chunks_exact(limits.len()) {
         let x = first::<N>(&row[axis..]);
-        sum = sum + (x - at_start);
+        sums = [sums[1], sums[0] + (x - at_start)];
         for l in 0..GROUP {
             let size = x.0[l].abs();
             largest.0[l] = if size > largest.0[l] { size } else { largest.0[l] };
         }
     }
+    let sum = sums[0] + sums[1];
     let n = (recording.len() / limits.len()) as f64;
     let mut within = true;
     for lane in 0..N {

@@ -108,34 +108,30 @@ fn moments(
         (0..2 * n_axes).for_each(|i| (0..=i).for_each(|j| write(i, j, 0.0)));
         return;
     }
-    let n_instants = n - lag;
+    let (n_instants, between) = (n - lag, lag.min(n - lag));
     let share = (n_instants as f64).recip();
-    // Whole vectors of products: of later with earlier samples, and of samples that are both later and earlier ones.
-    let (lagged_end, between) = (n_instants / LANES * LANES, lag.min(n_instants));
-    let shared_end = between + (n_instants - between) / LANES * LANES;
     for i in (0..n_axes).step_by(TILE) {
         for j in (0..n_axes).step_by(TILE) {
             let [rows, columns] = [i, j].map(|first| tile_axes(signals, band, first));
-            let lagged = products(simd, rows.map(|x| &x[lag..]), columns, lagged_end);
-            let shared = if j <= i {
-                let [x, y] = [rows, columns].map(|tile| tile.map(|axis| &axis[between..shared_end]));
-                products(simd, x, y, shared_end - between)
-            } else {
-                lagged
-            };
+            let lagged = products(simd, rows.map(|x| &x[lag..]), columns.map(|y| &y[..n_instants]));
+            // Of samples that are both a later and an earlier one.
+            let mut shared = lagged;
+            if j <= i {
+                let [x, y] = [rows, columns].map(|tile| tile.map(|axis| &axis[between..n_instants]));
+                shared = products(simd, x, y);
+            }
             for r in 0..TILE.min(n_axes - i) {
                 for c in 0..TILE.min(n_axes - j) {
-                    let (x, y) = (rows[r], columns[c]);
+                    let (x, y, a, b) = (rows[r], columns[c], i + r, j + c);
                     // The earlier comes second in the stack.
-                    let rest = dot(&x[lag + lagged_end..], &y[lagged_end..n_instants]);
-                    write(n_axes + j + c, i + r, (lagged[r][c].sum() + rest).value() * share);
-                    if j + c <= i + r {
-                        let shared = shared[r][c].sum();
-                        let of = |range: std::ops::Range<usize>| dot(&x[range.clone()], &y[range]);
-                        let later = shared + of(shared_end.max(lag)..n);
-                        let earlier = shared + of(0..between) + of(shared_end..n_instants);
-                        write(i + r, j + c, later.value() * share);
-                        write(n_axes + i + r, n_axes + j + c, earlier.value() * share);
+                    write(n_axes + b, a, lagged[r][c].sum().value() * share);
+                    if b <= a {
+                        let (first, last) = (0..between, lag.max(n_instants)..n);
+                        for (offset, others) in [(n_axes, first), (0, last)] {
+                            let rest = x[others.clone()].iter().zip(&y[others]);
+                            let sum = rest.fold(shared[r][c].sum(), |sum, (x, y)| sum + x * y);
+                            write(offset + a, offset + b, sum.value() * share);
+                        }
                     }
                 }
             }
@@ -150,39 +146,52 @@ fn tile_axes(signals: BandSignals<'_>, band: usize, first: usize) -> [&[f32]; TI
     [axis(0), axis(1), axis(2)]
 }
 
-/// The sum of the products of some numbers.
-#[inline(always)]
-fn dot(x: &[f32], y: &[f32]) -> f32 {
-    x.iter().zip(y).fold(0.0, |sum, (x, y)| sum + x * y)
-}
-
-/// Sums of the first `len` products of each row with each column, as vectors of which `len` is a multiple.
+/// Sums of the products of each row with each column; all are of one length. What whole vectors leave over is another vector,
+/// filled up with zeros.
 #[inline(always)]
 fn products(
     simd: impl Vectors<f32, LANES>,
     rows: [&[f32]; TILE],
     columns: [&[f32]; TILE],
-    len: usize,
 ) -> [[Pack<f32, LANES>; TILE]; TILE] {
-    let n = len / LANES;
+    let n = rows[0].len() / LANES;
     // Slices of one length, known to a compiler, need no checks.
     let [x0, x1, x2] = rows.map(|row| &row.as_chunks::<LANES>().0[..n]);
     let [y0, y1, y2] = columns.map(|column| &column.as_chunks::<LANES>().0[..n]);
     let mut sums = [[simd.splat(0.0); TILE]; TILE];
+    let tails = [rows, columns].map(|tile| {
+        tile.map(|axis| {
+            let rest = &axis[n * LANES..];
+            std::array::from_fn::<f32, LANES, _>(|l| rest.get(l).copied().unwrap_or(0.0))
+        })
+    });
     for t in 0..n {
-        let x = [simd.load(&x0[t]), simd.load(&x1[t]), simd.load(&x2[t])];
-        let y = [simd.load(&y0[t]), simd.load(&y1[t]), simd.load(&y2[t])];
-        for r in 0..TILE {
-            for c in 0..TILE {
-                sums[r][c] = sums[r][c] + x[r] * y[c];
-            }
-        }
+        add(simd, &mut sums, [&x0[t], &x1[t], &x2[t]], [&y0[t], &y1[t], &y2[t]]);
     }
+    let [x, y] = &tails;
+    add(simd, &mut sums, x.each_ref(), y.each_ref());
     let mut out = [[Pack::ZERO; TILE]; TILE];
     for (out, sum) in out.as_flattened_mut().iter_mut().zip(sums.as_flattened()) {
         sum.store(&mut out.0);
     }
     out
+}
+
+/// Adds the products of each row with each column.
+#[inline(always)]
+fn add<S: Vectors<f32, LANES>>(
+    simd: S,
+    sums: &mut [[S::Register; TILE]; TILE],
+    rows: [&[f32; LANES]; TILE],
+    columns: [&[f32; LANES]; TILE],
+) {
+    let x = [simd.load(rows[0]), simd.load(rows[1]), simd.load(rows[2])];
+    let y = [simd.load(columns[0]), simd.load(columns[1]), simd.load(columns[2])];
+    for r in 0..TILE {
+        for c in 0..TILE {
+            sums[r][c] = sums[r][c] + x[r] * y[c];
+        }
+    }
 }
 
 #[cfg(test)]

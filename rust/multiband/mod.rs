@@ -21,6 +21,7 @@ mod coupling;
 mod envelope;
 mod extractor;
 mod filters;
+mod quad;
 mod quantiles;
 mod resolvents;
 mod spec;

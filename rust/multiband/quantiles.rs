@@ -3,6 +3,8 @@
 //! Bins have nearly equal ratio and are found in the bits of a number: the exponent and the first four bits of the mantissa
 //! of a float32 say in which sixteenth of which octave it lies, so no logarithm and no search is needed.
 
+use std::ops::Range;
+
 use super::envelope::mean_square;
 use super::{Split, Statistic};
 use crate::kernel::Simd;
@@ -79,8 +81,9 @@ impl Statistic for Quantiles {
         let signals = out.as_chunks_mut::<PER_AXIS>().0.iter_mut().zip(split.energies).enumerate();
         for (index, ([quantiles @ .., log_rms], energies)) in signals {
             let signal = split.signals.numbered(index);
-            histogram.count(signal);
-            histogram.quantiles(signal.len(), &self.edges, quantiles);
+            let bins = histogram.count(signal);
+            histogram.quantiles(signal.len(), bins.start, &self.edges, quantiles);
+            histogram.clear(bins);
             *log_rms = libm::log(mean_square(energies, signal.len()).sqrt() + FLOOR);
         }
     }
@@ -96,20 +99,20 @@ pub(super) struct Histogram {
 }
 
 impl Histogram {
-    /// Counts a signal.
+    /// Counts a signal; gives the bins from the first to the last that hold any.
     #[inline(always)]
-    fn count(&mut self, signal: &[f32]) {
+    fn count(&mut self, signal: &[f32]) -> Range<usize> {
         let Self { words, counts: [even, odd] } = self;
-        even.fill(0);
-        odd.fill(0);
+        let (mut least, mut most) = (i16::MAX, i16::MIN);
         for values in signal.chunks(BLOCK) {
+            let words = &mut words[..values.len()];
             // Bits first, all of them: they are half as wide as the values.
             for (word_of_z, z) in words.iter_mut().zip(values) {
                 *word_of_z = word(*z);
             }
-            let words = &mut words[..values.len()];
             for word in &mut *words {
                 *word = bin(*word);
+                (least, most) = (least.min(*word), most.max(*word));
             }
             let (pairs, rest) = words.as_chunks::<2>();
             for [a, b] in pairs {
@@ -120,17 +123,26 @@ impl Histogram {
                 even[place(*a)] += 1;
             }
         }
-        for (even, odd) in even.iter_mut().zip(odd) {
+        let bins = place(least)..place(most) + 1;
+        for (even, odd) in even[bins.clone()].iter_mut().zip(&odd[bins.clone()]) {
             *even += *odd;
+        }
+        bins
+    }
+
+    /// Back to no counts.
+    #[inline(always)]
+    fn clear(&mut self, bins: Range<usize>) {
+        for counts in &mut self.counts {
+            counts[bins.clone()].fill(0);
         }
     }
 
-    /// Inverse hyperbolic sines of the quantiles of `n` counted samples: the rank `p (n - 1) + 1/2`, linear within the bin in
-    /// which it lies.
+    /// Inverse hyperbolic sines of the quantiles of `n` counted samples, of which none lies before bin `first`: the rank
+    /// `p (n - 1) + 1/2`, linear within the bin in which it lies.
     #[inline(always)]
-    fn quantiles(&self, n: usize, edges: &[f64], out: &mut [f64; PROBABILITIES.len()]) {
-        let counts = &self.counts[0];
-        let (mut first, mut before) = (0, 0);
+    fn quantiles(&self, n: usize, mut first: usize, edges: &[f64], out: &mut [f64; PROBABILITIES.len()]) {
+        let (counts, mut before) = (&self.counts[0], 0);
         for (out, p) in out.iter_mut().zip(PROBABILITIES) {
             let rank = p * (n as f64 - 1.0) + 0.5;
             // Ranks ascend: from where the last one was found, first many bins at a time.
@@ -147,9 +159,15 @@ impl Histogram {
                 bin += 1;
             }
             let share = (rank - f64::from(below)) / f64::from(counts[bin]);
-            *out = libm::asinh(edges[bin] + share * (edges[bin + 1] - edges[bin]));
+            *out = asinh(edges[bin] + share * (edges[bin + 1] - edges[bin]));
         }
     }
+}
+
+/// The inverse hyperbolic sine, as exact as a number near one can be: in half the time of a function that is so near zero.
+#[inline(always)]
+fn asinh(x: f64) -> f64 {
+    libm::log(x.abs() + (x * x + 1.0).sqrt()).copysign(x)
 }
 
 /// The place of a bin among counts. The mask changes none.
@@ -238,10 +256,11 @@ mod tests {
         for n in [3000, 1, 62, 1025] {
             let signals = Signals::new(&[n], 1);
             let signal = signals.view().numbered(0);
-            histogram.count(signal);
+            let bins = histogram.count(signal);
             let mut expected = [0; ROOM];
             signal.iter().for_each(|z| expected[bin_of(z.value())] += 1);
             assert_eq!(histogram.counts[0], expected);
+            histogram.clear(bins);
         }
     }
 

@@ -4,9 +4,10 @@ use std::f64::consts::PI;
 use std::fmt;
 use std::sync::Arc;
 
-use rustfft::num_complex::Complex32;
+use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlannerScalar};
 
+use super::quad::{Quad, QUAD};
 use super::{Split, Statistic};
 use crate::dsp::Real;
 use crate::kernel::Simd;
@@ -23,6 +24,9 @@ pub(super) const LEAST_SAMPLES: usize = 18;
 /// Added to scaled powers before the logarithm.
 const FLOOR: f64 = 1e-6;
 
+/// Axes that are transformed at a time.
+const AXES: usize = 2 * QUAD;
+
 /// The statistic for signals of some length.
 #[derive(Clone)]
 pub(super) struct Spectrum {
@@ -30,7 +34,7 @@ pub(super) struct Spectrum {
     /// First frequency of each bin, then one past the last, in steps of the transform.
     pub(super) edges: Vec<usize>,
     // The scalar one: others use fused multiply-add where a machine has it, and their last bits differ.
-    fft: Arc<dyn Fft<f32>>,
+    fft: Arc<dyn Fft<Quad>>,
 }
 
 impl fmt::Debug for Spectrum {
@@ -42,8 +46,8 @@ impl fmt::Debug for Spectrum {
 /// What one thread needs to compute it.
 #[derive(Clone, Debug)]
 pub(super) struct SpectrumWork {
-    transform: Vec<Complex32>,
-    scratch: Vec<Complex32>,
+    transform: Vec<Complex<Quad>>,
+    scratch: Vec<Complex<Quad>>,
     /// The window of the length that came last, and the sum of its squares.
     window: Vec<f32>,
     weight: f64,
@@ -65,7 +69,7 @@ impl Statistic for Spectrum {
 
     /// Room, and the window of whole recordings.
     fn work(&self) -> SpectrumWork {
-        let room = |n| vec![Complex32::default(); n];
+        let room = |n| vec![Complex::default(); n];
         let n_samples = self.fft.len();
         let mut work = SpectrumWork {
             transform: room(n_samples),
@@ -86,24 +90,33 @@ impl Statistic for Spectrum {
         }
         let SpectrumWork { transform, scratch, window, weight } = work;
         let per_axis = self.edges.len() - 1;
-        for (pair, out) in out.chunks_mut(2 * per_axis).enumerate() {
-            // Two axes are one complex signal. Where there is no second one, the first is taken twice.
-            let [x, y] = [2 * pair, (2 * pair + 1).min(self.n_axes - 1)].map(|axis| split.signals.axis(0, axis));
-            transform[window.len()..].fill(Complex32::default());
-            for (((z, window), x), y) in transform.iter_mut().zip(&*window).zip(x).zip(y) {
-                *z = Complex32::new(x * window, y * window);
+        for (group, out) in out.chunks_mut(AXES * per_axis).enumerate() {
+            // Two axes are one complex signal. Lanes without an axis take the last one.
+            let mut signals = [&[][..]; AXES];
+            for (l, signal) in signals.iter_mut().enumerate() {
+                *signal = &split.signals.axis(0, (group * AXES + l).min(self.n_axes - 1))[..window.len()];
+            }
+            transform[window.len()..].fill(Complex::default());
+            for (t, (z, window)) in transform.iter_mut().zip(&*window).enumerate() {
+                for l in 0..QUAD {
+                    z.re.0[l] = signals[2 * l][t] * window;
+                    z.im.0[l] = signals[2 * l + 1][t] * window;
+                }
             }
             self.fft.process_with_scratch(transform, scratch);
             for (bin, range) in self.edges.windows(2).enumerate() {
                 let share = 0.25 / (*weight * (range[1] - range[0]) as f64);
+                let mut sums = [[0.0; QUAD]; 2];
                 let back = transform.iter().rev().skip(range[0] - 1);
-                let powers = transform[range[0]..range[1]].iter().zip(back);
-                let sums = powers.fold([0.0; 2], |sums, (there, back)| {
-                    let [x, y] = powers_of_both(*there, *back);
-                    [sums[0] + x, sums[1] + y]
-                });
-                for (sum, out) in sums.into_iter().zip(out.chunks_mut(per_axis)) {
-                    out[bin] = libm::log(sum.value() * share + FLOOR);
+                for (there, back) in transform[range[0]..range[1]].iter().zip(back) {
+                    for (sums, powers) in sums.iter_mut().zip(powers_of_both(*there, *back)) {
+                        for l in 0..QUAD {
+                            sums[l] += powers.0[l].value();
+                        }
+                    }
+                }
+                for (axis, out) in out.chunks_mut(per_axis).enumerate() {
+                    out[bin] = libm::log(sums[axis % 2][axis / 2] * share + FLOOR);
                 }
             }
         }
@@ -113,8 +126,10 @@ impl Statistic for Spectrum {
 /// Four times the power of the signal that is the real part, and of the one that is the imaginary part, of a frequency of
 /// their transform and the same frequency counted from the end. Both are scaled: each takes on rounding errors of the other.
 #[inline(always)]
-fn powers_of_both(there: Complex32, back: Complex32) -> [f32; 2] {
-    [(there + back.conj()).norm_sqr(), (there - back.conj()).norm_sqr()]
+fn powers_of_both(there: Complex<Quad>, back: Complex<Quad>) -> [Quad; 2] {
+    let [re, im] = [there.re + back.re, there.im - back.im];
+    let [other_re, other_im] = [there.im + back.im, there.re - back.re];
+    [re * re + im * im, other_re * other_re + other_im * other_im]
 }
 
 impl SpectrumWork {
