@@ -44,7 +44,7 @@
 //! | [`stream`] | features and answers as rows arrive | answers: `model` | |
 //! | [`wrench`] | order, names and units of the six axes | | |
 //! | [`multiband`] | statistics of every octave | `multiband` | |
-//! | [`model`] | trained models and their files | `model` | `multiband`, safetensors, serde, `serde_json`, sha2 |
+//! | [`model`] | trained models and their files | `model` | `multiband`, serde, `serde_json`, sha2 |
 //! | [`buffer`] | one writer, many readers, nothing lost unnoticed | `buffer` | |
 //! | [`rdt`] | force-torque sensors on the network (ATI Net F/T, `OnRobot`) | `rdt` | `buffer`, socket2 |
 //!

@@ -208,7 +208,7 @@ class Model:
     def scores_and_novelty(
         self, wrench: ArrayLike, threads: SupportsIndex | None = None
     ) -> tuple[_Floats, _Floats | None]: ...
-    def verdicts(
+    def apply_rules(
         self, scores: ArrayLike, novelty: ArrayLike | None = None
     ) -> list[tuple[tuple[str, ...], bool | None]]: ...
     @property

@@ -177,6 +177,7 @@ impl Reader {
             if let Some(line) = self.buffer.clock_line(newest.epoch) {
                 return Some((line, newest));
             }
+            std::hint::spin_loop();
         }
     }
 }

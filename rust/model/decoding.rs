@@ -3,13 +3,13 @@
 //! Sources: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141; Escalera, Pujol, Radeva
 //! (2010), "On the decoding process in ternary error-correcting output codes", IEEE TPAMI 32:120-134.
 
-use super::parts::Tensor;
+use super::tensor::Tensor;
 use super::{Model, ModelError};
 use crate::error::{short_number, Error};
 use crate::memory::{filled, reserved};
 use crate::specs::choices;
 
-/// A binary loss of the agreement `z` of a code with a score: 1/2 where the score says nothing.
+/// A binary loss of the agreement `z` of a code with a score: 1/2 where the score is 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Loss {
@@ -90,7 +90,7 @@ impl Codes {
     }
 }
 
-/// What a model says of one recording.
+/// The answer of a model about one recording.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Answer {
@@ -207,14 +207,14 @@ impl Model {
         threads: usize,
     ) -> Result<Vec<Answer>, Error> {
         let (scores, novelty) = self.scores_and_novelty(wrench, n_recordings, threads)?;
-        let mut verdict = self.rules.verdict(self.classes.len());
+        let mut outcome = self.rules.outcome(self.classes.len());
         let answers = scores.chunks_exact(self.n_learners()).enumerate().map(|(row, scores)| {
             let mut losses = vec![0.0; self.classes.len()];
             self.decode(scores, &mut losses)?;
             let (best, _) = best_and_margin(&losses);
             let novelty = novelty.as_ref().map(|novelty| novelty[row]);
-            self.judge(&losses, novelty, &mut verdict);
-            let (candidates, unknown) = (verdict.candidates().to_vec(), verdict.unknown());
+            self.apply_rules(&losses, novelty, &mut outcome);
+            let (candidates, unknown) = (outcome.candidates().to_vec(), outcome.unknown());
             Ok(Answer { best, scores: scores.to_vec(), losses, candidates, unknown })
         });
         answers.collect()

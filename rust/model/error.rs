@@ -1,6 +1,7 @@
 //! Why parts make no model, or a file holds none: names and numbers, in one sentence.
 
 use std::fmt::Display;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use crate::Error;
@@ -26,11 +27,10 @@ pub enum ModelError {
         what: &'static str,
     },
     /// A file of another version.
-    #[error(
-        "format_version is {got}, this version of granular_id reads {}: update granular_id",
-        super::file::VERSION
-    )]
+    #[error("format_version is {got}, this version of granular_id reads {reads}: update granular_id")]
     Version {
+        /// The version that is read.
+        reads: &'static str,
         /// The version of the file.
         got: String,
     },
@@ -73,6 +73,24 @@ pub enum ModelError {
 impl ModelError {
     pub(super) fn part(what: impl Into<String>, problem: impl Into<String>) -> Self {
         Self::Part { what: what.into(), problem: problem.into() }
+    }
+
+    /// A tensor that every such model has.
+    pub(super) fn missing_tensor(name: &str) -> Self {
+        Self::part(format!("tensor '{name}'"), "is missing")
+    }
+
+    /// A part that nothing else needs.
+    pub(super) fn no_use(what: &str, without: &str) -> Self {
+        Self::part(what, format!("is of no use without {without}"))
+    }
+
+    /// Refuses a number outside its range.
+    pub(super) fn check_range(what: &str, got: usize, range: RangeInclusive<usize>) -> Result<(), Self> {
+        if range.contains(&got) {
+            return Ok(());
+        }
+        Err(Self::must_be(what, format_args!("from {} to {}", range.start(), range.end()), got))
     }
 
     /// A part that is not what it must be.

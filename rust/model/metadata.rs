@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use super::{json, ModelError};
+use super::json::parsed;
+use super::ModelError;
 use crate::error::quoted;
 use crate::wrench::{axis_name, AXES, UNITS};
 
@@ -84,8 +85,8 @@ impl Metadata {
         let lead_s = take(entries, "lead_s")?;
         let seconds = || lead_s.parse().ok().filter(|lead_s| is_lead(*lead_s));
         Ok(Self {
-            axes: json::names("axes", &take(entries, "axes")?)?,
-            units: json::names("units", &take(entries, "units")?)?,
+            axes: parsed("axes", &take(entries, "axes")?)?,
+            units: parsed("units", &take(entries, "units")?)?,
             training_sha256: take(entries, "training_sha256")?,
             library_version: take(entries, "library_version")?,
             lead_s: match lead_s.as_str() {

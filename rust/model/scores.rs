@@ -1,7 +1,7 @@
 //! From recordings to scores: the weights of the learners, and sums in the order that a model promises.
 
 use super::novelty::Novelty;
-use super::parts::Tensor;
+use super::tensor::Tensor;
 use super::{Model, ModelError};
 use crate::error::Error;
 use crate::kernel::{Job, Simd, SimdPath, LANES};

@@ -236,10 +236,10 @@ impl PyModel {
         Ok((scores, novelty.map(|novelty| PyArray1::from_vec(py, novelty))))
     }
 
-    /// What the rules of the model say of whole recordings, from what `scores_and_novelty` gives: for each the labels of the
-    /// candidates, the likeliest first, and whether it is like no class; an empty tuple and None without rules.
+    /// What the rules of the model find about whole recordings, from what `scores_and_novelty` gives: for each the labels of
+    /// the candidates, the likeliest first, and whether it is like no class; an empty tuple and None without rules.
     #[pyo3(signature = (scores, novelty=None))]
-    fn verdicts<'py>(
+    fn apply_rules<'py>(
         &self,
         scores: &Bound<'py, PyAny>,
         novelty: Option<&Bound<'py, PyAny>>,
@@ -250,11 +250,11 @@ impl PyModel {
             Some(novelty) => readable(novelty, "novelty")?.as_slice()?.to_vec(),
             None => Vec::new(),
         };
-        let verdicts =
-            self.of_scores(scores, |model, scores| model.verdicts(scores, &novelty))?.or_raise()?;
+        let found =
+            self.of_scores(scores, |model, scores| model.rule_outcomes(scores, &novelty))?.or_raise()?;
         let labels: Vec<_> = self.model.classes().iter().map(|label| PyString::new(py, label)).collect();
         let named = PyList::empty(py);
-        for (candidates, unknown) in verdicts.rows() {
+        for (candidates, unknown) in found {
             named.append((PyTuple::new(py, candidates.iter().map(|class| &labels[*class]))?, unknown))?;
         }
         Ok(named)
@@ -263,7 +263,7 @@ impl PyModel {
     #[getter]
     fn spec<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         Ok(match self.model.extraction() {
-            Extraction::Additive { extractor, .. } => {
+            Extraction::Paper { extractor, .. } => {
                 Bound::new(py, PyFeatureSpec { extractor: extractor.clone() })?.into_any()
             }
             Extraction::MultiBand(multiband) => {
@@ -347,9 +347,9 @@ impl PyModel {
     /// What the novelty is computed with, as the constructor takes it.
     #[getter]
     fn novelty<'py>(&self, py: Python<'py>) -> PyResult<Option<[Bound<'py, PyArray2<f32>>; 3]>> {
-        let n_features = self.n_features();
-        let Some(parts) = self.model.novelty() else { return Ok(None) };
-        let [scaling, directions, means] = parts.map(|(n_rows, at)| matrix(py, [n_rows, n_features], &at));
+        let Some(tensors) = self.model.novelty() else { return Ok(None) };
+        let array = |(n_rows, values)| PyArray1::from_vec(py, values).reshape([n_rows, self.n_features()]);
+        let [scaling, directions, means] = tensors.map(array);
         Ok(Some([scaling?, directions?, means?]))
     }
 

@@ -287,10 +287,13 @@ impl ReceiverLoop {
         self.newest = now;
         self.stalled = false;
         let Self { decoder, writer, progress, .. } = self;
+        let n_rows = decoder.counts().rows;
         write(decoder, datagram, now_ns, writer);
         progress.newest_host_ns.set(now_ns);
         progress.counts.store(decoder.counts());
-        progress.set_state(State::Streaming);
+        if decoder.counts().rows > n_rows {
+            progress.set_state(State::Streaming);
+        }
     }
 
     fn silence(&mut self) {
@@ -346,9 +349,10 @@ fn connected(settings: &Settings) -> Result<(UdpSocket, usize), RdtError> {
     let address = resolved(settings)?;
     let open = || {
         let socket = Socket::new(Domain::for_address(address), Type::DGRAM, Some(Protocol::UDP))?;
-        socket.set_recv_buffer_size(RECEIVE_BUFFER)?;
+        // Some systems grant less, others refuse: what there is decides how long the thread may be kept waiting, so it is
+        // reported.
+        let _ = socket.set_recv_buffer_size(RECEIVE_BUFFER);
         socket.connect(&address.into())?;
-        // The system may grant less; it is reported, as it decides how long the thread may be kept waiting.
         let granted = socket.recv_buffer_size()?;
         Ok((UdpSocket::from(socket), granted))
     };

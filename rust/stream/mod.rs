@@ -4,13 +4,13 @@
 //! scores as well; of a model with multi-band features it keeps the rows. All memory is allocated when a stream is made;
 //! pushing rows and reading features or answers allocate nothing, never block and take a bounded time per row or answer.
 
-#[cfg(feature = "model")]
-mod additive_stream;
 mod extractor;
 #[cfg(feature = "model")]
 mod identifier;
 #[cfg(feature = "model")]
 mod multiband_stream;
+#[cfg(feature = "model")]
+mod paper_stream;
 
 pub use extractor::StreamingExtractor;
 #[cfg(feature = "model")]

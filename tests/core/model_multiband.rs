@@ -240,7 +240,7 @@ fn a_small_file_asks_for_no_large_recording() {
             "values of a recording of multi-band features must be from 1 to 262144",
         ),
         (vec![axes("\"n_axes\":\"200\"")], "n_axes of multi-band features must be from 1 to 32, got 200"),
-        (vec![("blocks", "bricks")], "band_scales is of no use without"),
+        (vec![("blocks", "bricks")], "feature_spec: is no such JSON: unknown field `bricks`"),
         (vec![("coupling", "coupler")], "feature_spec: 'blocks' must be a list of blocks in the order"),
     ];
     for (changes, message) in cases {

@@ -73,7 +73,7 @@ ARRAYS = {
     "x": lambda it: _core.sosfilt(SOS, it, 0, None),
     "zi": lambda it: _core.sosfilt(SOS, ROW, 0, it),
     "coef": lambda it: _core.Model(SPEC, it, [0.0], [[1], [-1]], ["a", "b"]),
-    "scores": MODEL.verdicts,
+    "scores": MODEL.apply_rules,
     "recordings of a model": MODEL.scores,
     "scales": lambda it: _core.MultiBandExtractor(100, 6, scales=it),
     "rows of a stream": lambda it: gid.StreamingExtractor(SPEC).push(it),

@@ -41,7 +41,7 @@ def made(**changes):
         ({"n_axes": 257}, ValueError, "n_axes must be .*, got 257"),
         ({"metadata": {"trained": 1}}, TypeError, "(?s)int.*metadata"),
         ({"metadata": {"classes": "[]"}}, ValueError, "unknown entry 'classes'"),
-        ({"metadata": {"trained": "NaN"}}, ValueError, "trained: is no valid JSON"),
+        ({"metadata": {"trained": "NaN"}}, ValueError, "trained: must be a JSON object"),
         ({"metadata": {"trained": '{"a": "' + "x" * (1 << 20) + '"}'}}, ValueError, "the header has"),
     ],
 )
