@@ -31,9 +31,9 @@ use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::Arc;
 
-pub use clock::{host_ns, DeviceClock};
+pub use clock::host_ns;
 pub use reader::{Fill, Reader, Taken, Window, WindowError, WindowSpec};
-pub use writer::{Pushed, Writer};
+pub use writer::{DeviceClock, Pushed, Writer};
 
 use crate::error::{short_number, Error, Result};
 use crate::specs::setters;
