@@ -25,7 +25,7 @@ pub(crate) fn quoted(text: &str) -> String {
     format!("'{shown}'{}", if cut < text.len() { "..." } else { "" })
 }
 
-/// An input that cannot be used, with the numbers that say why.
+/// An input that cannot be used, with the numbers that show why.
 ///
 /// One type for the whole crate, so that design, features and streams pass each other's errors on as they are. What has
 /// places or causes of its own, a model file or a sensor, has its own type beside it.

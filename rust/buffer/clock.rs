@@ -9,7 +9,7 @@
 use std::sync::OnceLock;
 use std::time::Instant;
 
-/// Monotonic nanoseconds since this was first asked for in the process: the host's clock of every row.
+/// Monotonic nanoseconds since the first call in the process: the host's clock of every row.
 #[must_use]
 pub fn host_ns() -> u64 {
     static ORIGIN: OnceLock<Instant> = OnceLock::new();
@@ -119,10 +119,10 @@ fn difference(a: u64, b: u64) -> f64 {
     }
 }
 
-/// Points kept: the fastest row of each stretch of time.
+/// Points of the hull: the fastest row of each stretch of time.
 const POINTS: usize = 32;
 
-/// Longest stretch that one point stands for: the hull reaches back up to five minutes. A delay that lasts is told from a
+/// Longest stretch that one point stands for: the hull reaches back up to five minutes. A delay that lasts is distinguished from a
 /// drift as long as the time without it takes up more of the hull.
 const LONGEST_NS: f64 = 1e10;
 

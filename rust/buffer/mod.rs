@@ -3,7 +3,7 @@
 //!
 //! All memory is taken when a buffer is made. The [`Writer`] never blocks, whatever readers do; each [`Reader`] has a
 //! place of its own and learns exactly how many rows it missed. Rows are never torn and never silently joined: a read and
-//! a [`Window`] lie in one epoch of device time, and the length of every gap is kept with the row after it.
+//! a [`Window`] lie in one epoch of device time, and the length of every gap is stored with the row after it.
 //!
 //! ```
 //! use granular_id::buffer::{wrench_buffer, BufferSpec, BufferedRow, Pushed, Row, WindowSpec};
@@ -124,8 +124,8 @@ impl BufferSpec {
     #[inline]
     fn missing_between(&self, earlier: u64, later: u64) -> u32 {
         let periods = (later - earlier) as f64 * self.rate_hz / self.tick_hz;
-        // Rounded by hand, as `round` is a call on processors without SSE4.1. The cast saturates, as
-        // BufferedRow::missing_before says.
+        // Rounded by hand, as `round` is a call on processors without SSE4.1. The cast saturates, see
+        // BufferedRow::missing_before.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let rounded = (periods + 0.5) as u64;
         u32::try_from(rounded.saturating_sub(1)).unwrap_or(u32::MAX)
@@ -286,7 +286,7 @@ impl Counter {
     }
 }
 
-/// Lines of the clock that are kept: the newest, and some for readers that are slower than the writer.
+/// Lines of the clock in the ring: the newest, and some for readers that are slower than the writer.
 const CLOCK_LINES: usize = 8;
 
 /// What the writer and the readers share.

@@ -16,7 +16,7 @@ use crate::{BatchShape, Extractor, FeatureSpec};
 /// The largest number of classes.
 pub const MAX_CLASSES: usize = 1024;
 
-/// The largest number of samples per axis: half an hour at 500 Hz. A small file must not ask for a large window.
+/// The largest number of samples per axis: half an hour at 500 Hz. A small file must not lead to a large window.
 pub const MAX_WINDOW: usize = 1 << 20;
 
 /// The largest number of axes.
@@ -29,7 +29,7 @@ pub const MAX_BINS_IN_ALL: usize = 1 << 20;
 pub const MAX_MULTIBAND_AXES: usize = 32;
 
 /// The largest number of values of a recording of a multi-band model: nearly a minute and a half of six axes at 500 Hz. A
-/// design takes up to 150 bytes for each, however small the file that asks for it, and 650 more once it works.
+/// design takes up to 150 bytes for each, however small the file, and 650 more once it works.
 pub const MAX_MULTIBAND_VALUES: usize = 1 << 18;
 
 /// The parts of a [`Model`]: L learners, D features, K classes. Made by [`ModelParts::new`]; then each can be set.
@@ -229,7 +229,7 @@ impl PartialEq for Extraction {
 }
 
 impl Features<'_> {
-    /// What extracts them, after a look at sizes that a small file must not ask for.
+    /// The extractor of these features, once its size is checked.
     fn checked(&self, n_samples: usize, n_axes: usize) -> Result<Extraction, ModelError> {
         match self {
             Self::Paper(spec) => {

@@ -108,7 +108,7 @@ pub enum ModelFileError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The file was read, or its size known, and it is no model.

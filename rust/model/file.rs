@@ -88,7 +88,7 @@ impl Model {
         let path = path.as_ref();
         let unreadable = |source| ModelFileError::Unreadable { path: path.to_owned(), source };
         let no_model = |source| ModelFileError::NoModel { path: path.to_owned(), source };
-        // A pipe or a device has no end that could be waited for; of a folder the system says what is wrong.
+        // A pipe or a device has no end that could be waited for; opening a folder fails with the reason.
         let stat = fs::metadata(path).map_err(unreadable)?;
         if !(stat.is_file() || stat.is_dir()) {
             return Err(no_model(ModelError::Foreign { what: "this is no regular file" }));
@@ -430,7 +430,7 @@ const BLANK: &str = "00000000000000000000000000000000000000000000000000000000000
 
 /// The header, filled up with blanks so that the numbers behind it are aligned.
 fn header_of(entries: &Entries, digest: &str, tensors: &[OneTensor<'_>]) -> String {
-    // Sorted here: another crate of the program may ask serde_json to keep the order of insertion.
+    // Sorted here: another crate of the program may make serde_json preserve the order of insertion.
     let mut metadata: BTreeMap<_, _> = entries.iter().map(|(key, text)| (&**key, &**text)).collect();
     metadata.insert(DIGEST, digest);
     let mut header = BTreeMap::from([("__metadata__", json!(metadata))]);

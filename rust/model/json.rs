@@ -8,7 +8,7 @@ use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use super::ModelError;
 use crate::error::quoted;
 
-/// Characters of what a library says, which may quote the file.
+/// Characters of a library's message, which may quote the file.
 const MAX_CAUSE: usize = 160;
 
 /// A value of JSON text that is called `what` in messages.
@@ -28,7 +28,7 @@ pub(super) fn parsed_object<'a, T: Deserialize<'a>>(
     Err(ModelError::Json { what, problem: "must be a JSON object".to_owned() })
 }
 
-/// What a library says about a file, short and printable.
+/// A library's message, short and printable.
 fn cause(error: &impl Display) -> String {
     let mut text = String::new();
     for character in error.to_string().chars().take(MAX_CAUSE) {

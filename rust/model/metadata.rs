@@ -24,7 +24,7 @@ pub struct Metadata {
     pub training_sha256: String,
     /// Version of the library that trained the model.
     pub library_version: String,
-    /// Seconds of rest that were kept ahead of the trigger, where known.
+    /// Seconds of rest ahead of the trigger, where known.
     pub lead_s: Option<f64>,
     /// A JSON object: what was fitted on, options, estimates; under `confidence` the [`Rules`](super::Rules) of the model.
     pub trained: String,

@@ -61,7 +61,7 @@ use scores::Weights;
 /// use granular_id::model::{ModelParts, Tensor};
 /// use granular_id::{FeatureSpec, Model};
 ///
-/// // Two materials, told apart by the second of three samples of one axis.
+/// // Two materials that differ in the second of three samples of one axis.
 /// let spec = FeatureSpec::default().with_hfmh(false);
 /// let coef = Tensor::new(vec![1, 3], &[0.0, 2.0, 0.0]);
 /// let intercept = Tensor::new(vec![1], &[-1.0]);

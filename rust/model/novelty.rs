@@ -11,7 +11,7 @@ use crate::memory::filled;
 pub struct NoveltyParts<'a> {
     /// Centre and factor of each feature (2, D): a scaled feature is `(x - centre) * factor`.
     pub scaling: Tensor<'a>,
-    /// Directions of scaled features that tell classes apart (R, D).
+    /// Directions of scaled features in which the classes differ (R, D).
     pub directions: Tensor<'a>,
     /// Mean scaled features of each class (K, D).
     pub means: Tensor<'a>,
@@ -21,7 +21,7 @@ pub struct NoveltyParts<'a> {
 /// what is like one of them.
 ///
 /// With `s = (x - centre) * factor` the scaled features, `d_k` is the squared distance to the mean of class k along
-/// directions that tell classes apart, `e_k` that over all features. Sums run over the features in the order of the scores.
+/// directions in which the classes differ, `e_k` that over all features. Sums run over the features in the order of the scores.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Novelty {
     n_directions: usize,

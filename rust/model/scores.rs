@@ -36,7 +36,7 @@ impl Weights {
         (n_raw, n_features): (usize, usize),
     ) -> Result<Self, ModelError> {
         let n_learners = intercept.len();
-        // Few learners are not filled up eightfold: a file must not ask for much more memory than it has bytes.
+        // Few learners are not filled up eightfold: a model must not take much more memory than its file has bytes.
         let lanes = n_learners.next_multiple_of(n_learners.next_power_of_two().min(LANES));
         let mut values = filled(0.0, lanes.saturating_mul(n_features))?;
         for (row, weights) in values.chunks_exact_mut(lanes).enumerate() {

@@ -43,7 +43,7 @@ impl<'a> Tensor<'a> {
         &self.shape
     }
 
-    /// The number of values, whatever the shape says.
+    /// The number of values, which need not fit the shape.
     pub(super) fn len(&self) -> usize {
         match self.values {
             Values::Numbers(numbers) => numbers.len(),

@@ -1,4 +1,4 @@
-//! Anything array-like as a float64 array of our own, or an exception that names the argument; arrays that stay as they are.
+//! Anything array-like as a float64 array, or an exception that names the argument; the rights to read and write arrays.
 //!
 //! The rule of every binding: first whatever may run Python (conversion of arrays and scalars, new arrays, warnings), then
 //! [`readable`] and [`writable`], slices and the work. From a borrow on nothing of Python's is made, so nothing of it runs in
@@ -120,7 +120,7 @@ pub(super) fn writable<'py>(
         return Err(wrong_shape("out", tuple(wanted), out.shape()));
     }
     let refused = |problem| Err(GranularIdError::new_err(format!("out must {problem}")));
-    // Views of the same memory by way of different objects: borrows know nothing of each other.
+    // Views of the same memory by way of different objects: one borrow does not exclude the other.
     let (start, read) = (out.data().addr(), input.as_ptr_range());
     if start < read.end.addr() && read.start.addr() < start + out.len() * size_of::<f64>() {
         return refused(format!("not overlap {name}"));

@@ -26,7 +26,7 @@ pub(super) use reader::{PyBlock, PyWindow, PyWrenchReader, WindowError};
 /// rate_hz : float, default 500
 ///     Nominal rate of the rows: gaps are counted in its periods.
 /// tick_hz : float, default 1e9
-///     Ticks per second of the device's clock; times are kept as whole ticks. Nanoseconds suit most; a sensor that counts
+///     Ticks per second of the device's clock; times are stored as whole ticks. Nanoseconds suit most; a sensor that counts
 ///     its own samples has the rate of those.
 /// reorder_depth : int, default 0
 ///     Rows that wait for a late one at most. With 0 nothing ever waits, and a row that comes after a later one is dropped
@@ -234,7 +234,7 @@ impl PyWrenchBuffer {
     /// Raises
     /// ------
     /// WindowError
-    ///     A ValueError that says why there is no such window: too few rows, a longer gap, a new epoch, saturation.
+    ///     A ValueError with the reason why there is no such window: too few rows, a longer gap, a new epoch, saturation.
     /// TypeError, ValueError
     ///     If an argument has the wrong type or is out of range.
     #[pyo3(signature = (n, *, fill="none", max_gap=0, allow_saturated=false))]

@@ -31,7 +31,7 @@ create_exception!(
     granular_id._core,
     ModelFileError,
     GranularIdError,
-    "A file that holds no model; the message says what is wrong with it."
+    "A file that holds no model; the message names what is wrong with it."
 );
 
 /// Samples of the paper's recordings.
@@ -423,7 +423,7 @@ fn matrix<T: Element>(
     PyArray1::from_vec(py, collected(values).or_raise()?).reshape(shape)
 }
 
-/// What is extracted; with samples and axes of a recording, where it knows them.
+/// The features of a specification; with samples and axes of a recording, where it fixes them.
 fn features<'a>(spec: &'a Bound<'_, PyAny>) -> PyResult<(Features<'a>, Option<(usize, usize)>)> {
     if let Ok(spec) = spec.cast::<PyFeatureSpec>() {
         return Ok((spec.get().extractor.spec().clone().into(), None));

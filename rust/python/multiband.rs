@@ -77,7 +77,7 @@ impl PyMultiBandExtractor {
         self.design.n_bands()
     }
 
-    /// Names of the blocks that were asked for.
+    /// Names of the requested blocks.
     #[getter]
     fn blocks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         let wanted = Block::NAMED.iter().filter(|(_, block)| self.design.spec().wants(*block));

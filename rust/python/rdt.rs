@@ -69,7 +69,7 @@ impl PyRdtReceiver {
         Ok(Self { settings, place: Mutex::new(Place::Idle { counters: Vec::new() }) })
     }
 
-    /// Ask for the stream, wait for its first record, and write into `buffer` from then on.
+    /// Request the stream, wait for its first record, and write into `buffer` from then on.
     fn start(&self, buffer: &Bound<'_, PyWrenchBuffer>) -> PyResult<()> {
         let writer = {
             let mut place = self.place();

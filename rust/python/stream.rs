@@ -109,7 +109,7 @@ impl PyStreamingExtractor {
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
     fn next(&mut self) -> PyResult<()> {
-        self.stream.advance().or_raise()
+        self.stream.next_window().or_raise()
     }
 
     /// Back to the state before the first row.
@@ -237,7 +237,7 @@ impl PyStreamingIdentifier {
 
     /// Go on to the next window: rows that it shares with this one stay. Needs `hop` and a complete window.
     fn next(&mut self) -> PyResult<()> {
-        self.stream.advance().or_raise()
+        self.stream.next_window().or_raise()
     }
 
     /// Back to the state before the first row.

@@ -135,13 +135,13 @@ struct Sequence {
 
 impl Sequence {
     fn place(&mut self, entry: Entry, sink: &mut impl FnMut(Decoded)) {
-        let Some(newest) = self.newest else { return self.doubt(entry, sink) };
+        let Some(newest) = self.newest else { return self.hold_suspect(entry, sink) };
         let ahead = distance(newest.rdt, entry.rdt);
         let samples = distance(newest.ft, entry.ft);
         if ahead > 0 {
             if ahead.unsigned_abs() <= WINDOW && self.fits(ahead, samples) {
                 self.drop_suspect();
-                return self.advance(entry, newest, sink);
+                return self.step(entry, newest, sink);
             }
         } else if ahead.unsigned_abs() <= self.reach {
             let seen = self.seen[slot(entry.rdt)];
@@ -154,7 +154,7 @@ impl Sequence {
                 return;
             }
         }
-        self.doubt(entry, sink);
+        self.hold_suspect(entry, sink);
     }
 
     /// Whether so many samples are to be expected over so many records.
@@ -178,7 +178,7 @@ impl Sequence {
     }
 
     /// A record that comes next, or after a few lost ones.
-    fn advance(&mut self, entry: Entry, newest: Newest, sink: &mut impl FnMut(Decoded)) {
+    fn step(&mut self, entry: Entry, newest: Newest, sink: &mut impl FnMut(Decoded)) {
         let records = entry.rdt.wrapping_sub(newest.rdt);
         let samples = entry.ft.wrapping_sub(newest.ft);
         if records >= WINDOW {
@@ -230,8 +230,8 @@ impl Sequence {
         true
     }
 
-    /// A record that continues nothing: kept until the next one says what it was.
-    fn doubt(&mut self, entry: Entry, sink: &mut impl FnMut(Decoded)) {
+    /// A record that continues nothing: it waits until the next one confirms or refutes it.
+    fn hold_suspect(&mut self, entry: Entry, sink: &mut impl FnMut(Decoded)) {
         let Some(suspect) = self.suspect.take() else {
             self.suspect = Some(entry);
             return;
@@ -273,7 +273,7 @@ impl Sequence {
             // Both numbers must agree on the length of the outage: a new stream agrees by chance once in thousands.
             let error = (i64::from(samples) - expected).abs();
             if records > 0 && samples > 0 && self.step > 0 && error <= expected / 8 {
-                return self.advance(entry, newest, sink);
+                return self.step(entry, newest, sink);
             }
             self.counts.restarts += 1;
             sink(Decoded::NewEpoch);

@@ -15,7 +15,7 @@ const CHUNK: usize = 64;
 /// stops: window `k` holds samples `k * hop..k * hop + n_samples` of the stream, and its histograms are those of the
 /// filtered stream, not of a window filtered alone.
 ///
-/// All memory is allocated at construction. [`push`](Self::push), [`advance`](Self::advance) and
+/// All memory is allocated at construction. [`push`](Self::push), [`next_window`](Self::next_window) and
 /// [`features_into`](Self::features_into) allocate nothing and never block.
 ///
 /// ```
@@ -133,8 +133,8 @@ impl StreamingExtractor {
     ///
     /// # Errors
     /// [`Error::NoNextWindow`] without a hop, and while rows of this window are missing.
-    pub fn advance(&mut self) -> Result<()> {
-        let leaving = self.position.advance()?;
+    pub fn next_window(&mut self) -> Result<()> {
+        let leaving = self.position.next_window()?;
         let n_samples = self.position.windows.n_samples;
         if let Some(histograms) = &mut self.histograms {
             for t in 0..leaving {

@@ -16,11 +16,11 @@ use crate::model::{best_and_margin, Extraction, Model, RuleOutcome};
 ///
 /// - **Samples and histograms**: scores are linear in the features, so they grow with each sample. Samples that have not
 ///   arrived count as the mean of the training recordings (as zero where the model has none), and histograms are scaled
-///   up to a whole window. With a hop they are those of a filter that never stops, as
-///   [`StreamingExtractor`](super::StreamingExtractor) says. [`advance`](Self::advance) adds up the samples that windows
-///   share once more, in their new places: about as much work as pushing them.
-/// - **Multi-band features**: the rows so far are taken as the beginning of a recording, and its features are computed when
-///   somebody asks. With a hop each window is a recording of its own.
+///   up to a whole window. With a hop they are those of a filter that never stops, as of a
+///   [`StreamingExtractor`](super::StreamingExtractor). [`next_window`](Self::next_window) adds up the samples that
+///   windows share once more, in their new places: about as much work as pushing them.
+/// - **Multi-band features**: the rows so far are taken as the beginning of a recording, and its features are computed with
+///   each answer. With a hop each window is a recording of its own.
 ///
 /// All memory is allocated at construction. [`push`](Self::push), [`standing`](Self::standing) and the others allocate
 /// nothing and never block.
@@ -28,7 +28,7 @@ use crate::model::{best_and_margin, Extraction, Model, RuleOutcome};
 pub struct StreamingIdentifier {
     model: Arc<Model>,
     stream: Stream,
-    /// Whether scores and losses are those of the samples so far.
+    /// True while scores and losses are those of the samples so far.
     is_fresh: bool,
     scores: Vec<f64>,
     losses: Vec<f64>,
@@ -128,11 +128,11 @@ impl StreamingIdentifier {
         Ok(n_taken)
     }
 
-    /// Goes on to the next window, as [`StreamingExtractor::advance`](super::StreamingExtractor::advance) does.
-    pub fn advance(&mut self) -> Result<()> {
+    /// Goes on to the next window, as [`StreamingExtractor::next_window`](super::StreamingExtractor::next_window) does.
+    pub fn next_window(&mut self) -> Result<()> {
         match &mut self.stream {
-            Stream::Paper(stream) => stream.advance(&self.model)?,
-            Stream::MultiBand(stream) => stream.advance()?,
+            Stream::Paper(stream) => stream.next_window(&self.model)?,
+            Stream::MultiBand(stream) => stream.next_window()?,
         }
         self.is_fresh = false;
         Ok(())

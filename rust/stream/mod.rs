@@ -117,7 +117,7 @@ impl Position {
     }
 
     /// Goes on to the next window. Returns how many rows of this one leave; the others are the first of the next.
-    fn advance(&mut self) -> Result<usize> {
+    fn next_window(&mut self) -> Result<usize> {
         let Windows { n_samples, hop, .. } = self.windows;
         let no_next = |problem| Error::NoNextWindow { problem };
         let one = || no_next("a stream without hop has one window: reset it, or make it with hop".to_owned());

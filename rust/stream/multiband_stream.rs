@@ -61,8 +61,8 @@ impl MultiBandStream {
     }
 
     /// Goes on to the next window, which is a recording of its own.
-    pub(super) fn advance(&mut self) -> Result<()> {
-        let leaving = self.position.advance()?;
+    pub(super) fn next_window(&mut self) -> Result<()> {
+        let leaving = self.position.next_window()?;
         self.values.copy_within(leaving * self.position.windows.n_axes.., 0);
         Ok(())
     }

@@ -50,8 +50,8 @@ impl PaperStream {
     }
 
     /// Adds up the samples that windows share once more, in their new places.
-    pub(super) fn advance(&mut self, model: &Model) -> Result<()> {
-        self.stream.advance()?;
+    pub(super) fn next_window(&mut self, model: &Model) -> Result<()> {
+        self.stream.next_window()?;
         self.raw.fill(0.0);
         self.novelty[0].fill(0.0);
         let mut row = std::mem::take(&mut self.row);

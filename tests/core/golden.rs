@@ -188,7 +188,7 @@ fn streams(digests: &mut Digests) {
                 all.extend_from_slice(&out);
             }
             if stream.is_complete() {
-                stream.advance().unwrap();
+                stream.next_window().unwrap();
             }
         }
         digests.add(format!("stream, {name}"), &all);

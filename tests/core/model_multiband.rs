@@ -103,7 +103,7 @@ proptest! {
                 prop_assert_eq!(stream.first_row(), first as u64);
                 let wanted = model.scores(&rows[2 * first..2 * (first + n_samples)], 1, 1).unwrap();
                 prop_assert_eq!(bits(stream.scores().unwrap()), bits(&wanted));
-                stream.advance().unwrap();
+                stream.next_window().unwrap();
                 windows += 1;
             }
         }
@@ -136,7 +136,7 @@ fn long_windows_that_share_rows_are_recordings() {
                 let first = windows * hop;
                 let wanted = model.scores(&rows[2 * first..2 * (first + n_samples)], 1, 1).unwrap();
                 assert!(bits(stream.scores().unwrap()) == bits(&wanted), "window {windows} of {n_samples}");
-                stream.advance().unwrap();
+                stream.next_window().unwrap();
                 windows += 1;
             }
         }
@@ -159,7 +159,7 @@ fn before_the_first_row_there_are_intercepts_and_a_refused_row_changes_nothing()
     let error = stream.push(&[0.0, 0.0, 0.0, f64::INFINITY]).unwrap_err();
     assert_eq!(error, Error::NonFiniteRow { row: 1, axis: 1, value: f64::INFINITY });
     assert!(matches!(stream.push(&[0.0; 3]), Err(Error::Length { what: "wrench", expected: 2, got: 3 })));
-    assert!(matches!(stream.advance(), Err(Error::NoNextWindow { .. })));
+    assert!(matches!(stream.next_window(), Err(Error::NoNextWindow { .. })));
     assert_eq!(stream.scores().unwrap(), before);
     assert_eq!(stream.push(&rows[12..]).unwrap(), 10);
     assert_eq!(stream.scores().unwrap(), model.identify(&rows).unwrap().scores);
@@ -201,7 +201,7 @@ fn rows_too_large_are_not_taken() {
     // Nor are rows between windows.
     let mut stream = StreamingIdentifier::new(model, Some(18)).unwrap();
     stream.push(&rows).unwrap();
-    stream.advance().unwrap();
+    stream.next_window().unwrap();
     assert_eq!(stream.push(&[1e200, 0.0, 0.0, 1e200]), Ok(2));
     let error = stream.push(&[0.0, 0.0, 0.0, 1e200]).unwrap_err();
     assert!(matches!(error, Error::TooLargeRow { row: 1, axis: 1, value: 1e200, .. }), "{error}");

@@ -104,7 +104,7 @@ proptest! {
             prop_assert_eq!(fill(&mut stream, &rows, &blocks), n_samples);
             prop_assert_eq!(stream.push(&rows), Ok(0), "a complete window takes nothing");
             prop_assert_eq!(bits(&features(&stream)), bits(&wanted));
-            let no_next = matches!(stream.advance(), Err(Error::NoNextWindow { .. }));
+            let no_next = matches!(stream.next_window(), Err(Error::NoNextWindow { .. }));
             prop_assert!(no_next);
             stream.reset();
         }
@@ -159,7 +159,7 @@ proptest! {
                 wanted.extend(counted(&extractor, n_axes, &filtered[stretch]));
             }
             prop_assert_eq!(bits(&features(&stream)), bits(&wanted), "window from row {}", first);
-            stream.advance().unwrap();
+            stream.next_window().unwrap();
         }
     }
 
@@ -233,7 +233,7 @@ fn a_million_samples_differ_in_no_bit() {
         taken += fill(&mut stream, &wrench[taken * 6..], &blocks[first / 1000 % 900..]);
         let counts = counted(&extractor, 6, &filtered[first * 6..(first + 1600) * 6]);
         assert!(bits(&features(&stream)[9600..]) == bits(&counts), "window from row {first}");
-        stream.advance().unwrap();
+        stream.next_window().unwrap();
     }
 }
 
@@ -290,7 +290,7 @@ fn wrong_lengths_and_early_steps_are_refused() {
     assert_eq!(stream.push(&[0.0; 13]), Err(Error::Length { what: "wrench", expected: 12, got: 13 }));
     assert_eq!(stream.push(&[]), Ok(0));
     assert_eq!(stream.push(&[1.0; 18]), Ok(3));
-    assert!(matches!(stream.advance(), Err(Error::NoNextWindow { .. })));
+    assert!(matches!(stream.next_window(), Err(Error::NoNextWindow { .. })));
     assert_eq!(
         stream.features_into(&mut [0.0; 5]),
         Err(Error::Length { what: "out", expected: 624, got: 5 })
@@ -300,7 +300,7 @@ fn wrong_lengths_and_early_steps_are_refused() {
     let mut rows = [1.0; 12];
     rows[11] = f64::NAN;
     assert_eq!(stream.push(&rows), Ok(1));
-    stream.advance().unwrap();
+    stream.next_window().unwrap();
     assert_eq!(stream.n_seen(), 2);
     assert!(matches!(stream.push(&rows), Err(Error::NonFiniteRow { row: 1, axis: 5, .. })));
 }
@@ -350,7 +350,7 @@ fn rows_before_a_window_are_no_part_of_it_however_far_it_is() {
     let model = Arc::new(random_model(3, 4, 2, FeatureSpec::default()));
     let mut stream = StreamingIdentifier::new(model, Some((1 << 63) + 4)).unwrap();
     stream.push(&[0.5; 8]).unwrap();
-    stream.advance().unwrap();
+    stream.next_window().unwrap();
     let before = bits(stream.scores().unwrap());
     assert_eq!(stream.push(&[0.5; 8]).unwrap(), 4);
     assert_eq!((stream.n_seen(), bits(stream.scores().unwrap())), (0, before));

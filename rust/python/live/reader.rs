@@ -15,7 +15,7 @@ create_exception!(
     granular_id.live,
     WindowError,
     GranularIdError,
-    "There is no such window of a buffer: too few rows, a gap, a new epoch or saturation; the message says which."
+    "There is no such window of a buffer: too few rows, a gap, a new epoch or saturation; the message names which."
 );
 
 impl Raise for buffer::WindowError {

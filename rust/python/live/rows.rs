@@ -16,7 +16,7 @@ use granular_id::wrench::KNOWN_FLAGS;
 /// Ticks that a time may reach.
 const MOST_TICKS: f64 = (1_u64 << 63) as f64;
 
-/// One row before its time is settled.
+/// One row whose time may still be missing.
 pub(super) struct GivenRow<'a> {
     pub(super) wrench: &'a [f64],
     pub(super) ticks: Option<u64>,

@@ -239,7 +239,7 @@ CHOICE = {
             "candidates: 'classes' must be the labels of the model",
         ),
         ("confidence.candidates.n_rows", 32.0, "floating point `32.0`, expected u64"),
-        ("confidence.unknown.threshold", "1", "string "1", expected f64"),
+        ("confidence.unknown.threshold", "1", 'string "1", expected f64'),
         ("confidence.unknown.weights", [1.0, -1.0], "unknown: 'weights' must be at least 0"),
         ("confidence.unknown.n_calibration", 32.0, "floating point `32.0`, expected u64"),
         ("recordings", {"a": "3"}, "recordings.a must be a whole number, got '3'"),
