@@ -8,7 +8,7 @@
 //! range of float32 is that of a signal and not of its unit; what is left of 24 bits is more than sensors have.
 
 use super::filters::{run, Axes8, Filters, Memory, Rows, BACK, GROUP, ROWS};
-use super::spec::{halved, halves_early, halvings, least_scales, n_octaves};
+use super::spec::{halved, halves_early, halvings, least_scales, n_octaves, LARGEST};
 use super::{BandSignals, Region};
 use crate::dsp::Real;
 use crate::error::Result;
@@ -32,6 +32,8 @@ macro_rules! with_axes {
 #[derive(Clone, Debug)]
 pub(super) struct Bank {
     filters: Filters,
+    /// The largest magnitude of each axis that can be worked with.
+    pub(super) limits: Vec<f64>,
     /// What each axis is multiplied by before it becomes float32.
     inverse: Vec<f64>,
     /// What each signal is multiplied by, in the order of bands, then of groups of axes.
@@ -93,7 +95,8 @@ impl Bank {
                 gains.push(of_group);
             }
         }
-        Ok(Self { filters, inverse, gains, n_axes, n_samples, octaves: n_octaves(n_samples), early })
+        let limits = least_scales(scales, n_axes).map(|scale| LARGEST * scale).collect();
+        Ok(Self { filters, limits, inverse, gains, n_axes, n_samples, octaves: n_octaves(n_samples), early })
     }
 
     /// How often the rate is halved before each of the bands.
@@ -120,37 +123,25 @@ impl Bank {
         }
     }
 
-    /// Splits a recording, or the beginning of one, time-major, into its bands; `means` are those of its axes, counted from
-    /// the first sample.
+    /// Splits a recording, or the beginning of one, time-major, into its bands; false where a value is NaN, infinite or beyond
+    /// the limit of its axis.
     #[inline(always)]
-    pub(super) fn split(&self, simd: impl Simd, recording: &[f64], means: &[f64], work: &mut BankWork) {
+    pub(super) fn split(&self, simd: impl Simd, recording: &[f64], work: &mut BankWork) -> bool {
         let n_seen = recording.len() / self.n_axes;
         for (region, halvings) in work.regions.iter_mut().zip(self.rates()) {
             region.len = halved(n_seen, halvings);
         }
-        for axis in (0..self.n_axes).step_by(GROUP) {
-            self.split_group(simd, recording, axis, means, work);
-        }
+        (0..self.n_axes).step_by(GROUP).all(|axis| self.split_group(simd, recording, axis, work))
     }
 
     /// The same of a group of axes from `axis` on.
     #[inline(always)]
-    fn split_group<S: Simd>(
-        &self,
-        simd: S,
-        recording: &[f64],
-        axis: usize,
-        means: &[f64],
-        work: &mut BankWork,
-    ) {
+    fn split_group<S: Simd>(&self, simd: S, recording: &[f64], axis: usize, work: &mut BankWork) -> bool {
         let BankWork { values, regions, rows: [rows, next], filtered } = work;
         let from = aligned(values);
         let mut out = Output { simd, values: &mut values[from..], regions, axis, bank: self };
-        let mut mean = Pack::ZERO;
-        for (mean, (x, inverse)) in mean.0.iter_mut().zip(means[axis..].iter().zip(&self.inverse[axis..])) {
-            *mean = f32::of(x * inverse);
-        }
-        self.load(recording, axis, &mut rows[BACK..]);
+        let loaded = with_axes!(self.n_axes - axis, |N| self.load::<N>(recording, axis, &mut rows[BACK..]));
+        let Some(mean) = loaded else { return false };
         let mut n = recording.len() / self.n_axes;
         for (start, rows) in (0..n).step_by(ROWS).zip(rows[BACK..].chunks_exact(ROWS)) {
             for (centred, x) in filtered.top.iter_mut().zip(rows) {
@@ -187,20 +178,30 @@ impl Bank {
             std::mem::swap(rows, next);
             n = n.div_ceil(2);
         }
+        true
     }
 
-    /// Samples of a group of axes from `axis` on as the pyramid takes them.
+    /// Samples of `N` axes from `axis` on as the pyramid takes them, and their means; `None` where a value is NaN, infinite or
+    /// beyond the limit of its axis.
     #[inline(always)]
-    fn load(&self, recording: &[f64], axis: usize, rows: &mut [Axes8]) {
-        with_axes!(self.n_axes - axis, |N| {
-            let (at_start, inverse) = (first::<N>(&recording[axis..]), first::<N>(&self.inverse[axis..]));
-            for (row, out) in recording.chunks_exact(self.n_axes).zip(rows) {
-                let x = (first::<N>(&row[axis..]) - at_start) * inverse;
-                for l in 0..GROUP {
-                    out.0[l] = f32::of(x.0[l]);
-                }
+    fn load<const N: usize>(&self, recording: &[f64], axis: usize, rows: &mut [Axes8]) -> Option<Axes8> {
+        let (at_start, inverse) = (first::<N>(&recording[axis..]), first::<N>(&self.inverse[axis..]));
+        // Two sums in turn: one would wait for itself at every row.
+        let (mut sums, mut largest) = ([Pack::ZERO; 2], Pack::<f64, GROUP>::ZERO);
+        for (row, out) in recording.chunks_exact(self.n_axes).zip(rows) {
+            let x = first::<N>(&row[axis..]);
+            let z = (x - at_start) * inverse;
+            sums = [sums[1], sums[0] + z];
+            for l in 0..GROUP {
+                out.0[l] = f32::of(z.0[l]);
+                let size = x.0[l].abs();
+                largest.0[l] = if size > largest.0[l] { size } else { largest.0[l] };
             }
-        });
+        }
+        let (sum, n) = (sums[0] + sums[1], (recording.len() / self.n_axes) as f64);
+        // NaN is never the larger one of two, but it stays in a sum.
+        let within = (0..N).all(|l| sum.0[l].is_finite() && largest.0[l] <= self.limits[axis + l]);
+        within.then(|| Pack(sum.0.map(|sum| f32::of(sum / n))))
     }
 }
 
@@ -244,40 +245,4 @@ fn first<const N: usize>(values: &[f64]) -> Pack<f64, GROUP> {
     let mut out = Pack::ZERO;
     out.0[..N].copy_from_slice(&values[..N]);
     out
-}
-
-/// Means of the axes of a time-major recording, counted from its first sample; false where a value is NaN, infinite or
-/// beyond the limit of its axis.
-#[inline(always)]
-pub(super) fn means_within(recording: &[f64], limits: &[f64], means: &mut [f64]) -> bool {
-    let mut within = true;
-    for axis in (0..limits.len()).step_by(GROUP) {
-        with_axes!(limits.len() - axis, |N| within &= group_within::<N>(recording, axis, limits, means));
-    }
-    within
-}
-
-/// The same of `N` axes from `axis` on.
-#[inline(always)]
-fn group_within<const N: usize>(recording: &[f64], axis: usize, limits: &[f64], means: &mut [f64]) -> bool {
-    let at_start = first::<N>(&recording[axis..]);
-    // Two sums in turn: one would wait for itself at every row.
-    let (mut sums, mut largest) = ([Pack::ZERO; 2], Pack::<f64, GROUP>::ZERO);
-    for row in recording.chunks_exact(limits.len()) {
-        let x = first::<N>(&row[axis..]);
-        sums = [sums[1], sums[0] + (x - at_start)];
-        for l in 0..GROUP {
-            let size = x.0[l].abs();
-            largest.0[l] = if size > largest.0[l] { size } else { largest.0[l] };
-        }
-    }
-    let sum = sums[0] + sums[1];
-    let n = (recording.len() / limits.len()) as f64;
-    let mut within = true;
-    for lane in 0..N {
-        // NaN is never the larger one of two, but it stays in a sum.
-        within &= sum.0[lane].is_finite() && largest.0[lane] <= limits[axis + lane];
-        means[axis + lane] = sum.0[lane] / n;
-    }
-    within
 }

@@ -159,17 +159,17 @@ fn products(
     let [x0, x1, x2] = rows.map(|row| &row.as_chunks::<LANES>().0[..n]);
     let [y0, y1, y2] = columns.map(|column| &column.as_chunks::<LANES>().0[..n]);
     let mut sums = [[simd.splat(0.0); TILE]; TILE];
-    let tails = [rows, columns].map(|tile| {
-        tile.map(|axis| {
-            let rest = &axis[n * LANES..];
-            std::array::from_fn::<f32, LANES, _>(|l| rest.get(l).copied().unwrap_or(0.0))
-        })
-    });
+    let mut tails = [[[0.0; LANES]; TILE]; 2];
+    for (tails, tile) in tails.iter_mut().zip([rows, columns]) {
+        for (tail, axis) in tails.iter_mut().zip(tile) {
+            tail.iter_mut().zip(&axis[n * LANES..]).for_each(|(tail, x)| *tail = *x);
+        }
+    }
     for t in 0..n {
         add(simd, &mut sums, [&x0[t], &x1[t], &x2[t]], [&y0[t], &y1[t], &y2[t]]);
     }
-    let [x, y] = &tails;
-    add(simd, &mut sums, x.each_ref(), y.each_ref());
+    let [[x0, x1, x2], [y0, y1, y2]] = &tails;
+    add(simd, &mut sums, [x0, x1, x2], [y0, y1, y2]);
     let mut out = [[Pack::ZERO; TILE]; TILE];
     for (out, sum) in out.as_flattened_mut().iter_mut().zip(sums.as_flattened()) {
         sum.store(&mut out.0);

@@ -1,10 +1,10 @@
 //! From recordings to features.
 
-use super::bank::{means_within, Bank};
+use super::bank::Bank;
 use super::coupling::Coupling;
 use super::envelope::{mean_square, measure, Envelope, Level, STRETCHES};
 use super::quantiles::{Quantiles, PROBABILITIES};
-use super::spec::{bands, least_scales, Block, FrequencyBand, MultiBandSpec, Scales, LARGEST};
+use super::spec::{bands, Block, FrequencyBand, MultiBandSpec, Scales};
 use super::spectrum::Spectrum;
 use super::workspace::{Workspace, WorkspacePool};
 use super::TOO_LOUD;
@@ -31,8 +31,6 @@ pub struct MultiBand {
     n_features: usize,
     scales: Scales,
     bands: Vec<FrequencyBand>,
-    /// The largest magnitude of each axis that can be worked with.
-    limits: Vec<f64>,
     bank: Bank,
     coupling: Option<Coupling>,
     quantiles: Option<Quantiles>,
@@ -76,7 +74,6 @@ impl MultiBand {
             spectrum: has(Block::Spectrum).then(|| Spectrum::new(n_samples, n_axes)),
             level: has(Block::Level).then(|| Level::new(scales.level.clone(), n_samples)),
             bands,
-            limits: least_scales(&scales.bands, n_axes).map(|scale| LARGEST * scale).collect(),
             scales: scales.clone(),
             n_features: 0,
             pool: WorkspacePool::default(),
@@ -109,7 +106,6 @@ impl MultiBand {
         Ok(Workspace {
             made_for: self.work_key(),
             bank: self.bank.work(),
-            means: vec![0.0; self.n_axes],
             energies: vec![[0.0; STRETCHES]; self.n_bands() * self.n_axes],
             coupling: self.coupling.as_ref().map(Statistic::work),
             quantiles: self.quantiles.as_ref().map(Statistic::work),
@@ -130,7 +126,7 @@ impl MultiBand {
 
     /// The largest magnitude of each axis that can be worked with.
     pub(crate) fn limits(&self) -> &[f64] {
-        &self.limits
+        &self.bank.limits
     }
 
     /// Samples of a whole recording.
@@ -355,8 +351,7 @@ fn block<S: Statistic>(
     }
 }
 
-/// Splits a recording into the bands of a workspace and measures their energies; false, and nothing split, where a value is
-/// not to be worked with.
+/// Splits a recording into the bands of a workspace and measures their energies; false where a value is not to be worked with.
 struct SplitBands<'a> {
     design: &'a MultiBand,
     rows: &'a [f64],
@@ -369,9 +364,8 @@ impl Job for SplitBands<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) -> bool {
         let SplitBands { design, rows, work } = self;
-        let within = means_within(rows, &design.limits, &mut work.means);
+        let within = design.bank.split(simd, rows, &mut work.bank);
         if within {
-            design.bank.split(simd, rows, &work.means, &mut work.bank);
             measure(work.bank.signals(design.n_axes), &mut work.energies);
         }
         within

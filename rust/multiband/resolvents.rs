@@ -3,6 +3,8 @@
 //! Each takes an eigenvalue v to (v - c) / (v + c) = tanh(ln(v / c) / 2). Like the logarithm they do not depend on the order of
 //! axes, nor on how these are rotated.
 
+use std::hint::black_box;
+
 use crate::kernel::Pack;
 
 /// Between these the sum is about 0.4 ln(v / 0.3), beyond them it levels off at -2 and 2.
@@ -87,7 +89,8 @@ fn sweep(a: &mut [Numbers], column: &mut [Numbers], k: usize, least: Numbers) {
     for i in 0..n {
         let factor = inverse * column[i];
         for (cell, other) in a[i * n..=i * n + i].iter_mut().zip(&*column) {
-            *cell = *cell - factor * *other;
+            // Hidden from the compiler, which would calculate with the same lane of several cells, and gather them.
+            *cell = *cell - factor * *black_box(other);
         }
         if i != k {
             a[i.max(k) * n + i.min(k)] = factor;

@@ -24,7 +24,6 @@ pub struct Workspace {
     /// Samples, axes and blocks that it was made for.
     pub(super) made_for: (usize, usize, MultiBandSpec),
     pub(super) bank: BankWork,
-    pub(super) means: Vec<f64>,
     pub(super) energies: Vec<Energies>,
     pub(super) coupling: Option<Resolvents>,
     pub(super) quantiles: Option<Histogram>,
