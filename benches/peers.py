@@ -98,7 +98,6 @@ def main() -> None:
     n = len(wrench)
     sos = butter(8, 23.0, "highpass", fs=500.0)
     out, wanted = np.zeros((n, 10_200)), np.zeros((n, 10_200))
-    narrow = np.zeros((n, 10_200), np.float32)
     silent = wrench * [0, 1, 0, 1, 0, 1]
     one, two = (gid.MultiBand(threads=threads).fit(wrench) for threads in (1, 2))
     axis_major = out[:, :9600].reshape(n, 6, 1600)
@@ -114,7 +113,7 @@ def main() -> None:
         "multi-band, 1 thread": lambda: one.transform(wrench),
         "multi-band, 2 threads": lambda: two.transform(wrench),
         "numba, 2 threads": lambda: numba_parallel(wrench, sos, out),
-        "granular_id, 1 thread, float32": lambda: gid.extract_features(wrench, threads=1, out=narrow),
+        "granular_id, 1 thread, float32": lambda: gid.extract_features(wrench, threads=1, dtype=np.float32),
         "granular_id, 1 thread, 3 silent axes": lambda: gid.extract_features(silent, threads=1, out=out),
     }
     numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
