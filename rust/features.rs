@@ -1,12 +1,11 @@
 //! From recordings to feature vectors: what to compute ([`FeatureSpec`]) and the tool that does
 //! ([`Extractor`]).
 
-use crate::batch_kernel::{team_size, Teams};
-use crate::dsp::{butterworth, Band, Outside, Real, Sos, UniformBins};
+mod batch;
+
+use crate::dsp::{butterworth, Band, Outside, Sos, UniformBins};
 use crate::error::{Error, Result};
-use crate::kernel::SimdPath;
-use crate::memory::{filled, reserved};
-use crate::parallel::in_pieces;
+use crate::memory::reserved;
 use crate::specs::{choices, setters};
 use crate::wrench::{axis_name, BatchShape};
 
@@ -16,10 +15,6 @@ pub const MAX_SAMPLES: usize = u32::MAX as usize;
 /// The largest number of names that are written out: as many as a model file of the usual limit has weights. They take
 /// 400 MB.
 const MAX_NAMES: usize = 1 << 21;
-
-/// Results larger than this are written past the caches: they would not find room, and reading every line before it is
-/// overwritten would cost a third of the memory traffic.
-const STREAM_BYTES: usize = 8 << 20;
 
 /// State of the high-pass before the first sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -237,85 +232,6 @@ impl Extractor {
         }
         Error::check_range("n_samples", n_samples, 0..=MAX_SAMPLES)
     }
-
-    /// Features of a batch, one row per recording.
-    pub fn extract(&self, wrench: &[f64], shape: BatchShape, threads: usize) -> Result<Vec<f64>> {
-        let n_features = self.check(wrench, shape)?;
-        let mut out = filled(0.0, shape.n_recordings.saturating_mul(n_features))?;
-        self.extract_into(wrench, shape, threads, &mut out)?;
-        Ok(out)
-    }
-
-    /// Features of a batch into `out`, one row per recording. 1 and n threads give the same bits; threads beyond the
-    /// number of cores are not used.
-    ///
-    /// On an error `out` holds unspecified numbers.
-    pub fn extract_into(
-        &self,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [f64],
-    ) -> Result<()> {
-        self.extract_on(SimdPath::detect()?, wrench, shape, threads, out)
-    }
-
-    /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
-    pub fn extract_on(
-        &self,
-        path: SimdPath,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [f64],
-    ) -> Result<()> {
-        let stream = size_of_val(out) > STREAM_BYTES;
-        let n_features = self.check(wrench, shape)?;
-        in_pieces(wrench, shape, (n_features, team_size(shape.n_axes)), threads, out, |wrench, shape, out| {
-            self.run_on(path, wrench, shape, out, stream).map(drop)
-        })
-    }
-
-    /// [`extract_into`](Self::extract_into) rounded to float32 once, for half the memory.
-    pub fn extract_into_f32(
-        &self,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [f32],
-    ) -> Result<()> {
-        let n_features = self.check(wrench, shape)?;
-        let path = SimdPath::detect()?;
-        let stream = size_of_val(out) > STREAM_BYTES;
-        in_pieces(wrench, shape, (n_features, team_size(shape.n_axes)), threads, out, |wrench, shape, out| {
-            if self.run_on(path, wrench, shape, out, stream)? {
-                return Ok(());
-            }
-            let rows = out.chunks_exact(n_features).zip(wrench.chunks_exact(shape.recording_len()));
-            for (recording, (row, samples)) in rows.enumerate() {
-                if let Some(index) = row.iter().position(|value| !value.is_finite()) {
-                    let one = BatchShape { n_recordings: 1, ..shape };
-                    let value = self.extract(samples, one, 1)?[index];
-                    return Err(Error::Narrow { recording, value });
-                }
-            }
-            Ok(())
-        })
-    }
-
-    /// One task, past the caches where asked. Gives whether all features are within reach of their type.
-    fn run_on<T: Real>(
-        &self,
-        path: SimdPath,
-        wrench: &[f64],
-        shape: BatchShape,
-        out: &mut [T],
-        stream: bool,
-    ) -> Result<bool> {
-        let n_features = self.n_features(shape.n_samples, shape.n_axes)?;
-        let found = Teams { extractor: self, shape, n_features, wrench, out, stream }.run(path);
-        found.finite.then_some(found.fit).ok_or_else(|| not_finite(wrench, shape))
-    }
 }
 
 pub(crate) fn finite(wrench: &[f64]) -> bool {
@@ -332,13 +248,12 @@ pub(crate) fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
         let (recording, sample, axis) = place(index);
         return Error::NonFinite { recording, sample, axis, value: wrench[index] };
     }
-    let (index, largest) = wrench.iter().map(|value| value.abs()).enumerate().fold((0, 0.0), |best, this| {
-        if this.1 > best.1 {
-            this
-        } else {
-            best
+    let (mut index, mut largest) = (0, 0.0);
+    for (i, value) in wrench.iter().enumerate() {
+        if value.abs() > largest {
+            (index, largest) = (i, value.abs());
         }
-    });
+    }
     Error::TooLarge { recording: place(index).0, largest, limit: "which overflows float64" }
 }
 

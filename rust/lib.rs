@@ -52,7 +52,7 @@
 //!
 //! - Same bits: a stream equals the recording, and the number of threads and the vector unit (SSE2, AVX2, AVX-512, NEON)
 //!   change nothing. No fused multiply-add and no fast transcendental function is used for that.
-//! - Numbers are float64 inside; filters take float32 as well, and features can be returned as float32.
+//! - Numbers are float64; streams refuse magnitudes above 1e100.
 //! - Filters are second-order sections. Designs are Butterworth of order 1 to 32; any stable sections can be brought along.
 //! - Filters pass NaN on and keep it, as scipy does, until they are reset; features refuse it.
 //! - Nothing trains a model, and nothing resamples, crops or pads a recording.
@@ -65,9 +65,6 @@
 #![cfg_attr(not(feature = "default"), allow(dead_code, unused_imports))]
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
-mod batch_kernel;
-#[doc(hidden)]
-pub mod bench_hooks;
 #[cfg(feature = "buffer")]
 pub mod buffer;
 pub mod dsp;

@@ -9,10 +9,9 @@
 
 use super::filters::{run, Axes8, Filters, Memory, Rows, BACK, GROUP, ROWS};
 use super::spec::{halved, halves_early, halvings, least_scales, n_octaves, LARGEST};
-use super::{BandSignals, Region};
-use crate::dsp::Real;
+use super::{narrow, BandSignals, Region};
 use crate::error::Result;
-use crate::kernel::{Pack, Register, Simd, Vectors};
+use crate::kernel::{F32x8, Pack, Simd};
 
 /// Signals begin at whole cache lines: this many float32.
 const LINE: usize = 16;
@@ -90,7 +89,7 @@ impl Bank {
             for (scales, inverse) in scales.chunks(GROUP).zip(inverse.chunks(GROUP)) {
                 let mut of_group = Pack::ZERO;
                 for (own, (scale, inverse)) in of_group.0.iter_mut().zip(scales.iter().zip(inverse)) {
-                    *own = f32::of(gain(band) / (scale * inverse));
+                    *own = narrow(gain(band) / (scale * inverse));
                 }
                 gains.push(of_group);
             }
@@ -151,7 +150,7 @@ impl Bank {
         }
         let n_stages = if self.octaves == 0 { 0 } else { 1 + self.rates().max().unwrap_or(0) as usize };
         for stage in 0..n_stages {
-            let mut memory = Memory::at_rest(Vectors::<f32, GROUP>::splat(simd, 0.0));
+            let mut memory = Memory::at_rest(simd.splat(0.0));
             let (top, octave) = match (stage, self.early) {
                 (0, false) | (1, true) => (true, true),
                 (0, true) => (true, false),
@@ -193,7 +192,7 @@ impl Bank {
             let z = (x - at_start) * inverse;
             sums = [sums[1], sums[0] + z];
             for l in 0..GROUP {
-                out.0[l] = f32::of(z.0[l]);
+                out.0[l] = narrow(z.0[l]);
                 let size = x.0[l].abs();
                 largest.0[l] = if size > largest.0[l] { size } else { largest.0[l] };
             }
@@ -201,7 +200,7 @@ impl Bank {
         let (sum, n) = (sums[0] + sums[1], (recording.len() / self.n_axes) as f64);
         // NaN is never the larger one of two, but it stays in a sum.
         let within = (0..N).all(|l| sum.0[l].is_finite() && largest.0[l] <= self.limits[axis + l]);
-        within.then(|| Pack(sum.0.map(|sum| f32::of(sum / n))))
+        within.then(|| Pack(sum.0.map(|sum| narrow(sum / n))))
     }
 }
 
@@ -229,7 +228,7 @@ impl<S: Simd> Output<'_, S> {
             for l in 0..GROUP {
                 lanes[l] = simd.load(&eight[l].0) * gains;
             }
-            let lanes = Register::transposed(lanes);
+            let lanes = F32x8::transposed(lanes);
             for l in 0..GROUP {
                 if l < n_axes {
                     lanes[l].store(&mut out[l * stride + t * GROUP..]);

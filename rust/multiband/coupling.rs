@@ -8,8 +8,7 @@
 use super::resolvents::{Resolvents, MATRICES};
 use super::spec::halves_early;
 use super::{BandSignals, Split, Statistic, LANES};
-use crate::dsp::Real;
-use crate::kernel::{Pack, Register, Simd, Vectors};
+use crate::kernel::{F32x8, Pack, Simd};
 
 /// Stacked samples per row of a matrix at least; fewer leave little but chance in it.
 const MIN_SAMPLES: usize = 4;
@@ -97,7 +96,7 @@ impl Statistic for Coupling {
 /// Nothing is subtracted, so that a moment is as exact as a sum of its products can be.
 #[inline(always)]
 fn moments(
-    simd: impl Vectors<f32, LANES>,
+    simd: impl Simd,
     signals: BandSignals<'_>,
     band: usize,
     lag: usize,
@@ -124,13 +123,13 @@ fn moments(
                 for c in 0..TILE.min(n_axes - j) {
                     let (x, y, a, b) = (rows[r], columns[c], i + r, j + c);
                     // The earlier comes second in the stack.
-                    write(n_axes + b, a, lagged[r][c].sum().value() * share);
+                    write(n_axes + b, a, f64::from(lagged[r][c].sum()) * share);
                     if b <= a {
                         let (first, last) = (0..between, lag.max(n_instants)..n);
                         for (offset, others) in [(n_axes, first), (0, last)] {
                             let rest = x[others.clone()].iter().zip(&y[others]);
                             let sum = rest.fold(shared[r][c].sum(), |sum, (x, y)| sum + x * y);
-                            write(offset + a, offset + b, sum.value() * share);
+                            write(offset + a, offset + b, f64::from(sum) * share);
                         }
                     }
                 }
@@ -150,7 +149,7 @@ fn tile_axes(signals: BandSignals<'_>, band: usize, first: usize) -> [&[f32]; TI
 /// filled up with zeros.
 #[inline(always)]
 fn products(
-    simd: impl Vectors<f32, LANES>,
+    simd: impl Simd,
     rows: [&[f32]; TILE],
     columns: [&[f32]; TILE],
 ) -> [[Pack<f32, LANES>; TILE]; TILE] {
@@ -179,9 +178,9 @@ fn products(
 
 /// Adds the products of each row with each column.
 #[inline(always)]
-fn add<S: Vectors<f32, LANES>>(
+fn add<S: Simd>(
     simd: S,
-    sums: &mut [[S::Register; TILE]; TILE],
+    sums: &mut [[S::F32x8; TILE]; TILE],
     rows: [&[f32; LANES]; TILE],
     columns: [&[f32; LANES]; TILE],
 ) {
@@ -198,6 +197,7 @@ fn add<S: Vectors<f32, LANES>>(
 mod tests {
     use proptest::prelude::*;
 
+    use super::super::narrow;
     use super::super::tests::{same_on_every_path, Signals};
     use super::super::Region;
     use super::*;
@@ -266,7 +266,7 @@ mod tests {
         let n = axes[0].len();
         let stacked = |row: usize, t: usize| {
             let axis = row % axes.len();
-            axes[axis][if row < axes.len() { t } else { t - lag }].value()
+            f64::from(axes[axis][if row < axes.len() { t } else { t - lag }])
         };
         (lag..n).map(|t| stacked(i, t) * stacked(j, t)).sum::<f64>() / n.saturating_sub(lag).max(1) as f64
     }
@@ -274,7 +274,7 @@ mod tests {
     proptest! {
         #[test]
         fn every_moment_by_definition(n in 1_usize..700, n_axes in 1_usize..8, lag in 1..=LAG, seed in any::<u32>()) {
-            let value = |k: usize| f32::of(((k as f64 + f64::from(seed)) * 0.731).sin() * if k.is_multiple_of(97) { 1e3 } else { 1.0 });
+            let value = |k: usize| narrow(((k as f64 + f64::from(seed)) * 0.731).sin() * if k.is_multiple_of(97) { 1e3 } else { 1.0 });
             let axes: Vec<Vec<f32>> = (0..n_axes).map(|a| (0..n).map(|t| value(a * n + t)).collect()).collect();
             let values = axes.concat();
             let regions = [Region { start: 0, stride: n, len: n }];

@@ -1,10 +1,10 @@
 //! The filters of the pyramid, eight axes side by side: two octaves and the low-pass in front of a halving of the rate.
 
 use super::spec::TOP;
-use super::LANES;
-use crate::dsp::{butterworth, Band, Real};
+use super::{narrow, LANES};
+use crate::dsp::{butterworth, Band};
 use crate::error::Result;
-use crate::kernel::{Pack, Register, Vectors};
+use crate::kernel::{F32x8, Pack, Simd};
 
 /// Order of the low-pass in front of every halving of the rate. What lies at 0.755 to 0.878 of Nyquist folds onto the octave
 /// that is taken next; there the low-pass is down by 55 dB or more.
@@ -45,7 +45,7 @@ pub(super) struct Poles {
 
 impl Filters {
     pub(super) fn new() -> Result<Self> {
-        let halving = all_passes()?.map(f32::of);
+        let halving = all_passes()?.map(narrow);
         Ok(Self { top: Poles::new(TOP)?, octave: Poles::new(TOP / 2.0)?, halving })
     }
 }
@@ -56,7 +56,7 @@ impl Poles {
         let sos = butterworth(2, Band::Bandpass(high / 2.0, high), 2.0)?;
         let mut poles = Self { pairs: [[0.0; 2]; 2], gain: 1.0 };
         for (pair, section) in poles.pairs.iter_mut().zip(sos.sections()) {
-            *pair = [section.a1, section.a2].map(f32::of);
+            *pair = [section.a1, section.a2].map(narrow);
             poles.gain *= section.b0;
         }
         Ok(poles)
@@ -64,7 +64,7 @@ impl Poles {
 
     /// The pairs, each number in all lanes.
     #[inline(always)]
-    fn splat<S: Vectors<f32, GROUP>>(&self, simd: S) -> [[S::Register; 2]; 2] {
+    fn splat<S: Simd>(&self, simd: S) -> [[S::F32x8; 2]; 2] {
         let [[a, b], [c, d]] = self.pairs;
         [[simd.splat(a), simd.splat(b)], [simd.splat(c), simd.splat(d)]]
     }
@@ -88,7 +88,7 @@ struct Last<V> {
     before: V,
 }
 
-impl<V: Register<f32, GROUP>> Last<V> {
+impl<V: F32x8> Last<V> {
     /// Takes in `x` and gives what a pair of poles makes of it. What is known early comes first: only one product and one
     /// difference wait for the row before.
     #[inline(always)]
@@ -107,7 +107,7 @@ pub(super) struct Memory<V> {
     halving: [V; 3],
 }
 
-impl<V: Register<f32, GROUP>> Memory<V> {
+impl<V: F32x8> Memory<V> {
     /// Nothing before the first row.
     #[inline(always)]
     pub(super) fn at_rest(zero: V) -> Self {
@@ -141,10 +141,10 @@ impl Rows {
 /// Sends at most [`ROWS`] rows, `input` with the [`BACK`] before them, through the filters of a stage, one or both octaves.
 /// `halved` are the rows of the next stage.
 #[inline(always)]
-pub(super) fn run<const UPPER: bool, const LOWER: bool, S: Vectors<f32, GROUP>>(
+pub(super) fn run<const UPPER: bool, const LOWER: bool, S: Simd>(
     simd: S,
     filters: &Filters,
-    m: &mut Memory<S::Register>,
+    m: &mut Memory<S::F32x8>,
     input: &[Axes8],
     rows: &mut Rows,
     halved: &mut [Axes8],

@@ -37,6 +37,13 @@ pub(crate) use spec::TOO_LOUD;
 pub use spec::{n_bands, Block, FrequencyBand, MultiBandSpec, Scales};
 pub use workspace::Workspace;
 
+/// The float32 nearest to a number.
+#[allow(clippy::cast_possible_truncation)] // what is asked for
+#[inline(always)]
+fn narrow(x: f64) -> f32 {
+    x as f32
+}
+
 /// Numbers of float32 that are calculated with as one.
 const LANES: usize = 8;
 

@@ -4,7 +4,7 @@ use std::ops::{Add, Div, Mul, Neg, Rem, Sub};
 
 use rustfft::num_traits::{FromPrimitive, Num, One, Signed, Zero};
 
-use crate::dsp::Real;
+use super::narrow;
 
 /// Lanes of a [`Quad`].
 pub(super) const QUAD: usize = 4;
@@ -67,7 +67,7 @@ impl FromPrimitive for Quad {
     }
 
     fn from_f64(x: f64) -> Option<Self> {
-        Some(Self([f32::of(x); QUAD]))
+        Some(Self([narrow(x); QUAD]))
     }
 }
 

@@ -205,9 +205,9 @@ fn edges() -> Vec<f64> {
 mod tests {
     use proptest::prelude::*;
 
+    use super::super::narrow;
     use super::super::tests::{same_on_every_path, Signals};
     use super::*;
-    use crate::dsp::Real;
     use crate::kernel::SimdPath;
 
     const MIDDLE: usize = super::MIDDLE as usize;
@@ -258,14 +258,14 @@ mod tests {
             let signal = signals.view().numbered(0);
             let bins = histogram.count(signal);
             let mut expected = [0; ROOM];
-            signal.iter().for_each(|z| expected[bin_of(z.value())] += 1);
+            signal.iter().for_each(|z| expected[bin_of(f64::from(*z))] += 1);
             assert_eq!(histogram.counts[0], expected);
             histogram.clear(bins);
         }
     }
 
     fn bin_of(z: f64) -> usize {
-        place(bin(word(f32::of(z))))
+        place(bin(word(narrow(z))))
     }
 
     #[test]
@@ -282,7 +282,7 @@ mod tests {
         let edges = edges();
         for (b, edge) in edges.iter().enumerate().take(N_BINS).skip(MIDDLE + 1) {
             assert_eq!(bin_of(*edge), b);
-            assert_eq!(bin_of(f32::of(*edge).next_down().value()), b - 1);
+            assert_eq!(bin_of(narrow(*edge).next_down().into()), b - 1);
             assert_eq!(bin_of(-edge), 2 * MIDDLE - b);
         }
     }
@@ -292,7 +292,7 @@ mod tests {
         for (z, expected) in [
             (0.0, MIDDLE),
             (-0.0, MIDDLE),
-            (f32::from_bits(1).value(), MIDDLE),
+            (f32::from_bits(1).into(), MIDDLE),
             (-1e-3, MIDDLE),
             (255.9, N_BINS - 1),
             (256.0, N_BINS - 1),
@@ -306,7 +306,7 @@ mod tests {
     proptest! {
         #[test]
         fn a_number_lies_in_its_bin(z in -255.0..255.0_f32) {
-            let (edges, z) = (edges(), z.value());
+            let (edges, z) = (edges(), f64::from(z));
             prop_assert!(edges[bin_of(z)] <= z && z <= edges[bin_of(z) + 1]);
         }
     }

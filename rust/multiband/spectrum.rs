@@ -8,8 +8,7 @@ use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlannerScalar};
 
 use super::quad::{Quad, QUAD};
-use super::{Split, Statistic};
-use crate::dsp::Real;
+use super::{narrow, Split, Statistic};
 use crate::kernel::Simd;
 
 /// Pooled bins at most.
@@ -111,7 +110,7 @@ impl Statistic for Spectrum {
                 for (there, back) in transform[range[0]..range[1]].iter().zip(back) {
                     for (sums, powers) in sums.iter_mut().zip(powers_of_both(*there, *back)) {
                         for l in 0..QUAD {
-                            sums[l] += powers.0[l].value();
+                            sums[l] += f64::from(powers.0[l]);
                         }
                     }
                 }
@@ -139,7 +138,7 @@ impl SpectrumWork {
     fn open(&mut self, n: usize) {
         self.window.clear();
         let at = |t: usize| 0.5 - 0.5 * libm::cos(2.0 * PI * (t as f64 + 0.5) / n as f64);
-        self.window.extend((0..n).map(|t| f32::of(at(t))));
+        self.window.extend((0..n).map(|t| narrow(at(t))));
         self.weight = (0..n).fold(0.0, |sum, t| sum + at(t) * at(t));
     }
 }
@@ -192,7 +191,7 @@ mod tests {
 
     #[test]
     fn a_sine_is_one_peak() {
-        let sine = |t: usize| f32::of((2.0 * PI * 100.0 * t as f64 / 1600.0).sin());
+        let sine = |t: usize| narrow((2.0 * PI * 100.0 * t as f64 / 1600.0).sin());
         let signals =
             Signals::from(vec![vec![(0..1600).map(sine).collect(), vec![0.0; 1600], vec![1e-3; 1600]]]);
         let got = compute(SimdPath::detect().unwrap(), &signals);

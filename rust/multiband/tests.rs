@@ -7,7 +7,6 @@ use super::envelope::{self, STRETCHES};
 use super::extractor::MAX_VALUES;
 use super::workspace::MAX_POOLED;
 use super::*;
-use crate::dsp::Real;
 use crate::features::MAX_SAMPLES;
 use crate::{BatchShape, Error, SimdPath};
 
@@ -46,7 +45,7 @@ impl Signals {
     pub(super) fn new(lengths: &[usize], n_axes: usize) -> Self {
         let value = |band: usize, axis: usize, t: usize| {
             let phase = (band * 7 + axis * 3 + 1) as f64;
-            f32::of((0.37 * phase * t as f64).sin() + (1.3 * (t * t) as f64 + phase).cos() * 0.4)
+            narrow((0.37 * phase * t as f64).sin() + (1.3 * (t * t) as f64 + phase).cos() * 0.4)
         };
         let axis = |band, axis, n| (0..n).map(|t| value(band, axis, t)).collect();
         let band = |(band, n): (usize, &usize)| (0..n_axes).map(|a| axis(band, a, *n)).collect();

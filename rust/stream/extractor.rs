@@ -6,6 +6,9 @@ use crate::error::{Error, Result};
 use crate::features::Extractor;
 use crate::memory::filled;
 
+/// Larger magnitudes are refused: what the filter remembers of them would come near the end of float64, and stay.
+const LARGEST: f64 = 1e100;
+
 /// Rows that are filtered before they are counted.
 const CHUNK: usize = 64;
 
@@ -39,8 +42,6 @@ pub struct StreamingExtractor {
     /// `None` without histograms; nothing is filtered then.
     histograms: Option<WindowHistograms>,
     filter: SosState,
-    /// What the filter remembered before a push, should that fail.
-    filter_before: Vec<f64>,
     chunk: Vec<f64>,
     /// Slot of the first sample of the window.
     first: usize,
@@ -63,7 +64,6 @@ impl StreamingExtractor {
                 .hfmh
                 .then(|| WindowHistograms::new(n_samples, n_axes, spec.n_bins))
                 .transpose()?,
-            filter_before: filled(0.0, filter.values().len())?,
             filter,
             chunk: filled(0.0, CHUNK.min(n_samples) * n_axes)?,
             first: 0,
@@ -115,18 +115,18 @@ impl StreamingExtractor {
     /// # Errors
     /// - [`Error::Length`]: the values are not whole rows.
     /// - [`Error::NonFiniteRow`]: NaN or infinity in one of the rows that would have been taken.
-    /// - [`Error::TooLargeRow`]: finite rows so large that the filter leaves float64.
+    /// - [`Error::TooLargeRow`]: a magnitude above 1e100 in one of them.
     pub fn push(&mut self, rows: &[f64]) -> Result<usize> {
         let rows = self.position.taken(rows)?;
-        let before = self.position;
-        self.filter_before.copy_from_slice(self.filter.values());
-        for chunk in rows.chunks(self.chunk.len()) {
-            if !self.take(chunk)? {
-                self.undo(before);
-                return Err(self.too_large(rows));
-            }
+        let n_axes = self.position.windows.n_axes;
+        if let Some(place) = rows.iter().position(|value| value.abs() > LARGEST) {
+            let (row, axis) = (place / n_axes, place % n_axes);
+            return Err(Error::TooLargeRow { row, axis, value: rows[place], limit: "more than 1e100" });
         }
-        Ok(rows.len() / self.position.windows.n_axes)
+        for chunk in rows.chunks(self.chunk.len()) {
+            self.take(chunk)?;
+        }
+        Ok(rows.len() / n_axes)
     }
 
     /// Goes on to the next window: rows that it shares with this one stay, the others are forgotten.
@@ -195,8 +195,8 @@ impl StreamingExtractor {
         self.raw.is_some()
     }
 
-    /// Filters, counts and keeps at most a chunk of rows; false where the filter leaves float64.
-    fn take(&mut self, rows: &[f64]) -> Result<bool> {
+    /// Filters, counts and keeps at most a chunk of rows.
+    fn take(&mut self, rows: &[f64]) -> Result<()> {
         let Windows { n_samples, n_axes, .. } = self.position.windows;
         let filtered = &mut self.chunk[..rows.len()];
         if self.histograms.is_some() {
@@ -205,10 +205,6 @@ impl StreamingExtractor {
             }
             filtered.copy_from_slice(rows);
             self.filter.filter(filtered)?;
-            // A value that is not finite would never leave the filter again.
-            if !self.filter.values().iter().all(|value| value.is_finite()) {
-                return Ok(false);
-            }
         }
         for (row, filtered) in rows.chunks_exact(n_axes).zip(filtered.chunks_exact(n_axes)) {
             if self.position.ahead > 0 {
@@ -224,27 +220,7 @@ impl StreamingExtractor {
             }
             self.position.n_seen += 1;
         }
-        Ok(true)
-    }
-
-    /// The refusal of rows that the filter cannot hold, naming their largest value.
-    fn too_large(&self, rows: &[f64]) -> Error {
-        let n_axes = self.position.windows.n_axes;
-        let larger = |a: &usize, b: &usize| rows[*a].abs().total_cmp(&rows[*b].abs());
-        let place = (0..rows.len()).rev().max_by(larger).unwrap_or_default();
-        let (row, axis) = (place / n_axes, place % n_axes);
-        Error::TooLargeRow { row, axis, value: rows[place], limit: "which overflows float64" }
-    }
-
-    /// As it was before a push: no row of it is counted, the filter has not met it.
-    fn undo(&mut self, before: Position) {
-        if let Some(histograms) = &mut self.histograms {
-            for t in before.n_seen..self.position.n_seen {
-                histograms.remove((self.first + t) % self.position.windows.n_samples);
-            }
-        }
-        self.filter.values_mut().copy_from_slice(&self.filter_before);
-        self.position = before;
+        Ok(())
     }
 }
 
