@@ -37,7 +37,12 @@ from granular_id.recording import setup_mismatch
 MODEL = "_model.safetensors"
 """Beside the answers: the model that gave them, which workers read."""
 
-COLUMNS = ("answer", "margin", "probability", "candidates", "unknown", "warnings", "trained_on")
+_SCHEMA = pa.schema(
+    {"answer": pa.string(), "margin": pa.float64(), "probability": pa.float64()}
+    | {"candidates": pa.list_(pa.string()), "unknown": pa.bool_()}
+    | {"warnings": pa.list_(pa.string()), "trained_on": pa.bool_()}
+)
+COLUMNS = tuple(_SCHEMA.names)
 """What is said of a recording; null where it has no answer."""
 
 
@@ -142,12 +147,10 @@ class AnswersSpec:
 
     def table(self, archive: Archive, groups: Sequence[RowGroup]) -> Any:
         """Answers about some row groups, samples of one of them at a time in memory."""
-        texts, number, flag = pa.list_(pa.string()), pa.float64(), pa.bool_()
-        kinds = (pa.string(), number, number, texts, flag, texts, flag)
         buffer = np.empty((max(group.n_samples for group in groups), len(archive.axes)))
         model = _model(self.model, self.sha256)
         rows = [row for group in groups for row in _rows(model, archive, group, buffer)]
-        return pa.Table.from_pylist(rows, pa.schema([*zip(COLUMNS, kinds, strict=True)]))
+        return pa.Table.from_pylist(rows, _SCHEMA)
 
 
 @lru_cache(maxsize=4)
