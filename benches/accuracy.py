@@ -1,8 +1,8 @@
-"""Accuracy of our methods beside peers of aeon and scikit-learn, on recordings of others: `make bench-accuracy`.
+"""Accuracy of our methods beside peers of aeon and scikit-learn, on recordings of others: make bench BENCH=accuracy.
 
 All methods get the same partitions: whole sessions held out where there are sessions, else halves in time order, both
 ways; the robot-failure sets have no order, so stratified folds. Features are timed on one thread, in processor time,
-compilation not counted. Peers that are not installed are left out: pip install -r requirements-bench.txt
+compilation not counted. Peers that are not installed are left out: pip install --group accuracy
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import numpy as np
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.ensemble import ExtraTreesClassifier, RandomForestClassifier
 from sklearn.linear_model import RidgeClassifierCV
-from sklearn.neighbors import KNeighborsClassifier
 from sklearn.pipeline import make_pipeline, make_union
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from sklearn.svm import SVC
@@ -54,11 +53,11 @@ class BenchSet:
     how: str
 
 
-def read(folder: Path, options: argparse.Namespace) -> list[BenchSet]:
+def read(folder: Path, seeds: int) -> list[BenchSet]:
     """Read a folder: one data set, or five where it holds the robot-failure sets."""
     if failures := sorted(folder.glob("lp[1-5].data")):
-        return [folds(failure_set(file), options.seeds) for file in failures]
-    data = gid.load(folder).resample(options.rate_hz, max_gap_s=options.max_gap_s).align("shortest")
+        return [folds(failure_set(file), seeds) for file in failures]
+    data = gid.load(folder).resample(100, max_gap_s=1).align("shortest")
     drawn = hold_out(data)
     return [BenchSet(data, list(drawn), "; ".join(drawn.notes))]
 
@@ -164,16 +163,19 @@ def trees(kind: type, **settings: Any) -> Any:
     return kind(TREES, random_state=SEED, n_jobs=1, **settings)
 
 
+def rdst() -> Any:
+    features = aeon("shapelet_based", "RandomDilatedShapeletTransform", n_jobs=1, random_state=SEED)
+    return make_pipeline(AxesFirst(features, dtype=np.float64), StandardScaler())
+
+
+def freshprince() -> tuple[Any, Any]:
+    features = aeon("feature_based", "TSFresh", default_fc_parameters="comprehensive", n_jobs=1)
+    forest = import_module("aeon.classification.sklearn").RotationForestClassifier
+    return AxesFirst(features, dtype=np.float64), trees(forest)
+
+
 def samples(X: np.ndarray) -> np.ndarray:
     return X.reshape(len(X), -1)
-
-
-def spectrum(X: np.ndarray) -> np.ndarray:
-    return samples(np.abs(np.fft.rfft(X, axis=1)))
-
-
-def svm(features: Callable[[np.ndarray], np.ndarray]) -> tuple[Any, Any]:
-    return make_pipeline(FunctionTransformer(features), StandardScaler()), SVC(kernel="linear")
 
 
 def space(name: str, rate_hz: float) -> tuple[Any, Any]:
@@ -186,16 +188,15 @@ OURS = ("best", "multiband", "raw+hfmh")
 PEERS: dict[str, Callable[[], tuple[Any, Any]]] = {
     "minirocket": lambda: (rocket("MiniRocket"), ridge()),
     "multirocket": lambda: (rocket("MultiRocket"), ridge()),
-    "hydra": lambda: (hydra(), ridge()),
     "multirocket+hydra": lambda: (make_union(hydra(), rocket("MultiRocket")), ridge()),
     "quant": lambda: (quant(), trees(ExtraTreesClassifier, max_features=0.1, criterion="entropy")),
+    "rdst": lambda: (rdst(), ridge()),
+    "freshprince": freshprince,
     "catch22+rf": lambda: (catch22(), trees(RandomForestClassifier)),
-    "1nn": lambda: (
-        make_pipeline(AxisScaler(), FunctionTransformer(samples)),
-        KNeighborsClassifier(1, algorithm="brute"),
+    "raw+svm": lambda: (
+        make_pipeline(FunctionTransformer(samples), StandardScaler()),
+        SVC(kernel="linear"),
     ),
-    "dft+svm": lambda: svm(spectrum),
-    "raw+svm": lambda: svm(samples),
 }
 
 
@@ -225,9 +226,9 @@ def score(method: str, bench_set: BenchSet) -> Iterator[tuple[float, float]]:
         yield float(np.mean(hits)), seconds
 
 
-def run(folder: Path, methods: Sequence[str], options: argparse.Namespace) -> dict[str, Any]:
+def run(folder: Path, methods: Sequence[str], seeds: int) -> dict[str, Any]:
     """Print a line for each method, beside the first; return the means that the page shows."""
-    sets = read(folder, options)
+    sets = read(folder, seeds)
     first = sets[0]
     shape = " x ".join(map(str, first.data.X.shape[1:]))
     how = f"{sum(len(s.data) for s in sets)} recordings of {shape}, {first.how}"
@@ -255,22 +256,18 @@ def run(folder: Path, methods: Sequence[str], options: argparse.Namespace) -> di
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     known = (*OURS, *PEERS)
     parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER", help="recordings, a data set each")
     parser.add_argument("--only", default=",".join(known), metavar="NAMES", help="of %(default)s")
     parser.add_argument("--seeds", type=int, default=4, metavar="N", help="draws of the folds (default 4)")
-    parser.add_argument("--rate-hz", type=float, default=100.0, metavar="HZ", help="default 100")
-    parser.add_argument("--max-gap-s", type=float, default=1.0, metavar="S", help="gaps to fill (default 1)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write JSON")
     options = parser.parse_args()
     methods = options.only.split(",")
     if unknown := set(methods).difference(known):
         sys.exit(f"--only got {', '.join(sorted(unknown))}; wanted names of {', '.join(known)}")
     made = about(PACKAGES)
-    folders = {folder.resolve().name: run(folder, methods, options) for folder in options.folders}
+    folders = {folder.resolve().name: run(folder, methods, options.seeds) for folder in options.folders}
     if options.out:
         write_json(options.out, {"made": made, "seeds": options.seeds, "folders": folders})
 

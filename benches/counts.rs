@@ -68,11 +68,6 @@ fn features() {
         let mut out = vec![0.0; extractor.n_features(1600, 6).unwrap()];
         count(name, || extractor.extract_into(black_box(rows), ONE, 1, &mut out).unwrap());
     }
-    let extractor = Extractor::new(FeatureSpec::default()).unwrap();
-    let mut narrow = vec![0.0; 10_200];
-    count("extract 1600 x 6, float32", || {
-        extractor.extract_into_f32(black_box(&rows), ONE, 1, &mut narrow).unwrap();
-    });
     let scales = Scales::unit(n_bands(1600), 6).unwrap();
     let multiband = MultiBand::new(MultiBandSpec::default(), 1600, 6, &scales).unwrap();
     let (mut work, mut out) = (multiband.workspace().unwrap(), vec![0.0; multiband.n_features()]);

@@ -1,9 +1,9 @@
 """From the last sample to the name of the material: ours beside extraction and prediction with scipy and scikit-learn.
 
-Run: python benches/decision.py [--materials 11] [--rounds 60]. Every figure comes from this one run. A recording of
-1600 x 6 arrives in blocks of ten rows; the clock starts when its last row is there and stops when the answer is. The
-peers then filter, count and predict; ours has done so while the rows came, and pushes the last one. Rows of the table
-alternate, so that a change in the machine's speed meets all alike. The answers of all are compared.
+Eleven SYNTHETIC materials. Every figure comes from this one run. A recording of 1600 x 6 arrives in blocks of ten rows;
+the clock starts when its last row is there and stops when the answer is. The peers then filter, count and predict; ours
+has done so while the rows came, and pushes the last one. Rows of the table alternate, so that a change in the machine's
+speed meets all alike. The answers of all are compared.
 
 `warm`: a provisional decision 30 times a second, as in a live view. `cold`: none before the last sample, so that the
 weights have left the caches. `bands`: the same for a model of multi-band features, of which octaves, products and
@@ -14,7 +14,6 @@ recordings. `with rules`: the model also names candidates and says whether the r
 from __future__ import annotations
 
 import argparse
-import platform
 import statistics
 import sys
 import time
@@ -22,23 +21,18 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import scipy
-import sklearn
 from scipy.signal import sosfilt
-from sklearn.multiclass import OneVsOneClassifier
 from sklearn.svm import SVC
 
 import granular_id as gid
 from granular_id._files import write_json
 from granular_id.identifier import Identifier, StreamingIdentifier
 from granular_id.signal import butter
-from granular_id.synthetic import PAPER_MATERIALS
 
 N_BINS, LOW, HIGH = 100, -1.5, 1.5
 BLOCK, EVERY = 10, 16  # rows of a block; rows between provisional decisions
 OURS, BANDS = "ours, warm", "ours, bands, warm"
-RULED, RULED_BANDS = "ours, warm, with rules", "ours, bands, cold, with rules"
-WHOLE_BANDS = "multi-band Model.scores, whole"
+PEER, WHOLE = "scipy + numpy, ECOCClassifier.predict", "multi-band, whole recordings"
 
 
 def extracted(recording: np.ndarray, sos: np.ndarray) -> np.ndarray:
@@ -76,44 +70,31 @@ def streamed(stream: StreamingIdentifier, recording: np.ndarray, warm: bool) -> 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--materials", type=int, default=11, help="materials (default 11)")
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=60, help="recordings to identify (default 60)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures as JSON, too")
     options = parser.parse_args()
-    materials = list(PAPER_MATERIALS)[: options.materials]
-    train = gid.synthesize(materials, n_per_class=12, seed=0)
-    test = gid.synthesize(materials, n_per_class=-(-options.rounds // len(materials)), seed=1)
-    X, y = train.X, train.y
+    train = gid.synthesize(n_per_class=12, seed=0)
+    test = gid.synthesize(n_per_class=-(-options.rounds // len(train.labels)), seed=1)
     sos = butter(8, 23.0, "highpass", fs=500.0)
-    rows = np.concatenate([extracted(x, sos) for x in X])
-    ecoc = gid.ECOCClassifier().fit(rows, y)
-    one_vs_one = OneVsOneClassifier(SVC(kernel="linear")).fit(rows, y)
-    svc = SVC(kernel="linear").fit(rows, y)
-    identifier = Identifier.fit(train, "raw+hfmh", estimate=False)
-    stream = StreamingIdentifier(identifier)
-    ruled = StreamingIdentifier(Identifier.fit(train, "raw+hfmh"))
+    rows = np.concatenate([extracted(x, sos) for x in train.X])
+    ecoc, svc = gid.ECOCClassifier().fit(rows, train.y), SVC(kernel="linear").fit(rows, train.y)
     banded = Identifier.fit(train, "multiband", estimate=False)
+    stream = StreamingIdentifier(Identifier.fit(train, "raw+hfmh", estimate=False))
     bands = StreamingIdentifier(banded)
-    ruled_bands = StreamingIdentifier(Identifier.fit(train, "multiband"))
-    streams = {
+    streams = {  # and whether each is asked while samples come
         OURS: (stream, True),
         "ours, cold": (stream, False),
-        RULED: (ruled, True),
+        "ours, warm, with rules": (StreamingIdentifier(Identifier.fit(train, "raw+hfmh")), True),
         BANDS: (bands, True),
         "ours, bands, cold": (bands, False),
-        RULED_BANDS: (ruled_bands, False),
+        "ours, bands, cold, with rules": (StreamingIdentifier(Identifier.fit(train, "multiband")), False),
     }
-
     peers: dict[str, Callable[[np.ndarray], str]] = {
-        "scipy + numpy, ECOCClassifier.predict": lambda x: ecoc.predict(extracted(x, sos))[0],
+        PEER: lambda x: ecoc.predict(extracted(x, sos))[0],
         "scipy + numpy, SVC.predict": lambda x: svc.predict(extracted(x, sos))[0],
-        "scipy + numpy, OneVsOneClassifier.predict": lambda x: one_vs_one.predict(extracted(x, sos))[0],
         "scipy + numpy, scores by hand": lambda x: by_hand(extracted(x, sos), ecoc),
-        "extract_features + Model.scores, whole": lambda x: identifier.predict(x[None])[0],
-        WHOLE_BANDS: lambda x: banded.predict(x[None])[0],
+        WHOLE: lambda x: banded.predict(x[None])[0],
     }
     seconds: dict[str, list[float]] = {name: [] for name in (*streams, *peers)}
     labels: dict[str, list[str]] = {name: [] for name in seconds}
@@ -121,8 +102,7 @@ def main() -> None:
     for recording in np.random.default_rng(2).permutation(test.X)[: options.rounds]:
         for name, (own, warm) in streams.items():
             pushing, deciding, label = streamed(own, recording, warm)
-            if name in per_row:
-                per_row[name].append(pushing)
+            per_row.get(name, []).append(pushing)
             seconds[name].append(deciding)
             labels[name].append(label)
         for name, answer in peers.items():
@@ -130,40 +110,19 @@ def main() -> None:
             label = answer(recording)
             seconds[name].append(time.perf_counter() - start)
             labels[name].append(str(label))
-    if (
-        not labels[OURS]
-        == labels["ours, cold"]
-        == labels[RULED]
-        == labels["scipy + numpy, ECOCClassifier.predict"]
-    ):
-        sys.exit("the labels of the stream differ from those of ECOCClassifier")
-    if not labels[BANDS] == labels["ours, bands, cold"] == labels[WHOLE_BANDS]:
-        sys.exit("the labels of the stream of multi-band features differ from those of whole recordings")
-    report(seconds, labels, per_row, len(materials))
+    for name, twin in ((OURS, PEER), ("ours, cold", PEER), (BANDS, WHOLE), ("ours, bands, cold", WHOLE)):
+        if labels[name] != labels[twin]:
+            sys.exit(f"the labels of {name} differ from those of {twin}")
+    us, row_us = (
+        {name: 1e6 * statistics.median(times) for name, times in all_times.items()}
+        for all_times in (seconds, per_row)
+    )
+    for name, median in us.items():
+        print(f"{name:<40}{median:>10.1f} µs, {median / us[OURS]:>6.1f}x")
+    for name, median in row_us.items():
+        print(f"{name}: {median:.2f} µs per row pushed, in blocks of {BLOCK}")
     if options.out:
-        medians = {name: 1e6 * statistics.median(times) for name, times in seconds.items()}
-        rows = {name: 1e6 * statistics.median(times) for name, times in per_row.items()}
-        write_json(options.out, {"microseconds": medians, "microseconds per row pushed": rows})
-
-
-def report(
-    seconds: dict[str, list[float]],
-    labels: dict[str, list[str]],
-    per_row: dict[str, list[float]],
-    n_materials: int,
-) -> None:
-    versions = f"numpy {np.__version__}, scipy {scipy.__version__}, scikit-learn {sklearn.__version__}"
-    print(f"{platform.machine()}, Python {platform.python_version()}, {versions}")
-    print(f"{n_materials} materials (SYNTHETIC), {len(seconds[OURS])} recordings of 1600 x 6")
-    print(f"\n{'microseconds, last sample to label':<44}{'median':>10}{'95 %':>10}{'we are':>10}{'agree':>8}")
-    ours = statistics.median(seconds[OURS])
-    for name, times in seconds.items():
-        median, high = statistics.median(times), float(np.quantile(times, 0.95))
-        agree = sum(a == b for a, b in zip(labels[name], labels[OURS], strict=True))
-        print(f"{name:<44}{1e6 * median:>10.1f}{1e6 * high:>10.1f}{median / ours:>9.0f}x{agree:>8}")
-    for name, pushing in per_row.items():
-        row = 1e6 * statistics.median(pushing)
-        print(f"{name}: pushing blocks of {BLOCK} rows takes {row:.2f} microseconds per row")
+        write_json(options.out, {"microseconds": us, "microseconds per row pushed": row_us})
 
 
 if __name__ == "__main__":

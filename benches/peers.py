@@ -1,4 +1,4 @@
-"""Extraction beside what a user could write instead, all in one run: `make bench-peers`.
+"""Extraction beside what a user could write instead, all in one run: `make bench`.
 
 682 recordings of 1600 x 6 (the paper's number), noise on a random walk. Every row is the median of alternating
 rounds, each after one untimed call, so that a change in the machine's speed meets all rows alike. numba's threads
@@ -9,7 +9,6 @@ Multi-band features stand beside them, without a peer.
 from __future__ import annotations
 
 import argparse
-import platform
 import statistics
 import sys
 import time
@@ -18,7 +17,6 @@ from pathlib import Path
 
 import numba
 import numpy as np
-import scipy
 from scipy.signal import sosfilt
 
 import granular_id as gid
@@ -91,9 +89,7 @@ def numba_parallel(wrench: np.ndarray, sos: np.ndarray, out: np.ndarray) -> None
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--recordings", type=int, default=682, help="recordings in the batch (default 682)")
     parser.add_argument("--rounds", type=int, default=15, help="rounds over all rows (default 15)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the figures as JSON, too")
@@ -102,7 +98,6 @@ def main() -> None:
     n = len(wrench)
     sos = butter(8, 23.0, "highpass", fs=500.0)
     out, wanted = np.zeros((n, 10_200)), np.zeros((n, 10_200))
-    narrow = np.zeros((n, 10_200), np.float32)
     silent = wrench * [0, 1, 0, 1, 0, 1]
     one, two = (gid.MultiBand(threads=threads).fit(wrench) for threads in (1, 2))
     axis_major = out[:, :9600].reshape(n, 6, 1600)
@@ -118,10 +113,8 @@ def main() -> None:
         "multi-band, 1 thread": lambda: one.transform(wrench),
         "multi-band, 2 threads": lambda: two.transform(wrench),
         "numba, 2 threads": lambda: numba_parallel(wrench, sos, out),
-        "granular_id, 1 thread, float32": lambda: gid.extract_features(wrench, threads=1, out=narrow),
+        "granular_id, 1 thread, float32": lambda: gid.extract_features(wrench, threads=1, dtype=np.float32),
         "granular_id, 1 thread, 3 silent axes": lambda: gid.extract_features(silent, threads=1, out=out),
-        "transposing copy, new array": lambda: wrench.transpose(0, 2, 1).copy(),
-        "granular_id, 1 thread, new array": lambda: gid.extract_features(wrench, threads=1),
     }
     numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))
     scipy_loop(wrench, sos, wanted)
@@ -145,21 +138,11 @@ def main() -> None:
             work()
             times[name].append(time.perf_counter() - start)
     microseconds = {name: statistics.median(samples) / n * 1e6 for name, samples in times.items()}
-    report(microseconds)
+    floor = microseconds["transposing copy (floor)"]
+    for name, value in microseconds.items():
+        print(f"{name:<40}{value:>10.1f} µs a recording, {value / floor:>8.2f}x the copy")
     if options.out:
         write_json(options.out, microseconds)
-
-
-def report(microseconds: dict[str, float]) -> None:
-    versions = f"numpy {np.__version__}, scipy {scipy.__version__}, numba {numba.__version__}"
-    print(f"{platform.machine()}, Python {platform.python_version()}, {versions}")
-    print(f"\n{'microseconds per recording of 1600 x 6':<40}{'median':>10}{'of floor':>10}{'we are':>10}")
-    floor, ours = microseconds["transposing copy (floor)"], microseconds["granular_id, 1 thread"]
-    for name, value in microseconds.items():
-        print(f"{name:<40}{value:>10.1f}{value / floor:>9.2f}x{value / ours:>9.1f}x")
-    speedup = ours / microseconds["granular_id, 2 threads"]
-    fresh = microseconds["granular_id, 1 thread, new array"] / microseconds["transposing copy, new array"]
-    print(f"\ntwo threads against one: {speedup:.2f}x;  new arrays, ours over the copy: {fresh:.2f}x")
 
 
 if __name__ == "__main__":

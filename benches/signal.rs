@@ -9,7 +9,6 @@ use std::time::Duration;
 
 use biquad::{Biquad, Coefficients, DirectForm2Transposed};
 use criterion::{criterion_group, criterion_main, BatchSize, BenchmarkId, Criterion, Throughput};
-use granular_id::bench_hooks::FilterLanes;
 use granular_id::{butterworth, Band, BatchShape, Extractor, FeatureSpec, SimdPath, Sos, SosState};
 
 const N_SAMPLES: usize = 1600;
@@ -69,20 +68,13 @@ fn stream(criterion: &mut Criterion) {
             );
         });
     }
-    let mut state = SosState::zero(&high_pass(8), 6).expect("memory");
-    #[allow(clippy::cast_possible_truncation)] // rounded
-    let narrow: Vec<f32> = recordings(1, 6).into_iter().map(|value| value as f32).collect();
-    group.throughput(Throughput::Elements(narrow.len() as u64));
-    group.bench_function("order 8, 6 axes, float32", |bencher| {
-        bencher.iter_batched_ref(|| narrow.clone(), |chunk| state.filter(chunk), BatchSize::PerIteration);
-    });
     group.finish();
 }
 
 /// The filter sample by sample.
-fn advance<const C: usize>(state: &mut SosState, chunk: &mut [f64]) {
+fn step_by_step<const C: usize>(state: &mut SosState, chunk: &mut [f64]) {
     for sample in chunk.as_chunks_mut::<C>().0 {
-        *sample = state.advance(*sample).expect("one value per axis");
+        *sample = state.step(*sample).expect("one value per axis");
     }
 }
 
@@ -102,7 +94,7 @@ fn peers(criterion: &mut Criterion) {
             );
         });
         let mut state = SosState::zero(&sos, n_axes).expect("memory");
-        let by_sample = if n_axes == 1 { advance::<1> } else { advance::<6> };
+        let by_sample = if n_axes == 1 { step_by_step::<1> } else { step_by_step::<6> };
         group.bench_function(
             BenchmarkId::new("granular-id, sample by sample", format!("{n_axes} axes")),
             |bencher| {
@@ -166,13 +158,6 @@ fn stages(criterion: &mut Criterion) {
         let wrench = recordings(n_recordings, 6);
         for path in SimdPath::available() {
             let id = |stage: &str| BenchmarkId::new(format!("{stage}, {place}"), path.name());
-            if place == "in cache" {
-                let mut lanes = FilterLanes::new(&high_pass(8), &wrench);
-                let mut group = criterion.benchmark_group("stages");
-                group.throughput(Throughput::Elements(lanes.n_values(N_SAMPLES) as u64));
-                group.bench_function(id("filter"), |bencher| bencher.iter(|| lanes.filter(path, N_SAMPLES)));
-                group.finish();
-            }
             for (stage, extractor) in [
                 ("transpose", &raw),
                 ("transpose and count", &hfmh.unfiltered()),
@@ -211,7 +196,7 @@ fn kernel(criterion: &mut Criterion) {
     }
 }
 
-/// The whole extraction by threads, as float64 and float32.
+/// The whole extraction by threads.
 fn extraction(criterion: &mut Criterion) {
     let extractor = Extractor::new(FeatureSpec::default()).expect("a specification");
     let n_features = extractor.n_features(N_SAMPLES, 6).expect("a number");
@@ -219,16 +204,11 @@ fn extraction(criterion: &mut Criterion) {
     for (place, n_recordings) in PLACES {
         let wrench = recordings(n_recordings, 6);
         let shape = BatchShape { n_recordings, n_samples: N_SAMPLES, n_axes: 6 };
-        let mut wide = vec![0.0_f64; n_recordings * n_features];
-        let mut narrow = vec![0.0_f32; n_recordings * n_features];
+        let mut wide = vec![0.0; n_recordings * n_features];
         group.throughput(Throughput::Elements(wrench.len() as u64));
         for threads in [1, 2] {
-            let id = |name: &str| BenchmarkId::new(format!("{name}, {place}"), format!("{threads} threads"));
-            group.bench_function(id("float64"), |bencher| {
+            group.bench_function(BenchmarkId::new(place, format!("{threads} threads")), |bencher| {
                 bencher.iter(|| extractor.extract_into(black_box(&wrench), shape, threads, &mut wide));
-            });
-            group.bench_function(id("float32"), |bencher| {
-                bencher.iter(|| extractor.extract_into_f32(black_box(&wrench), shape, threads, &mut narrow));
             });
         }
     }

@@ -51,7 +51,7 @@ fn main() -> Result<()> {
                 stream.features_into(&mut features)?;
                 let percent = rough_percent(&features);
                 println!("row {:4}: fx is rough in {percent:4.1} % of the samples", row.ticks);
-                stream.advance()?;
+                stream.next_window()?;
             }
         }
         if taken.n_rows == 0 {

@@ -1,14 +1,13 @@
 //! From recordings to feature vectors: what to compute ([`FeatureSpec`]) and the tool that does
 //! ([`Extractor`]).
 
-use crate::batch_kernel::Teams;
-use crate::dsp::{butterworth, Band, Outside, Real, Sos, UniformBins, MAX_BINS};
+mod batch;
+
+use crate::dsp::{butterworth, Band, Outside, Sos, UniformBins};
 use crate::error::{Error, Result};
-use crate::kernel::SimdPath;
-use crate::memory::{filled, reserved, room};
-use crate::pool::in_tasks;
+use crate::memory::reserved;
 use crate::specs::{choices, setters};
-use crate::wrench::axis_name;
+use crate::wrench::{axis_name, BatchShape};
 
 /// The largest number of samples of a recording: counts are 32 bits wide.
 pub const MAX_SAMPLES: usize = u32::MAX as usize;
@@ -16,13 +15,6 @@ pub const MAX_SAMPLES: usize = u32::MAX as usize;
 /// The largest number of names that are written out: as many as a model file of the usual limit has weights. They take
 /// 400 MB.
 const MAX_NAMES: usize = 1 << 21;
-
-/// Results larger than this are written past the caches: they would not find room, and reading every line before it is
-/// overwritten would cost a third of the memory traffic.
-const STREAM_BYTES: usize = 8 << 20;
-
-/// Memory that a name takes, here and as a string of Python.
-pub(crate) const NAME_BYTES: usize = 200;
 
 /// State of the high-pass before the first sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -104,29 +96,10 @@ setters! {
     with_hfmh hfmh bool,
 }
 
-/// Size of a batch of recordings: `values[(recording * n_samples + sample) * n_axes + axis]`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BatchShape {
-    /// Recordings.
-    pub n_recordings: usize,
-    /// Samples per recording.
-    pub n_samples: usize,
-    /// Axes per sample.
-    pub n_axes: usize,
-}
-
-impl BatchShape {
-    /// Values of one recording; the largest number where there are more.
-    #[must_use]
-    pub fn recording_len(&self) -> usize {
-        self.n_samples.saturating_mul(self.n_axes)
-    }
-}
-
 /// Extracts features; a checked [`FeatureSpec`] with its filter and bins. Immutable, shared between threads.
 ///
 /// ```
-/// use granular_id::features::{BatchShape, Extractor, FeatureSpec};
+/// use granular_id::{BatchShape, Extractor, FeatureSpec};
 ///
 /// let extractor = Extractor::new(FeatureSpec::default())?;
 /// let shape = BatchShape { n_recordings: 2, n_samples: 1600, n_axes: 6 };
@@ -147,21 +120,20 @@ impl Extractor {
     /// Checks the specification and designs its filter and bins.
     pub fn new(spec: FeatureSpec) -> Result<Self> {
         if !(spec.raw || spec.hfmh) {
-            return Err(Error::NoFeatures);
+            return Err(Error::argument("raw or hfmh", "be true", "false for both"));
         }
         let sos = butterworth(spec.order, Band::Highpass(spec.cutoff_hz), spec.rate_hz)?;
         let start = match spec.initial {
             Initial::Zero => Vec::new(),
             Initial::Steady => sos.steady_state()?,
         };
-        room(spec.bin_ranges.len().saturating_mul((spec.n_bins.min(MAX_BINS) + 1) * size_of::<f64>()))?;
         let bins: Vec<_> = spec
             .bin_ranges
             .iter()
             .map(|(low, high)| UniformBins::new(spec.n_bins, *low, *high))
             .collect::<Result<_>>()?;
         if bins.is_empty() {
-            return Err(Error::RangeCount { ranges: 0, axes: 1 });
+            return Err(ranges_refused(0, 1));
         }
         Ok(Self { spec, sos, start, bins })
     }
@@ -207,7 +179,7 @@ impl Extractor {
         block(self.spec.raw, n_samples)
             .zip(block(self.spec.hfmh, self.spec.n_bins))
             .and_then(|(raw, hfmh)| raw.checked_add(hfmh))
-            .ok_or(Error::TooLarge { n_samples, n_axes })
+            .ok_or_else(|| too_many_features(n_samples, n_axes))
     }
 
     /// Names of the features, in order: `fx_0000 ... tz_1599, hfmh_fx_00 ... hfmh_tz_99`.
@@ -216,9 +188,8 @@ impl Extractor {
         let (sample_digits, bin_digits) = (digits(n_samples, 4), digits(self.spec.n_bins, 2));
         let n_features = self.n_features(n_samples, n_axes)?;
         if n_features > MAX_NAMES {
-            return Err(Error::TooLarge { n_samples, n_axes });
+            return Err(too_many_features(n_samples, n_axes));
         }
-        room(n_features.saturating_mul(NAME_BYTES))?;
         let mut names = reserved(n_features)?;
         if self.spec.raw {
             for axis in (0..n_axes).map(|axis| axis_name(axis, n_axes)) {
@@ -257,91 +228,9 @@ impl Extractor {
     /// Refuses recordings too long to count, or of a number of axes without ranges.
     pub(crate) fn check_size(&self, n_samples: usize, n_axes: usize) -> Result<()> {
         if self.spec.hfmh && self.bins.len() != 1 && self.bins.len() != n_axes {
-            return Err(Error::RangeCount { ranges: self.bins.len(), axes: n_axes });
+            return Err(ranges_refused(self.bins.len(), n_axes));
         }
-        if n_samples > MAX_SAMPLES {
-            return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
-        }
-        Ok(())
-    }
-
-    /// Features of a batch, one row per recording.
-    pub fn extract(&self, wrench: &[f64], shape: BatchShape, threads: usize) -> Result<Vec<f64>> {
-        let n_features = self.check(wrench, shape)?;
-        let mut out = filled(0.0, shape.n_recordings.saturating_mul(n_features))?;
-        self.extract_into(wrench, shape, threads, &mut out)?;
-        Ok(out)
-    }
-
-    /// Features of a batch into `out`, one row per recording. 1 and n threads give the same bits; threads beyond the
-    /// number of cores are not used.
-    ///
-    /// On an error `out` holds unspecified numbers.
-    pub fn extract_into(
-        &self,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [f64],
-    ) -> Result<()> {
-        self.extract_on(SimdPath::detect()?, wrench, shape, threads, out)
-    }
-
-    /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
-    pub fn extract_on(
-        &self,
-        path: SimdPath,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [f64],
-    ) -> Result<()> {
-        let stream = size_of_val(out) > STREAM_BYTES;
-        let n_features = self.check(wrench, shape)?;
-        in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
-            self.run_on(path, wrench, shape, out, stream).map(drop)
-        })
-    }
-
-    /// [`extract_into`](Self::extract_into) rounded to float32 once, for half the memory.
-    pub fn extract_into_f32(
-        &self,
-        wrench: &[f64],
-        shape: BatchShape,
-        threads: usize,
-        out: &mut [f32],
-    ) -> Result<()> {
-        let n_features = self.check(wrench, shape)?;
-        let path = SimdPath::detect()?;
-        let stream = size_of_val(out) > STREAM_BYTES;
-        in_tasks(wrench, shape, n_features, threads, out, |wrench, shape, out| {
-            if self.run_on(path, wrench, shape, out, stream)? {
-                return Ok(());
-            }
-            let rows = out.chunks_exact(n_features).zip(wrench.chunks_exact(shape.recording_len()));
-            for (recording, (row, samples)) in rows.enumerate() {
-                if let Some(index) = row.iter().position(|value| !value.is_finite()) {
-                    let one = BatchShape { n_recordings: 1, ..shape };
-                    let value = self.extract(samples, one, 1)?[index];
-                    return Err(Error::Narrow { recording, value });
-                }
-            }
-            Ok(())
-        })
-    }
-
-    /// One task, past the caches where asked. Gives whether all features are within reach of their type.
-    fn run_on<T: Real>(
-        &self,
-        path: SimdPath,
-        wrench: &[f64],
-        shape: BatchShape,
-        out: &mut [T],
-        stream: bool,
-    ) -> Result<bool> {
-        let n_features = self.n_features(shape.n_samples, shape.n_axes)?;
-        let found = Teams { extractor: self, shape, n_features, wrench, out, stream }.run(path);
-        found.finite.then_some(found.fit).ok_or_else(|| not_finite(wrench, shape))
+        Error::check_range("n_samples", n_samples, 0..=MAX_SAMPLES)
     }
 }
 
@@ -359,12 +248,20 @@ pub(crate) fn not_finite(wrench: &[f64], shape: BatchShape) -> Error {
         let (recording, sample, axis) = place(index);
         return Error::NonFinite { recording, sample, axis, value: wrench[index] };
     }
-    let (index, largest) = wrench.iter().map(|value| value.abs()).enumerate().fold((0, 0.0), |best, this| {
-        if this.1 > best.1 {
-            this
-        } else {
-            best
+    let (mut index, mut largest) = (0, 0.0);
+    for (i, value) in wrench.iter().enumerate() {
+        if value.abs() > largest {
+            (index, largest) = (i, value.abs());
         }
-    });
-    Error::Overflow { recording: place(index).0, largest }
+    }
+    Error::TooLarge { recording: place(index).0, largest, limit: "which overflows float64" }
+}
+
+pub(crate) fn ranges_refused(n_ranges: usize, n_axes: usize) -> Error {
+    let got = format_args!("{n_ranges} ranges for {n_axes} axes");
+    Error::argument("bin_range", "hold one range, or one per axis", got)
+}
+
+pub(crate) fn too_many_features(n_samples: usize, n_axes: usize) -> Error {
+    Error::argument("n_samples and n_axes", "give fewer features", format_args!("{n_samples} and {n_axes}"))
 }

@@ -40,11 +40,11 @@
 //! | module | holds | feature | brings |
 //! |---|---|---|---|
 //! | [`dsp`] | Butterworth design, filters of streams and arrays, histograms | | libm, thiserror |
-//! | [`features`] | the paper's features of a recording or a batch | `parallel` for several threads, else one | rayon |
+//! | [`features`] | the paper's features of a recording or a batch | | |
 //! | [`stream`] | features and answers as rows arrive | answers: `model` | |
 //! | [`wrench`] | order, names and units of the six axes | | |
 //! | [`multiband`] | statistics of every octave | `multiband` | |
-//! | [`model`] | trained models and their files | `model` | `multiband`, safetensors, serde, `serde_json`, sha2 |
+//! | [`model`] | trained models and their files | `model` | `multiband`, serde, `serde_json`, sha2 |
 //! | [`buffer`] | one writer, many readers, nothing lost unnoticed | `buffer` | |
 //! | [`rdt`] | force-torque sensors on the network (ATI Net F/T, `OnRobot`) | `rdt` | `buffer`, socket2 |
 //!
@@ -52,7 +52,7 @@
 //!
 //! - Same bits: a stream equals the recording, and the number of threads and the vector unit (SSE2, AVX2, AVX-512, NEON)
 //!   change nothing. No fused multiply-add and no fast transcendental function is used for that.
-//! - Numbers are float64 inside; filters take float32 as well, and features can be returned as float32.
+//! - Numbers are float64; streams refuse magnitudes above 1e100.
 //! - Filters are second-order sections. Designs are Butterworth of order 1 to 32; any stable sections can be brought along.
 //! - Filters pass NaN on and keep it, as scipy does, until they are reset; features refuse it.
 //! - Nothing trains a model, and nothing resamples, crops or pads a recording.
@@ -65,9 +65,6 @@
 #![cfg_attr(not(feature = "default"), allow(dead_code, unused_imports))]
 #![cfg_attr(docsrs, feature(doc_cfg))]
 
-mod batch_kernel;
-#[doc(hidden)]
-pub mod bench_hooks;
 #[cfg(feature = "buffer")]
 pub mod buffer;
 pub mod dsp;
@@ -79,7 +76,7 @@ mod memory;
 pub mod model;
 #[cfg(feature = "multiband")]
 pub mod multiband;
-mod pool;
+mod parallel;
 #[cfg(feature = "rdt")]
 pub mod rdt;
 mod specs;
@@ -88,19 +85,19 @@ pub mod wrench;
 
 pub use dsp::{butterworth, sosfilt, sosfilt_from, AlongAxis, Band, Sos, SosState, UniformBins};
 pub use error::{Error, Result};
-pub use features::{BatchShape, Extractor, FeatureSpec};
+pub use features::{Extractor, FeatureSpec};
 pub use kernel::SimdPath;
 #[cfg(feature = "model")]
 pub use model::Model;
-pub use wrench::interleave;
+pub use wrench::BatchShape;
 
 /// What the extension module needs beside the public face; no promise to anybody else.
 #[doc(hidden)]
 pub mod bindings {
-    pub use crate::error::brief;
-    pub use crate::memory::{collected, filled, reserved, room};
+    pub use crate::error::short_number;
+    pub use crate::memory::{collected, filled, reserved};
     #[cfg(feature = "model")]
     pub use crate::model::ranking;
-    pub use crate::pool::cores;
+    pub use crate::parallel::cores;
     pub use crate::specs::listed;
 }

@@ -24,11 +24,6 @@ pub fn collected<T>(values: impl ExactSizeIterator<Item = T>) -> Result<Vec<T>> 
     Ok(all)
 }
 
-/// Refuses what is made in many pieces, before the first of them, where there is no memory for all.
-pub fn room(bytes: usize) -> Result<()> {
-    reserved::<u8>(bytes).map(drop)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -38,8 +33,6 @@ mod tests {
         assert_eq!(filled(0.5, 3), Ok(vec![0.5; 3]));
         assert_eq!(collected([1, 2].into_iter()), Ok(vec![1, 2]));
         let error = Error::Memory { bytes: usize::MAX };
-        assert_eq!(filled(0.0, usize::MAX), Err(error.clone()));
-        assert_eq!(room(usize::MAX), Err(error));
-        assert_eq!(room(1 << 60), Err(Error::Memory { bytes: 1 << 60 }));
+        assert_eq!(filled(0.0, usize::MAX), Err(error));
     }
 }

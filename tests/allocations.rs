@@ -82,14 +82,14 @@ fn streaming_extraction() {
     let mut stream = StreamingExtractor::new(&Extractor::new(spec).unwrap(), windows).unwrap();
     let mut features = vec![0.0; stream.n_features()];
     let mut finished = 0;
-    allocates_nothing("push, features, advance, refusals", || {
+    allocates_nothing("push, features, next window, refusals", || {
         let mut taken = 0;
         while taken < 4000 {
             taken += stream.push(&rows[6 * taken..(6 * taken + 6 * 97).min(rows.len())]).unwrap();
             stream.features_into(&mut features).unwrap();
             if stream.is_complete() {
                 finished += 1;
-                stream.advance().unwrap();
+                stream.next_window().unwrap();
             }
         }
         stream.reset();
@@ -105,12 +105,12 @@ fn streaming_identification() {
     let model = Arc::new(models::random_model(11, 1600, 6, FeatureSpec::default()));
     let mut stream = StreamingIdentifier::new(model, Some(400)).unwrap();
     let mut finished = 0;
-    allocates_nothing("push, standing, advance", || {
+    allocates_nothing("push, standing, next window", || {
         for row in rows.chunks_exact(6) {
             stream.push(row).unwrap();
             if stream.standing().unwrap().is_final {
                 finished += 1;
-                stream.advance().unwrap();
+                stream.next_window().unwrap();
             }
         }
         stream.reset();
@@ -125,14 +125,14 @@ fn streaming_identification_with_rules() {
     let model = Arc::new(Model::read(file).unwrap());
     let mut stream = StreamingIdentifier::new(model, Some(20)).unwrap().clone();
     let mut finished = 0;
-    allocates_nothing("push, standing, advance", || {
+    allocates_nothing("push, standing, next window", || {
         for row in rows.chunks_exact(6) {
             stream.push(row).unwrap();
             let standing = stream.standing().unwrap();
             if standing.is_final {
                 assert!(!standing.candidates.is_empty() && standing.unknown == Some(true));
                 finished += 1;
-                stream.advance().unwrap();
+                stream.next_window().unwrap();
             }
         }
     });
@@ -145,12 +145,12 @@ fn streaming_identification_by_bands() {
     let model = Arc::new(models::random_banded(11, 1600, 6, MultiBandSpec::default().with_level(true)));
     let mut stream = StreamingIdentifier::new(model, Some(400)).unwrap();
     let mut finished = 0;
-    allocates_nothing("push, standing, advance, refusals", || {
+    allocates_nothing("push, standing, next window, refusals", || {
         for block in rows.chunks(6 * 50) {
             stream.push(block).unwrap();
             if stream.standing().unwrap().is_final {
                 finished += 1;
-                stream.advance().unwrap();
+                stream.next_window().unwrap();
             }
         }
         stream.reset();

@@ -1,4 +1,4 @@
-"""Features have the bits of every other machine: the tests, `make wheels` and the hosted checks of wheels run it.
+"""Features have the bits of every other machine: the tests and the checks of wheels run it.
 
 After a change of bits that is meant, EXPECTED is what it prints.
 """

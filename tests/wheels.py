@@ -1,10 +1,10 @@
 """Wheels for Linux and the source distribution: built into dist/, audited, installed and run; prints a table.
 
-`make wheels` runs it. The wheels are built from the unpacked source distribution and linked by zig, and run under every
-python3.X on PATH; --audit only audits what dist/ holds. Other Pythons are commands, such as one of another processor;
---built keeps what dist/ holds:
+`make nightly CHECK=wheels` runs it. The wheels are built from the unpacked source distribution, linked by zig, and run
+under every python3.X on PATH; --audit only audits what dist/ holds. Other Pythons are commands, such as one of another
+processor; --built keeps what dist/ holds:
 
-    target/publish/bin/python tests/wheels.py --built \\
+    .venv/bin/python tests/wheels.py --built \\
         --python "qemu-aarch64 -cpu cortex-a72 -L ROOT ROOT/usr/bin/python3.14"
 
 (Under qemu 7.2 with SVE, its default, OpenBLAS makes wrong models of right features.)

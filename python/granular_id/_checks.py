@@ -17,7 +17,6 @@ import numpy.typing as npt
 from numpy.typing import NDArray
 
 from granular_id._core import GranularIdError
-from granular_id._memory import TemporaryMap
 from granular_id._text import fixed
 
 FloatArray = NDArray[np.float64]
@@ -215,17 +214,22 @@ def as_floats(value: object, name: str, wanted: str) -> FloatArray:
         return np.asarray(array, dtype=np.float64, order="C")
 
 
+def finite_numbers(name: str, values: object, n: int, *, each: bool = False) -> FloatArray:
+    """Return an array of `n` finite numbers; with `each` any number of rows of them, shape (..., n)."""
+    wanted = f"finite numbers of shape ({'..., ' * each}{n}{',' * (not each)})"
+    array = as_floats(values, name, wanted)
+    if array.shape[-1:] != (n,) or not (each or array.ndim == 1) or not np.isfinite(array).all():
+        raise argument_error(
+            GranularIdError, name, f"has shape {array.shape}, or NaN or infinity; wanted {wanted}"
+        )
+    return array
+
+
 def locked(array: NDArray[Any]) -> NDArray[Any]:
     """Return the array read-only, copied unless nobody can hold a writable view of it."""
     base = array.base
     private = not array.flags.writeable and (
-        base is None
-        or isinstance(base, TemporaryMap)
-        or (
-            isinstance(base, np.ndarray)
-            and not base.flags.writeable
-            and (base.base is None or isinstance(base.base, TemporaryMap))
-        )
+        base is None or (isinstance(base, np.ndarray) and not base.flags.writeable and base.base is None)
     )
     if not private:
         array = array.copy(order="C")
@@ -235,14 +239,9 @@ def locked(array: NDArray[Any]) -> NDArray[Any]:
 
 # JSON-like trees.
 
-_PLAIN = frozenset((type(None), bool, int, str))
-"""Types whose values a tree holds as they are; asked first, as nearly all values are of one of them."""
-
 
 def freeze(value: object, name: str) -> Any:
     """Copy a JSON-like tree into one that cannot be changed (mappings become read-only, lists tuples)."""
-    if type(value) in _PLAIN:
-        return value
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int, str)):
@@ -255,16 +254,9 @@ def freeze(value: object, name: str) -> Any:
         for key in value:
             if not isinstance(key, str):
                 raise argument_error(TypeError, name, f"has the key {key!r}; keys must be str")
-        # most items are plain, and making a name for each would take longer than everything else
-        tree = {
-            str(key): item if _is_plain(item) else freeze(item, f"{name}[{key!r}]")
-            for key, item in value.items()
-        }
-        return MappingProxyType(tree)
+        return MappingProxyType({str(key): freeze(item, f"{name}[{key!r}]") for key, item in value.items()})
     if isinstance(value, (list, tuple)):
-        return tuple(
-            item if _is_plain(item) else freeze(item, f"{name}[{i}]") for i, item in enumerate(value)
-        )
+        return tuple(freeze(item, f"{name}[{i}]") for i, item in enumerate(value))
     wanted = "None, bool, int, float, str, lists or mappings of them"
     raise argument_error(TypeError, name, f"is a {type(value).__name__}; wanted {wanted}")
 
@@ -276,11 +268,6 @@ def frozen_mapping(argument: str, value: object) -> Any:
     return freeze(value, argument)
 
 
-def _is_plain(item: object) -> bool:
-    kind = type(item)
-    return kind in _PLAIN or (kind is float and math.isfinite(item))  # type: ignore[arg-type]
-
-
 def thaw(value: Any) -> Any:
     """Turn a frozen tree back into plain dicts and lists, ready for ``json.dumps``."""
     if isinstance(value, Mapping):
@@ -290,14 +277,6 @@ def thaw(value: Any) -> Any:
     return value
 
 
-_PIECE_BYTES = 1 << 20
-"""What stays in the cache of the processor while it is looked through."""
-
-
 def all_finite(values: NDArray[Any]) -> bool:
-    """Tell whether an array has neither NaN nor infinity."""
-    if not values.flags.c_contiguous:
-        return bool(np.isfinite(values).all())
-    flat = values.reshape(-1)
-    step = _PIECE_BYTES // max(1, flat.itemsize)
-    return all(np.isfinite(flat[i : i + step]).all() for i in range(0, len(flat), step))
+    """Whether an array has neither NaN nor infinity."""
+    return bool(np.isfinite(values).all())

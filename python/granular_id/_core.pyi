@@ -1,9 +1,9 @@
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import Any, ClassVar, Literal, SupportsIndex, TypeAlias, final
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Self
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "UNITS",
     "Block",
     "FeatureSpec",
+    "GranularIdError",
     "Model",
     "ModelFileError",
     "MultiBandExtractor",
@@ -34,7 +35,6 @@ __all__ = [
     "extract_features",
     "histogram",
     "host_ns",
-    "interleave",
     "sosfilt",
     "sosfilt_zi",
 ]
@@ -103,12 +103,11 @@ class FeatureSpec:
 def extract_features(
     wrench: ArrayLike,
     spec: FeatureSpec,
-    threads: SupportsIndex | None,
-    out: NDArray[Any] | None,
-    dtype: DTypeLike,
+    threads: SupportsIndex | None = None,
+    out: _Floats | None = None,
     *,
     filtered: bool = True,
-) -> NDArray[Any]: ...
+) -> _Floats: ...
 def histogram(
     values: ArrayLike, n_bins: SupportsIndex, low: float, high: float
 ) -> tuple[list[float], list[float]]: ...
@@ -178,7 +177,6 @@ class StreamingIdentifier:
 class GranularIdError(ValueError): ...
 
 def available_cores() -> int: ...
-def interleave(columns: list[_Floats], out: _Floats) -> bool: ...
 
 class ModelFileError(GranularIdError): ...
 
@@ -190,7 +188,7 @@ class Model:
         coef: ArrayLike,
         intercept: ArrayLike,
         coding_matrix: ArrayLike,
-        classes: Iterable[str],
+        classes: Sequence[str],
         *,
         loss: str = "hinge",
         n_samples: SupportsIndex = 1600,
@@ -210,7 +208,7 @@ class Model:
     def scores_and_novelty(
         self, wrench: ArrayLike, threads: SupportsIndex | None = None
     ) -> tuple[_Floats, _Floats | None]: ...
-    def verdicts(
+    def apply_rules(
         self, scores: ArrayLike, novelty: ArrayLike | None = None
     ) -> list[tuple[tuple[str, ...], bool | None]]: ...
     @property
@@ -257,7 +255,7 @@ class MultiBandExtractor:
         n_axes: SupportsIndex,
         *,
         rate_hz: float = 500.0,
-        blocks: Iterable[str] = ("coupling", "quantiles", "envelope", "spectrum"),
+        blocks: Sequence[str] = ("coupling", "quantiles", "envelope", "spectrum"),
         scales: ArrayLike | None = None,
         level_scales: ArrayLike | None = None,
     ) -> Self: ...

@@ -6,8 +6,9 @@ import json
 import math
 import os
 import secrets
+import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -114,38 +115,28 @@ def new_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def whole_lines(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
-    """Write lines as they come, each whole or not at all, whatever a full disk or an interrupt leaves of one."""
-    target = Path(path)
-    is_new = not target.exists()
-    try:
-        file = target.open("xb" if is_new else "ab", buffering=0)
-    except OSError as error:
-        raise cannot_write(target, error) from error
-    end = 0
+    """Write lines as they come, each whole or not at all, whatever a full disk or an interrupt leaves of one.
+
+    The first line replaces what was there.
+    """
+    target, end = Path(path), -1
 
     def write(line: str) -> None:
         nonlocal end
-        left = (line + "\n").encode()
+        end, text = max(end, 0), (line + "\n").encode()
         try:
-            if not end:
-                file.truncate(0)
-                file.seek(0)
-            while left:
-                left = left[file.write(left) :]
-            end = file.tell()
-        except BaseException as error:
-            file.truncate(end)
-            file.seek(end)
-            if isinstance(error, OSError):
-                raise cannot_write(target, error) from error
-            raise
+            with target.open("ab") as file:
+                file.truncate(end)
+                file.write(text)
+        except OSError as error:
+            raise cannot_write(target, error) from error
+        end += len(text)
 
     try:
         yield write
     finally:
-        file.close()
-        if is_new and not end:
-            target.unlink(missing_ok=True)
+        if end >= 0 and target.exists():
+            os.truncate(target, end)
 
 
 def write_json(path: str | os.PathLike[str], content: object) -> None:
@@ -191,12 +182,13 @@ def made_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def _draft_of(target: Path) -> Path:
+    """Make an empty file beside the target, or say why it cannot become a file."""
     try:
         if target.is_dir():
             raise IsADirectoryError(f"{target} is a folder, wanted the name of a file")
-        # From Python 3.14 on `exists` does not say that a name is too long.
-        if _is_there(target) and not target.is_file():
-            raise FileExistsError(f"cannot write {target}: it is no ordinary file")
+        with suppress(FileNotFoundError, NotADirectoryError):
+            if not stat.S_ISREG(target.stat().st_mode):
+                raise FileExistsError(f"cannot write {target}: it is no ordinary file")
         if not target.parent.is_dir():
             raise FileNotFoundError(f"cannot write {target}: the folder {target.parent} does not exist")
         # A long name must not become too long by what is added.
@@ -207,14 +199,6 @@ def _draft_of(target: Path) -> Path:
             raise
         raise cannot_write(target, error) from error
     return draft
-
-
-def _is_there(target: Path) -> bool:
-    try:
-        target.stat()
-    except (FileNotFoundError, NotADirectoryError):
-        return False
-    return True
 
 
 def cannot_write(target: Path, error: OSError) -> OSError:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from typing import TypeVar
 
 import threadpoolctl
@@ -35,7 +35,7 @@ def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int
     """Do some work for each item; results in the order of the items. One thread is the caller's own.
 
     When an item fails, or Ctrl-C stops the caller, no further item is begun and those at work are waited for. Of
-    several items that fail the first in order is told.
+    several items that fail the first in order is raised.
     joblib's threads are left behind instead: a process that ends meanwhile may be aborted by a thread that comes
     back from compiled code into an interpreter that is no more.
     """
@@ -43,39 +43,26 @@ def spread(work: Callable[[Item], Result], items: Iterable[Item], n_threads: int
     n_threads = min(n_threads, len(every))
     if n_threads <= 1:
         return [work(item) for item in every]
-    results: dict[int, Result] = {}
-    errors: dict[int, BaseException] = {}
-    places = iter(range(len(every)))
-    next_place, stopped = threading.Lock(), threading.Event()
+    stopped = threading.Event()
 
-    def work_on() -> None:
-        while not stopped.is_set():
-            with next_place:
-                place = next(places, None)
-            if place is None:
-                return
-            try:
-                results[place] = work(every[place])
-            except BaseException as error:
-                errors[place] = error
-                stopped.set()
+    def unless_stopped(item: Item) -> Result | None:
+        if stopped.is_set():
+            return None
+        try:
+            return work(item)
+        except BaseException:
+            stopped.set()
+            raise
 
     # The caller does nothing but wait: Ctrl-C is raised there, and must not meet it with a lock in its hands.
     pool = ThreadPoolExecutor(n_threads)
-    begun: list[Future[None]] = []
     try:
-        with suppress(RuntimeError):  # no more threads are to be had: a limit, or the end of the program
-            begun.extend(pool.submit(work_on) for _ in range(n_threads))
-        for done in begun:
-            done.result()
-        if not begun:
-            work_on()
+        begun = [pool.submit(unless_stopped, item) for item in every]
+        wait(begun)
     finally:
         stopped.set()
         pool.shutdown(wait=True)
-    if errors:
-        raise errors[min(errors)]
-    return [results[place] for place in range(len(every))]
+    return [done.result() for done in begun]  # type: ignore[misc]  # None only behind an item that raises
 
 
 _lock = threading.Lock()

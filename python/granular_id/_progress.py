@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Lock
 from time import monotonic
-from typing import NamedTuple
 
 from granular_id._checks import argument_error
 
@@ -18,7 +17,7 @@ _LINE_EVERY_S = 30.0
 """Seconds at least between two lines where no bar can be drawn."""
 
 _SPEED_OVER_S = 3600.0
-"""What the time left is judged by: rich looks back 30 s unless told, in which no step may have ended."""
+"""What the time left is judged by: rich looks back 30 s by default, in which no step may have ended."""
 
 
 class Ticker:
@@ -46,60 +45,36 @@ def check_progress(progress: bool | ProgressCallback) -> None:
         )
 
 
-class Display(NamedTuple):
-    """Where progress is shown."""
-
-    step: ProgressCallback | None
-    line: Callable[[str], None]
-    """Shows a line that stays, above the bar where there is one; nothing where progress is not wanted or a callable."""
-
-
-TimeLeft = Callable[[], float | None]
-"""Seconds left, or None where that is not known."""
-
-
 @contextmanager
 def showing(progress: bool | ProgressCallback) -> Iterator[ProgressCallback | None]:
     """Show progress for the length of a block: a bar (rich, on a terminal), lines, nothing, or what a callable does."""
-    with displaying(progress) as display:
-        yield display.step
-
-
-@contextmanager
-def displaying(progress: bool | ProgressCallback, left: TimeLeft | None = None) -> Iterator[Display]:
-    """Show progress as `showing` does, and lines beside it; `left` knows more than the mean time of a step."""
     check_progress(progress)
     if callable(progress):
-        yield Display(progress, _silent)
+        yield progress
     elif progress and sys.stderr.isatty():
-        with _bar(left) as display:
-            yield display
+        with _bar() as step:
+            yield step
     else:
-        yield Display(_lines(left), _write) if progress else Display(None, _silent)
+        yield _lines() if progress else None
 
 
-def _silent(_: str) -> None:
-    """Show nothing."""
+def show_line(progress: bool | ProgressCallback, line: str) -> None:
+    """Show a line that stays, above the bar where there is one; nothing where progress is not wanted or a callable."""
+    if progress is True:
+        print(line, file=sys.stderr, flush=True)
 
 
-def _write(line: str) -> None:
-    sys.stderr.write(f"{line}\n")
-    sys.stderr.flush()
-
-
-def _lines(left: TimeLeft | None) -> ProgressCallback:
-    """Tell in lines how far the work is, and about how long it still takes."""
-    start = told = monotonic()
+def _lines() -> ProgressCallback:
+    """Say in lines how far the work is, and about how long it still takes."""
+    start = shown = monotonic()
 
     def callback(done: int, total: int, what: str) -> None:
-        nonlocal told
+        nonlocal shown
         now = monotonic()
-        if now - told < _LINE_EVERY_S or not 0 < done < total:
-            return
-        told = now
-        seconds = (now - start) / done * (total - done) if left is None else left()
-        about = "" if seconds is None else f", about {in_words(seconds)} left"
-        _write(f"{done} of {total}{about}: {what}")
+        if now - shown >= _LINE_EVERY_S and 0 < done < total:
+            shown = now
+            left = in_words((now - start) / done * (total - done))
+            show_line(True, f"{done} of {total}, about {left} left: {what}")
 
     return callback
 
@@ -113,28 +88,24 @@ def in_words(seconds: float) -> str:
 
 
 @contextmanager
-def _bar(left: TimeLeft | None) -> Iterator[Display]:
+def _bar() -> Iterator[ProgressCallback]:
     try:
         import rich.console  # an extra; the library works without it
-        import rich.progress
+        import rich.progress as bars
     except ImportError:
-        yield Display(_lines(left), _write)
+        yield _lines()
         return
-    remaining = () if left is not None else (rich.progress.TimeRemainingColumn(),)
-    what_is_done = rich.progress.BarColumn(), rich.progress.MofNCompleteColumn()
-    columns = (*what_is_done, *remaining, rich.progress.TextColumn("{task.description}"))
-    told = rich.console.Console(stderr=True)
-    with rich.progress.Progress(
-        *columns, console=told, transient=True, speed_estimate_period=_SPEED_OVER_S
+    columns = bars.BarColumn(), bars.MofNCompleteColumn(), bars.TimeRemainingColumn()
+    with bars.Progress(
+        *columns,
+        bars.TextColumn("{task.description}"),
+        console=rich.console.Console(stderr=True),
+        transient=True,
+        speed_estimate_period=_SPEED_OVER_S,
     ) as bar:
         task = bar.add_task("", total=None)
 
         def callback(done: int, total: int, what: str) -> None:
-            seconds = None if left is None else left()
-            about = "" if seconds is None else f"about {in_words(seconds)} left: "
-            bar.update(task, completed=done, total=total or None, description=f"{about}{what}")
+            bar.update(task, completed=done, total=total or None, description=what)
 
-        def line(text: str) -> None:
-            bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-        yield Display(callback, line)
+        yield callback

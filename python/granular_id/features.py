@@ -60,9 +60,9 @@ def extract_features(
         Threads for a batch; all cores by default, and never more than there are cores. One recording runs on the
         calling thread. The number of threads changes no bit of the result. The GIL is released for a batch.
     out : ndarray, shape (n_features,) or (n_recordings, n_features), optional
-        Where to write: C-contiguous, float64 or float32, not overlapping `wrench`. Unspecified after an error.
+        Where to write: C-contiguous, float64, not overlapping `wrench`. Unspecified after an error.
     dtype : dtype, default float64
-        Type of a new result: float64, or float32 to halve its memory. Computation is always in float64.
+        Type of a new result: float64, or float32, to which a result in float64 is rounded.
     rate_hz : float, default 500
         Sampling rate in hertz; 500 is the paper's.
     cutoff_hz : float, default 23
@@ -131,7 +131,19 @@ def extract_features(
         raise TypeError(
             f"wrench must be an array, got a {type(wrench).__name__}: pass recording.wrench, or dataset.X for a batch"
         )
-    return _core.extract_features(wrench_of(wrench), _spec(spec, keywords), threads, out, dtype)
+    try:
+        narrow = {np.dtype(np.float64): False, np.dtype(np.float32): True}[np.dtype(dtype)]
+    except (KeyError, TypeError):
+        raise TypeError(f"dtype must be float64 or float32, got {dtype!r}") from None
+    features = _core.extract_features(wrench_of(wrench), _spec(spec, keywords), threads, out)
+    if out is not None or not narrow:
+        return features
+    with np.errstate(over="ignore"):
+        rounded = features.astype(np.float32)
+    if not np.isfinite(rounded).all():
+        largest = np.abs(features).max()
+        raise GranularIdError(f"features reach {largest:g}, which float32 cannot hold: use dtype float64")
+    return rounded
 
 
 def feature_names(

@@ -22,10 +22,9 @@ from sklearn.pipeline import Pipeline
 from granular_id._checks import all_finite
 from granular_id._core import GranularIdError
 from granular_id._estimators import convergence_warnings, learns, named_errors, seeded_clone
-from granular_id._memory import empty, is_large, spans, taken
 from granular_id._parallel import in_threads, single_threaded_blas
 from granular_id.recording import Dataset
-from granular_id.spaces import RecordingTransformer, fit_on_features, steps_of
+from granular_id.spaces import fit_on_features
 from granular_id.splits import Folds, groups_of
 from granular_id.statistics import cluster_interval
 
@@ -202,7 +201,7 @@ def fit_and_score(
             y: Any = classes[truth[train]] if by_name else truth[train]
             fitted = seeded_clone(pipeline, SeedSequence(seed, spawn_key=(1, k)))
             begun = time.perf_counter()
-            own, new = (taken(features, rows, f"rows of the space {name!r}") for rows in (train, test))
+            own, new = features[train], features[test]
             if shared is None:
                 own = _checked(name, fitted[0].fit(own, y).transform(own), train)
                 new = _checked(name, fitted[0].transform(new), test)
@@ -259,23 +258,8 @@ def _class_values(fitted: Pipeline, X: Floats, codes: Codes, known: Codes, n_cla
 
 
 def _features(space: Any, samples: Floats, name: str) -> Floats:
-    """Fit a feature space that learns nothing, and return what it makes of all recordings.
-
-    Where the recordings are large they are worked on piece by piece, and so are not copied: the bits are the same.
-    """
-    piecewise = is_large(samples.nbytes) and all(
-        isinstance(step, RecordingTransformer) for step in steps_of(space)
-    )
-    space.fit(samples[:1] if piecewise else samples)
-    if not piecewise:
-        return _checked(name, space.transform(samples), np.arange(len(samples)))
-    features: Any = None
-    for span in spans(len(samples), samples[:1].nbytes):
-        piece = _checked(name, space.transform(samples[span]), np.arange(span.start, span.stop))
-        if features is None:
-            features = empty((len(samples), piece.shape[1]), f"features of the space {name!r}")
-        features[span] = piece
-    return features  # type: ignore[no-any-return]
+    """Fit a feature space that learns nothing, and return what it makes of all recordings."""
+    return _checked(name, space.fit(samples).transform(samples), np.arange(len(samples)))
 
 
 def _checked(name: str, values: Any, rows: Codes) -> Floats:

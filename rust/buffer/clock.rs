@@ -9,9 +9,7 @@
 use std::sync::OnceLock;
 use std::time::Instant;
 
-use super::{BufferSpec, Writer};
-
-/// Monotonic nanoseconds since this was first asked for in the process: the host's clock of every row.
+/// Monotonic nanoseconds since the first call in the process: the host's clock of every row.
 #[must_use]
 pub fn host_ns() -> u64 {
     static ORIGIN: OnceLock<Instant> = OnceLock::new();
@@ -121,10 +119,10 @@ fn difference(a: u64, b: u64) -> f64 {
     }
 }
 
-/// Points kept: the fastest row of each stretch of time.
+/// Points of the hull: the fastest row of each stretch of time.
 const POINTS: usize = 32;
 
-/// Longest stretch that one point stands for: the hull reaches back up to five minutes. A delay that lasts is told from a
+/// Longest stretch that one point stands for: the hull reaches back up to five minutes. A delay that lasts is distinguished from a
 /// drift as long as the time without it takes up more of the hull.
 const LONGEST_NS: f64 = 1e10;
 
@@ -240,63 +238,4 @@ impl LowerEnvelope {
 /// True when `b` lies below the straight line from `a` to `c`.
 fn turns_left(a: Point, b: Point, c: Point) -> bool {
     (b.0 - a.0) * (c.1 - a.1) > (c.0 - a.0) * (b.1 - a.1)
-}
-
-/// Device time of rows that come without any: one period after the last.
-///
-/// Periods are counted from the last row whose time is known, so that one of no whole number of ticks does not drift.
-///
-/// ```
-/// use granular_id::buffer::{wrench_buffer, BufferSpec, DeviceClock};
-///
-/// let spec = BufferSpec::default().with_rate_hz(300.0).with_tick_hz(1000.0);
-/// let (writer, _) = wrench_buffer(spec)?;
-/// let mut clock = DeviceClock::new(&spec);
-/// assert_eq!([None; 4].map(|own| clock.ticks(own, &writer)), [0, 3, 7, 10]);
-/// # Ok::<(), granular_id::Error>(())
-/// ```
-#[derive(Clone, Debug)]
-pub struct DeviceClock {
-    period_ticks: f64,
-    epoch: u32,
-    /// Where periods are counted from, and how many have passed.
-    base: Option<(u64, u64)>,
-    /// Time of the last row, taken or dropped.
-    last: Option<u64>,
-}
-
-impl DeviceClock {
-    /// A clock for the rows of a buffer, before the first.
-    #[must_use]
-    pub fn new(spec: &BufferSpec) -> Self {
-        Self { period_ticks: spec.tick_hz / spec.rate_hz, epoch: 0, base: None, last: None }
-    }
-
-    /// The row's own time, or the next instant: one period after the last row of the writer's epoch, whoever pushed it, and
-    /// 0 for the first. To be asked once for every row, also for one that will be dropped: it has had its instant too.
-    pub fn ticks(&mut self, own: Option<u64>, writer: &Writer) -> u64 {
-        let newest = writer.newest_ticks();
-        if self.epoch != writer.epoch() || newest > self.last {
-            self.start(newest, writer);
-        }
-        if let Some(ticks) = own {
-            if own > self.last {
-                self.start(own, writer);
-            }
-            return ticks;
-        }
-        let (base, periods) = self.base.map_or((0, 0), |(base, periods)| (base, periods + 1));
-        self.base = Some((base, periods));
-        // Rounded and not negative; it saturates after centuries.
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
-        let ticks = base.saturating_add((periods as f64 * self.period_ticks).round() as u64);
-        self.last = Some(ticks);
-        ticks
-    }
-
-    fn start(&mut self, at: Option<u64>, writer: &Writer) {
-        self.epoch = writer.epoch();
-        self.base = at.map(|ticks| (ticks, 0));
-        self.last = at;
-    }
 }

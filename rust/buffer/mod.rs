@@ -3,7 +3,7 @@
 //!
 //! All memory is taken when a buffer is made. The [`Writer`] never blocks, whatever readers do; each [`Reader`] has a
 //! place of its own and learns exactly how many rows it missed. Rows are never torn and never silently joined: a read and
-//! a [`Window`] lie in one epoch of device time, and the length of every gap is kept with the row after it.
+//! a [`Window`] lie in one epoch of device time, and the length of every gap is stored with the row after it.
 //!
 //! ```
 //! use granular_id::buffer::{wrench_buffer, BufferSpec, BufferedRow, Pushed, Row, WindowSpec};
@@ -31,11 +31,11 @@ use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::Arc;
 
-pub use clock::{host_ns, DeviceClock};
+pub use clock::host_ns;
 pub use reader::{Fill, Reader, Taken, Window, WindowError, WindowSpec};
-pub use writer::{Pushed, Writer};
+pub use writer::{DeviceClock, Pushed, Writer};
 
-use crate::error::{Error, Result};
+use crate::error::{short_number, Error, Result};
 use crate::specs::setters;
 use crate::wrench::AXES;
 use clock::{ClockLine, CLOCK_WORDS};
@@ -101,22 +101,19 @@ impl BufferSpec {
     /// Rows the buffer holds: seconds times rate, rounded up.
     fn capacity(&self) -> Result<usize> {
         let Self { rate_hz, seconds, tick_hz, reorder_depth, n_axes } = *self;
-        if !(rate_hz.is_finite() && rate_hz > 0.0) {
-            return Err(Error::Rate { rate_hz });
-        }
+        Error::check_rate(rate_hz)?;
         if !(tick_hz.is_finite() && tick_hz >= rate_hz) {
-            return Err(Error::TickRate { tick_hz, rate_hz });
+            let wanted = format_args!("be finite and at least rate_hz = {}", short_number(rate_hz));
+            return Err(Error::argument("tick_hz", wanted, short_number(tick_hz)));
         }
-        if reorder_depth > MAX_REORDER_DEPTH {
-            return Err(Error::ReorderDepth { reorder_depth });
-        }
-        if !(1..=MAX_AXES).contains(&n_axes) {
-            return Err(Error::BufferAxes { n_axes });
-        }
+        Error::check_range("reorder_depth", reorder_depth, 0..=MAX_REORDER_DEPTH)?;
+        Error::check_range("n_axes", n_axes, 1..=MAX_AXES)?;
         let rows = (seconds * rate_hz).ceil();
         // NaN is in no range.
         if !(seconds > 0.0 && (1.0..=MAX_ROWS as f64).contains(&rows)) {
-            return Err(Error::BufferSize { seconds, rate_hz });
+            let wanted = format_args!("be positive and give at most {MAX_ROWS} rows");
+            let got = format_args!("{} at rate_hz = {}", short_number(seconds), short_number(rate_hz));
+            return Err(Error::argument("seconds", wanted, got));
         }
         // Between 1 and MAX_ROWS.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
@@ -127,8 +124,8 @@ impl BufferSpec {
     #[inline]
     fn missing_between(&self, earlier: u64, later: u64) -> u32 {
         let periods = (later - earlier) as f64 * self.rate_hz / self.tick_hz;
-        // Rounded by hand, as `round` is a call on processors without SSE4.1. The cast saturates, as
-        // BufferedRow::missing_before says.
+        // Rounded by hand, as `round` is a call on processors without SSE4.1. The cast saturates, see
+        // BufferedRow::missing_before.
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
         let rounded = (periods + 0.5) as u64;
         u32::try_from(rounded.saturating_sub(1)).unwrap_or(u32::MAX)
@@ -289,7 +286,7 @@ impl Counter {
     }
 }
 
-/// Lines of the clock that are kept: the newest, and some for readers that are slower than the writer.
+/// Lines of the clock in the ring: the newest, and some for readers that are slower than the writer.
 const CLOCK_LINES: usize = 8;
 
 /// What the writer and the readers share.

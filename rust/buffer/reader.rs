@@ -177,6 +177,7 @@ impl Reader {
             if let Some(line) = self.buffer.clock_line(newest.epoch) {
                 return Some((line, newest));
             }
+            std::hint::spin_loop();
         }
     }
 }
@@ -185,7 +186,7 @@ impl Reader {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Fill {
-    /// Nothing: the window has as many rows as were measured, and its mask says where they belong.
+    /// Nothing: the window has as many rows as were measured, and its mask shows where they belong.
     #[default]
     None,
     /// NaN on every axis.
@@ -248,7 +249,7 @@ pub enum WindowError {
     /// More instants than the buffer has room for.
     #[error("n must be at most the capacity of the buffer, {capacity}, got {n}")]
     TooLong {
-        /// Instants asked for.
+        /// Instants requested.
         n: usize,
         /// Rows the buffer holds.
         capacity: u64,
@@ -256,7 +257,7 @@ pub enum WindowError {
     /// Not enough rows yet, or no longer.
     #[error("a window of n = {n} needs as many instants, got {have} in the buffer")]
     TooFew {
-        /// Instants asked for.
+        /// Instants requested.
         n: usize,
         /// Instants there are.
         have: u64,
@@ -272,9 +273,9 @@ pub enum WindowError {
         ago: u64,
     },
     /// The device started again within the window.
-    #[error("a window must lie in one epoch: a window of n = {n} was asked for, and the present epoch has {have} instants")]
+    #[error("a window must lie in one epoch: a window of n = {n} was requested, and the present epoch has {have} instants")]
     EpochBorder {
-        /// Instants asked for.
+        /// Instants requested.
         n: usize,
         /// Instants since the border.
         have: u64,

@@ -1,6 +1,6 @@
 //! The ring itself: items of some words in slots that the newest overwrite, read without locks and never torn.
 //!
-//! Each slot is a sequence lock made of atomics alone: the state of a slot says which item it holds and whether it is
+//! Each slot is a sequence lock made of atomics alone: the state of a slot names the item it holds and whether it is
 //! complete, and a reader that finds another state after its copy than before throws the copy away. All words are
 //! atomics, so an overwritten read is a stale number, never a data race (H.-J. Boehm, "Can seqlocks get along with
 //! programming language memory models?", MSPC 2012).

@@ -30,13 +30,13 @@ pub enum Pushed {
     WrongLength,
 }
 
-/// Who says that a device has started again.
+/// Who finds out that a device has started again.
 #[derive(Clone, Copy, PartialEq)]
 enum Restarts {
     /// The buffer, by the times of the rows.
     Guessed,
     /// The sender of the rows.
-    Told,
+    Announced,
 }
 
 /// The one writer of a buffer.
@@ -91,10 +91,10 @@ impl Writer {
         self.take(row, Restarts::Guessed)
     }
 
-    /// The same from a sender that knows when its device starts again, and calls [`new_epoch`](Self::new_epoch) then: a
+    /// The same from a sender that notices when its device starts again, and calls [`new_epoch`](Self::new_epoch) then: a
     /// row before the newest is late, however old it is and however many come in a row.
     pub fn push_in_epoch(&mut self, row: &Row<impl AsRef<[f64]>>) -> Pushed {
-        self.take(row, Restarts::Told)
+        self.take(row, Restarts::Announced)
     }
 
     /// Begins a new epoch, unless the present one has no rows: device time may start anywhere. Rows that wait are
@@ -208,7 +208,7 @@ impl Writer {
     fn take_late(&mut self, row: &Row<impl AsRef<[f64]>>, restarts: Restarts) -> Pushed {
         let Some(written) = &self.written else { return Pushed::Late };
         let guessed = restarts == Restarts::Guessed;
-        // Asked first: a device that starts again may repeat the very times it had before.
+        // First of all: a device that starts again may repeat the very times it had before.
         if guessed && (written.newest - row.ticks) as f64 > self.restart_ticks {
             return self.restart(row);
         }
@@ -261,14 +261,14 @@ impl Writer {
     }
 
     fn write(&mut self, row: &Row<impl AsRef<[f64]>>) {
-        let missing_before = self.advance(row);
+        let missing_before = self.track_clock(row);
         self.count(row, missing_before);
         let place = BufferedRow { row: row.with(()), missing_before, epoch: self.epoch };
         self.buffer.rows.publish(&place.to_words(), row.wrench.as_ref());
     }
 
     /// Moves device time on to a row, the clock's line with it; the instants that are missing before it.
-    fn advance<W>(&mut self, row: &Row<W>) -> u32 {
+    fn track_clock<W>(&mut self, row: &Row<W>) -> u32 {
         let Self { buffer, epoch, written, .. } = self;
         if let Some(written) = written {
             let missing = buffer.spec.missing_between(written.newest, row.ticks);
@@ -303,5 +303,64 @@ impl Writer {
 
     fn count_held(&self) {
         self.buffer.counters.held.set(self.held.len() as u64);
+    }
+}
+
+/// Device time of rows that come without any: one period after the last.
+///
+/// Periods are counted from the last row whose time is known, so that one of no whole number of ticks does not drift.
+///
+/// ```
+/// use granular_id::buffer::{wrench_buffer, BufferSpec, DeviceClock};
+///
+/// let spec = BufferSpec::default().with_rate_hz(300.0).with_tick_hz(1000.0);
+/// let (writer, _) = wrench_buffer(spec)?;
+/// let mut clock = DeviceClock::new(&spec);
+/// assert_eq!([None; 4].map(|own| clock.ticks(own, &writer)), [0, 3, 7, 10]);
+/// # Ok::<(), granular_id::Error>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct DeviceClock {
+    period_ticks: f64,
+    epoch: u32,
+    /// Where periods are counted from, and how many have passed.
+    base: Option<(u64, u64)>,
+    /// Time of the last row, taken or dropped.
+    last: Option<u64>,
+}
+
+impl DeviceClock {
+    /// A clock for the rows of a buffer, before the first.
+    #[must_use]
+    pub fn new(spec: &BufferSpec) -> Self {
+        Self { period_ticks: spec.tick_hz / spec.rate_hz, epoch: 0, base: None, last: None }
+    }
+
+    /// The row's own time, or the next instant: one period after the last row of the writer's epoch, whoever pushed it, and
+    /// 0 for the first. Call it once for every row, also for one that will be dropped: it has had its instant too.
+    pub fn ticks(&mut self, own: Option<u64>, writer: &Writer) -> u64 {
+        let newest = writer.newest_ticks();
+        if self.epoch != writer.epoch() || newest > self.last {
+            self.start(newest, writer);
+        }
+        if let Some(ticks) = own {
+            if own > self.last {
+                self.start(own, writer);
+            }
+            return ticks;
+        }
+        let (base, periods) = self.base.map_or((0, 0), |(base, periods)| (base, periods + 1));
+        self.base = Some((base, periods));
+        // Rounded and not negative; it saturates after centuries.
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        let ticks = base.saturating_add((periods as f64 * self.period_ticks).round() as u64);
+        self.last = Some(ticks);
+        ticks
+    }
+
+    fn start(&mut self, at: Option<u64>, writer: &Writer) {
+        self.epoch = writer.epoch();
+        self.base = at.map(|ticks| (ticks, 0));
+        self.last = at;
     }
 }

@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 
 use super::pairing::{to_rows, Complex};
 use super::Sos;
-use crate::error::{Error, Result};
+use crate::error::{short_number, Error, Result};
 
 /// The highest order that can be designed.
 pub const MAX_ORDER: usize = 32;
@@ -49,8 +49,8 @@ struct Analog {
 /// - `rate_hz`: sampling rate in hertz.
 ///
 /// # Errors
-/// [`Error::Order`], [`Error::Rate`], [`Error::Cutoff`] and [`Error::Band`] name the argument that is out of range.
-/// [`Error::Unrepresentable`] and [`Error::Unstable`]: the numbers are allowed one by one, yet the band is so narrow or
+/// [`Error::Range`] and [`Error::Argument`] name the argument that is out of range; also `order` and `sos` where the
+/// numbers are allowed one by one, yet the band is so narrow or
 /// so close to an end of the spectrum that float64 cannot hold the filter.
 ///
 /// # Example
@@ -63,12 +63,8 @@ struct Analog {
 /// # Ok::<(), granular_id::Error>(())
 /// ```
 pub fn butterworth(order: usize, band: Band, rate_hz: f64) -> Result<Sos> {
-    if !(1..=MAX_ORDER).contains(&order) {
-        return Err(Error::Order { order });
-    }
-    if !(rate_hz.is_finite() && rate_hz > 0.0) {
-        return Err(Error::Rate { rate_hz });
-    }
+    Error::check_range("order", order, 1..=MAX_ORDER)?;
+    Error::check_rate(rate_hz)?;
     check_edges(band, rate_hz)?;
     let warp = |f: f64| 4.0 * libm::tan(PI * (f / (rate_hz / 2.0)) / 2.0);
     let analog = match band {
@@ -80,7 +76,9 @@ pub fn butterworth(order: usize, band: Band, rate_hz: f64) -> Result<Sos> {
     let (zeros, poles, gain) = bilinear(&analog, order);
     let finite = zeros.iter().chain(&poles).all(|root| root.is_finite());
     if !(finite && gain.is_normal()) {
-        return Err(Error::Unrepresentable { order, gain });
+        let wanted = "be lower for so narrow or extreme a band";
+        let got = format_args!("{order}: the gain, {gain:e}, leaves float64");
+        return Err(Error::argument("order", wanted, got));
     }
     Sos::new(&to_rows(&zeros, &poles, gain))
 }
@@ -90,7 +88,9 @@ fn check_edges(band: Band, rate_hz: f64) -> Result<()> {
         if cutoff_hz > 0.0 && cutoff_hz < rate_hz / 2.0 {
             Ok(())
         } else {
-            Err(Error::Cutoff { cutoff_hz, rate_hz })
+            let wanted = format_args!("be in (0, rate_hz / 2) = (0, {})", short_number(rate_hz / 2.0));
+            let got = format_args!("{} at rate_hz = {}", short_number(cutoff_hz), short_number(rate_hz));
+            Err(Error::argument("cutoff_hz", wanted, got))
         }
     };
     match band {
@@ -101,7 +101,9 @@ fn check_edges(band: Band, rate_hz: f64) -> Result<()> {
             if low_hz < high_hz {
                 Ok(())
             } else {
-                Err(Error::Band { low_hz, high_hz })
+                let (low, high) = (short_number(low_hz), short_number(high_hz));
+                let got = format_args!("low = {low} and high = {high}");
+                Err(Error::argument("band edges", "satisfy low < high", got))
             }
         }
     }
@@ -217,31 +219,38 @@ mod tests {
 
     #[test]
     fn bad_arguments_are_named_with_their_numbers() {
-        let design = butterworth;
-        assert_eq!(design(0, Band::Lowpass(1.0), 10.0), Err(Error::Order { order: 0 }));
-        assert_eq!(design(33, Band::Lowpass(1.0), 10.0), Err(Error::Order { order: 33 }));
-        for rate_hz in [0.0, -1.0, f64::INFINITY] {
-            assert_eq!(design(2, Band::Lowpass(1.0), rate_hz), Err(Error::Rate { rate_hz }));
+        let refused = |order, band, rate_hz| butterworth(order, band, rate_hz).unwrap_err().to_string();
+        for order in [0, 33] {
+            let message = refused(order, Band::Lowpass(1.0), 10.0);
+            assert_eq!(message, format!("order must be from 1 to 32, got {order}"));
         }
-        assert!(matches!(design(2, Band::Lowpass(1.0), f64::NAN), Err(Error::Rate { .. })));
-        for cutoff_hz in [0.0, -1.0, 5.0, 6.0, f64::INFINITY] {
-            let error = Error::Cutoff { cutoff_hz, rate_hz: 10.0 };
-            assert_eq!(design(2, Band::Highpass(cutoff_hz), 10.0), Err(error.clone()));
-            assert_eq!(design(2, Band::Bandpass(cutoff_hz, 4.0), 10.0), Err(error.clone()));
-            assert_eq!(design(2, Band::Bandstop(1.0, cutoff_hz), 10.0), Err(error));
+        for rate_hz in [0.0, -1.0, f64::INFINITY, f64::NAN] {
+            let message = refused(2, Band::Lowpass(1.0), rate_hz);
+            assert_eq!(message, format!("rate_hz must be positive and finite, got {rate_hz}"));
         }
-        assert!(matches!(design(2, Band::Lowpass(f64::NAN), 10.0), Err(Error::Cutoff { .. })));
-        for (low_hz, high_hz) in [(3.0, 2.0), (2.0, 2.0)] {
+        for cutoff_hz in [0.0, -1.0, 5.0, 6.0, f64::INFINITY, f64::NAN] {
+            let message =
+                format!("cutoff_hz must be in (0, rate_hz / 2) = (0, 5), got {cutoff_hz} at rate_hz = 10");
+            for band in
+                [Band::Highpass(cutoff_hz), Band::Bandpass(cutoff_hz, 4.0), Band::Bandstop(1.0, cutoff_hz)]
+            {
+                assert_eq!(refused(2, band, 10.0), message);
+            }
+        }
+        for low_hz in [3.0, 2.0] {
+            let message = refused(2, Band::Bandpass(low_hz, 2.0), 10.0);
             assert_eq!(
-                design(2, Band::Bandpass(low_hz, high_hz), 10.0),
-                Err(Error::Band { low_hz, high_hz })
+                message,
+                format!("band edges must satisfy low < high, got low = {low_hz} and high = 2")
             );
         }
+        let message = refused(2, Band::Lowpass(f64::MAX), f64::MIN_POSITIVE);
+        assert!(message.len() < 160, "{message}");
     }
 
     #[test]
     fn a_filter_that_float64_cannot_hold_is_refused() {
         let error = butterworth(32, Band::Lowpass(1e-12), 2.0).unwrap_err();
-        assert!(matches!(error, Error::Unrepresentable { order: 32, .. }), "{error}");
+        assert!(matches!(error, Error::Argument { what: "order", .. }), "{error}");
     }
 }

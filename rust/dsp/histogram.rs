@@ -24,19 +24,19 @@ pub struct UniformBins {
 impl UniformBins {
     /// Bins with `n_bins` in 1..=[`MAX_BINS`] and finite `low < high` far enough apart to have that many bins.
     pub fn new(n_bins: usize, low: f64, high: f64) -> Result<Self> {
-        if n_bins == 0 || n_bins > MAX_BINS {
-            return Err(Error::Bins { n_bins, max: MAX_BINS });
-        }
+        Error::check_range("n_bins", n_bins, 1..=MAX_BINS)?;
         let width = high - low;
         if !(low.is_finite() && high.is_finite() && width.is_finite() && low < high) {
-            return Err(Error::BinRange { low, high });
+            let got = format_args!("({low:?}, {high:?})");
+            return Err(Error::argument("bin_range", "be finite with low < high", got));
         }
         let step = width / n_bins as f64;
         let mut edges: Vec<f64> = (0..=n_bins).map(|i| i as f64 * step + low).collect();
         edges[n_bins] = high;
         // Too many bins for float64 between low and high: numpy refuses these as well.
         if edges.windows(2).any(|pair| pair[0] >= pair[1]) {
-            return Err(Error::BinWidth { n_bins, low, high });
+            let wanted = format_args!("hold {n_bins} bins of finite size");
+            return Err(Error::argument("bin_range", wanted, format_args!("({low:?}, {high:?})")));
         }
         Ok(Self { edges })
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::error::{Error, Result};
+use crate::error::{short_number, Error, Result};
 use crate::memory::reserved;
 
 /// How far a coefficient may lie beyond the edge of stability and still count as rounding of an integrator.
@@ -104,29 +104,35 @@ impl Sos {
     /// Checks rows `[b0, b1, b2, a0, a1, a2]` as `scipy.signal` writes them.
     ///
     /// # Errors
-    /// - [`Error::NoSections`]: no row at all.
-    /// - [`Error::NonFiniteCoefficient`], [`Error::LeadingCoefficient`]: a coefficient is not finite, an `a0` is not 1.
-    /// - [`Error::Unstable`]: a pole lies outside the unit circle, so that any input would grow without bound. A pole on
-    ///   the circle (an integrator, to within rounding) is allowed, and so is a pole that a section's own zeros cancel
-    ///   exactly.
+    /// [`Error::Argument`] for no row at all, a coefficient that is not finite, an `a0` that is not 1, and a pole outside
+    /// the unit circle, so that any input would grow without bound. A pole on the circle (an integrator, to within rounding)
+    /// is allowed, and so is a pole that a section's own zeros cancel exactly.
     pub fn new(rows: &[[f64; 6]]) -> Result<Self> {
         if rows.is_empty() {
-            return Err(Error::NoSections);
+            return Err(Error::argument("sos", "have at least one section", "none"));
         }
         let mut sections = reserved(rows.len())?;
         for (index, row) in rows.iter().enumerate() {
             if let Some(column) = row.iter().position(|v| !v.is_finite()) {
                 let value = row[column];
-                return Err(Error::NonFiniteCoefficient { section: index, column, value });
+                return Err(Error::argument(
+                    "sos",
+                    "be finite",
+                    format_args!("{value} at [{index}, {column}]"),
+                ));
             }
             let [b0, b1, b2, a0, a1, a2] = *row;
             #[allow(clippy::float_cmp)] // the convention is an exact one
             if a0 != 1.0 {
-                return Err(Error::LeadingCoefficient { section: index, a0 });
+                let got = format_args!("{} in section {index}", short_number(a0));
+                return Err(Error::argument("sos[:, 3] (a0)", "be all ones", got));
             }
             let section = Section { b0, b1, b2, a1, a2 };
             if section.is_unstable() {
-                return Err(Error::Unstable { section: index, radius: section.pole_radius() });
+                let radius = short_number(section.pole_radius());
+                let got =
+                    format_args!("section {index} with a pole of radius {radius} (at most 1 is wanted)");
+                return Err(Error::argument("sos", "be stable", got));
             }
             sections.push(section);
         }
@@ -151,17 +157,20 @@ impl Sos {
     /// (`scipy.signal.sosfilt_zi`).
     ///
     /// # Errors
-    /// [`Error::NoSteadyState`] when a section has a pole at `z = 1`: its output grows for as long as the input lasts.
+    /// [`Error::Argument`] when a section has a pole at `z = 1`: its output grows for as long as the input lasts.
     pub fn steady_state(&self) -> Result<Vec<[f64; 2]>> {
         let mut scale = 1.0;
         let mut states = reserved(self.sections.len())?;
         for (index, section) in self.sections.iter().enumerate() {
-            let no_state = Error::NoSteadyState { section: index };
-            let [z0, z1] = section.steady_state().ok_or_else(|| no_state.clone())?;
+            let no_state = || {
+                let got = format_args!("section {index} with a pole at z = 1: no steady state");
+                Error::argument("sos", "have a finite gain at frequency zero", got)
+            };
+            let [z0, z1] = section.steady_state().ok_or_else(no_state)?;
             states.push([scale * z0, scale * z1]);
             scale *= section.dc_gain();
             if !scale.is_finite() {
-                return Err(no_state);
+                return Err(no_state());
             }
         }
         Ok(states)
@@ -171,20 +180,20 @@ impl Sos {
 #[cfg(test)]
 mod tests {
     use super::Sos;
-    use crate::error::Error;
 
     const SMOOTH: [f64; 6] = [0.5, 0.0, 0.0, 1.0, -0.5, 0.0];
 
     #[test]
     fn malformed_rows_are_refused_by_name() {
-        assert_eq!(Sos::new(&[]), Err(Error::NoSections));
-        let mut row = SMOOTH;
-        row[4] = f64::INFINITY;
-        let error = Error::NonFiniteCoefficient { section: 1, column: 4, value: f64::INFINITY };
-        assert_eq!(Sos::new(&[SMOOTH, row]), Err(error));
-        row = SMOOTH;
-        row[3] = 2.0;
-        assert_eq!(Sos::new(&[SMOOTH, row]), Err(Error::LeadingCoefficient { section: 1, a0: 2.0 }));
+        let refused = |rows: &[_]| Sos::new(rows).unwrap_err().to_string();
+        assert_eq!(refused(&[]), "sos must have at least one section, got none");
+        let with = |column, value| {
+            let mut row = SMOOTH;
+            row[column] = value;
+            refused(&[SMOOTH, row])
+        };
+        assert_eq!(with(4, f64::INFINITY), "sos must be finite, got inf at [1, 4]");
+        assert_eq!(with(3, 2.0), "sos[:, 3] (a0) must be all ones, got 2 in section 1");
     }
 
     #[test]
@@ -209,14 +218,15 @@ mod tests {
     #[test]
     fn poles_outside_the_unit_circle_are_refused_with_section_and_radius() {
         for (a1, a2, expected) in [(-1.5, 0.0, 1.5), (0.0, 1.21, 1.1), (3.0, 2.0, 2.0), (0.0, -4.0, 2.0)] {
-            match Sos::new(&[SMOOTH, [1.0, 0.0, 0.0, 1.0, a1, a2]]) {
-                Err(Error::Unstable { section: 1, radius }) => assert!((radius - expected).abs() < 1e-14),
-                other => panic!("{a1} {a2}: {other:?}"),
-            }
+            let message = Sos::new(&[SMOOTH, [1.0, 0.0, 0.0, 1.0, a1, a2]]).unwrap_err().to_string();
+            let (_, radius) = message.split_once("got section 1 with a pole of radius ").unwrap();
+            let radius: f64 = radius.split(' ').next().unwrap().parse().unwrap();
+            assert!((radius - expected).abs() < 1e-14, "{message}");
         }
         for huge in [f64::MAX, -f64::MAX] {
-            assert!(matches!(Sos::new(&[[1.0, 0.0, 0.0, 1.0, huge, 0.0]]), Err(Error::Unstable { .. })));
-            assert!(matches!(Sos::new(&[[1.0, 0.0, 0.0, 1.0, huge, huge]]), Err(Error::Unstable { .. })));
+            for a2 in [0.0, huge] {
+                assert!(Sos::new(&[[1.0, 0.0, 0.0, 1.0, huge, a2]]).is_err());
+            }
         }
     }
 
@@ -250,8 +260,9 @@ mod tests {
     #[test]
     fn a_pole_at_one_has_no_steady_state() {
         let sos = Sos::new(&[SMOOTH, [1.0, 0.0, 0.0, 1.0, -1.0, 0.0]]).unwrap();
-        assert_eq!(sos.steady_state(), Err(Error::NoSteadyState { section: 1 }));
+        let refused = |sos: &Sos| sos.steady_state().unwrap_err().to_string();
+        assert!(refused(&sos).contains("got section 1 with a pole at z = 1"));
         let differentiated = Sos::new(&[[1.0, -1.0, 0.0, 1.0, -1.0, 0.0]]).unwrap();
-        assert_eq!(differentiated.steady_state(), Err(Error::NoSteadyState { section: 0 }));
+        assert!(refused(&differentiated).contains("got section 0 with a pole at z = 1"));
     }
 }

@@ -3,15 +3,25 @@
 //! A value's cell is found by arithmetic, not by a search: `cell = value * scale + offset`, where cell 0 of a lane collects
 //! what lies below the range, 1..=n the bins, n + 1 what lies above. The offset holds 2^20 and the first cell of the lane as
 //! well, so that the high word of the float64 is the cell among those of all lanes, and the low word the fraction, in units of
-//! 2^-32. A fraction within rounding distance of 0 or 1 means that the value is next to an edge: that row is settled by
+//! 2^-32. A fraction within rounding distance of 0 or 1 means that the value is next to an edge: that row is decided by
 //! comparison with the float edges. So the counts are exact, and almost no value pays for it.
 //!
 //! Cells of a block wait until the next block is filtered: counting is loads and stores, filtering is arithmetic, and the
 //! machine does both at a time.
 
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::{
+    __m256d, __m256i, _mm256_add_epi32, _mm256_add_pd, _mm256_and_pd, _mm256_and_si256, _mm256_andnot_pd,
+    _mm256_castpd_ps, _mm256_castpd_si256, _mm256_castsi256_pd, _mm256_cmp_pd, _mm256_cmpeq_epi32,
+    _mm256_loadu_pd, _mm256_max_pd, _mm256_min_epu32, _mm256_min_pd, _mm256_movemask_epi8, _mm256_mul_pd,
+    _mm256_or_pd, _mm256_set1_epi32, _mm256_set1_epi64x, _mm256_set1_pd, _mm256_setzero_pd,
+    _mm256_shuffle_ps, _mm256_storeu_ps, _mm256_sub_pd, _CMP_LE_OQ, _CMP_LT_OQ,
+};
 use std::marker::PhantomData;
 
-use super::filter::Beside;
+use super::filter::Overlap;
+#[cfg(target_arch = "x86_64")]
+use super::simd::Avx2;
 use super::simd::Simd;
 use super::transpose::{Row, BLOCK, LANES, MAX_WIDTH};
 use crate::dsp::{UniformBins, MAX_BINS};
@@ -51,9 +61,10 @@ pub(crate) struct LaneBins<'a, const W: usize> {
 }
 
 impl<'a, const W: usize> LaneBins<'a, W> {
-    /// Parameters for `lanes`, one set of bins per lane in use; all must have the same number of bins.
+    /// Parameters for `lanes`, one set of bins per lane in use; all have the same number of bins.
     pub(crate) fn new(lanes: Vec<&'a UniformBins>) -> Self {
         let n_bins = lanes.first().map_or(1, |bins| bins.n_bins());
+        assert!(lanes.iter().all(|bins| bins.n_bins() == n_bins), "lanes must have equal numbers of bins");
         let stride = n_bins + 2;
         let margin = lanes.iter().map(|bins| margin(bins)).max().unwrap_or(2);
         let shift = f64::from(margin) / 4_294_967_296.0;
@@ -161,8 +172,8 @@ impl<const W: usize> LaneHistograms<W> {
             "histograms must fit"
         );
         for (row, cells) in rows.iter().zip(&mut self.cells) {
-            if simd.cells(bins, row, cells) {
-                settle(bins, row, cells);
+            if quick_cells(simd, bins, row, cells) {
+                resolve_edge(bins, row, cells);
             }
         }
         self.cells[rows.len()..].fill(Self::nothing(self.stride));
@@ -190,7 +201,7 @@ pub(crate) struct Counting<'a, const W: usize> {
     counts: PhantomData<&'a mut [u32]>,
 }
 
-impl<const W: usize> Beside for Counting<'_, W> {
+impl<const W: usize> Overlap for Counting<'_, W> {
     /// Adds one to a part of the cells of a row.
     #[allow(unsafe_code)]
     #[inline(always)]
@@ -216,9 +227,24 @@ fn sum<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, w: usize, l: usize) -> 
     }
 }
 
-/// Plain-loop twin of the vector code in `x86.rs`.
+/// Cells of one row; true when a value is too near to an edge for the quick arithmetic to decide.
 #[inline(always)]
-pub(super) fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
+fn quick_cells<const W: usize>(
+    simd: impl Simd,
+    bins: &LaneBins<W>,
+    row: &Row<W>,
+    cells: &mut Cells<W>,
+) -> bool {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(proof) = simd.avx2() {
+        return cells_by_avx2(proof, bins, row, cells);
+    }
+    let _ = simd;
+    cells_by_loops(bins, row, cells)
+}
+
+#[inline(always)]
+fn cells_by_loops<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
     let mut nearest = u32::MAX;
     for w in 0..W {
         for l in 0..LANES {
@@ -229,14 +255,14 @@ pub(super) fn cells<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mu
             cells.0[w][l] = (bits >> 32) as u32;
         }
     }
-    nearest <= bins.limit && settle_zeros(bins, row, cells)
+    nearest <= bins.limit && resolve_zeros(bins, row, cells)
 }
 
 /// Decides by comparison what lies next to the edge nearest to zero: a silent axis is 0, and with an even number of bins 0 is
 /// an edge. True when values next to other edges are left.
 #[inline(always)]
 #[allow(clippy::needless_bitwise_bool)] // no branches in a loop over lanes
-fn settle_zeros<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
+fn resolve_zeros<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
     let mut left = false;
     for w in 0..W {
         for l in 0..LANES {
@@ -257,12 +283,12 @@ fn settle_zeros<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Ce
 /// in another order before.
 #[cold]
 #[inline(never)]
-fn settle<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) {
-    for (lane, settled) in cells.0.as_flattened_mut().iter_mut().enumerate() {
+fn resolve_edge<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) {
+    for (lane, resolved) in cells.0.as_flattened_mut().iter_mut().enumerate() {
         let value = row.flat()[lane];
         let bits = sum(bins, row, lane / LANES, lane % LANES).to_bits();
         let Some(bins_of_lane) = bins.lanes.get(lane) else {
-            *settled = (bits >> 32) as u32;
+            *resolved = (bits >> 32) as u32;
             continue;
         };
         let first = lane * bins.stride;
@@ -288,6 +314,84 @@ fn settle<const W: usize>(bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>
         };
         #[allow(clippy::cast_possible_truncation)] // all cells of a row are below 2^20
         let cell = (first + cell) as u32;
-        *settled = MAGIC_HIGH + cell;
+        *resolved = MAGIC_HIGH + cell;
+    }
+}
+
+/// The same as [`cells_by_loops`]: a compiler does not find these instructions.
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code, clippy::needless_range_loop)] // halves of several rows at a time
+#[inline(always)]
+fn cells_by_avx2<const W: usize>(_: Avx2, bins: &LaneBins<W>, row: &Row<W>, cells: &mut Cells<W>) -> bool {
+    // SAFETY: the proof of AVX2; pointers to read are the start of four elements of an array of eight, those to write
+    // of an array of eight half as large.
+    unsafe {
+        let mut nearest = _mm256_set1_epi32(-1);
+        let mut sums = [[_mm256_setzero_pd(); 2]; W];
+        each_vector!(W, w, {
+            for half in 0..2 {
+                let load = |row: &Row<W>| _mm256_loadu_pd(row.0[w].as_ptr().add(half * LANES / 2));
+                let sum = _mm256_add_pd(_mm256_mul_pd(load(row), load(&bins.scale)), load(&bins.offset));
+                // The second operand is the answer for NaN, as in the plain loop.
+                let sum = _mm256_min_pd(_mm256_max_pd(sum, load(&bins.bottom)), load(&bins.top));
+                sums[w][half] = sum;
+                // High words are far above any limit, so one minimum over all words is the least fraction.
+                nearest = _mm256_min_epu32(nearest, _mm256_castpd_si256(sum));
+            }
+            store_high_words(sums[w], &mut cells.0[w]);
+        });
+        if !is_near(nearest, bins.limit) {
+            return false;
+        }
+        // A silent axis is 0, and so most often next to the edge at 0.
+        let mut nearest = _mm256_set1_epi32(-1);
+        each_vector!(W, w, {
+            for half in 0..2 {
+                let load = |row: &Row<W>| _mm256_loadu_pd(row.0[w].as_ptr().add(half * LANES / 2));
+                let sum = sums[w][half];
+                let distance =
+                    _mm256_andnot_pd(_mm256_set1_pd(-0.0), _mm256_sub_pd(sum, load(&bins.zero_cell)));
+                let is_zero = _mm256_cmp_pd::<_CMP_LE_OQ>(distance, _mm256_set1_pd(bins.reach));
+                let is_below = _mm256_cmp_pd::<_CMP_LT_OQ>(load(row), load(&bins.zero_edge));
+                nearest = _mm256_min_epu32(nearest, _mm256_castpd_si256(_mm256_or_pd(sum, is_zero)));
+                // All ones are -1.
+                let one_less = _mm256_castpd_si256(_mm256_and_pd(is_zero, is_below));
+                let bits = _mm256_add_epi32(_mm256_castpd_si256(sum), one_less);
+                sums[w][half] = _mm256_castsi256_pd(bits);
+            }
+            store_high_words(sums[w], &mut cells.0[w]);
+        });
+        is_near(nearest, bins.limit)
+    }
+}
+
+/// The high words of eight numbers, in another order.
+///
+/// # Safety
+/// AVX2.
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
+#[inline(always)]
+unsafe fn store_high_words([low, high]: [__m256d; 2], words: &mut [u32; LANES]) {
+    // SAFETY: what the caller promises; there is room for eight words.
+    unsafe {
+        let high = _mm256_shuffle_ps::<0b11_01_11_01>(_mm256_castpd_ps(low), _mm256_castpd_ps(high));
+        _mm256_storeu_ps(words.as_mut_ptr().cast(), high);
+    }
+}
+
+/// Whether one of the low words is at most `limit`.
+///
+/// # Safety
+/// AVX2.
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
+#[inline(always)]
+unsafe fn is_near(words: __m256i, limit: u32) -> bool {
+    // SAFETY: what the caller promises.
+    unsafe {
+        let near = _mm256_cmpeq_epi32(_mm256_min_epu32(words, _mm256_set1_epi32(limit.cast_signed())), words);
+        // The mask drops the high words.
+        _mm256_movemask_epi8(_mm256_and_si256(near, _mm256_set1_epi64x(0xffff_ffff))) != 0
     }
 }

@@ -3,8 +3,8 @@
 //! A *lane* is one channel of one recording. Lanes never mix, and every lane goes through the same operations
 //! in the same order as [`SosState`](crate::SosState), so the width of the machine's vectors cannot change
 //! a bit. The bodies are loops over `[f64; 8]`; thin wrappers compile them for the baseline (SSE2 or NEON), for
-//! AVX2 and for AVX-512, and [`SimdPath`] picks one at run time. What only one instruction set can do is a method of its
-//! token, which nobody has who has not found these instructions.
+//! AVX2 and for AVX-512, and [`SimdPath`] picks one at run time. What only one instruction set can do asks its token
+//! for a proof that the machine has these instructions.
 
 /// Runs a block for each vector `w` of a row. Written out, because a compiler keeps so short a loop rolled, and then
 /// passes the vectors through memory instead of registers; and a closure would lose the features of the wrapper.
@@ -25,6 +25,7 @@ macro_rules! each_vector {
 }
 
 mod count;
+mod dispatch;
 mod filter;
 mod pack;
 mod simd;
@@ -33,8 +34,12 @@ mod transpose;
 mod x86;
 
 pub(crate) use count::{Counting, LaneBins, LaneHistograms};
-pub(crate) use filter::{Beside, Cascade};
+pub use dispatch::SimdPath;
+pub(crate) use filter::{Cascade, Overlap};
 pub(crate) use pack::Pack;
-pub use simd::SimdPath;
-pub(crate) use simd::{Job, Portable, Register, Simd, Vectors};
-pub(crate) use transpose::{fits, pack, unpack, HalfLines, Raw, Row, BLOCK, LANES, MAX_WIDTH};
+#[cfg(test)]
+pub(crate) use pack::Portable;
+pub(crate) use simd::{F32x8, Job, Simd};
+pub(crate) use transpose::{
+    finish_writes, pack, prefetch, transpose6, unpack, Raw, Row, BLOCK, LANES, MAX_WIDTH,
+};

@@ -2,8 +2,25 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::simd::{Portable, Register, Vectors};
-use crate::dsp::Real;
+use super::simd::{F32x8, Simd};
+
+/// Numbers that packs are made of.
+pub(crate) trait Number:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+{
+    const ZERO: Self;
+    const ONE: Self;
+}
+
+impl Number for f32 {
+    const ZERO: Self = 0.0;
+    const ONE: Self = 1.0;
+}
+
+impl Number for f64 {
+    const ZERO: Self = 0.0;
+    const ONE: Self = 1.0;
+}
 
 /// `L` independent numbers: plain arrays that a compiler turns into vectors. Every operation rounds each lane by itself,
 /// so that all instruction sets give the same bits.
@@ -11,7 +28,7 @@ use crate::dsp::Real;
 #[repr(C, align(32))]
 pub(crate) struct Pack<T, const L: usize>(pub(crate) [T; L]);
 
-impl<T: Real, const L: usize> Pack<T, L> {
+impl<T: Number, const L: usize> Pack<T, L> {
     pub(crate) const ZERO: Self = Self([T::ZERO; L]);
     pub(crate) const ONE: Self = Self([T::ONE; L]);
 
@@ -30,15 +47,6 @@ impl<T: Real, const L: usize> Pack<T, L> {
     }
 
     #[inline(always)]
-    fn each(self, f: impl Fn(T) -> T) -> Self {
-        let mut out = self;
-        for l in 0..L {
-            out.0[l] = f(self.0[l]);
-        }
-        out
-    }
-
-    #[inline(always)]
     fn with(self, other: Self, f: impl Fn(T, T) -> T) -> Self {
         let mut out = self;
         for l in 0..L {
@@ -46,82 +54,43 @@ impl<T: Real, const L: usize> Pack<T, L> {
         }
         out
     }
+}
 
-    #[inline(always)]
-    pub(crate) fn sqrt(self) -> Self {
-        self.each(T::sqrt)
-    }
-
-    #[inline(always)]
-    pub(crate) fn abs(self) -> Self {
-        self.each(T::abs)
-    }
-
-    /// The size of these numbers with the signs of others.
-    #[inline(always)]
-    pub(crate) fn with_sign_of(self, other: Self) -> Self {
-        self.with(other, T::copysign)
-    }
-
-    /// The sum of all lanes, halves first, as vectors do it. For four or eight lanes.
+impl<T: Number> Pack<T, 8> {
+    /// The sum of all lanes, halves first, as vectors do it.
     #[inline(always)]
     pub(crate) fn sum(self) -> T {
-        const { assert!(L == 4 || L == 8) };
-        let mut x = self.0;
-        if L == 8 {
-            for l in 0..4 {
-                x[l] = x[l] + x[L / 2 + l];
-            }
-        }
-        (x[0] + x[2]) + (x[1] + x[3])
+        let [a, b, c, d, e, f, g, h] = self.0;
+        ((a + e) + (c + g)) + ((b + f) + (d + h))
     }
 }
 
-impl<T: Real, const L: usize> Vectors<T, L> for Portable {
-    type Register = Pack<T, L>;
+/// Plain loops, compiled for whatever the wrapper allows.
+#[derive(Clone, Copy)]
+pub(crate) struct Portable;
+
+impl Simd for Portable {
+    type F32x8 = Pack<f32, 8>;
 
     #[inline(always)]
-    fn splat(self, x: T) -> Pack<T, L> {
+    fn splat(self, x: f32) -> Pack<f32, 8> {
         Pack::splat(x)
     }
 
     #[inline(always)]
-    fn load(self, from: &[T]) -> Pack<T, L> {
+    fn load(self, from: &[f32]) -> Pack<f32, 8> {
         Pack::load(from)
     }
 }
 
-impl<T: Real, const L: usize> Register<T, L> for Pack<T, L> {
+impl F32x8 for Pack<f32, 8> {
     #[inline(always)]
-    fn store(self, to: &mut [T]) {
-        to[..L].copy_from_slice(&self.0);
+    fn store(self, to: &mut [f32]) {
+        to[..8].copy_from_slice(&self.0);
     }
 
     #[inline(always)]
-    fn above(self, other: Self) -> Self {
-        self.with(other, |a, b| if a > b { T::YES } else { T::ZERO })
-    }
-
-    #[inline(always)]
-    fn select(self, yes: Self, no: Self) -> Self {
-        let mut out = no;
-        for l in 0..L {
-            out.0[l] = if self.0[l].bits() != 0 { yes.0[l] } else { no.0[l] };
-        }
-        out
-    }
-
-    #[inline(always)]
-    fn reversed(self) -> Self {
-        let mut out = self;
-        for l in 0..L {
-            out.0[l] = self.0[L - 1 - l];
-        }
-        out
-    }
-
-    #[inline(always)]
-    fn transposed(rows: [Self; L]) -> [Self; L] {
+    fn transposed(rows: [Self; 8]) -> [Self; 8] {
         let mut out = rows;
         for (column, out) in out.iter_mut().enumerate() {
             for (row, from) in rows.iter().enumerate() {
@@ -134,7 +103,7 @@ impl<T: Real, const L: usize> Register<T, L> for Pack<T, L> {
 
 macro_rules! operator {
     ($operator:ident, $method:ident, $sign:tt) => {
-        impl<T: Real, const L: usize> $operator for Pack<T, L> {
+        impl<T: Number, const L: usize> $operator for Pack<T, L> {
             type Output = Self;
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
@@ -148,59 +117,30 @@ operator!(Sub, sub, -);
 operator!(Mul, mul, *);
 operator!(Div, div, /);
 
-impl<T: Real, const L: usize> Mul<T> for Pack<T, L> {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: T) -> Self {
-        self.each(|a| a * other)
-    }
-}
-
-impl<T: Real, const L: usize> Neg for Pack<T, L> {
+impl<T: Number, const L: usize> Neg for Pack<T, L> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        self.each(|a| -a)
+        self.with(self, |a, _| -a)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::fmt::Debug;
-
     use super::*;
 
-    fn of<T: Real, const L: usize>(numbers: [f64; L]) -> Pack<T, L> {
-        Pack(numbers.map(T::of))
-    }
-
-    fn lanes_do_not_mix<T: Real + Debug>() {
-        let (a, b) = (of::<T, 3>([1.0, -2.0, 3.0]), of([4.0, 5.0, -6.0]));
-        assert_eq!(a + b, of([5.0, 3.0, -3.0]));
-        assert_eq!(a - b, of([-3.0, -7.0, 9.0]));
-        assert_eq!(a * b, of([4.0, -10.0, -18.0]));
-        assert_eq!(a * T::of(0.5), of([0.5, -1.0, 1.5]));
-        assert_eq!(b / a, of([4.0, -2.5, -2.0]));
-        assert_eq!(a.abs(), of([1.0, 2.0, 3.0]));
-        assert_eq!((-a).with_sign_of(b), of([1.0, 2.0, -3.0]));
-        assert_eq!(a.above(b).select(a, b), of([4.0, 5.0, 3.0]));
-        assert_eq!(of::<T, 2>([4.0, 9.0]).sqrt(), of([2.0, 3.0]));
-    }
-
-    fn sums_take_every_lane<T: Real + Debug>() {
-        assert_eq!(of::<T, 4>([1.0, 2.0, 4.0, 8.0]).sum(), T::of(15.0));
-        assert_eq!(of::<T, 8>([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0]).sum(), T::of(255.0));
+    #[test]
+    fn lanes_do_not_mix() {
+        let (a, b) = (Pack([1.0, -2.0, 3.0]), Pack([4.0, 5.0, -6.0]));
+        assert_eq!(a + b, Pack([5.0, 3.0, -3.0]));
+        assert_eq!(a - b, Pack([-3.0, -7.0, 9.0]));
+        assert_eq!(a * b, Pack([4.0, -10.0, -18.0]));
+        assert_eq!(b / a, Pack([4.0, -2.5, -2.0]));
+        assert_eq!(-a, Pack([-1.0, 2.0, -3.0]));
     }
 
     #[test]
-    fn float64() {
-        lanes_do_not_mix::<f64>();
-        sums_take_every_lane::<f64>();
-    }
-
-    #[test]
-    fn float32() {
-        lanes_do_not_mix::<f32>();
-        sums_take_every_lane::<f32>();
+    fn a_sum_takes_every_lane() {
+        assert_eq!(Pack([1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0]).sum(), 255.0);
     }
 }

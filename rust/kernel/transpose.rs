@@ -1,7 +1,16 @@
 //! Rows of lanes: from samples (all axes of one instant together) to them, and to raw features (all instants of one axis
 //! together).
 
-use crate::dsp::{Real, Slice};
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::{
+    __m256d, _mm256_castpd128_pd256, _mm256_insertf128_pd, _mm256_loadu_pd, _mm256_permute2f128_pd,
+    _mm256_storeu_pd, _mm256_stream_pd, _mm256_unpackhi_pd, _mm256_unpacklo_pd, _mm_loadu_pd, _mm_prefetch,
+    _mm_sfence, _mm_storeu_pd, _mm_unpackhi_pd, _mm_unpacklo_pd, _MM_HINT_T0,
+};
+
+#[cfg(target_arch = "x86_64")]
+use super::simd::Avx2;
+use super::simd::Simd;
 
 /// Channels per vector.
 pub(crate) const LANES: usize = 8;
@@ -35,46 +44,31 @@ impl<const W: usize> Row<W> {
 }
 
 /// Where the raw features of one recording go: `values[axis * n_samples + sample]`.
-pub(crate) struct Raw<'a, T> {
+pub(crate) struct Raw<'a> {
     /// Raw features of one recording, axis-major.
-    pub(crate) values: &'a mut [T],
+    pub(crate) values: &'a mut [f64],
     /// Samples per axis.
     pub(crate) n_samples: usize,
     /// The first sample of this block.
     pub(crate) start: usize,
-    /// For writes past the caches, where asked and where the machine can.
-    pub(crate) stream: Option<&'a mut HalfLines>,
+    /// Write past the caches, where the machine can.
+    pub(crate) stream: bool,
 }
 
-/// Half a cache line of float32 for each of six axes. The other half is in the next block; both are written past the caches
-/// together, because a line that is written there in two parts is slow.
-#[derive(Clone, Copy, Debug)]
-#[repr(C, align(32))]
-pub(crate) struct HalfLines(pub(super) [[f32; BLOCK]; 6]);
-
-impl HalfLines {
-    pub(crate) const EMPTY: Self = Self([[0.0; BLOCK]; 6]);
-}
-
-/// Whether numbers just written are what they were before they were narrowed, as far as float32 reaches. Those not narrowed are.
+/// Eight samples of six axes: into lanes `lane..lane + 6` of `rows`, and axis by axis into `raw`.
 #[inline(always)]
-pub(crate) fn fits<T: Real>(values: &mut [T]) -> bool {
-    match T::slice(values) {
-        Slice::F64(_) => true,
-        // without a branch, which the compiler turns into a few vector instructions
-        Slice::F32(values) => values.iter().fold(true, |all, value| all & value.is_finite()),
-    }
-}
-
-/// Plain-loop twin of the vector code in `x86.rs`.
-#[inline(always)]
-pub(super) fn transpose6<const W: usize, T: Real>(
+pub(crate) fn transpose6<const W: usize>(
+    simd: impl Simd,
     samples: &[f64; 6 * BLOCK],
     rows: &mut [Row<W>; BLOCK],
     lane: usize,
-    raw: Option<Raw<'_, T>>,
-) -> bool {
-    let mut fit = true;
+    raw: Option<Raw<'_>>,
+) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(proof) = simd.avx2() {
+        return transpose6_by_avx2(proof, samples, rows, lane, raw);
+    }
+    let _ = simd;
     for (row, sample) in rows.iter_mut().zip(samples.chunks_exact(6)) {
         row.flat_mut()[lane..lane + 6].copy_from_slice(sample);
     }
@@ -82,12 +76,111 @@ pub(super) fn transpose6<const W: usize, T: Real>(
         for axis in 0..6 {
             let target = &mut values[axis * n_samples + start..][..BLOCK];
             for (value, sample) in target.iter_mut().zip(samples.chunks_exact(6)) {
-                *value = T::of(sample[axis]);
+                *value = sample[axis];
             }
-            fit &= fits(target);
         }
     }
-    fit
+}
+
+/// The same: a compiler makes slower code of loops that write in two orders.
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
+#[inline(always)]
+fn transpose6_by_avx2<const W: usize>(
+    _: Avx2,
+    samples: &[f64; 6 * BLOCK],
+    rows: &mut [Row<W>; BLOCK],
+    lane: usize,
+    raw: Option<Raw<'_>>,
+) {
+    assert!(lane + 6 <= W * LANES, "six lanes must fit");
+    // SAFETY: the proof of AVX2. Reads: sample s < 8 has six values at 6 * s. Writes: six lanes fit in each row.
+    let (early, late) = unsafe {
+        (
+            four_samples(samples.as_ptr(), &mut rows[..4], lane),
+            four_samples(samples.as_ptr().add(24), &mut rows[4..], lane),
+        )
+    };
+    let Some(Raw { values, n_samples, start, stream }) = raw else { return };
+    let values = &mut values[start..];
+    assert!(values.len() >= 5 * n_samples + BLOCK, "six axes must fit");
+    let values = values.as_mut_ptr();
+    let stream = stream && values.addr() % 32 == 0 && n_samples % 4 == 0;
+    for (axis, (early, late)) in early.into_iter().zip(late).enumerate() {
+        // SAFETY: the proof of AVX2; the assert leaves room for eight values of each of six axes; streamed are aligned ones.
+        unsafe {
+            let values = values.add(axis * n_samples);
+            if stream {
+                _mm256_stream_pd(values, early);
+                _mm256_stream_pd(values.add(4), late);
+            } else {
+                _mm256_storeu_pd(values, early);
+                _mm256_storeu_pd(values.add(4), late);
+            }
+        }
+    }
+}
+
+/// Four samples of six axes into lanes `lane..lane + 6` of four rows; returns the samples axis by axis.
+///
+/// # Safety
+/// AVX2; 24 values at `samples`; four rows of at least `lane + 6` lanes.
+#[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
+#[inline(always)]
+unsafe fn four_samples<const W: usize>(
+    samples: *const f64,
+    rows: &mut [Row<W>],
+    lane: usize,
+) -> [__m256d; 6] {
+    // SAFETY: what the caller promises.
+    unsafe {
+        let (h0, t0) = (_mm256_loadu_pd(samples), _mm_loadu_pd(samples.add(4)));
+        let (h1, t1) = (_mm256_loadu_pd(samples.add(6)), _mm_loadu_pd(samples.add(10)));
+        let (h2, t2) = (_mm256_loadu_pd(samples.add(12)), _mm_loadu_pd(samples.add(16)));
+        let (h3, t3) = (_mm256_loadu_pd(samples.add(18)), _mm_loadu_pd(samples.add(22)));
+        for (row, (head, tail)) in rows.iter_mut().zip([(h0, t0), (h1, t1), (h2, t2), (h3, t3)]) {
+            let row = row.flat_mut().as_mut_ptr().add(lane);
+            _mm256_storeu_pd(row, head);
+            _mm_storeu_pd(row.add(4), tail);
+        }
+        let (a, b) = (_mm256_unpacklo_pd(h0, h1), _mm256_unpackhi_pd(h0, h1));
+        let (c, d) = (_mm256_unpacklo_pd(h2, h3), _mm256_unpackhi_pd(h2, h3));
+        let (e, f) = (_mm_unpacklo_pd(t0, t1), _mm_unpackhi_pd(t0, t1));
+        let (g, h) = (_mm_unpacklo_pd(t2, t3), _mm_unpackhi_pd(t2, t3));
+        [
+            _mm256_permute2f128_pd::<0x20>(a, c),
+            _mm256_permute2f128_pd::<0x20>(b, d),
+            _mm256_permute2f128_pd::<0x31>(a, c),
+            _mm256_permute2f128_pd::<0x31>(b, d),
+            _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(e), g),
+            _mm256_insertf128_pd::<1>(_mm256_castpd128_pd256(f), h),
+        ]
+    }
+}
+
+/// Asks for the cache line at `values[index]`, to be read soon. Any index is fine.
+#[allow(unsafe_code)]
+#[inline(always)]
+pub(crate) fn prefetch(simd: impl Simd, values: &[f64], index: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if simd.avx2().is_some() {
+        // SAFETY: a prefetch reads nothing and never faults, whatever the address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().wrapping_add(index).cast()) };
+    }
+    let _ = (simd, values, index);
+}
+
+/// Makes writes past the caches visible to other threads.
+#[allow(unsafe_code)]
+#[inline(always)]
+pub(crate) fn finish_writes(simd: impl Simd) {
+    #[cfg(target_arch = "x86_64")]
+    if simd.avx2().is_some() {
+        // SAFETY: every x86-64 processor has this instruction, and it takes no operands.
+        unsafe { _mm_sfence() };
+    }
+    let _ = simd;
 }
 
 /// Samples of any number of axes into consecutive lanes, starting with axis `axis`.
@@ -105,11 +198,10 @@ pub(crate) fn pack<const W: usize>(
     }
 }
 
-/// One lane of some rows, in time order. True when the target's type reaches far enough.
+/// One lane of some rows, in time order.
 #[inline(always)]
-pub(crate) fn unpack<const W: usize, T: Real>(rows: &[Row<W>], lane: usize, target: &mut [T]) -> bool {
+pub(crate) fn unpack<const W: usize>(rows: &[Row<W>], lane: usize, target: &mut [f64]) {
     for (value, row) in target.iter_mut().zip(rows) {
-        *value = T::of(row.flat()[lane]);
+        *value = row.flat()[lane];
     }
-    fits(target)
 }

@@ -3,13 +3,13 @@
 //! Sources: Allwein, Schapire, Singer (2000), "Reducing multiclass to binary", JMLR 1:113-141; Escalera, Pujol, Radeva
 //! (2010), "On the decoding process in ternary error-correcting output codes", IEEE TPAMI 32:120-134.
 
-use super::parts::Tensor;
+use super::tensor::Tensor;
 use super::{Model, ModelError};
-use crate::error::{brief, Error};
-use crate::memory::{filled, reserved, room};
+use crate::error::{short_number, Error};
+use crate::memory::{filled, reserved};
 use crate::specs::choices;
 
-/// A binary loss of the agreement `z` of a code with a score: 1/2 where the score says nothing.
+/// A binary loss of the agreement `z` of a code with a score: 1/2 where the score is 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Loss {
@@ -56,7 +56,7 @@ impl Codes {
                     1.0 => 2,
                     _ => {
                         let what = format!("coding_matrix[{class}, {learner}]");
-                        return Err(ModelError::must_be(what, "-1, 0 or 1", brief(value)));
+                        return Err(ModelError::must_be(what, "-1, 0 or 1", short_number(value)));
                     }
                 });
             }
@@ -90,7 +90,7 @@ impl Codes {
     }
 }
 
-/// What a model says of one recording.
+/// The answer of a model about one recording.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Answer {
@@ -103,7 +103,7 @@ pub struct Answer {
     /// Indices of the classes that the recording may be by the [`Rules`](super::Rules) of the model, the likeliest first
     /// and at least one; empty without such a rule.
     pub candidates: Vec<usize>,
-    /// Whether the recording is like none of the classes: `best` then says nothing. `None` without such a rule.
+    /// True if the recording is like none of the classes: `best` then has no meaning. `None` without such a rule.
     pub unknown: Option<bool>,
 }
 
@@ -194,7 +194,7 @@ impl Model {
         let mut losses = filled(0.0, n_rows.saturating_mul(n_classes))?;
         let rows = scores.chunks_exact(n_learners).zip(losses.chunks_exact_mut(n_classes));
         for (row, (scores, losses)) in rows.enumerate() {
-            self.decode(scores, losses).map_err(|error| error.later(row))?;
+            self.decode(scores, losses).map_err(|error| error.after(row))?;
         }
         Ok(losses)
     }
@@ -207,18 +207,14 @@ impl Model {
         threads: usize,
     ) -> Result<Vec<Answer>, Error> {
         let (scores, novelty) = self.scores_and_novelty(wrench, n_recordings, threads)?;
-        let numbers = self.n_learners() + self.classes.len();
-        let candidates = self.classes.len() * size_of::<usize>();
-        let per_answer = size_of::<Answer>() + numbers * size_of::<f64>() + candidates;
-        room(n_recordings.saturating_mul(per_answer))?;
-        let mut verdict = self.rules.verdict(self.classes.len());
+        let mut outcome = self.rules.outcome(self.classes.len());
         let answers = scores.chunks_exact(self.n_learners()).enumerate().map(|(row, scores)| {
             let mut losses = vec![0.0; self.classes.len()];
             self.decode(scores, &mut losses)?;
             let (best, _) = best_and_margin(&losses);
             let novelty = novelty.as_ref().map(|novelty| novelty[row]);
-            self.judge(&losses, novelty, &mut verdict);
-            let (candidates, unknown) = (verdict.candidates().to_vec(), verdict.unknown());
+            self.apply_rules(&losses, novelty, &mut outcome);
+            let (candidates, unknown) = (outcome.candidates().to_vec(), outcome.unknown());
             Ok(Answer { best, scores: scores.to_vec(), losses, candidates, unknown })
         });
         answers.collect()

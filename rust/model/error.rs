@@ -1,6 +1,7 @@
 //! Why parts make no model, or a file holds none: names and numbers, in one sentence.
 
 use std::fmt::Display;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use crate::Error;
@@ -26,11 +27,10 @@ pub enum ModelError {
         what: &'static str,
     },
     /// A file of another version.
-    #[error(
-        "format_version is {got}, this version of granular_id reads {}: update granular_id",
-        super::file::VERSION
-    )]
+    #[error("format_version is {got}, this version of granular_id reads {reads}: update granular_id")]
     Version {
+        /// The version that is read.
+        reads: &'static str,
         /// The version of the file.
         got: String,
     },
@@ -75,6 +75,24 @@ impl ModelError {
         Self::Part { what: what.into(), problem: problem.into() }
     }
 
+    /// A tensor that every such model has.
+    pub(super) fn missing_tensor(name: &str) -> Self {
+        Self::part(format!("tensor '{name}'"), "is missing")
+    }
+
+    /// A part that nothing else needs.
+    pub(super) fn no_use(what: &str, without: &str) -> Self {
+        Self::part(what, format!("is of no use without {without}"))
+    }
+
+    /// Refuses a number outside its range.
+    pub(super) fn check_range(what: &str, got: usize, range: RangeInclusive<usize>) -> Result<(), Self> {
+        if range.contains(&got) {
+            return Ok(());
+        }
+        Err(Self::must_be(what, format_args!("from {} to {}", range.start(), range.end()), got))
+    }
+
     /// A part that is not what it must be.
     pub(super) fn must_be(what: impl Into<String>, wanted: impl Display, got: impl Display) -> Self {
         Self::part(what, format!("must be {wanted}, got {got}"))
@@ -90,7 +108,7 @@ pub enum ModelFileError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the operating system.
         source: std::io::Error,
     },
     /// The file was read, or its size known, and it is no model.

@@ -8,17 +8,18 @@ use std::fs;
 use std::io::Read;
 use std::path::Path;
 
-use safetensors::{Dtype, SafeTensors};
+use serde::Deserialize;
+use serde_json::value::RawValue;
 use serde_json::{json, Value};
 use sha2::{Digest, Sha256};
 
+use super::json::{parsed, parsed_object, Object};
 use super::metadata::{missing_entry, take, unknown_entry, Entries};
-use super::parts::{missing_tensor, no_use};
+use super::spec_json::{read_multiband, read_paper, write_multiband, write_paper};
 use super::{
-    json, Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts, NoveltyParts,
-    Tensor,
+    Extraction, Features, Loss, Metadata, Model, ModelError, ModelFileError, ModelParts, NoveltyParts, Tensor,
 };
-use crate::error::shown;
+use crate::error::quoted;
 use crate::memory::reserved;
 use crate::specs::listed;
 
@@ -35,7 +36,7 @@ const LENGTH_BYTES: usize = 8;
 const FORMAT: &str = "granular_id.identifier";
 
 /// The version of the format.
-pub(super) const VERSION: &str = "1";
+const VERSION: &str = "1";
 
 /// The entry of the metadata that holds the digest of all the rest.
 const DIGEST: &str = "content_sha256";
@@ -76,9 +77,6 @@ const DIRECTIONS: &str = "unknown_directions";
 const MEANS: &str = "unknown_means";
 const SCALING: &str = "unknown_scaling";
 
-/// What a header says of a tensor.
-const TENSOR_KEYS: [&str; 3] = ["data_offsets", "dtype", "shape"];
-
 impl Model {
     /// The model in a file of at most [`MAX_FILE_BYTES`].
     pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelFileError> {
@@ -90,7 +88,7 @@ impl Model {
         let path = path.as_ref();
         let unreadable = |source| ModelFileError::Unreadable { path: path.to_owned(), source };
         let no_model = |source| ModelFileError::NoModel { path: path.to_owned(), source };
-        // A pipe or a device has no end that could be waited for; of a folder the system says what is wrong.
+        // A pipe or a device has no end that could be waited for; opening a folder fails with the reason.
         let stat = fs::metadata(path).map_err(unreadable)?;
         if !(stat.is_file() || stat.is_dir()) {
             return Err(no_model(ModelError::Foreign { what: "this is no regular file" }));
@@ -111,13 +109,18 @@ impl Model {
     /// [`MAX_MULTIBAND_VALUES`](crate::model::MAX_MULTIBAND_VALUES) are allowed.
     pub fn from_bytes(bytes: &[u8], max_file_bytes: usize) -> Result<Self, ModelError> {
         check_size(bytes.len() as u64, max_file_bytes)?;
-        let mut entries = metadata(header(bytes)?)?;
+        let (header, data) = header(bytes)?;
+        let Object(mut parts) = parsed_object::<Object<&RawValue>>("header", header)?;
+        let Some(texts) = parts.remove("__metadata__") else {
+            return Err(ModelError::Foreign { what: "this is a safetensors file without metadata" });
+        };
+        let Object(mut entries) = parsed_object::<Object<String>>("metadata", texts.get())?;
         check_version(&entries)?;
         let digest = take(&mut entries, DIGEST)?;
         if let Some(key) = entries.keys().find(|key| !ENTRIES.contains(&key.as_str())) {
             return Err(unknown_entry(key));
         }
-        let tensors = Tensors::of(bytes)?;
+        let tensors = Tensors::of(&parts, data)?;
         // A fuzzer would never get past a digest.
         if digest != tensors.digest(&entries) && !cfg!(fuzzing) {
             return Err(ModelError::Damaged);
@@ -129,7 +132,7 @@ impl Model {
             coef: tensors.required("coef")?,
             intercept: tensors.required("intercept")?,
             coding_matrix: tensors.required("coding_matrix")?,
-            classes: json::names("classes", &take(&mut entries, "classes")?)?,
+            classes: parsed("classes", &take(&mut entries, "classes")?)?,
             loss: choice(&mut entries, "loss", &Loss::NAMED)?,
             raw_mean: tensors.optional("raw_mean")?,
             early: tensors.optional("early")?,
@@ -148,8 +151,8 @@ fn check_size(bytes: u64, max: usize) -> Result<(), ModelError> {
     }
 }
 
-/// The text of the header, once its length is known to be possible.
-fn header(bytes: &[u8]) -> Result<&str, ModelError> {
+/// The text of the header, once its length is known to be possible, and the numbers behind it.
+fn header(bytes: &[u8]) -> Result<(&str, &[u8]), ModelError> {
     // A safetensors file may begin with any bytes, but not have a brace missing.
     if bytes.get(LENGTH_BYTES) != Some(&b'{') {
         let what = match bytes {
@@ -163,7 +166,8 @@ fn header(bytes: &[u8]) -> Result<&str, ModelError> {
     }
     let (length, rest) = bytes.split_first_chunk::<LENGTH_BYTES>().unwrap_or((&[0; LENGTH_BYTES], &[]));
     let length = u64::from_le_bytes(*length);
-    let Some(text) = usize::try_from(length).ok().and_then(|length| rest.get(..length)) else {
+    let Some((text, data)) = usize::try_from(length).ok().and_then(|length| rest.split_at_checked(length))
+    else {
         let left = rest.len();
         let problem = format!(
             "should have {length} bytes, {left} are left in the file: it is cut off, or no safetensors file"
@@ -171,7 +175,8 @@ fn header(bytes: &[u8]) -> Result<&str, ModelError> {
         return Err(ModelError::Header { problem });
     };
     check_header_size(text.len())?;
-    str::from_utf8(text).map_err(|error| not_header(format!("is no UTF-8 text: {error}")))
+    let no_text = |error| ModelError::Header { problem: format!("is no UTF-8 text: {error}") };
+    Ok((str::from_utf8(text).map_err(no_text)?, data))
 }
 
 fn check_header_size(bytes: usize) -> Result<(), ModelError> {
@@ -179,38 +184,6 @@ fn check_header_size(bytes: usize) -> Result<(), ModelError> {
         return Ok(());
     }
     Err(ModelError::Header { problem: format!("has {bytes} bytes; at most {MAX_HEADER_BYTES} are allowed") })
-}
-
-fn not_header(problem: String) -> ModelError {
-    ModelError::Json { what: "header", problem }
-}
-
-/// The metadata of a header; refuses names that are there twice, which the library would let pass, and tensors that no
-/// model has, before anything else is made of them.
-fn metadata(header: &str) -> Result<Entries, ModelError> {
-    let mut header = json::object("header", header)?;
-    let text = |(key, value): (&String, &Value)| match value {
-        Value::String(text) => Ok((key.clone(), text.clone())),
-        other => {
-            let (key, kind) = (shown(key.as_bytes()), json::kind(other));
-            Err(not_header(format!("metadata {key} must be a text, got {kind}")))
-        }
-    };
-    let entries = header.take("__metadata__", "an object of texts", |texts| {
-        Some(texts.as_object()?.iter().map(text).collect())
-    })?;
-    if let Some(name) = header.entries.keys().find(|name| !TENSORS.contains(&name.as_str())) {
-        let what = format!("tensor {}", shown(name.as_bytes()));
-        return Err(ModelError::part(what, "is unknown"));
-    }
-    for (name, tensor) in &header.entries {
-        let mut keys = tensor.as_object().into_iter().flat_map(|tensor| tensor.keys());
-        if let Some(key) = keys.find(|key| !TENSOR_KEYS.contains(&key.as_str())) {
-            let key = shown(key.as_bytes());
-            return Err(not_header(format!("tensor '{name}' has an unknown key {key}")));
-        }
-    }
-    entries
 }
 
 /// Refuses what is no model file, and one of another version.
@@ -222,48 +195,79 @@ fn check_version(entries: &Entries) -> Result<(), ModelError> {
     if version == VERSION {
         return Ok(());
     }
-    Err(ModelError::Version { got: shown(version.as_bytes()) })
+    Err(ModelError::Version { reads: VERSION, got: quoted(version) })
 }
 
 /// A whole number as it is written: no sign, no leading zeros.
 fn count(entries: &mut Entries, key: &str) -> Result<usize, ModelError> {
     let text = take(entries, key)?;
     let count = text.parse().ok().filter(|count: &usize| count.to_string() == text);
-    count.ok_or_else(|| ModelError::must_be(key, "a whole number", shown(text.as_bytes())))
+    count.ok_or_else(|| ModelError::must_be(key, "a whole number", quoted(&text)))
 }
 
 fn choice<T: Copy>(entries: &mut Entries, key: &str, named: &[(&str, T)]) -> Result<T, ModelError> {
     let text = take(entries, key)?;
     let choice = named.iter().find(|(name, _)| *name == text).map(|(_, meaning)| *meaning);
-    choice.ok_or_else(|| ModelError::must_be(key, listed(named), shown(text.as_bytes())))
+    choice.ok_or_else(|| ModelError::must_be(key, listed(named), quoted(&text)))
 }
 
-/// The tensors of a file.
-struct Tensors<'a>(SafeTensors<'a>);
+/// Type, shape and place of a tensor, as a header has them.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Place {
+    data_offsets: [usize; 2],
+    dtype: String,
+    shape: Vec<usize>,
+}
+
+/// The tensors of a file by their names, with their bytes.
+struct Tensors<'a>(BTreeMap<&'a str, (Place, &'a [u8])>);
 
 impl<'a> Tensors<'a> {
-    /// Those of a file that they fill from the header to its end without gaps and overlaps.
-    fn of(bytes: &'a [u8]) -> Result<Self, ModelError> {
-        let problem = |error| ModelError::Layout { problem: json::quoted(&error) };
-        SafeTensors::deserialize(bytes).map(Self).map_err(problem)
+    /// Those of a file, which fill it from the header to its end without gaps and overlaps.
+    fn of(parts: &'a BTreeMap<String, &RawValue>, data: &'a [u8]) -> Result<Self, ModelError> {
+        let mut tensors = BTreeMap::new();
+        for (name, text) in parts {
+            if !TENSORS.contains(&name.as_str()) {
+                return Err(ModelError::part(format!("tensor {}", quoted(name)), "is unknown"));
+            }
+            let place: Place = parsed_object("header", text.get())?;
+            let [start, end] = place.data_offsets;
+            let Some(bytes) = data.get(start..end) else {
+                let problem = format!("'{name}' lies from byte {start} to {end} of {}", data.len());
+                return Err(ModelError::Layout { problem });
+            };
+            tensors.insert(name.as_str(), (place, bytes));
+        }
+        let mut places: Vec<_> = tensors.values().map(|(place, _)| place.data_offsets).collect();
+        places.sort_unstable();
+        let end = places.iter().try_fold(0, |end, [start, next]| (*start == end).then_some(*next));
+        if end != Some(data.len()) {
+            return Err(ModelError::Layout { problem: "there are gaps or overlaps".to_owned() });
+        }
+        Ok(Self(tensors))
     }
 
     fn optional(&self, name: &str) -> Result<Option<Tensor<'a>>, ModelError> {
-        let Ok(view) = self.0.tensor(name) else { return Ok(None) };
-        let (dtype, words) = match name {
-            DIRECTIONS | MEANS | SCALING => (Dtype::F32, "float32 (F32)"),
-            _ => (Dtype::F64, "float64 (F64)"),
+        let Some((Place { dtype, shape, .. }, bytes)) = self.0.get(name) else { return Ok(None) };
+        let (wanted, words, size) = match name {
+            DIRECTIONS | MEANS | SCALING => ("F32", "float32 (F32)", size_of::<f32>()),
+            _ => ("F64", "float64 (F64)", size_of::<f64>()),
         };
-        if view.dtype() != dtype {
-            return Err(ModelError::must_be(format!("tensor '{name}'"), words, view.dtype()));
+        if dtype != wanted {
+            return Err(ModelError::must_be(format!("tensor '{name}'"), words, quoted(dtype)));
         }
-        let of = if dtype == Dtype::F32 { Tensor::of_singles } else { Tensor::of_doubles };
-        Ok(Some(of(view.shape().to_vec(), view.data())))
+        let len = shape.iter().try_fold(size, |len, n| len.checked_mul(*n));
+        if len != Some(bytes.len()) {
+            return Err(ModelError::Layout { problem: format!("'{name}' has {} bytes", bytes.len()) });
+        }
+        let of = if wanted == "F32" { Tensor::of_singles } else { Tensor::of_doubles };
+        Ok(Some(of(shape.clone(), bytes)))
     }
 
     /// What the novelty is computed with: three tensors or none.
     fn novelty(&self) -> Result<Option<NoveltyParts<'a>>, ModelError> {
-        if [DIRECTIONS, MEANS, SCALING].iter().all(|name| self.0.tensor(name).is_err()) {
+        if [DIRECTIONS, MEANS, SCALING].iter().all(|name| !self.0.contains_key(name)) {
             return Ok(None);
         }
         let [directions, means, scaling] = [DIRECTIONS, MEANS, SCALING].map(|name| self.required(name));
@@ -271,34 +275,25 @@ impl<'a> Tensors<'a> {
     }
 
     fn required(&self, name: &str) -> Result<Tensor<'a>, ModelError> {
-        self.optional(name)?.ok_or_else(|| missing_tensor(name))
+        self.optional(name)?.ok_or_else(|| ModelError::missing_tensor(name))
     }
 
-    /// What is extracted.
+    /// What is extracted: multi-band features have scales.
     fn features(&self, spec: &str) -> Result<Features<'a>, ModelError> {
-        let spec = json::object("feature_spec", spec)?;
-        if json::is_multiband(&spec) {
-            return Ok(Features::MultiBand {
-                spec: json::read_multiband(spec)?,
-                band_scales: self.required("band_scales")?,
-                level_scales: self.optional("level_scales")?,
-            });
-        }
-        for name in ["band_scales", "level_scales"] {
-            if self.optional(name)?.is_some() {
-                return Err(no_use(name, "multi-band features"));
+        let Some(band_scales) = self.optional("band_scales")? else {
+            if self.0.contains_key("level_scales") {
+                return Err(ModelError::no_use("level_scales", "multi-band features"));
             }
-        }
-        Ok(Features::Additive(json::read_spec(spec)?))
+            return Ok(Features::Paper(read_paper(spec)?));
+        };
+        let level_scales = self.optional("level_scales")?;
+        Ok(Features::MultiBand { spec: read_multiband(spec)?, band_scales, level_scales })
     }
 
     /// The digest that a file with these tensors and entries should have.
     fn digest(&self, entries: &Entries) -> String {
-        let mut tensors = self.0.tensors();
-        tensors.sort_unstable_by(|(a, _), (b, _)| a.cmp(b));
-        let types: Vec<_> = tensors.iter().map(|(_, view)| view.dtype().to_string()).collect();
-        let stored = tensors.iter().zip(&types);
-        digest(entries, stored.map(|((name, view), dtype)| (&**name, &**dtype, view.shape(), view.data())))
+        let stored = self.0.iter();
+        digest(entries, stored.map(|(name, (place, bytes))| (*name, &*place.dtype, &*place.shape, *bytes)))
     }
 }
 
@@ -317,10 +312,12 @@ impl Model {
         bytes.extend((header.len() as u64).to_le_bytes());
         bytes.extend(header.as_bytes());
         for tensor in &tensors {
-            let places = 0..tensor.shape.iter().product();
             match &tensor.value {
-                Values::Double(value) => bytes.extend(places.flat_map(|index| value(index).to_le_bytes())),
-                Values::Single(value) => bytes.extend(places.flat_map(|index| value(index).to_le_bytes())),
+                Values::Double(value) => {
+                    let places = 0..tensor.shape.iter().product();
+                    bytes.extend(places.flat_map(|index| value(index).to_le_bytes()));
+                }
+                Values::Single(values) => bytes.extend(values.iter().flat_map(|value| value.to_le_bytes())),
             }
         }
         let (ahead, mut rest) = bytes.split_at_mut(LENGTH_BYTES + header.len());
@@ -342,8 +339,8 @@ impl Model {
     fn entries(&self) -> Entries {
         let mut entries = self.metadata.entries();
         let spec = match &self.extraction {
-            Extraction::Additive { extractor, .. } => json::write_spec(extractor.spec()),
-            Extraction::MultiBand(multiband) => json::write_multiband(multiband.spec()),
+            Extraction::Paper { extractor, .. } => write_paper(extractor.spec()),
+            Extraction::MultiBand(multiband) => write_multiband(multiband.spec()),
         };
         let own = [
             ("classes", Value::from(&self.classes[..]).to_string()),
@@ -381,11 +378,10 @@ impl Model {
             tensors.push(OneTensor::new("band_scales", shape, |index| scales.bands[index]));
             tensors.extend(multiband.spec().level.then(|| OneTensor::list("level_scales", &scales.level)));
         }
-        for (name, (n_rows, at)) in
+        for (name, (n_rows, values)) in
             [SCALING, DIRECTIONS, MEANS].into_iter().zip(self.novelty().into_iter().flatten())
         {
-            let value = move |index| at(index / n_features, index % n_features);
-            tensors.push(OneTensor::single(name, vec![n_rows, n_features], value));
+            tensors.push(OneTensor { name, shape: vec![n_rows, n_features], value: Values::Single(values) });
         }
         tensors.sort_by_key(|tensor| tensor.name);
         tensors
@@ -401,16 +397,12 @@ struct OneTensor<'a> {
 
 enum Values<'a> {
     Double(Box<dyn Fn(usize) -> f64 + 'a>),
-    Single(Box<dyn Fn(usize) -> f32 + 'a>),
+    Single(Vec<f32>),
 }
 
 impl<'a> OneTensor<'a> {
     fn new(name: &'static str, shape: Vec<usize>, value: impl Fn(usize) -> f64 + 'a) -> Self {
         Self { name, shape, value: Values::Double(Box::new(value)) }
-    }
-
-    fn single(name: &'static str, shape: Vec<usize>, value: impl Fn(usize) -> f32 + 'a) -> Self {
-        Self { name, shape, value: Values::Single(Box::new(value)) }
     }
 
     fn list(name: &'static str, values: &'a [f64]) -> Self {
@@ -438,7 +430,7 @@ const BLANK: &str = "00000000000000000000000000000000000000000000000000000000000
 
 /// The header, filled up with blanks so that the numbers behind it are aligned.
 fn header_of(entries: &Entries, digest: &str, tensors: &[OneTensor<'_>]) -> String {
-    // Sorted here: another crate of the program may ask serde_json to keep the order of insertion.
+    // Sorted here: another crate of the program may make serde_json preserve the order of insertion.
     let mut metadata: BTreeMap<_, _> = entries.iter().map(|(key, text)| (&**key, &**text)).collect();
     metadata.insert(DIGEST, digest);
     let mut header = BTreeMap::from([("__metadata__", json!(metadata))]);

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use super::{json, ModelError};
-use crate::error::shown;
+use super::json::parsed;
+use super::ModelError;
+use crate::error::quoted;
 use crate::wrench::{axis_name, AXES, UNITS};
 
 /// Longest label, name of an axis, unit, or short text.
@@ -23,7 +24,7 @@ pub struct Metadata {
     pub training_sha256: String,
     /// Version of the library that trained the model.
     pub library_version: String,
-    /// Seconds of rest that were kept ahead of the trigger, where known.
+    /// Seconds of rest ahead of the trigger, where known.
     pub lead_s: Option<f64>,
     /// A JSON object: what was fitted on, options, estimates; under `confidence` the [`Rules`](super::Rules) of the model.
     pub trained: String,
@@ -84,15 +85,13 @@ impl Metadata {
         let lead_s = take(entries, "lead_s")?;
         let seconds = || lead_s.parse().ok().filter(|lead_s| is_lead(*lead_s));
         Ok(Self {
-            axes: json::names("axes", &take(entries, "axes")?)?,
-            units: json::names("units", &take(entries, "units")?)?,
+            axes: parsed("axes", &take(entries, "axes")?)?,
+            units: parsed("units", &take(entries, "units")?)?,
             training_sha256: take(entries, "training_sha256")?,
             library_version: take(entries, "library_version")?,
             lead_s: match lead_s.as_str() {
                 "" => None,
-                text => Some(
-                    seconds().ok_or_else(|| ModelError::must_be("lead_s", LEAD, shown(text.as_bytes())))?,
-                ),
+                text => Some(seconds().ok_or_else(|| ModelError::must_be("lead_s", LEAD, quoted(text)))?),
             },
             trained: take(entries, "trained")?,
         })
@@ -116,13 +115,13 @@ impl Metadata {
         let version = &self.library_version;
         if !(version.is_empty() || printable(version)) {
             let wanted = format_args!("at most {MAX_NAME_BYTES} bytes of printable text");
-            return Err(ModelError::must_be("library_version", wanted, shown(version.as_bytes())));
+            return Err(ModelError::must_be("library_version", wanted, quoted(version)));
         }
         let hash = self.training_sha256.as_bytes();
         let hexadecimal = |byte: &u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');
         if !(hash.is_empty() || hash.len() == 64 && hash.iter().all(hexadecimal)) {
             let wanted = "64 hexadecimal digits in lower case, or empty";
-            return Err(ModelError::must_be("training_sha256", wanted, shown(hash)));
+            return Err(ModelError::must_be("training_sha256", wanted, quoted(&self.training_sha256)));
         }
         match self.lead_s.filter(|lead_s| !is_lead(*lead_s)) {
             None => Ok(()),
@@ -147,7 +146,7 @@ pub(super) fn missing_entry(key: &str) -> ModelError {
 }
 
 pub(super) fn unknown_entry(key: &str) -> ModelError {
-    ModelError::part("metadata", format!("has an unknown entry {}", shown(key.as_bytes())))
+    ModelError::part("metadata", format!("has an unknown entry {}", quoted(key)))
 }
 
 /// Refuses names that are empty, long, not printable or there twice.
@@ -158,7 +157,7 @@ pub(super) fn check_names(what: &str, names: &[String]) -> Result<(), ModelError
             return Err(bad_name(what, second, name));
         }
         if let Some(first) = places.insert(name, second) {
-            let problem = format!("and {what}[{second}] are both {}", shown(name.as_bytes()));
+            let problem = format!("and {what}[{second}] are both {}", quoted(name));
             return Err(ModelError::part(format!("{what}[{first}]"), problem));
         }
     }
@@ -167,7 +166,7 @@ pub(super) fn check_names(what: &str, names: &[String]) -> Result<(), ModelError
 
 fn bad_name(what: &str, index: usize, name: &str) -> ModelError {
     let wanted = format_args!("1 to {MAX_NAME_BYTES} bytes of printable text");
-    ModelError::must_be(format!("{what}[{index}]"), wanted, shown(name.as_bytes()))
+    ModelError::must_be(format!("{what}[{index}]"), wanted, quoted(name))
 }
 
 /// Text that is there, is short, and does nothing to a terminal.

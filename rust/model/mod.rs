@@ -15,16 +15,24 @@
 //! Multi-band features stand in the place of `h`, in their order, and there are no raw ones. The sums of the novelty score
 //! run over all features in this order.
 
+mod builder;
 mod decoding;
 mod error;
 mod file;
 mod json;
 mod metadata;
 mod novelty;
-mod parts;
 mod rules;
 mod scores;
+mod spec_json;
+mod tensor;
 
+#[doc(hidden)]
+pub use builder::Extraction;
+pub use builder::{
+    Features, ModelParts, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_MULTIBAND_AXES, MAX_MULTIBAND_VALUES,
+    MAX_WINDOW,
+};
 pub(crate) use decoding::best_and_margin;
 #[doc(hidden)]
 pub use decoding::ranking;
@@ -32,15 +40,11 @@ pub use decoding::{Answer, Loss};
 pub use error::{ModelError, ModelFileError};
 pub use file::{MAX_FILE_BYTES, MAX_HEADER_BYTES};
 pub use metadata::{Metadata, MAX_NAME_BYTES};
-#[doc(hidden)]
-pub use parts::Extraction;
-pub use parts::{
-    Features, ModelParts, NoveltyParts, Tensor, MAX_AXES, MAX_BINS_IN_ALL, MAX_CLASSES, MAX_MULTIBAND_AXES,
-    MAX_MULTIBAND_VALUES, MAX_WINDOW,
-};
+pub use novelty::NoveltyParts;
+pub(crate) use rules::RuleOutcome;
 pub use rules::Rules;
-pub(crate) use rules::Verdict;
 pub(crate) use scores::AddRows;
+pub use tensor::Tensor;
 
 use crate::multiband::MultiBand;
 use crate::Extractor;
@@ -57,7 +61,7 @@ use scores::Weights;
 /// use granular_id::model::{ModelParts, Tensor};
 /// use granular_id::{FeatureSpec, Model};
 ///
-/// // Two materials, told apart by the second of three samples of one axis.
+/// // Two materials that differ in the second of three samples of one axis.
 /// let spec = FeatureSpec::default().with_hfmh(false);
 /// let coef = Tensor::new(vec![1, 3], &[0.0, 2.0, 0.0]);
 /// let intercept = Tensor::new(vec![1], &[-1.0]);
@@ -85,15 +89,12 @@ pub struct Model {
     metadata: Metadata,
 }
 
-/// A number in a row and of a feature.
-type NumberAt<'a> = Box<dyn Fn(usize, usize) -> f32 + 'a>;
-
 impl Model {
     /// What is extracted from a recording; `None` for multi-band features.
     #[must_use]
     pub fn extractor(&self) -> Option<&Extractor> {
         match &self.extraction {
-            Extraction::Additive { extractor, .. } => Some(extractor),
+            Extraction::Paper { extractor, .. } => Some(extractor),
             Extraction::MultiBand(_) => None,
         }
     }
@@ -102,7 +103,7 @@ impl Model {
     #[must_use]
     pub fn multiband(&self) -> Option<&MultiBand> {
         match &self.extraction {
-            Extraction::Additive { .. } => None,
+            Extraction::Paper { .. } => None,
             Extraction::MultiBand(multiband) => Some(multiband),
         }
     }
@@ -111,7 +112,7 @@ impl Model {
     #[must_use]
     pub fn rate_hz(&self) -> f64 {
         match &self.extraction {
-            Extraction::Additive { extractor, .. } => extractor.spec().rate_hz,
+            Extraction::Paper { extractor, .. } => extractor.spec().rate_hz,
             Extraction::MultiBand(multiband) => multiband.spec().rate_hz,
         }
     }
@@ -198,7 +199,7 @@ impl Model {
         rows[..reached].last().map(|[_, margin]| *margin)
     }
 
-    /// What is said of a whole recording beside its label.
+    /// Rules for whole recordings: candidates, and refusal of unknown materials.
     #[must_use]
     pub fn rules(&self) -> &Rules {
         &self.rules
@@ -210,18 +211,12 @@ impl Model {
         &self.metadata
     }
 
-    /// What the novelty is computed with, where unknown materials are refused: scaling, directions and means, each the
-    /// number of its rows and the number in a row and of a feature.
+    /// What the novelty is computed with, where unknown materials are refused: rows and values of scaling, directions and
+    /// means.
     #[doc(hidden)]
     #[must_use]
-    pub fn novelty(&self) -> Option<[(usize, NumberAt<'_>); 3]> {
-        let novelty = self.novelty.as_ref()?;
-        let n_directions = novelty.n_directions();
-        let part = |first: usize| -> NumberAt<'_> {
-            Box::new(move |index, feature| novelty.part(first + index, self.weights.row_of(feature)))
-        };
-        let scaling = |index, feature| novelty.scaling(index, self.weights.row_of(feature));
-        Some([(2, Box::new(scaling)), (n_directions, part(0)), (self.classes.len(), part(n_directions))])
+    pub fn novelty(&self) -> Option<[(usize, Vec<f32>); 3]> {
+        Some(self.novelty.as_ref()?.tensors(|feature| self.weights.row_of(feature)))
     }
 
     /// What is extracted.

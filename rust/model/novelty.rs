@@ -1,16 +1,27 @@
 //! How unlike all materials of a model a recording is.
 
-use super::parts::{NoveltyParts, Tensor};
+use super::tensor::Tensor;
 use super::ModelError;
-use crate::error::brief;
+use crate::error::short_number;
 use crate::kernel::{Job, Simd, SimdPath};
 use crate::memory::filled;
+
+/// What the novelty of a recording is computed with: R directions, numbers rounded to float32.
+#[derive(Clone, Debug)]
+pub struct NoveltyParts<'a> {
+    /// Centre and factor of each feature (2, D): a scaled feature is `(x - centre) * factor`.
+    pub scaling: Tensor<'a>,
+    /// Directions of scaled features in which the classes differ (R, D).
+    pub directions: Tensor<'a>,
+    /// Mean scaled features of each class (K, D).
+    pub means: Tensor<'a>,
+}
 
 /// The novelty score of a recording: `min_k (w_d d_k + w_e e_k)`, the distance to the nearest of some class means, small for
 /// what is like one of them.
 ///
 /// With `s = (x - centre) * factor` the scaled features, `d_k` is the squared distance to the mean of class k along
-/// directions that tell classes apart, `e_k` that over all features. Sums run over the features in the order of the scores.
+/// directions in which the classes differ, `e_k` that over all features. Sums run over the features in the order of the scores.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Novelty {
     n_directions: usize,
@@ -68,19 +79,19 @@ impl Novelty {
         Ok(Self { n_directions, n_classes, scaling: pairs, rows, places })
     }
 
-    /// Directions: R.
-    pub(super) fn n_directions(&self) -> usize {
-        self.n_directions
-    }
-
-    /// Centre (0) or factor (1) of the feature in a row.
-    pub(super) fn scaling(&self, which: usize, row: usize) -> f32 {
-        self.scaling[row][which]
-    }
-
-    /// The part of a direction (0, 1, ...), or of a mean (R, R + 1, ...), of the feature in a row.
-    pub(super) fn part(&self, index: usize, row: usize) -> f32 {
-        self.rows[row * self.width() + index]
+    /// Scaling, directions and means as tensors: rows of each and its values, features by `row_of`.
+    pub(super) fn tensors(&self, row_of: impl Fn(usize) -> usize) -> [(usize, Vec<f32>); 3] {
+        let n_features = self.scaling.len();
+        let values = |n_rows: usize, at: &dyn Fn(usize, usize) -> f32| {
+            let places = (0..n_rows).flat_map(|index| (0..n_features).map(move |feature| (index, feature)));
+            (n_rows, places.map(|(index, feature)| at(index, row_of(feature))).collect())
+        };
+        let part = |index, row| self.rows[row * self.width() + index];
+        [
+            values(2, &|index, row| self.scaling[row][index]),
+            values(self.n_directions, &part),
+            values(self.n_classes, &|class, row| part(self.n_directions + class, row)),
+        ]
     }
 
     /// Sums of a recording: along each direction, and of squared distances to each mean.
@@ -112,7 +123,7 @@ fn single(name: &str, tensor: &Tensor<'_>, index: usize) -> Result<f32, ModelErr
     if value.is_finite() {
         return Ok(value);
     }
-    Err(ModelError::must_be(name, "in the range of float32", brief(tensor.at(index))))
+    Err(ModelError::must_be(name, "in the range of float32", short_number(tensor.at(index))))
 }
 
 struct AddFeatures<'a> {
@@ -160,7 +171,10 @@ mod tests {
             means: tensor(&[0.0, 0.0, 0.0, 4.0, 1.0, 2.0]),
         };
         let novelty = Novelty::new(&parts, 2, 3, |row| [1, 0, 2][row]).unwrap();
-        assert_eq!([novelty.part(0, 1), novelty.part(2, 1), novelty.scaling(1, 1)], [1.0, 4.0, 2.0]);
+        let [scaling, directions, means] = novelty.tensors(|feature| [1, 0, 2][feature]);
+        assert_eq!(scaling, (2, vec![1.0, 0.0, 0.0, 2.0, 1.0, 1.0]));
+        assert_eq!(directions, (1, vec![1.0, 0.0, -1.0]));
+        assert_eq!(means, (2, vec![0.0, 0.0, 0.0, 4.0, 1.0, 2.0]));
         let (path, mut sums) = (SimdPath::detect().unwrap(), vec![0.0; novelty.width()]);
         // Scaled features, as in the file: 4, 3, 1.
         novelty.add(path, &mut sums, 0, &[3.0, 3.0]);

@@ -1,12 +1,14 @@
-//! Confidence rules, what is said of a whole recording beside its label: which classes it may be, and whether it is like
-//! none.
+//! Confidence rules: which classes a whole recording may be, and whether it is like none.
 //!
 //! The rules are made elsewhere, from recordings that did not train, and stand in the file of a model. Source: Vovk,
 //! Gammerman, Shafer, "Algorithmic learning in a random world" (2005) for sets of classes.
 
+use serde::Deserialize;
+
 use super::decoding::{best_and_margin, rank};
+use super::json::parsed_object;
 use super::novelty::Novelty;
-use super::Model;
+use super::{Model, ModelError};
 use crate::error::{Error, Result};
 use crate::kernel::SimdPath;
 use crate::memory::reserved;
@@ -35,16 +37,29 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// Whether answers name the classes that a recording may be.
+    /// True if answers name the classes that a recording may be.
     #[must_use]
     pub fn name_candidates(&self) -> bool {
         self.candidates.is_some()
     }
 
-    /// Whether answers say that a recording is like none of the classes.
+    /// True if answers mark a recording that is like none of the classes.
     #[must_use]
     pub fn refuse_unknown(&self) -> bool {
         self.unknown.is_some()
+    }
+
+    /// The rules in what is known of a training, a JSON object: what `CandidateRule.to_dict` and `UnknownRule.to_dict` of the
+    /// Python package give, under `confidence`. Each must be whole, and for these classes.
+    pub(super) fn read(trained: &str, classes: &[String]) -> std::result::Result<Self, ModelError> {
+        // All of it within the usual depth: others than these rules are read in Python.
+        parsed_object::<serde_json::Value>("trained", trained)?;
+        let TrainedJson { confidence } = parsed_object("trained", trained)?;
+        let ConfidenceJson { candidates, unknown } = confidence.unwrap_or_default();
+        Ok(Self {
+            candidates: candidates.map(|rule| rule.checked(classes)).transpose()?,
+            unknown: unknown.map(|rule| rule.checked(classes)).transpose()?,
+        })
     }
 
     /// The novelty of a recording, from sums over its features.
@@ -52,91 +67,143 @@ impl Rules {
         self.unknown.as_ref().map_or(f64::NAN, |rule| novelty.score(sums, rule.weights))
     }
 
-    /// Memory for what they say, taken once.
-    pub(crate) fn verdict(&self, n_classes: usize) -> Verdict {
+    /// Memory for what they find, taken once.
+    pub(crate) fn outcome(&self, n_classes: usize) -> RuleOutcome {
         let n_candidates = if self.candidates.is_some() { n_classes } else { 0 };
-        Verdict { order: vec![0; n_candidates], n_candidates: 0, unknown: None }
+        RuleOutcome { order: vec![0; n_candidates], n_candidates: 0, unknown: None }
     }
 }
 
-/// What the rules say of one recording, and memory for finding it out.
+/// What is known of a training; only the rules are part of an answer.
+#[derive(Deserialize)]
+struct TrainedJson {
+    confidence: Option<ConfidenceJson>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ConfidenceJson {
+    candidates: Option<CandidatesJson>,
+    unknown: Option<UnknownJson>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)] // what a rule stands on is part of the format
+struct CandidatesJson {
+    classes: Vec<String>,
+    format: String,
+    level: f64,
+    mean: f64,
+    n_rows: u64,
+    n_sessions: u64,
+    threshold: f64,
+    worst: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code)] // as above
+struct UnknownJson {
+    classes: Vec<String>,
+    format: String,
+    held_out: String,
+    n_calibration: u64,
+    share_known: f64,
+    threshold: f64,
+    weights: [f64; 2],
+}
+
+impl CandidatesJson {
+    fn checked(self, classes: &[String]) -> std::result::Result<CandidateRule, ModelError> {
+        let refused = refusal("trained.confidence.candidates");
+        refused(self.format == "granular-id candidates 1", "'format' must be 'granular-id candidates 1'")?;
+        refused(self.classes == classes, WRONG_CLASSES)?;
+        let is_share = [self.level, self.mean, self.worst].iter().all(|share| (0.0..=1.0).contains(share));
+        refused(is_share, "'level', 'mean' and 'worst' must be numbers from 0 to 1")?;
+        Ok(CandidateRule { limit: self.threshold })
+    }
+}
+
+impl UnknownJson {
+    fn checked(self, classes: &[String]) -> std::result::Result<UnknownRule, ModelError> {
+        let refused = refusal("trained.confidence.unknown");
+        refused(
+            self.format == "granular-id unknown rule 1",
+            "'format' must be 'granular-id unknown rule 1'",
+        )?;
+        refused(self.classes == classes, WRONG_CLASSES)?;
+        refused(
+            0.0 < self.share_known && self.share_known < 1.0,
+            "'share_known' must be a number between 0 and 1",
+        )?;
+        refused(self.weights.iter().all(|weight| *weight >= 0.0), "'weights' must be at least 0")?;
+        Ok(UnknownRule { weights: self.weights, threshold: self.threshold })
+    }
+}
+
+const WRONG_CLASSES: &str = "'classes' must be the labels of the model in their order";
+
+fn refusal(what: &'static str) -> impl Fn(bool, &str) -> std::result::Result<(), ModelError> {
+    move |is_good, problem| {
+        if is_good {
+            Ok(())
+        } else {
+            Err(ModelError::Json { what, problem: problem.to_owned() })
+        }
+    }
+}
+
+/// What the rules find about one recording, and memory for finding it.
 #[derive(Clone, Debug)]
-pub(crate) struct Verdict {
+pub(crate) struct RuleOutcome {
     order: Vec<usize>,
     n_candidates: usize,
     unknown: Option<bool>,
 }
 
-impl Verdict {
+impl RuleOutcome {
     /// Classes that the recording may be, the likeliest first and at least one; empty without a rule.
     pub(crate) fn candidates(&self) -> &[usize] {
         self.order.get(..self.n_candidates).unwrap_or_default()
     }
 
-    /// Whether it is like no class; `None` without a rule.
+    /// True if it is like no class; `None` without a rule.
     pub(crate) fn unknown(&self) -> Option<bool> {
         self.unknown
     }
 }
 
-/// What the rules say of many recordings.
-pub struct Verdicts {
-    candidates: Vec<usize>,
-    /// Candidates of all recordings up to each one, and whether it is like no class.
-    rows: Vec<(usize, Option<bool>)>,
-}
-
-impl Verdicts {
-    pub fn n_rows(&self) -> usize {
-        self.rows.len()
-    }
-
-    pub fn n_candidates(&self) -> usize {
-        self.candidates.len()
-    }
-
-    /// Candidates of each recording, and whether it is like no class.
-    pub fn rows(&self) -> impl Iterator<Item = (&[usize], Option<bool>)> {
-        let mut start = 0;
-        self.rows.iter().map(move |(end, unknown)| {
-            (&self.candidates[std::mem::replace(&mut start, *end)..*end], *unknown)
-        })
-    }
-}
-
 impl Model {
-    /// What the rules say of recordings, from rows of scores and, where unknown materials are refused, a novelty for each.
+    /// Candidates of recordings, and whether each is like no class, from rows of scores and, where unknown materials are
+    /// refused, a novelty for each.
     ///
     /// # Errors
     /// [`Error::Length`] for another number of novelties than of rows; those of [`losses`](Self::losses).
     #[doc(hidden)]
-    pub fn verdicts(&self, scores: &[f64], novelty: &[f64]) -> Result<Verdicts> {
+    pub fn rule_outcomes(&self, scores: &[f64], novelty: &[f64]) -> Result<Vec<(Vec<usize>, Option<bool>)>> {
         let losses = self.losses(scores)?;
         let expected = if self.rules.refuse_unknown() { scores.len() / self.n_learners() } else { 0 };
         if novelty.len() != expected {
             return Err(Error::Length { what: "novelty", expected, got: novelty.len() });
         }
-        let mut verdict = self.rules().verdict(self.classes().len());
-        let rows = losses.chunks_exact(self.classes().len());
-        let mut all = Verdicts { candidates: Vec::new(), rows: reserved(rows.len())? };
+        let mut outcome = self.rules.outcome(self.classes.len());
+        let rows = losses.chunks_exact(self.classes.len());
+        let mut all = reserved(rows.len())?;
         for (row, losses) in rows.enumerate() {
-            self.judge(losses, novelty.get(row).copied(), &mut verdict);
-            let candidates = verdict.candidates();
-            let bytes = size_of_val(&*all.candidates).saturating_add(size_of_val(candidates));
-            all.candidates.try_reserve(candidates.len()).map_err(|_| Error::Memory { bytes })?;
-            all.candidates.extend_from_slice(candidates);
-            all.rows.push((all.candidates.len(), verdict.unknown()));
+            self.apply_rules(losses, novelty.get(row).copied(), &mut outcome);
+            all.push((outcome.candidates().to_vec(), outcome.unknown()));
         }
         Ok(all)
     }
 
     /// Applies the rules to a whole recording, by its mean losses and its novelty. Allocates nothing.
-    pub(crate) fn judge(&self, losses: &[f64], novelty: Option<f64>, verdict: &mut Verdict) {
+    pub(crate) fn apply_rules(&self, losses: &[f64], novelty: Option<f64>, outcome: &mut RuleOutcome) {
         let Rules { candidates, unknown } = &self.rules;
         if let Some(rule) = candidates {
-            verdict.n_candidates = rule.within(losses, &mut verdict.order);
+            outcome.n_candidates = rule.within(losses, &mut outcome.order);
         }
-        verdict.unknown = unknown.as_ref().zip(novelty).map(|(rule, novelty)| novelty > rule.threshold);
+        outcome.unknown = unknown.as_ref().zip(novelty).map(|(rule, novelty)| novelty > rule.threshold);
     }
 
     /// Sums of the novelty of a recording; none where unknown materials are not refused.

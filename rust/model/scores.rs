@@ -1,12 +1,12 @@
 //! From recordings to scores: the weights of the learners, and sums in the order that a model promises.
 
 use super::novelty::Novelty;
-use super::parts::Tensor;
+use super::tensor::Tensor;
 use super::{Model, ModelError};
 use crate::error::Error;
 use crate::kernel::{Job, Simd, SimdPath, LANES};
 use crate::memory::{collected, filled};
-use crate::pool::in_tasks;
+use crate::parallel::in_pieces;
 use crate::BatchShape;
 
 /// Recordings of a block: they share each row of weights on its way through the caches.
@@ -36,7 +36,7 @@ impl Weights {
         (n_raw, n_features): (usize, usize),
     ) -> Result<Self, ModelError> {
         let n_learners = intercept.len();
-        // Few learners are not filled up eightfold: a file must not ask for much more memory than it has bytes.
+        // Few learners are not filled up eightfold: a model must not take much more memory than its file has bytes.
         let lanes = n_learners.next_multiple_of(n_learners.next_power_of_two().min(LANES));
         let mut values = filled(0.0, lanes.saturating_mul(n_features))?;
         for (row, weights) in values.chunks_exact_mut(lanes).enumerate() {
@@ -205,7 +205,7 @@ impl Model {
         self.extraction.check(wrench, shape)?;
         let path = SimdPath::detect()?;
         let width = self.n_learners() + usize::from(novelty.is_some());
-        in_tasks(wrench, shape, width, threads, out, |wrench, shape, out| {
+        in_pieces(wrench, shape, (width, BLOCK), threads, out, |wrench, shape, out| {
             let features = self.extraction.extract(wrench, shape)?;
             let n_features = features.len() / shape.n_recordings;
             let mut sums = filled(0.0, 2 * BLOCK * self.lanes())?;
@@ -218,7 +218,7 @@ impl Model {
             let mut sums = filled(0.0, novelty.map_or(0, Novelty::width))?;
             for (recording, row) in out.chunks_exact_mut(width).enumerate() {
                 let (scores, rest) = row.split_at_mut(self.n_learners());
-                self.check_scores(scores).map_err(|error| error.later(recording))?;
+                self.check_scores(scores).map_err(|error| error.after(recording))?;
                 let Some(novelty) = novelty else { continue };
                 sums.fill(0.0);
                 let raw = &wrench[recording * shape.recording_len()..][..self.n_raw()];

@@ -2,16 +2,11 @@
 
 use std::ops::Range;
 
-use super::logarithm::{each, Log};
 use super::{BandSignals, Split, Statistic, LANES};
-use crate::dsp::Real;
-use crate::kernel::{Register, Simd, Vectors};
+use crate::kernel::{Pack, Simd};
 
 /// Stretches of time, as equal as whole samples allow.
 pub(super) const STRETCHES: usize = 4;
-
-/// Axes at a time.
-const AXES: usize = LANES / STRETCHES;
 
 /// Added to scaled energies before the logarithm.
 const FLOOR: f64 = 1e-6;
@@ -41,10 +36,9 @@ impl Statistic for Envelope {
         for (index, (out, energies)) in out.chunks_exact_mut(STRETCHES).zip(split.energies).enumerate() {
             let n = split.signals.numbered(index).len();
             for (i, (out, energy)) in out.iter_mut().zip(energies).enumerate() {
-                *out = energy / stretch(i, n).len().max(1) as f64 + FLOOR;
+                *out = libm::log(energy / stretch(i, n).len().max(1) as f64 + FLOOR);
             }
         }
-        each::<Log, LANES>(out);
     }
 }
 
@@ -110,43 +104,25 @@ pub(super) fn mean_square(energies: &Energies, n: usize) -> f64 {
     energies.iter().sum::<f64>() / n as f64
 }
 
-/// Energies of all signals, band by band, axis by axis: two axes at a time, so that the stretches of both are a vector.
+/// Energies of all signals, band by band, axis by axis. The stretches of a signal side by side hide the latency of addition.
 #[inline(always)]
-pub(super) fn measure(simd: impl Vectors<f32, LANES>, signals: BandSignals<'_>, out: &mut [Energies]) {
-    let n_axes = signals.n_axes;
-    for (band, out) in out.chunks_exact_mut(n_axes).enumerate() {
-        let n = signals.len(band);
-        let shortest = (0..STRETCHES).fold(n, |least, i| stretch(i, n).len().min(least));
-        let whole = shortest / LANES * LANES;
-        for (pair, out) in out.chunks_mut(AXES).enumerate() {
-            // Where there is no second axis the first is measured twice.
-            let axes = [pair * AXES, (pair * AXES + 1).min(n_axes - 1)].map(|axis| signals.axis(band, axis));
-            let mut sums = [simd.splat(0.0); LANES];
-            let mut parts = [&[][..]; LANES];
-            for (k, part) in parts.iter_mut().enumerate() {
-                *part = &axes[k / STRETCHES][stretch(k % STRETCHES, n)];
+pub(super) fn measure(signals: BandSignals<'_>, out: &mut [Energies]) {
+    for (index, energies) in out.iter_mut().enumerate() {
+        let signal = signals.numbered(index);
+        let mut parts = [&[][..]; STRETCHES];
+        for (i, part) in parts.iter_mut().enumerate() {
+            *part = &signal[stretch(i, signal.len())];
+        }
+        let whole = signal.len() / STRETCHES / LANES * LANES;
+        let mut sums = [Pack::<f32, LANES>::ZERO; STRETCHES];
+        for t in (0..whole).step_by(LANES) {
+            for (sum, part) in sums.iter_mut().zip(parts) {
+                let x = Pack::load(&part[t..]);
+                *sum = *sum + x * x;
             }
-            for t in (0..whole).step_by(LANES) {
-                for k in 0..LANES {
-                    let x = simd.load(&parts[k][t..]);
-                    sums[k] = sums[k] + x * x;
-                }
-            }
-            // A vector is left at most, filled up with zeros.
-            for k in 0..LANES {
-                let mut rest = [0.0; LANES];
-                for (rest, z) in rest.iter_mut().zip(&parts[k][whole..]) {
-                    *rest = *z;
-                }
-                let x = simd.load(&rest);
-                sums[k] = sums[k] + x * x;
-            }
-            let [a, b, c, d, e, f, g, h] = Register::transposed(sums);
-            let mut totals = [0.0; LANES];
-            (((a + e) + (c + g)) + ((b + f) + (d + h))).store(&mut totals);
-            for (energies, totals) in out.iter_mut().zip(totals.as_chunks::<STRETCHES>().0) {
-                *energies = totals.map(f32::value);
-            }
+        }
+        for ((energy, sum), part) in energies.iter_mut().zip(sums).zip(parts) {
+            *energy = f64::from(part[whole..].iter().fold(sum.sum(), |sum, x| sum + x * x));
         }
     }
 }
@@ -155,7 +131,6 @@ pub(super) fn measure(simd: impl Vectors<f32, LANES>, signals: BandSignals<'_>, 
 mod tests {
     use super::super::tests::{same_on_every_path, Signals};
     use super::*;
-    use crate::kernel::Portable;
     use crate::kernel::SimdPath;
 
     #[test]
@@ -163,7 +138,7 @@ mod tests {
         // 1, 1, 1 and 2 samples; 0, 0, 0 and 1.
         let signals = Signals::from(vec![vec![vec![1.0, 2.0, 3.0, 4.0, 1.0]], vec![vec![3.0]]]);
         let mut energies = [[f64::NAN; STRETCHES]; 2];
-        measure(Portable, signals.view(), &mut energies);
+        measure(signals.view(), &mut energies);
         assert_eq!(energies, [[1.0, 4.0, 9.0, 17.0], [0.0, 0.0, 0.0, 9.0]]);
         assert_eq!(mean_square(&energies[0], 5), 6.2);
     }
@@ -172,9 +147,9 @@ mod tests {
     fn every_sample_counts_once() {
         let signals = Signals::new(&[1000, 61, 9], 2);
         let mut energies = [[f64::NAN; STRETCHES]; 6];
-        measure(Portable, signals.view(), &mut energies);
+        measure(signals.view(), &mut energies);
         for (index, energies) in energies.iter().enumerate() {
-            let all: f64 = signals.view().numbered(index).iter().map(|z| z.value() * z.value()).sum();
+            let all: f64 = signals.view().numbered(index).iter().map(|z| f64::from(*z).powi(2)).sum();
             assert!((energies.iter().sum::<f64>() - all).abs() < 1e-6 * all);
         }
     }

@@ -1,33 +1,25 @@
 //! From recordings to features.
 
-use super::bank::{means_within, Bank};
+use super::bank::Bank;
 use super::coupling::Coupling;
 use super::envelope::{mean_square, measure, Envelope, Level, STRETCHES};
-use super::filters::ROWS;
 use super::quantiles::{Quantiles, PROBABILITIES};
-use super::spec::{bands, least_scales, Block, FrequencyBand, MultiBandSpec, Scales, LARGEST};
+use super::spec::{bands, Block, FrequencyBand, MultiBandSpec, Scales};
 use super::spectrum::Spectrum;
 use super::workspace::{Workspace, WorkspacePool};
+use super::TOO_LOUD;
 use super::{Compute, Split, Statistic};
 use crate::error::{Error, Result};
-use crate::features::{finite, not_finite};
-use crate::features::{BatchShape, MAX_SAMPLES, NAME_BYTES};
+use crate::features::{finite, not_finite, too_many_features, MAX_SAMPLES};
 use crate::kernel::{Job, Simd, SimdPath};
-use crate::memory::{reserved, room};
-use crate::wrench::axis_name;
+use crate::memory::reserved;
+use crate::wrench::{axis_name, BatchShape};
 
 /// The largest number of features of a recording that is worth computing.
 const MAX_FEATURES: usize = 100_000_000;
 
 /// The largest number of values of a recording, 23 minutes of six axes at 500 Hz.
 pub(super) const MAX_VALUES: usize = 1 << 22;
-
-/// Bytes that a design takes for each value of a recording at most, and a workspace. Both are made in many pieces.
-pub(super) const DESIGN_BYTES: usize = 200;
-pub(super) const WORK_BYTES: usize = 650;
-
-/// Bytes that a workspace takes for each axis, however few its samples are.
-pub(super) const AXIS_BYTES: usize = 3000;
 
 /// Extracts multi-band features of recordings of one shape; a checked [`MultiBandSpec`] with its filters and scales.
 /// Immutable, shared between threads; it keeps the memory that batches of short recordings worked in.
@@ -39,8 +31,6 @@ pub struct MultiBand {
     n_features: usize,
     scales: Scales,
     bands: Vec<FrequencyBand>,
-    /// The largest magnitude of each axis that can be worked with.
-    limits: Vec<f64>,
     bank: Bank,
     coupling: Option<Coupling>,
     quantiles: Option<Quantiles>,
@@ -55,17 +45,17 @@ impl MultiBand {
     /// short recordings do not have are left out, see [`Block::least_samples`].
     ///
     /// # Errors
-    /// [`Error::Rate`]; [`Error::Empty`], [`Error::Samples`], [`Error::TooLarge`]: a recording of no samples or axes, or of
-    /// too many; [`Error::Memory`]; [`Error::NoBlocks`]; [`Error::Length`], [`Error::Scale`]: scales of another shape, or none to divide by.
+    /// [`Error::Argument`], [`Error::Empty`], [`Error::Range`]: a rate that is not positive, a recording of no samples or
+    /// axes or of too many, no block that it has; [`Error::Length`], [`Error::Argument`]: scales of another shape, or none to
+    /// divide by.
     pub fn new(spec: MultiBandSpec, n_samples: usize, n_axes: usize, scales: &Scales) -> Result<Self> {
-        if !(spec.rate_hz.is_finite() && spec.rate_hz > 0.0) {
-            return Err(Error::Rate { rate_hz: spec.rate_hz });
-        }
+        Error::check_rate(spec.rate_hz)?;
         Self::check_size(n_samples, n_axes)?;
-        room(n_samples * n_axes * DESIGN_BYTES)?;
         let has = |block| spec.has(block, n_samples, n_axes);
         if !Block::NAMED.iter().any(|(_, block)| has(*block)) {
-            return Err(Error::NoBlocks { n_samples, n_axes });
+            let recordings = format_args!("recordings of {n_samples} samples of {n_axes} axes");
+            let wanted = format_args!("name at least one block that {recordings} have");
+            return Err(Error::argument("blocks", wanted, "none"));
         }
         scales.check(n_samples, n_axes)?;
         let bands = bands(n_samples, spec.rate_hz);
@@ -74,17 +64,16 @@ impl MultiBand {
         // The couplings of many axes are the most by far.
         let pairs = n_axes.checked_mul(n_axes).and_then(|n| n.checked_mul(4 * n_bands));
         if pairs.is_none_or(|pairs| has(Block::Coupling) && pairs > MAX_FEATURES) {
-            return Err(Error::TooLarge { n_samples, n_axes });
+            return Err(too_many_features(n_samples, n_axes));
         }
         let mut this = Self {
             bank: Bank::new(n_samples, n_axes, &scales.bands)?,
             coupling: has(Block::Coupling).then(|| Coupling::new(&lengths, n_axes)),
-            quantiles: has(Block::Quantiles).then(|| Quantiles::new(lengths.clone(), n_axes)),
+            quantiles: has(Block::Quantiles).then(|| Quantiles::new(n_bands * n_axes)),
             envelope: has(Block::Envelope).then(|| Envelope { n_signals: n_bands * n_axes }),
             spectrum: has(Block::Spectrum).then(|| Spectrum::new(n_samples, n_axes)),
             level: has(Block::Level).then(|| Level::new(scales.level.clone(), n_samples)),
             bands,
-            limits: least_scales(&scales.bands, n_axes).map(|scale| LARGEST * scale).collect(),
             scales: scales.clone(),
             n_features: 0,
             pool: WorkspacePool::default(),
@@ -102,11 +91,9 @@ impl MultiBand {
         if n_samples == 0 || n_axes == 0 {
             return Err(Error::Empty { what: "a recording", shape: vec![n_samples, n_axes] });
         }
-        if n_samples > MAX_SAMPLES {
-            return Err(Error::Samples { n_samples, max: MAX_SAMPLES });
-        }
+        Error::check_range("n_samples", n_samples, 1..=MAX_SAMPLES)?;
         if n_samples.checked_mul(n_axes).is_none_or(|values| values > MAX_VALUES) {
-            return Err(Error::TooLarge { n_samples, n_axes });
+            return Err(too_many_features(n_samples, n_axes));
         }
         Ok(())
     }
@@ -116,16 +103,19 @@ impl MultiBand {
     /// # Errors
     /// [`Error::Memory`].
     pub fn workspace(&self) -> Result<Workspace> {
-        room(self.n_samples * self.n_axes * WORK_BYTES + self.n_axes * AXIS_BYTES)?;
         Ok(Workspace {
-            shape: (self.n_samples, self.n_axes),
+            made_for: self.work_key(),
             bank: self.bank.work(),
-            means: vec![0.0; self.n_axes],
             energies: vec![[0.0; STRETCHES]; self.n_bands() * self.n_axes],
             coupling: self.coupling.as_ref().map(Statistic::work),
             quantiles: self.quantiles.as_ref().map(Statistic::work),
             spectrum: self.spectrum.as_ref().map(Statistic::work),
         })
+    }
+
+    /// What tells workspaces apart.
+    fn work_key(&self) -> (usize, usize, MultiBandSpec) {
+        (self.n_samples, self.n_axes, self.spec)
     }
 
     /// What is computed.
@@ -136,7 +126,7 @@ impl MultiBand {
 
     /// The largest magnitude of each axis that can be worked with.
     pub(crate) fn limits(&self) -> &[f64] {
-        &self.limits
+        &self.bank.limits
     }
 
     /// Samples of a whole recording.
@@ -204,7 +194,6 @@ impl MultiBand {
     pub fn names(&self) -> Result<Vec<String>> {
         let n_bands = self.n_bands();
         let axes: Vec<_> = (0..self.n_axes()).map(|axis| axis_name(axis, self.n_axes())).collect();
-        room(self.n_features().saturating_mul(NAME_BYTES))?;
         let mut names = reserved(self.n_features())?;
         if let Some(coupling) = &self.coupling {
             for &(band, lag) in &coupling.bands {
@@ -255,7 +244,7 @@ impl MultiBand {
     /// - `out`: [`n_features`](Self::n_features) numbers.
     ///
     /// # Errors
-    /// [`Error::Length`]; [`Error::NonFinite`] and [`Error::TooLoud`] call the recording number 0. On an error `out` holds
+    /// [`Error::Length`]; [`Error::NonFinite`] and [`Error::TooLarge`] call the recording number 0. On an error `out` holds
     /// unspecified numbers.
     pub fn extract_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
         self.extract_on(SimdPath::detect()?, rows, work, out)
@@ -264,55 +253,6 @@ impl MultiBand {
     /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks, as are the other `_on`.
     #[doc(hidden)]
     pub fn extract_on(
-        &self,
-        path: SimdPath,
-        rows: &[f64],
-        work: &mut Workspace,
-        out: &mut [f64],
-    ) -> Result<()> {
-        work.restart();
-        let done = self.finish_on(path, rows, work, out);
-        work.restart();
-        done
-    }
-
-    /// Does what can be done already while a recording arrives, 64 rows at a time: [`finish_into`](Self::finish_into) then
-    /// has less to do. Takes a time in proportion to the rows that are new, and catches up where more are left.
-    ///
-    /// # Arguments
-    /// - `rows`: all samples so far, time-major. Those that were there before have not changed since
-    ///   [`Workspace::restart`]; where there are fewer than before they are those of another recording.
-    /// - `work`: from [`workspace`](Self::workspace) of the same design.
-    /// - `n_new`: how many of them are new.
-    ///
-    /// # Errors
-    /// [`Error::Length`].
-    pub(crate) fn advance(&self, rows: &[f64], work: &mut Workspace, n_new: usize) -> Result<()> {
-        self.advance_on(SimdPath::detect()?, rows, work, n_new)
-    }
-
-    pub(super) fn advance_on(
-        &self,
-        path: SimdPath,
-        rows: &[f64],
-        work: &mut Workspace,
-        n_new: usize,
-    ) -> Result<()> {
-        self.fit(rows, work)?;
-        path.run(Advance { design: self, rows, work, n_blocks: n_new.div_ceil(ROWS) + 1 });
-        Ok(())
-    }
-
-    /// Features of a recording of which [`advance`](Self::advance) knows a beginning, or nothing, into `out`: the bits of
-    /// [`extract_into`](Self::extract_into). More of it may still come.
-    ///
-    /// # Errors
-    /// As [`extract_into`](Self::extract_into).
-    pub(crate) fn finish_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
-        self.finish_on(SimdPath::detect()?, rows, work, out)
-    }
-
-    pub(super) fn finish_on(
         &self,
         path: SimdPath,
         rows: &[f64],
@@ -335,10 +275,7 @@ impl MultiBand {
     /// # Errors
     /// As [`extract_into`](Self::extract_into).
     pub fn rms_into(&self, rows: &[f64], work: &mut Workspace, out: &mut [f64]) -> Result<()> {
-        work.restart();
-        let split = self.split(SimdPath::detect()?, rows, work);
-        work.restart();
-        split?;
+        self.split(SimdPath::detect()?, rows, work)?;
         let expected = self.n_bands() * self.n_axes;
         if out.len() != expected {
             return Err(Error::Length { what: "out", expected, got: out.len() });
@@ -365,10 +302,10 @@ impl MultiBand {
         block(path, self.level.as_ref(), Some(&mut ()), split, &mut out);
     }
 
-    /// Splits the rest of a recording into bands, once it is known to be one.
+    /// Splits a recording into bands, once it is known to be one.
     fn split(&self, path: SimdPath, rows: &[f64], work: &mut Workspace) -> Result<()> {
         self.fit(rows, work)?;
-        if path.run(Finish { design: self, rows, work }) {
+        if path.run(SplitBands { design: self, rows, work }) {
             return Ok(());
         }
         Err(self.refused(rows))
@@ -381,13 +318,8 @@ impl MultiBand {
             return Err(Error::Length { what: "rows", expected: whole, got: rows.len() });
         }
         // A workspace made for something else is replaced: a mistake that costs time only.
-        let needed = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
-        if !work.suits((self.n_samples, self.n_axes), needed) {
+        if work.made_for != self.work_key() {
             *work = self.workspace()?;
-        }
-        // One that knows more rows than there are knows another recording.
-        if work.bank.n_done() * self.n_axes > rows.len() {
-            work.restart();
         }
         Ok(())
     }
@@ -396,7 +328,9 @@ impl MultiBand {
     fn refused(&self, rows: &[f64]) -> Error {
         let shape = BatchShape { n_recordings: 1, n_samples: rows.len() / self.n_axes, n_axes: self.n_axes };
         match not_finite(rows, shape) {
-            Error::Overflow { recording, largest } => Error::TooLoud { recording, largest },
+            Error::TooLarge { recording, largest, .. } => {
+                Error::TooLarge { recording, largest, limit: TOO_LOUD }
+            }
             error => error,
         }
     }
@@ -417,54 +351,22 @@ fn block<S: Statistic>(
     }
 }
 
-/// Splits the next blocks of rows of the beginning of a recording into octaves, and adds up what the statistics make of them.
-struct Advance<'a> {
-    design: &'a MultiBand,
-    rows: &'a [f64],
-    work: &'a mut Workspace,
-    /// Blocks of rows, at most.
-    n_blocks: usize,
-}
-
-impl Job for Advance<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<S: Simd>(self, simd: S) {
-        let Advance { design, rows, work, n_blocks } = self;
-        for _ in 0..n_blocks {
-            if !design.bank.advance(simd, rows, &mut work.bank) {
-                return;
-            }
-            let signals = work.bank.signals(design.n_axes);
-            if let Some(coupling) = &mut work.coupling {
-                coupling.advance(simd, signals);
-            }
-            if let Some(histograms) = &mut work.quantiles {
-                histograms.advance(signals);
-            }
-        }
-    }
-}
-
-/// Splits what is left of a recording into the bands of a workspace and measures their energies; false, and nothing split,
-/// where a value is not to be worked with.
-struct Finish<'a> {
+/// Splits a recording into the bands of a workspace and measures their energies; false where a value is not to be worked with.
+struct SplitBands<'a> {
     design: &'a MultiBand,
     rows: &'a [f64],
     work: &'a mut Workspace,
 }
 
-impl Job for Finish<'_> {
+impl Job for SplitBands<'_> {
     type Output = bool;
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) -> bool {
-        let Finish { design, rows, work } = self;
-        let within = means_within(rows, &design.limits, &mut work.means);
+        let SplitBands { design, rows, work } = self;
+        let within = design.bank.split(simd, rows, &mut work.bank);
         if within {
-            design.bank.finish(simd, rows, &work.means, &mut work.bank);
-            measure(simd, work.bank.signals(design.n_axes), &mut work.energies);
+            measure(work.bank.signals(design.n_axes), &mut work.energies);
         }
         within
     }

@@ -1,10 +1,10 @@
 //! The filters of the pyramid, eight axes side by side: two octaves and the low-pass in front of a halving of the rate.
 
 use super::spec::TOP;
-use super::LANES;
-use crate::dsp::{butterworth, Band, Real};
+use super::{narrow, LANES};
+use crate::dsp::{butterworth, Band};
 use crate::error::Result;
-use crate::kernel::{Pack, Register, Vectors};
+use crate::kernel::{F32x8, Pack, Simd};
 
 /// Order of the low-pass in front of every halving of the rate. What lies at 0.755 to 0.878 of Nyquist folds onto the octave
 /// that is taken next; there the low-pass is down by 55 dB or more.
@@ -16,7 +16,7 @@ pub(super) const GROUP: usize = LANES;
 /// The axes of a group at one instant.
 pub(super) type Axes8 = Pack<f32, GROUP>;
 
-/// Rows that go through a stage together: an even number, whole groups.
+/// Rows that go through a stage at a time: an even number, whole groups.
 pub(super) const ROWS: usize = 64;
 
 /// Rows before the first that a stage looks back to.
@@ -45,7 +45,7 @@ pub(super) struct Poles {
 
 impl Filters {
     pub(super) fn new() -> Result<Self> {
-        let halving = all_passes()?.map(f32::of);
+        let halving = all_passes()?.map(narrow);
         Ok(Self { top: Poles::new(TOP)?, octave: Poles::new(TOP / 2.0)?, halving })
     }
 }
@@ -56,7 +56,7 @@ impl Poles {
         let sos = butterworth(2, Band::Bandpass(high / 2.0, high), 2.0)?;
         let mut poles = Self { pairs: [[0.0; 2]; 2], gain: 1.0 };
         for (pair, section) in poles.pairs.iter_mut().zip(sos.sections()) {
-            *pair = [section.a1, section.a2].map(f32::of);
+            *pair = [section.a1, section.a2].map(narrow);
             poles.gain *= section.b0;
         }
         Ok(poles)
@@ -64,7 +64,7 @@ impl Poles {
 
     /// The pairs, each number in all lanes.
     #[inline(always)]
-    fn splat<S: Vectors<f32, GROUP>>(&self, simd: S) -> [[S::Register; 2]; 2] {
+    fn splat<S: Simd>(&self, simd: S) -> [[S::F32x8; 2]; 2] {
         let [[a, b], [c, d]] = self.pairs;
         [[simd.splat(a), simd.splat(b)], [simd.splat(c), simd.splat(d)]]
     }
@@ -88,7 +88,7 @@ struct Last<V> {
     before: V,
 }
 
-impl<V: Register<f32, GROUP>> Last<V> {
+impl<V: F32x8> Last<V> {
     /// Takes in `x` and gives what a pair of poles makes of it. What is known early comes first: only one product and one
     /// difference wait for the row before.
     #[inline(always)]
@@ -99,48 +99,20 @@ impl<V: Register<f32, GROUP>> Last<V> {
     }
 }
 
-/// What a stage remembers from one block to the next, apart from its input; in memory.
-pub(super) type Remembered = [Axes8; 11];
-
-/// Nothing before the first row.
-pub(super) const REST: Remembered = [Pack::ZERO; 11];
-
-/// The same in registers, where a compiler does not think of taking it apart.
-struct Memory<V> {
+/// What the filters of a stage remember of the rows before.
+pub(super) struct Memory<V> {
     top: [Last<V>; 2],
     octave: [Last<V>; 2],
     /// What the all-passes gave last.
     halving: [V; 3],
 }
 
-impl<V: Register<f32, GROUP>> Memory<V> {
+impl<V: F32x8> Memory<V> {
+    /// Nothing before the first row.
     #[inline(always)]
-    fn load(simd: impl Vectors<f32, GROUP, Register = V>, from: &Remembered) -> Self {
-        let mut v = [simd.splat(0.0); REST.len()];
-        for (v, from) in v.iter_mut().zip(from) {
-            *v = simd.load(&from.0);
-        }
-        let [a, b, c, d, e, f, g, h, i, j, k] = v;
-        Self {
-            top: [Last { latest: a, before: b }, Last { latest: c, before: d }],
-            octave: [Last { latest: e, before: f }, Last { latest: g, before: h }],
-            halving: [i, j, k],
-        }
-    }
-
-    #[inline(always)]
-    fn store(&self) -> Remembered {
-        let Self { top: [p, q], octave: [r, s], halving: [i, j, k] } = self;
-        let mut to = REST;
-        let lasts = [p, q, r, s];
-        for (last, to) in lasts.into_iter().zip(to.as_chunks_mut::<2>().0) {
-            last.latest.store(&mut to[0].0);
-            last.before.store(&mut to[1].0);
-        }
-        for (v, to) in [i, j, k].into_iter().zip(&mut to[2 * lasts.len()..]) {
-            v.store(&mut to.0);
-        }
-        to
+    pub(super) fn at_rest(zero: V) -> Self {
+        let rest = Last { latest: zero, before: zero };
+        Self { top: [rest; 2], octave: [rest; 2], halving: [zero; 3] }
     }
 
     /// A row of half the rate, of the last four; twice as large as the input.
@@ -166,18 +138,17 @@ impl Rows {
     pub(super) const ZERO: Self = Self { top: [Pack::ZERO; ROWS], octave: [Pack::ZERO; ROWS] };
 }
 
-/// At most [`ROWS`] rows, `input` with the [`BACK`] before them, through the filters of a stage, one or both octaves.
+/// Sends at most [`ROWS`] rows, `input` with the [`BACK`] before them, through the filters of a stage, one or both octaves.
 /// `halved` are the rows of the next stage.
 #[inline(always)]
-pub(super) fn run<const UPPER: bool, const LOWER: bool>(
-    simd: impl Vectors<f32, GROUP>,
+pub(super) fn run<const UPPER: bool, const LOWER: bool, S: Simd>(
+    simd: S,
     filters: &Filters,
-    remembered: &Remembered,
+    m: &mut Memory<S::F32x8>,
     input: &[Axes8],
     rows: &mut Rows,
     halved: &mut [Axes8],
-) -> Remembered {
-    let mut m = Memory::load(simd, remembered);
+) {
     let (top_poles, poles) = (filters.top.splat(simd), filters.octave.splat(simd));
     let [a0, a1, a2] = filters.halving;
     let halving = [simd.splat(a0), simd.splat(a1), simd.splat(a2)];
@@ -202,7 +173,6 @@ pub(super) fn run<const UPPER: bool, const LOWER: bool>(
         }
         m.halve(halving, [x[BACK - 3], x[BACK - 2], x[BACK - 1], x[BACK]]).store(&mut halved.0);
     }
-    m.store()
 }
 
 #[cfg(test)]

@@ -20,9 +20,8 @@ mod bank;
 mod coupling;
 mod envelope;
 mod extractor;
-mod fft;
 mod filters;
-mod logarithm;
+mod quad;
 mod quantiles;
 mod resolvents;
 mod spec;
@@ -34,14 +33,22 @@ mod workspace;
 use crate::kernel::{Job, Simd};
 
 pub use extractor::MultiBand;
+pub(crate) use spec::TOO_LOUD;
 pub use spec::{n_bands, Block, FrequencyBand, MultiBandSpec, Scales};
 pub use workspace::Workspace;
+
+/// The float32 nearest to a number.
+#[allow(clippy::cast_possible_truncation)] // what is asked for
+#[inline(always)]
+fn narrow(x: f64) -> f32 {
+    x as f32
+}
 
 /// Numbers of float32 that are calculated with as one.
 const LANES: usize = 8;
 
 /// The signals of all bands of one recording, divided by their scales: band 0 is the recording without its mean, then
-/// octave after octave downward, each at a rate of its own. While a recording arrives they end where its bands do.
+/// octave after octave downward, each at a rate of its own.
 #[derive(Clone, Copy, Debug)]
 struct BandSignals<'a> {
     values: &'a [f32],

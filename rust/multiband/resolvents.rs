@@ -3,7 +3,9 @@
 //! Each takes an eigenvalue v to (v - c) / (v + c) = tanh(ln(v / c) / 2). Like the logarithm they do not depend on the order of
 //! axes, nor on how these are rotated.
 
-use crate::kernel::{Pack, Register, Vectors};
+use std::hint::black_box;
+
+use crate::kernel::Pack;
 
 /// Between these the sum is about 0.4 ln(v / 0.3), beyond them it levels off at -2 and 2.
 const SHIFTS: [f64; 2] = [0.03, 3.0];
@@ -14,10 +16,6 @@ const ROUNDING: f64 = 1e-5;
 
 /// Matrices at a time: eight bands of a recording of 1600 samples have one.
 pub(super) const MATRICES: usize = 8;
-
-/// Lanes of a register, and registers for all matrices.
-const LANES: usize = 4;
-const REGISTERS: usize = MATRICES / LANES;
 
 /// One number of each matrix.
 pub(super) type Numbers = Pack<f64, MATRICES>;
@@ -42,7 +40,7 @@ impl Resolvents {
     /// Replaces the lower triangle of each matrix M by that of the sum over shifts c of
     /// `1 - 2 c (M + c + ROUNDING trace M)^-1`. NaN throughout for a matrix of which the trace is not finite.
     #[inline(always)]
-    pub(super) fn take(&mut self, simd: impl Vectors<f64, LANES>) {
+    pub(super) fn take(&mut self) {
         let Self { n, matrices, swept, sum, column } = self;
         let n = *n;
         let trace = (0..n).fold(Pack::ZERO, |sum, i| sum + matrices[i * n + i]);
@@ -58,7 +56,7 @@ impl Resolvents {
                 swept[i * n + i] = swept[i * n + i] + least;
             }
             for pivot in 0..n {
-                sweep(simd, swept, column, pivot, &least);
+                sweep(swept, column, pivot, least);
             }
             let twice = Pack::splat(2.0 * shift);
             for i in 0..n {
@@ -74,20 +72,14 @@ impl Resolvents {
 /// One pivot of an inversion in place, after all of which the lower triangle is that of the inverse, negative (Goodnight, "A
 /// tutorial on the SWEEP operator", 1979). Without rounding no pivot would be below `least`.
 #[inline(always)]
-fn sweep<S: Vectors<f64, LANES>>(
-    simd: S,
-    a: &mut [Numbers],
-    column: &mut [Numbers],
-    k: usize,
-    least: &Numbers,
-) {
+fn sweep(a: &mut [Numbers], column: &mut [Numbers], k: usize, least: Numbers) {
     let n = column.len();
-    let mut inverse = [simd.splat(1.0); REGISTERS];
-    for (r, inverse) in inverse.iter_mut().enumerate() {
-        let (pivot, least) = (load(simd, &a[k * n + k], r), load(simd, least, r));
-        *inverse = *inverse / pivot.above(least).select(pivot, least);
-        store(-*inverse, &mut a[k * n + k], r);
+    let mut pivots = least;
+    for (pivot, own) in pivots.0.iter_mut().zip(a[k * n + k].0) {
+        *pivot = if own > *pivot { own } else { *pivot };
     }
+    let inverse = Pack::ONE / pivots;
+    a[k * n + k] = -inverse;
     column[..k].copy_from_slice(&a[k * n..][..k]);
     for i in k + 1..n {
         column[i] = a[i * n + k];
@@ -95,33 +87,15 @@ fn sweep<S: Vectors<f64, LANES>>(
     // The pivot's own row and column are put in behind.
     column[k] = Pack::ZERO;
     for i in 0..n {
-        let mut factor = inverse;
-        for (r, factor) in factor.iter_mut().enumerate() {
-            *factor = *factor * load(simd, &column[i], r);
-        }
+        let factor = inverse * column[i];
         for (cell, other) in a[i * n..=i * n + i].iter_mut().zip(&*column) {
-            for (r, factor) in factor.iter().enumerate() {
-                store(load(simd, cell, r) - *factor * load(simd, other, r), cell, r);
-            }
+            // Hidden from the compiler, which would calculate with the same lane of several cells, and gather them.
+            *cell = *cell - factor * *black_box(other);
         }
         if i != k {
-            let cell = &mut a[i.max(k) * n + i.min(k)];
-            for (r, factor) in factor.into_iter().enumerate() {
-                store(factor, cell, r);
-            }
+            a[i.max(k) * n + i.min(k)] = factor;
         }
     }
-}
-
-/// Those numbers that make up register `k`.
-#[inline(always)]
-fn load<S: Vectors<f64, LANES>>(simd: S, numbers: &Numbers, k: usize) -> S::Register {
-    simd.load(&numbers.0[k * LANES..])
-}
-
-#[inline(always)]
-fn store(register: impl Register<f64, LANES>, numbers: &mut Numbers, k: usize) {
-    register.store(&mut numbers.0[k * LANES..]);
 }
 
 #[cfg(test)]
@@ -129,7 +103,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::kernel::Portable;
 
     /// Resolvents of matrices of `n` rows, all lanes side by side.
     fn take(n: usize, cell: impl Fn(usize, usize, usize) -> f64) -> Resolvents {
@@ -139,7 +112,7 @@ mod tests {
                 resolvents.matrices[i * n + j].0 = std::array::from_fn(|lane| cell(lane, i, j));
             }
         }
-        resolvents.take(Portable);
+        resolvents.take();
         resolvents
     }
 

@@ -1,6 +1,6 @@
 //! What to compute: blocks, the bands that there are, and the sizes by which signals are divided.
 
-use crate::error::{Error, Result};
+use crate::error::{short_number, Error, Result};
 use crate::memory::filled;
 use crate::specs::{choices, setters};
 
@@ -13,6 +13,7 @@ const MIN_CYCLES: f64 = 1.5;
 /// Larger magnitudes, in units of the least scale of their axis, are refused. Of the longest recordings a transform is a million
 /// times as large as the signal, and its square must not leave float32.
 pub(super) const LARGEST: f64 = 1e12;
+pub(crate) const TOO_LOUD: &str = "more than 1e12 times the scale of one of its bands";
 
 /// Samples of a recording from which on octave 2 has half the rate. Short ones have no time to save, and lose by it.
 const EARLY_SAMPLES: usize = 100;
@@ -221,12 +222,9 @@ impl Scales {
             }
             // Half of the exponents of float64: a quotient by such a scale, and its square, stay within its range.
             if let Some(index) = scales.iter().position(|scale| !(*scale >= 1e-150 && *scale <= 1e150)) {
-                return Err(Error::Scale {
-                    what,
-                    band: index / n_axes,
-                    axis: index % n_axes,
-                    value: scales[index],
-                });
+                let (value, band, axis) = (short_number(scales[index]), index / n_axes, index % n_axes);
+                let got = format_args!("{value} for band {band}, axis {axis}");
+                return Err(Error::argument(what, "be from 1e-150 to 1e150", got));
             }
         }
         Ok(())

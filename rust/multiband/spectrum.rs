@@ -1,13 +1,15 @@
 //! Power over frequency: the Hann periodogram of the mean-free signal, pooled into bins of nearly equal ratio.
 
 use std::f64::consts::PI;
-use std::ops::Range;
+use std::fmt;
+use std::sync::Arc;
 
-use super::fft::{ComplexValues, Fft, FftWork};
-use super::logarithm::{each, Log};
-use super::{Split, Statistic, LANES};
-use crate::dsp::Real;
-use crate::kernel::{Register, Simd, Vectors};
+use rustfft::num_complex::Complex;
+use rustfft::{Fft, FftPlannerScalar};
+
+use super::quad::{Quad, QUAD};
+use super::{narrow, Split, Statistic};
+use crate::kernel::Simd;
 
 /// Pooled bins at most.
 const BINS: usize = 40;
@@ -21,25 +23,30 @@ pub(super) const LEAST_SAMPLES: usize = 18;
 /// Added to scaled powers before the logarithm.
 const FLOOR: f64 = 1e-6;
 
-/// Axes of which powers are added up at a time.
-const AXES: usize = LANES;
+/// Axes that are transformed at a time.
+const AXES: usize = 2 * QUAD;
 
 /// The statistic for signals of some length.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub(super) struct Spectrum {
     n_axes: usize,
-    n_samples: usize,
     /// First frequency of each bin, then one past the last, in steps of the transform.
     pub(super) edges: Vec<usize>,
-    fft: Fft,
+    // The scalar one: others use fused multiply-add where a machine has it, and their last bits differ.
+    fft: Arc<dyn Fft<Quad>>,
+}
+
+impl fmt::Debug for Spectrum {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Spectrum").field("n_axes", &self.n_axes).finish_non_exhaustive()
+    }
 }
 
 /// What one thread needs to compute it.
 #[derive(Clone, Debug)]
 pub(super) struct SpectrumWork {
-    transform: FftWork,
-    /// Powers of a few axes, axis by axis.
-    powers: [Vec<f32>; AXES],
+    transform: Vec<Complex<Quad>>,
+    scratch: Vec<Complex<Quad>>,
     /// The window of the length that came last, and the sum of its squares.
     window: Vec<f32>,
     weight: f64,
@@ -47,7 +54,8 @@ pub(super) struct SpectrumWork {
 
 impl Spectrum {
     pub(super) fn new(n_samples: usize, n_axes: usize) -> Self {
-        Self { n_axes, n_samples, edges: edges(n_samples), fft: Fft::new(n_samples) }
+        let fft = FftPlannerScalar::new().plan_fft_forward(n_samples);
+        Self { n_axes, edges: edges(n_samples), fft }
     }
 }
 
@@ -60,45 +68,67 @@ impl Statistic for Spectrum {
 
     /// Room, and the window of whole recordings.
     fn work(&self) -> SpectrumWork {
-        // Whole vectors of the frequencies up to half of the rate, and one that begins at the last.
-        let powers = vec![0.0; (self.n_samples / 2 + 1).next_multiple_of(LANES) + LANES];
+        let room = |n| vec![Complex::default(); n];
+        let n_samples = self.fft.len();
         let mut work = SpectrumWork {
-            transform: self.fft.work(),
-            powers: std::array::from_fn(|_| powers.clone()),
-            window: Vec::with_capacity(self.n_samples),
+            transform: room(n_samples),
+            scratch: room(self.fft.get_inplace_scratch_len()),
+            window: Vec::with_capacity(n_samples),
             weight: 0.0,
         };
-        work.open(self.n_samples);
+        work.open(n_samples);
         work
     }
 
     /// Axis by axis the logarithms of the pooled powers of band 0, which is the mean-free signal; a beginning of a recording
     /// is followed by zeros.
     #[inline(always)]
-    fn compute(&self, simd: impl Simd, split: Split<'_>, work: &mut SpectrumWork, out: &mut [f64]) {
+    fn compute(&self, _simd: impl Simd, split: Split<'_>, work: &mut SpectrumWork, out: &mut [f64]) {
         if work.window.len() != split.signals.len(0) {
             work.open(split.signals.len(0));
         }
-        let (n, per_axis) = (self.n_samples, self.edges.len() - 1);
-        let SpectrumWork { transform, powers, window, weight } = work;
-        for first in (0..self.n_axes).step_by(AXES) {
-            let axes = first..self.n_axes.min(first + AXES);
-            // Two axes are one complex signal.
-            for (pair, [even, odd]) in axes.clone().step_by(2).zip(powers.as_chunks_mut().0) {
-                let [re, im] = [pair, (pair + 1).min(axes.end - 1)].map(|axis| split.signals.axis(0, axis));
-                self.fft.process(simd, [re, im, window], transform);
-                measure(simd, &transform.transform, n, even, odd);
+        let SpectrumWork { transform, scratch, window, weight } = work;
+        let per_axis = self.edges.len() - 1;
+        for (group, out) in out.chunks_mut(AXES * per_axis).enumerate() {
+            // Two axes are one complex signal. Lanes without an axis take the last one.
+            let mut signals = [&[][..]; AXES];
+            for (l, signal) in signals.iter_mut().enumerate() {
+                *signal = &split.signals.axis(0, (group * AXES + l).min(self.n_axes - 1))[..window.len()];
             }
+            transform[window.len()..].fill(Complex::default());
+            for (t, (z, window)) in transform.iter_mut().zip(&*window).enumerate() {
+                for l in 0..QUAD {
+                    z.re.0[l] = signals[2 * l][t] * window;
+                    z.im.0[l] = signals[2 * l + 1][t] * window;
+                }
+            }
+            self.fft.process_with_scratch(transform, scratch);
             for (bin, range) in self.edges.windows(2).enumerate() {
                 let share = 0.25 / (*weight * (range[1] - range[0]) as f64);
-                let sums = pooled(simd, powers, range[0]..range[1]);
-                for (axis, power) in axes.clone().zip(sums) {
-                    out[axis * per_axis + bin] = power.value() * share + FLOOR;
+                let mut sums = [[0.0; QUAD]; 2];
+                let back = transform.iter().rev().skip(range[0] - 1);
+                for (there, back) in transform[range[0]..range[1]].iter().zip(back) {
+                    for (sums, powers) in sums.iter_mut().zip(powers_of_both(*there, *back)) {
+                        for l in 0..QUAD {
+                            sums[l] += f64::from(powers.0[l]);
+                        }
+                    }
+                }
+                for (axis, out) in out.chunks_mut(per_axis).enumerate() {
+                    out[bin] = libm::log(sums[axis % 2][axis / 2] * share + FLOOR);
                 }
             }
         }
-        each::<Log, LANES>(out);
     }
+}
+
+/// Four times the power of the signal that is the real part, and of the one that is the imaginary part, of a frequency of
+/// their transform and the same frequency counted from the end. Both are scaled: each takes on rounding errors of the other.
+#[inline(always)]
+fn powers_of_both(there: Complex<Quad>, back: Complex<Quad>) -> [Quad; 2] {
+    let [re, im] = [there.re + back.re, there.im - back.im];
+    let [other_re, other_im] = [there.im + back.im, there.re - back.re];
+    [re * re + im * im, other_re * other_re + other_im * other_im]
 }
 
 impl SpectrumWork {
@@ -108,7 +138,7 @@ impl SpectrumWork {
     fn open(&mut self, n: usize) {
         self.window.clear();
         let at = |t: usize| 0.5 - 0.5 * libm::cos(2.0 * PI * (t as f64 + 0.5) / n as f64);
-        self.window.extend((0..n).map(|t| f32::of(at(t))));
+        self.window.extend((0..n).map(|t| narrow(at(t))));
         self.weight = (0..n).fold(0.0, |sum, t| sum + at(t) * at(t));
     }
 }
@@ -130,57 +160,6 @@ fn edges(n_samples: usize) -> Vec<usize> {
         edges.push(end);
     }
     edges
-}
-
-/// Four times the powers of the signal that is the real part, and of the one that is the imaginary part; that of frequency
-/// zero is not there. Both are scaled: each takes on rounding errors of the other.
-#[inline(always)]
-fn measure(
-    simd: impl Vectors<f32, LANES>,
-    transform: &ComplexValues,
-    n: usize,
-    real: &mut [f32],
-    imaginary: &mut [f32],
-) {
-    let ComplexValues { re, im } = transform;
-    let there = re.as_chunks::<LANES>().0.iter().zip(im.as_chunks::<LANES>().0);
-    let back = re[..=n].rchunks_exact(LANES).zip(im[..=n].rchunks_exact(LANES));
-    let outs = real.as_chunks_mut::<LANES>().0.iter_mut().zip(imaginary.as_chunks_mut::<LANES>().0);
-    for ((there, back), (real, imaginary)) in there.zip(back).zip(outs) {
-        let (a_re, a_im) = (simd.load(there.0), simd.load(there.1));
-        let (b_re, b_im) = (simd.load(back.0).reversed(), simd.load(back.1).reversed());
-        let (p, q) = (a_re + b_re, a_im - b_im);
-        (p * p + q * q).store(real);
-        let (p, q) = (a_im + b_im, a_re - b_re);
-        (p * p + q * q).store(imaginary);
-    }
-}
-
-/// Sums over some frequencies, axis by axis.
-#[inline(always)]
-fn pooled(simd: impl Vectors<f32, LANES>, powers: &[Vec<f32>; AXES], bin: Range<usize>) -> [f32; AXES] {
-    const THERE: [f32; 2 * LANES] =
-        [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-    let zero = simd.splat(0.0);
-    let n_whole = bin.len() / LANES;
-    let there = simd.load(&THERE[LANES - bin.len() % LANES..]).above(zero);
-    let mut sums = [zero; AXES];
-    for (sum, powers) in sums.iter_mut().zip(powers) {
-        let powers = &powers[bin.start..];
-        *sum = there.select(simd.load(&powers[n_whole * LANES..]), zero);
-        for powers in &powers.as_chunks::<LANES>().0[..n_whole] {
-            *sum = *sum + simd.load(powers);
-        }
-    }
-    let mut rows = Register::transposed(sums);
-    for half in [4, 2, 1] {
-        for l in 0..half {
-            rows[l] = rows[l] + rows[l + half];
-        }
-    }
-    let mut out = [0.0; AXES];
-    rows[0].store(&mut out);
-    out
 }
 
 #[cfg(test)]
@@ -212,7 +191,7 @@ mod tests {
 
     #[test]
     fn a_sine_is_one_peak() {
-        let sine = |t: usize| f32::of((2.0 * PI * 100.0 * t as f64 / 1600.0).sin());
+        let sine = |t: usize| narrow((2.0 * PI * 100.0 * t as f64 / 1600.0).sin());
         let signals =
             Signals::from(vec![vec![(0..1600).map(sine).collect(), vec![0.0; 1600], vec![1e-3; 1600]]]);
         let got = compute(SimdPath::detect().unwrap(), &signals);

@@ -3,16 +3,15 @@
 use std::sync::Mutex;
 
 use super::bank::BankWork;
-use super::coupling::CouplingWork;
 use super::envelope::Energies;
-use super::quantiles::BandHistograms;
+use super::quantiles::Histogram;
+use super::resolvents::Resolvents;
 use super::spectrum::SpectrumWork;
-use super::MultiBand;
+use super::{MultiBand, MultiBandSpec};
 use crate::error::{Error, Result};
-use crate::features::BatchShape;
 use crate::kernel::SimdPath;
-use crate::pool;
-use crate::pool::in_tasks;
+use crate::parallel::{cores, in_pieces};
+use crate::wrench::BatchShape;
 
 /// The largest number of values of a recording whose workspace is kept: twelve times the paper's, or 40 MB of memory.
 /// Longer ones take so much time that fresh memory costs nothing beside it.
@@ -22,37 +21,13 @@ pub(super) const MAX_POOLED: usize = 1 << 16;
 /// [`MultiBand::workspace`](super::MultiBand::workspace). Nothing that it holds ever shows in the features of a recording.
 #[derive(Clone, Debug)]
 pub struct Workspace {
-    /// Samples and axes that it was made for.
-    pub(super) shape: (usize, usize),
+    /// Samples, axes and blocks that it was made for.
+    pub(super) made_for: (usize, usize, MultiBandSpec),
     pub(super) bank: BankWork,
-    pub(super) means: Vec<f64>,
     pub(super) energies: Vec<Energies>,
-    pub(super) coupling: Option<CouplingWork>,
-    pub(super) quantiles: Option<BandHistograms>,
+    pub(super) coupling: Option<Resolvents>,
+    pub(super) quantiles: Option<Histogram>,
     pub(super) spectrum: Option<SpectrumWork>,
-}
-
-impl Workspace {
-    /// Forgets the recording that went before: the next row is the first one of another.
-    pub(crate) fn restart(&mut self) {
-        // Before the first block of rows nothing is remembered.
-        if self.bank.n_done() == 0 {
-            return;
-        }
-        self.bank.restart();
-        if let Some(coupling) = &mut self.coupling {
-            coupling.restart();
-        }
-        if let Some(quantiles) = &mut self.quantiles {
-            quantiles.restart();
-        }
-    }
-
-    /// Whether there is room for recordings of a shape and for those of couplings, quantiles and spectrum that are needed.
-    pub(super) fn suits(&self, shape: (usize, usize), needed: [bool; 3]) -> bool {
-        let there = [self.coupling.is_some(), self.quantiles.is_some(), self.spectrum.is_some()];
-        self.shape == shape && there.iter().zip(needed).all(|(there, needed)| *there || !needed)
-    }
 }
 
 /// Workspaces of a design that nobody works in, kept for the recordings to come: to a short recording fresh memory costs as
@@ -76,11 +51,11 @@ impl WorkspacePool {
 
     /// Keeps one, at most one for each core and none of long recordings.
     pub(super) fn keep(&self, work: Workspace) {
-        if work.shape.0.saturating_mul(work.shape.1) > MAX_POOLED {
+        if work.made_for.0.saturating_mul(work.made_for.1) > MAX_POOLED {
             return;
         }
         if let Ok(mut pool) = self.0.try_lock() {
-            if pool.len() < pool::cores() {
+            if pool.len() < cores() {
                 pool.push(work);
             }
         }
@@ -99,7 +74,7 @@ impl MultiBand {
     ///
     /// # Errors
     /// As [`extract_into`](Self::extract_into), naming the first recording that is refused; [`Error::Empty`];
-    /// [`Error::Threads`]. On an error `out` holds unspecified numbers.
+    /// [`Error::Range`]. On an error `out` holds unspecified numbers.
     pub fn extract_batch(
         &self,
         wrench: &[f64],
@@ -144,8 +119,9 @@ impl MultiBand {
             return Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] });
         }
         if n_samples > self.n_samples() || n_axes != self.n_axes() {
-            let wanted = (self.n_samples(), self.n_axes());
-            return Err(Error::RecordingShape { wanted, got: (n_samples, n_axes) });
+            let wanted = format_args!("have at most {} samples of {} axes", self.n_samples(), self.n_axes());
+            let got = format_args!("{n_samples} samples of {n_axes}");
+            return Err(Error::argument("recordings", wanted, got));
         }
         let expected = n_recordings.saturating_mul(shape.recording_len());
         if len != expected {
@@ -165,11 +141,11 @@ impl MultiBand {
         one: impl Fn(&[f64], &mut Workspace, &mut [f64]) -> Result<()> + Sync,
     ) -> Result<()> {
         self.check_batch(wrench.len(), shape)?;
-        in_tasks(wrench, shape, row_len, threads, out, |wrench, shape, out| {
+        in_pieces(wrench, shape, (row_len, 1), threads, out, |wrench, shape, out| {
             let mut work = self.pool.take().map_or_else(|| self.workspace(), Ok)?;
             let recordings = wrench.chunks_exact(shape.recording_len()).zip(out.chunks_exact_mut(row_len));
             for (recording, (rows, out)) in recordings.enumerate() {
-                one(rows, &mut work, out).map_err(|error| error.later(recording))?;
+                one(rows, &mut work, out).map_err(|error| error.after(recording))?;
             }
             self.pool.keep(work);
             Ok(())

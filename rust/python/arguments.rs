@@ -4,7 +4,7 @@ use granular_id::Error;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyMemoryError, PyOverflowError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyIterator, PyString, PyTuple};
+use pyo3::types::{PyDict, PyTuple};
 
 create_exception!(
     granular_id,
@@ -39,117 +39,115 @@ impl<T, E: Raise> OrRaise<T> for Result<T, E> {
     }
 }
 
-/// Why a value could not be converted: its type, or its size, of which `wrong` tells; what its own code raised stays.
-pub(super) fn refused(
-    error: PyErr,
-    value: &Bound<'_, PyAny>,
-    wanted: impl std::fmt::Display,
-    wrong: impl FnOnce() -> PyErr,
-) -> PyErr {
-    let py = value.py();
-    if error.is_instance_of::<PyTypeError>(py) {
-        PyTypeError::new_err(format!("{wanted}, got {}", shown(value)))
-    } else if error.is_instance_of::<PyOverflowError>(py) || error.is_instance_of::<PyValueError>(py) {
-        wrong()
-    } else {
-        error
-    }
+/// A value of a type, or an exception that names the argument; what the value's own code raised stays.
+fn converted<T>(value: &Bound<'_, PyAny>, name: &str, wanted: &str) -> PyResult<T>
+where
+    T: for<'a> FromPyObject<'a, 'a, Error = PyErr>,
+{
+    value.extract().map_err(|error: PyErr| {
+        let py = value.py();
+        let message = || format!("{name} must be {wanted}, got {}", shown(value));
+        if error.is_instance_of::<PyTypeError>(py) {
+            PyTypeError::new_err(message())
+        } else if error.is_instance_of::<PyOverflowError>(py) || error.is_instance_of::<PyValueError>(py) {
+            GranularIdError::new_err(message())
+        } else {
+            error
+        }
+    })
 }
 
 /// A real number.
 pub(super) fn number(value: &Bound<'_, PyAny>, name: &str) -> PyResult<f64> {
-    let wrong = || {
-        let got = shown(value);
-        GranularIdError::new_err(format!("{name} must be a number that float64 can hold, got {got}"))
-    };
-    let wanted = format_args!("{name} must be a real number");
-    value.extract().map_err(|error| refused(error, value, wanted, wrong))
+    converted(value, name, "a real number that float64 can hold")
 }
 
-/// An integer in some range, which `range` describes.
-fn integer<T>(
-    value: &Bound<'_, PyAny>,
-    name: &str,
-    fits: impl FnOnce(T) -> bool,
-    range: impl FnOnce() -> String,
-) -> PyResult<T>
+/// A whole number.
+pub(super) fn whole<T>(value: &Bound<'_, PyAny>, name: &str) -> PyResult<T>
 where
-    T: Copy + for<'a> FromPyObject<'a, 'a, Error = PyErr>,
+    T: for<'a> FromPyObject<'a, 'a, Error = PyErr>,
 {
-    let wrong = || {
-        let (range, got) = (range(), shown(value));
-        GranularIdError::new_err(format!("{name} must be an integer {range}, got {got}"))
-    };
-    match value.extract::<T>() {
-        Ok(integer) if fits(integer) => Ok(integer),
-        Ok(_) => Err(wrong()),
-        Err(error) => Err(refused(error, value, format_args!("{name} must be an integer"), wrong)),
+    converted(value, name, &format!("an integer from 0 to 2^{} - 1", 8 * size_of::<T>()))
+}
+
+fn index(value: &Bound<'_, PyAny>, name: &str) -> PyResult<isize> {
+    converted(value, name, "an integer")
+}
+
+/// A number of things.
+fn count(value: &Bound<'_, PyAny>, name: &str) -> PyResult<usize> {
+    let wanted = "an integer of at least 1";
+    match converted(value, name, wanted)? {
+        0 => Err(GranularIdError::new_err(format!("{name} must be {wanted}, got 0"))),
+        count => Ok(count),
     }
 }
 
-/// A number of things, from one to `most`; `usize::MAX` is no limit worth naming.
-pub(super) fn count(value: &Bound<'_, PyAny>, name: &str, most: usize) -> PyResult<usize> {
-    let range = || match most {
-        usize::MAX => "of at least 1".to_owned(),
-        _ => format!("from 1 to {most}"),
-    };
-    integer(value, name, |count| (1..=most).contains(&count), range)
-}
-
-/// A whole number from 0 to `most`.
-pub(super) fn whole<T>(value: &Bound<'_, PyAny>, name: &str, most: T) -> PyResult<T>
-where
-    T: Copy + PartialOrd + std::fmt::Display + for<'a> FromPyObject<'a, 'a, Error = PyErr>,
-{
-    integer(value, name, |whole| whole <= most, || format!("from 0 to {most}"))
-}
-
-/// Size of a recording, of any limits.
-pub(super) fn samples_and_axes(
-    n_samples: &Bound<'_, PyAny>,
-    n_axes: &Bound<'_, PyAny>,
-) -> PyResult<(usize, usize)> {
-    Ok((count(n_samples, "n_samples", usize::MAX)?, count(n_axes, "n_axes", usize::MAX)?))
-}
-
-/// Each of a sequence, which text is not: `wrong` tells of what.
-pub(super) fn each<'py>(
-    value: &Bound<'py, PyAny>,
-    wrong: impl FnOnce() -> PyErr,
-) -> PyResult<Bound<'py, PyIterator>> {
-    if value.is_instance_of::<PyString>() {
-        return Err(wrong());
+fn optional_count(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<usize>> {
+    if value.is_none() {
+        Ok(None)
+    } else {
+        count(value, name).map(Some)
     }
-    let is_type_error = |error: &PyErr| error.is_instance_of::<PyTypeError>(value.py());
-    value.try_iter().map_err(|error| if is_type_error(&error) { wrong() } else { error })
 }
 
-/// Python's or numpy's True or False.
-pub(super) fn flag(value: &Bound<'_, PyAny>, name: &str) -> PyResult<bool> {
-    value
-        .extract()
-        .map_err(|_| PyTypeError::new_err(format!("{name} must be True or False, got {}", shown(value))))
+fn optional_number(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<f64>> {
+    if value.is_none() {
+        Ok(None)
+    } else {
+        number(value, name).map(Some)
+    }
+}
+
+fn optional_whole(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Option<u64>> {
+    if value.is_none() {
+        Ok(None)
+    } else {
+        whole(value, name).map(Some)
+    }
+}
+
+macro_rules! converters {
+    ($($convert:ident $type:ty: $($name:ident)*;)*) => {$($(
+        pub(crate) fn $name(value: &Bound<'_, PyAny>) -> PyResult<$type> {
+            super::$convert(value, stringify!($name))
+        }
+    )*)*}
+}
+
+/// Converters for `from_py_with`, each called as its argument: by itself `PyO3` raises an `OverflowError` without a name
+/// for a negative count.
+pub(super) mod named {
+    use pyo3::prelude::*;
+
+    converters! {
+        number f64: rate_hz cutoff_hz seconds tick_hz timeout_s;
+        whole u64: host_ns;
+        whole u32: max_gap;
+        whole usize: reorder_depth;
+        index isize: axis;
+        count usize: n n_axes n_bins n_samples max_file_bytes order;
+    }
+}
+
+/// The same where None is a value.
+pub(super) mod optional {
+    use pyo3::prelude::*;
+
+    converters! {
+        optional_number Option<f64>: t;
+        optional_whole Option<u64>: host_ns now_ns;
+        optional_count Option<usize>: hop max_rows n_axes n_samples threads;
+    }
 }
 
 /// One of some words.
-pub(super) fn word<T: Copy>(value: &Bound<'_, PyAny>, name: &str, words: &[(&str, T)]) -> PyResult<T> {
-    // Looked at where it is: it may be of any length.
-    let text = value.cast::<PyString>().ok().and_then(|text| text.to_str().ok());
-    if let Some((_, meaning)) = words.iter().find(|(word, _)| text == Some(*word)) {
-        return Ok(*meaning);
-    }
-    let message = format!("{name} must be {}, got {}", granular_id::bindings::listed(words), shown(value));
-    if value.is_instance_of::<PyString>() {
-        Err(GranularIdError::new_err(message))
-    } else {
-        Err(PyTypeError::new_err(message))
-    }
-}
-
-/// Threads that are asked for; all cores by default, and one for a single recording.
-pub(super) fn threads(asked: Option<&Bound<'_, PyAny>>) -> PyResult<impl Fn(bool) -> usize> {
-    let asked = asked.map(|asked| count(asked, "threads", usize::MAX)).transpose()?;
-    Ok(move |single| asked.unwrap_or_else(|| if single { 1 } else { granular_id::bindings::cores() }))
+pub(super) fn word<T: Copy>(value: &str, name: &str, words: &[(&str, T)]) -> PyResult<T> {
+    words.iter().find(|(word, _)| value == *word).map(|(_, meaning)| *meaning).ok_or_else(|| {
+        let (wanted, start) =
+            (granular_id::bindings::listed(words), value.chars().take(60).collect::<String>());
+        GranularIdError::new_err(format!("{name} must be {wanted}, got {start:?}"))
+    })
 }
 
 /// What `__getnewargs_ex__` gives: attributes as positional arguments and as keywords, both by their names.

@@ -4,18 +4,18 @@ use std::borrow::Cow;
 use std::ffi::CString;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use numpy::{Element, PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyUserWarning};
+use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::PyTuple;
 
-use crate::arguments::{
-    count, flag, new_arguments, number, samples_and_axes, shown, word, GranularIdError, NewArguments, OrRaise,
+use crate::arguments::{named, new_arguments, optional, word, NewArguments, OrRaise};
+use crate::arrays::{
+    contiguous_real, output, owned_real, readable, tuple, work, work_into, wrong_shape, Recordings,
 };
-use crate::arrays::{contiguous_real, is_masked, owned_real, tuple, work_into, work_on, Recordings};
-use granular_id::dsp::{Outside, MAX_BINS, MAX_ORDER};
+use granular_id::dsp::Outside;
 use granular_id::features::Initial;
-use granular_id::{BatchShape, Extractor, FeatureSpec};
+use granular_id::{Extractor, FeatureSpec};
 
 /// More axes than this are most likely samples.
 const MANY_AXES: usize = 32;
@@ -58,32 +58,36 @@ pub(super) struct PyFeatureSpec {
 impl PyFeatureSpec {
     #[new]
     #[pyo3(
-        signature = (**keywords),
+        signature = (*, rate_hz=500.0, cutoff_hz=23.0, order=8, n_bins=100, bin_range=None, raw=true, hfmh=true,
+                     outside="drop", density=false, initial="zero"),
         text_signature = "(*, rate_hz=500.0, cutoff_hz=23.0, order=8, n_bins=100, bin_range=(-1.5, 1.5), \
                           raw=True, hfmh=True, outside='drop', density=False, initial='zero')"
     )]
-    fn new(keywords: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let mut spec = FeatureSpec::default();
-        for (name, value) in keywords.into_iter().flatten() {
-            let name = name.extract::<String>()?;
-            let (value, named) = (&value, name.as_str());
-            match named {
-                "rate_hz" => spec.rate_hz = number(value, named)?,
-                "cutoff_hz" => spec.cutoff_hz = number(value, named)?,
-                "order" => spec.order = count(value, named, MAX_ORDER)?,
-                "n_bins" => spec.n_bins = count(value, named, MAX_BINS)?,
-                "bin_range" => spec.bin_ranges = ranges(value)?,
-                "raw" => spec.raw = flag(value, named)?,
-                "hfmh" => spec.hfmh = flag(value, named)?,
-                "outside" => spec.outside = word(value, named, &Outside::NAMED)?,
-                "density" => spec.density = flag(value, named)?,
-                "initial" => spec.initial = word(value, named, &Initial::NAMED)?,
-                _ => {
-                    return Err(PyTypeError::new_err(format!(
-                        "FeatureSpec() got an unexpected keyword argument '{name}'"
-                    )))
-                }
-            }
+    #[allow(clippy::too_many_arguments, clippy::fn_params_excessive_bools)] // by keyword alone
+    fn new(
+        #[pyo3(from_py_with = named::rate_hz)] rate_hz: f64,
+        #[pyo3(from_py_with = named::cutoff_hz)] cutoff_hz: f64,
+        #[pyo3(from_py_with = named::order)] order: usize,
+        #[pyo3(from_py_with = named::n_bins)] n_bins: usize,
+        bin_range: Option<&Bound<'_, PyAny>>,
+        raw: bool,
+        hfmh: bool,
+        outside: &str,
+        density: bool,
+        initial: &str,
+    ) -> PyResult<Self> {
+        let mut spec = FeatureSpec::default()
+            .with_rate_hz(rate_hz)
+            .with_cutoff_hz(cutoff_hz)
+            .with_order(order)
+            .with_n_bins(n_bins)
+            .with_raw(raw)
+            .with_hfmh(hfmh)
+            .with_outside(word(outside, "outside", &Outside::NAMED)?)
+            .with_density(density)
+            .with_initial(word(initial, "initial", &Initial::NAMED)?);
+        if let Some(bin_range) = bin_range {
+            spec.bin_ranges = ranges(bin_range)?;
         }
         Ok(Self { extractor: Extractor::new(spec).or_raise()? })
     }
@@ -142,18 +146,20 @@ impl PyFeatureSpec {
     }
 
     /// Number of features of one recording.
-    fn n_features(&self, n_samples: &Bound<'_, PyAny>, n_axes: &Bound<'_, PyAny>) -> PyResult<usize> {
-        let (n_samples, n_axes) = samples_and_axes(n_samples, n_axes)?;
+    fn n_features(
+        &self,
+        #[pyo3(from_py_with = named::n_samples)] n_samples: usize,
+        #[pyo3(from_py_with = named::n_axes)] n_axes: usize,
+    ) -> PyResult<usize> {
         self.extractor.n_features(n_samples, n_axes).or_raise()
     }
 
     /// Names of the features of one recording, in order.
     fn feature_names(
         &self,
-        n_samples: &Bound<'_, PyAny>,
-        n_axes: &Bound<'_, PyAny>,
+        #[pyo3(from_py_with = named::n_samples)] n_samples: usize,
+        #[pyo3(from_py_with = named::n_axes)] n_axes: usize,
     ) -> PyResult<Vec<String>> {
-        let (n_samples, n_axes) = samples_and_axes(n_samples, n_axes)?;
         self.extractor.feature_names(n_samples, n_axes).or_raise()
     }
 
@@ -195,10 +201,7 @@ impl PyFeatureSpec {
 fn ranges(value: &Bound<'_, PyAny>) -> PyResult<Vec<(f64, f64)>> {
     let array = owned_real(value, "bin_range")?;
     if !matches!(array.shape(), [2] | [_, 2]) || array.is_empty() {
-        let shape = tuple(array.shape());
-        return Err(GranularIdError::new_err(format!(
-            "bin_range must be (low, high), or one such pair per axis, got an array of shape {shape}"
-        )));
+        return Err(wrong_shape("bin_range", "(2,), a pair (low, high), or (n_axes, 2)", array.shape()));
     }
     let array = array.try_readonly()?;
     Ok(array.as_slice()?.as_chunks().0.iter().map(|[low, high]| (*low, *high)).collect())
@@ -207,84 +210,47 @@ fn ranges(value: &Bound<'_, PyAny>) -> PyResult<Vec<(f64, f64)>> {
 /// Features of one recording `(n_samples, n_axes)` or a batch `(n_recordings, n_samples, n_axes)`; not `filtered`, the
 /// histograms are those of the samples.
 #[pyfunction]
-#[pyo3(signature = (wrench, spec, threads, out, dtype, *, filtered = true))]
+#[pyo3(signature = (wrench, spec, threads=None, out=None, *, filtered=true))]
 pub(super) fn extract_features<'py>(
     wrench: &Bound<'py, PyAny>,
     spec: &Bound<'py, PyFeatureSpec>,
-    threads: Option<&Bound<'py, PyAny>>,
+    #[pyo3(from_py_with = optional::threads)] threads: Option<usize>,
     out: Option<&Bound<'py, PyAny>>,
-    dtype: &Bound<'py, PyAny>,
     filtered: bool,
-) -> PyResult<Bound<'py, PyAny>> {
+) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
     let recordings = Recordings::new(wrench, "wrench", threads, None)?;
-    let (wrench, shape) = (&recordings.array, recordings.shape);
-    let given = tuple(wrench.shape());
-    if wrench.is_empty() {
-        return Err(GranularIdError::new_err(format!("wrench must not be empty, got shape {given}")));
-    }
+    let (py, wrench, shape) = (wrench.py(), &recordings.array, recordings.shape);
     let designed = &spec.get().extractor;
     let extractor = &if filtered { Cow::Borrowed(designed) } else { Cow::Owned(designed.unfiltered()) };
     // Before the output is made, which may be large.
     let n_features = extractor.check_len(wrench.len(), shape).or_raise()?;
     if shape.n_axes > MANY_AXES.max(shape.n_samples) {
+        let given = tuple(wrench.shape());
         let message = format!(
             "wrench of shape {given} has more axes than samples: is it transposed? The last axis must be the axes of the sensor"
         );
-        PyErr::warn(wrench.py(), &wrench.py().get_type::<PyUserWarning>(), &CString::new(message)?, 2)?;
+        PyErr::warn(py, &py.get_type::<PyUserWarning>(), &CString::new(message)?, 2)?;
     }
     let wanted = recordings.rows(&[n_features]);
-    let out = out.map_or_else(|| empty(&wanted, dtype), |out| Ok(out.clone()))?;
-    if is_masked(&out)? {
-        return Err(PyTypeError::new_err("out must be a plain array, got a masked one"));
-    }
-    if let Ok(out) = out.cast::<PyArrayDyn<f64>>() {
-        extract(extractor, &recordings, (out, &wanted), Extractor::extract_into)?;
-    } else if let Ok(out) = out.cast::<PyArrayDyn<f32>>() {
-        extract(extractor, &recordings, (out, &wanted), Extractor::extract_into_f32)?;
-    } else {
-        let got = out
-            .cast::<PyUntypedArray>()
-            .map_or_else(|_| out.get_type().to_string(), |out| out.dtype().to_string());
-        return Err(PyTypeError::new_err(format!(
-            "out and dtype must be float64 or float32 in native byte order, got {got}"
-        )));
-    }
-    Ok(out)
-}
-
-/// A new array, once `dtype` is known to be one.
-fn empty<'py>(shape: &[usize], dtype: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
-    let numpy = dtype.py().import("numpy")?;
-    let dtype = numpy.call_method1("dtype", (dtype,)).map_err(|_| {
-        PyTypeError::new_err(format!("dtype must be float64 or float32, got {}", shown(dtype)))
+    let out = output(py, out, &wanted)?;
+    work_into((&out, &wanted), wrench, "wrench", |values, out| {
+        extractor.extract_into(values, shape, recordings.threads, out)
     })?;
-    numpy.call_method1("empty", (shape, dtype))
-}
-
-/// Extraction into numbers of one type.
-type Extract<T> = fn(&Extractor, &[f64], BatchShape, usize, &mut [T]) -> granular_id::Result<()>;
-
-fn extract<T: Element>(
-    extractor: &Extractor,
-    recordings: &Recordings<'_>,
-    out: (&Bound<'_, PyArrayDyn<T>>, &[usize]),
-    extract: Extract<T>,
-) -> PyResult<()> {
-    let Recordings { array, shape, threads } = recordings;
-    let n_values = array.len().max(out.0.len());
-    work_into(out, array, "wrench", n_values, |values, out| extract(extractor, values, *shape, *threads, out))
+    Ok(out)
 }
 
 /// Counts and edges of uniform bins.
 #[pyfunction]
-pub(super) fn histogram<'py>(
-    values: &Bound<'py, PyAny>,
-    n_bins: &Bound<'py, PyAny>,
+pub(super) fn histogram(
+    values: &Bound<'_, PyAny>,
+    #[pyo3(from_py_with = named::n_bins)] n_bins: usize,
     low: f64,
     high: f64,
 ) -> PyResult<(Vec<f64>, Vec<f64>)> {
-    let bins = granular_id::UniformBins::new(count(n_bins, "bins", MAX_BINS)?, low, high).or_raise()?;
-    let values = contiguous_real(values, "a")?;
-    let counts = work_on(&values, "a", values.len(), |values| bins.count(values))?;
+    let bins = granular_id::UniformBins::new(n_bins, low, high).or_raise()?;
+    let array = contiguous_real(values, "a")?;
+    let array = readable(&array, "a")?;
+    let slice = array.as_slice()?;
+    let counts = work(values.py(), slice.len(), || bins.count(slice));
     Ok((counts, bins.edges().to_vec()))
 }

@@ -2,9 +2,8 @@
 
 mod arguments;
 mod arrays;
-mod buffer;
 mod features;
-mod interleave;
+mod live;
 mod model;
 mod multiband;
 mod rdt;
@@ -24,11 +23,9 @@ mod _core {
     #[pymodule_export]
     use super::arguments::GranularIdError;
     #[pymodule_export]
-    use super::buffer::{PyBlock, PyWindow, PyWrenchBuffer, PyWrenchReader, WindowError};
-    #[pymodule_export]
     use super::features::{extract_features, histogram, PyFeatureSpec};
     #[pymodule_export]
-    use super::interleave::interleave;
+    use super::live::{PyBlock, PyWindow, PyWrenchBuffer, PyWrenchReader, WindowError};
     #[pymodule_export]
     use super::model::{ModelFileError, PyModel};
     #[pymodule_export]

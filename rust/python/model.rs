@@ -6,24 +6,24 @@ use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use numpy::{Element, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{
+    Element, PyArray1, PyArray2, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
 use pyo3::create_exception;
 use pyo3::exceptions::{PyMemoryError, PyOSError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyDict, PyList, PyString, PyTuple};
 
 use crate::arguments::{
-    count, each, new_arguments, shown, word, GranularIdError, NewArguments, OrRaise, Raise,
+    named, new_arguments, optional, shown, word, GranularIdError, NewArguments, OrRaise, Raise,
 };
-use crate::arrays::{
-    contiguous_real, copied, readable, work_into, work_on, wrong_shape, zeros, Hold, Recordings,
-};
+use crate::arrays::{contiguous_real, copied, readable, work, work_into, wrong_shape, zeros, Recordings};
 use crate::features::PyFeatureSpec;
 use crate::multiband::PyMultiBandExtractor;
-use granular_id::bindings::{collected, room};
+use granular_id::bindings::collected;
 use granular_id::model::{
     Extraction, Features, Loss, Metadata, ModelError, ModelFileError as FileError, ModelParts, NoveltyParts,
-    Tensor, MAX_AXES, MAX_FILE_BYTES, MAX_WINDOW,
+    Tensor,
 };
 use granular_id::{Error, Model};
 
@@ -31,14 +31,11 @@ create_exception!(
     granular_id._core,
     ModelFileError,
     GranularIdError,
-    "A file that holds no model; the message says what is wrong with it."
+    "A file that holds no model; the message names what is wrong with it."
 );
 
 /// Samples of the paper's recordings.
 const PAPER_SAMPLES: usize = 1600;
-
-/// What the novelty is computed with, as it is called in a file.
-const NOVELTY: [&str; 3] = ["unknown_scaling", "unknown_directions", "unknown_means"];
 
 /// A trained linear identifier as one checked, immutable value, shared between threads.
 ///
@@ -88,94 +85,102 @@ pub(super) struct PyModel {
 impl PyModel {
     #[new]
     #[pyo3(
-        signature = (spec, coef, intercept, coding_matrix, classes, *, loss=None, n_samples=None, n_axes=None,
+        signature = (spec, coef, intercept, coding_matrix, classes, *, loss="hinge", n_samples=None, n_axes=None,
                      metadata=None, raw_mean=None, early=None, novelty=None),
         text_signature = "(spec, coef, intercept, coding_matrix, classes, *, loss='hinge', n_samples=1600, n_axes=6, \
                           metadata=None, raw_mean=None, early=None, novelty=None)"
     )]
-    #[allow(clippy::too_many_arguments)] // the parts of a model
+    #[allow(clippy::too_many_arguments, clippy::needless_pass_by_value)] // the parts of a model, as PyO3 gives them
     fn new<'py>(
         spec: &Bound<'py, PyAny>,
         coef: &Bound<'py, PyAny>,
         intercept: &Bound<'py, PyAny>,
         coding_matrix: &Bound<'py, PyAny>,
-        classes: &Bound<'py, PyAny>,
-        loss: Option<&Bound<'py, PyAny>>,
-        n_samples: Option<&Bound<'py, PyAny>>,
-        n_axes: Option<&Bound<'py, PyAny>>,
-        metadata: Option<&Bound<'py, PyAny>>,
+        classes: Vec<String>,
+        loss: &str,
+        #[pyo3(from_py_with = optional::n_samples)] n_samples: Option<usize>,
+        #[pyo3(from_py_with = optional::n_axes)] n_axes: Option<usize>,
+        metadata: Option<BTreeMap<String, String>>,
         raw_mean: Option<&Bound<'py, PyAny>>,
         early: Option<&Bound<'py, PyAny>>,
-        novelty: Option<&Bound<'py, PyAny>>,
+        novelty: Option<[Bound<'py, PyAny>; 3]>,
     ) -> PyResult<Self> {
-        let novelty = novelty.map(three).transpose()?;
         let (features, own) = features(spec)?;
         let (own_samples, own_axes) = own.unwrap_or((PAPER_SAMPLES, granular_id::wrench::AXES.len()));
-        let n_axes = n_axes.map_or(Ok(own_axes), |value| count(value, "n_axes", MAX_AXES))?;
-        let n_samples = n_samples.map_or(Ok(own_samples), |value| count(value, "n_samples", MAX_WINDOW))?;
+        let (n_samples, n_axes) = (n_samples.unwrap_or(own_samples), n_axes.unwrap_or(own_axes));
         if own.is_some_and(|own| own != (n_samples, n_axes)) {
             return Err(GranularIdError::new_err(format!(
                 "spec is for {own_samples} samples of {own_axes} axes, got n_samples = {n_samples}, n_axes = {n_axes}"
             )));
         }
-        let classes = labels(classes)?;
-        let loss = loss.map_or(Ok(Loss::default()), |value| word(value, "loss", &Loss::NAMED))?;
-        let metadata = described(n_axes, metadata)?;
-        let given = [
-            ("coef", Some(coef)),
-            ("intercept", Some(intercept)),
-            ("coding_matrix", Some(coding_matrix)),
-            ("raw_mean", raw_mean),
-            ("early", early),
-            (NOVELTY[0], novelty.as_ref().map(|parts| &parts[0])),
-            (NOVELTY[1], novelty.as_ref().map(|parts| &parts[1])),
-            (NOVELTY[2], novelty.as_ref().map(|parts| &parts[2])),
-        ];
-        let given = given.into_iter().filter_map(|(name, value)| Some((name, value?)));
-        let convert = |(name, value)| Ok((name, contiguous_real(value, name)?));
-        let arrays = given.map(convert).collect::<PyResult<Vec<_>>>()?;
-        let hold = Hold::for_values(
-            arrays.iter().map(|(_, array)| array.len()).sum(),
-            &arrays.iter().map(|(_, array)| array.as_any()).collect::<Vec<_>>(),
-        )?;
-        // Nothing of Python's runs from here on.
-        let borrow = |(name, array): &(&'static str, _)| Ok((*name, readable(array, name)?));
-        let borrowed = arrays.iter().map(borrow).collect::<PyResult<Vec<_>>>()?;
-        let tensor = |wanted| {
-            let found = borrowed.iter().find(|(name, _)| *name == wanted);
-            found
-                .map(|(_, array)| Ok::<_, PyErr>(Tensor::new(array.shape().to_vec(), array.as_slice()?)))
-                .transpose()
+        let loss = word(loss, "loss", &Loss::NAMED)?;
+        let metadata = Metadata::of_axes(n_axes).with(metadata.unwrap_or_default()).map_err(bad_part)?;
+        // All arrays are made before the first of them is borrowed.
+        let array = |value, name| Ok::<_, PyErr>((contiguous_real(value, name)?, name));
+        let optional = |value: Option<_>, name| value.map(|value| array(value, name)).transpose();
+        let (coef, intercept) = (array(coef, "coef")?, array(intercept, "intercept")?);
+        let codes = array(coding_matrix, "coding_matrix")?;
+        let (raw_mean, early) = (optional(raw_mean, "raw_mean")?, optional(early, "early")?);
+        let novelty = match &novelty {
+            None => None,
+            Some([scaling, directions, means]) => Some([
+                array(scaling, "unknown_scaling")?,
+                array(directions, "unknown_directions")?,
+                array(means, "unknown_means")?,
+            ]),
         };
-        let needed = |name| Ok::<_, PyErr>(tensor(name)?.unwrap_or_else(|| Tensor::new(Vec::new(), &[])));
-        let (weights, intercept, codes) = (needed("coef")?, needed("intercept")?, needed("coding_matrix")?);
-        let mut parts = ModelParts::new(features, n_samples, n_axes, weights, intercept, codes, classes);
+        let (coef, intercept, codes) = (borrow(&coef)?, borrow(&intercept)?, borrow(&codes)?);
+        let raw_mean = raw_mean.as_ref().map(borrow).transpose()?;
+        let early = early.as_ref().map(borrow).transpose()?;
+        let novelty = match &novelty {
+            None => None,
+            Some([scaling, directions, means]) => {
+                Some([borrow(scaling)?, borrow(directions)?, borrow(means)?])
+            }
+        };
+        let mut parts = ModelParts::new(
+            features,
+            n_samples,
+            n_axes,
+            tensor(&coef)?,
+            tensor(&intercept)?,
+            tensor(&codes)?,
+            classes,
+        );
         (parts.loss, parts.metadata) = (loss, metadata);
-        (parts.raw_mean, parts.early) = (tensor("raw_mean")?, tensor("early")?);
-        if novelty.is_some() {
-            let [scaling, directions, means] = NOVELTY.map(needed);
-            parts.novelty = Some(NoveltyParts { scaling: scaling?, directions: directions?, means: means? });
+        parts.raw_mean = raw_mean.as_ref().map(tensor).transpose()?;
+        parts.early = early.as_ref().map(tensor).transpose()?;
+        if let Some([scaling, directions, means]) = &novelty {
+            let (scaling, directions, means) = (tensor(scaling)?, tensor(directions)?, tensor(means)?);
+            parts.novelty = Some(NoveltyParts { scaling, directions, means });
         }
-        let model = hold.work(coef.py(), || Model::new(parts)).map_err(bad_part)?;
+        let n_values = coef.len();
+        let model = work(spec.py(), n_values, || Model::new(parts)).map_err(bad_part)?;
         Ok(Self { model: Arc::new(model) })
     }
 
     /// The model in the bytes of a file.
     #[staticmethod]
-    #[pyo3(signature = (data, *, max_file_bytes=None), text_signature = "(data, *, max_file_bytes=33554432)")]
-    fn from_bytes(py: Python<'_>, data: &[u8], max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
-        let most = most_bytes(max_file_bytes)?;
-        let model = py.detach(|| Model::from_bytes(data, most)).map_err(no_model)?;
+    #[pyo3(signature = (data, *, max_file_bytes=33_554_432))]
+    fn from_bytes(
+        py: Python<'_>,
+        data: &[u8],
+        #[pyo3(from_py_with = named::max_file_bytes)] max_file_bytes: usize,
+    ) -> PyResult<Self> {
+        let model = py.detach(|| Model::from_bytes(data, max_file_bytes)).map_err(no_model)?;
         Ok(Self { model: Arc::new(model) })
     }
 
     /// The model in a file.
     #[staticmethod]
-    #[pyo3(signature = (path, *, max_file_bytes=None), text_signature = "(path, *, max_file_bytes=33554432)")]
-    fn read(py: Python<'_>, path: PathBuf, max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
-        let most = most_bytes(max_file_bytes)?;
-        let model = py.detach(|| Model::read_within(path, most)).map_err(|error| bad_file(py, error))?;
-        Ok(Self { model: Arc::new(model) })
+    #[pyo3(signature = (path, *, max_file_bytes=33_554_432))]
+    fn read(
+        py: Python<'_>,
+        path: PathBuf,
+        #[pyo3(from_py_with = named::max_file_bytes)] max_file_bytes: usize,
+    ) -> PyResult<Self> {
+        let model = py.detach(|| Model::read_within(path, max_file_bytes));
+        Ok(Self { model: Arc::new(model.map_err(|error| bad_file(py, error))?) })
     }
 
     /// The bytes of a file with this model, always the same ones.
@@ -188,7 +193,7 @@ impl PyModel {
     fn scores<'py>(
         &self,
         wrench: &Bound<'py, PyAny>,
-        threads: Option<&Bound<'py, PyAny>>,
+        #[pyo3(from_py_with = optional::threads)] threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let model = &self.model;
         let trained_on = [model.n_samples(), model.n_axes()];
@@ -197,7 +202,7 @@ impl PyModel {
         let n_recordings = shape.n_recordings;
         let wanted = [n_recordings, model.n_learners()];
         let out = zeros(array.py(), &wanted)?;
-        work_into((&out, &wanted), &array, "wrench", usize::MAX, |values, out| {
+        work_into((&out, &wanted), &array, "wrench", |values, out| {
             model.scores_into(values, n_recordings, threads, out)
         })?;
         Ok(out)
@@ -217,24 +222,24 @@ impl PyModel {
     fn scores_and_novelty<'py>(
         &self,
         wrench: &Bound<'py, PyAny>,
-        threads: Option<&Bound<'py, PyAny>>,
+        #[pyo3(from_py_with = optional::threads)] threads: Option<usize>,
     ) -> PyResult<ScoresAndNovelty<'py>> {
         let (py, model) = (wrench.py(), &self.model);
         let trained_on = [model.n_samples(), model.n_axes()];
         let Recordings { array, shape, threads } =
             Recordings::new(wrench, "wrench", threads, Some(trained_on))?;
-        let found = work_on(&array, "wrench", usize::MAX, |values| {
-            model.scores_and_novelty(values, shape.n_recordings, threads)
-        })?;
+        let borrowed = readable(&array, "wrench")?;
+        let values = borrowed.as_slice()?;
+        let found = py.detach(|| model.scores_and_novelty(values, shape.n_recordings, threads));
         let (scores, novelty) = found.or_raise()?;
         let scores = PyArray1::from_vec(py, scores).reshape([shape.n_recordings, model.n_learners()])?;
         Ok((scores, novelty.map(|novelty| PyArray1::from_vec(py, novelty))))
     }
 
-    /// What the rules of the model say of whole recordings, from what `scores_and_novelty` gives: for each the labels of the
-    /// candidates, the likeliest first, and whether it is like no class; an empty tuple and None without rules.
+    /// What the rules of the model find about whole recordings, from what `scores_and_novelty` gives: for each the labels of
+    /// the candidates, the likeliest first, and whether it is like no class; an empty tuple and None without rules.
     #[pyo3(signature = (scores, novelty=None))]
-    fn verdicts<'py>(
+    fn apply_rules<'py>(
         &self,
         scores: &Bound<'py, PyAny>,
         novelty: Option<&Bound<'py, PyAny>>,
@@ -245,15 +250,11 @@ impl PyModel {
             Some(novelty) => readable(novelty, "novelty")?.as_slice()?.to_vec(),
             None => Vec::new(),
         };
-        let verdicts =
-            self.of_scores(scores, |model, scores| model.verdicts(scores, &novelty))?.or_raise()?;
-        // The list, a pair for each row, and its candidates: objects of Python with a header of some 50 bytes.
-        let per_row = size_of::<usize>() + 2 * (56 + 2 * size_of::<usize>());
-        room(verdicts.n_rows().saturating_mul(per_row) + size_of::<usize>() * verdicts.n_candidates())
-            .or_raise()?;
+        let found =
+            self.of_scores(scores, |model, scores| model.rule_outcomes(scores, &novelty))?.or_raise()?;
         let labels: Vec<_> = self.model.classes().iter().map(|label| PyString::new(py, label)).collect();
         let named = PyList::empty(py);
-        for (candidates, unknown) in verdicts.rows() {
+        for (candidates, unknown) in found {
             named.append((PyTuple::new(py, candidates.iter().map(|class| &labels[*class]))?, unknown))?;
         }
         Ok(named)
@@ -262,7 +263,7 @@ impl PyModel {
     #[getter]
     fn spec<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         Ok(match self.model.extraction() {
-            Extraction::Additive { extractor, .. } => {
+            Extraction::Paper { extractor, .. } => {
                 Bound::new(py, PyFeatureSpec { extractor: extractor.clone() })?.into_any()
             }
             Extraction::MultiBand(multiband) => {
@@ -346,9 +347,9 @@ impl PyModel {
     /// What the novelty is computed with, as the constructor takes it.
     #[getter]
     fn novelty<'py>(&self, py: Python<'py>) -> PyResult<Option<[Bound<'py, PyArray2<f32>>; 3]>> {
-        let n_features = self.n_features();
-        let Some(parts) = self.model.novelty() else { return Ok(None) };
-        let [scaling, directions, means] = parts.map(|(n_rows, at)| matrix(py, [n_rows, n_features], &at));
+        let Some(tensors) = self.model.novelty() else { return Ok(None) };
+        let array = |(n_rows, values)| PyArray1::from_vec(py, values).reshape([n_rows, self.n_features()]);
+        let [scaling, directions, means] = tensors.map(array);
         Ok(Some([scaling?, directions?, means?]))
     }
 
@@ -380,7 +381,7 @@ impl PyModel {
     fn of_scores<R: Send>(
         &self,
         scores: &Bound<'_, PyAny>,
-        work: impl FnOnce(&Model, &[f64]) -> R + Send,
+        run: impl FnOnce(&Model, &[f64]) -> R + Send,
     ) -> PyResult<R> {
         let (model, n_learners) = (&self.model, self.n_learners());
         let scores = contiguous_real(scores, "scores")?;
@@ -389,7 +390,9 @@ impl PyModel {
             return Err(wrong_shape("scores", wanted, scores.shape()));
         }
         let n_values = scores.len().saturating_mul(self.n_classes());
-        work_on(&scores, "scores", n_values, |scores| work(model, scores))
+        let borrowed = readable(&scores, "scores")?;
+        let values = borrowed.as_slice()?;
+        Ok(work(scores.py(), n_values, || run(model, values)))
     }
 }
 
@@ -401,8 +404,14 @@ fn bytes<'py>(py: Python<'py>, from: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
     })
 }
 
-fn most_bytes(max_file_bytes: Option<&Bound<'_, PyAny>>) -> PyResult<usize> {
-    max_file_bytes.map_or(Ok(MAX_FILE_BYTES), |value| count(value, "max_file_bytes", usize::MAX))
+type Named<'py> = (Bound<'py, PyArrayDyn<f64>>, &'static str);
+
+fn borrow<'py>((array, name): &Named<'py>) -> PyResult<PyReadonlyArrayDyn<'py, f64>> {
+    readable(array, name)
+}
+
+fn tensor<'a>(array: &'a PyReadonlyArrayDyn<'_, f64>) -> PyResult<Tensor<'a>> {
+    Ok(Tensor::new(array.shape().to_vec(), array.as_slice()?))
 }
 
 fn matrix<T: Element>(
@@ -414,7 +423,7 @@ fn matrix<T: Element>(
     PyArray1::from_vec(py, collected(values).or_raise()?).reshape(shape)
 }
 
-/// What is extracted; with samples and axes of a recording, where it knows them.
+/// The features of a specification; with samples and axes of a recording, where it fixes them.
 fn features<'a>(spec: &'a Bound<'_, PyAny>) -> PyResult<(Features<'a>, Option<(usize, usize)>)> {
     if let Ok(spec) = spec.cast::<PyFeatureSpec>() {
         return Ok((spec.get().extractor.spec().clone().into(), None));
@@ -433,27 +442,6 @@ fn features<'a>(spec: &'a Bound<'_, PyAny>) -> PyResult<(Features<'a>, Option<(u
         level_scales: design.spec().level.then(levels),
     };
     Ok((features, Some((design.n_samples(), n_axes))))
-}
-
-/// Scaling, directions and means.
-fn three<'py>(novelty: &Bound<'py, PyAny>) -> PyResult<[Bound<'py, PyAny>; 3]> {
-    novelty.extract().map_err(|_| {
-        PyTypeError::new_err(format!("novelty must be a tuple of three arrays, got {}", shown(novelty)))
-    })
-}
-
-fn labels(classes: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
-    let wrong = || PyTypeError::new_err(format!("classes must be a sequence of str, got {}", shown(classes)));
-    each(classes, wrong)?.map(|label| label?.extract::<String>().map_err(|_| wrong())).collect()
-}
-
-/// The metadata of a mapping, what it leaves out as it is without one.
-fn described(n_axes: usize, metadata: Option<&Bound<'_, PyAny>>) -> PyResult<Metadata> {
-    let Some(metadata) = metadata else { return Ok(Metadata::of_axes(n_axes)) };
-    let texts: BTreeMap<String, String> = metadata.extract().map_err(|_| {
-        PyTypeError::new_err(format!("metadata must be a dict of str to str, got {}", shown(metadata)))
-    })?;
-    Metadata::of_axes(n_axes).with(texts).map_err(bad_part)
 }
 
 /// Parts come from the caller, not from a file.

@@ -1,15 +1,12 @@
 //! Multi-band features of recordings.
 
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict, PyTuple};
 
-use crate::arguments::{
-    each, new_arguments, number, samples_and_axes, shown, word, GranularIdError, NewArguments, OrRaise,
-};
+use crate::arguments::{named, new_arguments, optional, word, GranularIdError, NewArguments, OrRaise};
 use crate::arrays::{copied, owned_real, tuple, work_into, wrong_shape, zeros, Recordings};
-use granular_id::bindings::{brief, collected, filled};
+use granular_id::bindings::{collected, filled, short_number};
 use granular_id::multiband::{n_bands, Block, MultiBand, MultiBandSpec, Scales};
 use granular_id::BatchShape;
 
@@ -31,27 +28,25 @@ type Extract = fn(&MultiBand, &[f64], BatchShape, usize, &mut [f64]) -> granular
 impl PyMultiBandExtractor {
     #[new]
     #[pyo3(
-        signature = (n_samples, n_axes, *, rate_hz=None, blocks=None, scales=None, level_scales=None),
+        signature = (n_samples, n_axes, *, rate_hz=500.0, blocks=None, scales=None, level_scales=None),
         text_signature = "(n_samples, n_axes, *, rate_hz=500.0, \
                           blocks=('coupling', 'quantiles', 'envelope', 'spectrum'), scales=None, level_scales=None)"
     )]
     fn new(
-        n_samples: &Bound<'_, PyAny>,
-        n_axes: &Bound<'_, PyAny>,
-        rate_hz: Option<&Bound<'_, PyAny>>,
-        blocks: Option<&Bound<'_, PyAny>>,
+        #[pyo3(from_py_with = named::n_samples)] n_samples: usize,
+        #[pyo3(from_py_with = named::n_axes)] n_axes: usize,
+        #[pyo3(from_py_with = named::rate_hz)] rate_hz: f64,
+        blocks: Option<Vec<String>>,
         scales: Option<&Bound<'_, PyAny>>,
         level_scales: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let (n_samples, n_axes) = samples_and_axes(n_samples, n_axes)?;
-        let default = MultiBandSpec::default();
-        let rate_hz = rate_hz.map_or(Ok(default.rate_hz), |value| number(value, "rate_hz"))?;
-        let default = default.with_rate_hz(rate_hz);
-        let spec = blocks.map_or(Ok(default), |value| blocks_of(value, rate_hz))?;
+        let spec = match blocks {
+            None => MultiBandSpec::default().with_rate_hz(rate_hz),
+            Some(blocks) => blocks_of(&blocks, rate_hz)?,
+        };
         MultiBand::check_size(n_samples, n_axes).or_raise()?;
-        let n_bands = n_bands(n_samples);
         let scales = Scales {
-            bands: given_scales(scales, "scales", &[n_bands, n_axes])?,
+            bands: given_scales(scales, "scales", &[n_bands(n_samples), n_axes])?,
             level: given_scales(level_scales, "level_scales", &[n_axes])?,
         };
         Ok(Self { design: MultiBand::new(spec, n_samples, n_axes, &scales).or_raise()? })
@@ -82,7 +77,7 @@ impl PyMultiBandExtractor {
         self.design.n_bands()
     }
 
-    /// Names of the blocks that were asked for.
+    /// Names of the requested blocks.
     #[getter]
     fn blocks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         let wanted = Block::NAMED.iter().filter(|(_, block)| self.design.spec().wants(*block));
@@ -132,7 +127,7 @@ impl PyMultiBandExtractor {
     fn extract<'py>(
         &self,
         X: &Bound<'py, PyAny>,
-        threads: Option<&Bound<'py, PyAny>>,
+        #[pyo3(from_py_with = optional::threads)] threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         self.each(X, threads, MultiBand::extract_batch, &[self.design.n_features()])
     }
@@ -143,7 +138,7 @@ impl PyMultiBandExtractor {
     fn band_rms<'py>(
         &self,
         X: &Bound<'py, PyAny>,
-        threads: Option<&Bound<'py, PyAny>>,
+        #[pyo3(from_py_with = optional::threads)] threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         self.each(X, threads, MultiBand::rms_batch, &[self.design.n_bands(), self.design.n_axes()])
     }
@@ -161,7 +156,7 @@ impl PyMultiBandExtractor {
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
-        let (n_samples, n_axes, rate_hz) = (self.n_samples(), self.n_axes(), brief(self.rate_hz()));
+        let (n_samples, n_axes, rate_hz) = (self.n_samples(), self.n_axes(), short_number(self.rate_hz()));
         let blocks = self.blocks(py)?.repr()?;
         Ok(format!(
             "<MultiBandExtractor of {n_samples} samples of {n_axes} axes at {rate_hz} Hz, blocks={blocks}>"
@@ -173,7 +168,7 @@ impl PyMultiBandExtractor {
     fn each<'py>(
         &self,
         recordings: &Bound<'py, PyAny>,
-        threads: Option<&Bound<'py, PyAny>>,
+        threads: Option<usize>,
         extract: Extract,
         row: &[usize],
     ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
@@ -183,7 +178,7 @@ impl PyMultiBandExtractor {
         self.design.check_batch(array.len(), *shape).or_raise()?;
         let rows = recordings.rows(row);
         let out = zeros(array.py(), &rows)?;
-        work_into((&out, &rows), array, "X", usize::MAX, |values, out| {
+        work_into((&out, &rows), array, "X", |values, out| {
             extract(&self.design, values, *shape, *threads, out)
         })?;
         Ok(out)
@@ -191,11 +186,10 @@ impl PyMultiBandExtractor {
 }
 
 /// Names of blocks, in any order.
-fn blocks_of(value: &Bound<'_, PyAny>, rate_hz: f64) -> PyResult<MultiBandSpec> {
+fn blocks_of(names: &[String], rate_hz: f64) -> PyResult<MultiBandSpec> {
     let mut wanted = Vec::new();
-    let wrong = || PyTypeError::new_err(format!("blocks must be a sequence of names, got {}", shown(value)));
-    for block in each(value, wrong)? {
-        let block = word(&block?, "each of blocks", &Block::NAMED)?;
+    for name in names {
+        let block = word(name, "each of blocks", &Block::NAMED)?;
         if wanted.contains(&block) {
             let message = format!("blocks must name each block once, got '{}' twice", block.name());
             return Err(GranularIdError::new_err(message));

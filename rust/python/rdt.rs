@@ -6,8 +6,8 @@ use pyo3::exceptions::{PyConnectionError, PyConnectionRefusedError, PyRuntimeErr
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
-use super::buffer::PyWrenchBuffer;
 use crate::arguments::{word, GranularIdError, OrRaise, Raise};
+use crate::live::PyWrenchBuffer;
 use granular_id::rdt::{RdtError, Receiver, Scale, Settings, State, Variant};
 
 impl Raise for RdtError {
@@ -50,7 +50,7 @@ impl PyRdtReceiver {
     fn new(
         host: &str,
         port: u16,
-        variant: &Bound<'_, PyAny>,
+        variant: &str,
         counts_per_newton: f64,
         counts_per_newton_metre: f64,
         limits: [f64; 6],
@@ -69,7 +69,7 @@ impl PyRdtReceiver {
         Ok(Self { settings, place: Mutex::new(Place::Idle { counters: Vec::new() }) })
     }
 
-    /// Ask for the stream, wait for its first record, and write into `buffer` from then on.
+    /// Request the stream, wait for its first record, and write into `buffer` from then on.
     fn start(&self, buffer: &Bound<'_, PyWrenchBuffer>) -> PyResult<()> {
         let writer = {
             let mut place = self.place();
@@ -110,7 +110,12 @@ impl PyRdtReceiver {
 
     /// Make the present load the new zero, for every client of the box.
     fn bias(&self) -> PyResult<()> {
-        self.ask(Receiver::bias)
+        match &*self.place() {
+            Place::Running { receiver, .. } => receiver.bias().or_raise(),
+            Place::Idle { .. } | Place::Busy => {
+                Err(PyRuntimeError::new_err("the source does not run: start it first"))
+            }
+        }
     }
 
     /// What was counted, up to now or until the end; nothing before the start.
@@ -135,14 +140,5 @@ impl PyRdtReceiver {
 impl PyRdtReceiver {
     fn place(&self) -> MutexGuard<'_, Place> {
         self.place.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn ask(&self, ask: impl FnOnce(&Receiver) -> Result<(), RdtError>) -> PyResult<()> {
-        match &*self.place() {
-            Place::Running { receiver, .. } => Ok(ask(receiver).or_raise()?),
-            Place::Idle { .. } | Place::Busy => {
-                Err(PyRuntimeError::new_err("the source does not run: start it first"))
-            }
-        }
     }
 }

@@ -3,8 +3,8 @@
 use numpy::{PyArray, PyArray2, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use crate::arguments::{GranularIdError, OrRaise};
-use crate::arrays::{axis_index, owned_real, tuple, wrong_shape, Hold};
+use crate::arguments::{named, GranularIdError, OrRaise};
+use crate::arrays::{owned_real, tuple, work, wrong_shape};
 use granular_id::{AlongAxis, Band, Result, Sos};
 
 /// A float64 array of any rank.
@@ -14,7 +14,7 @@ type Array<'py> = Bound<'py, PyArrayDyn<f64>>;
 #[pyfunction]
 pub(super) fn butter<'py>(
     py: Python<'py>,
-    order: usize,
+    #[pyo3(from_py_with = named::order)] order: usize,
     band: &str,
     low_hz: f64,
     high_hz: f64,
@@ -41,7 +41,7 @@ pub(super) fn sosfilt<'py>(
     py: Python<'py>,
     sos: &Bound<'py, PyAny>,
     x: &Bound<'py, PyAny>,
-    axis: &Bound<'py, PyAny>,
+    #[pyo3(from_py_with = named::axis)] axis: isize,
     zi: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<(Array<'py>, Option<Array<'py>>)> {
     let sos = sections(sos)?;
@@ -86,21 +86,22 @@ fn sections(value: &Bound<'_, PyAny>) -> PyResult<Sos> {
 }
 
 /// A copy of the signal to filter in place, its axis, and the view from there.
-fn signal<'py>(x: &Bound<'py, PyAny>, axis: &Bound<'py, PyAny>) -> PyResult<(Array<'py>, usize, AlongAxis)> {
+fn signal<'py>(x: &Bound<'py, PyAny>, axis: isize) -> PyResult<(Array<'py>, usize, AlongAxis)> {
     let x = owned_real(x, "x")?;
     if x.ndim() == 0 {
         return Err(GranularIdError::new_err("x must be at least 1-D, got a single number"));
     }
-    let axis = axis_index(axis, x.shape())?;
-    let along = AlongAxis::new(x.shape(), axis)
-        .ok_or_else(|| GranularIdError::new_err(format!("axis {axis} is outside of x")))?;
-    Ok((x, axis, along))
+    let (ndim, shape) = (x.ndim(), tuple(x.shape()));
+    let index = if axis < 0 { ndim.checked_add_signed(axis) } else { Some(axis.unsigned_abs()) };
+    let along = index.and_then(|index| Some((index, AlongAxis::new(x.shape(), index)?)));
+    let outside = || format!("axis must be in [-{ndim}, {ndim}) for x of shape {shape}, got {axis}");
+    let (index, along) = along.ok_or_else(|| GranularIdError::new_err(outside()))?;
+    Ok((x, index, along))
 }
 
 /// Runs a filter on an array of our own, without the GIL when that pays.
 fn filter(py: Python<'_>, y: &Array<'_>, run: impl FnOnce(&mut [f64]) -> Result<()> + Send) -> PyResult<()> {
-    let hold = Hold::for_values(y.len(), &[])?;
     let mut borrowed = y.try_readwrite()?;
     let y = borrowed.as_slice_mut()?;
-    hold.work(py, || run(y)).or_raise()
+    work(py, y.len(), || run(y)).or_raise()
 }

@@ -117,7 +117,7 @@ struct Newest {
     ticks: u64,
 }
 
-/// Where a record stands in its stream: next, late, again, lost ones before it, or the first of a new stream.
+/// Where a record stands in its stream by its numbers: next, late, again, lost ones before it, or the first of a new stream.
 #[derive(Debug, Default)]
 struct Sequence {
     counts: Counts,
@@ -126,8 +126,6 @@ struct Sequence {
     seen: Box<[Option<u32>]>,
     /// How many places behind the newest belong to this stream: each is seen or counted as lost.
     reach: u32,
-    /// Ticks of the newest record that is no longer remembered: nothing late may lie before it.
-    forgotten: Option<u64>,
     /// Samples per record, as last seen; 0 while unknown.
     step: u32,
     suspect: Option<Entry>,
@@ -135,13 +133,13 @@ struct Sequence {
 
 impl Sequence {
     fn place(&mut self, entry: Entry, sink: &mut impl FnMut(Decoded)) {
-        let Some(newest) = self.newest else { return self.doubt(entry, sink) };
+        let Some(newest) = self.newest else { return self.hold_suspect(entry, sink) };
         let ahead = distance(newest.rdt, entry.rdt);
         let samples = distance(newest.ft, entry.ft);
         if ahead > 0 {
             if ahead.unsigned_abs() <= WINDOW && self.fits(ahead, samples) {
                 self.drop_suspect();
-                return self.advance(entry, newest, sink);
+                return self.step(entry, newest, sink);
             }
         } else if ahead.unsigned_abs() <= self.reach {
             let seen = self.seen[slot(entry.rdt)];
@@ -154,7 +152,7 @@ impl Sequence {
                 return;
             }
         }
-        self.doubt(entry, sink);
+        self.hold_suspect(entry, sink);
     }
 
     /// Whether so many samples are to be expected over so many records.
@@ -170,7 +168,6 @@ impl Sequence {
         // Streams are numbered from 1: what is missing before the first that came was sent.
         self.reach = if entry.rdt < WINDOW { entry.rdt.saturating_sub(1) } else { 0 };
         self.step = 0;
-        self.forgotten = None;
         let ticks = u64::from(entry.ft);
         self.newest = Some(Newest { rdt: entry.rdt, ft: entry.ft, ticks });
         self.counts.lost += u64::from(self.reach);
@@ -178,18 +175,14 @@ impl Sequence {
     }
 
     /// A record that comes next, or after a few lost ones.
-    fn advance(&mut self, entry: Entry, newest: Newest, sink: &mut impl FnMut(Decoded)) {
+    fn step(&mut self, entry: Entry, newest: Newest, sink: &mut impl FnMut(Decoded)) {
         let records = entry.rdt.wrapping_sub(newest.rdt);
         let samples = entry.ft.wrapping_sub(newest.ft);
         if records >= WINDOW {
             self.seen.fill(None);
-            self.forgotten = Some(newest.ticks);
         } else {
             for ahead in 1..=records {
-                let left = self.seen[slot(newest.rdt.wrapping_add(ahead))].take();
-                let ticks =
-                    left.and_then(|ft| newest.ticks.checked_add_signed(distance(newest.ft, ft).into()));
-                self.forgotten = self.forgotten.max(ticks);
+                self.seen[slot(newest.rdt.wrapping_add(ahead))] = None;
             }
         }
         self.seen[slot(entry.rdt)] = Some(entry.ft);
@@ -208,30 +201,22 @@ impl Sequence {
         self.hand_on(entry, ticks, sink);
     }
 
-    /// A record at a place counted as lost. Returns whether its sample fits between those around it.
+    /// A record at a place counted as lost; the buffer puts it in order. False if its sample is none of those before the
+    /// newest.
     fn late(&mut self, entry: Entry, newest: Newest, sink: &mut impl FnMut(Decoded)) -> bool {
-        let behind = newest.rdt.wrapping_sub(entry.rdt);
-        let at = |distance: u32| self.seen[slot(newest.rdt.wrapping_sub(distance))];
-        let after = (0..behind).rev().find_map(at).map_or(0, |ft| distance(newest.ft, ft));
-        let before = (behind + 1..=self.reach).find_map(at).map_or(i32::MIN, |ft| distance(newest.ft, ft));
-        let samples = distance(newest.ft, entry.ft);
-        let ticks = newest.ticks.checked_add_signed(i64::from(samples));
-        let fits = |ticks: &u64| (before..=after).contains(&samples) && Some(*ticks) > self.forgotten;
-        let Some(ticks) = ticks.filter(fits) else { return false };
+        let (records, samples) = (distance(entry.rdt, newest.rdt), distance(entry.ft, newest.ft));
+        let ticks = newest.ticks.checked_sub(u64::from(samples.unsigned_abs()));
+        let Some(ticks) = ticks.filter(|_| self.fits(records, samples)) else { return false };
         self.drop_suspect();
         self.seen[slot(entry.rdt)] = Some(entry.ft);
         self.counts.lost -= 1;
-        if samples == before || samples == after {
-            self.counts.stale += 1;
-        } else {
-            self.counts.reordered += 1;
-            self.hand_on(entry, ticks, sink);
-        }
+        self.counts.reordered += 1;
+        self.hand_on(entry, ticks, sink);
         true
     }
 
-    /// A record that continues nothing: kept until the next one says what it was.
-    fn doubt(&mut self, entry: Entry, sink: &mut impl FnMut(Decoded)) {
+    /// A record that continues nothing: it waits until the next one confirms or refutes it.
+    fn hold_suspect(&mut self, entry: Entry, sink: &mut impl FnMut(Decoded)) {
         let Some(suspect) = self.suspect.take() else {
             self.suspect = Some(entry);
             return;
@@ -273,7 +258,7 @@ impl Sequence {
             // Both numbers must agree on the length of the outage: a new stream agrees by chance once in thousands.
             let error = (i64::from(samples) - expected).abs();
             if records > 0 && samples > 0 && self.step > 0 && error <= expected / 8 {
-                return self.advance(entry, newest, sink);
+                return self.step(entry, newest, sink);
             }
             self.counts.restarts += 1;
             sink(Decoded::NewEpoch);

@@ -1,6 +1,6 @@
 //! Wrenches from an F/T sensor that speaks RDT over UDP.
 //!
-//! ATI's Net F/T and Ethernet Axia stream records of 36 bytes to whoever asked last; boxes of `OnRobot` use the same
+//! ATI's Net F/T and Ethernet Axia stream records of 36 bytes to the client whose request came last; boxes of `OnRobot` use the same
 //! framing. [`Decoder`] turns datagrams into rows without a socket, [`Receiver`] is the thread that feeds it and writes
 //! to a [`buffer`](crate::buffer).
 //!
@@ -20,10 +20,10 @@ pub use packet::{
 pub use receiver::{Receiver, State};
 
 use crate::buffer::counters;
-use crate::error::brief;
+use crate::error::short_number;
 use crate::specs::setters;
 
-/// The port that boxes listen on unless told otherwise.
+/// The port that boxes listen on by default.
 pub const PORT: u16 = 49152;
 
 /// Silence that is an alarm, however fast records come; slower streams get three periods.
@@ -57,7 +57,7 @@ pub struct Settings {
     pub limits: [f64; 6],
     /// Records per second that the box is set to send.
     pub rate_hz: f64,
-    /// Whether to ask for several records per datagram.
+    /// True to request several records per datagram.
     pub buffered: bool,
 }
 
@@ -162,7 +162,7 @@ counters! {
     restarts,
     /// Rows whose status word is an error.
     bad_status,
-    /// Rows whose status word, or a count at the end of its 32 bits, says saturation.
+    /// Rows with a status of saturation, or a count at the end of its 32 bits.
     saturated,
     /// Rows whose status word is a mere warning.
     warnings,
@@ -175,7 +175,7 @@ counters! {
 #[non_exhaustive]
 pub enum RdtError {
     /// A scale that no sensor has.
-    #[error("{what} must be from {least} to {most:e}, got {}", brief(*.value))]
+    #[error("{what} must be from {least} to {most:e}, got {}", short_number(*.value))]
     Scale {
         /// Which one.
         what: &'static str,
@@ -187,7 +187,7 @@ pub enum RdtError {
         most: f64,
     },
     /// A number among the settings outside its range.
-    #[error("{what} must be {wanted}, got {}", brief(*.value))]
+    #[error("{what} must be {wanted}, got {}", short_number(*.value))]
     Setting {
         /// Which one.
         what: &'static str,
@@ -216,8 +216,8 @@ pub enum RdtError {
         /// The system's words.
         reason: String,
     },
-    /// Nobody listens at the address.
-    #[error("nobody listens at {host}:{port} (UDP): wrong address, or the box is off or has RDT disabled")]
+    /// Nothing listens at the address.
+    #[error("nothing listens at {host}:{port} (UDP): wrong address, or the box is off or has RDT disabled")]
     Refused {
         /// The host.
         host: String,
@@ -236,7 +236,7 @@ pub enum RdtError {
         port: u16,
         /// How long was waited.
         waited: Duration,
-        /// How often the stream was asked for.
+        /// Requests for the stream.
         requests: u32,
         /// Datagrams that came, and were no two records that continue one another.
         datagrams: u64,

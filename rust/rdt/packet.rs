@@ -13,11 +13,11 @@ pub const MAX_RECORDS: usize = 40;
 /// One record, still in counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Record {
-    /// Number of the record within the stream that was asked for, from 1; 0 follows 2^32 - 1.
+    /// Number of the record within the requested stream, from 1; 0 follows 2^32 - 1.
     pub rdt_sequence: u32,
     /// Number of the sample within the sensor, which takes more samples than it sends.
     pub ft_sequence: u32,
-    /// Bits that say how the sensor is: see [`Variant`].
+    /// Bits of the sensor's condition: see [`Variant`].
     pub status: u32,
     /// Fx, Fy, Fz, Tx, Ty, Tz.
     pub counts: [i32; 6],
@@ -70,7 +70,7 @@ pub fn records(datagram: &[u8]) -> Option<impl Iterator<Item = Record> + '_> {
 /// First two bytes of every request.
 const HEADER: u16 = 0x1234;
 
-/// What a box can be asked for, in eight bytes; it never acknowledges.
+/// A request to a box, eight bytes; it never acknowledges.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Request {

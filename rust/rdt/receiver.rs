@@ -14,10 +14,10 @@ use crate::buffer::{host_ns, Counter, Writer};
 use crate::specs::choices;
 use crate::wrench::AXES;
 
-/// Asked of the system for datagrams that wait: half a minute at 500 Hz, five seconds at 7000 Hz.
+/// Requested from the system for datagrams that wait: half a minute at 500 Hz, five seconds at 7000 Hz.
 const RECEIVE_BUFFER: usize = 4 << 20;
 
-/// Bytes of the longest datagram, and one that tells a longer one.
+/// Bytes of the longest datagram, and one by which a longer one is recognised.
 const ROOM: usize = RECORD_BYTES * MAX_RECORDS + 1;
 
 /// Requests for the stream, as any of them may be lost, ...
@@ -69,7 +69,7 @@ choices! {
 /// The states a thread can be in, in their order.
 const STATES: [State; 4] = [State::Streaming, State::Silent, State::Broken, State::Stopped];
 
-/// What the thread tells everyone else: numbers that any thread reads without waiting.
+/// The state of the thread in numbers that any other thread reads without waiting.
 #[derive(Debug, Default)]
 struct Progress {
     counts: Cells,
@@ -113,7 +113,7 @@ pub struct Receiver {
 }
 
 impl Receiver {
-    /// Asks the box for the stream and waits for its first two records, which confirm each other. The writer comes back with
+    /// Requests the stream from the box and waits for its first two records, which confirm each other. The writer comes back with
     /// an error.
     ///
     /// Where the box is silent, blocks for a second, or thirty periods if that is longer.
@@ -240,7 +240,7 @@ fn spawn(
     Err(Box::new((failed("starting a thread for", settings, &error), receiver_loop.writer)))
 }
 
-/// What the thread does until it is told to stop, and all it owns.
+/// The work of the thread until it is stopped, and all it owns.
 struct ReceiverLoop {
     socket: UdpSocket,
     decoder: Decoder,
@@ -287,10 +287,13 @@ impl ReceiverLoop {
         self.newest = now;
         self.stalled = false;
         let Self { decoder, writer, progress, .. } = self;
+        let n_rows = decoder.counts().rows;
         write(decoder, datagram, now_ns, writer);
         progress.newest_host_ns.set(now_ns);
         progress.counts.store(decoder.counts());
-        progress.set_state(State::Streaming);
+        if decoder.counts().rows > n_rows {
+            progress.set_state(State::Streaming);
+        }
     }
 
     fn silence(&mut self) {
@@ -314,7 +317,7 @@ impl ReceiverLoop {
         self.silence();
     }
 
-    /// Takes what is there, then asks for the end until nothing comes any more.
+    /// Takes what is there, then requests the end until nothing comes any more.
     fn end(&mut self, bytes: &mut [u8; ROOM]) {
         if self.socket.set_nonblocking(true).is_ok() {
             for _ in 0..LAST_DATAGRAMS {
@@ -346,9 +349,10 @@ fn connected(settings: &Settings) -> Result<(UdpSocket, usize), RdtError> {
     let address = resolved(settings)?;
     let open = || {
         let socket = Socket::new(Domain::for_address(address), Type::DGRAM, Some(Protocol::UDP))?;
-        socket.set_recv_buffer_size(RECEIVE_BUFFER)?;
+        // Some systems grant less, others refuse: what there is decides how long the thread may wait for its turn, so it is
+        // reported.
+        let _ = socket.set_recv_buffer_size(RECEIVE_BUFFER);
         socket.connect(&address.into())?;
-        // The system may grant less; it is reported, as it decides how long the thread may be kept waiting.
         let granted = socket.recv_buffer_size()?;
         Ok((UdpSocket::from(socket), granted))
     };
@@ -365,7 +369,7 @@ fn resolved(settings: &Settings) -> Result<SocketAddr, RdtError> {
     addresses.first().copied().ok_or_else(|| no_address("the name is known, but has none".to_owned()))
 }
 
-/// Asks for the stream until two records confirm each other and the first rows are in the buffer. Returns the number of
+/// Requests the stream until two records confirm each other and the first rows are in the buffer. Returns the number of
 /// requests.
 fn first_rows(
     socket: &UdpSocket,
@@ -429,7 +433,7 @@ fn write(decoder: &mut Decoder, datagram: &[u8], now_ns: u64, writer: &mut Write
     });
 }
 
-/// Asks for the end of a stream until nothing comes any more.
+/// Requests the end of a stream until nothing comes any more.
 fn stop(socket: &UdpSocket, bytes: &mut [u8; ROOM]) {
     let quiet = socket.set_nonblocking(false).and_then(|()| socket.set_read_timeout(Some(WAKE)));
     for _ in 0..STOPS {

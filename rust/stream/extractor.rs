@@ -6,6 +6,9 @@ use crate::error::{Error, Result};
 use crate::features::Extractor;
 use crate::memory::filled;
 
+/// Larger magnitudes are refused: what the filter remembers of them would come near the end of float64, and stay.
+const LARGEST: f64 = 1e100;
+
 /// Rows that are filtered before they are counted.
 const CHUNK: usize = 64;
 
@@ -15,7 +18,7 @@ const CHUNK: usize = 64;
 /// stops: window `k` holds samples `k * hop..k * hop + n_samples` of the stream, and its histograms are those of the
 /// filtered stream, not of a window filtered alone.
 ///
-/// All memory is allocated at construction. [`push`](Self::push), [`advance`](Self::advance) and
+/// All memory is allocated at construction. [`push`](Self::push), [`next_window`](Self::next_window) and
 /// [`features_into`](Self::features_into) allocate nothing and never block.
 ///
 /// ```
@@ -39,8 +42,6 @@ pub struct StreamingExtractor {
     /// `None` without histograms; nothing is filtered then.
     histograms: Option<WindowHistograms>,
     filter: SosState,
-    /// What the filter remembered before a push, should that fail.
-    filter_before: Vec<f64>,
     chunk: Vec<f64>,
     /// Slot of the first sample of the window.
     first: usize,
@@ -63,7 +64,6 @@ impl StreamingExtractor {
                 .hfmh
                 .then(|| WindowHistograms::new(n_samples, n_axes, spec.n_bins))
                 .transpose()?,
-            filter_before: filled(0.0, filter.values().len())?,
             filter,
             chunk: filled(0.0, CHUNK.min(n_samples) * n_axes)?,
             first: 0,
@@ -115,26 +115,26 @@ impl StreamingExtractor {
     /// # Errors
     /// - [`Error::Length`]: the values are not whole rows.
     /// - [`Error::NonFiniteRow`]: NaN or infinity in one of the rows that would have been taken.
-    /// - [`Error::FilterOverflow`]: finite rows so large that the filter leaves float64.
+    /// - [`Error::TooLargeRow`]: a magnitude above 1e100 in one of them.
     pub fn push(&mut self, rows: &[f64]) -> Result<usize> {
         let rows = self.position.taken(rows)?;
-        let before = self.position;
-        self.filter_before.copy_from_slice(self.filter.values());
-        for chunk in rows.chunks(self.chunk.len()) {
-            if let Err(error) = self.take(chunk) {
-                self.undo(before);
-                return Err(error);
-            }
+        let n_axes = self.position.windows.n_axes;
+        if let Some(place) = rows.iter().position(|value| value.abs() > LARGEST) {
+            let (row, axis) = (place / n_axes, place % n_axes);
+            return Err(Error::TooLargeRow { row, axis, value: rows[place], limit: "more than 1e100" });
         }
-        Ok(rows.len() / self.position.windows.n_axes)
+        for chunk in rows.chunks(self.chunk.len()) {
+            self.take(chunk)?;
+        }
+        Ok(rows.len() / n_axes)
     }
 
     /// Goes on to the next window: rows that it shares with this one stay, the others are forgotten.
     ///
     /// # Errors
-    /// [`Error::NoHop`] without a hop; [`Error::Unfinished`] while rows of this window are missing.
-    pub fn advance(&mut self) -> Result<()> {
-        let leaving = self.position.advance()?;
+    /// [`Error::NoNextWindow`] without a hop, and while rows of this window are missing.
+    pub fn next_window(&mut self) -> Result<()> {
+        let leaving = self.position.next_window()?;
         let n_samples = self.position.windows.n_samples;
         if let Some(histograms) = &mut self.histograms {
             for t in 0..leaving {
@@ -205,10 +205,6 @@ impl StreamingExtractor {
             }
             filtered.copy_from_slice(rows);
             self.filter.filter(filtered)?;
-            // A value that is not finite would never leave the filter again.
-            if !self.filter.values().iter().all(|value| value.is_finite()) {
-                return Err(Error::FilterOverflow { largest: largest(rows) });
-            }
         }
         for (row, filtered) in rows.chunks_exact(n_axes).zip(filtered.chunks_exact(n_axes)) {
             if self.position.ahead > 0 {
@@ -226,21 +222,6 @@ impl StreamingExtractor {
         }
         Ok(())
     }
-
-    /// As it was before a push: no row of it is counted, the filter has not met it.
-    fn undo(&mut self, before: Position) {
-        if let Some(histograms) = &mut self.histograms {
-            for t in before.n_seen..self.position.n_seen {
-                histograms.remove((self.first + t) % self.position.windows.n_samples);
-            }
-        }
-        self.filter.values_mut().copy_from_slice(&self.filter_before);
-        self.position = before;
-    }
-}
-
-fn largest(values: &[f64]) -> f64 {
-    values.iter().fold(0.0, |largest, value| value.abs().max(largest))
 }
 
 /// The samples of a window, a ring per axis: `values[axis * n_slots + slot]`.

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use super::additive_stream::AdditiveStream;
 use super::multiband_stream::MultiBandStream;
+use super::paper_stream::PaperStream;
 use super::{Position, Windows};
 use crate::error::Result;
 use crate::memory::filled;
-use crate::model::{best_and_margin, Extraction, Model, Verdict};
+use crate::model::{best_and_margin, Extraction, Model, RuleOutcome};
 
 /// Names the material while its samples arrive.
 ///
@@ -16,12 +16,11 @@ use crate::model::{best_and_margin, Extraction, Model, Verdict};
 ///
 /// - **Samples and histograms**: scores are linear in the features, so they grow with each sample. Samples that have not
 ///   arrived count as the mean of the training recordings (as zero where the model has none), and histograms are scaled
-///   up to a whole window. With a hop they are those of a filter that never stops, as
-///   [`StreamingExtractor`](super::StreamingExtractor) says. [`advance`](Self::advance) adds up the samples that windows
-///   share once more, in their new places: about as much work as pushing them.
-/// - **Multi-band features**: the rows so far are taken as the beginning of a recording. Octaves, and what can be added up
-///   of them, are computed as rows arrive, 64 at a time, the rest when somebody asks. With a hop each window is a recording
-///   of its own.
+///   up to a whole window. With a hop they are those of a filter that never stops, as of a
+///   [`StreamingExtractor`](super::StreamingExtractor). [`next_window`](Self::next_window) adds up the samples that
+///   windows share once more, in their new places: about as much work as pushing them.
+/// - **Multi-band features**: the rows so far are taken as the beginning of a recording, and its features are computed with
+///   each answer. With a hop each window is a recording of its own.
 ///
 /// All memory is allocated at construction. [`push`](Self::push), [`standing`](Self::standing) and the others allocate
 /// nothing and never block.
@@ -29,19 +28,19 @@ use crate::model::{best_and_margin, Extraction, Model, Verdict};
 pub struct StreamingIdentifier {
     model: Arc<Model>,
     stream: Stream,
-    /// Whether scores and losses are those of the samples so far.
+    /// True while scores and losses are those of the samples so far.
     is_fresh: bool,
     scores: Vec<f64>,
     losses: Vec<f64>,
-    /// Whether the rules have been applied to them.
+    /// True once the rules have been applied to them.
     is_judged: bool,
-    verdict: Verdict,
+    outcome: RuleOutcome,
 }
 
 /// How samples become scores.
 #[derive(Clone, Debug)]
 enum Stream {
-    Additive(Box<AdditiveStream>),
+    Paper(Box<PaperStream>),
     MultiBand(Box<MultiBandStream>),
 }
 
@@ -74,8 +73,8 @@ impl StreamingIdentifier {
     pub fn new(model: Arc<Model>, hop: Option<usize>) -> Result<Self> {
         let windows = Windows::new(model.n_samples(), model.n_axes()).with_hop(hop);
         let stream = match model.extraction() {
-            Extraction::Additive { extractor, .. } => {
-                Stream::Additive(Box::new(AdditiveStream::new(&model, extractor, windows)?))
+            Extraction::Paper { extractor, .. } => {
+                Stream::Paper(Box::new(PaperStream::new(&model, extractor, windows)?))
             }
             Extraction::MultiBand(multiband) => {
                 Stream::MultiBand(Box::new(MultiBandStream::new(&model, multiband, windows)?))
@@ -87,7 +86,7 @@ impl StreamingIdentifier {
             scores: filled(0.0, model.n_learners())?,
             losses: vec![0.0; model.classes().len()],
             is_judged: false,
-            verdict: model.rules().verdict(model.classes().len()),
+            outcome: model.rules().outcome(model.classes().len()),
             model,
         })
     }
@@ -122,18 +121,18 @@ impl StreamingIdentifier {
     /// Those of [`StreamingExtractor::push`](super::StreamingExtractor::push); nothing has changed then.
     pub fn push(&mut self, rows: &[f64]) -> Result<usize> {
         let n_taken = match &mut self.stream {
-            Stream::Additive(stream) => stream.push(&self.model, rows)?,
+            Stream::Paper(stream) => stream.push(&self.model, rows)?,
             Stream::MultiBand(stream) => stream.push(rows)?,
         };
         self.is_fresh &= n_taken == 0;
         Ok(n_taken)
     }
 
-    /// Goes on to the next window, as [`StreamingExtractor::advance`](super::StreamingExtractor::advance) does.
-    pub fn advance(&mut self) -> Result<()> {
+    /// Goes on to the next window, as [`StreamingExtractor::next_window`](super::StreamingExtractor::next_window) does.
+    pub fn next_window(&mut self) -> Result<()> {
         match &mut self.stream {
-            Stream::Additive(stream) => stream.advance(&self.model)?,
-            Stream::MultiBand(stream) => stream.advance()?,
+            Stream::Paper(stream) => stream.next_window(&self.model)?,
+            Stream::MultiBand(stream) => stream.next_window()?,
         }
         self.is_fresh = false;
         Ok(())
@@ -142,7 +141,7 @@ impl StreamingIdentifier {
     /// Back to the state before the first row.
     pub fn reset(&mut self) {
         match &mut self.stream {
-            Stream::Additive(stream) => stream.reset(),
+            Stream::Paper(stream) => stream.reset(),
             Stream::MultiBand(stream) => stream.reset(),
         }
         self.is_fresh = false;
@@ -177,10 +176,10 @@ impl StreamingIdentifier {
         let is_final = self.is_complete();
         if is_final && !self.is_judged {
             let novelty = match &mut self.stream {
-                Stream::Additive(stream) => stream.novelty(&self.model),
+                Stream::Paper(stream) => stream.novelty(&self.model),
                 Stream::MultiBand(stream) => stream.novelty(&self.model),
             };
-            self.model.judge(&self.losses, novelty, &mut self.verdict);
+            self.model.apply_rules(&self.losses, novelty, &mut self.outcome);
             self.is_judged = true;
         }
         Ok(Standing {
@@ -191,14 +190,14 @@ impl StreamingIdentifier {
             margin,
             is_final,
             is_sure: self.model.margin_needed(n_seen).is_some_and(|needed| margin >= needed),
-            candidates: if is_final { self.verdict.candidates() } else { &[] },
-            unknown: if is_final { self.verdict.unknown() } else { None },
+            candidates: if is_final { self.outcome.candidates() } else { &[] },
+            unknown: if is_final { self.outcome.unknown() } else { None },
         })
     }
 
     fn position(&self) -> &Position {
         match &self.stream {
-            Stream::Additive(stream) => stream.stream.position(),
+            Stream::Paper(stream) => stream.stream.position(),
             Stream::MultiBand(stream) => stream.position(),
         }
     }
@@ -209,7 +208,7 @@ impl StreamingIdentifier {
             return Ok(());
         }
         match &mut self.stream {
-            Stream::Additive(stream) => stream.scores(&self.model, &mut self.scores),
+            Stream::Paper(stream) => stream.scores(&self.model, &mut self.scores),
             Stream::MultiBand(stream) => stream.scores(&self.model, &mut self.scores)?,
         }
         self.model.decode(&self.scores, &mut self.losses)?;

@@ -1,17 +1,16 @@
 //! Features and answers while samples arrive, equal to those of whole recordings bit for bit.
 //!
 //! [`StreamingExtractor`] keeps what the filter remembers and a running histogram, [`StreamingIdentifier`] the sums of the
-//! scores as well; of a model with multi-band features it keeps the rows, their octaves and sums over these. All memory is
-//! allocated when a stream is made; pushing rows and reading features or answers allocate nothing, never block and take a
-//! bounded time per row or answer.
+//! scores as well; of a model with multi-band features it keeps the rows. All memory is allocated when a stream is made;
+//! pushing rows and reading features or answers allocate nothing, never block and take a bounded time per row or answer.
 
-#[cfg(feature = "model")]
-mod additive_stream;
 mod extractor;
 #[cfg(feature = "model")]
 mod identifier;
 #[cfg(feature = "model")]
 mod multiband_stream;
+#[cfg(feature = "model")]
+mod paper_stream;
 
 pub use extractor::StreamingExtractor;
 #[cfg(feature = "model")]
@@ -66,14 +65,14 @@ impl Windows {
     /// Refuses windows that are empty, too large to keep, or never move on.
     fn check(self, n_bins: usize) -> Result<()> {
         let Self { n_samples, n_axes, hop } = self;
-        if hop == Some(0) {
-            return Err(Error::Hop);
-        }
+        Error::check_range("hop", hop.unwrap_or(1), 1..=usize::MAX)?;
         if n_samples == 0 || n_axes == 0 {
             return Err(Error::Empty { what: "a window", shape: vec![n_samples, n_axes] });
         }
         if n_samples.max(n_bins).saturating_mul(n_axes) > MAX_WINDOW {
-            return Err(Error::Window { n_samples, n_axes, max: MAX_WINDOW });
+            let wanted = format_args!("hold at most {MAX_WINDOW} values");
+            let got = format_args!("n_samples = {n_samples} of n_axes = {n_axes} with their bins");
+            return Err(Error::argument("a window", wanted, got));
         }
         Ok(())
     }
@@ -118,11 +117,14 @@ impl Position {
     }
 
     /// Goes on to the next window. Returns how many rows of this one leave; the others are the first of the next.
-    fn advance(&mut self) -> Result<usize> {
+    fn next_window(&mut self) -> Result<usize> {
         let Windows { n_samples, hop, .. } = self.windows;
-        let hop = hop.ok_or(Error::NoHop)?;
+        let no_next = |problem| Error::NoNextWindow { problem };
+        let one = || no_next("a stream without hop has one window: reset it, or make it with hop".to_owned());
+        let hop = hop.ok_or_else(one)?;
         if !self.is_complete() {
-            return Err(Error::Unfinished { n_seen: self.n_seen, n_samples });
+            let seen = format!("{} of {n_samples} samples are there", self.n_seen);
+            return Err(no_next(format!("the window must be complete before the next one begins: {seen}")));
         }
         let leaving = hop.min(n_samples);
         self.n_seen = n_samples - leaving;

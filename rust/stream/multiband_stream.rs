@@ -1,13 +1,13 @@
-//! Scores of multi-band features: what can be added up is, as rows arrive; the rest is computed whenever somebody asks.
+//! Scores of multi-band features, which are computed when somebody asks.
 
 use super::{Position, Windows};
 use crate::error::{Error, Result};
 use crate::kernel::SimdPath;
 use crate::memory::filled;
 use crate::model::{AddRows, Model};
-use crate::multiband::{MultiBand, Workspace};
+use crate::multiband::{MultiBand, Workspace, TOO_LOUD};
 
-/// The rows of a window, what is known of them already, and room for their features.
+/// The rows of a window, and room for their features.
 #[derive(Clone, Debug)]
 pub(super) struct MultiBandStream {
     position: Position,
@@ -51,31 +51,24 @@ impl MultiBandStream {
         for (row, values) in (passed..).zip(kept.chunks_exact(n_axes)) {
             let mut limits = values.iter().zip(self.multiband.limits());
             if let Some(axis) = limits.position(|(value, limit)| value.abs() > *limit) {
-                return Err(Error::LoudRow { row, axis, value: values[axis] });
+                return Err(Error::TooLargeRow { row, axis, value: values[axis], limit: TOO_LOUD });
             }
         }
         self.values[n_seen * n_axes..][..kept.len()].copy_from_slice(kept);
         self.position.ahead -= passed;
         self.position.n_seen += n_taken - passed;
-        // A bounded time per push: rows that windows share are caught up with by and by.
-        if n_taken > 0 && self.position.n_seen > 0 {
-            let seen = &self.values[..self.position.n_seen * n_axes];
-            self.multiband.advance(seen, &mut self.work, n_taken)?;
-        }
         Ok(n_taken)
     }
 
     /// Goes on to the next window, which is a recording of its own.
-    pub(super) fn advance(&mut self) -> Result<()> {
-        let leaving = self.position.advance()?;
+    pub(super) fn next_window(&mut self) -> Result<()> {
+        let leaving = self.position.next_window()?;
         self.values.copy_within(leaving * self.position.windows.n_axes.., 0);
-        self.work.restart();
         Ok(())
     }
 
     pub(super) fn reset(&mut self) {
         self.position = Position::new(self.position.windows);
-        self.work.restart();
     }
 
     /// The novelty of the window whose scores were computed last.
@@ -90,7 +83,7 @@ impl MultiBandStream {
         self.sums.fill(0.0);
         if self.position.n_seen > 0 {
             let seen = &self.values[..self.position.n_seen * self.position.windows.n_axes];
-            self.multiband.finish_into(seen, &mut self.work, &mut self.features)?;
+            self.multiband.extract_on(self.path, seen, &mut self.work, &mut self.features)?;
             let (rows, values) = (model.rows_from(0), &self.features);
             self.path.run(AddRows { sums: &mut self.sums, rows, values, scale: 1.0 });
         }

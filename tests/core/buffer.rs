@@ -39,26 +39,21 @@ fn sizes_and_rates_out_of_range_are_refused() {
         change(&mut spec);
         wrench_buffer(spec).err().unwrap()
     };
-    for rate_hz in [0.0, -1.0, f64::INFINITY] {
-        assert_eq!(refused(&|spec| spec.rate_hz = rate_hz), Error::Rate { rate_hz });
+    let values = |values: &[f64]| [values, &[0.0, -1.0, f64::INFINITY, f64::NAN]].concat();
+    for rate_hz in values(&[]) {
+        assert!(matches!(refused(&|spec| spec.rate_hz = rate_hz), Error::Argument { what: "rate_hz", .. }));
     }
-    for tick_hz in [0.0, 499.9, f64::INFINITY] {
-        assert_eq!(refused(&|spec| spec.tick_hz = tick_hz), Error::TickRate { tick_hz, rate_hz: 500.0 });
+    for tick_hz in values(&[499.9]) {
+        assert!(matches!(refused(&|spec| spec.tick_hz = tick_hz), Error::Argument { what: "tick_hz", .. }));
     }
-    for seconds in [0.0, -1.0, f64::INFINITY, (MAX_ROWS + 1) as f64 / 500.0] {
-        assert_eq!(refused(&|spec| spec.seconds = seconds), Error::BufferSize { seconds, rate_hz: 500.0 });
+    for seconds in values(&[(MAX_ROWS + 1) as f64 / 500.0]) {
+        assert!(matches!(refused(&|spec| spec.seconds = seconds), Error::Argument { what: "seconds", .. }));
     }
-    let reorder_depth = MAX_REORDER_DEPTH + 1;
-    assert_eq!(refused(&|spec| spec.reorder_depth = reorder_depth), Error::ReorderDepth { reorder_depth });
+    let deep = refused(&|spec| spec.reorder_depth = MAX_REORDER_DEPTH + 1);
+    assert!(matches!(deep, Error::Range { what: "reorder_depth", max: MAX_REORDER_DEPTH, .. }));
     for n_axes in [0, MAX_AXES + 1] {
-        assert_eq!(refused(&|spec| spec.n_axes = n_axes), Error::BufferAxes { n_axes });
-    }
-    for message in [
-        refused(&|spec| spec.rate_hz = f64::NAN),
-        refused(&|spec| spec.tick_hz = f64::NAN),
-        refused(&|spec| spec.seconds = f64::NAN),
-    ] {
-        assert!(message.to_string().contains("got NaN"), "{message}");
+        let error = Error::Range { what: "n_axes", got: n_axes, min: 1, max: MAX_AXES };
+        assert_eq!(refused(&|spec| spec.n_axes = n_axes), error);
     }
 }
 

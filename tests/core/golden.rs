@@ -137,10 +137,6 @@ fn features(digests: &mut Digests) {
     let extractor = Extractor::new(FeatureSpec::default()).unwrap();
     let shape = BatchShape { n_recordings, n_samples: N_SAMPLES, n_axes: 6 };
     let mut rows = wrench(n_recordings * N_SAMPLES, 6);
-    let n_features = extractor.n_features(N_SAMPLES, 6).unwrap();
-    let mut narrow = vec![0.0_f32; n_recordings * n_features];
-    extractor.extract_into_f32(&rows, shape, 1, &mut narrow).unwrap();
-    digests.words("features, float32", narrow.iter().map(|value| u64::from(value.to_bits())));
     for sample in rows.chunks_exact_mut(6) {
         sample[1..4].fill(0.0);
     }
@@ -188,7 +184,7 @@ fn streams(digests: &mut Digests) {
                 all.extend_from_slice(&out);
             }
             if stream.is_complete() {
-                stream.advance().unwrap();
+                stream.next_window().unwrap();
             }
         }
         digests.add(format!("stream, {name}"), &all);

@@ -224,7 +224,7 @@ fn errors_tell_what_and_where() {
         );
     }
     let rate = error(|small| small.spec.rate_hz = -1.0);
-    assert_eq!(rate, ModelError::Spec(Error::Rate { rate_hz: -1.0 }));
+    assert!(matches!(rate, ModelError::Spec(Error::Argument { what: "rate_hz", .. })));
 }
 
 #[test]
@@ -251,7 +251,7 @@ fn wrong_lengths_and_numbers_are_errors() {
         Err("wrench must be finite, got NaN at recording 0, sample 1, axis 0".to_owned())
     );
     assert!(matches!(model.identify_batch(&[], 0, 1), Err(Error::Empty { what: "wrench", .. })));
-    assert_eq!(model.scores(&[0.0; 3], 1, 0), Err(Error::Threads { threads: 0 }));
+    assert!(matches!(model.scores(&[0.0; 3], 1, 0), Err(Error::Range { what: "threads", .. })));
     let mut losses = [0.0; 3];
     assert_eq!(
         model.decode(&[0.0; 2], &mut losses),

@@ -167,20 +167,6 @@ fn a_sample_under_a_new_number_is_stale() {
     let (rows, counts) = placed(&[(1, 14), (2, 28), (3, 28), (4, 42), (5, 56)]);
     assert_eq!(rows, [(0, 14), (0, 28), (0, 42), (0, 56)]);
     assert_eq!((counts.stale, counts.lost), (1, 0));
-    // also when it is late
-    let counts = placed(&[(1, 14), (2, 28), (4, 56), (3, 28), (5, 70)]).1;
-    assert_eq!((counts.stale, counts.reordered, counts.lost, counts.rows), (1, 0, 0, 4));
-}
-
-#[test]
-fn nothing_late_lies_before_what_is_forgotten() {
-    // after an outage longer than is remembered, a record of the time before it is no late one
-    let whole = run(1, 5, 14, 9000);
-    let counts =
-        placed(&[&whole[..100], &whole[8000..], &[(7990, 5 + 14 * 50)], &[(9001, 5 + 14 * 9000)]].concat()).1;
-    assert_eq!((counts.reordered, counts.implausible, counts.lost), (0, 1, 7900));
-    let counts = placed(&[&whole[..100], &whole[8000..], &[(7990, 5 + 14 * 7989)]].concat()).1;
-    assert_eq!((counts.reordered, counts.implausible, counts.lost), (1, 0, 7899));
 }
 
 fn decoder(variant: Variant, limit: f64) -> Decoder {

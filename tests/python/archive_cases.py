@@ -101,10 +101,6 @@ class Sums:
     def describe(self):
         return {"sums": self.about}
 
-    def check(self, archive):
-        if archive.axes[0] != "fx":
-            raise ValueError("wanted fx")
-
     def table(self, archive, groups):
         import pyarrow as pa
 

@@ -12,7 +12,7 @@ import typer.main
 import typer.testing
 
 from granular_id.cli.app import app
-from granular_id.io import save_csv
+from granular_id.io import save
 from granular_id.recording import Dataset, Recording
 
 LABELS = ("oat", "rice", "sugar")
@@ -34,7 +34,7 @@ def make(n=10, **fields):
 
 
 def saved(data, folder):
-    save_csv(data, folder)
+    save(data, folder, "csv")
     return folder
 
 

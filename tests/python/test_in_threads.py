@@ -45,21 +45,6 @@ def test_the_first_error_in_order_is_told_and_nothing_is_begun_after_it(stop):
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("ThreadPool")]
 
 
-@pytest.mark.parametrize("n_started", [0, 1])
-def test_where_threads_cannot_be_started_the_work_is_done_with_those_there_are(monkeypatch, n_started):
-    start, started = threading.Thread.start, []
-
-    def limited(thread):
-        if len(started) == n_started:
-            raise RuntimeError("can't start new thread")
-        started.append(thread)
-        start(thread)
-
-    monkeypatch.setattr(threading.Thread, "start", limited)
-    assert in_threads(abs, range(-9, 0), 3) == list(range(9, 0, -1))
-    assert len(started) == n_started
-
-
 def test_ctrl_c_in_the_caller_waits_for_what_was_begun(monkeypatch):
     begun, ended, interrupted = [], [], threading.Event()
 
@@ -73,7 +58,7 @@ def test_ctrl_c_in_the_caller_waits_for_what_was_begun(monkeypatch):
         interrupted.set()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("concurrent.futures.Future.result", interrupt)
+    monkeypatch.setattr("granular_id._parallel.wait", interrupt)
     with pytest.raises(KeyboardInterrupt):
         in_threads(item, range(1000), 2)
     assert sorted(begun) == sorted(ended), "nothing goes on behind the caller's back"

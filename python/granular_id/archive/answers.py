@@ -5,23 +5,22 @@ from __future__ import annotations
 import hashlib
 import os
 import warnings
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from granular_id import _core
-from granular_id._checks import checked_choice, finite_number
+from granular_id._checks import FloatArray
 from granular_id._core import GranularIdError
 from granular_id._files import absolute
 from granular_id._progress import ProgressCallback
-from granular_id._text import Table, counted, percent, verb
-from granular_id.archive.partitions import ABOUT, Extraction, Outputs, one_of_each, run
+from granular_id._text import Table, counted, percent
+from granular_id.archive.partitions import ABOUT, Extraction, Outputs, one_of_each, pa, run
 from granular_id.identifier import (
     Identifier,
     answers_about,
@@ -33,12 +32,17 @@ from granular_id.identifier import (
 )
 from granular_id.io.files import need
 from granular_id.io.parquet.archive import Archive, RowGroup, integers
-from granular_id.recording import Begin, setup_mismatch
+from granular_id.recording import setup_mismatch
 
 MODEL = "_model.safetensors"
 """Beside the answers: the model that gave them, which workers read."""
 
-COLUMNS = ("answer", "margin", "probability", "candidates", "unknown", "warnings", "trained_on")
+_SCHEMA = pa.schema(
+    {"answer": pa.string(), "margin": pa.float64(), "probability": pa.float64()}
+    | {"candidates": pa.list_(pa.string()), "unknown": pa.bool_()}
+    | {"warnings": pa.list_(pa.string()), "trained_on": pa.bool_()}
+)
+COLUMNS = tuple(_SCHEMA.names)
 """What is said of a recording; null where it has no answer."""
 
 
@@ -48,9 +52,6 @@ def identify(
     out: str | os.PathLike[str],
     *,
     accept: str | Sequence[str] = (),
-    begin_at: Begin = "auto",
-    lead_s: float | None = None,
-    on_short: Literal["raise", "skip"] = "raise",
     n_jobs: int | None = None,
     scheduler: Any = None,
     progress: bool | ProgressCallback = True,
@@ -58,7 +59,8 @@ def identify(
     """Name the material of every recording of an archive, into a folder of Parquet files, each exactly once.
 
     Partitions, resuming and workers are those of `extract`. Answers are those that the model gives of the same
-    recordings loaded, to the last bit.
+    recordings loaded, to the last bit. Longer recordings begin as in the training: at their first sample, or at their
+    trigger, less the lead. Those that are too short, or longer and without trigger, have no answer.
 
     Parameters
     ----------
@@ -71,13 +73,6 @@ def identify(
     accept : str or sequence of str, default ()
         What of the recordings' set-up may differ from the training though it is refused otherwise: "frame",
         "transform", "sign", "units".
-    begin_at : {"auto", "first", "trigger"}, default "auto"
-        Where the model's length begins in longer recordings: as in the training, at their first sample, or at their
-        trigger, less the lead. Recordings of the model's length begin at their first sample.
-    lead_s : float, optional
-        Seconds kept ahead of the trigger; default: as in the training.
-    on_short : {"raise", "skip"}, default "raise"
-        Recordings that are too short, or longer and without trigger: refuse the archive, or give them no answer.
     n_jobs, scheduler, progress
         As of `extract`.
 
@@ -89,8 +84,8 @@ def identify(
     Raises
     ------
     ValueError
-        Other axes, another rate or set-up than in the training, or recordings too short, before any work; `out`
-        holds other work.
+        Other axes, another rate or set-up than in the training, or no recording that is long enough, before any work;
+        `out` holds other work.
     PartitionError, RecordingFileError, OSError, ImportError
         As `extract`.
 
@@ -116,24 +111,27 @@ def identify(
     """
     opened = archive if isinstance(archive, Archive) else Archive(archive)
     known = model if isinstance(model, Identifier) else Identifier.load(model)
-    checked_choice("begin_at", begin_at, "auto", "first", "trigger")
-    checked_choice("on_short", on_short, "raise", "skip")
+    differences = known.requirements.check(one_of_each(opened, known.rate_hz), accept)
+    if (_starts(known, opened.index) < 0).all():
+        first = opened.index.slice(0, 1).to_pylist()[0]
+        came = f"has {counted(first['n_samples'], 'sample')} and no trigger that leaves enough"
+        problem = f"the model takes {known.n_samples}; all {counted(opened.n_recordings)} are like this"
+        raise GranularIdError(f"recording {first['name']!r} {came}, {problem}")
+    if differences:
+        warnings.warn(setup_mismatch(*differences), stacklevel=2)
     content = known.core.to_bytes()
-    spec = AnswersSpec(
-        model=absolute(Path(out) / MODEL),
-        sha256=hashlib.sha256(content).hexdigest(),
-        accept=(accept,) if isinstance(accept, str) else tuple(accept),
-        begin_at=begin_at,
-        lead_s=None if lead_s is None else finite_number("lead_s", lead_s),
-        on_short=on_short,
-        loaded=known,
-    )
-    extraction = run(
-        opened, spec, out, n_jobs=n_jobs, scheduler=scheduler, progress=progress, beside={MODEL: content}
-    )
+    spec = AnswersSpec(absolute(Path(out) / MODEL), hashlib.sha256(content).hexdigest())
+    beside = {MODEL: content}
+    extraction = run(opened, spec, out, n_jobs=n_jobs, scheduler=scheduler, progress=progress, beside=beside)
     answers = Answers(out)
     answers.extraction = extraction
     return answers
+
+
+def _starts(model: Identifier, rows: Any) -> npt.NDArray[np.int64]:
+    """Return the sample at which the model's length begins, of rows of the index; -1 where there is no answer."""
+    lengths, triggers = integers(rows, "n_samples"), integers(rows, "trigger_index")
+    return model.requirements.starts(rows["name"].to_pylist(), lengths, triggers)
 
 
 @dataclass(frozen=True)
@@ -142,97 +140,53 @@ class AnswersSpec:
 
     model: str
     sha256: str
-    accept: tuple[str, ...] = ()
-    begin_at: Begin = "auto"
-    lead_s: float | None = None
-    on_short: Literal["raise", "skip"] = "raise"
-    loaded: Identifier | None = field(default=None, repr=False, compare=False)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "loaded": None}
-
-    @property
-    def identifier(self) -> Identifier:
-        """The model."""
-        return _model(self.model, self.sha256) if self.loaded is None else self.loaded
 
     def describe(self) -> dict[str, Any]:
         """Return what decides about the answers."""
-        begins = {"begin_at": self.begin_at, "lead_s": self.lead_s, "on_short": self.on_short}
-        return {Answers.holds: {"model": self.sha256, **begins}}
-
-    def check(self, archive: Archive) -> None:
-        """Refuse other axes, rates and set-ups, and recordings that are too short; warn of what else is another."""
-        model, index = self.identifier, archive.index
-        differences = model.requirements.check(one_of_each(archive, model.rate_hz), self.accept)
-        starts = self._starts(index)
-        without = np.flatnonzero(starts < 0)
-        if len(without) == len(starts) or (len(without) and self.on_short == "raise"):
-            one = index.slice(int(without[0]), 1).to_pylist()[0]
-            at = one["trigger_index"]
-            came = f"{counted(one['n_samples'], 'sample')} and {'no trigger' if at is None else f'its trigger at {at}'}"
-            how_many = f"{len(without)} of {counted(len(starts))} {verb(len(without), 'is', 'are')} like this"
-            skip = "" if len(without) == len(starts) else ": pass on_short='skip' to give them no answer"
-            problem = f"recording {one['name']!r} has {came}, the model takes {model.n_samples}"
-            raise GranularIdError(f"{problem}; {how_many}{skip}")
-        if differences:
-            warnings.warn(setup_mismatch(*differences), stacklevel=4)  # of `identify`, by `run`
+        return {Answers.holds: {"model": self.sha256}}
 
     def table(self, archive: Archive, groups: Sequence[RowGroup]) -> Any:
         """Answers about some row groups, samples of one of them at a time in memory."""
-        arrow = need("pyarrow", extra="app", why="to work on archives")
-        texts, number, flag = arrow.list_(arrow.string()), arrow.float64(), arrow.bool_()
-        kinds = (arrow.string(), number, number, texts, flag, texts, flag)
         buffer = np.empty((max(group.n_samples for group in groups), len(archive.axes)))
-        columns = zip(*(row for group in groups for row in self._rows(archive, group, buffer)), strict=True)
-        schema = arrow.schema([*zip(COLUMNS, kinds, strict=True)])
-        return arrow.table([*map(arrow.array, columns, kinds)], schema)
-
-    def _rows(
-        self, archive: Archive, group: RowGroup, buffer: npt.NDArray[np.float64]
-    ) -> list[tuple[Any, ...]]:
-        """Return a row of `COLUMNS` for each recording of a row group."""
-        model, marks = self.identifier, known_marks(self.identifier)
-        index = archive.index.slice(group.start, group.stop - group.start)
-        answers: list[tuple[Any, ...]] = [(None,) * len(COLUMNS)] * index.num_rows
-        starts, lengths, n = self._starts(index), integers(index, "n_samples"), model.n_samples
-        answered = np.flatnonzero(starts >= 0)
-        if not len(answered):
-            return answers
-        flags = np.zeros(group.n_samples, np.uint8)
-        samples = archive.samples(group, buffer, flags)
-        first = (np.cumsum(lengths) - lengths + starts)[answered].tolist()
-        if (lengths == n).all():
-            X = samples.reshape(-1, n, len(archive.axes))
-        else:
-            X = np.stack([samples[at : at + n] for at in first])
-        digests, any_flags = index["digest"].to_pylist(), flags.any()
-        said = answers_about(model, X, 1).each()
-        for place, at, X_one, one in zip(answered.tolist(), first, X, said, strict=True):
-            own = flags[at : at + n] if any_flags and flags[at : at + n].any() else None
-            known = None
-            if marks is not None:  # of samples alone, all of them, the stored digest begins as the mark does
-                whole = lengths[place] == n and own is None
-                known = (digests[place][:8] if whole else mark_of(X_one)) in marks
-            about = (one[name] for name in ("label", *COLUMNS[1:5]))
-            answers[place] = (*about, flags_in_words(own), known)
-        return answers
-
-    def _starts(self, rows: Any) -> npt.NDArray[np.int64]:
-        """Sample at which the model's length begins, of rows of the index; -1 where a recording has no answer."""
-        lengths, triggers = integers(rows, "n_samples"), integers(rows, "trigger_index")
-        names = rows["name"].to_pylist()
-        begins: Any = {"begin_at": self.begin_at, "lead_s": self.lead_s}
-        return self.identifier.requirements.starts(names, lengths, triggers, **begins)
+        model = _model(self.model, self.sha256)
+        rows = [row for group in groups for row in _rows(model, archive, group, buffer)]
+        return pa.Table.from_pylist(rows, _SCHEMA)
 
 
 @lru_cache(maxsize=4)
 def _model(path: str, sha256: str) -> Identifier:
     """Read a model once a process."""
     content = Path(path).read_bytes()
-    if hashlib.sha256(content).hexdigest() != sha256:
+    if (
+        hashlib.sha256(content).hexdigest() != sha256
+    ):  # another driver began with another model at the same time
         raise GranularIdError(f"{path} is no longer the model that answers here")
     return Identifier(_core.Model.from_bytes(content, max_file_bytes=len(content)))
+
+
+def _rows(model: Identifier, archive: Archive, group: RowGroup, buffer: FloatArray) -> list[dict[str, Any]]:
+    """Return what is said of each recording of a row group; nothing where it has no answer."""
+    index = archive.index.slice(group.start, group.stop - group.start)
+    starts, lengths, n = _starts(model, index), integers(index, "n_samples"), model.n_samples
+    rows: list[dict[str, Any]] = [{} for _ in starts]
+    answered = np.flatnonzero(starts >= 0).tolist()
+    if not answered:
+        return rows
+    flags = np.zeros(group.n_samples, np.uint8)
+    samples = archive.samples(group, buffer, flags)
+    begins = (np.cumsum(lengths) - lengths + starts).tolist()
+    if (lengths == n).all():
+        X = samples.reshape(-1, n, len(archive.axes))
+    else:
+        X = np.stack([samples[begins[place] : begins[place] + n] for place in answered])
+    marks, digests, is_flagged = known_marks(model), index["digest"].to_pylist(), flags.any()
+    for place, X_one, one in zip(answered, X, answers_about(model, X, 1).each(), strict=True):
+        own = flags[begins[place] : begins[place] + n] if is_flagged else None
+        if marks is not None:  # of samples alone, all of them, the stored digest begins as the mark does
+            is_whole = lengths[place] == n and not is_flagged
+            one["trained_on"] = (digests[place][:8] if is_whole else mark_of(X_one)) in marks
+        rows[place] = {**one, "answer": one["label"], "warnings": flags_in_words(own)}
+    return rows
 
 
 class Answers(Outputs):
@@ -284,10 +238,7 @@ class Answers(Outputs):
 
     def __iter__(self) -> Iterator[Any]:
         """Yield a pyarrow.Table of each partition, so that no more is in memory."""
-        return self._tables([*ABOUT, *COLUMNS])
-
-    def __repr__(self) -> str:
-        return f"Answers({os.fspath(self.folder)!r}: {counted(len(self))})"
+        return self.tables(*ABOUT.names, *COLUMNS)
 
     @cached_property
     def model(self) -> Identifier:
@@ -303,8 +254,7 @@ class Answers(Outputs):
         where the model has no such rule), ``warnings`` (flagged samples) and ``trained_on`` (null where the model
         does not know its recordings one by one).
         """
-        arrow = need("pyarrow", extra="app", why="to work on archives")
-        return arrow.concat_tables(list(self))
+        return self.joined(*ABOUT.names, *COLUMNS)
 
     def summary(self) -> Table:
         """Count the answers by material, with notes on how many are right.
@@ -312,46 +262,44 @@ class Answers(Outputs):
         Materials are those of the model. Beside each: answers, their share, how many recordings of it (as far as known)
         there are, and how many of these were named rightly.
         """
-        by_truth = Counter[tuple[str | None, str, bool | None]]()
-        n_without, n_flagged, unknown, candidates = 0, 0, Counter[bool | None](), Counter[int]()
-        for table in self._tables(["label", "answer", "trained_on", "unknown", "candidates", "warnings"]):
-            for *kind, strange, several, flags in zip(*table.to_pydict().values(), strict=True):
-                if kind[1] is None:
-                    n_without += 1
-                    continue
-                by_truth[tuple(kind)] += 1
-                unknown[strange] += 1
-                candidates[len(several)] += 1
-                n_flagged += bool(flags)
-        n, classes = by_truth.total(), self.model.classes
-        answers, true, right = Counter[str](), Counter[str | None](), Counter[str | None]()
-        for (truth, answer, _), count in by_truth.items():
-            answers[answer] += count
-            true[truth] += count
-            right[truth] += count * (truth == answer)
-        columns = {
-            "material": [*classes],
-            "answers": [str(answers[name]) for name in classes],
-            "share": [percent(answers[name] / n) if n else "" for name in classes],
+        every = self.joined("label", "answer", "trained_on", "unknown", "candidates", "warnings")
+        table = every.filter(every["answer"].is_valid())
+        groups = table.group_by(["label", "answer", "trained_on"], use_threads=False)
+        counts = {
+            (row["label"], row["answer"], row["trained_on"]): row["count_all"]
+            for row in groups.aggregate([([], "count_all")]).to_pylist()
         }
-        if set(true) & set(classes):
-            columns["recordings of it"] = [str(true[name]) for name in classes]
-            shares = {name: percent(right[name] / true[name]) for name in classes if true[name]}
-            columns["named rightly"] = [shares.get(name, "") for name in classes]
-        notes = [*notes_of_answers(by_truth, classes)] if n else []
-        several = sum(count for size, count in candidates.items() if size > 1)
-        for is_ruled, count, words in (
-            (set(unknown) - {None}, unknown[True], "like no known material"),
-            (set(candidates) - {0}, several, "with several candidates"),
+        n, classes, rows = len(table), self.model.classes, list[tuple[str, ...]]()
+        for name in classes:
+            answers = sum(count for (_, answer, _), count in counts.items() if answer == name)
+            true = sum(count for (truth, _, _), count in counts.items() if truth == name)
+            right = sum(count for (truth, answer, _), count in counts.items() if truth == answer == name)
+            share, rightly = (
+                percent(part / all_) if all_ else "" for part, all_ in ((answers, n), (right, true))
+            )
+            rows.append((name, str(answers), share, str(true), rightly))
+        header = ("material", "answers", "share", "recordings of it", "named rightly")
+        n_columns = 5 if any(truth in classes for truth, _, _ in counts) else 3
+        notes = [*notes_of_answers(counts, classes)] if n else []
+        unknown = table["unknown"].drop_null().to_numpy()
+        compute = need("pyarrow.compute", extra="app", why="to work on archives")
+        n_candidates, n_warnings = (
+            compute.list_value_length(table[name]).to_numpy() for name in ("candidates", "warnings")
+        )
+        for is_ruled, marks, words in (
+            (unknown.size, unknown, "like no known material"),
+            (n_candidates.any(), n_candidates > 1, "with several candidates"),
         ):
             if is_ruled:
-                notes.append(f"{count} of {counted(n, 'answer')} {words}: {percent(count / n)}")
-        if n_flagged:
-            notes.append(f"{counted(n_flagged)} with flagged samples: see the column warnings")
-        if n_without:
-            notes.append(f"{counted(n_without)} without an answer: too short, or no trigger")
+                notes.append(f"{marks.sum()} of {counted(n, 'answer')} {words}: {percent(marks.sum() / n)}")
+        if n_warnings.any():
+            notes.append(
+                f"{counted(int((n_warnings > 0).sum()))} with flagged samples: see the column warnings"
+            )
+        if n < len(every):
+            notes.append(f"{counted(len(every) - n)} without an answer: too short, or no trigger")
         if self.unfinished:
             notes.append("not finished: these are the answers that there are")
         simulated = synthetic_words(recordings=bool(self.n_synthetic), model=self.model.synthetic)
         title = f"Materials named in {counted(n)}{', ' + simulated if simulated else ''}"
-        return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)), tuple(notes))
+        return Table(title, header[:n_columns], tuple(row[:n_columns] for row in rows), tuple(notes))

@@ -50,10 +50,11 @@ class CheckReport:
         found = counted(len(self.problems), "problem") if self.problems else "no problems"
         lines = [f"{self.folder}: {counted(self.n_recordings)}, {found}", *_first(self.problems)]
         if self.leftovers:
-            what = (
-                "left by an append that was interrupted, or of one that is under way; no part of the archive"
-            )
-            lines += [f"{counted(len(self.leftovers), 'file')} {what}:", *_first(self.leftovers)]
+            what = f"{counted(len(self.leftovers), 'file')} left by an append that was interrupted"
+            lines += [
+                f"{what}, or of one that is under way; no part of the archive:",
+                *_first(self.leftovers),
+            ]
         return "\n".join(lines)
 
 
@@ -130,10 +131,9 @@ def check(
             ticker.tick(group.file)
             return problem
 
-        found = spread(checked, opened.row_groups, int(effective_n_jobs(n_jobs)))
-    problems += {
-        str(problem): problem for problem in found if problem is not None
-    }.values()  # of a whole file once
+        found = spread(checked, opened.row_groups, effective_n_jobs(n_jobs))
+    # Of a whole file once.
+    problems += {str(problem): problem for problem in found if problem is not None}.values()
     problems += _doubles(opened)
     return CheckReport(folder, opened.n_recordings, tuple(problems), tuple(_leftovers(folder)))
 
@@ -149,33 +149,30 @@ def _problem_of(archive: Archive, group: RowGroup) -> RecordingFileError | None:
     if not wrong:
         return None
     which = f"{counted(len(wrong))} of {len(stored)} {verb(len(wrong), 'has', 'have')} another digest"
-    return _problem(
-        archive, group, f"{which} than {index_of(group.file)} says, the first is {wrong[0]!r:.60}"
-    )
+    return _problem(archive, group, f"{which} than {index_of(group.file)} says, the first is", wrong[0])
 
 
-def _problem(archive: Archive, group: RowGroup, what: str) -> RecordingFileError:
-    return RecordingFileError(archive.folder / group.file, what, place=f"row group {group.row_group}")
+def _problem(archive: Archive, group: RowGroup, what: str, name: str) -> RecordingFileError:
+    place = f"row group {group.row_group}"
+    return RecordingFileError(archive.folder / group.file, f"{what} {name!r:.60}", place=place)
 
 
 def _doubles(archive: Archive) -> Iterator[RecordingFileError]:
     """Find recordings that an append would have taken for the same."""
     first: dict[str, int] = {}
-    every = enumerate(archive.index["id"].to_pylist())
-    again = {row: first[own] for row, own in every if first.setdefault(own, row) != row}
-    for group in archive.row_groups if again else ():
-        here = [row for row in range(group.start, group.stop) if row in again]
-        if here:
-            which = f"{counted(len(here))} that {verb(len(here), 'is', 'are')} in the archive already"
-            name, other = archive.index["name"][here[0]].as_py(), again[here[0]]
-            place = f"recording {here[0]} of all, also {other}"
-            yield _problem(archive, group, f"holds {which}, the first is {name!r:.60} ({place})")
+    ids, names = archive.index["id"].to_pylist(), archive.index["name"]
+    for group in archive.row_groups:
+        rows = range(group.start, group.stop)
+        again = [row for row in rows if first.setdefault(ids[row], row) != row]
+        if again:
+            which = f"{counted(len(again))} that {verb(len(again), 'is', 'are')} in the archive already"
+            what = f"holds {which} (recording {again[0]} of all is also {first[ids[again[0]]]}), the first is"
+            yield _problem(archive, group, what, names[again[0]].as_py())
 
 
 def _leftovers(folder: Path) -> Iterator[str]:
     """Name what lies in the folders of the archive and belongs to no index file."""
-    keys = index_keys(folder)
-    known = {*map(index_file, keys), *map(samples_file, keys)}
+    known = {name for key in index_keys(folder) for name in (index_file(key), samples_file(key))}
     for path in sorted([*folder.glob("*.parquet"), *folder.glob("samples/*")]):
         name = path.relative_to(folder).as_posix()
         if name not in known:

@@ -9,31 +9,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from granular_id._checks import argument_error, named
+from granular_id._checks import FloatArray, argument_error
 from granular_id._core import AXES, FeatureSpec, GranularIdError, MultiBandExtractor
 from granular_id._progress import ProgressCallback
 from granular_id._text import counted
-from granular_id.archive.partitions import ABOUT, Extraction, Outputs, one_of_each, run
+from granular_id.archive.partitions import ABOUT, Extraction, Outputs, one_of_each, pa, pq, run
 from granular_id.features import extract_features
-from granular_id.io.files import need
+from granular_id.identifier import Identifier
 from granular_id.io.parquet.archive import Archive, RowGroup
-from granular_id.recording import Dataset, Recording, setup_mismatch
-
-# Feature spaces and models are imported where they are called for: they bring in scikit-learn.
-
-if TYPE_CHECKING:
-    from granular_id.identifier import Identifier
-
-FloatArray = npt.NDArray[np.float64]
+from granular_id.recording import setup_mismatch
 
 COLUMN = "features"
 
-_RATE_TOLERANCE = 1e-6
+_SPACES = ("hfmh", "raw+hfmh", "raw")
 
 
 def extract(
@@ -60,10 +53,9 @@ def extract(
         What `granular_id.save` wrote as "parquet", or `append`.
     out : path
         Folder for the features; made where there is none. One folder holds one kind of features of one archive.
-    space : str or FeatureSpec, default "hfmh"
-        Name of a feature space of `granular_id.feature_spaces` that learns nothing from recordings, or what
-        `granular_id.extract_features` takes. The default is the smallest of the paper's: 600 counts. Spaces by name
-        have the rate of the archive.
+    space : {"hfmh", "raw+hfmh", "raw"} or FeatureSpec, default "hfmh"
+        Name of a feature space of the paper that the core extracts, at the rate of the archive; or what
+        `granular_id.extract_features` takes. The default is the smallest: 600 counts.
     model : Identifier or path, optional
         Extract the features of a trained model instead, with all that it has learned: the way to multi-band features.
     accept : str or sequence of str, default ()
@@ -86,7 +78,7 @@ def extract(
     PartitionError
         Some partitions could not be made; it names them. All others are finished.
     ValueError
-        The space learns, or does not suit lengths, rate or axes of the recordings; `out` holds other work.
+        The space is none of these, or does not suit lengths, rate or axes of the recordings; `out` holds other work.
     RecordingFileError
         There is no archive, or its index is damaged.
     OSError
@@ -116,14 +108,12 @@ def extract(
     """
     opened = archive if isinstance(archive, Archive) else Archive(archive)
     if model is None:
-        if accept:
-            problem = f"={accept!r} is about the set-up of a model: give model="
-            raise argument_error(GranularIdError, "accept", problem)
         spec = _spec_of_space(opened, "hfmh" if space is None else space)
     elif space is None:
         spec = _spec_of_model(opened, model, accept)
     else:
         raise argument_error(GranularIdError, "space", "is that of the model: give one of both")
+    spec.check(opened)
     return run(opened, spec, out, n_jobs=n_jobs, scheduler=scheduler, progress=progress)
 
 
@@ -132,18 +122,14 @@ class FeaturesSpec:
     """Features of recordings of one kind."""
 
     title: str  # of the space, for messages
-    extractor: Any  # FeatureSpec, MultiBandExtractor, or a fitted transformer
+    extractor: FeatureSpec | MultiBandExtractor
     axes: tuple[str, ...]
     rate_hz: float
     n_samples: int | None  # None: any number
 
     def describe(self) -> dict[str, Any]:
         """Return what decides about the features."""
-        from granular_id._estimators import describe_estimator
-
         size = {"rate_hz": self.rate_hz, "n_samples": self.n_samples, "axes": self.axes}
-        if not isinstance(self.extractor, (FeatureSpec, MultiBandExtractor)):
-            return {Features.holds: {**size, **describe_estimator(self.extractor)}}
         positional, by_name = self.extractor.__getnewargs_ex__()
         plain = {name: np.asarray(value).tolist() for name, value in by_name.items()}
         own = {"class": type(self.extractor).__name__, "arguments": list(positional), **plain}
@@ -151,41 +137,39 @@ class FeaturesSpec:
 
     def check(self, archive: Archive) -> None:
         """Refuse other rates and lengths."""
-        lengths = archive.index["n_samples"].to_numpy()
-        rates = np.asarray(archive.index["rate_hz"].to_numpy(), np.float64)  # NaN where there is none
-        other_rate = ~(np.abs(rates - self.rate_hz) <= _RATE_TOLERANCE * self.rate_hz)
-        other = other_rate | (lengths != (lengths if self.n_samples is None else self.n_samples))
-        if not other.any():
-            return
-        row = int((other_rate if other_rate.any() else other).argmax())
-        name, wants = archive.index["name"][row].as_py(), f"{self.title} want"
-        if other_rate.any():
-            came = "is sampled irregularly" if np.isnan(rates[row]) else f"has {rates[row]:g} Hz"
-            raise GranularIdError(
-                f"recording {name!r} {came}, {wants} {self.rate_hz:g} Hz: call .resample({self.rate_hz:g}) on the "
-                f"recordings (--resample-hz {self.rate_hz:g}); nothing is resampled unasked"
-            )
-        raise GranularIdError(
-            f"recording {name!r} has {counted(int(lengths[row]), 'sample')}, {wants} {self.n_samples} of each: call "
-            f".align on the recordings (--duration-s {(self.n_samples or 1) / self.rate_hz:.9g}), or take "
-            "space='hfmh' (--space hfmh), whose counts need no one length"
+        resample = f"call .resample({self.rate_hz:g}) (--resample-hz {self.rate_hz:g}) on the recordings"
+        duration_s = (self.n_samples or 1) / self.rate_hz
+        align = (
+            f"call .align on the recordings (--duration-s {duration_s:.9g}), or take space='hfmh' (--space hfmh), "
+            "whose counts need no one length"
         )
+        for column, unit, of_each, wanted, way_out in (
+            ("rate_hz", "Hz", "Hz", self.rate_hz, resample),
+            ("n_samples", "samples", "of each", self.n_samples, align),
+        ):
+            values = np.asarray(archive.index[column].to_numpy(), np.float64)  # NaN where there is no rate
+            other = ~np.isclose(values, values if wanted is None else wanted, rtol=1e-6, atol=0)
+            if other.any():
+                row = int(other.argmax())
+                came = "is sampled irregularly" if np.isnan(values[row]) else f"has {values[row]:g} {unit}"
+                name = archive.index["name"][row].as_py()
+                wants = f"{self.title} want {wanted:g} {of_each}"
+                raise GranularIdError(f"recording {name!r} {came}, {wants}: {way_out}")
 
     def names(self) -> list[str]:
         """Names of the features, in order."""
-        from granular_id.spaces import renamed
-
         if isinstance(self.extractor, FeatureSpec):
             plain = self.extractor.feature_names(self.n_samples or 1, len(self.axes))
-        elif isinstance(self.extractor, MultiBandExtractor):
-            plain = self.extractor.names
         else:
-            return [str(name) for name in self.extractor.get_feature_names_out()]
-        return list(plain) if self.axes == AXES else renamed(plain, self.axes)
+            plain = self.extractor.names
+        if self.axes == AXES:
+            return list(plain)
+        from granular_id.spaces import renamed  # brings in scikit-learn
+
+        return renamed(plain, self.axes)
 
     def table(self, archive: Archive, groups: Sequence[RowGroup]) -> Any:
         """One column, a list of fixed size, with its names; samples of one row group at a time are in memory."""
-        arrow = need("pyarrow", extra="app", why="to work on archives")
         names, first = self.names(), groups[0].start
         lengths = archive.index["n_samples"].slice(first, groups[-1].stop - first).to_numpy()
         out = np.empty((len(lengths), len(names)))
@@ -198,27 +182,21 @@ class FeaturesSpec:
                 rows = samples[done : done + int(lengths[begin:end].sum())]
                 done += len(rows)
                 out[begin:end] = self._extract(rows.reshape(end - begin, -1, len(archive.axes)))
-        kind = arrow.list_(arrow.field("element", arrow.float64(), nullable=False), len(names))
-        column = arrow.FixedSizeListArray.from_arrays(arrow.array(out.reshape(-1)), type=kind)
+        kind = pa.list_(pa.field("element", pa.float64(), nullable=False), len(names))
+        column = pa.FixedSizeListArray.from_arrays(pa.array(out.reshape(-1)), type=kind)
         about = {"names": json.dumps(names, ensure_ascii=False)}
-        return arrow.table(
-            [column], arrow.schema([arrow.field(COLUMN, kind, nullable=False, metadata=about)])
-        )
+        return pa.table([column], pa.schema([pa.field(COLUMN, kind, nullable=False, metadata=about)]))
 
-    def _extract(self, recordings: FloatArray) -> Any:
+    def _extract(self, recordings: FloatArray) -> FloatArray:
         """Return the features (n, D) of recordings (n, T, C) of one length."""
         if isinstance(self.extractor, FeatureSpec):
             return extract_features(recordings, spec=self.extractor, threads=1)
-        if isinstance(self.extractor, MultiBandExtractor):
-            return self.extractor.extract(recordings, 1)
-        return self.extractor.transform(recordings)
+        return self.extractor.extract(recordings, 1)
 
 
 def _spec_of_model(
     archive: Archive, model: Identifier | str | os.PathLike[str], accept: str | Sequence[str]
 ) -> FeaturesSpec:
-    from granular_id.identifier import Identifier
-
     known = model if isinstance(model, Identifier) else Identifier.load(model)
     differences = known.requirements.check(one_of_each(archive, known.rate_hz), accept)
     if differences:
@@ -228,29 +206,22 @@ def _spec_of_model(
 
 
 def _spec_of_space(archive: Archive, space: str | FeatureSpec) -> FeaturesSpec:
-    """Fit a space, which learns nothing but the shape of recordings: that of the first in the archive."""
-    from granular_id.spaces import HFMH, RawHFMH, RawSignal, feature_spaces, learns
-
-    first = archive.index.slice(0, 1).to_pylist()[0]
-    n_samples, rate_hz = int(first["n_samples"]), first["rate_hz"]
-    if rate_hz is None:
-        raise GranularIdError(
-            f"recording {first['name']!r} is sampled irregularly: call .resample on it first"
-        )
-    extractor: Any = space
+    """Return the features of a space at the rate and length of the first recording."""
+    first, title = archive.index.slice(0, 1).to_pylist()[0], "features of this spec"
     if not isinstance(space, FeatureSpec):
-        transformer = named(feature_spaces(rate_hz=rate_hz, threads=1), "space", space).transformer
-        if learns(transformer):
+        title = f"{space!r} features"
+        if space not in _SPACES:
             how = "train a model on some, as in Identifier.fit(data, 'multiband'), and give model= (--model FILE)"
-            raise argument_error(GranularIdError, "space", f"={space!r} learns from recordings: {how}")
-        blank = np.zeros((n_samples, len(archive.axes)))
-        extractor = transformer.fit(Dataset([Recording(blank, rate_hz=rate_hz, axes=archive.axes)]))
-        if type(extractor) in (HFMH, RawHFMH, RawSignal):
-            extractor = extractor.spec_  # what the core does alone
-    any_length = isinstance(extractor, FeatureSpec) and not extractor.raw
-    rate_hz = space.rate_hz if isinstance(space, FeatureSpec) else rate_hz
-    title = f"{space!r} features" if isinstance(space, str) else "features of this spec"
-    return FeaturesSpec(title, extractor, archive.axes, rate_hz, None if any_length else n_samples)
+            known = ", ".join(map(repr, _SPACES))
+            problem = f"={space!r} is none of {known}; for what a space learns from recordings, {how}"
+            raise argument_error(GranularIdError, "space", problem)
+        raw, hfmh = (block in space.split("+") for block in ("raw", "hfmh"))
+        rate = (
+            {"rate_hz": first["rate_hz"]} if first["rate_hz"] else {}
+        )  # an irregular one is refused by `check`
+        space = FeatureSpec(raw=raw, hfmh=hfmh, **rate)
+    n_samples = first["n_samples"] if space.raw else None
+    return FeaturesSpec(title, space, archive.axes, space.rate_hz, n_samples)
 
 
 class Features(Outputs):
@@ -284,18 +255,14 @@ class Features(Outputs):
 
     holds = "features"
 
-    def __repr__(self) -> str:
-        return f"Features({os.fspath(self.folder)!r}: {counted(len(self))}, {len(self.names)} features)"
-
     @cached_property
     def X(self) -> FloatArray:  # noqa: N802 (as scikit-learn names it)
         """Features (n, D), in the order of the archive."""
         X = np.empty((self.n_recordings, len(self.names)))
         done = 0
-        for table in self._tables([COLUMN]):
-            X[done : done + len(table)] = (
-                table[COLUMN].combine_chunks().flatten().to_numpy().reshape(len(table), -1)
-            )
+        for table in self.tables(COLUMN):
+            values = table[COLUMN].combine_chunks().flatten().to_numpy()
+            X[done : done + len(table)] = values.reshape(len(table), -1)
             done += len(table)
         return X
 
@@ -316,12 +283,10 @@ class Features(Outputs):
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the D features, in order."""
-        library = need("pyarrow.parquet", extra="app", why="to work on archives")
-        field = library.read_schema(self.folder / self._files[0]).field(COLUMN)
+        field = pq.read_schema(self.folder / self._files[0]).field(COLUMN)
         return tuple(json.loads(field.metadata[b"names"]))
 
     @cached_property
     def recordings(self) -> Any:
         """What the archive says of each recording, a pyarrow.Table: name, label, session, start_time, digest."""
-        arrow = need("pyarrow", extra="app", why="to work on archives")
-        return arrow.concat_tables(self._tables([*ABOUT]))
+        return self.joined(*ABOUT.names)

@@ -24,22 +24,21 @@ from granular_id import _core
 from granular_id._checks import argument_error, checked_n_jobs
 from granular_id._core import GranularIdError
 from granular_id._files import absolute, durable_file, made_folder
-from granular_id._parallel import single_threaded_blas
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import counted
-from granular_id.archive.workers import run_in_threads, run_on_cluster
+from granular_id.archive.workers import work_through
 from granular_id.io.files import naming, need, printable
 from granular_id.io.parquet.archive import Archive, RowGroup, coded_texts
 from granular_id.io.parquet.layout import MARK, key_of
 from granular_id.recording import Dataset, Recording, Setup
 
-ABOUT = {
-    "name": "string",
-    "label": "string",
-    "session": "string",
-    "start_time": "float64",
-    "digest": "string",
-}
+pa = need("pyarrow", extra="app", why="to work on archives")
+pq = need("pyarrow.parquet", extra="app", why="to work on archives")
+
+ABOUT = pa.schema(
+    {name: pa.string() for name in ("name", "label", "session")}
+    | {"start_time": pa.float64(), "digest": pa.string()}
+)
 """Columns of the index that stand in front of what is computed."""
 
 UNFINISHED = "_unfinished"
@@ -59,12 +58,11 @@ _NAMED = 3
 class Spec(Protocol):
     """What is made of recordings. Picklable: it travels to workers, and holds no data.
 
-    `describe` returns everything that decides the output, as JSON: it is part of the name of every file. `check`
-    refuses an archive that it does not suit, before any work. `table` makes a pyarrow.Table of neighbouring row groups.
+    `describe` returns everything that decides the output, as JSON: it is part of the name of every file. `table` makes
+    a pyarrow.Table of neighbouring row groups.
     """
 
     def describe(self) -> dict[str, Any]: ...  # noqa: D102
-    def check(self, archive: Archive) -> None: ...  # noqa: D102
     def table(self, archive: Archive, groups: Sequence[RowGroup]) -> Any: ...  # noqa: D102
 
 
@@ -109,20 +107,17 @@ def process_partition(partition: Partition, spec: Spec) -> Any:
 
     A pure function: nothing is written, and the same partition and spec give the same table anywhere.
     """
-    arrow = need("pyarrow", extra="app", why="to work on archives")
     archive = _opened(partition.archive, key_of(partition.file))
     groups = [archive.row_groups[number] for number in partition.row_groups]
     rows = archive.index.slice(groups[0].start, groups[-1].stop - groups[0].start)
-    about = rows.select([*ABOUT]).cast(
-        arrow.schema([(name, getattr(arrow, kind)()) for name, kind in ABOUT.items()])
-    )
+    about = rows.select(ABOUT.names).cast(ABOUT)
     own = spec.table(archive, groups)
     place = [*archive.written, partition.row_groups[0]]
     # As plain texts: the dictionary of the column holds what is said of all recordings in the file.
-    n_synthetic = archive.count_synthetic(rows["meta"].cast(arrow.large_string()))
+    n_synthetic = archive.count_synthetic(rows["meta"].cast(pa.large_string()))
     said = {"spec": _described(spec), "place": place, "n_synthetic": n_synthetic}
-    schema = arrow.schema([*about.schema, *own.schema], metadata={MARK: json.dumps(said, sort_keys=True)})
-    return arrow.Table.from_arrays([*about.columns, *own.columns], schema=schema)
+    schema = pa.schema([*about.schema, *own.schema], metadata={MARK: json.dumps(said, sort_keys=True)})
+    return pa.Table.from_arrays([*about.columns, *own.columns], schema=schema)
 
 
 @lru_cache(maxsize=4)
@@ -146,17 +141,15 @@ def make_file(partition: Partition, spec: Spec, out: str) -> str:
     target = Path(out, partition.name(spec))
     if target.is_file():
         return ""
-    library = need("pyarrow.parquet", extra="app", why="to work on archives")
     try:
-        with single_threaded_blas():
-            table = process_partition(partition, spec)
+        table = process_partition(partition, spec)
     except Exception as error:
         return f"{partition}: {printable(str(error)) or type(error).__name__}"
     # Lists of numbers are split into bytes, which lz4 packs: 600 counts take 256 bytes of 4,800, at 165,000 recordings
     # a second on a core; zstd takes twice the time for numbers that hardly repeat, and saves a twentieth of their size.
     lists = [field.name for field in table.schema if str(field.type).startswith("fixed_size_list")]
     with durable_file(target) as draft:
-        library.write_table(
+        pq.write_table(
             table,
             draft,
             compression="lz4",
@@ -236,19 +229,25 @@ def run(
     checked_n_jobs(n_jobs)
     check_progress(progress)
     if scheduler is not None and n_jobs is not None:
-        wanted = "must be None with a scheduler, whose workers are as they are"
-        raise argument_error(GranularIdError, "n_jobs", f"{wanted}; got {n_jobs!r}")
+        problem = f"must be None with a scheduler, whose workers are as they are; got {n_jobs!r}"
+        raise argument_error(GranularIdError, "n_jobs", problem)
     if archive.folder.resolve() in (Path(out).resolve(), *Path(out).resolve().parents):
         problem = f"={os.fspath(out)!r} is or lies in the archive: name another folder"
         raise argument_error(GranularIdError, "out", problem)
-    spec.check(archive)
-    begun, folder = perf_counter(), Path(absolute(out))
+    begun, n_made, failures = perf_counter(), 0, dict[str, str]()
     partitions = {partition.name(spec): partition for partition in partitions_of(archive)}
-    with made_folder(folder), showing(progress) as step:
-        there = _there(folder, spec, archive, partitions)
+    with made_folder(absolute(out)) as folder, showing(progress) as step:
+        there = _footers_in(folder)
+        ours = _described(spec)
+        for name, footer in there.items():
+            if footer["spec"] != ours:
+                other = f"other work already: {_difference(footer['spec'], ours)}"
+                raise GranularIdError(f"{folder} holds {other}; name another folder")
+            if name not in partitions:
+                others = f"recordings that {archive.folder} does not have (in {name})"
+                raise GranularIdError(f"{folder} holds {others}; name another folder")
         missing = {name: one for name, one in partitions.items() if name not in there}
         n_missing = sum(one.n_recordings for one in missing.values())
-        n_made, failures = 0, dict[str, str]()
 
         def done(name: str, problem: str) -> None:
             nonlocal n_made
@@ -256,20 +255,19 @@ def run(
             if problem:
                 failures[name] = problem
             if step is not None:
-                rate = n_made / max(perf_counter() - begun, 1e-9)
-                step(n_made, n_missing, f"{rate:.0f} recordings/s")
+                step(n_made, n_missing, f"{n_made / max(perf_counter() - begun, 1e-9):.0f} recordings/s")
 
         for name, content in (beside or {}).items():
             with durable_file(folder / name) as draft:
                 draft.write_bytes(content)
         if missing:
             (folder / UNFINISHED).touch()
-        make = partial(make_file, spec=spec, out=str(folder))
-        if scheduler is None:
-            run_in_threads(make, missing, n_jobs, done)
-        else:
-            run_on_cluster(make, missing, scheduler, done)
-        _remove_drafts(folder)
+        make = partial(make_file, spec=spec, out=os.fspath(folder))
+        work_through(make, missing, done, n_jobs=n_jobs, scheduler=scheduler)
+        for path in folder.glob(".*-" + "[0-9a-f]" * 16 + ".*"):
+            with suppress(FileNotFoundError):
+                if time() - path.stat().st_mtime > _LONGEST_DRAFT_S:
+                    path.unlink()
         if not failures:
             (folder / UNFINISHED).unlink(missing_ok=True)
     n_failed = sum(partitions[name].n_recordings for name in failures)
@@ -287,55 +285,29 @@ def run(
     return extraction
 
 
-def _there(folder: Path, spec: Spec, archive: Archive, wanted: Mapping[str, Partition]) -> set[str]:
-    """Return the partitions that are there; refuse a folder with other work or other recordings in it."""
-    ours, there = _described(spec), set()
-    for name, footer in _footers_in(folder).items():
-        if footer["spec"] != ours:
-            other = _difference(footer["spec"], ours)
-            raise GranularIdError(f"{folder} holds other work already: {other}; name another folder")
-        if name not in wanted:
-            problem = f"recordings that {archive.folder} does not have (in {name})"
-            raise GranularIdError(f"{folder} holds {problem}; name another folder")
-        there.add(name)
-    return there
-
-
 def _difference(there: Any, wanted: Any, what: str = "") -> str:
     """Name the first entry in which two descriptions differ."""
-    if isinstance(there, dict) and isinstance(wanted, dict):
-        if there.keys() != wanted.keys():
-            return f"{what}{', '.join(there)} there, {', '.join(wanted)} wanted"
+    if isinstance(there, dict) and isinstance(wanted, dict) and there.keys() == wanted.keys():
         first = next(key for key in wanted if there[key] != wanted[key])
         return _difference(there[first], wanted[first], f"{first} ")
     return f"{what}{there!r:.120} there, {wanted!r:.120} wanted"
-
-
-def _remove_drafts(folder: Path) -> None:
-    """Remove temporary files of dead writers; those that another driver is writing are left alone."""
-    for path in folder.glob(".*-" + "[0-9a-f]" * 16 + ".*"):
-        with suppress(FileNotFoundError):
-            if time() - path.stat().st_mtime > _LONGEST_DRAFT_S:
-                path.unlink()
 
 
 def one_of_each(archive: Archive, rate_hz: float) -> Dataset:
     """Return blank recordings of all set-ups, units and rates that occur, for what looks at nothing else."""
     index = archive.index
     codes, _ = coded_texts(index["meta"])
-    rates = np.asarray(index["rate_hz"].to_numpy(), np.float64)
-    first = set(np.unique(codes, return_index=True)[1].tolist())
-    first |= set(np.flatnonzero(rates != rate_hz)[:1].tolist())
-    blank = np.zeros((1, len(archive.axes)))
-    recordings: dict[Hashable, Recording] = {}
+    other_rate = np.flatnonzero(index["rate_hz"].to_numpy() != rate_hz)[:1]
+    first = {*np.unique(codes, return_index=True)[1].tolist(), *other_rate.tolist()}
+    found: dict[Hashable, Recording] = {}
     for row in index.select(["name", "meta", "rate_hz"]).take(sorted(first)).to_pylist():
         meta, rate = archive.meta_of(row["meta"]), row["rate_hz"]
         key = Setup.of(meta), repr(meta.get("units")), rate
-        if key not in recordings:
+        if key not in found:
             times = np.zeros(1) if rate is None else None
             about: dict[str, Any] = {"meta": meta, "name": row["name"] or "", "axes": archive.axes}
-            recordings[key] = Recording(blank, rate_hz=rate, time_s=times, **about)
-    return Dataset(list(recordings.values()), archive.history)
+            found[key] = Recording(np.zeros((1, len(archive.axes))), rate_hz=rate, time_s=times, **about)
+    return Dataset(list(found.values()), archive.history)
 
 
 # What was made, read.
@@ -343,12 +315,11 @@ def one_of_each(archive: Archive, rate_hz: float) -> Dataset:
 
 def _footers_in(folder: Path) -> dict[str, dict[str, Any]]:
     """Return what the footers of all partitions say, by name of the file; rows as ``"n_rows"``."""
-    library = need("pyarrow.parquet", extra="app", why="to work on archives")
     footers = {}
     for path in sorted(folder.glob("*.parquet")):
         if _PARTITION.fullmatch(path.name):
             with naming(path, "reading it as a partition (remove it, or name another folder)"):
-                about = library.read_metadata(path)
+                about = pq.read_metadata(path)
                 footers[path.name] = {**json.loads(about.metadata[MARK.encode()]), "n_rows": about.num_rows}
     return footers
 
@@ -372,23 +343,28 @@ class Outputs:
         self.spec: Mapping[str, Any] = next(iter(footers.values()))["spec"]
         if self.holds not in self.spec:
             raise GranularIdError(f"{self.folder} holds no {self.holds}, but {', '.join(self.spec)}")
-        other = next((name for name in footers if footers[name]["spec"] != self.spec), None)
-        if other is not None:
-            how = _difference(footers[other]["spec"], self.spec)
-            raise GranularIdError(f"{self.folder} holds two kinds of {self.holds}: {how} (in {other})")
+        for name, footer in footers.items():
+            if footer["spec"] != self.spec:
+                how = f"{_difference(footer['spec'], self.spec)} (in {name})"
+                raise GranularIdError(f"{self.folder} holds two kinds of {self.holds}: {how}")
         self._files = sorted(footers, key=lambda name: (footers[name]["place"], name))
-        self.n_recordings = sum(footer["n_rows"] for footer in footers.values())
-        self.n_synthetic = sum(footer["n_synthetic"] for footer in footers.values())
+        self.n_recordings = int(sum(footer["n_rows"] for footer in footers.values()))
+        self.n_synthetic = int(sum(footer["n_synthetic"] for footer in footers.values()))
 
     def __len__(self) -> int:
-        return int(self.n_recordings)
+        return self.n_recordings
 
-    def _tables(self, columns: Sequence[str]) -> Iterator[Any]:
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({os.fspath(self.folder)!r}: {counted(len(self))})"
+
+    def tables(self, *columns: str) -> Iterator[Any]:
         """Yield some columns of one partition after the other, as pyarrow.Table; checksums are verified."""
-        library = need("pyarrow.parquet", extra="app", why="to work on archives")
         for file in self._files:
-            with naming(self.folder / file, f"reading {self.holds} (remove it, and make it again)"):
-                table = library.read_table(
-                    self.folder / file, columns=[*columns], page_checksum_verification=True
-                )
+            path = self.folder / file
+            with naming(path, f"reading {self.holds} (remove it, and make it again)"):
+                table = pq.read_table(path, columns=[*columns], page_checksum_verification=True)
             yield table
+
+    def joined(self, *columns: str) -> Any:
+        """Return the same in one pyarrow.Table."""
+        return pa.concat_tables(self.tables(*columns))

@@ -1,19 +1,18 @@
 """Where partitions are worked on: threads of this process, or the workers of a Dask cluster.
 
-Either calls `make` for each partition and tells `done` its name and what kept it from being computed, or nothing. A
-partition may be worked on twice, and on a worker that dies: that its file is there exactly once is the work of `make`.
+A partition may be worked on twice, and on a worker that dies: its file is there exactly once by the work of `make`.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from contextlib import nullcontext, suppress
-from threading import Lock
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
-from granular_id._parallel import spread
+from granular_id import _core
 from granular_id.io.files import need
 
 Make = Callable[[Any], str]
@@ -25,30 +24,24 @@ _BATCH = 512
 _DIED = "the processes that worked on it died, each time (out of memory, or a crash in a library)"
 
 
-def run_in_threads(make: Make, partitions: Mapping[str, Any], n_jobs: int | None, done: Done) -> None:
-    """Work in threads of this process. What is raised, or Ctrl-C, begins nothing more; those at work are waited for."""
-    from joblib import effective_n_jobs  # slow to import
-
-    one_at_a_time = Lock()
-
-    def work(name: str) -> None:
-        problem = make(partitions[name])
-        with one_at_a_time:
-            done(name, problem)
-
-    spread(work, partitions, int(effective_n_jobs(n_jobs)))
-
-
-def run_on_cluster(make: Make, partitions: Mapping[str, Any], scheduler: Any, done: Done) -> None:
-    """Work on a Dask cluster that runs: an address (``tcp://host:8786``), or a client.
-
-    Partitions and outcomes go through the scheduler, a few hundred bytes each; samples and features do not. A partition
-    whose worker dies runs again on another. One whose workers die again and again (four times, unless Dask is
-    configured otherwise) is tried once more when all others are done: alone, so that none fails for its neighbour.
-    """
-    distributed = need("distributed", extra="dask", why="to work on a Dask cluster")
+def work_through(
+    make: Make, partitions: Mapping[str, Any], done: Done, *, n_jobs: int | None, scheduler: Any
+) -> None:
+    """Call `make` with each partition, and `done` with its name and what kept it from being made, or nothing."""
     if not partitions:
         return
+    if scheduler is None:
+        from joblib import effective_n_jobs  # slow to import
+
+        with ThreadPoolExecutor(effective_n_jobs(n_jobs)) as pool:
+            threads = _Pool(
+                lambda make, items: [pool.submit(make, item) for item in items],
+                as_completed,
+                lambda _: pool.shutdown(cancel_futures=True),
+            )
+            _work(threads, make, partitions, done)
+        return
+    distributed = need("distributed", extra="dask", why="to work on a Dask cluster")
     try:
         connected = isinstance(scheduler, distributed.Client)
         opened = nullcontext(scheduler) if connected else distributed.Client(scheduler, set_as_default=False)
@@ -56,13 +49,17 @@ def run_on_cluster(make: Make, partitions: Mapping[str, Any], scheduler: Any, do
         raise ConnectionError(f"scheduler {scheduler}: no Dask scheduler answers there ({error})") from error
     with opened as client:
         _check_versions(client)
-
-        def work(names: Iterable[str]) -> list[str]:
-            todo = {name: partitions[name] for name in names}
-            return _work_through(distributed, client, make, todo, done)
-
-        for name in work(partitions):
-            if work([name]):
+        cluster = _Pool(
+            # Not pure: a result of another call may be of a file that is gone since.
+            partial(client.map, pure=False, batch_size=_BATCH),
+            # Not with_results: where the worker that has a result dies before it is fetched, that never ends.
+            partial(distributed.as_completed, loop=client.loop),
+            client.cancel,
+            distributed.KilledWorker,
+        )
+        # Dask tried each of these four times; alone, none fails for its neighbour.
+        for name in _work(cluster, make, partitions, done):
+            if _work(cluster, make, {name: partitions[name]}, done):
                 done(name, f"{partitions[name]}: {_DIED}")
 
 
@@ -71,30 +68,36 @@ def _check_versions(client: Any) -> None:
     if not client.nthreads():
         warnings.warn("the scheduler has no workers yet: waiting for one", stacklevel=5)
         client.wait_for_workers(1)
-    found = client.get_versions(packages=["granular_id", "pyarrow"])
-    for name, wanted in found["client"]["packages"].items():
-        for worker, said in found["workers"].items():
-            if name in ("granular_id", "pyarrow") and said["packages"][name] != wanted:
-                problem = f"has {name} {said['packages'][name]}, wanted {wanted} as the caller has"
-                raise OSError(f"Dask worker {worker} {problem}: install it there")
+    for worker, found in client.run(_versions).items():
+        if found != _versions():
+            problem = f"has {found}, wanted {_versions()} as the caller has: install it there"
+            raise OSError(f"Dask worker {worker} {problem}")
 
 
-def _work_through(
-    distributed: Any, client: Any, make: Make, todo: Mapping[str, Any], done: Done
-) -> list[str]:
-    """Have partitions done; return those whose workers died."""
-    # Keys of their own: a result of another call may be of a file that is gone since.
-    futures = client.map(make, [*todo.values()], key="granular_id", pure=False, batch_size=_BATCH)
-    names = dict(zip(futures, todo, strict=True))
-    del futures
+def _versions() -> str:
+    pyarrow = need("pyarrow", extra="app", why="to work on archives")
+    return f"granular_id {_core.__version__} and pyarrow {pyarrow.__version__}"
+
+
+class _Pool(NamedTuple):
+    """What threads and a cluster have in common: both have futures."""
+
+    submit: Callable[[Make, list[Any]], list[Any]]
+    completed: Callable[[list[Any]], Iterable[Any]]
+    cancel: Callable[[list[Any]], object]
+    deaths: type[Exception] | tuple[()] = ()
+
+
+def _work(pool: _Pool, make: Make, partitions: Mapping[str, Any], done: Done) -> list[str]:
+    """Have partitions made; return those whose workers died."""
+    futures = dict(zip(pool.submit(make, [*partitions.values()]), partitions, strict=True))
     died = []
     try:
-        for future in distributed.as_completed(names, loop=client.loop):
-            name = names.pop(future)
+        for future in pool.completed(list(futures)):
+            name = futures.pop(future)
             try:
-                # Not with_results: where the worker that has a result dies before it is fetched, that never ends.
                 problem = future.result()
-            except distributed.KilledWorker:
+            except pool.deaths:
                 died.append(name)
             except CancelledError as error:
                 gone = f"the scheduler has gone, or its work was cancelled ({error})"
@@ -103,5 +106,5 @@ def _work_through(
                 done(name, problem)
     finally:
         with suppress(Exception):  # the connection may be lost
-            client.cancel(list(names))
+            pool.cancel(list(futures))
     return died

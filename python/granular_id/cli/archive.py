@@ -248,7 +248,7 @@ def extract(
     archive: opt.Archive,
     *,
     output: Annotated[Path, Option("--output", "-o", help="Folder to write into, or to go on with.")],
-    space: Annotated[str | None, Option(help="One that learns nothing. Default: hfmh.")] = None,
+    space: Annotated[str | None, Option(help="hfmh, raw+hfmh or raw. Default: hfmh.")] = None,
     model: Annotated[Path | None, Option("--model", "-m", help="Take the features of this model.")] = None,
     jobs: opt.Jobs = None,
     scheduler: opt.Scheduler = None,

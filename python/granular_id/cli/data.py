@@ -68,9 +68,6 @@ def check(
     axes: opt.Axes = None,
     units: opt.Units = None,
     csv: opt.Csv = None,
-    sensor_range: Annotated[
-        str | None, Option(help="Largest values of axes, or a sensor: 'ATI Mini45 SI-145-5'.")
-    ] = None,
     json: opt.Json = None,
     force: opt.Force = False,
     details: opt.Details = False,
@@ -84,16 +81,14 @@ def check(
     Examples:
 
     - `granular-id data check recordings`
-    - `granular-id data check recordings --sensor-range 145,145,290,5,5,5 --json check.json`
-    - `granular-id data check recordings --sensor-range "ATI Mini45 SI-145-5"`
+    - `granular-id data check recordings --json check.json`
     """
     check_outputs(("--json", json, JSON_FILE), source=path, force=force)
     check_source(path)
-    limits = _range_of(sensor_range)
     from granular_id.recording import mixed_setup_warnings
 
     data = read(path, label=label, session=session, axes=axes, units=units, csv=opt.csv_in(csv))
-    report = data.check(sensor_range=limits, progress=True)
+    report = data.check()
     mixed = mixed_setup_warnings(data)
     show(report.text(width=COLUMNS), most=None if details else _MOST_LINES)
     if mixed:
@@ -101,20 +96,6 @@ def check(
     write_files((json, lambda file: write_json(file, {**report.to_dict(), "setup": mixed})))
     if report.worst == "error":
         raise typer.Exit(opt.FOUND_ERRORS)
-
-
-def _range_of(text: str | None) -> str | float | list[float] | None:
-    """Read ``--sensor-range``: a name, one number, or a number per axis."""
-    if text is None:
-        return None
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        if "," in text:
-            wanted = "a number, one per axis such as 145,145,290,5,5,5, or the name of a sensor"
-            raise GranularIdError(f"--sensor-range must be {wanted}, got {text!r}") from None
-        return text
-    return numbers if len(numbers) > 1 else numbers[0]
 
 
 def plot(

@@ -17,7 +17,7 @@ from granular_id._checks import argument_error, checked_share, named
 from granular_id._estimators import versions
 from granular_id._files import json_value, write_json
 from granular_id._parallel import in_threads, single_threaded_blas
-from granular_id._progress import ProgressCallback, Ticker, check_progress, displaying
+from granular_id._progress import ProgressCallback, Ticker, check_progress, showing
 from granular_id._text import Table, percent, short
 from granular_id.confidence import (
     candidate_rule,
@@ -295,8 +295,8 @@ def confidence_study(
     # Where two are known, a model of all but one has nothing to tell apart.
     tested = np.unique(data.y[np.concatenate([fold.test for fold in folds])]).tolist()
     left_out = tested if np.unique(data.y).size > 2 else []
-    with displaying(progress) as display:
-        tick = Ticker(len(folds) + len(left_out), display.step).tick
+    with showing(progress) as step:
+        tick = Ticker(len(folds) + len(left_out), step).tick
         classifier = ECOCClassifier() if planned.classifier is None else planned.classifier
         transformer = clone(planned.transformer)
         fewest = min(fold.train.size for fold in folds), *((data.y != label).sum() for label in left_out)

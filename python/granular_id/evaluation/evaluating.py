@@ -17,7 +17,7 @@ from sklearn.pipeline import Pipeline
 from granular_id._checks import argument_error, checked_flag, whole_number
 from granular_id._core import GranularIdError
 from granular_id._estimators import describe_estimator, versions, with_rate
-from granular_id._progress import ProgressCallback, Ticker, check_progress, displaying
+from granular_id._progress import ProgressCallback, Ticker, check_progress, show_line, showing
 from granular_id._text import percent, verb
 from granular_id.ecoc import ECOCClassifier
 from granular_id.evaluation.differences import Gap, matched_draws
@@ -162,14 +162,14 @@ def evaluate(
 
     held: dict[str, Held] = {}
     at_random: dict[str, tuple[float, ...]] = {}
-    with displaying(progress) as display:
-        ticker = Ticker(len(folds) * sum(1 + trial.n_draws for trial in trials), display.step)
+    with showing(progress) as step:
+        ticker = Ticker(len(folds) * sum(1 + trial.n_draws for trial in trials), step)
         score = partial(fit_and_score, data=data, seed=seed, n_jobs=n_jobs, tick=ticker.tick)
         observe = partial(_observed, data.y, folds.by not in NAMES)
         for name, pipeline, _, X in trials:
             held[name] = score(pipeline, folds=folds, X=X, observe=observe, name=name)
             if X is None:
-                display.line(f"{folds.name}  {name}  {percent(held[name].accuracy)}")
+                show_line(progress, f"{folds.name}  {name}  {percent(held[name].accuracy)}")
         for name, pipeline, n_draws, X in sorted(trials, key=lambda trial: -trial.n_draws):
             if not n_draws:
                 continue
@@ -177,7 +177,7 @@ def evaluate(
             drawn = score(pipeline, folds=together, X=X, name=name).fold_accuracies(len(folds))
             at_random[name] = tuple(drawn.tolist())
             if X is None:
-                display.line(f"at random  {name}  {percent(float(drawn.mean()))}")
+                show_line(progress, f"at random  {name}  {percent(float(drawn.mean()))}")
 
     measured = tuple(
         replace(one, held=held.pop(trial, None), at_random=at_random.pop(trial, (np.nan,))[0])

@@ -36,7 +36,7 @@ SPOILS_FROM = 2 / 3
 """Share of the way from chance to the headline from which on a baseline spoils it."""
 
 _COPIES = {"duplicates", "near-duplicates"}
-_CLOCKS = {"leak-clock", "leak-hour"}
+_CLOCKS = {"leak-clock"}
 
 
 @dataclass(frozen=True, eq=False)

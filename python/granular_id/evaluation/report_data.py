@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator, clone
 
-from granular_id._memory import is_large, large_bytes
 from granular_id.recording import AXES, Dataset, common_units
 from granular_id.spaces import HFMH
 
@@ -113,7 +110,7 @@ def report_data_of(data: Dataset, transformers: Sequence[BaseEstimator]) -> Repo
     labels = np.unique(y)
     groups = [np.flatnonzero(y == label) for label in labels]
     mean, sd = (
-        _downsampled(np.stack([by_columns(statistic, X, rows).T for rows in groups]))
+        _downsampled(np.stack([statistic(X[rows], axis=0).T for rows in groups]))
         for statistic in (np.mean, np.std)
     )
     shown = sorted(most_different(mean, sd)[:MOST_AXES])
@@ -155,13 +152,3 @@ def _histograms(X: Floats, groups: list[NDArray[np.intp]], histogram: HFMH, show
         bin_range=np.array(fitted.bin_range_[shown], dtype=np.float64),
         counts=np.stack([counts[rows].mean(axis=0) for rows in groups]),
     )
-
-
-def by_columns(statistic: Callable[..., Floats], values: Floats, rows: NDArray[np.intp]) -> Floats:
-    """Statistic over some recordings (n, T, C), some columns at a time where they are large: the bits are the same."""
-    if not is_large(len(rows) * values[:1].nbytes):
-        return statistic(values[rows], axis=0)
-    n_parts = min(values.shape[1] // 2, math.ceil(4 * len(rows) * values[:1].nbytes / large_bytes()))
-    edges = [values.shape[1] * part // n_parts for part in range(n_parts + 1)]
-    parts = (values[rows, low:high] for low, high in pairwise(edges))
-    return np.concatenate([statistic(part, axis=0) for part in parts])

@@ -93,7 +93,7 @@ def answers_about(model: TrainedModel, X: FloatArray, threads: int | None = None
     """Name the material of recordings (n, T, C) of a model's length."""
     scores, novelty = model.core.scores_and_novelty(X, threads)
     losses = model.core.losses(scores)
-    candidates, unknown = zip(*model.core.verdicts(scores, novelty), strict=True)
+    candidates, unknown = zip(*model.core.apply_rules(scores, novelty), strict=True)
     return Answers(
         classes=model.classes,
         losses=losses,

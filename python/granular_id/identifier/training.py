@@ -18,7 +18,6 @@ from granular_id._checks import argument_error
 from granular_id._core import GranularIdError
 from granular_id._estimators import describe_estimator, real_steps, seeded_clone, versions, with_rate
 from granular_id._files import json_value
-from granular_id._memory import empty, taken
 from granular_id._parallel import single_threaded_blas
 from granular_id.confidence import (
     N_RANDOM_FOLDS,
@@ -172,11 +171,11 @@ def _on_plain_features(
 def features_of(core: _core.Model, X: FloatArray, threads: int | None = None) -> FloatArray:
     """Extract what the weights of a model are for, (n, D), from recordings (n, T, C)."""
     spec = core.spec
-    features = empty((len(X), core.n_features), "features of the recordings")
+    features = np.empty((len(X), core.n_features))
     for start in range(0, len(X), _AT_ONCE):
         rows = slice(start, start + _AT_ONCE)
         if isinstance(spec, FeatureSpec):
-            features[rows] = _core.extract_features(X[rows], spec, threads, None, np.float64)
+            features[rows] = _core.extract_features(X[rows], spec, threads)
         else:
             features[rows] = spec.extract(X[rows], threads)
     return features
@@ -303,7 +302,7 @@ def held_out_answers(
     n_seen = checkpoints(X.shape[1])
 
     def observe(fitted: Pipeline, _: Any, train: IntArray, __: Any, test: IntArray) -> tuple[Any, ...]:
-        own = taken(X, train, "recordings that train")
+        own = X[train]
         core = model_of(fitted, data, samples=own)
         winners, margins = zip(
             *(provisional_answers(core, X[row], n_seen) for row in test.tolist()), strict=True

@@ -9,7 +9,7 @@ chosen by name (``array=``). Nothing is guessed: anything else is an error with 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +20,8 @@ from granular_id._text import in_both
 from granular_id.io.files import RecordingFileError
 from granular_id.io.remedy import (
     BESIDE,
+    LABELS,
+    MEND,
     MOST_DEEP,
     MOST_LISTED,
     SIGNAL,
@@ -27,10 +29,13 @@ from granular_id.io.remedy import (
     Found,
     Leaf,
     Opening,
+    label_levels,
+    mended_arrays,
     remedy,
     without_number,
 )
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
+from granular_id.io.ways_out import passed
 from granular_id.recording import AXES, Table, cell_text, units_by_axis
 
 _KNOWN = {name for names in BESIDE.values() for name in names}
@@ -57,14 +62,23 @@ def content_of(
     def place(table: int, row: int | None) -> dict[str, Any]:
         return {"place": places[table] + ("" if row is None else f", sample {row}")}
 
-    return FileContent(tables, notes=notes, place=place)
+    line = None  # now, as the file will be closed
+    if not all(np.isfinite(table.values).all() for table in tables if table.values is not None):
+        line = reading.in_python(found)
+    return FileContent(tables, notes=notes, place=place, in_python=line)
 
 
 class _Reading:
     def __init__(
-        self, tree: Mapping[str, Any], source: FileSource, options: LoadOptions, how: Opening
+        self,
+        tree: Mapping[str, Any],
+        source: FileSource,
+        options: LoadOptions,
+        how: Opening,
+        *,
+        offers: bool = True,
     ) -> None:
-        self._tree, self._source, self._options, self._how = tree, source, options, how
+        self._tree, self._source, self._options, self._how, self._offers = tree, source, options, how, offers
         self._leaves = list(_leaves(tree, "", ()))
         self._axes = options.axes or source.axes or AXES
 
@@ -84,6 +98,7 @@ class _Reading:
             found = [one for one in named if len(one.leaf.shape) in (2, 3)]
             if not found:
                 raise self.fault(f"array={asked!r:.60} names no array of samples (2 or 3 dimensions)")
+            found = self._in_groups(found)
         elif "X" in tree:
             why_none, node = "X is no array (recordings, samples, axes)", tree["X"]
             if isinstance(node, Leaf):
@@ -108,6 +123,21 @@ class _Reading:
             problem += "; pass units= with those of the axes (--units UNITS)"
             raise RecordingFileError(self._source.path, problem)
         return found, [f"{self._how.kind}s that are not read: {', '.join(others)[:200]}"] if others else []
+
+    def _in_groups(self, found: list[Found]) -> list[Found]:
+        """Name arrays by the groups that differ, where nothing else says the label: rice in rice/1/wrench."""
+        levels = label_levels([one.path for one in found])
+        if not levels or self._options.label is not None or self._about("y", found[0]) is not None:
+            return found
+        if len(levels) > 1:
+            both = " or ".join(repr(names[0]) for names in levels)
+            raise self.fault(f"groups lie in each other: {both} may be a material")
+        own, place = self._source.label or self._source.label_else, self._source.label_place
+        if own is not None and {own} != set(levels[0]):
+            both = f"its groups are called {levels[0][0]!r:.60}, and its {place} {own!r:.60}"
+            way = passed({"label": "file" if "file" in place else "folder"})
+            raise self.fault(f"{both}: either may be the label; pass {way}")
+        return [replace(one, label=name) for one, name in zip(found, levels[0], strict=True)]
 
     def _labelled(self) -> list[Found]:
         """Return arrays that are named as their labels, with a number behind; or the only one, without a label."""
@@ -169,6 +199,7 @@ class _Reading:
             raise self.fault(f"{one.path} holds {values.dtype}; wanted numbers")
         label = self._each("y", one, of_all, self._options.label)
         session = self._each("session", one, of_all, self._options.session)
+        self._refuse_labels_unread(one, of_all, label)
         called, rates, lengths = (self._each(what, one, of_all) for what in ("name", "rate_hz", "lengths"))
         stamps = self._about("t", one)
         clock = None if stamps is None else np.squeeze(stamps.read())  # of all recordings, or a row for each
@@ -205,6 +236,20 @@ class _Reading:
                 )
             )
         return tables
+
+    def _refuse_labels_unread(self, one: Found, n: int, label: Sequence[str | None]) -> None:
+        """Refuse labels of all recordings under a name that is not read."""
+        known = any(label) or one.label or self._source.label or self._source.label_else
+        if known or self._options.label is not None or not self._offers:
+            return
+        beside = [key for place in (one.leaf.about, *one.chain[:-1]) for key in place if LABELS.match(key)]
+        beside += [
+            two.path
+            for two in self._leaves
+            if LABELS.match(two.path) and not two.leaf.is_numbers and two.leaf.shape == (n,) and n > 1
+        ]
+        if beside:
+            raise self.fault(f"{beside[0]!r:.60} may be the labels, which are read from 'y' only")
 
     def _refuse_order(self, values: NDArray[Any], one: Found, label: Sequence[str | None]) -> None:
         """Refuse three dimensions of which nobody says the order: more recordings than samples, and no labels."""
@@ -267,10 +312,23 @@ class _Reading:
         more = len(shown) - MOST_LISTED
         listed = ", ".join(shown[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
         whole = f"{problem}; it holds {listed or 'no arrays'}"
-        if offers:
-            whole += remedy(self._leaves, self._source.path, self._options, self._how, self._source.axes)
+        if offers and self._offers:
+            where = (self._source.path, self._options, self._how, self._source.axes)
+            whole += remedy(self._leaves, *where, self._tables_by)
         no_wrench = not any(len(one.leaf.shape) > 1 for one in self._leaves)
         return RecordingFileError(self._source.path, whole, no_wrench=no_wrench)
+
+    def in_python(self, found: Sequence[Found]) -> Callable[[str], str]:
+        """Return what gives the line that reads the arrays as tables, mended."""
+        line = mended_arrays(found, self._leaves, self._source, self._options, self._how)
+        return lambda mend: line.replace(MEND, mend)
+
+    def _tables_by(self, options: LoadOptions) -> list[Table]:
+        """Read the file with other options, for a way out."""
+        again = _Reading(self._tree, self._source, options, self._how, offers=False)
+        tables = [table for one in again.found()[0] for table in again.tables(one)]
+        own = self._source.label or self._source.label_else
+        return [replace(table, label=table.label or own) for table in tables]
 
 
 def _leaves(node: Any, path: str, chain: Chain, depth: int = 0) -> Iterator[Found]:

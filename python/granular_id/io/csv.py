@@ -1,7 +1,7 @@
 """Text tables: one recording or many in a file, read by pandas; and the folder of such files that is written.
 
-One row a sample. The names of the columns stand in line 1, or where options of ``pandas.read_csv`` say; ``names`` lists
-those that are known. A line 2 whose cells are all units states them.
+One row a sample. The names of the columns stand in line 1, or where options of ``pandas.read_csv`` say; those that are
+known stand in ``recording/columns.py``. A line 2 whose cells are all units states them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import re
 import sys
 import warnings
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,19 +31,19 @@ from granular_id.io.files import RecordingFileError, need, new_folder, safe_name
 from granular_id.io.flat import checked_dataset
 from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR, write_history
 from granular_id.io.source import FileContent, FileSource, LoadOptions
+from granular_id.io.ways_out import frames_line, in_python
 from granular_id.recording import (
     ABOUT,
     AXES,
     FLAGS,
     Dataset,
     Recording,
-    Stated,
     Table,
     TableError,
+    cell_text,
     columns_of,
     is_unit,
     meaning_of,
-    name_and_unit,
 )
 
 _SEPARATORS = (",", ";", "\t", "|")
@@ -64,16 +64,23 @@ _SEP_LINE = re.compile(r'"?sep=(.)"?')
 _UNITS_ABOVE = re.compile(r'(force|torque|moment)s?\s+units?\W+(\w[^;,"\t]*)', re.IGNORECASE)
 _SOME_UNITS = re.compile(r"\W*units?\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
 _UNNAMED = re.compile(r"Unnamed: (\d+)")
-_COMMA = re.compile(r"-?\d+,\d+")
+
+Columns = dict[str, NDArray[Any]]
 
 
 class _Head(NamedTuple):
     """How a table begins: options for pandas, the lines above the names, the names, and the line that they are in."""
 
+    path: Path
     options: dict[str, Any]
     above: list[str]
     names: list[str]
     line: int
+    is_whole: bool  # the last line has an end
+
+    def lines(self, n: int = _HEAD_LINES) -> Iterator[str]:
+        """Yield the first lines of the file."""
+        return _lines(self.path, self.options.get("encoding"), n)
 
 
 def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
@@ -81,188 +88,81 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     pandas = need("pandas", extra="app", why="to read text tables")
     given = dict(options.csv or {})
     head = _head(source.path, given)
-    stated = source.stated(options)
-    doubtful = not given.keys() & {"names", "header", "usecols"} and _names_no_axes(source.path, head, stated)
-    columns, notes = _columns(_read(pandas, source.path, head, _FEW if doubtful else None), source.path, head)
     try:
-        columns_of(list(columns), stated.axes, stated.columns)
+        is_plain = not given.keys() & {"names", "header", "usecols"} and isinstance(
+            given.get("skiprows", 0), int
+        )
+        if is_plain and not any("\N{REPLACEMENT CHARACTER}" in name for name in head.names):
+            columns_of(
+                tuple(filter(None, head.names)), source.axes, source.columns
+            )  # before all of it is read
+        columns, notes = _columns(_read(pandas, head), head)
+        columns_of(tuple(columns), source.axes, source.columns)
     except TableError as error:
-        raise _no_columns(source.path, error, head, columns) from error
-    if doubtful:
-        columns, notes = _columns(_read(pandas, source.path, head, None), source.path, head)
-    units, n_units = _units(columns, head)
-    _refuse_other_units(source.path, head, columns, units, n_units, options)
+        raise _other_names(pandas, head, error, source) from error
+    if not any(len(cells) for cells in columns.values()):
+        raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
+    units, n_units = _units(columns, head, options)
     if n_units:
         decimal = str(given.get("decimal", "."))
         columns = {name: _numbers_again(cells[n_units:], decimal) for name, cells in columns.items()}
         notes = [f"line {head.line + 1} is read as units", *notes]
-    first_line = head.line + 1 + n_units
-    if not any(len(cells) for cells in columns.values()):
-        raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
     table = Table(name=source.name, columns=columns, units=units, clock="time column", is_text=True)
-    cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
 
     def place(_: int, row: int | None) -> dict[str, Any]:
-        return {} if row is None else {"line": _line_of_row(source.path, head, first_line, row)}
+        """Name the line of a row; pandas passes over empty ones, and those that are comments."""
+        if row is None:
+            return {}
+        first, comment = head.line + 1 + n_units, str(head.options.get("comment", "\n"))
+        lines = enumerate(head.lines(sys.maxsize), 1)
+        rows = (i for i, line in lines if i >= first and line.strip() and not line.startswith(comment))
+        return {"line": next(islice(rows, row, None), first + row)}
 
-    return FileContent([table], rows=[cut] if _is_cut_off(source.path) else [], notes=notes, place=place)
-
-
-def _refuse_other_units(
-    path: Path,
-    head: _Head,
-    columns: Mapping[str, NDArray[Any]],
-    units: Mapping[str, str],
-    n_units: int,
-    options: LoadOptions,
-) -> None:
-    """Refuse units above the names, or below them, that are not understood."""
-    named = [name for name in columns if meaning_of(name).what in AXES]
-    silent = options.units is None and not units and any(name_and_unit(name)[1] is None for name in named)
-    for i, line in enumerate(head.above, 1):
-        said = _SOME_UNITS.fullmatch(line.strip()) if silent else None
-        words = [] if said is None else re.findall(r"[^\s,;/\"':=]+", said[1])
-        if any(map(is_unit, words)):
-            problem = f"states units for all axes together ({line.strip()[:60]!r})"
-            problem += "; pass units= with these (--units UNITS)"
-            raise RecordingFileError(path, problem, line=i)
-    below = [str(cells[0]).strip() for cells in columns.values() if len(cells) and isinstance(cells[0], str)]
-    of_axes = [columns[name][0] for name in named if len(columns[name])]
-    texts = [cell.strip() for cell in of_axes if isinstance(cell, str)]
-    if n_units or not any(text.isascii() and text[:1].isalpha() and is_unit(text) for text in texts):
-        return
-    other = next((cell for cell in below if not is_unit(cell)), None)
-    if other is None:
-        return
-    problem = f"may hold units, of which {other!r:.40} is none that is known; convert the values, and name their unit"
-    raise RecordingFileError(path, problem, line=head.line + 1)
+    cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
+    whole = [] if head.is_whole else [cut]
+    return FileContent([table], rows=whole, notes=notes, place=place, opening=_opening(head, n_units))
 
 
-def _line_of_row(path: Path, head: _Head, first_line: int, row: int) -> int:
-    """Return the line of a row; pandas passes over empty ones, and those that are comments."""
-    comment = str(head.options.get("comment", "\n"))
-    lines = _lines(path, head.options.get("encoding"), sys.maxsize)
-    rows = (
-        i
-        for i, line in enumerate(lines, 1)
-        if i >= first_line and line.strip() and not line.startswith(comment)
-    )
-    return next(islice(rows, row, None), first_line + row)
-
-
-def _names_no_axes(path: Path, head: _Head, stated: Stated) -> bool:
-    """Return True if a line seems to name none of the axes; refuse it where a later one does, or names occur twice."""
-    twice = next((name for i, name in enumerate(head.names) if name and name in head.names[:i]), None)
-    named = [name for name in dict.fromkeys(head.names) if name]
-    try:
-        columns_of(named, stated.axes, stated.columns)
-    except TableError as error:
-        found = None if "skiprows" in head.options else _line_of_names(path, head, stated.axes)
-        if found is not None and found + 1 != head.line:
-            way_out = f"line {found + 1} names the axes: pass {in_both(csv={'skiprows': found})}"
-            raise RecordingFileError(path, f"{error}; {way_out}", line=head.line) from error
-        if twice is not None and error.no_wrench:
-            raise RecordingFileError(path, str(error), line=head.line, no_wrench=True) from error
-        return error.no_wrench
-    if twice is not None:
-        raise RecordingFileError(path, f"column {twice!r:.60} occurs twice", line=head.line)
-    return False
-
-
-def _no_columns(
-    path: Path, error: TableError, head: _Head, columns: Mapping[str, NDArray[Any]]
-) -> RecordingFileError:
-    """Say which columns of numbers may be other axes."""
-    numbers = [
-        name
-        for name, cells in columns.items()
-        if cells.dtype.kind in "iuf" and not _is_number(name) and meaning_of(name).what is None
-    ]
-    way_out = f"; line {head.line} names the columns" if error.no_wrench else ""
-    unnamed = _way_without_names(path, head)
-    if error.no_wrench and unnamed is not None:
-        way_out = unnamed
-    elif error.no_wrench and numbers:
-        short = [name_and_unit(name)[0] for name in numbers]
-        names = ",".join(numbers if len(set(short)) < len(short) else short)
-        way_out = f"; for other axes pass {in_both(axes=names)}"
-    return RecordingFileError(path, f"{error}{way_out}", line=head.line, no_wrench=error.no_wrench)
-
-
-def _way_without_names(path: Path, head: _Head) -> str | None:
-    """Return how to name six or seven columns of numbers, where no line has a name for each."""
-    separator = str(head.options.get("sep", ","))
-    for i, line in enumerate(_lines(path, head.options.get("encoding"), _HEAD_LINES)):
-        cells = [
-            cell.strip()
-            for cell in re.split(re.escape(separator) if len(separator) == 1 else separator, line)
-        ]
-        cells = cells[:-1] if cells and not cells[-1] else cells
-        names = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}.get(len(cells))
-        if names is None or not all(map(_is_number, cells)):
-            continue
-        own = [name for name in dict.fromkeys(head.names) if name and not _is_number(name)]
-        if len(own) >= len(cells):
-            return None
-        skipped = {"skiprows": i} if i else {}
-        return f"; if its columns are these, pass {in_both(csv={'header': None, **skipped, 'names': names})}"
-    return None
-
-
-def _line_of_names(path: Path, head: _Head, axes: Sequence[str] | None) -> int | None:
-    """Return how many lines stand above one that names all axes."""
-    for i, line in enumerate(_lines(path, head.options.get("encoding"), _HEAD_LINES)):
-        for separator in _SEPARATORS:
-            try:
-                columns_of([name.strip(' "') for name in line.split(separator)], axes)
-            except TableError:
-                continue
-            return i
-    return None
+def _opening(head: _Head, n_units: int = 0) -> str:
+    """Return how people read this table in Python."""
+    options = {name: value for name, value in head.options.items() if (name, value) != ("sep", ",")}
+    if n_units:
+        above = options.get("skiprows", 0)
+        options["skiprows"] = [*range(above), head.line] if isinstance(above, int) else [*above, head.line]
+    said = "".join(f", {name}={value!r}" for name, value in options.items())
+    return f"pandas.read_csv({{}}, index_col=False, skipinitialspace=True{said.replace('{', '{{').replace('}', '}}')})"
 
 
 def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     """Find encoding, separator and names, as far as the options leave them open."""
-    opened = gzip.open if path.suffix.lower() == ".gz" else open
-    try:
-        with opened(path, "rb") as file:
-            begins = file.read(4)
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingFileError(path, f"cannot be read: {error}") from error
-    if not begins and path.suffix.lower() != ".gz":
-        raise RecordingFileError(path, "is empty (0 bytes)")
     options: dict[str, Any] = dict(given)
+    begins, is_whole = _both_ends(path)
+    if not begins:
+        raise RecordingFileError(path, "is empty (0 bytes)")
     mark = next((name for mark, name in _MARKS.items() if begins.startswith(mark)), None)
     if mark is not None:
         options.setdefault("encoding", mark)
-    elif (
-        "encoding" not in given
-        and path.suffix.lower() != ".gz"
-        and b"\0" in begins[:2]
-        and begins[:2] != b"\0\0"
-    ):
+    elif "encoding" not in given and b"\0" in begins[:2] and begins[:2] != b"\0\0":
         encoding = "utf-16-le" if begins[1] == 0 else "utf-16-be"
         raise RecordingFileError(
             path, f"may be UTF-16 text: pass {in_both(csv={'encoding': encoding})}", line=1
         )
-    skipped = given.get("skiprows", 0)
-    n_skipped = skipped if isinstance(skipped, int) else 0
-    lines = _lines(path, options.get("encoding"), n_skipped + _HEAD_LINES)
+    n_skipped = given.get("skiprows", 0) if isinstance(given.get("skiprows", 0), int) else 0
+    lines = list(_lines(path, options.get("encoding"), n_skipped + _HEAD_LINES))
     if any("\0" in line for line in lines):
         raise RecordingFileError(path, "is binary (holds NUL bytes); wanted text", line=1)
-    comment = given.get("comment")
-    if n_skipped == 0 and lines and (said := _SEP_LINE.fullmatch(lines[0].strip(" \r\n"))):
+    if n_skipped == 0 and lines and (said := _SEP_LINE.fullmatch(lines[0].strip(" "))):
         options.setdefault("sep", said[1])
         options["skiprows"] = n_skipped = 1
-    rest = list(enumerate(lines))[n_skipped:]
-    named = next(
-        ((i, line) for i, line in rest if line.strip() and not (comment and line.startswith(str(comment)))),
-        None,
+    comment = str(given.get("comment") or "\n")
+    named = (
+        i for i, line in enumerate(lines) if i >= n_skipped and line.strip() and not line.startswith(comment)
     )
-    if named is None:
+    i = next(named, None)
+    if i is None:
         raise RecordingFileError(path, "is empty: no line names the columns")
-    i, line = named
-    if "sep" not in given and "delimiter" not in given:
+    line = lines[i]
+    if not given.keys() & {"sep", "delimiter"}:
         options.setdefault("sep", max(_SEPARATORS, key=lambda one: len(line.split(one))))
         if len(line.split(options["sep"])) < 2 and len(line.split()) > 1:
             options["sep"] = r"\s+"
@@ -271,108 +171,145 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
         cells = re.split(separator, line.strip())
     else:
         cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-    if len(cells) > 1 and line.startswith("#") and comment is None and "names" not in given:
+    if len(cells) > 1 and "comment" not in given and "names" not in given:
         cells[0] = cells[0].lstrip("#")  # as numpy.savetxt writes names
     cells[0] = cells[0].lstrip("%")  # as rostopic does
-    return _Head(options, lines[:i], [cell.strip().strip('"').strip() for cell in cells], i + 1)
+    names = [cell.strip().strip('"').strip() for cell in cells]
+    return _Head(path, options, lines[:i], names, i + 1, is_whole)
 
 
-def _lines(path: Path, encoding: object, n: int) -> list[str]:
-    """Return the first lines of a file, whatever their encoding."""
-    opened = gzip.open if path.suffix.lower() == ".gz" else open
+def _both_ends(path: Path) -> tuple[bytes, bool]:
+    """Return the first four bytes of a text, and whether its last line has an end."""
+    is_packed = path.suffix.lower() == ".gz"
     try:
-        with opened(path, "rt", encoding=str(encoding or "utf-8"), errors="replace", newline="") as file:
-            return [line.rstrip("\r\n") for _, line in zip(range(n), file, strict=False)]
-    except (OSError, EOFError, LookupError, UnicodeError) as error:
+        with (gzip.open if is_packed else open)(path, "rb") as file:
+            begins = file.read(4)
+            if begins and not is_packed:
+                file.seek(-min(4, path.stat().st_size), os.SEEK_END)
+            return begins, is_packed or file.read().rstrip(b"\0").endswith((b"\n", b"\r"))
+    except (OSError, EOFError, zlib.error) as error:
         raise RecordingFileError(path, f"cannot be read: {error}") from error
 
 
-def _read(pandas: Any, path: Path, head: _Head, n_rows: int | None) -> Any:
+def _lines(path: Path, encoding: object, n: int) -> Iterator[str]:
+    """Yield the first lines of a file, whatever their encoding."""
+    opened = gzip.open if path.suffix.lower() == ".gz" else open
+    try:
+        with opened(path, "rt", encoding=str(encoding or "utf-8"), errors="replace", newline="") as file:
+            for line in islice(file, n):
+                yield line.rstrip("\r\n")
+    except (OSError, EOFError, LookupError, UnicodeError, zlib.error) as error:
+        raise RecordingFileError(path, f"cannot be read: {error}") from error
+
+
+def _read(pandas: Any, head: _Head, n_rows: int | None = None) -> Any:
     """Call ``pandas.read_csv``; its errors name the line, and the option that helps where one does."""
-    settings = {
-        "float_precision": "round_trip",
-        "index_col": False,
-        "skipinitialspace": True,
-        "low_memory": False,
-    }
-    with_footer = "skipfooter" in head.options
-    if with_footer or (len(str(head.options.get("sep", ","))) > 1 and head.options.get("sep") != r"\s+"):
-        settings.pop("low_memory")
-        settings.pop("float_precision")
-    if with_footer:
-        n_rows = None
-        settings["engine"] = "python"
+    settings: dict[str, Any] = {"index_col": False, "skipinitialspace": True, "nrows": n_rows}
+    separator = head.options.get("sep", ",")
+    if "skipfooter" in head.options:
+        settings |= {"engine": "python", "nrows": None}
+    elif len(str(separator)) == 1 or separator == r"\s+":
+        settings |= {"float_precision": "round_trip", "low_memory": False}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            return pandas.read_csv(path, **{"nrows": n_rows, **settings, **head.options})
+            return pandas.read_csv(head.path, **{**settings, **head.options})
     except UnicodeDecodeError as error:
-        way_out = f"pass {in_both(csv={'encoding': 'cp1252'})}, or what it was written in"
+        way_out = f"pass {in_both(csv={'encoding': _encoding(head.path)})}, or what it was written in"
         byte = error.object[error.start]
-        raise RecordingFileError(path, f"byte 0x{byte:02x} is not UTF-8 text; {way_out}") from error
-    except pandas.errors.EmptyDataError as error:
-        raise RecordingFileError(path, "is empty: no line names the columns") from error
+        raise RecordingFileError(head.path, f"byte 0x{byte:02x} is not UTF-8 text; {way_out}") from error
     except (Warning, Exception) as error:
         said = str(error).strip().splitlines()[0][:200] if str(error).strip() else type(error).__name__
         if re.search(r"Expected \d+ fields in line \d+, saw", said):
-            left_out = in_both(csv={"on_bad_lines": "skip"})
-            said += f"; lines with more cells than names are left out by {left_out}"
-        problem = f"is no table that pandas.read_csv reads: {said}"
+            said += f"; lines with more cells than names are left out: pass {in_both(csv={'on_bad_lines': 'skip'})}"
+        if said.startswith("Length of header or names does not match"):
+            first = in_both(csv={"usecols": list(range(len(head.names)))})
+            said = f"rows have more cells than line {head.line} has names; if the first cells are these pass {first}"
         no_wrench = not any(meaning_of(name).what in AXES for name in head.names)
-        raise RecordingFileError(path, problem, no_wrench=no_wrench) from error
+        problem = f"is no table that pandas.read_csv reads: {said}"
+        raise RecordingFileError(head.path, problem, no_wrench=no_wrench) from error
 
 
-def _columns(frame: Any, path: Path, head: _Head) -> tuple[dict[str, NDArray[Any]], list[str]]:
+def _encoding(path: Path) -> str:
+    """Return the first usual encoding that a file may be in."""
+    opened = gzip.open if path.suffix.lower() == ".gz" else open
+    with opened(path, "rb") as file:
+        data = file.read()
+    for encoding in ("cp1252", "cp932", "gb18030"):
+        try:
+            data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        return encoding
+    return "latin-1"
+
+
+def _columns(frame: Any, head: _Head) -> tuple[Columns, list[str]]:
     """Return the columns under their names; those without a name number the rows, are a clock, or are refused."""
-    columns: dict[str, NDArray[Any]] = {}
+    columns: Columns = {}
     notes: list[str] = []
     for i, label in enumerate(frame.columns):
         name = str(label).strip()
         name = name.lstrip("#% ") if i == 0 else name
         cells = frame.iloc[:, i].to_numpy()
-        unnamed = _UNNAMED.fullmatch(name)
-        if unnamed is None:
+        if _UNNAMED.fullmatch(name) is None:
             columns[name] = cells
-            continue
-        if frame.iloc[:, i].isna().all():  # a separator at the end of each line
-            continue
-        is_clock = i == 0 and "time" not in head.names and cells.dtype.kind == "O"
-        if is_clock and any(c in str(cells[0]) for c in "-:"):
+        elif (
+            i == 0
+            and "time" not in head.names
+            and cells.dtype.kind == "O"
+            and re.search("[-:]", str(cells[0]))
+        ):
             columns["time"] = cells  # an index of dates that pandas wrote
             notes.append("the first column has no name and holds dates: it is the time")
-        elif not _counts(cells):
-            unnamed_table = _way_without_names(path, head)
-            if unnamed_table is not None:
-                raise RecordingFileError(path, f"columns have no names{unnamed_table}", line=head.line)
-            came = f"it begins {cells[:3].tolist()}"
-            problem = f"the column has no name and does not number the rows (0, 1, 2 ...): {came}"
-            way_out = (
-                "name it if it is the time (pandas: frame.index.name = 'time'), or write the file without it"
+        elif not frame.iloc[:, i].isna().all() and not _counts(cells):  # else it is empty, or an index
+            if way_out := _names_given(head):
+                raise RecordingFileError(head.path, f"columns have no names{way_out}", line=head.line)
+            problem = (
+                "the column has no name and does not number the rows (0, 1, 2 ...): it begins "
+                f"{cells[:3].tolist()}; name it if it is the time (pandas: frame.index.name = 'time'), or write the "
+                "file without it"
             )
-            raise RecordingFileError(path, f"{problem}; {way_out}", line=head.line, column=str(i + 1))
+            raise RecordingFileError(head.path, problem, line=head.line, column=str(i + 1))
     return columns, notes
 
 
 def _counts(cells: NDArray[Any]) -> bool:
-    if cells.dtype.kind not in "iu":
-        return False
-    return all(after in (0, before + 1) for before, after in pairwise(cells.tolist()))
+    return cells.dtype.kind in "iu" and all(b in (0, a + 1) for a, b in pairwise(cells.tolist()))
 
 
-def _units(columns: Mapping[str, NDArray[Any]], head: _Head) -> tuple[dict[str, str], int]:
-    """Return units that stand in a line below the names, or above them; and how many lines of them there are."""
+def _units(columns: Columns, head: _Head, options: LoadOptions) -> tuple[dict[str, str], int]:
+    """Return units that stand in a line below the names, or above them; and how many lines of them there are.
+
+    Those that are not understood are refused.
+    """
     units: dict[str, str] = {}
-    for line in head.above:
-        for said in _UNITS_ABOVE.finditer(line):
-            alike = AXES[:3] if said[1][0].lower() == "f" else AXES[3:]
-            units |= dict.fromkeys(alike, said[2].strip())
-    first = {name: cells[0] for name, cells in columns.items() if len(cells)}
+    for said in (one for line in head.above for one in _UNITS_ABOVE.finditer(line)):
+        alike = AXES[:3] if said[1][0].lower() == "f" else AXES[3:]
+        units |= dict.fromkeys(alike, said[2].strip())
+    first = {name: cells[0] for name, cells in columns.items()}
     texts = {name: str(cell).strip() for name, cell in first.items() if isinstance(cell, str)}
-    empty = [name for name, cell in first.items() if not isinstance(cell, str)]
-    all_empty = all(first[name] is None or first[name] != first[name] for name in empty)
-    if not texts or not all_empty or not all(map(is_unit, texts.values())):
-        return units, 0
-    return units | {name: text.strip("[]()") for name, text in texts.items() if text}, 1
+    if (
+        texts
+        and not any(cell_text(cell) for name, cell in first.items() if name not in texts)
+        and all(map(is_unit, texts.values()))
+    ):
+        return units | {name: text.strip("[]()") for name, text in texts.items() if text}, 1
+    named = [name for name in columns if meaning_of(name).what in AXES]
+    silent = options.units is None and not units and any(meaning_of(name).unit is None for name in named)
+    for i, line in enumerate(head.above, 1):
+        some = _SOME_UNITS.fullmatch(line.strip()) if silent else None
+        if some is not None and any(map(is_unit, re.findall(r"[^\s,;/\"':=]+", some[1]))):
+            problem = f"states units for all axes together ({line.strip()[:60]!r}); pass units= with these"
+            raise RecordingFileError(head.path, problem, line=i)
+    of_axes = [texts[name] for name in named if name in texts]
+    other = next((text for text in texts.values() if not is_unit(text)), None)
+    if other is not None and any(text.isascii() and text[:1].isalpha() and is_unit(text) for text in of_axes):
+        problem = f"may hold units, of which {other!r:.40} is none that is known"
+        csv = in_both(csv={"skiprows": [head.line]}).removesuffix(")")
+        way_out = f"if these are others that are known, pass units= with them and {csv} --units UNITS)"
+        raise RecordingFileError(head.path, f"{problem}; {way_out}", line=head.line + 1)
+    return units, 0
 
 
 def _numbers_again(cells: NDArray[Any], decimal: str) -> NDArray[Any]:
@@ -386,6 +323,121 @@ def _numbers_again(cells: NDArray[Any], decimal: str) -> NDArray[Any]:
         return cells
 
 
+def _other_names(pandas: Any, head: _Head, error: TableError, source: FileSource) -> RecordingFileError:
+    """Say what reads a table whose names are not those of the axes."""
+    known = [what for name in head.names if (what := meaning_of(name).what) in AXES]
+    way_out = f"; line {head.line} names the columns" if not known else ""
+    of_names = None if "skiprows" in head.options else _line_of_names(head, source.axes)
+    if of_names is not None and of_names + 1 != head.line:
+        way_out = f"; line {of_names + 1} names the axes: pass {in_both(csv={'skiprows': of_names})}"
+        known = list(AXES)
+    elif source.axes is None:
+        way_out = (
+            (_names_given(head) if not known else "")
+            or _renamed(head, error)
+            or _beside_each_other(head, source)
+            or _axes_in_rows(pandas, head, source)
+            or (_axes_given(pandas, head) if not known else "")
+            or way_out
+        )
+        if not way_out and len(set(known)) == len(known) < len(AXES):
+            way_out = f"; for these alone pass {in_both(axes=','.join(known))}"
+    return RecordingFileError(head.path, f"{error}{way_out}", line=head.line, no_wrench=not known)
+
+
+def _renamed(head: _Head, error: TableError) -> str:
+    """Say how columns are named anew: six or seven in the order of the axes, or those whose unit is not known."""
+    names = [name for name in head.names if name]
+    if "the unit of column" in str(error):
+        plain = [meaning_of(name).base if meaning_of(name).what in AXES else name for name in names]
+        csv = in_both(csv={"header": 0, "names": plain}).removesuffix(")")
+        return f"; if it is one of these, pass units= with it and {csv} --units UNITS)"
+    wanted = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}.get(len(names), [])
+    units = [meaning_of(name).unit for name in names]
+    if not wanted or not any(units) or len(set(names)) < len(names):
+        return ""
+    if any(
+        unit and meaning_of(f"{name} [{unit}]").scale is None
+        for name, unit in zip(wanted, units, strict=True)
+    ):
+        return ""
+    named = [f"{name} [{unit}]" if unit else name for name, unit in zip(wanted, units, strict=True)]
+    return f"; if its columns are these, pass {in_both(csv={'header': 0, 'names': named})}"
+
+
+def _beside_each_other(head: _Head, source: FileSource) -> str:
+    """Return the line that reads several recordings whose columns stand beside each other."""
+    names = [name for name in head.names if name]
+    width = next(
+        (k for k in range(len(AXES), len(names) // 2 + 1) if names == names[:k] * (len(names) // k)), 0
+    )
+    if not width:
+        return ""
+    label = source.label or source.label_else
+    labels = "" if label is None else f", [{label!r}] * {len(names) // width}"
+    parts = f"frame.iloc[:, i:i + {width}].set_axis({names[:width]}, axis=1).dropna()"
+    return in_python(
+        f"frame = {_opening(head).format(repr(str(head.path)))}",
+        f"Dataset.from_frames([{parts} for i in range(0, {len(names)}, {width})]{labels})",
+    )
+
+
+def _line_of_names(head: _Head, axes: tuple[str, ...] | None) -> int | None:
+    """Return how many lines stand above one that names all axes."""
+    for i, line in enumerate(head.lines()):
+        for separator in _SEPARATORS:
+            try:
+                columns_of(tuple(name.strip(' "') for name in line.split(separator)), axes)
+            except TableError:
+                continue
+            return i
+    return None
+
+
+def _names_given(head: _Head) -> str:
+    """Say how to name six or seven columns of numbers, where no line has a name for each."""
+    separator = str(head.options.get("sep", ","))
+    pattern = re.escape(separator) if len(separator) == 1 else separator
+    for i, line in enumerate(head.lines()):
+        cells = [cell.strip() for cell in re.split(pattern, line)]
+        cells = cells[:-1] if cells and not cells[-1] else cells
+        names = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}.get(len(cells))
+        if names is None or not all(map(_is_number, cells)):
+            continue
+        own = {name for name in head.names if name and not _is_number(name)}
+        if len(own) >= len(cells):
+            return ""
+        skipped = {"skiprows": i} if i else {}
+        return f"; if its columns are these, pass {in_both(csv={'header': None, **skipped, 'names': names})}"
+    return ""
+
+
+def _axes_in_rows(pandas: Any, head: _Head, source: FileSource) -> str:
+    """Return the line that reads a table with a row for each axis of a sample."""
+    frame = _read(pandas, head)
+    for name in frame.columns:
+        words = frame[name].astype(str).unique() if frame[name].dtype == object else ()
+        if set(AXES) <= {meaning_of(word).what for word in words}:
+            *others, values = (one for one in frame.columns if one != name)
+            mend = f".pivot(index={others}, columns={name!r}, values={values!r}).reset_index()"
+            columns = {str(one): np.zeros(0) for one in others}
+            return frames_line(_opening(head), source, Table(columns=columns), mend)
+    return ""
+
+
+def _axes_given(pandas: Any, head: _Head) -> str:
+    """Say which columns of numbers may be other axes."""
+    columns, _ = _columns(_read(pandas, head, _FEW), head)
+    numbers = [
+        name
+        for name, cells in columns.items()
+        if cells.dtype.kind in "iuf" and not _is_number(name) and meaning_of(name).what is None
+    ]
+    short = [meaning_of(name).base for name in numbers]
+    names = numbers if len(set(short)) < len(short) else short
+    return f"; for other axes pass axes={','.join(names)!r}" if names else ""
+
+
 def _is_number(name: str) -> bool:
     try:
         float(name)
@@ -394,56 +446,13 @@ def _is_number(name: str) -> bool:
     return True
 
 
-def _is_cut_off(path: Path) -> bool:
-    """Return True if the last line has no end."""
-    if path.suffix.lower() == ".gz":
-        return False
-    with path.open("rb") as file:
-        file.seek(-min(4, path.stat().st_size), os.SEEK_END)
-        return not file.read().rstrip(b"\0").endswith((b"\n", b"\r"))
-
-
 def save_csv(
     dataset: Dataset, folder: str | os.PathLike[str], *, progress: ProgressCallback | None = None
 ) -> Path:
     """Write a folder of CSV files with an ``index.csv``, which names the axes where they are no wrench's.
 
-    Samples are written with as many digits as float64 needs; ``load(folder) == dataset`` holds. Everything is
-    written under a temporary name beside `folder` and renamed when complete: no half-written folder is ever seen
-    under the final name.
-
-    Parameters
-    ----------
-    dataset : Dataset
-        Of any axes; their units in ``meta["units"]`` stand in line 1, ``wx [rad/s]``.
-    folder : str or path
-        New or empty folder.
-    progress : callable, optional
-        Called as ``progress(files_done, files_in_all, file)``.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    FileExistsError
-        `folder` is a file, a link or a folder with something in it.
-    FileNotFoundError
-        The folder to put it in does not exist.
-    ValueError
-        The name of an axis has a comma in it, or is that of another column, like time or label.
-
-    Examples
-    --------
-    >>> import numpy as np, tempfile
-    >>> from granular_id.io import load, save_csv
-    >>> from granular_id import Dataset, Recording
-    >>> data = Dataset([Recording(np.ones((3, 6)) / 3, rate_hz=500, label="oat flakes")])
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     load(save_csv(data, folder + "/oats")) == data
-    True
+    Samples have as many digits as float64 needs. Units in ``meta["units"]`` stand in line 1, ``wx [rad/s]``.
+    `progress` is called after each file.
     """
     usual = all(recording.axes == AXES for recording in checked_dataset(dataset))
     digits = len(str(len(dataset)))
@@ -481,12 +490,7 @@ def _heads(recording: Recording) -> Sequence[str]:
     """Name the columns of the axes, with their units where these are stated and are not those of a wrench."""
     axes, units = recording.axes, recording.meta.get("units")
     wrong = next(
-        (
-            axis
-            for axis in axes
-            if any(c in axis for c in ',"\n#') or axis in ABOUT or _UNNAMED.fullmatch(axis)
-        ),
-        None,
+        (one for one in axes if set(one) & set(',"\n#') or one in ABOUT or _UNNAMED.fullmatch(one)), None
     )
     if wrong is not None:
         problem = (
@@ -494,17 +498,20 @@ def _heads(recording: Recording) -> Sequence[str]:
         )
         raise GranularIdError(f"{problem}; name it otherwise, or save npz")
     stated = units if isinstance(units, Mapping) else {}
+    own = [None if axis in AXES else stated.get(axis) for axis in axes]
     heads = [
-        f"{axis} [{unit}]" if axis not in AXES and isinstance(unit := stated.get(axis), str) else axis
-        for axis in axes
+        f"{axis} [{unit}]" if isinstance(unit, str) else axis for axis, unit in zip(axes, own, strict=True)
     ]
     try:
-        found = [columns_of(heads, axes)[axis] for axis in axes]
-        units_back = [name_and_unit(head)[1] for head in heads]
+        found = columns_of(tuple(heads), axes)
     except TableError:
         return axes
-    told = [None if head == axis else stated[axis] for axis, head in zip(axes, heads, strict=True)]
-    return heads if found == heads and units_back == told and "," not in "".join(heads) else axes
+    back = all(found[axis] == head for axis, head in zip(axes, heads, strict=True))
+    units_back = all(
+        meaning_of(head).unit == (None if head == axis else unit)
+        for head, axis, unit in zip(heads, axes, own, strict=True)
+    )
+    return heads if back and units_back and "," not in "".join(heads) else axes
 
 
 def _write(recording: Recording, path: Path) -> None:

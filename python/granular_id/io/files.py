@@ -96,20 +96,24 @@ def printable(text: str) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
+def failed(path: str | PathLike[str], what: str, error: Exception) -> RecordingFileError:
+    """Return the one exception for whatever a library raised about a file, with what was done."""
+    if isinstance(error, RecordingFileError):
+        return error
+    lines = str(error).strip().splitlines() or [""]
+    said = ": ".join(text for text in (type(error).__name__, lines[0][:200]) if text)
+    return RecordingFileError(path, f"{what} failed with {said}")
+
+
 @contextmanager
 def naming(path: str | PathLike[str], what: str) -> Iterator[None]:
-    """Turn whatever a library raises about a file into the one exception, with the file and what was done.
-
-    A missing library stays an ImportError, which says what to install.
-    """
+    """Turn whatever a library raises about a file into the one exception, but for a missing library."""
     try:
         yield
     except (RecordingFileError, ImportError):
         raise
     except Exception as error:
-        lines = str(error).strip().splitlines() or [""]
-        said = ": ".join(text for text in (type(error).__name__, lines[0][:200]) if text)
-        raise RecordingFileError(path, f"{what} failed with {said}") from error
+        raise failed(path, what, error) from error
 
 
 def attempt(
@@ -132,57 +136,26 @@ def need(module: str, *, extra: str, why: str) -> ModuleType:
         raise ImportError(f"{library} is needed {why}: {install(extra)}") from error
 
 
-_DIGITS = re.compile(r"([0-9]+)")
-
-
-def natural_key(text: str) -> tuple[tuple[int, int | str], ...]:
-    """Sort key by which ``rice_2`` comes before ``rice_10``."""
-    parts = (part for part in _DIGITS.split(text) if part)
-    return tuple((0, int(part)) if _DIGITS.fullmatch(part) else (1, part) for part in parts)
-
-
-def list_folder(folder: Path) -> tuple[list[Path], list[Path]]:
-    """Return the files and the sub-folders of a folder in natural order, hidden ones left out."""
-    files: list[Path] = []
-    folders: list[Path] = []
-    try:
-        for path in sorted(folder.iterdir(), key=lambda p: (natural_key(p.name), p.name)):
-            if not path.name.startswith("."):
-                (folders if path.is_dir() else files).append(path)
-    except OSError as error:
-        raise RecordingFileError(folder, f"cannot be listed: {error.strerror}") from error
-    return files, folders
-
-
-def refuse_outside(path: Path, root: Path) -> None:
-    """Raise when a path, with all its links resolved, lies outside the folder being read."""
-    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(root)):
-        raise RecordingFileError(path, "is a link that leaves the folder; links out are not followed")
-
-
 def check_place(path: Path, root: Path) -> None:
-    """Refuse a file that is not regular or lies outside `root`, and a folder that holds such, before any is opened."""
-    if not os.path.isdir(path):  # noqa: PTH112 (says False of a name that is too long, where Path.is_dir raises)
-        check_file(path, root)
-        return
-    refuse_outside(path, root)
-    for folder, folders, names in os.walk(path):
-        for name in folders:
-            refuse_outside(Path(folder, name), path)
-        for name in names:
-            check_file(Path(folder, name), path)
+    """Refuse what lies outside `root`, is no regular file (a pipe is not opened), or cannot be opened.
 
-
-def check_file(path: Path, root: Path) -> None:
-    """Refuse what lies outside `root`, is no regular file (a pipe is not opened), or cannot be opened."""
-    refuse_outside(path, root)
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            raise RecordingFileError(path, "is not a regular file")
-        with path.open("rb"):
-            pass
-    except OSError as error:
-        raise RecordingFileError(path, f"cannot be read: {error.strerror or error}") from error
+    A folder that is one recording is looked through, before any file in it is opened.
+    """
+    places = [(path, root)]
+    if os.path.isdir(path):  # noqa: PTH112 (says False of a name that is too long, where Path.is_dir raises)
+        walked = ((Path(folder), [*names, *folders]) for folder, folders, names in os.walk(path))
+        places += [(folder / name, path) for folder, names in walked for name in names]
+    for one, around in places:
+        if not Path(os.path.realpath(one)).is_relative_to(os.path.realpath(around)):
+            raise RecordingFileError(one, "is a link that leaves the folder; links out are not followed")
+        try:
+            mode = one.stat().st_mode
+            if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+                raise RecordingFileError(one, "is not a regular file")
+            if stat.S_ISREG(mode):
+                one.open("rb").close()
+        except OSError as error:
+            raise RecordingFileError(one, f"cannot be read: {error.strerror or error}") from error
 
 
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³])(\..*)?", re.IGNORECASE)

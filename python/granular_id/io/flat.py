@@ -115,9 +115,14 @@ def _recordings(flat: FlatRecordings, source_name: str) -> list[Recording]:
     lengths = _lengths(flat.n_samples, len(wrench))
     n = len(lengths)
     columns = {name: _column(getattr(flat, name), name, n) for name in (*NUMBERS[1:], *TEXTS, "meta_json")}
-    times, flags = (_per_sample(getattr(flat, name), name, len(wrench)) for name in OPTIONAL)
-    for array in (wrench, times, flags):
+    times: Any
+    flags: Any
+    times, flags = (None if one is None else np.asarray(one) for one in (flat.time_s, flat.flags))
+    for name, array in (("wrench", wrench), ("time_s", times), ("flags", flags)):
         if array is not None:
+            if len(array) != len(wrench):
+                problem = f"column {name} has {len(array)} values for {len(wrench)} samples"
+                raise GranularIdError(problem)
             array.flags.writeable = False
             if isinstance(array.base, np.ndarray):  # else each recording is copied
                 array.base.flags.writeable = False
@@ -126,20 +131,23 @@ def _recordings(flat: FlatRecordings, source_name: str) -> list[Recording]:
     for i, end in enumerate(np.cumsum(lengths).tolist()):
         here = slice(end - int(lengths[i]), end)
         about = {name: values[i] for name, values in columns.items()}
-        name, text = _named(about["name"], i, n, source_name), about["meta_json"]
-        own = None if flags is None else flags[here]
+        name = (
+            about["name"] if about["name"] is not None else source_name if n == 1 else f"{source_name}[{i}]"
+        )
+        text = about["meta_json"]
+        own = None if times is None else times[here]
         known = text in metas
         try:
             recording = Recording(
                 wrench[here],
-                rate_hz=None if np.isnan(about["rate_hz"]) else float(about["rate_hz"]),
+                rate_hz=_known(about["rate_hz"]),
                 label=about["label"],
                 session=about["session"],
-                start_time=None if np.isnan(about["start_time"]) else float(about["start_time"]),
-                trigger_index=None if about["trigger_index"] == NO_TRIGGER else int(about["trigger_index"]),
-                time_s=_own_times(times, here, uniform=not np.isnan(about["rate_hz"])),
+                start_time=_known(about["start_time"]),
+                trigger_index=None if about["trigger_index"] == NO_TRIGGER else about["trigger_index"],
+                time_s=None if own is None or np.isnan(own).all() else own,
                 meta={} if known or text is None else _json(text, "meta", dict),
-                flags=own if own is not None and own.any() else None,
+                flags=None if flags is None or not flags[here].any() else flags[here],
                 name=name,
                 axes=axes,
             )
@@ -154,66 +162,33 @@ def _recordings(flat: FlatRecordings, source_name: str) -> list[Recording]:
     return found
 
 
-def _own_times(times: FloatArray | None, here: slice, *, uniform: bool) -> FloatArray | None:
-    """Return the stamps of one recording: there are some where it has no rate, and only there."""
-    own = None if times is None else times[here]
-    if uniform and own is not None and not np.isnan(own).all():
-        raise GranularIdError("time_s holds stamps of a recording that has a rate; wanted NaN")
-    if not uniform and own is None:
-        raise GranularIdError("has no rate_hz (NaN), and there are no stamps in time_s")
-    return None if uniform else own
-
-
-def _per_sample(values: Any, name: str, n: int) -> NDArray[Any] | None:
-    if values is None:
-        return None
-    array = np.asarray(values)
-    if array.dtype.kind not in ("iu" if name == "flags" else "iuf") or array.shape != (n,):
-        raise TypeError(
-            f"column {name} is {array.dtype} of shape {array.shape}; wanted numbers of shape ({n},)"
-        )
-    return array
-
-
-def _named(name: str | None, i: int, n: int, source_name: str) -> str:
-    """Return its name, or that of the file and which one of it a recording is where the file has several."""
-    return name if name is not None else source_name if n == 1 else f"{source_name}[{i}]"
+def _known(number: Any) -> Any:
+    """Return a number, None for NaN."""
+    return None if number != number else number  # noqa: PLR0124
 
 
 def _lengths(value: Any, n_rows: int) -> NDArray[np.int64]:
     """Return how many samples each recording has: at least one, `n_rows` in all."""
     array = np.asarray(value)
     if array.dtype.kind not in "iu" or array.ndim != 1:
-        raise TypeError(
-            f"column n_samples has dtype {array.dtype} and shape {array.shape}; wanted whole numbers (n,)"
-        )
+        came = f"dtype {array.dtype} and shape {array.shape}"
+        raise TypeError(f"column n_samples has {came}; wanted whole numbers (n,)")
     wrong = np.flatnonzero((array < 1) | (array > n_rows))
     if len(wrong):
         raise GranularIdError(f"column n_samples[{wrong[0]}] is {array[wrong[0]]}; wanted 1 to {n_rows}")
-    lengths: NDArray[np.int64] = array.astype(np.int64)
-    if sum(lengths.tolist()) != n_rows:  # whole numbers of Python cannot overflow
-        raise GranularIdError(
-            f"column n_samples adds up to {sum(lengths.tolist())}, but wrench has {n_rows} samples"
-        )
-    return lengths
+    total = sum(array.tolist())  # whole numbers of Python cannot overflow
+    if total != n_rows:
+        raise GranularIdError(f"column n_samples adds up to {total}, but wrench has {n_rows} samples")
+    return array.astype(np.int64)
 
 
 def _column(values: Any, name: str, n: int) -> Any:
-    """Return a column of one value per recording: of numbers, or of texts and None."""
-    name = name.removesuffix("_json")
-    if isinstance(values, np.ndarray):
-        wanted = "iu" if name == "trigger_index" else "iuf"
-        if values.dtype.kind not in wanted or values.shape != (n,):
-            kind = "whole numbers" if wanted == "iu" else "numbers"
-            raise TypeError(
-                f"column {name} is {values.dtype} of shape {values.shape}; wanted {kind} of shape ({n},)"
-            )
-        return values.tolist()
-    if not isinstance(values, (list, tuple)) or not set(map(type, values)) <= {str, type(None)}:
-        raise TypeError(f"column {name} must be a list of texts, got {values!r:.80}")
-    if len(values) != n:
-        raise GranularIdError(f"column {name} has {len(values)} values for {n} recordings")
-    return values
+    """Return a column of one value per recording."""
+    listed = values.tolist() if isinstance(values, np.ndarray) else values
+    if not isinstance(listed, (list, tuple)) or len(listed) != n:
+        came = len(listed) if hasattr(listed, "__len__") else "no"
+        raise GranularIdError(f"column {name.removesuffix('_json')} has {came} values for {n} recordings")
+    return listed
 
 
 def checked_dataset(dataset: object) -> Dataset:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +17,10 @@ from granular_id.io.flat import checked_dataset
 from granular_id.io.hdf5 import read_hdf5
 from granular_id.io.matlab import read_mat
 from granular_id.io.npz import read_npy, read_npz, save_npz
-from granular_id.io.parquet.layout import is_parquet_archive
+from granular_id.io.parquet.layout import INDEX_FILE
 from granular_id.io.parquet.table import parquet_parts, read_parquet
 from granular_id.io.parquet.writing import save_parquet
-from granular_id.io.ros import is_bag_folder, read_ros
+from granular_id.io.ros import read_ros
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.recording import Dataset
 
@@ -34,7 +35,7 @@ class FileFormat:
     read: Callable[[FileSource, LoadOptions], FileContent]
     save: Callable[..., Path] | None = None  # save(dataset, path)
     saves_folder: bool = False  # whether what `save` writes is a folder
-    is_folder: Callable[[Path], bool] | None = None  # whether a folder is a file of this format; None: never
+    sign: re.Pattern[str] | None = None  # name of what lies in a folder that is a file of this format
     parts: Callable[[FileSource, LoadOptions], Iterator[FileContent | RecordingFileError]] | None = (
         None  # the same, piece by piece; errors about what was left out, with on_error="skip"
     )
@@ -43,8 +44,8 @@ class FileFormat:
 FORMATS = (
     FileFormat(
         "csv",
-        "text tables (*.csv, *.tsv, *.txt, *.csv.gz)",
-        (".csv", ".tsv", ".txt", ".csv.gz", ".tsv.gz", ".txt.gz"),
+        "text tables (*.csv, *.tsv, *.txt, *.dat, *.lvm, *.csv.gz)",
+        (".csv", ".tsv", ".txt", ".dat", ".lvm", ".csv.gz", ".tsv.gz", ".txt.gz"),
         read_csv,
         save_csv,
         saves_folder=True,
@@ -60,7 +61,7 @@ FORMATS = (
         read_parquet,
         save_parquet,
         saves_folder=True,
-        is_folder=is_parquet_archive,
+        sign=INDEX_FILE,
         parts=parquet_parts,
     ),
     FileFormat(
@@ -68,29 +69,17 @@ FORMATS = (
         "ROS bags and MCAP (*.bag, *.db3, *.mcap, folders with metadata.yaml)",
         (".bag", ".db3", ".mcap"),
         read_ros,
-        is_folder=is_bag_folder,
+        sign=re.compile(r"metadata\.yaml"),
     ),
 )
 """All formats, asked in this order."""
 
 
-def format_of(path: Path) -> FileFormat | None:
-    """Return the format that a path looks like, if any does: a file by its ending, a folder by what lies in it."""
-    # os.path.isdir says False of what cannot be a path at all, where Path.is_dir raises
-    if os.path.isdir(path):  # noqa: PTH112
-        return next((known for known in FORMATS if known.is_folder and known.is_folder(path)), None)
-    return _by_ending(path)
-
-
-def _by_ending(path: Path) -> FileFormat | None:
-    name = path.name.lower()
-    return next((known for known in FORMATS if name.endswith(known.suffixes)), None)
-
-
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:
     """Return the function that writes a format, named or told by the ending of the path."""
     writable = ", ".join(known.name for known in FORMATS if known.save is not None)
-    by_ending = _by_ending(Path(path))
+    ending = Path(path).name.lower()
+    by_ending = next((known for known in FORMATS if ending.endswith(known.suffixes)), None)
     chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)
     if chosen is None and name is not None:
         raise argument_error(GranularIdError, "format", f"={name!r}; wanted one of {writable}")
@@ -169,12 +158,6 @@ def save(
 
 
 def check_save(path: str | os.PathLike[str], format: str | None = None) -> None:  # noqa: A002 (as in save)
-    """Refuse what `save` would refuse whatever the data set, before hours of work depend on it.
-
-    Raises
-    ------
-    FileExistsError, FileNotFoundError, ValueError
-        As `save`.
-    """
+    """Refuse what `save` would refuse whatever the data set, before hours of work depend on it."""
     writer(path, format)
     check_room(Path(path))

@@ -13,7 +13,7 @@ from granular_id.io.files import RecordingFileError, need
 from granular_id.io.remedy import MOST_DEEP, Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 
-_OPENING = Opening("data set", "h5py.File({!r})", "/", "[()]", "{}.asstr()[()].ravel()")
+_OPENING = Opening("data set", "h5py.File({!r})", "[()]", "numpy.ravel({}.asstr()[()])")
 
 
 def read_hdf5(source: FileSource, options: LoadOptions) -> FileContent:
@@ -59,6 +59,8 @@ def _group(group: Any, source: FileSource, place: str, depth: int) -> dict[str, 
             found[name] = Leaf(np.asarray(item.asstr(errors="replace")[()], np.str_))
         elif item.dtype.kind in "iufb":
             found[name] = Leaf(item, _attributes(item))
+        elif item.dtype.names is not None:  # columns of a table
+            found[name] = {column: Leaf(item[column]) for column in item.dtype.names} | _attributes(item)
     return found
 
 
@@ -70,5 +72,5 @@ def _attributes(item: Any) -> dict[str, Any]:
         if array.dtype.kind == "O" and all(isinstance(text, (str, bytes)) for text in array.ravel()):
             array = np.array([text.decode() if isinstance(text, bytes) else text for text in array.ravel()])
         if array.dtype.kind in "iufUS":
-            found[str(name)] = Leaf(array)
+            found[str(name)] = Leaf(array, is_attribute=True)
     return found

@@ -13,7 +13,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path, PurePosixPath
@@ -35,11 +35,10 @@ IRREGULAR = "irregular"
 HISTORY_NAME = "history.json"
 """Beside index.csv: the steps that made the data set, see ``StepReport.to_dict``."""
 
-_WHOLE_NUMBER = re.compile(r"[0-9]{1,15}")
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 
-
-def read_index(root: Path, problems: list[RecordingFileError]) -> tuple[list[str], list[FileSource]]:
+def read_index(
+    root: Path, problems: list[RecordingFileError], stated: Mapping[str, Any]
+) -> tuple[list[str], list[FileSource]]:
     """Return the columns of the index of a folder, and what it lists; lines that cannot be used go to `problems`."""
     path = root / INDEX_NAME
     rows = _rows(path)
@@ -52,13 +51,12 @@ def read_index(root: Path, problems: list[RecordingFileError]) -> tuple[list[str
             problem = f"column {column!r} occurs twice" if column else "the column has no proper name"
             raise RecordingFileError(path, problem, line=line, column=str(i + 1))
     if "file" not in columns:
-        raise RecordingFileError(
-            path, f"no column 'file'; wanted {', '.join(map(repr, INDEX_COLUMNS))}", line=line
-        )
+        wanted = ", ".join(map(repr, INDEX_COLUMNS))
+        raise RecordingFileError(path, f"no column 'file'; wanted {wanted}", line=line)
     lines: dict[Path, int] = {}
     found: list[FileSource] = []
     for line, cells in rows:
-        source = attempt(problems, _indexed, root, columns, cells, line)
+        source = attempt(problems, _indexed, root, columns, cells, line, stated)
         if source is None:
             continue
         if source.path in lines:
@@ -107,7 +105,9 @@ def _rows(path: Path) -> Any:
         raise RecordingFileError(path, f"is not valid CSV: {error}", line=reader.line_num) from error
 
 
-def _indexed(root: Path, columns: Sequence[str], cells: Sequence[str], line: int) -> FileSource:
+def _indexed(
+    root: Path, columns: Sequence[str], cells: Sequence[str], line: int, stated: Mapping[str, Any]
+) -> FileSource:
     path = root / INDEX_NAME
     if len(cells) != len(columns):
         problem = f"{len(cells)} cells; wanted {len(columns)}, as in the header"
@@ -122,21 +122,20 @@ def _indexed(root: Path, columns: Sequence[str], cells: Sequence[str], line: int
             raise RecordingFileError(path, str(error), line=line, column=column) from error
     irregular = known["rate_hz"] == IRREGULAR
     others = {column: text for column, text in texts.items() if column not in INDEX_COLUMNS and text}
-    return FileSource(
-        path=root.joinpath(known["file"]),
-        root=root,
-        name=texts.get("name", texts["file"]),
-        label=texts.get("label") or None,
-        session=texts.get("session") or None,
-        label_place=INDEX_NAME,
-        session_place=INDEX_NAME,
-        start_time=known["start_time"],
-        rate_hz=None if irregular else known["rate_hz"],
-        irregular=irregular,
-        trigger_index=known["trigger_index"],
-        axes=known["axes"],
-        meta={**others, **(known["meta"] or {})},
-    )
+    own = {
+        "label": texts.get("label") or None,
+        "session": texts.get("session") or None,
+        "label_place": INDEX_NAME,
+        "session_place": INDEX_NAME,
+        "start_time": known["start_time"],
+        "rate_hz": None if irregular else known["rate_hz"] or stated["rate_hz"],
+        "irregular": irregular,
+        "trigger_index": known["trigger_index"],
+        "axes": stated["axes"] or known["axes"],
+        "meta": {**others, **(known["meta"] or {}), **stated["meta"]},
+    }
+    path = root.joinpath(known["file"])
+    return FileSource(path=path, root=root, name=texts.get("name", texts["file"]), **{**stated, **own})
 
 
 def _inside(text: str) -> PurePosixPath:
@@ -147,18 +146,10 @@ def _inside(text: str) -> PurePosixPath:
     return path
 
 
-def _plain_number(text: str) -> float | None:
-    """Return a finite plain decimal number, or None: no ``nan``, ``1e999``, ``1_000``, ``0x10``."""
-    if not _NUMBER.fullmatch(text.strip()):
-        return None
-    value = float(text)
-    return value if math.isfinite(value) else None
-
-
 def _start_time(text: str) -> float:
-    seconds = _plain_number(text)
-    if seconds is not None:
-        return seconds
+    with suppress(ValueError):
+        if math.isfinite(seconds := float(text)):
+            return seconds
     with suppress(ValueError):
         # before Python 3.11 it knows no Z, and fractions of three or six digits only
         digits = re.sub(r"\.([0-9]+)", lambda fraction: f".{fraction[1]:0<6.6}", text)
@@ -170,18 +161,14 @@ def _start_time(text: str) -> float:
 
 
 def _rate(text: str) -> float | str:
-    if text == IRREGULAR:
-        return text
-    value = _plain_number(text)
-    if value is None or value <= 0:
-        raise GranularIdError(
-            f"{text[:40]!r} is no rate; wanted a plain positive number of Hz, or {IRREGULAR}"
-        )
-    return value
+    with suppress(ValueError):
+        if text == IRREGULAR or 0 < float(text) < math.inf:
+            return text if text == IRREGULAR else float(text)
+    raise GranularIdError(f"{text[:40]!r} is no rate; wanted a positive number of Hz, or {IRREGULAR}")
 
 
 def _trigger(text: str) -> int:
-    if not _WHOLE_NUMBER.fullmatch(text):
+    if not text.isdecimal():
         raise GranularIdError(f"{text[:40]!r} is not a whole number")
     return int(text)
 
@@ -194,11 +181,8 @@ def _meta(text: str) -> dict[str, Any]:
 
 
 def _axes(text: str) -> tuple[str, ...]:
-    listed = json.loads(text) if text.startswith("[") else text.split(",")
-    if not isinstance(listed, list) or not listed:
-        raise TypeError(f"{text[:40]!r} is no list of names; wanted one like wx,wy,wz")
-    names = tuple(name.strip() if isinstance(name, str) else name for name in listed)
-    return checked_axes(names, (0, len(listed)))
+    listed = json.loads(text) if text.startswith("[") else [name.strip() for name in text.split(",")]
+    return checked_axes(tuple(listed), (0, len(listed)))
 
 
 _VALUES: dict[str, Callable[[str], Any]] = {

@@ -5,21 +5,22 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from granular_id._checks import argument_error, checked_index
 from granular_id._core import GranularIdError
-from granular_id._files import check_source
 from granular_id._progress import ProgressCallback, check_progress, showing
 from granular_id._text import counted
-from granular_id.io.files import RecordingFileError, check_place, naming
-from granular_id.io.formats import format_of
+from granular_id.io.files import RecordingFileError, check_place, failed
 from granular_id.io.index import INDEX_NAME
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.io.sources import beside_note, find_sources
-from granular_id.recording import Dataset, Recording, StepReport, TableError, restated, to_recordings
+from granular_id.io.sources import find_sources, format_of, listed
+from granular_id.io.ways_out import frames_line, with_all_wanted
+from granular_id.recording import Dataset, Made, StepReport, TableError, restated, to_recordings
 
 _ARRAYS = ("npy", "npz", "mat", "hdf5")
 _OF_FORMATS = {
@@ -66,7 +67,7 @@ def load(
     ----------
     path : str or path
         A file of a known format, or a folder of such files: ``label/*``, ``label_1.csv``, or with an ``index.csv``.
-        Formats: text tables (.csv, .tsv, .txt, .csv.gz), NumPy (.npy, .npz), MATLAB (.mat), HDF5 (.h5), Parquet (a
+        Formats: text tables (.csv, .txt, .lvm, .csv.gz ...), NumPy (.npy, .npz), MATLAB (.mat), HDF5 (.h5), Parquet (a
         native folder, or a table), ROS 1 and ROS 2 bags, MCAP.
     rate_hz : float, optional
         Rate at which the recordings were taken, Hz (``--recorded-hz`` on the command line); for files without a clock,
@@ -152,9 +153,8 @@ def load(
         session,
         csv,
     )
-    with showing(progress) as callback:
-        reading = _Reading(path, options)
-        return reading.dataset(list(reading.files(callback, parts=False)))
+    reading = _Reading(path, options)
+    return reading.dataset(list(reading.files(progress, parts=False)))
 
 
 def load_parts(
@@ -204,7 +204,7 @@ def load_parts(
     most = checked_index(n_recordings, "n_recordings")
     if most < 1:
         raise argument_error(GranularIdError, "n_recordings", f"must be positive, got {most}")
-    known = [one.name for one in fields(LoadOptions)]
+    known = [one.name for one in fields(LoadOptions) if one.init]
     unknown = next((name for name in options if name not in known), None)
     if unknown is not None:
         raise argument_error(TypeError, unknown, f"is no option of load; wanted one of {', '.join(known)}")
@@ -213,29 +213,21 @@ def load_parts(
 
 
 def _parts(reading: _Reading, most: int, progress: bool | ProgressCallback) -> Iterator[Dataset]:
-    with showing(progress) as callback:
-        waiting: list[_Read] = []
-        for read in reading.files(callback, parts=True):
-            waiting.append(read)
-            while sum(len(each.recordings) for each in waiting) > most:
-                now, waiting = _split(waiting, most)
-                yield reading.dataset(now)
-        if waiting:
-            yield reading.dataset(waiting)
-
-
-class _TwoMeaningsError(RecordingFileError):
-    """Folders that may mean two things: no file of them is left out for that."""
+    waiting: list[_Read] = []
+    for read in reading.files(progress, parts=True):
+        waiting.append(read)
+        while sum(len(each.recordings) for each in waiting) > most:
+            now, waiting = _split(waiting, most)
+            yield reading.dataset(now)
+    if waiting:
+        yield reading.dataset(waiting)
 
 
 @dataclass
-class _Read:
+class _Read(Made):
     """What a file, or a piece of one, became."""
 
-    source: FileSource
-    recordings: Sequence[Recording]
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    source: FileSource = field(kw_only=True)
     history: Sequence[StepReport] = ()
 
 
@@ -257,28 +249,24 @@ class _Reading:
     """A path that is read: what it holds, and what is wrong with it."""
 
     def __init__(self, path: str | os.PathLike[str], options: LoadOptions) -> None:
-        self._options, self._root = options, check_source(path)
+        self._options, self._root = options, Path(path)
         self._found = find_sources(self._root, options)
-        self._alone = format_of(self._root) is not None
+        formats = [known for source in self._found.files if (known := format_of(source.path)) is not None]
+        self._alone = [source.path for source in self._found.files] == [self._root]
         self._named = self._alone or self._found.layout == INDEX_NAME  # each file is meant to be a recording
         self._problems: list[RecordingFileError] = []
         self._n_reported = 0
-        self._said = False
         self._beside: list[RecordingFileError] = []
-        self._refuse_unused()
+        self._places_said = False
+        known_names = {known.name for known in formats}
+        for name, (what, wanted) in _OF_FORMATS.items():  # options that would change nothing
+            if formats and getattr(options, name) is not None and known_names.isdisjoint(wanted):
+                n = counted(len(formats), "file")
+                came = f"{n}, the first is {self._found.files[0].path}"
+                problem = f"must be left out where no file is {what}: {came}"
+                raise argument_error(GranularIdError, name, problem)
 
-    def _refuse_unused(self) -> None:
-        """Refuse options that would change nothing, as no file is of a format that has what they name."""
-        files = self._found.files
-        known = {one.name for source in files if (one := format_of(source.path)) is not None}
-        for name, (what, wanted) in _OF_FORMATS.items():
-            if files and getattr(self._options, name) is not None and known.isdisjoint(wanted):
-                came = f"{counted(len(files), 'file')}, the first is {files[0].path}"
-                raise argument_error(
-                    GranularIdError, name, f"must be left out where no file is {what}: {came}"
-                )
-
-    def files(self, progress: ProgressCallback | None, *, parts: bool) -> Iterator[_Read]:
+    def files(self, progress: bool | ProgressCallback, *, parts: bool) -> Iterator[_Read]:
         """Read files one after the other; with on_error="skip" a file that cannot be read is listed instead."""
         found, problems, skips = self._found, self._problems, self._options.on_error == "skip"
         if found.problems and not skips:
@@ -286,119 +274,124 @@ class _Reading:
             raise found.problems[0]
         problems += found.problems
         nothing = True
-        for done, source in enumerate(found.files, start=1):
-            # what is to be left out may be a piece of a file
-            for read in self._pieces(source, parts=parts or skips):
-                nothing = False
-                yield read
-            if problems and self._alone and nothing:
-                raise problems[0]
-            if progress is not None:
-                progress(done, len(found.files), source.name)
+        with nullcontext() if progress is False else showing(progress) as callback:
+            for done, source in enumerate(found.files, start=1):
+                # what is to be left out may be a piece of a file
+                for read in self._pieces(source, parts=parts or skips):
+                    nothing = False
+                    yield read
+                if callback is not None:
+                    callback(done, len(found.files), source.name)
         if nothing:
             every = [*problems, *self._beside]
-            if not skips:
+            if self._alone or not skips:
                 raise every[0]
             problem = f"none of {counted(len(every))} could be read; the first problem: {every[0]}"
             raise RecordingFileError(self._root, problem) from every[0]
 
     def _pieces(self, source: FileSource, *, parts: bool) -> Iterator[_Read]:
-        """Read a file; what cannot be read is raised, or listed."""
-        whole = True
+        """Read a file of any format, piece by piece where it has pieces; what cannot be read is raised, or listed."""
+        known, whole = format_of(source.path), True
+        if known is None:
+            raise RecordingFileError(source.path, "is of no known format any more")
         try:
-            for read in _read(source, self._options, parts=parts):
-                if isinstance(read, RecordingFileError):
-                    self._problems.append(read)
+            check_place(source.path, source.root)
+            contents = (
+                [known.read(source, self._options)]
+                if known.parts is None or not parts
+                else known.parts(source, self._options)
+            )
+            for content in contents:
+                if isinstance(content, RecordingFileError):
+                    self._problems.append(content)
                     continue
+                read = _made(content, source)
                 whole = False
                 yield read
-        except _TwoMeaningsError:
+        except ImportError:
             raise
-        except RecordingFileError as error:
+        except Exception as reason:
+            error = failed(source.path, f"reading it as {known.name}", reason)
+            doubt = source.two_meanings is not None and error.problem == source.two_meanings
             if error.no_wrench and not self._named:
                 self._beside.append(error)
-            elif self._options.on_error == "skip":
+            elif self._options.on_error == "skip" and not doubt:
                 self._problems.append(error)
             else:
-                error.skippable = not (self._alone and whole)
-                raise
+                cause = error.__cause__ if error is reason else reason
+                if not doubt:
+                    error = with_all_wanted(error, source, self._options, partial(_tried, source))
+                error.skippable = not doubt and not (self._alone and whole)
+                raise error from cause
 
     def dataset(self, reads: Sequence[_Read]) -> Dataset:
-        """Put together what was read since the last time."""
-        recordings = [recording for read in reads for recording in read.recordings]
+        """Put together what was read since the last time, with a report."""
+        whole = Made(
+            [r for read in reads for r in read.recordings], [row for read in reads for row in read.rows]
+        )
         problems = self._problems[self._n_reported :]
         self._n_reported = len(self._problems)
-        stored = {id(read.history): read.history for read in reads}  # of a file once, not of a piece
-        history = [*self._found.history, *(step for steps in stored.values() for step in steps)]
-        return Dataset(recordings, [*history, self._report(reads, recordings, problems)])
-
-    def _report(
-        self, reads: Sequence[_Read], recordings: Sequence[Recording], problems: Sequence[RecordingFileError]
-    ) -> StepReport:
-        rows = [row for read in reads for row in read.rows]
-        totals = {
-            "recordings": len(recordings),
-            "skipped": len(problems),
-            "uniform": sum(r.is_uniform for r in recordings),
-            "irregular": sum(not r.is_uniform for r in recordings),
-            "left_out_samples": sum(row.get("left_out", 0) for row in rows),
-            "moved_samples": sum(row.get("moved", 0) for row in rows),
-            "merged_samples": sum(row.get("merged", 0) for row in rows),
-        }
-        notes = Counter(note for read in reads for note in read.notes)
-        every = [note if count == 1 else f"{note} ({count} files)" for note, count in notes.items()]
+        totals = {"recordings": 0, "skipped": len(problems), **whole.totals}
+        counts = Counter(note for read in reads for note in read.notes)
+        notes = [note if count == 1 else f"{note} ({count} files)" for note, count in counts.items()]
         if self._beside:
-            every.append(beside_note([Path(error.path).name for error in self._beside]))
-        places = (
-            [] if self._said else [_place_note(what, reads, self._alone) for what in ("label", "session")]
-        )
-        self._said = True  # of the first piece, for all
+            names = [Path(error.path).name for error in self._beside]
+            notes.append(f"not read, as they hold none of the axes: {listed(names)}")
+        notes = [*self._found.notes, *notes]
+        if not self._places_said:  # with the first piece, for all
+            places = [_place_note(what, reads, self._alone) for what in ("label", "session")]
+            notes = [*filter(None, places), *notes]
+        self._places_said = True
+        given = {one.name: getattr(self._options, one.name) for one in fields(LoadOptions) if one.init}
+        if given["csv"] is not None:
+            given["csv"] = {key: repr(value) for key, value in given["csv"].items()}
+        given = {name: value for name, value in given.items() if value is not None}
         skipped = [{"name": Path(problem.path).name, "skipped": str(problem)} for problem in problems]
-        parameters = {"format": self._found.layout, **self._options.to_dict()}
-        return StepReport(
-            "load", parameters, totals, skipped + rows, [*filter(None, places), *self._found.notes, *every]
-        )
+        parameters = {"format": self._found.layout, **given}
+        report = StepReport("load", parameters, totals, skipped + whole.rows, notes)
+        stored = {id(read.history): read.history for read in reads}  # of a file once, not of a piece
+        before = [*self._found.history, *(step for steps in stored.values() for step in steps)]
+        return Dataset(whole.recordings, [*before, report])
 
 
-def _read(source: FileSource, options: LoadOptions, *, parts: bool) -> Iterator[_Read | RecordingFileError]:
-    """Read a file of any format, piece by piece where it has pieces; whatever a library raises names the file."""
+def _tried(source: FileSource, options: LoadOptions) -> None:
+    """Read one file with other options, for what is wanted beside them."""
     known = format_of(source.path)
-    if known is None:  # it has changed since it was found
-        raise RecordingFileError(source.path, "is of no known format any more")
-    with naming(source.path, f"reading it as {known.name}"):
-        check_place(source.path, source.root)
-        if known.parts is None or not parts:
-            yield _made(known.read(source, options), source, options)
-            return
-        for content in known.parts(source, options):
-            yield content if isinstance(content, RecordingFileError) else _made(content, source, options)
+    stated = replace(source, **{name: value for name, value in options.stated.items() if value is not None})
+    if known is not None:
+        try:
+            _made(known.read(stated, options), stated)
+        except Exception as reason:
+            raise failed(source.path, f"reading it as {known.name}", reason) from reason
 
 
-def _made(content: FileContent, source: FileSource, options: LoadOptions) -> _Read:
+def _made(content: FileContent, source: FileSource) -> _Read:
     """Make the recordings of what a reader found."""
-    stated = source.stated(options)
-    n = len(content.tables) + len(content.recordings)
+    read = _Read(rows=content.rows, notes=content.notes, source=source, history=content.history)
+    try:
+        read.recordings = [restated(recording, source) for recording in content.recordings]
+    except TableError as error:
+        raise RecordingFileError(source.path, error.problem, column=error.column) from error
+    for i, table in enumerate(content.tables):
+        try:
+            made = to_recordings(table, source)
+        except TableError as error:
+            place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
+            line = ""
+            if error.mend and content.opening:
+                line = frames_line(content.opening, source, table, error.mend)
+            elif error.mend and content.in_python is not None:
+                line = content.in_python(error.mend)
+            raise RecordingFileError(source.path, error.problem + line, **place) from error
+        read.recordings += made.recordings
+        read.rows += made.rows
+        read.notes += [note for note in made.notes if note not in read.notes]
+    n = len(read.recordings)
     if n > 1 and (source.start_time is not None or source.trigger_index is not None):
         problem = f"start_time and trigger_index are stated for a file of {counted(n)}"
         raise RecordingFileError(source.path, f"{problem}; wanted in the file itself")
-    read = _Read(source, [], list(content.rows), list(content.notes), content.history)
-    found: list[Recording] = []
-    for i, table in enumerate(content.tables):
-        try:
-            made = to_recordings(table, stated)
-        except TableError as error:
-            place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
-            raise RecordingFileError(source.path, error.problem, **place) from error
-        found += made.recordings
-        read.rows += made.rows
-        read.notes += [note for note in made.notes if note not in read.notes]
-    try:
-        found += [restated(recording, stated) for recording in content.recordings]
-    except TableError as error:
-        raise RecordingFileError(source.path, error.problem, column=error.column) from error
-    if source.two_meanings is not None and any(recording.label is None for recording in found):
-        raise _TwoMeaningsError(source.root, source.two_meanings)
-    read.recordings = found
+    if source.two_meanings is not None and any(recording.label is None for recording in read.recordings):
+        raise RecordingFileError(source.root, source.two_meanings)
     return read
 
 

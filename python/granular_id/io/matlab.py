@@ -15,11 +15,7 @@ from granular_id.io.remedy import MOST_DEEP, Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 
 _V73 = Opening(
-    "variable",
-    "h5py.File({!r})",
-    "/",
-    "[()].T",
-    "[''.join(map(chr, f[one][()].ravel())) for one in {}[()].ravel()]",
+    "variable", "h5py.File({!r})", "[()].T", "''.join(map(chr, {}[()].ravel()))", by_reference=True
 )
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _OBJECTS = (
@@ -42,7 +38,7 @@ def read_mat(source: FileSource, options: LoadOptions) -> FileContent:
                 source.path, "is text as Octave's save writes it by default; save it with -v7"
             )
         tree = _read_scipy(source, left_out)
-        opening = Opening("variable", "scipy.io.loadmat({!r}, simplify_cells=True)", "']['")
+        opening = Opening("variable", "scipy.io.loadmat({!r}, simplify_cells=True)")
     try:
         content = content_of(tree, source, options, opening)
     except RecordingFileError as error:

@@ -20,8 +20,9 @@ from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays import content_of
 from granular_id.io.files import RecordingFileError
 from granular_id.io.flat import NUMBERS, OPTIONAL, TEXTS, FlatRecordings, flatten, unflatten
-from granular_id.io.remedy import Leaf, Opening
+from granular_id.io.remedy import BESIDE, Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
+from granular_id.io.ways_out import in_python, is_clock
 from granular_id.recording import Dataset
 
 FORMAT = "granular_id recordings"
@@ -32,8 +33,8 @@ _MARK = "format"
 _WHOLE_TEXTS = ("meta", "history")
 _REQUIRED = ("wrench", "axes", *NUMBERS, *TEXTS, *_WHOLE_TEXTS)
 _PICKLED = (
-    "holds Python objects (pickled), which could run code; save texts as numpy.array(texts, dtype=str), and recordings "
-    "of several lengths as numpy.savez(file, rice_1=first, rice_2=second)"
+    "holds Python objects (pickled), which could run code; save texts as numpy.array(texts, dtype=str), recordings of "
+    "several lengths as numpy.savez(file, rice_1=first, rice_2=second); if nobody else can have written it"
 )
 
 
@@ -73,7 +74,7 @@ def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
         arrays = {name: _member(archive, name, source) for name in archive.files}
     said = str(arrays[_MARK]) if _MARK in arrays and arrays[_MARK].dtype.kind == "U" else ""
     if not said.startswith(FORMAT):
-        opening = Opening("array", "numpy.load({!r})", "/")
+        opening = Opening("array", "numpy.load({!r})", is_flat=True)
         return content_of(_tree(arrays, source.path), source, options, opening)
     if said != MARK:
         problem = f"is of the format {said!r:.80}; this version of granular-id reads {MARK!r}"
@@ -87,7 +88,18 @@ def _member(archive: Any, name: str, source: FileSource) -> NDArray[Any]:
     except ValueError as error:
         if "pickle" not in str(error):
             raise
-        raise RecordingFileError(source.path, _PICKLED, place=f"array {name}") from error
+        rate = next(
+            (
+                f"float(numpy.ravel(f[{one!r}])[0])"
+                for one in archive.files
+                if one.lower() in BESIDE["rate_hz"]
+            ),
+            "RATE",
+        )
+        y = ", list(f['y'])" * ("y" in archive.files)
+        opened = f"f = numpy.load({str(source.path)!r}, allow_pickle=True)"
+        line = in_python(opened, f"Dataset.from_arrays(list(f[{name!r}]){y}, rate_hz={rate})")
+        raise RecordingFileError(source.path, f"{_PICKLED}{line}", place=f"array {name}") from error
 
 
 def _read_own(arrays: Mapping[str, NDArray[Any]], source: FileSource) -> FileContent:
@@ -163,10 +175,12 @@ def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
     except ValueError as error:
         if "pickle" not in str(error):
             raise
-        raise RecordingFileError(source.path, _PICKLED) from error
+        opened = f"f = numpy.load({str(source.path)!r}, allow_pickle=True)"
+        line = in_python(opened, "Dataset.from_arrays(list(f), rate_hz=RATE)")
+        raise RecordingFileError(source.path, f"{_PICKLED}{line}") from error
     if array.dtype.names is not None:
-        line = "Dataset.from_frames({name: f[name] for name in f.dtype.names}, rate_hz=RATE)"
-        fields = f"has the fields {', '.join(array.dtype.names)}"
-        problem = f"{fields}; in Python: f = numpy.load({str(source.path)!r}); {line}"
-        raise RecordingFileError(source.path, problem)
-    return content_of({"X": Leaf(array)}, source, options, Opening("array", "{{'X': numpy.load({!r})}}", "/"))
+        has_clock = is_clock(array.dtype.names)
+        call = f"Dataset.from_frames({{name: f[name] for name in f.dtype.names}}{', rate_hz=RATE' * (not has_clock)})"
+        line = in_python(f"f = numpy.load({str(source.path)!r})", call)
+        raise RecordingFileError(source.path, f"has the fields {', '.join(array.dtype.names)}{line}")
+    return content_of({"X": Leaf(array)}, source, options, Opening("array", "{{'X': numpy.load({!r})}}"))

@@ -1,33 +1,39 @@
-"""What to do with arrays that do not keep the convention: the option, or the line of Python, that reads the file."""
+"""The way out of a refusal: lines of Python that read the file, and options that were tried."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import groupby, permutations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._text import in_both
-from granular_id.io.source import LoadOptions
-from granular_id.recording import AXES
+from granular_id.io.files import RecordingFileError
+from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions
+from granular_id.io.ways_out import RATE, in_python, passed
+from granular_id.recording import AXES, Table, meaning_of
 
 MOST_LISTED = 12
 MOST_DEEP = 12
 """Groups in groups that are looked into."""
 
-_LABELS = ("y", "label", "material", "target", "clas", "classe")
-_PARTS = (("force", "f"), ("torque", "moment", "tau", "t", "m"))
-"""Names of labels, of forces and of torques, without an s at the end: a way out that uses them is only offered."""
+LABELS = re.compile(r"(y|labels?|materials?|targets?|class|classes|name)($|[_\d])", re.IGNORECASE)
+_RATES = re.compile(r"fs|(sampl(e|ing)_?)?(rate|freq(uency)?)(_?hz)?", re.IGNORECASE)
+_PARTS = (("force", "forces", "f"), ("torque", "torques", "moment", "moments", "tau", "t", "m"))
+"""Names of labels, rates, forces and torques, for ways out only: people see what they type."""
 
 SIGNAL = re.compile(
     r"wrench|force|torque|filtered|arr_\d|^x$|(^|[\W_])(raw|ft|data|signals?|samples?|sensor)[\W_\d]*$",
     re.IGNORECASE,
 )
 """Names of arrays that are no materials."""
+
+MEND = ".MEND"
+_OWN = "what the file says"
 
 _COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
 
@@ -53,6 +59,7 @@ class Leaf:
 
     values: Any
     about: dict[str, Any] = field(default_factory=dict)
+    is_attribute: bool = False
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -78,35 +85,60 @@ class Found:
     chain: Chain
     label: str | None = None
 
+    @property
+    def name(self) -> str:
+        """Its name without those of the groups."""
+        return self.path.rpartition("/")[2]
+
+    @property
+    def parent(self) -> str:
+        """The group that it lies in."""
+        return self.path.rpartition("/")[0]
+
 
 @dataclass(frozen=True)
 class Opening:
-    """How people open a kind of file: the line, and how an array in it is written.
-
-    `kind` is what errors call an array, `line` is formatted with the path, `item` with the parts of its name.
-    """
+    """How people open a kind of file: `kind` is what an array is called, `line` is formatted with the path."""
 
     kind: str
     line: str
-    separator: str  # between the parts of a name: "/" in f['a/b'], or "']['" in f['a']['b']
-    ending: str = ""  # behind it: [()] reads an HDF5 data set
+    ending: str = ""  # behind the name of an array: [()] reads an HDF5 data set
     texts: str = "numpy.ravel({})"  # labels, of the expression without the ending
+    is_flat: bool = False  # whether names hold those of their groups: f['a/b'], not f['a']['b']
+    by_reference: bool = False  # whether cells and structs hold references
 
-    def item(self, path: str) -> str:
-        """Return the expression for an array."""
-        inner = re.sub(r"/?\[(\d+)\]", r"/#\1", path)
-        parts = [part for part in inner.split("/") if part]
-        text = "f"
-        names: list[str] = []
-        for part in [*parts, "#"]:
-            if part.startswith("#"):
-                if names:
-                    text += "['" + self.separator.join(names) + "']"
-                text += f"[{part[1:]}]" if len(part) > 1 else ""
-                names = []
-            else:
-                names.append(part)
-        return text + self.ending
+    def item(self, one: Found, within: str = "") -> str:
+        """Return the expression for an array; `within`: of one called r, which lies in such a group."""
+        if self.is_flat:
+            return f"f[r + {'/' + one.name!r}]" if within else f"f[{one.path!r}]"
+        path = one.path.removeprefix(within).strip("/") if within else one.path
+        if self.by_reference and (place := re.search(r"\[(\d+)\]", path)):
+            whole = "".join(map(_indexed, re.sub(r"\[\d+\]", "", path).split("/")))
+            return f"f[f{whole}[()].ravel()[{place[1]}]]{self.ending}"
+        *groups, last = path.split("/")
+        text = ("r" if within else "f") + "".join(map(_indexed, groups))
+        if one.leaf.is_attribute:
+            return f"{text}.attrs[{last!r}]"
+        return text + _indexed(last) + self.ending
+
+    def label(self, one: Found, within: str = "") -> str:
+        """Return the expression for texts, or numbers, as labels."""
+        item = self.item(one, within)
+        if one.leaf.is_numbers or one.leaf.is_attribute:
+            text = f"numpy.ravel({item})"
+        elif self.by_reference and one.leaf.shape and "[" not in one.path:
+            refs = f"{item.removesuffix(self.ending)}[()].ravel()"
+            text = f"[{self.texts.format('f[one]')} for one in {refs}]"
+        else:
+            text = self.texts.format(item.removesuffix(self.ending))
+        return f"{text}[0]" if within else text
+
+
+def _indexed(part: str) -> str:
+    """Return how a part of a path is taken: ``['rec'][3]`` of ``rec[3]``."""
+    found = re.fullmatch(r"(.*?)((?:\[\d+\])*)", part)
+    name, places = (part, "") if found is None else found.groups()
+    return (f"[{name!r}]" if name else "") + places
 
 
 def remedy(
@@ -115,13 +147,36 @@ def remedy(
     options: LoadOptions,
     how: Opening,
     axes: Sequence[str] | None,
+    read: Callable[[LoadOptions], Sequence[Table]],
 ) -> str:
-    """Return the way out, with a semicolon before it; nothing where no array may hold samples."""
-    return _Remedy(leaves, path, options, how, axes).text()
+    """Return the way out, with a semicolon before it; nothing where no array may hold samples.
+
+    `read` reads the file with other options: none is offered that fails.
+    """
+    way = _Remedy(leaves, path, options, how, axes)
+    return way.options(read) or way.lines() or way.by_hand()
+
+
+def mended_arrays(
+    found: Sequence[Found],
+    leaves: Sequence[Found],
+    source: FileSource,
+    options: LoadOptions,
+    how: Opening,
+) -> str:
+    """Return the line that reads arrays as tables, each mended by methods of a data frame, which `MEND` stands for."""
+    way = _Remedy(leaves, source.path, options, how, source.axes)
+    names = list(options.axes or source.axes or AXES)
+    items = ["*" * (len(one.leaf.shape) == 3) + how.item(one) for one in found]
+    n = sum(one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1 for one in found)
+    y = way.label_beside(n) or _runs([one.label for one in found])
+    opened = f"f = {how.line.format(str(source.path))}"
+    frames = f"frames = [pandas.DataFrame(one, columns={names}){MEND} for one in [{', '.join(items)}]]"
+    return in_python(opened, frames, f"Dataset.from_frames(frames, {y}, rate_hz={way.rate()})")
 
 
 class _Remedy:
-    """The line that reads a file which does not keep the convention."""
+    """What reads a file that does not keep the convention."""
 
     def __init__(
         self,
@@ -131,146 +186,313 @@ class _Remedy:
         how: Opening,
         axes: Sequence[str] | None,
     ) -> None:
-        self._leaves, self._path, self._how = [one for one in leaves if one.leaf.is_numbers], path, how
-        self._texts = [one for one in leaves if not one.leaf.is_numbers]
+        self._every, self._path, self._how, self._given = leaves, path, how, options
+        self._arrays = [one for one in leaves if one.leaf.is_numbers and len(one.leaf.shape) in (2, 3)]
         self._n_axes = len(options.axes or axes or AXES)
-        rate = next(
-            (one for one in self._leaves if one.path.lower().rpartition("/")[2] in BESIDE["rate_hz"]), None
-        )
-        rate_text = "RATE" if rate is None else f"float(numpy.ravel({how.item(rate.path)})[0])"
-        self._rate = rate_text if options.rate_hz is None else f"{options.rate_hz:g}"
         self._axes = "" if options.axes is None else f", axes={','.join(options.axes)!r}"
-
-    def text(self) -> str:
-        """Return the way out, with a semicolon before it; nothing where no array may hold samples."""
-        n = self._n_axes
-        three = [one for one in self._leaves if len(one.leaf.shape) == 3 and n in one.leaf.shape]
-        two = [one for one in self._leaves if len(one.leaf.shape) == 2 and n in one.leaf.shape]
-        in_order = [one for one in three if one.leaf.shape[2] == n] + [
-            one for one in two if one.leaf.shape[1] == n
-        ]
-        labels = self._labels()
-        names = [one.path.rpartition("/")[2] for one in three or two]
-        signals = any(map(SIGNAL.search, names))
-        if three:
-            n_first, n_second, _ = three[0].leaf.shape
-            wrong = n_first != labels.leaf.shape[0] if labels else n_first > n_second
-            if wrong or three[0] not in in_order:
-                return self._turned(three[0], labels)
-        if labels is None and not signals and 1 < len(three) <= MOST_LISTED:
-            return self._listed(three)
-        depths = {one.path.count("/") for one in two}
-        by_name = depths == {1} or (len(depths) == 1 and not signals and (depths != {0} or not in_order))
-        if by_name and labels is None and not three and 1 < len(two) <= MOST_LISTED:
-            return self._listed(two)
-        if in_order:
-            chosen_from = list(dict.fromkeys(one.path.rpartition("/")[2] for one in in_order))
-            beside = {} if labels is None else {"label": f"column:{labels.path.rpartition('/')[2]}"}
-            chosen = (in_both(array=name, **beside) for name in chosen_from[:MOST_LISTED])
-            return f"; pass {' or '.join(chosen)}"
-        if two:
-            return self._in_python(f"[{self._how.item(two[0].path)}.T]", None)
-        return self._of_parts() or self._flat(labels) or self._by_hand()
-
-    def _listed(self, arrays: Sequence[Found]) -> str:
-        """List arrays with what their groups, or their names, may say of them."""
-        items: list[str] = []
-        labels: list[str] = []
-        for one in arrays:
-            *groups, name = re.sub(r"\[\d+\]", "", one.path).split("/")
-            n = one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1
-            turned = ".T" if one.leaf.shape[-1] != self._n_axes else ""
-            items.append("*" * (len(one.leaf.shape) == 3) + self._how.item(one.path) + turned)
-            label = f"[{(groups[-1] if groups else without_number(name))!r}]"
-            labels.append(label if n == 1 else f"{label} * {n}")
-        y = " + ".join(labels)
-        call = f"Dataset.from_arrays([{', '.join(items)}], {y}, rate_hz={self._rate}{self._axes})"
-        return f"{self._open(call)}, if these are the labels"
-
-    def _labels(self) -> Found | None:
-        found = [
+        self._labels = [
             one
-            for one in self._texts
-            if one.path.rpartition("/")[2].lower() not in ("axes", "units", "session", "name")
+            for one in leaves
+            if one.name.lower() not in ("axes", "units", "session")
+            and (not one.leaf.is_numbers or LABELS.match(one.name))
+            and one not in self._in_order()
         ]
-        numbers = [one for one in self._leaves if one.path.lower().rstrip("s") in _LABELS]
-        return next(iter([*found, *numbers]), None)
 
-    def _turned(self, one: Found, labels: Found | None) -> str:
-        """Bring recordings first and axes last: recordings are as many as labels, else the shorter of the two."""
-        shape, n = one.leaf.shape, self._n_axes
-        last = max(i for i in range(3) if shape[i] == n)
-        rest = [i for i in range(3) if i != last]
-        n_labels = None if labels is None else max(labels.leaf.shape, default=1)
-        first = next((i for i in rest if shape[i] == n_labels), min(rest, key=lambda i: shape[i]))
-        (middle,) = (i for i in rest if i != first)
-        y = labels if labels is not None and n_labels == shape[first] else None
-        return self._in_python(f"{self._how.item(one.path)}.transpose({first}, {middle}, {last})", y)
+    def _in_order(self) -> list[Found]:
+        return [one for one in self._arrays if one.leaf.shape[-1] == self._n_axes]
 
-    def _of_parts(self) -> str:
-        """Join vectors, or forces and torques, that lie beside each other."""
+    # options, each tried
+
+    def options(self, read: Callable[[LoadOptions], Sequence[Table]]) -> str:
+        """Return the options that read arrays, the labels beside them, and what else is missing."""
+        way = self._tried(self._given, read)
+        if way is not None and way[0] and way[1] not in (None, _OWN):  # only the labels are not known
+            return f"; pass {passed(way[0])}"
+        with_time = self._with_time() if self._given.axes is None else []
+        timed = ("time", *AXES)
+        if with_time and self._given.array is None:  # arrays that are named as their labels
+            way = self._tried(replace(self._given, axes=timed), read)
+            if way is not None and way[1]:
+                return f"; pass {passed(way[0])}"
+        ways: dict[str, tuple[dict[str, str], str | None]] = {}
+        for one in [*self._in_order(), *with_time]:
+            name = re.sub(r"\[\d+\]", "", one.name)
+            if name not in ways and len(ways) < MOST_LISTED:
+                axes = timed if one in with_time else self._given.axes
+                way = self._tried(replace(self._given, array=name, axes=axes), read)
+                ways |= {} if way is None else {name: way}
+        known = {label for _, label in ways.values()} - {None}
+        names = [one.path for one in self._in_order() if one.name in ways]
+        n_labels = any(self.label_beside(n) for one in self._in_order() for n in one.leaf.shape[1:-1])
+        counted = len(ways) > len({_stem(name) for name in ways})
+        of_names = len(label_levels(names, own=True)) > len(label_levels(names)) or (not known and n_labels)
+        has_y = any(one.name.lower() in BESIDE["y"] for one in self._every)
+        if len(known) > 1 or counted or (of_names and not has_y and known <= {_OWN}):
+            return ""  # each has other labels beside it, or is named as its label, or the labels count another axis
+        said = [
+            ({"array": name} if self._given.array is None else {}) | way for name, (way, _) in ways.items()
+        ]
+        return f"; pass {' or '.join(map(passed, said))}" if said and all(said) else ""
+
+    def _with_time(self) -> list[Found]:
+        """Return the arrays whose first column rises from sample to sample, and has the axes behind it."""
+        arrays = [one for one in self._arrays if one.leaf.shape[-1] == self._n_axes + 1]
+        return [one for one in arrays if (np.diff(one.leaf.read()[..., 0], axis=-1) > 0).all()]
+
+    def _tried(
+        self, options: LoadOptions, read: Callable[[LoadOptions], Sequence[Table]]
+    ) -> tuple[dict[str, str], str | None] | None:
+        """Return what is passed beside an array, and where its labels are known from; None where it cannot be read."""
+        about = (key for one in self._every for key in one.leaf.about if LABELS.match(key))
+        names = dict.fromkeys([*(one.name for one in self._labels), *about])
+        best: tuple[str | None, Sequence[Table], bool] | None = None
+        for rule in (
+            [None, *(f"column:{name}" for name in names)] if options.label is None else [options.label]
+        ):
+            try:
+                tables = read(replace(options, label=rule))
+            except RecordingFileError:
+                continue
+            known = all(table.label for table in tables)
+            best = (rule, tables, known) if best is None or known else best
+            if known:
+                break
+        if best is None:
+            return None
+        rule, tables, known = best
+        said = {}
+        if options.axes is not None and options.axes != self._given.axes:
+            said["axes"] = ",".join(options.axes)
+        elif options.rate_hz is None and any(one.rate_hz is None and one.stamps is None for one in tables):
+            said["rate_hz"] = RATE
+        if rule is not None and self._given.label is None:
+            said["label"] = rule
+        return said, (rule or _OWN) if known else None
+
+    # lines of Python
+
+    def lines(self) -> str:
+        """Return the line for what is there; of several readings all."""
+        calls = self._of_parts() or self._turned() or self._one_hot() or self._flat() or self._listed()
+        if not calls:
+            return ""
+        opened = f"f = {self._how.line.format(str(self._path))}"
+        first, *others = [call if why is None else f"{call}, if {why}" for call, why in calls]
+        return in_python(opened, first) + "".join(f"; or {other}" for other in others)
+
+    def by_hand(self) -> str:
+        """Say how samples are kept, where no line is known."""
+        if not self._arrays:
+            return ""
+        return "; samples of a wrench are X (recordings, samples, 6); of another sensor pass axes= with a name a column"
+
+    def rate(self) -> str:
+        if self._given.rate_hz is not None:
+            return f"{self._given.rate_hz:g}"
+        for one in self._every:
+            if one.leaf.is_numbers and _RATES.fullmatch(one.name) and np.size(one.leaf.read()):
+                return f"float(numpy.ravel({self._how.item(one)})[0])"
+        return "RATE"
+
+    def _call(self, X: str, y: str = "") -> str:
+        return f"Dataset.from_arrays({X}{', ' * bool(y)}{y}, rate_hz={self.rate()}{self._axes})"
+
+    def label_beside(self, n: int) -> str:
+        """Return the labels of n recordings in one array."""
+        for one in self._labels:
+            if max(one.leaf.shape, default=1) == np.prod(one.leaf.shape) == n and "[" not in one.path:
+                return self._how.label(one)
+        return self._of_one_hot(n)
+
+    def _of_one_hot(self, n: int) -> str:
+        for one in self._labels:
+            shape, is_flags = one.leaf.shape, one.leaf.values.dtype.kind in "iufb"
+            if is_flags and len(shape) == 2 and shape[0] == n and (one.leaf.read().sum(1) == 1).all():
+                names = next(
+                    (two for two in self._every if not two.leaf.is_numbers and two.leaf.shape == shape[1:]),
+                    None,
+                )
+                places = f"{self._how.item(one)}.argmax(1)"
+                return places if names is None else f"numpy.array({self._how.label(names)})[{places}]"
+        return ""
+
+    def _one_hot(self) -> list[tuple[str, str | None]]:
+        for one in self._in_order():
+            if len(one.leaf.shape) == 3 and (y := self._of_one_hot(one.leaf.shape[0])):
+                return [(self._call(self._how.item(one), y), None)]
+        return []
+
+    def _of_parts(self) -> list[tuple[str, str | None]]:
+        """Join what each recording has in parts: vectors of the axes, or forces and torques."""
+        groups: dict[str, dict[str, Found]] = {}
+        for one in self._every:
+            if one.leaf.is_numbers and one.leaf.shape:
+                groups.setdefault(one.parent, {})[one.name.lower()] = one
+        whole = {place: joined for place, inner in groups.items() if (joined := self._joined(place, inner))}
+        if not whole:
+            return []
+        X, n = next(iter(whole.values()))
+        y = "" if n is None else self.label_beside(n)
+        if self._how.by_reference and "[" in next(iter(whole)):
+            every = [joined[0] for place in whole if (joined := self._joined("", groups[place])) is not None]
+            X = f"[{', '.join(every)}]"
+            y = f"[{', '.join(self._how.label(one) for one in self._labels if one.parent in whole)}]"
+        elif list(whole) != [""]:
+            loop, y = self._loop(list(whole))
+            X = f"[{X} {loop}]"
+        elif n is None:
+            X = f"[{X}]"
+        if "{" not in X:
+            return [(self._call(X, y), None)]
+        rate = "" if "'time'" in X else f", rate_hz={self.rate()}"
+        return [(f"Dataset.from_frames({X}{', ' * bool(y)}{y}{rate})", None)]
+
+    def _joined(self, place: str, inner: Mapping[str, Found]) -> tuple[str, int | None] | None:
+        """Return the expression that joins the parts of a group, and of how many recordings in three dimensions."""
         vectors = {
-            one.path.rpartition("/")[2].lower(): one
-            for one in self._leaves
-            if max(one.leaf.shape, default=0) == np.prod(one.leaf.shape)
+            what: one
+            for one in inner.values()
+            if max(one.leaf.shape) == np.prod(one.leaf.shape)
+            if (what := meaning_of(one.name).what) is not None
         }
-        if set(AXES) <= set(vectors):
-            columns = ", ".join(f"{axis!r}: {self._how.item(vectors[axis].path)}.ravel()" for axis in AXES)
-            return self._open(f"Dataset.from_frames({{{columns}}}, rate_hz={self._rate})")
-        thirds = [one for one in self._leaves if len(one.leaf.shape) in (2, 3) and one.leaf.shape[-1] == 3]
-        force, torque = (
-            next((one for one in thirds if one.path.lower().rpartition("/")[2].rstrip("s") in names), None)
-            for names in _PARTS
-        )
-        if force is None or torque is None or force.leaf.shape != torque.leaf.shape:
-            return ""
-        both = f"numpy.concatenate([{self._how.item(force.path)}, {self._how.item(torque.path)}], axis=-1)"
-        labels = self._labels()
-        return self._in_python(
-            both if len(force.leaf.shape) == 3 else f"[{both}]",
-            labels if len(force.leaf.shape) == 3 else None,
-        )
+        item = self._how.item
+        if set(AXES) <= vectors.keys():
+            named = ["time"] * ("time" in vectors) + list(AXES)
+            columns = ", ".join(f"{what!r}: numpy.ravel({item(vectors[what], place)})" for what in named)
+            return f"{{{columns}}}", None
+        pair = [next((inner[name] for name in names if name in inner), None) for names in _PARTS]
+        if any(one is None or one.leaf.shape[-1:] != (3,) for one in pair):
+            return None
+        force, torque = (one for one in pair if one is not None)
+        if force.leaf.shape != torque.leaf.shape or len(force.leaf.shape) not in (2, 3):
+            return None
+        n = force.leaf.shape[0] if len(force.leaf.shape) == 3 else None
+        return f"numpy.concatenate([{item(force, place)}, {item(torque, place)}], axis=-1)", n
 
-    def _flat(self, labels: Found | None) -> str:
+    def _loop(self, places: Sequence[str]) -> tuple[str, str]:
+        """Return the loop over groups, or structs, in which each is r, and their labels."""
+        base = re.sub(r"\[\d+\]$", "", places[0])
+        if all(re.sub(r"\[\d+\]$", "", place) == base for place in places) and base != places[0]:
+            loop = f"for r in f{''.join(map(_indexed, base.split('/')))}"
+        elif self._how.is_flat:
+            loop = f"for r in {list(places)}"
+        else:
+            items = [f"f{''.join(map(_indexed, place.split('/')))}" for place in places]
+            loop = f"for r in [{', '.join(items)}]"
+        own = next((one for one in self._labels if one.parent == places[0]), None)
+        if own is not None:
+            return loop, f"[{self._how.label(own, places[0])} {loop}]"
+        names = label_levels(places, own=True)
+        return loop, _runs(next(iter(names), [None] * len(places)))
+
+    def _turned(self) -> list[tuple[str, str | None]]:
+        """Bring recordings first and axes last: recordings are as many as labels, else the shorter of the two."""
+        one = next((one for one in self._arrays if len(one.leaf.shape) == 3), None)
+        if one is None or self._n_axes not in one.leaf.shape or len({one.name for one in self._arrays}) > 1:
+            return []
+        shape = one.leaf.shape
+        found: dict[str, tuple[str, str | None]] = {}
+        for first, middle, last in permutations(range(3)):
+            if shape[last] != self._n_axes or (first, middle, last) == (0, 1, 2):
+                continue
+            if y := self.label_beside(shape[first]):
+                turned = f"{self._how.item(one)}.transpose({first}, {middle}, {last})"
+                found[turned] = (
+                    self._call(turned, y),
+                    f"axis {first} counts recordings and axis {last} the forces",
+                )
+        if len(found) == 1:
+            return [(call, None) for call, _ in found.values()]
+        if found:
+            return list(found.values())
+        last = max(i for i in range(3) if shape[i] == self._n_axes)
+        rest = [i for i in range(3) if i != last]
+        first = min(rest, key=lambda i: shape[i])
+        (middle,) = (i for i in rest if i != first)
+        if (first, middle, last) == (0, 1, 2):
+            return []
+        return [(self._call(f"{self._how.item(one)}.transpose({first}, {middle}, {last})"), None)]
+
+    def _flat(self) -> list[tuple[str, str | None]]:
         """Unfold recordings that lie flat in rows."""
-        flat = [
-            one
-            for one in self._leaves
-            if len(one.leaf.shape) == 2
-            and one.leaf.shape[1] % self._n_axes == 0
-            and one.leaf.shape[1] > self._n_axes
+        n = self._n_axes
+        for one in self._arrays:
+            rows, width = one.leaf.shape[:2]
+            y = self.label_beside(rows)
+            if len(one.leaf.shape) == 2 and width % n == 0 and width > n and (y or rows != n):
+                item, samples = self._how.item(one), width // n
+                return [
+                    (
+                        self._call(f"{item}.reshape({rows}, {samples}, {n})", y),
+                        "the axes of each sample lie together",
+                    ),
+                    (
+                        self._call(f"{item}.reshape({rows}, {n}, {samples}).transpose(0, 2, 1)", y),
+                        "the samples of each axis do",
+                    ),
+                ]
+        return []
+
+    def _listed(self) -> list[tuple[str, str | None]]:
+        """List arrays with what their groups, or their names, may say of them."""
+        arrays = [one for one in self._arrays if self._n_axes in one.leaf.shape]
+        if not arrays:
+            return []
+        items, counts = [], []
+        for one in arrays:
+            n = one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1
+            turned = ".T" * (one.leaf.shape[-1] != self._n_axes)
+            items.append("*" * (len(one.leaf.shape) == 3) + self._how.item(one) + turned)
+            counts.append(n)
+        X = f"[{', '.join(items)}]"
+        beside = [self._label_beside_of(one, n) for one, n in zip(arrays, counts, strict=True)]
+        if all(beside):
+            return [(self._call(X, f"[{', '.join('*' + y for y in beside)}]"), None)]
+        if y := self.label_beside(sum(counts)):
+            return [(self._call(X, y), None)]
+        levels = label_levels([one.path for one in arrays], own=True)
+        labels = [[name for name, n in zip(names, counts, strict=True) for _ in range(n)] for names in levels]
+        if not labels:
+            return [(self._call(X), None)]
+        return [(self._call(X, _runs(names)), f"{names[0]!r} is a material") for names in labels]
+
+    def _label_beside_of(self, one: Found, n: int) -> str:
+        """Return the labels beside one array of several: y_train of X_train."""
+        ending = one.name.partition("_")[2]
+        near = [
+            two for two in self._labels if two.parent == one.parent and two.name.partition("_")[2] == ending
         ]
-        if not flat:
-            return ""
-        (n, width), item = flat[0].leaf.shape, self._how.item(flat[0].path)
-        samples = width // self._n_axes
-        first = self._in_python(f"{item}.reshape({n}, {samples}, {self._n_axes})", labels)
-        other = f"{item}.reshape({n}, {self._n_axes}, {samples}).transpose(0, 2, 1)"
-        return f"{first} where the axes of each sample lie together, or {other} where the samples of each axis do"
+        fits = [two for two in near if np.prod(two.leaf.shape) == n]
+        return self._how.label(fits[0]) if fits and (ending or n > 1) else ""
 
-    def _by_hand(self) -> str:
-        if not any(len(one.leaf.shape) > 1 for one in self._leaves):
-            return ""
-        if any(one.leaf.shape[-1:] == (len(AXES) + 1,) for one in self._leaves):
-            both = in_both(axes=f"time,{','.join(AXES)}")
-            return f"; if the first column is the time, pass {both}, else a name for each column"
-        convention = "samples of a wrench are X (recordings, samples, 6)"
-        return f"; {convention}; of another sensor pass axes= with a name a column (--axes NAMES)"
 
-    def _in_python(self, X: str, labels: Found | None) -> str:
-        y = ""
-        if labels is not None and labels.leaf.shape:
-            item = self._how.item(labels.path)
-            is_text = not labels.leaf.is_numbers
-            y = ", " + (
-                self._how.texts.format(item.removesuffix(self._how.ending))
-                if is_text
-                else f"numpy.ravel({item})"
-            )
-        return self._open(f"Dataset.from_arrays({X}{y}, rate_hz={self._rate}{self._axes})")
+def label_levels(paths: Sequence[str], *, own: bool = False) -> list[list[str]]:
+    """Return what may be labels of arrays at these paths: the names at each level that differ, and do not count.
 
-    def _open(self, call: str) -> str:
-        return f"; in Python: f = {self._how.line.format(str(self._path))}; {call}"
+    `own`: the name of the array itself is the last level.
+    """
+    split = [re.sub(r"\[\d+\]", "", path).split("/")[: None if own else -1] for path in paths]
+    levels = []
+    for names in zip(*split, strict=False):
+        stems = [_stem(name) for name in names]
+        alike = len(set(stems)) == 1 and (len(paths) > 1 or "" in stems)
+        if not alike and "" not in stems and not any(map(SIGNAL.search, stems)):
+            levels += [stems] if not all(map(SESSION_LIKE.fullmatch, stems)) else []
+    return levels
+
+
+def _stem(name: str) -> str:
+    """Return what a name says without its number; nothing where it only counts."""
+    stem = without_number(name)
+    return "" if stem.isdecimal() or stem.lower() in NO_MATERIAL else stem
+
+
+def _runs(labels: Sequence[str | None]) -> str:
+    """Write labels short: ``['rice'] * 12 + ['oats'] * 12``."""
+    parts = [(label, len(list(same))) for label, same in groupby(labels)]
+    if all(n == 1 for _, n in parts):
+        return repr(list(labels))
+    return " + ".join(f"[{label!r}]" + f" * {n}" * (n > 1) for label, n in parts)
 
 
 def without_number(name: str) -> str:

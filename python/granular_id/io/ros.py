@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -18,30 +20,16 @@ from typing import Any
 
 import numpy as np
 
+from granular_id._text import in_both
 from granular_id.io.files import RecordingFileError, need
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.recording import AXES, Table
+from granular_id.io.ways_out import in_python
+from granular_id.recording import AXES, Table, meaning_of
 
-_METADATA = "metadata.yaml"
 _HEADER, _WRENCH = "std_msgs/msg/Header", "geometry_msgs/msg/Wrench"
 _STAMPED = "geometry_msgs/msg/WrenchStamped"
 _NUMBERS = tuple(f"{part}.{axis}" for part in ("force", "torque") for axis in "xyz")
 _LISTED = 12
-_JSON = (
-    "messages in JSON are no messages of ROS; the package mcap reads them: in Python: "
-    "from mcap.reader import make_reader; import io, json, pathlib; "
-    "bag = make_reader(io.BytesIO(pathlib.Path({path!r}).read_bytes())); "
-    "rows = [(m.log_time / 1e9, json.loads(m.data){keys}) for _, _, m in bag.iter_messages(topics=[{topic!r}])]; "
-    "Dataset.from_frames({{'time': [t for t, _ in rows], **{{{columns}}}}})"
-)
-"""What to do with messages of Foxglove and others."""
-
-_JSON_COLUMNS = {
-    "vectors": "p[0] + a: [w[p][a] for _, w in rows] for p in ('force', 'torque') for a in 'xyz'",
-    "lists": "p[0] + a: [w[p][i] for _, w in rows] for p in ('force', 'torque') for i, a in enumerate('xyz')",
-    "axes": f"a: [w[a] for _, w in rows] for a in {AXES}",
-}
-"""What leads from a wrench to fx ... tz: ``force`` and ``torque`` of x, y, z or three numbers, or the axes."""
 
 
 @dataclass(frozen=True)
@@ -65,18 +53,13 @@ class _Wrench:
         return sum(connection.msgcount for connection in self.connections)
 
 
-def is_bag_folder(folder: Path) -> bool:
-    """Return True if a folder is a ROS 2 bag."""
-    return os.path.isfile(folder / _METADATA)  # noqa: PTH113 (says False where is_file raises: no permission)
-
-
 def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
     """Read the wrench messages of one bag as one recording: a ``.bag``, ``.mcap`` or ``.db3`` file, or a folder.
 
     Its clock is ``header.stamp``, or the log time where stamps were never set.
     """
-    with _opened(source.path) as reader:
-        chosen, notes = _chosen(reader, source.path, options.topic)
+    with _opened(source) as reader:
+        chosen, notes = _chosen(reader, source, options.topic)
         found = [
             (log_ns, reader.deserialize(data, connection.msgtype))
             for connection, log_ns, data in reader.messages(connections=list(chosen.connections))
@@ -89,11 +72,6 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
     messages = [message for _, message in found]
     numbers = attrgetter(*(f"{chosen.wrench}.{name}".lstrip(".") for name in _NUMBERS))
     values = np.array([numbers(message) for message in messages], np.float64)
-    bad = np.argwhere(~np.isfinite(values))
-    if len(bad):
-        row, column = bad[0].tolist()
-        problem = f"{_NUMBERS[column]} is {values[row, column]}; samples must be finite"
-        raise RecordingFileError(source.path, problem, place=f"message {row + 1} of {chosen.topic[:80]}")
     stamps, clock = log_ns, "log time"
     frame = None
     if chosen.header is None:
@@ -123,12 +101,15 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
     def place(_: int, row: int | None) -> dict[str, Any]:
         return {} if row is None else {"place": f"message {row + 1} of {chosen.topic[:80]}"}
 
-    return FileContent([table], notes=notes, place=place)
+    fields = [f"{chosen.wrench}.{name}".lstrip(".") for name in _NUMBERS]
+    line = partial(_bag_line, source, chosen.topic, fields)
+    return FileContent([table], notes=notes, place=place, in_python=line)
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _opened(source: FileSource) -> Iterator[Any]:
     """Open a bag; what rosbags says of one that was not closed gets the way out."""
+    path = source.path
     library = need("rosbags.highlevel", extra="ros", why="to read ROS bags and MCAP")
     typesys = need("rosbags.typesys", extra="ros", why="to read ROS bags and MCAP")
     is_ros1 = path.suffix.lower() == ".bag" and path.is_file()
@@ -146,7 +127,7 @@ def _opened(path: Path) -> Iterator[Any]:
     except (library.AnyReaderError, AssertionError, KeyError, ValueError) as error:
         if isinstance(error, RecordingFileError):
             raise
-        other = _other_messages(path)
+        other = _other_messages(source)
         if other is not None:
             raise RecordingFileError(path, other) from error
         said = (str(error).partition("\n")[0] or type(error).__name__)[:200].rstrip(".")
@@ -155,8 +136,9 @@ def _opened(path: Path) -> Iterator[Any]:
         raise RecordingFileError(path, problem) from error
 
 
-def _other_messages(path: Path) -> str | None:
+def _other_messages(source: FileSource) -> str | None:
     """Say what reads an MCAP file whose messages are not those of ROS 2; None for any other file."""
+    path = source.path
     if path.suffix.lower() != ".mcap" or not path.is_file():
         return None
     try:
@@ -166,41 +148,118 @@ def _other_messages(path: Path) -> str | None:
     try:
         with path.open("rb") as file:
             found = {
-                channel.topic: (channel, message) for _, channel, message in make_reader(file).iter_messages()
+                channel.topic: (schema, channel, message)
+                for schema, channel, message in make_reader(file).iter_messages()
             }
     except Exception:  # it is damaged: what rosbags says of it holds
         return None
-    for topic, (channel, message) in found.items():
-        wrench = _wrench_in_json(json.loads(message.data)) if channel.message_encoding == "json" else None
-        if wrench is not None:
-            keys, columns = wrench
-            return _JSON.format(path=str(path), topic=topic, keys=keys, columns=_JSON_COLUMNS[columns])
-    listed = ", ".join(f"{topic[:80]} ({channel.message_encoding})" for topic, (channel, _) in found.items())
-    encodings = {channel.message_encoding for channel, _ in found.values()}
-    if encodings <= {"cdr"}:
-        return None
-    return (
+    for topic, (schema, channel, message) in found.items():
+        if channel.message_encoding == "ros1":
+            return _ros1_in_mcap(source, topic, schema.name)
+        where = _numbers_in(json.loads(message.data)) if channel.message_encoding == "json" else None
+        if where is not None:
+            numbers = ", ".join("w" + "".join(f"[{key!r}]" for key in keys) for keys in where)
+            rows = f"(m.log_time / 1e9, {numbers}) for _, _, m in bag.iter_messages(topics=[{topic!r}])"
+            line = _mcap_lines(source, f"{rows} for w in [json.loads(m.data)]")
+            return f"messages in JSON are no messages of ROS{line}"
+    listed = ", ".join(
+        f"{topic[:80]} ({channel.message_encoding})" for topic, (_, channel, _) in found.items()
+    )
+    others = (
         f"holds no wrenches of ROS 2 but {listed[:300]}: decode them, and pass columns to Dataset.from_frames"
+    )
+    return None if {channel.message_encoding for _, channel, _ in found.values()} <= {"cdr"} else others
+
+
+def _mcap_lines(source: FileSource, rows: str, *before: str) -> str:
+    return in_python(
+        "from mcap.reader import make_reader",
+        *before,
+        f"bag = make_reader(io.BytesIO(pathlib.Path({str(source.path)!r}).read_bytes()))",
+        f"rows = [{rows}]",
+        _frame_of_rows(source),
     )
 
 
-def _wrench_in_json(value: Any, keys: str = "") -> tuple[str, str] | None:
-    """Return the keys that lead to a wrench in a message, and which of `_JSON_COLUMNS` it has."""
-    if not isinstance(value, dict):
+def _ros1_in_mcap(source: FileSource, topic: str, type_name: str) -> str:
+    kind = type_name if "/msg/" in type_name else type_name.replace("/", "/msg/")
+    numbers = ", ".join(f"w.{name}" for name in _NUMBERS)
+    field = ".wrench" * (kind == _STAMPED)
+    message = f"store.deserialize_ros1(m.data, {kind!r}){field}"
+    rows = f"(m.log_time / 1e9, {numbers}) for _, _, m in bag.iter_messages(topics=[{topic!r}]) for w in [{message}]"
+    before = (
+        "from rosbags.typesys import Stores, get_typestore",
+        "store = get_typestore(Stores.ROS1_NOETIC)",
+    )
+    return f"holds messages of ROS 1 in a container of ROS 2{_mcap_lines(source, rows, *before)}"
+
+
+def _bag_line(source: FileSource, topic: str, numbers: Sequence[str], mend: str = "") -> str:
+    """Return the line that reads six numbers of the messages on a topic."""
+    row = f"(t / 1e9, {', '.join(f'w.{one}' for one in numbers)})"
+    found = "bag.messages() for w in [bag.deserialize(data, c.msgtype)]"
+    return in_python(
+        "from rosbags.highlevel import AnyReader",
+        "from rosbags.typesys import Stores, get_typestore",
+        f"bag = AnyReader([pathlib.Path({str(source.path)!r})], default_typestore=get_typestore(Stores.LATEST))",
+        "bag.open()",
+        f"rows = [{row} for c, t, data in {found} if c.topic == {topic!r}]",
+        "bag.close()",
+        _frame_of_rows(source, mend),
+    )
+
+
+def _frame_of_rows(source: FileSource, mend: str = "") -> str:
+    label = source.label or source.label_else
+    labels = "" if label is None else f", [{label!r}]"
+    return f"Dataset.from_frames(pandas.DataFrame(rows, columns={['time', *AXES]}){mend}{labels})"
+
+
+def _numbers_in(value: Any, keys: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]] | None:
+    """Return the keys that lead to the six numbers of a wrench in a message: by their names, or six in a row."""
+    if isinstance(value, Mapping):
+        inner: Iterable[tuple[str | int, Any]] = value.items()
+    elif isinstance(value, list) and len(value) <= _LISTED:
+        inner = enumerate(value)
+    else:
         return None
-    parts = [value.get("force"), value.get("torque")]
-    if all(isinstance(part, dict) and {"x", "y", "z"} <= part.keys() for part in parts):
-        return keys, "vectors"
-    if all(isinstance(part, list) and len(part) == 3 for part in parts):
-        return keys, "lists"
-    if set(AXES) <= value.keys():
-        return keys, "axes"
-    inner = (_wrench_in_json(one, f"{keys}[{key!r}]") for key, one in value.items())
-    return next((found for found in inner if found is not None), None)
+    for key, one in inner:
+        if (found := _numbers_in(one, (*keys, key))) is not None:
+            return found
+    leaves = _leaves_in(value)
+    named = {
+        what: [*keys, *path]
+        for path in reversed(leaves)
+        if path
+        for name in (".".join(map(_named_key, path[-2:])), _named_key(path[-1]))
+        if (what := meaning_of(name).what) in AXES
+    }
+    if set(AXES) <= named.keys():
+        return [tuple(named[axis]) for axis in AXES]
+    vectors = Counter(path[:-1] for path in leaves)
+    sizes = sorted(n for n in vectors.values() if n in (3, 6))
+    return (
+        [(*keys, *path) for path in leaves if vectors[path[:-1]] in sizes] if sizes in ([3, 3], [6]) else None
+    )
 
 
-def _chosen(reader: Any, path: Path, asked: str | None) -> tuple[_Wrench, list[str]]:
+def _named_key(key: str | int) -> str:
+    return str(key) if isinstance(key, str) or key > 2 else "xyz"[key]
+
+
+def _leaves_in(value: Any, depth: int = 0) -> list[tuple[Any, ...]]:
+    """Return the keys of all numbers in two levels of a message."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return [()]
+    if depth == 2 or not isinstance(value, (Mapping, list)):
+        return []
+    items = value.items() if isinstance(value, Mapping) else enumerate(value)
+    return [(key, *path) for key, one in items for path in _leaves_in(one, depth + 1)]
+
+
+def _chosen(reader: Any, source: FileSource, asked: str | None) -> tuple[_Wrench, list[str]]:
     """Return the one wrench to read, and a note where it is a field of a message."""
+    path = source.path
     groups: dict[tuple[str, str], list[Any]] = {}
     counted = any(connection.msgcount for connection in reader.connections)  # an MCAP file may not count them
     for connection in reader.connections:
@@ -218,7 +277,8 @@ def _chosen(reader: Any, path: Path, asked: str | None) -> tuple[_Wrench, list[s
         nothing = "no messages at all" + "; `mcap recover` lists topics that a summary lacks" * (
             path.suffix == ".mcap"
         )
-        raise RecordingFileError(path, f"has no {wanted}; it has {there or nothing}")
+        line = next(filter(None, (_line_of(reader, source, same[0]) for same in groups.values())), "")
+        raise RecordingFileError(path, f"has no {wanted}; it has {there or nothing}{line}")
     found = (
         every
         if asked is None
@@ -233,10 +293,32 @@ def _chosen(reader: Any, path: Path, asked: str | None) -> tuple[_Wrench, list[s
     if len(found) > 1:
         raise RecordingFileError(
             path,
-            f"has {len(found)} topics with wrenches: {_named(found)}; choose one by topic= (--topic NAME)",
+            f"has {len(found)} topics with wrenches: {_named(found)}; pass "
+            + " or ".join(in_both(topic=one.name) for one in found[:_LISTED]),
         )
     (one,) = found
     return one, [f"the wrench is the field {one.field} of {one.type_name}"] if one.field else []
+
+
+def _line_of(reader: Any, source: FileSource, connection: Any) -> str:
+    """Return the line that reads six numbers of messages of another type, by the first of them."""
+    first = next(reader.messages(connections=[connection]), None)
+    if first is None:
+        return ""
+    where = _numbers_in(_plain(asdict(reader.deserialize(first[2], connection.msgtype))))
+    if where is None:
+        return ""
+    numbers = [
+        "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:] for keys in where
+    ]
+    return _bag_line(source, connection.topic, numbers)
+
+
+def _plain(value: Any) -> Any:
+    """Return arrays as lists."""
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items() if key not in ("header", "stamp", "layout")}
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def _named(wrenches: Sequence[_Wrench]) -> str:

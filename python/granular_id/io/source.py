@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from granular_id._checks import argument_error, checked_text, finite_number
+from granular_id._checks import argument_error, checked_choice, checked_text, finite_number
 from granular_id._core import GranularIdError
 from granular_id.recording import (
     AXES,
+    RECORDING,
+    TIME,
     Recording,
     Stated,
     StepReport,
     Table,
-    checked_time_unit,
     names_in,
     units_by_axis,
 )
@@ -24,7 +25,7 @@ from granular_id.recording import (
 NO_MATERIAL = frozenset(
     (
         *("trial", "run", "push", "recording", "rec", "take", "test", "sample", "measurement", "data", "log"),
-        *("exp", "experiment", "file", "episode", "session", "day", "rep", "rosbag", "rosbag2"),
+        *("exp", "experiment", "demo", "file", "episode", "session", "day", "rep", "rosbag", "rosbag2"),
     )
 )
 """Names that number recordings: no label."""
@@ -38,8 +39,13 @@ SESSION_LIKE = re.compile(
 )
 """Names of folders, or groups, that are most likely no material."""
 
-_CHOICES = {"on_error": ("raise", "skip"), "on_time_error": ("raise", "repair")}
-PLACES = "'folder', 'parent', 'file', 'column:NAME' or 'meta:PATH'"
+_CHOICES = {
+    "on_error": ("raise", "skip"),
+    "on_time_error": ("raise", "repair"),
+    "time_unit": ("s", "ms", "us", "ns", "sample"),
+}
+_PLACE = re.compile(r"folder|parent|file|(column|meta):.+")
+_PLACES = "'folder', 'parent', 'file', 'column:NAME' or 'meta:PATH'"
 
 
 @dataclass(frozen=True)
@@ -59,117 +65,71 @@ class LoadOptions:
     label: str | None = None
     session: str | None = None
     csv: Mapping[str, Any] | None = None
+    stated: dict[str, Any] = field(init=False, repr=False)
+    """What they say of every file, in the words of `Stated`."""
 
     def __post_init__(self) -> None:
         if self.rate_hz is not None:
             object.__setattr__(self, "rate_hz", finite_number("rate_hz", self.rate_hz, positive=True))
-        for name, wanted in _CHOICES.items():
-            if getattr(self, name) not in wanted:
-                words = " or ".join(map(repr, wanted))
-                raise argument_error(GranularIdError, name, f"={getattr(self, name)!r}; wanted {words}")
-        checked_time_unit(self.time_unit)
+        for name, known in _CHOICES.items():
+            if getattr(self, name) is not None and getattr(self, name) not in known:
+                checked_choice(name, getattr(self, name), *known)
         for name in ("topic", "array", "time", "id", "label", "session"):
             if getattr(self, name) is not None:
                 checked_text(getattr(self, name), name)
         for name in ("label", "session"):
-            place = getattr(self, name)
-            if place is not None and place not in ("folder", "parent", "file"):
-                kind, _, rest = place.partition(":")
-                if kind not in ("column", "meta") or not rest:
-                    raise argument_error(GranularIdError, name, f"={place!r:.60}; wanted {PLACES}")
+            if not _PLACE.fullmatch(getattr(self, name) or "file"):
+                raise argument_error(GranularIdError, name, f"={getattr(self, name)!r:.60}; wanted {_PLACES}")
         for name in ("axes", "units"):
-            object.__setattr__(self, name, names_in(name, getattr(self, name), empty=name == "units"))
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, names_in(name, getattr(self, name), empty=name == "units"))
         if self.axes is not None and self.units is not None:
             units_by_axis(self.axes, self.units)
         if self.csv is not None and (
             not isinstance(self.csv, Mapping) or not all(isinstance(k, str) for k in self.csv)
         ):
-            raise argument_error(
-                TypeError, "csv", "must be a mapping of options of pandas.read_csv to their values"
-            )
+            problem = "must be a mapping of options of pandas.read_csv to their values"
+            raise argument_error(TypeError, "csv", problem)
 
-    @property
-    def read_as(self) -> str | None:
-        """What somebody chose to read of files: part of the set-up that models compare."""
-        chosen = {"array": self.array, "topic": self.topic, "time": self.time}
-        if self.axes is not None and self.axes != AXES:
-            chosen["axes"] = ",".join(self.axes)
-        said = [f"{name}={value}" for name, value in chosen.items() if value is not None]
-        said += [f"csv {key}={value!r}" for key, value in sorted((self.csv or {}).items())]
-        return ", ".join(said) or None
+        columns = {TIME: self.time, RECORDING: self.id}
+        stated: dict[str, Any] = {
+            name: getattr(self, name) for name in ("rate_hz", "time_unit", "axes", "units")
+        }
+        for name in ("label", "session"):
+            kind, _, place = (getattr(self, name) or "").partition(":")
+            columns |= {name: place} if kind == "column" else {}
+            stated |= {f"{name}_from": getattr(self, name)} if kind == "meta" else {}
+        chosen = {name: getattr(self, name) for name in ("array", "topic", "time")}
+        chosen["axes"] = None if self.axes is None or self.axes == AXES else ",".join(self.axes)
+        read_as = [f"{name}={value}" for name, value in chosen.items() if value is not None]
+        read_as += [f"csv {key}={value!r}" for key, value in sorted((self.csv or {}).items())]
+        stated["columns"] = tuple((what, name) for what, name in columns.items() if name is not None)
+        stated["repair"] = self.on_time_error == "repair"
+        # what somebody chose to read of files is part of the set-up that models compare
+        stated["meta"] = {"read_as": ", ".join(read_as)} if read_as else {}
+        object.__setattr__(self, "stated", stated)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the settings that were given, for a report."""
-        given = {field.name: getattr(self, field.name) for field in fields(self)}
-        if self.csv is not None:
-            given["csv"] = {key: repr(value) for key, value in self.csv.items()}
-        return {name: value for name, value in given.items() if value is not None}
 
-
-@dataclass(frozen=True)
-class FileSource:
-    """A file (or a folder that is one recording) to read, and what is known about it from outside.
-
-    Attributes
-    ----------
-    path, root : Path
-        Nothing outside of the folder `root` is opened, whatever links say.
-    name : str
-        How reports call the recording: the path within the folder, or what index.csv says.
-    label, session : str or None
-        What an option or index.csv states; it wins over what the file says.
-    label_else, session_else : str or None
-        What its folder or name says, where nothing else does.
-    label_place, session_place : str
-        Where these come from, for the report.
-    two_meanings : str or None
-        Why a file that states no label itself is refused: its folders may mean two things.
-    start_time, trigger_index, meta, rate_hz, irregular, axes
-        What index.csv states.
-    """
+@dataclass(frozen=True, kw_only=True)
+class FileSource(Stated):
+    """A file (or a folder that is one recording) to read, and what options, index.csv and its place state of it."""
 
     path: Path
-    root: Path
-    name: str
-    label: str | None = None
-    session: str | None = None
-    label_else: str | None = None
-    session_else: str | None = None
-    label_place: str = ""
+    root: Path  # nothing outside of this folder is opened, whatever links say
+    name: str  # how reports call the recording: the path within the folder, or what index.csv says
+    label_place: str = ""  # where label and session come from, for the report
     session_place: str = ""
-    two_meanings: str | None = None
-    start_time: float | None = None
-    trigger_index: int | None = None
-    meta: Mapping[str, Any] = field(default_factory=dict)
-    rate_hz: float | None = None
-    irregular: bool = False
-    axes: tuple[str, ...] | None = None
-
-    @classmethod
-    def alone(cls, path: Path) -> FileSource:
-        """Return the source of a single file that nothing is known about."""
-        return cls(path, path.resolve().parent, path.name)
-
-    def stated(self, options: LoadOptions) -> Stated:
-        """Join what the options and what index.csv say of it."""
-        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name in Stated.__dataclass_fields__}
-        given = {name: getattr(options, name) for name in ("time_unit", "units", "time", "id")}
-        for what in ("label", "session"):
-            rule = getattr(options, what)
-            given[f"{what}_from"] = rule if rule is not None and ":" in rule else None
-        if options.read_as is not None:
-            given["meta"] = {**self.meta, "read_as": options.read_as}
-        if self.rate_hz is None and not self.irregular:
-            given["rate_hz"] = options.rate_hz
-        repair = options.on_time_error == "repair"
-        return Stated(**{**own, **given, "axes": options.axes or self.axes, "repair": repair})
+    two_meanings: str | None = (
+        None  # why it is refused where it states no label: its folders may mean two things
+    )
 
 
 @dataclass
 class FileContent:
     """What a reader found in a file: tables, or recordings that are complete already.
 
-    `place` leads from a table (its number) and a row to what an error names: ``line=``, ``place=``.
+    `place` leads from a table (its number) and a row to what an error names: ``line=``, ``place=``; `opening` is how
+    people read the table in Python, with ``{}`` for the path; `in_python` returns the line that reads others, mended.
     """
 
     tables: Sequence[Table] = ()
@@ -178,3 +138,5 @@ class FileContent:
     notes: list[str] = field(default_factory=list)
     history: Sequence[StepReport] = ()
     place: Callable[[int, int | None], dict[str, Any]] = lambda table, row: {}  # noqa: ARG005
+    opening: str = ""
+    in_python: Callable[[str], str] | None = None

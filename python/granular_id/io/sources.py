@@ -16,12 +16,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from granular_id._text import counted, in_both, verb
-from granular_id.io.files import RecordingFileError, attempt, list_folder, refuse_outside
-from granular_id.io.formats import FORMATS, format_of
+from granular_id.io.files import RecordingFileError, attempt
+from granular_id.io.formats import FORMATS, FileFormat
 from granular_id.io.index import HISTORY_NAME, INDEX_COLUMNS, INDEX_NAME, read_history, read_index
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions
+from granular_id.io.ways_out import index_line, unknown_files_line
 from granular_id.recording import StepReport
 
 LAYOUTS = "label/*.csv, label_1.csv, or an index.csv with the columns file and label"
@@ -51,34 +53,118 @@ _SIZE = r"(?:mm|cm|um|\N{MICRO SIGN}m|mesh|kg|g|ml|pct|percent)(?:[\W_]|$)"
 _AHEAD = re.compile(rf"(?:{_WORD}[\s_.-]*\d+|{_DATE}|\d+)[\s_.-]+(?!{_SIZE})(?=\D)", re.IGNORECASE)
 """The same ahead of a name: ``run3-``, ``2025-03-04_``, but not ``4_mm_``."""
 
+_DIGITS = re.compile(r"([0-9]+)")
+
+_NO_LABEL = frozenset(
+    ("", "empty", "full", "missing", "left", "right", "slow", "fast", "before", "after", "raw")
+)
+"""Names of files in folders that are no materials: then the folders are."""
+
 _MOST_DEEP = 12
 _EXAMPLES = 3
 
 
 @dataclass
 class Sources:
-    """The files of a path and what is known of them."""
+    """The files of a path and what is known of them; `others` are the endings of those of no known format."""
 
     layout: str
     files: list[FileSource] = field(default_factory=list)
     problems: list[RecordingFileError] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    others: list[str] = field(default_factory=list)
     history: Sequence[StepReport] = ()
+
+
+def format_of(path: Path) -> FileFormat | None:
+    """Return the format that a path looks like, if any does: a file by its ending, a folder by what lies in it."""
+    # os.path.isdir says False of what cannot be a path at all, where Path.is_dir raises
+    if not os.path.isdir(path):  # noqa: PTH112
+        name = path.name.lower()
+        return next((known for known in FORMATS if name.endswith(known.suffixes)), None)
+    try:
+        names = os.listdir(path)  # noqa: PTH208 (a third of the time)
+    except OSError:
+        return None
+    return next((one for one in FORMATS if one.sign and any(map(one.sign.fullmatch, names))), None)
 
 
 def find_sources(path: Path, options: LoadOptions) -> Sources:
     """Find what a file or folder holds, before any of it is read."""
-    known = format_of(path)
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: no such file or folder")
+    known, stated = format_of(path), options.stated
     if known is not None:
-        alone = FileSource.alone(path)
-        return Sources(known.what, [_told(alone, options, path.resolve(), alone=True)])
+        source = FileSource(path=path, root=path.resolve().parent, name=path.name, **stated)
+        is_told = options.label is not None or options.session is not None
+        source = _told(source, options, path.resolve(), alone=True) if is_told else source
+        return Sources(known.what, [source])
     if not path.is_dir():
         wanted = "; ".join(known.what for known in FORMATS)
         problem = f"is of no known format; what can be read: {wanted}; or a folder of such files ({LAYOUTS})"
-        raise RecordingFileError(path, f"{problem}; {OTHER_FILES}")
+        line = unknown_files_line(path, [path.suffix])
+        raise RecordingFileError(path, f"{problem}; {OTHER_FILES}{line}")
+    found = Sources("label/*")
+    _walk(path, found, stated)
     if (path / INDEX_NAME).is_file():
-        return _indexed(path, options)
-    return _in_folders(path, options)
+        return _indexed(path, options, found)
+    beside = [source.name for source in found.files if _NO_RECORDING.match(source.path.name)]
+    if 0 < len(beside) < len(found.files):
+        found.files = [source for source in found.files if source.name not in beside]
+        found.notes.append(f"not read, as their names are not those of recordings: {listed(beside)}")
+    kinds = ", ".join(ending for ending, _ in Counter(found.others).most_common(3))
+    if not found.files and not found.problems:
+        problem = f"holds no recordings; wanted {LAYOUTS} (or files of another format)"
+        line = unknown_files_line(path, found.others)
+        of_others = f"; it holds files of no known format ({kinds}); {OTHER_FILES}{line}" if kinds else ""
+        raise RecordingFileError(path, problem + of_others)
+    if n := len(found.others):
+        unknown = f"{counted(n, 'file')} of no known format {verb(n, 'is', 'are')} not read ({kinds})"
+        found.notes.append(unknown)
+    if options.label is None:
+        _label_by_place(path, found)
+    if options.label is not None or options.session is not None:
+        root = path.resolve()
+        found.files = [_told(one, options, root / one.path.relative_to(path)) for one in found.files]
+    return found
+
+
+def _walk(root: Path, found: Sources, stated: dict[str, Any]) -> None:
+    """Gather what can be read below a folder, in natural order: ``rice_2`` before ``rice_10``, files before folders."""
+
+    def unlisted(error: OSError) -> None:
+        problem = f"cannot be listed: {error.strerror}"
+        found.problems.append(RecordingFileError(error.filename, problem))
+
+    def natural(name: str) -> list[Any]:
+        return [int(part) if i % 2 else part for i, part in enumerate(_DIGITS.split(name))]
+
+    inside = root.resolve()
+    paths: list[tuple[Any, Path]] = []
+    for place, folders, names in os.walk(root, onerror=unlisted, followlinks=True):
+        folder = Path(place)
+        parts = folder.relative_to(root).parts
+        shown = [name for name in [*names, *folders] if not name.startswith(".")]
+        deeper = {name for name in folders if not name.startswith(".") and len(parts) < _MOST_DEEP}
+        for name in shown:
+            path, is_file = folder / name, name not in folders
+            if not is_file and not path.resolve().is_relative_to(inside):
+                problem = "is a link that leaves the folder; links out are not followed"
+                found.problems.append(RecordingFileError(path, problem))
+                deeper.discard(name)
+            elif format_of(path) is not None:
+                levels = [*((True, part) for part in parts), (not is_file, name)]
+                order = [(below, natural(part), part) for below, part in levels]
+                paths.append((order, path))
+                deeper.discard(name)
+            elif is_file:
+                found.others.append(path.suffix or name)
+        folders[:] = [name for name in folders if name in deeper]
+    paths.sort(key=lambda one: one[0])
+    found.files = [
+        FileSource(path=path, root=root, name=path.relative_to(root).as_posix(), **stated)
+        for _, path in paths
+    ]
 
 
 def _told(source: FileSource, options: LoadOptions, path: Path, *, alone: bool = False) -> FileSource:
@@ -125,9 +211,9 @@ def _label_of(path: Path) -> str | None:
     return None if not _NUMBER.sub("", label) or label.lower() in NO_MATERIAL else label
 
 
-def _indexed(root: Path, options: LoadOptions) -> Sources:
+def _indexed(root: Path, options: LoadOptions, walked: Sources) -> Sources:
     found = Sources("index.csv")
-    columns, files = read_index(root, found.problems)
+    columns, files = read_index(root, found.problems, options.stated)
     for source in files:
         if format_of(source.path) is None:
             problem = f"{source.path.relative_to(root).as_posix()!r} is of no known format"
@@ -140,12 +226,8 @@ def _indexed(root: Path, options: LoadOptions) -> Sources:
     others = [column for column in columns if column not in INDEX_COLUMNS]
     if others:
         found.notes.append(f"columns of index.csv kept in meta: {', '.join(others)}")
-    listed = {source.path for source in files}
-    walked = Sources("")
-    _walk(root, root, walked)
-    unlisted = [
-        source.name for source in walked.files if source.path not in listed and source.name != INDEX_NAME
-    ]
+    listed_paths = {source.path for source in files}
+    unlisted = [one.name for one in walked.files if one.path not in listed_paths and one.name != INDEX_NAME]
     if n := len(unlisted):
         beside = f"{counted(n)} beside index.csv ({unlisted[0]}{' ...' * (n > 1)}) {verb(n, 'is', 'are')}"
         found.notes.append(f"{beside} not listed in it and {verb(n, 'was', 'were')} not read")
@@ -154,70 +236,35 @@ def _indexed(root: Path, options: LoadOptions) -> Sources:
     return found
 
 
-def _in_folders(root: Path, options: LoadOptions) -> Sources:
-    found = Sources("label/*")
-    others = _walk(root, root, found)
-    beside = [source for source in found.files if _NO_RECORDING.match(source.path.name)]
-    if beside and len(beside) < len(found.files):
-        found.files = [source for source in found.files if source not in beside]
-        found.notes.append(
-            f"not read, as their names are not those of recordings: {_listed([one.name for one in beside])}"
-        )
-    if not found.files and not found.problems:
-        problem = f"holds no recordings; wanted {LAYOUTS} (or files of another format)"
-        kinds = ", ".join(ending for ending, _ in Counter(others).most_common(3))
-        raise RecordingFileError(
-            root, problem + (f"; it holds files of no known format ({kinds}); {OTHER_FILES}" * bool(kinds))
-        )
-    if n := len(others):
-        kinds = ", ".join(ending for ending, _ in Counter(others).most_common(3))
-        found.notes.append(
-            f"{counted(n, 'file')} of no known format {verb(n, 'is', 'are')} not read ({kinds})"
-        )
-    if options.label is None:
-        found.files = _by_place(root, found)
-    found.files = [
-        _told(source, options, root.resolve() / source.path.relative_to(root)) for source in found.files
-    ]
-    return found
-
-
-def _walk(folder: Path, root: Path, found: Sources, depth: int = 0) -> list[str]:
-    """Gather what can be read below a folder; return the endings of what cannot."""
-    refuse_outside(folder, root)
-    files, folders = list_folder(folder)
-    others: list[str] = []
-    for path in [*files, *folders]:
-        if format_of(path) is not None:
-            found.files.append(FileSource(path, root, path.relative_to(root).as_posix()))
-        elif path.is_dir() and depth < _MOST_DEEP:
-            deeper = attempt(found.problems, _walk, path, root, found, depth + 1)
-            others += deeper or []
-        elif not path.is_dir():
-            others.append(path.suffix or path.name)
-    return others
-
-
-def _by_place(root: Path, found: Sources) -> list[FileSource]:
+def _label_by_place(root: Path, found: Sources) -> None:
     """Say what folder or name a label is taken from by default, or why that may mean two things."""
-    depths = {len(Path(source.name).parts) - 1 for source in found.files}
+    depths = {source.name.count("/") for source in found.files}
     if depths == {0}:
         found.layout = "label_*"
-        return _flat(found)
+        labels = [_label_of(source.path) for source in found.files]
+        unnamed = [source.name for source, label in zip(found.files, labels, strict=True) if label is None]
+        if unnamed:
+            problem = f"whose name gives no label ({unnamed[0]!r}): wanted {LAYOUTS}"
+            found.notes.append(f"{counted(len(unnamed), 'file')} {problem}")
+        found.files = [
+            replace(source, label_else=label, label_place="name of the file")
+            for source, label in zip(found.files, labels, strict=True)
+        ]
+        return
     if len(depths) > 1:
-        first = {
-            depth: next(s.name for s in found.files if len(Path(s.name).parts) - 1 == depth)
-            for depth in sorted(depths)
-        }
-        both = " and ".join(f"{name!r}" for name in list(first.values())[:2])
+        firsts = [
+            next(one.name for one in found.files if one.name.count("/") == depth) for depth in sorted(depths)
+        ]
+        both = " and ".join(map(repr, firsts[:2]))
         places = ("folder", "parent", "file") if min(depths) else ("folder", "file")
-        way_out = f"or say where the label stands: {' or '.join(in_both(label=place) for place in places)}"
-        problem = (
-            f"recordings lie at several levels of folders ({both}); wanted one layout: {LAYOUTS}; {way_out}"
+        way_out = f"or say where the label stands: {' or '.join(in_both(label=one) for one in places)}"
+        problem = f"recordings lie at several levels of folders ({both})"
+        line = f"; where the first folder is the material{index_line(root, found.files[0].path.suffix)[1:]}"
+        raise RecordingFileError(
+            root, f"{problem}; wanted one layout: {LAYOUTS}; {way_out}{line * (min(depths) > 0)}"
         )
-        raise RecordingFileError(root, problem)
-    doubt = _two_levels(found.files[0]) if depths != {1} else _no_materials(found)
-    return [
+    doubt = _no_materials(found) if depths == {1} else _two_levels(found.files[0]) if found.files else None
+    found.files = [
         replace(
             source,
             label_else=None if doubt else source.path.parent.name,
@@ -228,26 +275,11 @@ def _by_place(root: Path, found: Sources) -> list[FileSource]:
     ]
 
 
-def _flat(found: Sources) -> list[FileSource]:
-    labels = [_label_of(source.path) for source in found.files]
-    unnamed = [source.name for source, label in zip(found.files, labels, strict=True) if label is None]
-    if unnamed:
-        found.notes.append(
-            f"{counted(len(unnamed), 'file')} whose name gives no label ({unnamed[0]!r}): wanted {LAYOUTS}"
-        )
-    return [
-        replace(source, label_else=label, label_place="name of the file")
-        for source, label in zip(found.files, labels, strict=True)
-    ]
-
-
 def _two_levels(first: FileSource) -> str:
     *above, outer, inner, _ = Path(first.name).parts
-    top = (
-        f"; that {above[0]!r} is the material only an index.csv says"
-        if above
-        else "; an index.csv says it, too"
-    )
+    top = "; an index.csv says it, too"
+    if above:
+        top = f"; where {above[0]!r} is the material{index_line(first.root, first.path.suffix)[1:]}"
     return (
         f"files lie in folders within folders ({first.name!r}), which may mean two things: {inner!r} is the material "
         f"and {outer!r} the session: pass {in_both(label='folder', session='parent')}; or {outer!r} is the material "
@@ -256,27 +288,19 @@ def _two_levels(first: FileSource) -> str:
 
 
 def _no_materials(found: Sources) -> str | None:
-    """Say why folders are most likely no materials: days, persons, runs, or the same numbered names in each.
-
-    The same names without numbers may be either: the folders are taken, and a note has the other reading.
-    """
+    """Say why folders may be no materials: days, persons, runs, or files of the same names, or of several words."""
     files = found.files
     stems: dict[str, dict[str, None]] = {}
     for source in files:
-        stems.setdefault(source.path.parent.name, {})[_label_of(source.path) or ""] = None
+        stems.setdefault(source.path.parent.name, {})[(_label_of(source.path) or "").lower()] = None
     names = list(stems)
-    session_like = all(SESSION_LIKE.fullmatch(name) for name in names)
-    alike = len(names) > 1 and all(
-        len(one) > 1 and any(one.keys() & other.keys() for name, other in stems.items() if name != own)
-        for own, one in stems.items()
+    n_folders = Counter(stem for one in stems.values() for stem in one)
+    shared = any(n > 1 for n in n_folders.values())
+    words = not any(re.search(r"\d", source.path.stem) for source in files) and not any(
+        name.lower() in stem for name, one in stems.items() for stem in one
     )
-    numbered = all(_NUMBER.search(source.path.stem) for source in files)
-    series = len({_NUMBER.sub("", name).lower() for name in names}) == 1
-    if alike and not (numbered or series or session_like):
-        two = " and ".join(map(repr, list(stems[names[0]])[:2]))
-        way_out = f"if those are the materials, pass {in_both(label='file', session='folder')}"
-        found.notes.append(f"folders hold files of the same names ({two}): {way_out}")
-    if not session_like and not (alike and (numbered or series)):
+    several = any(len(one) > 1 for one in stems.values()) and not n_folders.keys() & _NO_LABEL
+    if not (several and (shared or words)) and not all(SESSION_LIKE.fullmatch(name) for name in names):
         return None
     example = files[0].name
     label = _label_of(files[0].path) or files[0].path.stem
@@ -287,11 +311,7 @@ def _no_materials(found: Sources) -> str | None:
     )
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Name the first few."""
     more = f" and {len(names) - _EXAMPLES} more" if len(names) > _EXAMPLES else ""
     return ", ".join(names[:_EXAMPLES]) + more
-
-
-def beside_note(paths: Sequence[str | os.PathLike[str]]) -> str:
-    """Say which files beside recordings hold no axes of a wrench."""
-    return f"not read, as they hold none of the axes: {_listed([os.fspath(path) for path in paths])}"

@@ -403,7 +403,7 @@ def open_source(url: str, **options: object) -> WrenchSource:
     >>> open_source("simm:rice")
     Traceback (most recent call last):
     ...
-    ValueError: url 'simm:rice' has the scheme 'simm'; known: bota, rdt, replay, ros2, sim, ur
+    granular_id.GranularIdError: url 'simm:rice' has the scheme 'simm'; known: bota, rdt, replay, ros2, sim, ur
     """
     source: WrenchSource = _opened(_SOURCES, SourceUrl.parse(url, options))
     return source
@@ -426,7 +426,7 @@ def open_robot(url: str, **options: object) -> Robot:
     >>> open_robot("gantry://here")
     Traceback (most recent call last):
     ...
-    ValueError: robot 'gantry://here' has the scheme 'gantry'; known: ur
+    granular_id.GranularIdError: robot 'gantry://here' has the scheme 'gantry'; known: ur
     """
     robot: Robot = _opened(_ROBOTS, SourceUrl.parse(url, options))
     return robot

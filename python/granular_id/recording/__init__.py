@@ -5,28 +5,44 @@ align, concatenate) gives a new ``Dataset`` whose ``history[-1]`` reports what w
 """
 
 from granular_id._core import AXES
-from granular_id.recording.checks import SENSOR_RANGES, CheckReport, Finding
+from granular_id.recording.checks import CheckReport, Finding
 from granular_id.recording.clock import samples_in as samples_in
 from granular_id.recording.columns import (
     ABOUT as ABOUT,
     FLAGS as FLAGS,
     LABEL as LABEL,
+    RECORDING as RECORDING,
     SESSION as SESSION,
+    TIME as TIME,
     TableError as TableError,
     cell_text as cell_text,
     column_names as column_names,
     columns_of as columns_of,
     is_unit as is_unit,
     meaning_of as meaning_of,
-    name_and_unit as name_and_unit,
     same_unit as same_unit,
     samples_of as samples_of,
+    units_by_axis as units_by_axis,
     wrench_of as wrench_of,
 )
-from granular_id.recording.conditions import condition_of as condition_of
-from granular_id.recording.conversion import restated as restated, to_recordings as to_recordings
+from granular_id.recording.conditions import (
+    SEVERE_PREFIXES as SEVERE_PREFIXES,
+    common_units as common_units,
+    condition_of as condition_of,
+    data_warnings as data_warnings,
+    labelled_check_note as labelled_check_note,
+    mixed_setup_warnings as mixed_setup_warnings,
+    setups_in as setups_in,
+)
+from granular_id.recording.conversion import (
+    Made as Made,
+    Stated as Stated,
+    Table as Table,
+    restated as restated,
+    to_recordings as to_recordings,
+)
 from granular_id.recording.dataset import Dataset, describe_data as describe_data
-from granular_id.recording.frames import checked_time_unit as checked_time_unit, names_in as names_in
+from granular_id.recording.frames import names_in as names_in
 from granular_id.recording.onset import (
     ONSET_STEP as ONSET_STEP,
     Onset,
@@ -49,18 +65,12 @@ from granular_id.recording.report import (
 )
 from granular_id.recording.requirements import Begin as Begin, Requirements as Requirements
 from granular_id.recording.setup import (
-    SEVERE_PREFIXES as SEVERE_PREFIXES,
     UNSTATED as UNSTATED,
     Difference as Difference,
     Setup,
-    common_units as common_units,
-    data_warnings as data_warnings,
-    labelled_check_note as labelled_check_note,
-    mixed_setup_warnings as mixed_setup_warnings,
     refuse_or_list as refuse_or_list,
     setup_differences as setup_differences,
     setup_mismatch as setup_mismatch,
-    setups_in as setups_in,
     unit_differences as unit_differences,
     values_in as values_in,
 )
@@ -73,11 +83,6 @@ from granular_id.recording.summary import (
     axes_in_words as axes_in_words,
     headline as headline,
 )
-from granular_id.recording.table import (
-    Stated as Stated,
-    Table as Table,
-    units_by_axis as units_by_axis,
-)
 from granular_id.recording.wrench import (
     GRAVITY as GRAVITY,
     TARE_S as TARE_S,
@@ -87,7 +92,6 @@ from granular_id.recording.wrench import (
 
 __all__ = [
     "AXES",
-    "SENSOR_RANGES",
     "CheckReport",
     "Dataset",
     "Finding",

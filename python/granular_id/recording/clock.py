@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray, argument_error, finite_number
 from granular_id._core import GranularIdError
 from granular_id._text import in_both, install
-from granular_id.recording.columns import TAKEN, factor
+from granular_id.recording.columns import NUMERIC_ROWS, TAKEN, TableError, factor
 
 SINCE_1970 = 1e8
 """Stamps above this (1973) are seconds since 1970; below, a clock of the recording's own."""
@@ -45,21 +45,16 @@ _MOST_LATE = 0.1
 """If more samples than this part are late, a clock that ran back to its begin was started again."""
 
 UNIT_OUT = "pass time_unit= ('s', 'ms', 'us', 'ns', or 'sample' with a rate for an index; --time-unit)"
+_DAYS = ".assign(**{{{clock!r}: lambda f: f[{clock!r}] * 86400}})"
+
+SEVERAL = "several recordings must be told apart: a file each, or a column that does (id=, --id COLUMN)"
+
+IGNORED_OUT = "state the rate, and the clock is ignored: pass rate_hz=RATE (--recorded-hz RATE)"
 
 _CLOCK_TEXT = re.compile(r"(-?\d+ days )?[+-]?\d{1,3}:\d{2}:\d{2}(\.\d+)?")
 _MINUTES_TEXT = re.compile(r"\d{1,3}:\d{2}\.\d+")
 _FRACTION = re.compile(r"(?:(?<=:\d\d),|(?<=\d:\d\d:\d\d):)(?=\d)")
 """What stands before a fraction of a second where no dot does: a comma, which pandas would drop, or a colon."""
-
-IGNORED_OUT = "state the rate, and the clock is ignored: rate_hz=RATE (--recorded-hz RATE)"
-
-
-class ClockError(GranularIdError):
-    """Stamps that are no clock; `sample` is the first that is wrong."""
-
-    def __init__(self, problem: str, sample: int | None = None) -> None:
-        super().__init__(problem)
-        self.sample = sample
 
 
 @dataclass(frozen=True)
@@ -72,60 +67,50 @@ class Stamps:
 
 
 def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz: float | None) -> Stamps:
-    """Turn the cells of a clock into seconds.
+    """Turn numbers, dates, times or texts of these into seconds; the row of an error is the first sample that is wrong.
 
-    Parameters
-    ----------
-    values : ndarray of shape (T,)
-        Numbers, numpy's dates or times, or texts of such.
-    unit : str, optional
-        What the file states that they count.
-    asked : {"s", "ms", "us", "ns", "sample"}, optional
-        What the user states.
-    rate_hz : float, optional
-        A rate that is stated, needed for "sample".
+    They count `unit`, as the file states, or what is `asked`; the rate is needed where that is "sample".
     """
     if values.dtype.kind in "OUT":
         values = _from_text(values)
-    if values.dtype.kind in "mM":
+    kind = values.dtype.kind
+    if kind in "mM":
         if np.isnat(values).any():
-            raise ClockError(f"the stamp is empty; {IGNORED_OUT}", int(np.isnat(values).argmax()))
-        ns = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64)
+            raise TableError(f"the stamp is empty; {IGNORED_OUT}", int(np.isnat(values).argmax()))
+        ns = values.astype(f"{kind}8[ns]").astype(np.int64)
         return Stamps((ns - ns[0]) / 1e9, int(ns[0]) / 10**9, 0.0)  # of integers, rounded once
-    if values.dtype.kind not in "iuf":
-        raise ClockError(f"the clock holds {values.dtype}; wanted seconds as numbers, or dates and times")
+    if kind not in "iuf":
+        raise TableError(f"the clock holds {values.dtype}; wanted seconds as numbers, or dates and times")
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
-        raise ClockError(f"the stamp is {values[bad[0]]}; {IGNORED_OUT}", int(bad[0]))
-    scale = _scale(unit, asked, rate_hz)
-    if values.dtype.kind in "iu" and scale != 1:
+        raise TableError(f"the stamp is {values[bad[0]]}; {IGNORED_OUT}", int(bad[0]))
+    scale = 1.0 if unit is None and asked is None else _per_second(unit, asked, rate_hz)
+    if kind in "iu" and scale != 1:
         ticks = values.astype(np.int64)
         return Stamps((ticks - ticks[0]) / scale, float(ticks[0]) / scale, 0.0)
     stamps = np.asarray(values, np.float64)
     stamps = stamps if scale == 1 else stamps / scale
     if abs(stamps[0]) > NOT_SECONDS:
-        problem = f"the stamp {stamps[0]:.6g} cannot be seconds since 1970; {UNIT_OUT}"
-        raise ClockError(problem, 0)
+        raise TableError(f"the stamp {stamps[0]:.6g} cannot be seconds since 1970; {UNIT_OUT}", 0)
     time_s = stamps - stamps[0]
     if not np.abs(time_s).max() < np.inf:
-        raise ClockError(f"the stamps span {time_s[-1]:g} s", len(stamps) - 1)
+        raise TableError(f"the stamps span {time_s[-1]:g} s", len(stamps) - 1)
     return Stamps(time_s, float(stamps[0]), float(np.spacing(np.abs(stamps).max())))
 
 
-def _scale(unit: str | None, asked: str | None, rate_hz: float | None) -> float:
+def _per_second(unit: str | None, asked: str | None, rate_hz: float | None) -> float:
     """Return how many of what is counted make a second."""
     if asked == "sample":
         if unit is not None or rate_hz is None:
             came = "no rate is stated" if rate_hz is None else f"the file says that its stamps are in {unit}"
-            raise ClockError(f"time_unit='sample', but {came}")
+            raise TableError(f"time_unit='sample', but {came}")
         return rate_hz
     scales = [None if one is None else factor(one, "s") for one in (unit, asked)]
     if unit is not None and scales[0] is None:
-        raise ClockError(f"stamps are in {unit!r:.40}; wanted {TAKEN['s']}")
+        raise TableError(f"stamps are in {unit!r:.40}; wanted {TAKEN['s']}")
     if None not in scales and scales[0] != scales[1]:
-        raise ClockError(f"time_unit={asked!r}, but the file says that its stamps are in {unit}")
-    scale = next((scale for scale in scales if scale is not None), 1.0)
-    return float(round(1 / scale))
+        raise TableError(f"time_unit={asked!r}, but the file says that its stamps are in {unit}")
+    return float(round(1 / next(scale for scale in scales if scale is not None)))
 
 
 def _from_text(values: NDArray[Any]) -> NDArray[Any]:
@@ -137,12 +122,17 @@ def _from_text(values: NDArray[Any]) -> NDArray[Any]:
     series = pandas.Series(values)
     empty = series.isna()
     if empty.any():
-        raise ClockError(f"the stamp is empty; {IGNORED_OUT}", int(empty.to_numpy().argmax()))
+        raise TableError(f"the stamp is empty; {IGNORED_OUT}", int(empty.to_numpy().argmax()))
     texts = series.astype(str).str.strip().str.replace(_FRACTION, ".", regex=True)
+    numbers = pandas.to_numeric(texts, errors="coerce")
+    if not numbers.isna().any():  # rows that are no samples made text of them
+        return np.asarray(numbers)
     of_an_hour = texts.str.fullmatch(_MINUTES_TEXT).all()
     texts = "00:" + texts if of_an_hour else texts
-    if texts.str.fullmatch(_CLOCK_TEXT).all():
-        return _going_on(pandas.to_timedelta(texts).to_numpy(), hours=1 if of_an_hour else 24)
+    if texts.str.fullmatch(_CLOCK_TEXT).all():  # one that begins anew, at midnight, goes on
+        clock, hours = pandas.to_timedelta(texts).to_numpy(), 1 if of_an_hour else 24
+        n_times = np.concatenate([[0], np.cumsum(np.diff(clock) < np.timedelta64(-hours * 30, "m"))])
+        return np.asarray(clock + n_times * np.timedelta64(hours, "h"))
     ways: list[dict[str, Any]] = [{"format": "ISO8601"}, {}, {"dayfirst": True}]
     readings = []
     with warnings.catch_warnings():
@@ -157,22 +147,18 @@ def _from_text(values: NDArray[Any]) -> NDArray[Any]:
                 break
     if readings:  # 04.03. and 05.03. are a day apart, not a month: the shortest reading
         return min(readings, key=lambda dates: np.abs(np.diff(dates)).sum())
-    numbers = pandas.to_numeric(texts, errors="coerce").isna().to_numpy()
-    first = int(numbers.argmax()) if numbers.any() else 0
-    problem = f"the stamp {str(values[first])[:40]!r} is no number and no date"
+    no_number = numbers.isna().to_numpy()
+    first = int(no_number.argmax())
+    way_out, mend = "", ""
     if first == 0:  # a later row may be no sample
-        problem += f"; {IGNORED_OUT}"
-    elif numbers[first:].all():
+        way_out = f"; {IGNORED_OUT}"
+    elif no_number[first:].all():
         below = in_both(csv={"skipfooter": len(values) - first})
-        problem += f"; what stands below the samples is left out by {below}"
-    raise ClockError(problem, first)
-
-
-def _going_on(clock: NDArray[Any], hours: int) -> NDArray[Any]:
-    """Let a clock that begins anew after some hours go on: times of a day over midnight."""
-    again = np.diff(clock) < np.timedelta64(-hours * 30, "m")
-    n_times = np.concatenate([[0], np.cumsum(again)])
-    return np.asarray(clock + n_times * np.timedelta64(hours, "h"))
+        way_out = f"; what stands below the samples is left out: pass {below}"
+    elif no_number.mean() < _MOST_LATE:
+        mend = NUMERIC_ROWS
+    problem = f"the stamp {str(values[first])[:40]!r} is no number and no date{way_out}"
+    raise TableError(problem, first, mend=mend)
 
 
 def has_date(values: NDArray[Any]) -> bool:
@@ -203,16 +189,14 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
     if late.any():
         if not repair:
             first = int(late.argmax())
-            what = (
-                f"time runs back from {time_s[first - 1]:.9g} to {time_s[first]:.9g} s after the first sample"
-            )
-            restarts = bool(time_s[first] <= 0)
-            several = "several recordings must be told apart: a file each, or id= with the column that does"
-            several += " (--id COLUMN)"
-            ways_out = [several] if restarts else []
+            before, after = time_s[first - 1 : first + 1]
+            ways_out = [f"time runs back from {before:.9g} to {after:.9g} s after the first sample"]
+            restarts = bool(after <= 0)
+            if restarts:
+                ways_out.append(SEVERAL)
             if not restarts or late.sum() <= 2 + _MOST_LATE * len(late):
                 ways_out.append("on_time_error='repair' sorts samples")
-            raise ClockError("; ".join([what, *ways_out]), first)
+            raise TableError("; ".join(ways_out), first)
         rows = np.argsort(time_s, kind="stable")
         touched = late[rows]
     n_moved = int(touched.sum())
@@ -220,36 +204,18 @@ def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, rep
         return Order(rows, touched, n_moved)
     stamps, values = time_s[rows], wrench[rows]
     again = np.concatenate([[False], (stamps[1:] == stamps[:-1]) & (values[1:] == values[:-1]).all(axis=1)])
-    merged_into = np.concatenate([again[1:], [False]])
-    touched |= merged_into
+    touched |= np.concatenate([again[1:], [False]])  # what it is merged into
     rows, touched, stamps = rows[~again], touched[~again], stamps[~again]
     repeated = np.flatnonzero(stamps[1:] == stamps[:-1])
     if len(repeated):
-        first = int(rows[repeated[0] + 1])
         most = int(np.unique(stamps, return_counts=True)[1].max())
         mean = f" (by the stamps {(len(stamps) - 1) / float(stamps[-1]):.4g} Hz)" if stamps[-1] > 0 else ""
-        raise ClockError(
+        raise TableError(
             f"up to {most} different rows have one stamp: readings came in packets, and are not averaged; state the "
-            f"rate at which they were taken{mean}, and the clock is ignored: rate_hz=RATE (--recorded-hz RATE)",
-            first,
+            f"rate at which they were taken{mean}, and the clock is ignored: pass rate_hz=RATE (--recorded-hz RATE)",
+            int(rows[repeated[0] + 1]),
         )
     return Order(rows, touched, n_moved, int(again.sum()))
-
-
-def refuse_unlikely(stamps: Stamps) -> None:
-    """Refuse stamps that are most likely no seconds; for those of which nobody states a unit or a rate."""
-    if len(stamps.time_s) < 2:
-        return
-    with np.errstate(over="ignore"):
-        steps = np.diff(stamps.time_s)
-    slow, fast = float(np.median(steps)), float(steps.mean())  # neither pauses nor bursts of messages count
-    step = slow if slow >= _LONGEST_STEP_S else fast if fast <= _SHORTEST_STEP_S else None
-    if step is None:
-        return
-    guess = "milliseconds, microseconds, nanoseconds or an index" if step > 1e-3 else "minutes or days"
-    raise ClockError(
-        f"stamps lie {step:g} apart: that would be {1 / step:.3g} Hz; most likely they count {guess}: {UNIT_OUT}"
-    )
 
 
 def uniform_rate(time_s: FloatArray, resolution_s: float = 0.0) -> float | None:
@@ -291,64 +257,66 @@ def samples_in(name: str, seconds: object, rate_hz: float) -> int:
 
 
 def rate_of(
-    stamps: Stamps, stated_hz: float | None, file_hz: float | None
+    stamps: Stamps, stated_hz: float | None, file_hz: float | None, *, doubtful: bool = False
 ) -> tuple[float | None, str | None]:
     """Return the rate of a recording, or None where its stamps must be kept; and what there is to remark.
 
     `stated_hz` is what the user states: it wins over stamps that come in packets, and is refused where they say another
-    rate, or pauses. `file_hz` is what the file states, which its stamps must confirm.
+    rate, or pauses. `file_hz` is what the file states, which its stamps must confirm. `doubtful`: nobody says what the
+    stamps count.
     """
     time_s = stamps.time_s
-    if file_hz is not None:
-        _refuse_other_rate(time_s, file_hz)
+    if len(time_s) < 2:
+        return (stated_hz or file_hz), None
+    with np.errstate(over="ignore", divide="ignore"):
+        steps = np.diff(time_s)
+        median, mean = (
+            float(np.median(steps)),
+            float(steps.mean()),
+        )  # neither pauses nor bursts of messages count
+        measured_hz = [1 / step if step > 0 else np.inf for step in (mean, median)]
+    step = median if median >= _LONGEST_STEP_S else mean if mean <= _SHORTEST_STEP_S else None
+    if doubtful and step is not None:
+        guess = "milliseconds, microseconds, nanoseconds or an index" if step > 1e-3 else "minutes or days"
+        came = f"stamps lie {step:g} apart: that would be {1 / step:.3g} Hz"
+        if 3e4 < stamps.first_s < 6e4 and step < 1e-3:  # of Excel, 1982 to 2064
+            raise TableError(f"{came}; most likely they count days", mend=_DAYS)
+        raise TableError(f"{came}; most likely they count {guess}: {UNIT_OUT}")
+    others = file_hz is not None and all(
+        abs(one - file_hz) > _RATE_TOLERANCE * file_hz for one in measured_hz
+    )
+    if others and time_s[-1] > 0:
+        problem = f"the file states {file_hz:g} Hz, but its stamps {measured_hz[0]:.6g} Hz"
+        raise TableError(f"{problem}; save the one that is true, or {UNIT_OUT} if they are no seconds")
+    known_hz = file_hz if stated_hz is None else stated_hz
+    if known_hz is not None and largest_offset(time_s, known_hz) <= STATED_TOLERANCE / known_hz:
+        return known_hz, None
     if stated_hz is not None:
-        if len(time_s) < 2 or largest_offset(time_s, stated_hz) <= STATED_TOLERANCE / stated_hz:
-            return stated_hz, None
-        _refuse_contradiction(time_s, stated_hz)
-        mean = (
-            ""
-            if time_s[-1] <= 0
-            else f", by the stamps {(len(time_s) - 1) / float(time_s[-1]):.4g} Hz on average"
-        )
-        return stated_hz, f"the clock was ignored: {stated_hz:g} Hz is stated{mean}"
-    if file_hz is not None and largest_offset(time_s, file_hz) <= STATED_TOLERANCE / file_hz:
-        return file_hz, None
+        return stated_hz, _ignored_clock(time_s, steps, stated_hz)
     rate = uniform_rate(time_s, resolution_s=stamps.resolution_s)
     return (None if rate is None else round_rate(rate)), None
 
 
-def _refuse_other_rate(time_s: FloatArray, rate_hz: float) -> None:
-    """Refuse a rate of the file's own that its stamps contradict; either may have pauses or jitter."""
-    if len(time_s) < 2 or time_s[-1] <= 0:
-        return
-    with np.errstate(over="ignore", divide="ignore"):
-        steps = np.diff(time_s)
-        measured = [1 / step for step in (steps.mean(), np.median(steps))]
-    if all(abs(rate - rate_hz) > _RATE_TOLERANCE * rate_hz for rate in measured):
-        problem = f"the file states {rate_hz:g} Hz, but its stamps {measured[0]:.6g} Hz"
-        raise ClockError(f"{problem}; save the one that is true, or {UNIT_OUT} if they are no seconds")
-
-
-def _refuse_contradiction(time_s: FloatArray, rate_hz: float) -> None:
-    """Refuse a stated rate where stamps have pauses, or say another rate even allowing for packets."""
-    steps = np.diff(time_s)
+def _ignored_clock(time_s: FloatArray, steps: FloatArray, rate_hz: float) -> str:
+    """Say that a stated rate wins; refuse it where stamps have pauses, or another rate even allowing for packets."""
     steps = steps[steps > 0]
-    if not len(steps):
-        return
-    longest, usual = float(steps.max()), float(np.median(steps))
-    if longest > max(MAX_GAP_S, 2 * usual):
-        raise ClockError(
-            f"{rate_hz:g} Hz is stated, but the stamps have a pause of {longest:.3g} s, which that rate would close; "
-            f"leave the rate out, and call .split(gap_s={min(1.0, longest / 2):.2g}) before to make a recording of "
-            "each stretch"
-        )
-    offset = largest_offset(time_s, rate_hz)
-    if offset > 2 * longest + 0.02 * float(time_s[-1]) + STATED_TOLERANCE / rate_hz:
-        mean = (len(time_s) - 1) / float(time_s[-1])
-        raise ClockError(
-            f"{rate_hz:g} Hz is stated, but the stamps say {mean:.4g} Hz; leave the rate out to use the stamps, then "
-            f"call .resample(rate_hz), or {UNIT_OUT} if they are no seconds"
-        )
+    mean = "" if not len(steps) else f"{(len(time_s) - 1) / float(time_s[-1]):.4g} Hz"
+    if len(steps):
+        longest, usual = float(steps.max()), float(np.median(steps))
+        if longest > max(MAX_GAP_S, 2 * usual):
+            raise TableError(
+                f"{rate_hz:g} Hz is stated, but the stamps have a pause of {longest:.3g} s, which that rate would "
+                f"close; leave the rate out, and call .split(gap_s={min(1.0, longest / 2):.2g}) before to make a "
+                "recording of each stretch"
+            )
+        allowed = 2 * longest + 0.02 * float(time_s[-1]) + STATED_TOLERANCE / rate_hz
+        if largest_offset(time_s, rate_hz) > allowed:
+            raise TableError(
+                f"{rate_hz:g} Hz is stated, but the stamps say {mean}; leave the rate out to use the stamps, then call "
+                f".resample(rate_hz), or {UNIT_OUT} if they are no seconds"
+            )
+    by_stamps = f", by the stamps {mean} on average" if mean else ""
+    return f"the clock was ignored: {rate_hz:g} Hz is stated{by_stamps}"
 
 
 def unpacked(time_s: FloatArray, rate_hz: float) -> FloatArray | None:
@@ -360,6 +328,7 @@ def unpacked(time_s: FloatArray, rate_hz: float) -> FloatArray | None:
     if not len(pauses):
         return None
     starts = np.concatenate([[0], pauses])
-    counts = np.arange(len(time_s)) - np.repeat(starts, np.diff([*starts, len(time_s)]))
-    found = np.asarray(np.repeat(time_s[starts], np.diff([*starts, len(time_s)])) + counts / rate_hz)
+    lengths = np.diff([*starts, len(time_s)])
+    counts = np.arange(len(time_s)) - np.repeat(starts, lengths)
+    found = np.asarray(np.repeat(time_s[starts], lengths) + counts / rate_hz)
     return found if (np.diff(found) > 0).all() else None

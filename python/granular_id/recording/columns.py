@@ -5,7 +5,7 @@ column     also                                                  unit, where it 
 ========== ===================================================== =========================
 fx         force_x, F_x, wrench.force.x                          N
 tx         torque_x, moment_x, tau_x, Mx, wrench.torque.x        N m
-time       t, timestamp, time_stamp, stamp, datetime, seconds    s
+time       t, timestamp, stamp, datetime, seconds, X_Value       s
 recording  trial, id
 label      material, class
 session
@@ -22,26 +22,34 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from granular_id._checks import FloatArray, argument_error
 from granular_id._core import AXES, GranularIdError
 from granular_id._text import in_both
 
 _INCH_M = 0.0254
 _POUND_N = 4.4482216152605
+_OUNCE_N = _POUND_N / 16
+_KILOGRAM_N = 9.80665
 
 _FACTORS: dict[str, dict[float, str]] = {
-    "N": {1.0: "n newton newtons", 1e-3: "mn", 1e3: "kn", _POUND_N: "lbf", 9.80665: "kgf"},
+    "N": {1.0: "n newton newtons", 1e-3: "mn", 1e3: "kn", _POUND_N: "lbf", _OUNCE_N: "ozf", _KILOGRAM_N: "kgf"},
     "N m": {
         1.0: "nm newtonmetre newtonmetres newtonmeter newtonmeters",
+        1e-2: "cnm ncm",
         1e-3: "mnm nmm",
         1e3: "knm",
-        _POUND_N * _INCH_M: "lbfin",
+        _POUND_N * _INCH_M: "lbfin inlbf lbin inlb inlbs",
+        _POUND_N * _INCH_M * 12: "lbfft ftlbf lbft ftlb ftlbs",
+        _OUNCE_N * _INCH_M: "ozfin inozf ozin inoz",
+        _KILOGRAM_N: "kgfm",
+        _KILOGRAM_N / 100: "kgfcm kgcm",
     },
     "s": {
         1.0: "s sec secs second seconds",
@@ -53,8 +61,8 @@ _FACTORS: dict[str, dict[float, str]] = {
 }  # fmt: skip
 
 TAKEN = {
-    "N": "N, mN, kN, lbf or kgf (kilograms-force)",
-    "N m": "N m, mN m, kN m, N mm or lbf in",
+    "N": "N, mN, kN, lbf, ozf or kgf (kilograms-force)",
+    "N m": "N m, mN m, cN m, kN m, N mm, lbf in, lbf ft, ozf in or kgf cm",
     "s": "s, ms, us or ns",
     "Hz": "Hz or kHz",
 }
@@ -90,14 +98,7 @@ def unit_spelling(unit: str) -> str:
 
 
 def same_unit(one: str, other: str) -> bool:
-    """Whether two texts of units are of one unit: "Nm" and "N m", "m/s^2" and "m/s2".
-
-    Examples
-    --------
-    >>> from granular_id.recording import same_unit
-    >>> same_unit("m/s^2", "m s-2"), same_unit("N m", "N\N{MIDDLE DOT}m"), same_unit("mN m", "N mm")
-    (True, True, True)
-    """
+    """Whether two texts of units are of one unit: "Nm" and "N m", "m/s^2" and "m s-2"."""
     for quantity in ("N", "N m"):
         scales = [factor(unit, quantity) for unit in (one, other)]
         if None not in scales:
@@ -126,14 +127,20 @@ def is_unit(text: str) -> bool:
     return not plain or plain in ("-", "1") or known or plain.lower() in _OTHER_UNITS
 
 
-TIME, RECORDING, LABEL, SESSION, RATE, FLAGS = (
-    "time",
-    "recording",
-    "label",
-    "session",
-    "rate_hz",
-    "sample_flags",
-)
+def units_by_axis(axes: Sequence[str], units: Sequence[str] | None) -> dict[str, str]:
+    """Return the unit stated of each axis: of one for all, one an axis, or one for each of several equal runs."""
+    if not units:
+        return {}
+    run, rest = divmod(len(axes), len(units))
+    if rest or not run:
+        problem = f"has {len(units)} for {len(axes)} axes ({', '.join(axes)})"
+        wanted = "wanted one for all, one per axis, or one for each of several runs of equal length"
+        raise argument_error(GranularIdError, "units", f"{problem}; {wanted}")
+    return {axis: unit for i, axis in enumerate(axes) if (unit := units[i // run])}
+
+
+TIME, NANOSECONDS, RECORDING, LABEL, SESSION = "time", "nanoseconds", "recording", "label", "session"
+RATE, FLAGS = "rate_hz", "sample_flags"
 ABOUT = (TIME, RECORDING, LABEL, SESSION, RATE, FLAGS)
 """What a column may be besides an axis; flags only in files that are written here: ``flags`` may be anything."""
 
@@ -143,7 +150,19 @@ _CHOOSES = {
     SESSION: in_both(session="column:NAME"),
 }
 
-TIMES = ("time", "t", "timestamp", "timestamps", "stamp", "ts", "datetime", "seconds", "sec", "secs")
+TIMES = (
+    "time",
+    "t",
+    "timestamp",
+    "timestamps",
+    "stamp",
+    "ts",
+    "datetime",
+    "seconds",
+    "sec",
+    "secs",
+    "xvalue",
+)
 """Names of a clock without case and separators; of several that are there, the first one is it."""
 
 _WORDS = {
@@ -158,87 +177,79 @@ _WORDS = {
     **dict.fromkeys(("ratehz", "fs", "samplingrate"), RATE),
     "sampleflags": FLAGS,
 }
+_QUANTITIES = {**dict.fromkeys(AXES[:3], "N"), **dict.fromkeys(AXES[3:], "N m"), TIME: "s", RATE: "Hz"}
+"""The unit in which values are wanted."""
+
+_NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
+_THOUSANDS = re.compile(r"\s*[+-]?\d{1,3}(,\d{3})+\.\d*\s*")
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
 
 _LONGEST = 200
 """Characters of a name: a topic, a field and a unit have room, and no regular expression takes long."""
 
-_BETWEEN = r"[\s_./-]+"
+_BETWEEN = re.compile(r"[\s_./-]+")
 _PATH = re.compile(r"(?:(?:.*/|field\.)?wrench[\s_./-]+|field\.)")
 _BRACKETED = re.compile(r"(.+?)\s*(?:\[([^][]*)\]|\(([^()]*)\))")
 _TRAILING = re.compile(
     r"(.+?)[\s_./,-]+("
     + "|".join(sorted((name for known in _KNOWN.values() for name in known), key=len, reverse=True))
-    + r"|n[\s_.*\N{MIDDLE DOT}-]m|n[\s_.*\N{MIDDLE DOT}-]mm)",
+    + r"|(?:[mck]?n|kgf|lbf|ozf)[\s_.*\N{MIDDLE DOT}-](?:m|mm|cm|in|ft)|(?:in|ft)[\s_.*\N{MIDDLE DOT}-](?:lb|lbs|lbf))",
     re.IGNORECASE,
 )
 _IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORECASE)
+"""Columns of whole seconds and of nanoseconds, as ROS prints stamps."""
 
 
 class TableError(GranularIdError):
     """Samples that make no recording: the problem, and the row and column of the table where it is.
 
-    `no_wrench`: the table holds none of the axes, so that it may be something else beside recordings.
+    `no_wrench`: the table holds none of the axes, so that it may be something else beside recordings. `mend`: methods
+    of a data frame that make recordings of it.
     """
 
     def __init__(
-        self, problem: str, row: int | None = None, column: str | None = None, *, no_wrench: bool = False
+        self,
+        problem: str,
+        row: int | None = None,
+        column: str | None = None,
+        *,
+        no_wrench: bool = False,
+        mend: str = "",
     ) -> None:
         super().__init__(problem)
         self.problem, self.row, self.column, self.no_wrench = problem, row, column, no_wrench
+        self.mend = mend
 
 
 class Meaning(NamedTuple):
-    """What a column is, by its name; None where that is not known, and the unit that the name states."""
+    """A name of a column without its unit, that unit, what the column is (None: not known), and what one unit is."""
 
-    what: str | None
+    base: str
     unit: str | None = None
-
-    @property
-    def quantity(self) -> str | None:
-        """The unit that its values are wanted in; None where there is none."""
-        if self.what in AXES:
-            return "N" if self.what[0] == "f" else "N m"
-        return {TIME: "s", RATE: "Hz"}.get(self.what or "")
-
-    @property
-    def scale(self) -> float | None:
-        """What one of the stated unit is in the one wanted; None where that is not known."""
-        if self.unit is None:
-            return 1.0
-        return None if self.quantity is None else factor(self.unit, self.quantity)
+    what: str | None = None
+    scale: float | None = 1.0  # in N, N m, s or Hz; None where the unit is none of those
 
 
 @lru_cache(maxsize=1024)  # every file of a folder has the same header
 def meaning_of(name: str) -> Meaning:
-    """Say what a column of this name is."""
-    text = name.strip()
-    if text == "T" or len(text) > _LONGEST:  # time, torque or temperature
-        return Meaning(None)
-    base, unit = name_and_unit(name)
-    return Meaning(_word(base), unit)
+    """Say what a column of this name is: ``wx [rad/s]`` is ``wx`` in ``rad/s``."""
+    base, unit = name.strip(), None
+    if len(base) > _LONGEST:
+        return Meaning(base)
+    if (found := _BRACKETED.fullmatch(base)) is not None:
+        base, unit = found[1], (found[3] or found[2] or "").strip() or None
+    elif _word(base) is None and (found := _TRAILING.fullmatch(base)) is not None:
+        base, unit = found[1], found[2]
+    what = None if name.strip() == "T" else _word(base)  # time, torque or temperature
+    wanted = _QUANTITIES.get(what or "")
+    scale = 1.0 if unit is None else None if wanted is None else factor(unit, wanted)
+    return Meaning(base, unit, what, scale)
 
 
 def _word(text: str) -> str | None:
-    text = text.lower()
+    text = text.strip().lower()
     path = _PATH.match(text)
-    return _WORDS.get(_plain(text[path.end() :] if path else text))
-
-
-def _plain(text: str) -> str:
-    return re.sub(_BETWEEN, "", text.strip().lower())
-
-
-@lru_cache(maxsize=1024)
-def name_and_unit(name: str) -> tuple[str, str | None]:
-    """Part a name in what comes before its unit, and the unit: ``wx [rad/s]``."""
-    text = name.strip()
-    if len(text) > _LONGEST:
-        return text, None
-    if (found := _BRACKETED.fullmatch(text)) is not None:
-        base, square, round_ = found.groups()
-        return base, (square if round_ is None else round_).strip() or None
-    trailing = None if _word(text) is not None else _TRAILING.fullmatch(text)
-    return (text, None) if trailing is None else (trailing[1], trailing[2])
+    return _WORDS.get(_BETWEEN.sub("", text[path.end() :] if path else text))
 
 
 def cell_text(value: Any) -> str:
@@ -248,39 +259,17 @@ def cell_text(value: Any) -> str:
     return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value).strip()
 
 
-def columns_of(
-    names: Sequence[str],
-    axes: Sequence[str] | None = None,
-    asked: Mapping[str, str | None] | None = None,
-) -> dict[str, str]:
-    """Find the columns that hold the axes, and the clock and what tells recordings apart where there are such.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of all columns.
-    axes : sequence of str, optional
-        The axes wanted, in their order; by default fx fy fz tx ty tz.
-    asked : mapping, optional
-        Columns that somebody names: of the time, recording, label or session.
-
-    Returns
-    -------
-    dict
-        Names of columns by axis, and by `TIME`, `RECORDING`, `LABEL`, `SESSION`, `RATE`, `FLAGS`.
-    """
-    chosen = tuple((what, name) for what, name in (asked or {}).items() if name is not None)
-    return dict(_columns_of(tuple(names), None if axes is None else tuple(axes), chosen))
-
-
 @lru_cache(maxsize=256)
-def _columns_of(
-    names: tuple[str, ...], axes: tuple[str, ...] | None, asked: tuple[tuple[str, str], ...]
+def columns_of(
+    names: tuple[str, ...],
+    axes: tuple[str, ...] | None = None,
+    asked: tuple[tuple[str, str], ...] = (),
 ) -> Mapping[str, str]:
+    """Find columns: by axis (default fx fy fz tx ty tz), and by `ABOUT` and `NANOSECONDS`; `asked` are named ones."""
     twice = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if twice is not None:
         raise TableError(f"column {twice!r:.60} occurs twice")
-    found = {axis: _column_of(axis, names, axes is not None) for axis in axes or AXES}
+    found = {axis: _column_of(axis, names, is_named=axes is not None) for axis in axes or AXES}
     for what, name in asked:
         if name not in names:
             raise TableError(f"{what}={name!r:.60} is no column of it; there are {_listed(names)}")
@@ -292,32 +281,25 @@ def _columns_of(
         places = [name for name in names if name not in taken and meaning_of(name).what == what]
         if what in found or not places:
             continue
-        if what == TIME:
-            places = sorted(places, key=_preference)[:1]
+        if what == TIME and len(places) > 1:
+            plain = [_BETWEEN.sub("", meaning_of(name).base.lower()) for name in places]
+            ranks = [TIMES.index(one) if one in TIMES else len(TIMES) for one in plain]
+            places = [places[ranks.index(min(ranks))]]
         if len(places) > 1:
             problem = f"columns {' and '.join(map(repr, places[:2]))} both mean {what}"
             raise TableError(f"{problem}; name one of them: {_CHOOSES.get(what, 'keep only one')}")
         found[what] = places[0]
-    return found
+    beside = [name for name in names if TIME in found and _IN_TWO.fullmatch(f"{found[TIME]}\n{name}")]
+    return {**found, NANOSECONDS: beside[0]} if beside else found
 
 
-def _preference(name: str) -> int:
-    plain = _plain(name_and_unit(name)[0])
-    return TIMES.index(plain) if plain in TIMES else len(TIMES)
-
-
-def nanoseconds_beside(time: str, names: Sequence[str]) -> str | None:
-    """Return the column of nanoseconds that belongs to one of whole seconds, as ROS prints stamps."""
-    return next((name for name in names if _IN_TWO.fullmatch(f"{time}\n{name}")), None)
-
-
-def _column_of(axis: str, names: Sequence[str], is_named: bool) -> str:
+def _column_of(axis: str, names: Sequence[str], *, is_named: bool) -> str:
     """Return the column that holds an axis: the one called so, or without its unit, or by another name of fx to tz."""
     small = axis.strip().lower()
     tiers = (
         [name for name in names if name.strip() == axis],
         [name for name in names if name.strip().lower() == small],
-        [name for name in names if name_and_unit(name)[0].strip().lower() == small],
+        [name for name in names if meaning_of(name).base.strip().lower() == small],
         [name for name in names if axis in AXES and meaning_of(name).what == axis],
     )
     for places in tiers:
@@ -331,22 +313,117 @@ def _column_of(axis: str, names: Sequence[str], is_named: bool) -> str:
             return sound[0]
     bad = next((name for places in tiers for name in places), None)
     if bad is not None:
-        unit, wanted = meaning_of(bad).unit or "", TAKEN[Meaning(axis).quantity or ""]
+        unit, wanted = meaning_of(bad).unit or "", TAKEN[_QUANTITIES[axis]]
         raise TableError(f"the unit of column {bad!r:.60} is {unit!r:.40}; wanted {wanted}")
     if is_named:
         raise TableError(f"axes names {axis!r:.60}, which is no column of it; there are {_listed(names)}")
     some = any(meaning_of(name).what in AXES for name in names)
+    missing = f"column {axis!r} is missing; wanted" if some else "names none of"
     also = "also force_x, wrench.force.x, 'Fx [N]'; mx, torque_x, moment_x"
-    if some:
-        raise TableError(
-            f"column {axis!r} is missing; wanted {', '.join(AXES)} ({also}); there are {_listed(names)}"
-        )
-    problem = f"names none of {', '.join(AXES)} ({also}); there are {_listed(names)}"
-    raise TableError(problem, no_wrench=True)
+    problem = f"{missing} {', '.join(AXES)} ({also}); there are {_listed(names)}"
+    raise TableError(problem, no_wrench=not some)
 
 
 def _listed(names: Sequence[str], most: int = 20) -> str:
     return ", ".join(name[:40] for name in names[:most]) + (", ..." if len(names) > most else "")
+
+
+def numbers_of(
+    columns: Mapping[str, npt.NDArray[Any]],
+    names: Sequence[str],
+    *,
+    clock: str | None = None,
+    of_text: Sequence[str] = (),
+) -> FloatArray:
+    """Put columns of numbers side by side, as a read-only array; empty cells are NaN.
+
+    `clock` is the column of stamps; `of_text` names all columns of a table that ``pandas.read_csv`` read.
+    """
+    found = []
+    for name in names:
+        values = columns[name]
+        if values.dtype.kind in "iuf":
+            found.append(values)
+            continue
+        if values.ndim != 1 or values.dtype.kind not in "OUT":
+            raise TableError(f"holds {values.dtype}; wanted numbers", column=name)
+        cells = values.tolist()
+        no_number = [
+            row
+            for row, cell in enumerate(cells)
+            if isinstance(cell, bool) or not isinstance(cell, (int, float, type(None)))
+        ]
+        if no_number:
+            texts = [row for row in no_number if _NUMBER.fullmatch(str(cells[row])) is None]
+            row = (texts or no_number)[0]
+            several = {str(cells[one])[:40] for one in texts}
+            raise _no_number(
+                row,
+                name,
+                several,
+                {name: columns[name] for name in names},
+                columns.get(clock or ""),
+                clock,
+                of_text,
+            )
+        found.append(np.array([np.nan if cell is None else cell for cell in cells], np.float64))
+    whole = np.column_stack(found).astype(np.float64, copy=False)
+    whole.flags.writeable = False
+    return whole
+
+
+def _no_number(
+    row: int,
+    name: str,
+    several: Set[str],
+    columns: Mapping[str, npt.NDArray[Any]],
+    stamps: npt.NDArray[Any] | None,
+    clock: str | None,
+    of_text: Sequence[str],
+) -> TableError:
+    """Say what is wrong with a cell, and what reads it: options of pandas, or methods of its frames.
+
+    `several` are all texts of the column that are no numbers.
+    """
+    cell, names = columns[name][row], list(columns)
+    if isinstance(cell, (list, tuple, np.ndarray)):
+        mend = f".explode({names}).astype(dict.fromkeys({names}, float))"
+        return TableError("holds lists; wanted one number a row", row, name, mend=mend)
+    text = str(cell)[:40]
+    with_comma = _DECIMAL_COMMA.fullmatch(text), _THOUSANDS.fullmatch(text)
+    option: dict[str, Any] = {}
+    if any(with_comma):
+        option = {"decimal": ","} if with_comma[0] else {"thousands": ","}
+    elif all(str(values[row]).strip() == called for called, values in columns.items()) and several == {text}:
+        option = {"na_values": list(of_text)}  # its names again
+    elif several == {text} and all(
+        values[row] == cell for values in columns.values()
+    ):  # else it were empty in part
+        option = {"na_values": text}
+    why = "; if it stands for a missing sample" * (option.get("na_values") == text)
+    if option and of_text:
+        return TableError(f"{text!r} is no number{why}: pass {in_both(csv=option)}", row, name)
+    mend = mended(names, is_text=True)
+    if (
+        clock is not None
+        and stamps is not None
+        and stamps.dtype.kind == "O"
+        and _NUMBER.fullmatch(str(stamps[0]))
+    ):
+        mend = NUMERIC_ROWS.format(clock=clock) + mend
+    return TableError(f"{text!r} is no number; wanted a number", row, name, mend=mend * (not any(with_comma)))
+
+
+NUMERIC_ROWS = ".pipe(lambda f: f[pandas.to_numeric(f[{clock!r}], errors='coerce').notna()])"
+"""The method of a data frame that leaves out rows whose stamp is no number."""
+
+
+def mended(names: Sequence[str], *, is_text: bool = False, fill: bool = False) -> str:
+    """Return the method of a data frame that empties rows which are no samples; a gap stays where they were."""
+    numbers = ".apply(pandas.to_numeric, errors='coerce')" * is_text
+    finite = ".replace([float('inf'), -float('inf')], float('nan'))"
+    filled = ".interpolate()" * fill
+    return f".pipe(lambda f: f.assign(**f[{list(names)}]{numbers}{finite}{filled}.dropna().reindex(f.index)))"
 
 
 # Tables as samples.
@@ -374,39 +451,34 @@ def by_name(
     table: Any, names: Sequence[str], argument: str, wanted: Sequence[str] | None
 ) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
     """Take columns by their names: those wanted; else the six of a wrench in their order, or all as they stand."""
-    have = " ".join(names)
-    own = {_axis(name): name for name in names}  # fx for Fx
-    if len(own) < len(names):
-        twice = next(name for k, name in enumerate(names) if _axis(name) in map(_axis, names[:k]))
-        raise GranularIdError(f"{argument} has two columns {twice!r}: {have}")
-    if wanted is not None:
-        places = {**own, **{name: name for name in names}}
-        missing = [axis for axis in wanted if axis not in places]
-        if missing:
-            raise GranularIdError(
-                f"{argument} has no column {missing[0]!r}: its columns are {have}, wanted are {' '.join(wanted)}; an "
-                f"array has no names: {argument}.to_numpy() passes for these"
-            )
-        chosen = [(axis, places[axis]) for axis in wanted]
-    elif own.keys() == set(AXES):
-        chosen = [(axis, own[axis]) for axis in AXES]
-    else:
+    have = f"its columns are {' '.join(names)}"
+    own: dict[str, str] = {}  # fx for Fx
+    for name in names:
+        if own.setdefault(_axis(name), name) != name:
+            raise GranularIdError(f"{argument} has two columns {name!r}: {have}")
+    places = {**own, **{name: name for name in names}}
+    axes = tuple(wanted or (AXES if own.keys() == set(AXES) else names))
+    missing = [axis for axis in axes if axis not in places]
+    if missing:
+        raise GranularIdError(
+            f"{argument} has no column {missing[0]!r}: {have}, wanted are {' '.join(axes)}; an array has no names: "
+            f"{argument}.to_numpy() passes for these"
+        )
+    if axes == tuple(names):  # nobody chose: all of them must be axes
         times = [name for name in names if meaning_of(name.lstrip("%# ")).what == TIME]
         beside = [name for name in names if _axis(name) not in AXES] if own.keys() >= set(AXES) else []
-        if times or beside:
+        if wanted is None and (times or beside):
             left = [name for name in names if name not in times and name not in beside]
-            axes = [name for name in left if np.asarray(table[name]).dtype.kind in "iuf"]
-            what = "no axis" if times else "no force or torque"
-            raise GranularIdError(
-                f"{argument} has the column {(times or beside)[0]!r}, which is {what}: its columns are {have}; choose "
-                f"those that are axes, as in {argument}[{axes}]"
-            )
-        chosen = [(name, name) for name in names]
-    columns = [np.asarray(table[name]) for _, name in chosen]
-    for (_, name), column in zip(chosen, columns, strict=True):
+            numbers = [name for name in left if np.asarray(table[name]).dtype.kind in "iuf"]
+            came = f"{(times or beside)[0]!r}, which is {'no axis' if times else 'no force or torque'}"
+            way_out = f"choose those that are axes, as in {argument}[{numbers}]"
+            raise GranularIdError(f"{argument} has the column {came}: {have}; {way_out}")
+    columns = [np.asarray(table[places[axis]]) for axis in axes]
+    for axis, column in zip(axes, columns, strict=True):
         if column.dtype.kind not in "iuf" or column.ndim != 1:
-            raise TypeError(f"column {name!r} of {argument} must hold real numbers, got dtype {column.dtype}")
-    return np.column_stack(columns), tuple(axis for axis, _ in chosen)
+            problem = f"must hold real numbers, got dtype {column.dtype}"
+            raise TypeError(f"column {places[axis]!r} of {argument} {problem}")
+    return np.column_stack(columns), axes
 
 
 def samples_of(value: Any, argument: str, wanted: Sequence[str] | None) -> tuple[Any, tuple[str, ...] | None]:

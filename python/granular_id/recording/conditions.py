@@ -1,7 +1,9 @@
-"""Conditions of recordings, such as tool, depth or day: what is known of them, and which can be held out."""
+"""What the recordings of a data set were made with: set-ups, units, and conditions that can be held out."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +12,65 @@ from numpy.typing import NDArray
 from granular_id._checks import argument_error
 from granular_id._core import GranularIdError
 from granular_id._text import counted, short
+from granular_id.recording.checks import Finding
 from granular_id.recording.dataset import Dataset
-from granular_id.recording.recording import single_values
-from granular_id.recording.setup import setups_in
+from granular_id.recording.onset import ONSET_STEP
+from granular_id.recording.recording import single_values, unit_of
+from granular_id.recording.setup import Setup, mixed_setups, unit_differences
+
+
+def setups_in(data: Dataset) -> list[Setup]:
+    """Return the set-up of each recording."""
+    setups = [Setup.of(recording.meta) for recording in data]
+    onsets = [step for step in data.history if step.step == ONSET_STEP]
+    if not onsets:
+        return setups
+    # The motion begins where it was found in the forces, whatever started the recording.
+    trigger = None if onsets[-1].totals.get("kept") else "onset"
+    return [replace(setup, trigger=trigger) for setup in setups]
+
+
+def common_units(data: Dataset) -> list[str]:
+    """Return the unit of each axis, or refuse recordings that differ in them."""
+    units = dict.fromkeys(data.axes, "")
+    first = dict.fromkeys(data.axes, data[0].name)
+    for recording in data:
+        for other in unit_differences(units, recording.meta):
+            axis = other.now.partition(":")[0]
+            raise GranularIdError(
+                f"recordings differ in the units of their axes: {first[axis]!r} has {other.trained[0]}, "
+                f"{recording.name!r} has {other.now}; convert the samples to the same before"
+            )
+        for axis in [axis for axis, unit in units.items() if not unit]:
+            units[axis], first[axis] = unit_of(axis, recording.meta), recording.name
+    return list(units.values())
+
+
+def mixed_setup_warnings(data: Dataset) -> list[str]:
+    """Say where recordings of one data set differ in their frame, or in what was taken off them, one line each."""
+    return [f"warning: recordings differ in their {line}" for line in mixed_setups(setups_in(data))]
+
+
+SEVERE_PREFIXES = ("error: ", "warning: ")
+"""How the lines of `data_warnings` begin."""
+
+
+def data_warnings(data: Dataset, findings: Iterable[Finding] | None = None) -> list[str]:
+    """Return what may mislead a reader of the accuracies: set-ups that differ, errors and warnings of the checks.
+
+    `findings`: of the checks, where they have been made already.
+    """
+    made = data.check() if findings is None else findings
+    told = [str(finding) for finding in made if finding.severity != "info"]
+    return mixed_setup_warnings(data) + told
+
+
+def labelled_check_note(note: str) -> str:
+    """Say whose a line of `data_warnings` is: "error: " alone is what a command prints that has failed."""
+    return f"data check: {note}" if note.startswith(SEVERE_PREFIXES) else note
+
+
+# Conditions, such as tool, depth or day.
 
 MOST_VALUES = 50
 """Values of a condition that are held out one after the other: each costs a training."""

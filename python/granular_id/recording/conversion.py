@@ -1,24 +1,27 @@
-"""``to_recordings``: the one place that settles clock, label, session, and which rows of a table belong together."""
+"""``to_recordings``: the one place that settles axes, units, clock, label and session of a ``Table``.
+
+Every format and every data frame becomes a `Table`, and passes here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import FloatArray, checked_text, thaw
-from granular_id._text import counted
+from granular_id._checks import FloatArray, checked_text, frozen_mapping, locked
+from granular_id._core import AXES
+from granular_id._text import in_both
 from granular_id.recording.clock import (
     IGNORED_OUT,
+    SEVERAL,
     SINCE_1970,
-    ClockError,
     Stamps,
     has_date,
     rate_of,
-    refuse_unlikely,
     stamps_of,
     time_order,
     unpacked,
@@ -26,54 +29,100 @@ from granular_id.recording.clock import (
 from granular_id.recording.columns import (
     FLAGS,
     LABEL,
+    NANOSECONDS,
     RATE,
     RECORDING,
     SESSION,
+    TAKEN,
     TIME,
     TableError,
     cell_text,
+    columns_of,
     factor,
+    meaning_of,
+    mended,
+    numbers_of,
+    same_unit,
+    unit_spelling,
+    units_by_axis,
 )
-from granular_id.recording.recording import KNOWN_FLAGS, Recording, SampleFlag
-from granular_id.recording.table import Picked, Stated, Table, numbers_of, picked_columns
+from granular_id.recording.recording import (
+    KNOWN_FLAGS,
+    Recording,
+    SampleFlag,
+    checked_axes,
+    unit_of,
+    with_named_units,
+)
 
-Text = Literal["label", "session"]
+
+@dataclass(frozen=True)
+class Table:
+    """Samples and what is stated beside them: columns by their names, or an array of one recording."""
+
+    name: str = ""  # of the recording in reports; of several, each has its own part behind it
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    values: NDArray[Any] | None = None  # (T, C), in place of `columns`
+    axes: tuple[str, ...] | None = None  # names of the columns of `values`
+    units: Mapping[str, str] = field(default_factory=dict)  # stated beside the names, by column or axis
+    stamps: NDArray[Any] | None = None  # the clock of `values`: seconds, or numpy's dates
+    rate_hz: float | None = None
+    label: str | None = None
+    session: str | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    clock: str = "time"  # how errors call the clock
+    is_text: bool = False  # pandas.read_csv made it, so that options of that may read it otherwise
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """What a caller, an option or an index says of recordings; it is obeyed, or refused where the table contradicts."""
+
+    rate_hz: float | None = None
+    time_unit: str | None = None
+    axes: tuple[str, ...] | None = None
+    units: tuple[str, ...] | None = None
+    columns: tuple[tuple[str, str], ...] = ()  # what a column is, as TIME, and its name
+    label: str | None = None  # wins over what the table says
+    session: str | None = None
+    label_from: str | None = None  # a place in the metadata that holds it, "meta:PATH"
+    session_from: str | None = None
+    label_else: str | None = None  # where nothing else says it
+    session_else: str | None = None
+    start_time: float | None = None
+    trigger_index: int | None = None
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    irregular: bool = False  # keep stamps even where they are even
+    repair: bool = False  # sort samples whose stamps run back
 
 
 @dataclass
 class Made:
     """What `to_recordings` made: recordings, a row for each with remarks, and notes on the whole table."""
 
-    recordings: list[Recording]
+    recordings: list[Recording] = field(default_factory=list)
     rows: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
+    @property
+    def totals(self) -> dict[str, int]:
+        """Figures over all recordings, for a report."""
+        counts = {"left_out_samples": "left_out", "moved_samples": "moved", "merged_samples": "merged"}
+        return {
+            "recordings": len(self.recordings),
+            "uniform": sum(one.rate_hz is not None for one in self.recordings),
+            "irregular": sum(one.rate_hz is None for one in self.recordings),
+            **{name: sum(row.get(key, 0) for row in self.rows) for name, key in counts.items()},
+        }
+
 
 def to_recordings(table: Table, stated: Stated) -> Made:
-    """Make the recordings of a table.
-
-    Parameters
-    ----------
-    table : Table
-    stated : Stated
-        What a caller, an option or an index says; it is obeyed, or refused where the table says something else.
-
-    Returns
-    -------
-    Made
-        Recordings in the order in which they begin.
-
-    Raises
-    ------
-    TableError
-        What is missing, or contradicts itself or what is stated; with row and column.
-    """
+    """Make the recordings of a table, in the order in which they begin; a `TableError` names row and column."""
     picked = picked_columns(table, stated)
-    parts = _parts(picked, table.name)
-    if len(parts) > 1 and (stated.start_time is not None or stated.trigger_index is not None):
-        problem = f"start_time and trigger_index are stated for {counted(len(parts))}"
-        raise TableError(f"{problem}; wanted in the file itself")
-    made = Made([], [], picked.notes)
+    parts = [(np.arange(len(picked.wrench)), table.name)]
+    if RECORDING in picked.columns:
+        parts = _parts(picked, table.name)
+    made = Made(notes=picked.notes)
     for rows, name in parts:
         part = _Part(table, stated, picked, rows, name)
         made.recordings.append(part.recording())
@@ -81,23 +130,162 @@ def to_recordings(table: Table, stated: Stated) -> Made:
     return made
 
 
+# Columns, axes and units.
+
+
+@dataclass
+class Picked:
+    """The columns that were chosen; `called` says what each is called in the table."""
+
+    wrench: FloatArray  # N and N m where the axes are those of a wrench
+    axes: tuple[str, ...]
+    called: Mapping[str, str]
+    units: dict[str, str]  # of axes that are not of a wrench
+    notes: list[str]
+    columns: dict[str, NDArray[Any]]  # clock, id, label, session, rate, flags
+    time_unit: str | None  # what the clock counts, where the table says so
+
+
+def picked_columns(table: Table, stated: Stated) -> Picked:
+    """Choose the columns that are read, and settle axes and units."""
+    own = {what for what in (LABEL, SESSION) if getattr(table, what) is not None}
+    asked = tuple((what, name) for what, name in stated.columns if what not in own)
+    cells, asked_axes = dict(table.columns), stated.axes
+    if table.values is not None:
+        cells, asked_axes = _named_cells(table.values, table.axes, stated.axes)
+    n_samples = len(next(iter(cells.values()), ()))
+    if table.stamps is not None:
+        cells[table.clock], asked = np.asarray(table.stamps), ((TIME, table.clock), *asked)
+        if table.stamps.shape != (n_samples,):
+            raise TableError(f"{table.clock} has the shape {table.stamps.shape} for {n_samples} samples")
+    called = dict(columns_of(tuple(cells), asked_axes, asked))
+    axes = asked_axes or AXES
+    if RECORDING in called and RECORDING not in dict(asked) and _numbers_rows(cells[called[RECORDING]]):
+        del called[RECORDING]
+    scales, units, notes = _units_of(axes, called, table, stated)
+    columns = {what: cells[name] for what, name in called.items() if what not in axes}
+    time_unit = None if TIME not in called else table.units.get(called[TIME]) or meaning_of(called[TIME]).unit
+    if NANOSECONDS in columns:
+        seconds, nanoseconds = columns[TIME], columns.pop(NANOSECONDS)
+        if not (np.isfinite(seconds).all() and np.isfinite(nanoseconds).all()):
+            raise TableError("a stamp is empty", column=called[TIME])
+        columns[TIME] = seconds.astype(np.int64) * 1_000_000_000 + nanoseconds.astype(np.int64)
+        time_unit = "ns"
+    names = [called[axis] for axis in axes]
+    if table.values is not None and names == list(cells)[: table.values.shape[1]]:
+        # not copied where nobody can change them
+        wrench = locked(np.asarray(table.values, np.float64, order="C"))
+    else:
+        try:
+            of_text = list(cells) if table.is_text else ()
+            wrench = numbers_of(cells, names, clock=called.get(TIME), of_text=of_text)
+        except TableError as error:
+            if ".explode(" in error.mend and not any(meaning_of(name).what == RECORDING for name in cells):
+                error.mend = f".assign(recording=lambda f: range(len(f))){error.mend}"
+            raise
+    unread = [repr(name) for name in cells if name not in called.values()]
+    bases = {
+        what: meaning_of(name).base.strip().lower() for what, name in called.items() if what != NANOSECONDS
+    }
+    usual = {(TIME, "timestamp"), (TIME, table.clock)}
+    others = {
+        called[what]: what
+        for what, base in bases.items()
+        if base != what.lower() and (what, base) not in usual
+    }
+    if unread:
+        notes.append(f"columns that are not read: {', '.join(unread)[:200]}")
+    if others:
+        notes.append(f"columns {', '.join(map(repr, others))} taken as {', '.join(others.values())}"[:300])
+    wrench = wrench if scales is None else wrench * scales
+    return Picked(wrench, axes, called, units, notes, columns, time_unit)
+
+
+def _numbers_rows(values: NDArray[Any]) -> bool:
+    """Return True if a column counts 0, 1, 2 ...: it numbers samples, not recordings."""
+    return values.dtype.kind in "iu" and len(values) > 1 and bool((np.diff(values) == 1).all())
+
+
+def _named_cells(
+    values: NDArray[Any], names: tuple[str, ...] | None, asked: tuple[str, ...] | None
+) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+    """Return the columns of an array by their names: its own, those asked for, or the six of a wrench; and the axes.
+
+    Beside the six there may be others, such as a clock.
+    """
+    if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
+        came = f"{values.dtype} of shape {values.shape}"
+        raise TableError(f"samples are {came}; wanted numbers of shape (samples, axes)")
+    n, known = values.shape[1], names or asked or AXES
+    if names is None and len(known) != n:
+        came = "" if asked is None else f", and axes names {len(asked)}"
+        problem = f"samples have {n} columns without names{came}"
+        raise TableError(f"{problem}; pass axes= with a name for each", no_wrench=True)
+    try:
+        known = known if known == AXES and n == len(AXES) else checked_axes(known, values.shape)
+        cells = dict(zip(known, values.T, strict=True))
+    except (TypeError, ValueError) as error:
+        raise TableError(str(error)) from error
+    has_six = {meaning_of(name).what for name in known} >= set(AXES)
+    if has_six and (asked is None or (names is None and n > len(AXES))):
+        return cells, AXES
+    return cells, asked or known
+
+
+def _units_of(
+    axes: Sequence[str], called: Mapping[str, str], table: Table, stated: Stated
+) -> tuple[tuple[float, ...] | None, dict[str, str], list[str]]:
+    """Return what makes N and N m of each axis (None: they are), units of other axes, and what was converted."""
+    asked = units_by_axis(axes, stated.units) if stated.units else {}
+    own: dict[str, str | None] = {}
+    scales: list[float] = []
+    for axis in axes:
+        name = called[axis]
+        in_name = meaning_of(name).unit if axis != name.strip() or axis in AXES else None
+        said = [
+            unit for unit in (in_name, table.units.get(name), table.units.get(axis)) if unit and unit != "-"
+        ]
+        other = next((unit for unit in said[1:] if not same_unit(said[0], unit)), None)
+        if other is not None:
+            problem = f"its unit is {said[0]!r:.40}, and {other!r:.40} is stated beside it"
+            raise TableError(problem, column=name)
+        if said and axis in asked and not same_unit(said[0], asked[axis]):
+            problem = f"its unit is {said[0]!r:.40}, and units= states {asked[axis]!r:.40}; leave it out"
+            raise TableError(problem, column=name)
+        own[axis] = unit = said[0] if said else asked.get(axis)
+        scale = 1.0 if unit is None or axis not in AXES else factor(unit, unit_of(axis))
+        if scale is None:
+            problem = f"its unit is {unit!r:.40}; wanted {TAKEN[unit_of(axis)]}; convert other values first"
+            raise TableError(problem, column=name)
+        scales.append(scale)
+    converted = {axis: own[axis] for axis, scale in zip(axes, scales, strict=True) if scale != 1}
+    for alike in (AXES[:3], AXES[3:]):
+        silent = [axis for axis in alike if axis in axes and own[axis] is None]
+        other = next((axis for axis in alike if axis in converted), None)
+        if silent and other is not None:
+            problem = f"column {called[other]!r} states a unit and column {called[silent[0]]!r} none"
+            raise TableError(f"{problem}; wanted that of each", column=called[silent[0]])
+    units = {axis: unit_spelling(unit) for axis, unit in own.items() if axis not in AXES and unit is not None}
+    if not converted:
+        return None, units, []
+    said_units = ", ".join(dict.fromkeys(f"{unit} to {unit_of(axis)}" for axis, unit in converted.items()))
+    return tuple(scales), units, [f"converted from {said_units}"]
+
+
+# The recordings of a table: rows, clock, label, session.
+
+
 def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
     """Return the rows and the name of each recording: those with one id, and of these one label and one session."""
-    n = len(picked.wrench)
-    if RECORDING not in picked.columns:
-        return [(np.arange(n), name)]
-    ids = picked.columns[RECORDING]
     texts = [
-        texts_of(ids),
-        *(texts_of(picked.columns[what]) for what in (LABEL, SESSION) if what in picked.columns),
+        _texts_of(picked.columns[what]) for what in (RECORDING, LABEL, SESSION) if what in picked.columns
     ]
     if (texts[0] == "").any():
-        raise TableError("the cell is empty", int((texts[0] == "").argmax()), picked.called[RECORDING])
-    codes = np.zeros(n, np.int64)
-    for values in texts:
-        _, own = np.unique(values, return_inverse=True)
-        _, codes = np.unique(codes * (own.max() + 1) + own, return_inverse=True)
-    firsts = np.unique(codes, return_index=True)[1]
+        mend = f".dropna(subset=[{picked.called[RECORDING]!r}])"
+        row = int((texts[0] == "").argmax())
+        raise TableError("the cell is empty", row, picked.called[RECORDING], mend=mend)
+    found = np.unique(np.column_stack(texts), axis=0, return_index=True, return_inverse=True)
+    firsts, codes = found[1], found[2].ravel()
     if np.count_nonzero(np.diff(codes)) >= len(firsts) and TIME not in picked.columns:
         problem = "has the same value again behind other recordings, and no clock tells where the rows belong"
         raise TableError(problem, column=picked.called[RECORDING])
@@ -112,8 +300,7 @@ def _parts(picked: Picked, name: str) -> list[tuple[NDArray[np.intp], str]]:
     return [(rows[i], names[i]) for i in np.argsort(firsts, kind="stable").tolist()]
 
 
-def texts_of(values: NDArray[Any]) -> NDArray[np.str_]:
-    """Return the cells of a column as texts."""
+def _texts_of(values: NDArray[Any]) -> NDArray[np.str_]:
     return np.array([cell_text(value) for value in values.tolist()], dtype=np.str_)
 
 
@@ -125,100 +312,117 @@ class _Part:
     ) -> None:
         self._table, self._stated, self._picked, self._name = table, stated, picked, name
         self._rows, self._wrench, self._columns = rows, picked.wrench, picked.columns
+        self._flags: NDArray[np.uint8] | None = None
+        self._trigger = stated.trigger_index
+        self._places: NDArray[np.intp] | None = None
+        """Where the samples stood before empty rows were left out."""
+        self.remarks: dict[str, Any] = {}
         if len(rows) < len(picked.wrench):  # all of one recording need not be copied
             self._wrench = picked.wrench[rows]
             self._columns = {what: cells[rows] for what, cells in picked.columns.items()}
-        self._flags: NDArray[np.uint8] | None = None
-        self._trigger = stated.trigger_index
-        self.remarks: dict[str, Any] = {}
 
     def recording(self) -> Recording:
         """Settle the clock and what is known of the recording."""
         if FLAGS in self._columns:
-            flags = numbers_of([self._columns[FLAGS]], [FLAGS])[:, 0]
+            flags = numbers_of({FLAGS: self._columns[FLAGS]}, [FLAGS])[:, 0]
             wrong = np.flatnonzero(~np.isin(flags, np.arange(KNOWN_FLAGS + 1)))
             if len(wrong):
                 problem = f"{flags[wrong[0]]:g} is not a sum of SampleFlag bits (0 to {KNOWN_FLAGS})"
-                raise self._fault(problem, int(wrong[0]), FLAGS)
+                raise TableError(problem, int(self._rows[wrong[0]]), self._picked.called[FLAGS])
             self._flags = flags.astype(np.uint8)
-        file_hz = self._rate_in_table()
+        file_hz = self._rate_in_table() if RATE in self._columns else self._table.rate_hz
+        if not np.isfinite(self._wrench).all():
+            self._leave_out_empty_rows()
         try:
             stamps = self._stamps(file_hz)
             rate_hz, time_s, start_time = self._settled(stamps, file_hz)
-        except ClockError as error:
-            raise self._fault(str(error), error.sample, TIME) from error
+        except TableError as error:
+            row = None if error.row is None else int(self._rows[error.row])
+            problem, mend = error.problem, error.mend.format(clock=self._picked.called.get(TIME))
+            if SEVERAL in problem:
+                way, mend = self._told_apart()
+                problem = problem.replace(SEVERAL, f"{SEVERAL}{way}")
+            raise TableError(problem, row, self._picked.called.get(TIME), mend=mend) from error
+        n, trigger = len(self._wrench), self._trigger
+        if trigger is not None and not 0 <= trigger < n:
+            raise TableError(f"trigger_index={trigger} is outside the {n} samples")
         units = {"units": self._picked.units} if self._picked.units else {}
-        meta = {**units, **thaw(self._table.meta), **thaw(self._stated.meta)}
-        label, session = self._text("label", meta), self._text("session", meta)
+        meta = {**units, **self._table.meta, **self._stated.meta}
+        known: dict[str, Any] = {
+            "wrench": self._wrench,
+            "axes": self._picked.axes,
+            "rate_hz": rate_hz,
+            "time_s": time_s,
+            "label": self._text("label", meta),
+            "session": self._text("session", meta),
+            "start_time": start_time if self._stated.start_time is None else self._stated.start_time,
+            "trigger_index": trigger,
+            "flags": None if self._flags is None or not self._flags.any() else self._flags,
+        }
+        for array in (known["wrench"], known["time_s"], known["flags"]):
+            if array is not None:
+                array.flags.writeable = False
         try:
-            return Recording(
-                self._wrench,
-                rate_hz=rate_hz,
-                label=label,
-                session=session,
-                start_time=start_time if self._stated.start_time is None else self._stated.start_time,
-                trigger_index=self._trigger,
-                time_s=time_s,
-                meta=meta,
-                flags=self._flags,
-                name=self._name,
-                axes=self._picked.axes,
-            )
+            known["name"] = checked_text(self._name, "name", empty=True)
+            if meta:
+                named = with_named_units(meta, self._picked.axes) if "units" in meta else meta
+                known["meta"] = frozen_mapping("meta", named)
         except (TypeError, ValueError) as error:
             raise TableError(str(error)) from error
-
-    def _fault(self, problem: str, sample: int | None, what: str) -> TableError:
-        row = None if sample is None else int(self._rows[sample])
-        return TableError(problem, row, self._picked.called.get(what))
+        return Recording._trusted(**known)
 
     def _keep(self, samples: NDArray[np.intp]) -> None:
         """Keep some samples, in this order."""
         if self._trigger is not None and 0 <= self._trigger < len(self._wrench):
-            kept = np.flatnonzero(samples == self._trigger)
-            after = np.flatnonzero(samples >= self._trigger)
-            self._trigger = int(kept[0]) if len(kept) else int(after[0]) if len(after) else len(samples) - 1
+            here = np.flatnonzero(samples == self._trigger)
+            here = here if len(here) else np.flatnonzero(samples > self._trigger)
+            self._trigger = int(here[0]) if len(here) else len(samples) - 1
         self._wrench, self._rows = self._wrench[samples], self._rows[samples]
         self._columns = {what: cells[samples] for what, cells in self._columns.items()}
         self._flags = None if self._flags is None else self._flags[samples]
 
-    def _stamps(self, file_hz: float | None) -> Stamps | None:
-        """Leave out samples that are empty in all axes, and return the stamps of the others.
-
-        Without a clock there are stamps only where samples are missing: what is missing leaves a gap. A clock that is
-        none is ignored where a rate is stated. A sample that is empty in some axes is refused.
-        """
-        rate_hz = file_hz if self._stated.rate_hz is None else self._stated.rate_hz
+    def _leave_out_empty_rows(self) -> None:
+        """Leave out samples that are empty in all axes; one that is empty in some is refused."""
         bad = ~np.isfinite(self._wrench)
-        places = np.arange(len(bad))
-        if bad.any():
-            missing = np.isnan(self._wrench).all(axis=1, keepdims=True)
-            partly = np.argwhere(bad & ~missing)
-            if len(partly):
-                sample, column = partly[0].tolist()
-                value = self._wrench[sample, column]
-                what = (
-                    "is empty or NaN, where others of the row are not" if np.isnan(value) else f"is {value}"
-                )
-                wanted = "wanted a finite number, or a row that is empty in all axes"
-                raise self._fault(f"{what}; {wanted}", sample, self._picked.axes[column])
-            if missing.all():
-                raise TableError("holds no samples: all rows are empty")
-            places = np.flatnonzero(~missing)
-            self.remarks["left_out"] = int(missing.sum())
-            self._keep(places)
+        missing = np.isnan(self._wrench).all(axis=1, keepdims=True)
+        partly = np.argwhere(bad & ~missing)
+        if len(partly):
+            sample, column = partly[0].tolist()
+            value = self._wrench[sample, column]
+            came = (
+                f"is {value}" if not np.isnan(value) else "is empty or NaN, where others of the row are not"
+            )
+            wanted = "wanted a finite number, or a row that is empty in all axes"
+            names = [self._picked.called[axis] for axis in self._picked.axes]
+            fill = 2 * len(np.unique(partly[:, 0])) > len(bad)  # axes that take turns
+            mend = mended(names, fill=fill)
+            row, name = int(self._rows[sample]), names[column]
+            raise TableError(f"{came}; {wanted}", row, name, mend=mend)
+        if missing.all():
+            raise TableError("holds no samples: all rows are empty")
+        self.remarks["left_out"] = int(missing.sum())
+        self._places = np.flatnonzero(~missing)
+        self._keep(self._places)
+
+    def _stamps(self, file_hz: float | None) -> Stamps | None:
+        """Return the stamps of the samples; without a clock there are some only where samples are missing.
+
+        A clock that is none is ignored where a rate is stated.
+        """
+        stated = self._stated
+        rate_hz = file_hz if stated.rate_hz is None else stated.rate_hz
         if TIME in self._columns:
-            clock = self._columns[TIME]
             try:
-                return stamps_of(clock, self._picked.time_unit, self._stated.time_unit, rate_hz)
-            except ClockError as error:
-                if self._stated.rate_hz is None or IGNORED_OUT not in str(error):
+                return stamps_of(self._columns[TIME], self._picked.time_unit, stated.time_unit, rate_hz)
+            except TableError as error:
+                if stated.rate_hz is None or IGNORED_OUT not in error.problem:
                     raise
-                said = str(error).partition(";")[0]
+                said = error.problem.partition(";")[0]
                 self.remarks["remark"] = f"the clock was ignored: {rate_hz:g} Hz is stated, and {said}"
                 self._columns = {what: cells for what, cells in self._columns.items() if what != TIME}
-        if rate_hz is None or len(places) == int(places[-1] - places[0]) + 1:
+        if rate_hz is None or self._places is None or (np.diff(self._places) == 1).all():
             return None
-        return Stamps((places - places[0]) / rate_hz, 0.0, 0.0)
+        return Stamps((self._places - self._places[0]) / rate_hz, 0.0, 0.0)
 
     def _settled(
         self, stamps: Stamps | None, file_hz: float | None
@@ -251,9 +455,8 @@ class _Part:
             self.remarks["remark"] = f"the clock was ignored but for its pauses: {stated_hz:g} Hz is stated"
         elif not stated.irregular:
             said = (stated.rate_hz, file_hz, self._picked.time_unit, stated.time_unit)
-            if counts and all(one is None for one in said):
-                refuse_unlikely(stamps)
-            rate_hz, remark = rate_of(stamps, stated_hz, file_hz)
+            doubtful = counts and all(one is None for one in said)
+            rate_hz, remark = rate_of(stamps, stated_hz, file_hz, doubtful=doubtful)
             self.remarks |= {} if remark is None else {"remark": remark}
         first_s = None
         if stamps.first_s > SINCE_1970 and clock is not None and (counts or has_date(clock)):
@@ -262,7 +465,36 @@ class _Part:
             self.remarks["first_stamp_s"] = stamps.first_s
         return rate_hz, None if rate_hz is not None else stamps.time_s, first_s
 
+    def _told_apart(self) -> tuple[str, str]:
+        """Return the option that tells recordings apart whose clocks begin anew, or methods that do."""
+        clock, label = self._columns[TIME], self._columns.get(LABEL)
+        if clock.dtype.kind not in "iuf":
+            return "", ""
+        begins = set(np.flatnonzero(np.diff(clock) < 0).tolist())
+        known = set() if label is None else _changes(label)
+        others = {
+            name: _changes(cells[self._rows])
+            for name, cells in self._table.columns.items()
+            if name not in self._picked.called.values() and cells.dtype.kind in "iuOUT"
+        }
+        ids = [name for name, changes in others.items() if changes and changes | known == begins]
+        if not ids:
+            return "", f".assign(recording=lambda f: (f[{self._picked.called[TIME]!r}].diff() < 0).cumsum())"
+        way = {"id": ids[0]}
+        if label is None and self._stated.label is None and self._stated.label_else is None:
+            texts = {
+                name: len(set(self._table.columns[name].tolist()))
+                for name, changes in others.items()
+                if name != ids[0] and changes <= begins and self._table.columns[name].dtype.kind == "O"
+            }
+            if not texts and self._table.columns[ids[0]].dtype.kind == "O":  # of names of files
+                names = f"f[{ids[0]!r}].str.replace(r'[\\W_]*\\d*(\\.\\w+)?$', '', regex=True)"
+                return "", f".assign(recording=lambda f: f[{ids[0]!r}], label=lambda f: {names})"
+            way |= {"label": f"column:{min(texts, key=texts.__getitem__)}"} if texts else {}
+        return f"; pass {in_both(**way)}", ""
+
     def _no_clock(self) -> str:
+        """Say that no rate is known, and which columns may be a clock."""
         clock = self._table.clock
         if self._stated.irregular:
             return f"has no {clock}, but is called irregular"
@@ -271,57 +503,60 @@ class _Part:
             for name, cells in self._table.columns.items()
             if cells.dtype.kind in "iuf" and len(cells) > 2 and (np.diff(cells.astype(np.float64)) > 0).all()
         ]
-        column = (
-            f", or time= with the column that is the clock ({', '.join(counting)[:80]}?)" if counting else ""
-        )
-        return f"has no {clock} and no rate is stated; pass rate_hz= (--recorded-hz RATE){column}"
+        names = ", ".join(counting)[:80]
+        column = f", or time= with the column that is the clock ({names}?)" if names else ""
+        return f"has no {clock} and no rate is stated; pass rate_hz=RATE (--recorded-hz RATE){column}"
 
     def _rate_in_table(self) -> float | None:
-        """Return the rate that the table, or a column of it, states."""
-        of_table = self._table.rate_hz
-        if RATE not in self._columns:
-            return of_table
-        name, unit = self._picked.called[RATE], self._picked.rate_unit
-        rates = np.unique(numbers_of([self._columns[RATE]], [name]))
-        scale = 1.0 if unit is None else factor(unit, "Hz")
+        """Return the rate that a column of the table states."""
+        name = self._picked.called[RATE]
+        unit = self._table.units.get(name) or meaning_of(name).unit or "Hz"
+        rates, scale = np.unique(numbers_of({name: self._columns[RATE]}, [name])), factor(unit, "Hz")
         if scale is None:
             raise TableError(f"its unit is {unit!r:.40}; wanted Hz", column=name)
         if len(rates) > 1 and TIME in self._columns:
             return None  # it was measured; stamps tell the rate
-        if len(rates) > 1 or not 0 < rates[0] < np.inf or of_table not in (None, rates[0] * scale):
-            beside = "" if of_table is None else f", the table one of {of_table:g} Hz"
-            problem = f"recording {self._name!r:.60} states the rates {rates[:5].tolist()}{beside}"
+        if len(rates) > 1 or not 0 < rates[0] < np.inf:
+            problem = f"recording {self._name!r:.60} states the rates {rates[:5].tolist()}"
             raise TableError(f"{problem}; wanted one above 0", int(self._rows[0]), name)
         return float(rates[0] * scale)
 
-    def _text(self, what: Text, meta: Mapping[str, Any]) -> str | None:
+    def _text(self, what: Literal["label", "session"], meta: Mapping[str, Any]) -> str | None:
         """Return label or session: what is stated, else what the table says, else what holds where nothing does."""
-        place = getattr(self._stated, f"{what}_from")
-        if place is not None and place.startswith("meta:"):
-            return text_in_meta(what, place, meta)
-        if getattr(self._stated, what) is not None:
-            return str(getattr(self._stated, what))
-        own = getattr(self._table, what)
-        column = self._picked.called.get(what)
-        if what in self._columns:
-            kinds = list(dict.fromkeys(texts_of(self._columns[what]).tolist()))
-            if len(kinds) > 1:
-                shown = ", ".join(f"{text!r:.30}" for text in kinds[:5])
-                apart = (
-                    "" if RECORDING in self._columns else f", or id={column!r} to take each as a recording"
-                )
-                problem = f"has {len(kinds)} values in one recording: {shown}; wanted one{apart}"
-                raise TableError(problem, int(self._rows[0]), column)
-            own = kinds[0] or own
-        elif place is not None and own is None:
-            raise TableError(f"{what}={place!r:.60}: there is no such column")
-        if not own:
-            found: str | None = getattr(self._stated, f"{what}_else")
-            return found
+        place, text = getattr(self._stated, f"{what}_from"), getattr(self._stated, what)
+        column = None
+        if place is not None:
+            text = text_in_meta(what, place, meta)
+        elif text is None:
+            text, column = getattr(self._table, what), self._picked.called.get(what)
+            if what in self._columns:
+                kinds = list(dict.fromkeys(_texts_of(self._columns[what]).tolist()))
+                if len(kinds) > 1:
+                    shown = ", ".join(f"{kind!r:.30}" for kind in kinds[:5])
+                    apart, mend = "", ""
+                    if RECORDING not in self._columns and len(_changes(self._columns[what])) >= len(kinds):
+                        mend = (
+                            f".assign(recording=lambda f: (f[{column!r}] != f[{column!r}].shift()).cumsum())"
+                        )
+                    elif RECORDING not in self._columns:
+                        apart = f"; to take each as a recording pass {in_both(id=column)}"
+                    problem = f"has {len(kinds)} values in one recording: {shown}; wanted one{apart}"
+                    raise TableError(problem, int(self._rows[0]), column, mend=mend)
+                text = kinds[0] or text
+            elif what in dict(self._stated.columns) and text is None:
+                wanted = dict(self._stated.columns)[what]
+                raise TableError(f"{what}='column:{wanted:.60}': there is no such column")
+            text = text or getattr(self._stated, f"{what}_else")
         try:
-            return checked_text(own, what, spaced=False)
+            return None if text is None else checked_text(text, what, spaced=False)
         except ValueError as error:
             raise TableError(str(error), column=column) from None
+
+
+def _changes(cells: NDArray[Any]) -> set[int]:
+    """Return the rows behind which a column has another value."""
+    texts = _texts_of(cells)
+    return set(np.flatnonzero(texts[1:] != texts[:-1]).tolist())
 
 
 def agreed_rate(stated_hz: float, own_hz: float | None, name: str) -> float:
@@ -347,27 +582,20 @@ def text_in_meta(what: str, place: str, meta: Mapping[str, Any]) -> str:
 
 def restated(recording: Recording, stated: Stated) -> Recording:
     """Put onto a recording that is complete what is stated from outside; refuse what it contradicts."""
-    changed: dict[str, Any] = {}
     if stated.rate_hz is not None and recording.rate_hz is not None:
         agreed_rate(stated.rate_hz, recording.rate_hz, recording.name)
-    changed |= {
-        name: value
-        for name in ("start_time", "trigger_index")
-        if (value := getattr(stated, name)) is not None
-    }
-    meta = {**thaw(recording.meta), **thaw(stated.meta)}
+    changed = {name: getattr(stated, name) for name in ("start_time", "trigger_index", "label", "session")}
+    meta = {**recording.meta, **stated.meta}
     for name in ("label", "session"):
         place, other = getattr(stated, f"{name}_from"), getattr(stated, f"{name}_else")
-        if place is not None and not place.startswith("meta:"):
+        if name in dict(stated.columns):
             problem = (
-                f"{name}={place!r:.60}: a data set that granular-id wrote has no columns; wanted 'meta:PATH'"
+                f"{name}='column:{dict(stated.columns)[name]:.60}': a data set that granular-id wrote has no"
             )
-            raise TableError(problem)
+            raise TableError(f"{problem} columns; wanted 'meta:PATH'")
         if place is not None:
             changed[name] = text_in_meta(name, place, meta)
-        elif getattr(stated, name) is not None:
-            changed[name] = getattr(stated, name)
-        elif getattr(recording, name) is None and other is not None:
+        elif changed[name] is None and getattr(recording, name) is None:
             changed[name] = other
     if stated.axes is not None or stated.units is not None:
         own = recording.meta.get("units")
@@ -375,6 +603,7 @@ def restated(recording: Recording, stated: Stated) -> Recording:
         picked = picked_columns(Table(values=recording.wrench, axes=recording.axes, units=units), stated)
         meta = {**meta, "units": picked.units} if picked.units or own else meta
         changed |= {"wrench": picked.wrench, "axes": picked.axes}
+    changed = {name: value for name, value in changed.items() if value is not None}
     if meta != recording.meta:
         changed["meta"] = meta
     try:

@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import FloatArray, items_of
 from granular_id._core import GranularIdError
-from granular_id._progress import ProgressCallback
 from granular_id._text import counted
-from granular_id.recording.checks import CheckReport, SensorRange
+from granular_id.recording.checks import CheckReport
 from granular_id.recording.clock import MAX_GAP_S
 from granular_id.recording.frames import TimeUnit, recordings_of_arrays, recordings_of_frames
 from granular_id.recording.onset import FALSE_ALARM_RATE, REST_S, find_all_onsets
@@ -342,9 +341,9 @@ class Dataset:
         To a rate that is higher than a recording's own on average, or less than 5 % lower, straight lines are drawn
         between its samples (as ``numpy.interp``). To a lower one it first goes through a low-pass, which takes off
         40 dB or more from 1.05 times half the new rate on, and delays nothing: what lies there would come out as
-        another frequency. Irregular recordings go to a fine grid before, by a spline: with stamps that are off by a
-        tenth of a step that holds up to 0.4 of the rate on average. Where they come in bursts lines are drawn, and a
-        note says that frequencies cannot be told apart.
+        another frequency. Irregular recordings are put on even steps before, as a signal without frequencies above half
+        of their rate: with stamps that are off by a tenth of a step the 40 dB hold up to 0.48 of the rate on average.
+        Where stamps come in bursts lines are drawn, and a note says that frequencies cannot be told apart.
 
         Parameters
         ----------
@@ -415,7 +414,7 @@ class Dataset:
         n_samples: int | Literal["shortest"] | None = None,
         *,
         duration_s: float | None = None,
-        trigger: Literal["recorded"] | Sequence[int] | None = None,
+        trigger: Literal["recorded"] | None = None,
         lead_s: float = 0.0,
         on_short: Literal["raise", "skip"] = "raise",
     ) -> Dataset:
@@ -427,9 +426,8 @@ class Dataset:
             Samples to keep, or as many as the shortest recording offers.
         duration_s : float, optional
             The same in seconds (n = round(duration_s * rate)); exactly one of the two is given.
-        trigger : None, "recorded" or sequence of int
-            Where to begin: at the first sample, at each recording's `trigger_index`, or at these indices,
-            shape (n,).
+        trigger : {None, "recorded"}
+            Where to begin: at the first sample, or at each recording's `trigger_index`.
         lead_s : float
             Seconds kept ahead of the trigger.
         on_short : {"raise", "skip"}
@@ -659,27 +657,14 @@ class Dataset:
         """Count recordings, lengths, rates, sessions and flags per label; ``print`` it."""
         return summarise(self.recordings)
 
-    def check(
-        self,
-        *,
-        sensor_range: SensorRange | None = None,
-        false_alarm_rate: float = 0.01,
-        progress: bool | ProgressCallback = False,
-    ) -> CheckReport:
+    def check(self, *, false_alarm_rate: float = 0.01) -> CheckReport:
         """Look for what would spoil an evaluation: ``print`` it.
 
         Parameters
         ----------
-        sensor_range : str, float, sequence of float or mapping, optional
-            Largest reading of the axes, N and N m: the name of a sensor (``"ATI Mini45 SI-145-5"``; the known
-            ones are `granular_id.recording.SENSOR_RANGES`), one number, one per axis, or numbers by axis.
-            Without it clipping shows only where readings stand still at their own extreme.
         false_alarm_rate : float
-            Chance that a statistical check (each of: leaks, outliers, clipping, standing still) speaks up
+            Chance that a statistical check (each of: leaks, outliers, clipping) speaks up
             in a sound data set. Default: 0.01, once in a hundred sets. Leaks count any rate below 0.001 as 0.001.
-        progress : bool or callable
-            True draws a bar on a terminal; a callable is called as ``progress(done, total, what)`` after each step.
-            Default: silent; a thousand recordings take two seconds.
 
         Returns
         -------
@@ -690,12 +675,12 @@ class Dataset:
         Raises
         ------
         TypeError, ValueError
-            An unknown sensor, numbers that do not fit the axes, a rate outside (0, 1).
+            A rate outside (0, 1).
         """
         # slow to import, and few programs look their recordings over
         from granular_id.recording.checks.run import check_recordings
 
-        return check_recordings(self.recordings, sensor_range, false_alarm_rate, progress)
+        return check_recordings(self.recordings, false_alarm_rate)
 
     def __add__(self, other: Dataset) -> Dataset:
         return Dataset.concatenate([self, other]) if isinstance(other, Dataset) else NotImplemented

@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from granular_id._checks import argument_error, as_floats, checked_text, finite_number
+from granular_id._checks import argument_error, as_floats, checked_choice, checked_text, finite_number
 from granular_id._core import AXES, GranularIdError
 from granular_id._text import counted
-from granular_id.recording.columns import TableError, cell_text, column_names, unit_spelling
-from granular_id.recording.conversion import to_recordings
+from granular_id.recording.columns import (
+    LABEL,
+    RECORDING,
+    SESSION,
+    TIME,
+    TableError,
+    cell_text,
+    column_names,
+    unit_spelling,
+    units_by_axis,
+)
+from granular_id.recording.conversion import Made, Stated, Table, to_recordings
 from granular_id.recording.recording import Recording, checked_axes
 from granular_id.recording.report import StepReport
-from granular_id.recording.table import Stated, Table, units_by_axis
 
+TimeUnit = Literal["s", "ms", "us", "ns", "sample"]
 _ARRAYS = "(n, T, C): recordings, samples, axes; or a list of arrays (T, C)"
 
 
@@ -84,19 +94,21 @@ def recordings_of_frames(
     for what, value in (("time", time), ("id", id), ("label", label), ("session", session)):
         if value is not None:
             checked_text(value, what)
+    if time_unit is not None:
+        checked_choice("time_unit", time_unit, *get_args(TimeUnit))
+    named = {TIME: time, RECORDING: id, LABEL: label, SESSION: session}
     for what, column, given in (("label", label, labels), ("session", session, sessions)):
         if column is not None and given is not None:
             problem = f"names a column, and {what}s are given too; wanted one of them"
             raise argument_error(GranularIdError, what, problem)
     stated = Stated(
         rate_hz=None if rate_hz is None else finite_number("rate_hz", rate_hz, positive=True),
-        time_unit=checked_time_unit(time_unit),
+        time_unit=time_unit,
         axes=names_in("axes", axes),
         units=names_in("units", units, empty=True),
-        time=time,
-        id=id,
-        label_from=None if label is None else f"column:{label.removeprefix('column:')}",
-        session_from=None if session is None else f"column:{session.removeprefix('column:')}",
+        columns=tuple(
+            (what, name.removeprefix("column:")) for what, name in named.items() if name is not None
+        ),
     )
     tables = [
         Table(
@@ -164,18 +176,6 @@ def names_in(argument: str, value: object, *, empty: bool = False) -> tuple[str,
     return tuple(unit_spelling(unit) for unit in found) if argument == "units" else found
 
 
-TimeUnit = Literal["s", "ms", "us", "ns", "sample"]
-
-
-def checked_time_unit(value: object) -> str | None:
-    """Return what stamps count, or refuse what is none of the units known."""
-    if value not in (None, "s", "ms", "us", "ns", "sample"):
-        raise argument_error(
-            GranularIdError, "time_unit", f"={value!r}; wanted one of 's', 'ms', 'us', 'ns', 'sample'"
-        )
-    return None if value is None else str(value)
-
-
 def _arrays(X: Any) -> list[NDArray[np.float64]]:
     """Return one read-only array (T, C) a recording."""
     if isinstance(X, np.ndarray) and X.dtype != object:
@@ -229,9 +229,7 @@ def _made(
     tables: Sequence[Table], stated: Stated, argument: str, step: str, parameters: Mapping[str, Any]
 ) -> tuple[list[Recording], StepReport]:
     """Make the recordings of tables, and say what was done; a fault is at its place in the argument."""
-    recordings: list[Recording] = []
-    rows: list[dict[str, Any]] = []
-    notes: dict[str, None] = {}
+    whole = Made()
     for i, table in enumerate(tables):
         try:
             made = to_recordings(table, stated)
@@ -239,15 +237,9 @@ def _made(
             where = [f"{argument}[{i}]" if len(tables) > 1 else argument]
             where += [] if error.row is None else [f"row {error.row}"]
             where += [] if error.column is None else [f"column {error.column!r}"]
-            raise GranularIdError(f"{', '.join(where)}: {error.problem}") from error
-        recordings += made.recordings
-        rows += made.rows
-        notes |= dict.fromkeys(made.notes)
-    totals = {
-        "recordings": len(recordings),
-        "uniform": sum(r.is_uniform for r in recordings),
-        "irregular": sum(not r.is_uniform for r in recordings),
-        "left_out_samples": sum(row.get("left_out", 0) for row in rows),
-        "merged_samples": sum(row.get("merged", 0) for row in rows),
-    }
-    return recordings, StepReport(step, parameters, totals, rows, list(notes))
+            mend = f"; pandas: frame{error.mend}" * bool(error.mend)
+            raise GranularIdError(f"{', '.join(where)}: {error.problem}{mend}") from error
+        whole.recordings += made.recordings
+        whole.rows += made.rows
+        whole.notes += [note for note in made.notes if note not in whole.notes]
+    return whole.recordings, StepReport(step, parameters, whole.totals, whole.rows, whole.notes)

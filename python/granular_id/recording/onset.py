@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from granular_id._checks import FloatArray, argument_error, checked_flag, finite_number
 from granular_id._core import AXES, GranularIdError
-from granular_id.recording.recording import (
-    Recording,
-    SampleFlag,
-    irregular_among,
-    places_of,
-    unit_of,
-)
+from granular_id.recording.recording import Recording, SampleFlag, irregular_among, places_of
 from granular_id.recording.report import StepReport, subject
 
 REST_S = 0.1
@@ -33,8 +27,6 @@ ONSET_STEP = "find_onsets"
 """Name of this step in ``Dataset.history``."""
 
 _ORDER = ("not found", "overruled", "found", "kept")  # as rows of a report: what needs a look comes first
-# Samples per block that is worked on at once: several arrays of this size stay within a processor's cache.
-_BLOCK = 400_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +39,6 @@ class Onset:
         Sample at which the change is estimated to have begun; None where none was found.
     time_s : float or None
         The same in seconds from the first sample.
-    detected_s : float or None
-        Time of the sample with which the change became certain: later than `time_s`, it is when an alarm that watches
-        the signal as it comes would have rung.
     axes : tuple of str
         Axes that carry the change, the strongest first.
     strength : float
@@ -60,7 +49,6 @@ class Onset:
 
     index: int | None
     time_s: float | None
-    detected_s: float | None
     axes: tuple[str, ...]
     strength: float
     why: str = ""
@@ -68,10 +56,8 @@ class Onset:
     def __repr__(self) -> str:
         if self.index is None:
             return f"Onset(None, why={self.why!r})"
-        return (
-            f"Onset({self.time_s:.6g} s, sample {self.index}, seen at {self.detected_s:.6g} s on "
-            f"{' '.join(self.axes)}, {self.strength:.3g} times the threshold)"
-        )
+        where = f"{self.time_s:.6g} s, sample {self.index}, on {' '.join(self.axes)}"
+        return f"Onset({where}, {self.strength:.3g} times the threshold)"
 
 
 def find_onset(
@@ -134,7 +120,7 @@ def find_onset(
     if axes is None and n_axes != len(AXES):
         axes = [f"axis {i}" for i in range(n_axes)]
     recording = Recording(wrench, rate_hz=rate_hz, axes=axes or ())  # type: ignore[arg-type]
-    return onsets_of([recording], rest_s=rest_s, false_alarm_rate=false_alarm_rate)[0]
+    return _onset(recording, _rest_samples(rest_s, rate_hz), _checked_false_alarm_rate(false_alarm_rate))
 
 
 def _checked_false_alarm_rate(value: object) -> float:
@@ -145,74 +131,52 @@ def _checked_false_alarm_rate(value: object) -> float:
     return rate
 
 
-def rest_samples(rest_s: object, rate_hz: float) -> int:
+def _rest_samples(rest_s: object, rate_hz: float) -> int:
     """Return how many samples the rest holds, or say that they are too few."""
     seconds = finite_number("rest_s", rest_s, positive=True)
     rest = round(min(seconds * rate_hz, 1e15))
-    if rest < WINDOWS_IN_REST:
+    if rest < _WINDOWS_IN_REST:
         problem = (
             f"={seconds:g} holds {rest} samples at {rate_hz:g} Hz; the noise cannot be judged from fewer "
-            f"than {WINDOWS_IN_REST}: rest_s={WINDOWS_IN_REST / rate_hz:g} or more is wanted"
+            f"than {_WINDOWS_IN_REST}: rest_s={_WINDOWS_IN_REST / rate_hz:g} or more is wanted"
         )
         raise argument_error(GranularIdError, "rest_s", problem)
     return rest
 
 
-def find_onsets_in_block(
-    wrenches: Sequence[FloatArray] | FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple[str, ...]
-) -> list[Onset]:
-    """Find the onsets of checked recordings of one length, rate and set of axes, shape (n, T, C)."""
-    at_once = max(1, _BLOCK // wrenches[0].size)
-    found: list[Onset] = []
-    for begin in range(0, len(wrenches), at_once):
-        found += _find(np.array(wrenches[begin : begin + at_once]), rate_hz, rest, rate, axes)
-    return found
+# Windows that fit into the rest: fewer would not show how windows differ, more would not average the noise.
+_WINDOWS_IN_REST = 5
+# Windows that a change must last to count: two are compared, and one between them keeps glitches out.
+_SPAN = 3
 
 
-def _find(block: FloatArray, rate_hz: float, rest: int, rate: float, axes: tuple[str, ...]) -> list[Onset]:
-    window = max(1, rest // WINDOWS_IN_REST)
-    n_samples = block.shape[1]
+def _onset(recording: Recording, rest: int, rate: float) -> Onset:
+    """Find the onset of a uniform recording with so many samples at rest."""
+    wrench, axes, rate_hz = recording.wrench, recording.axes, recording.rate_hz or 0.0
+    window = max(1, rest // _WINDOWS_IN_REST)
     needed = rest + _SPAN * window
-    none: dict[str, Any] = {"index": None, "time_s": None, "detected_s": None, "axes": ()}
-    if n_samples < needed:
-        why = f"too short: {n_samples} samples, {needed} wanted ({rest} at rest and {_SPAN * window} to compare)"
-        return [Onset(**none, strength=0.0, why=why)] * len(block)
+    if len(wrench) < needed:
+        compared = f"{rest} at rest and {_SPAN * window} to compare"
+        why = f"too short: {len(wrench)} samples, {needed} wanted ({compared})"
+        return Onset(None, None, (), 0.0, why)
     # Powers of two, so that no bit is lost: what the units are makes no difference, and squares cannot overflow
-    exponent = np.clip(np.frexp(np.maximum(block.max(axis=1), -block.min(axis=1)))[1], -1000, 1023)
-    scale = np.ldexp(1.0, exponent)
-    block *= np.ldexp(1.0, -exponent)[:, np.newaxis]
-    block -= block[:, :1].copy()
-    noise = _rest_noise(block, rest, window)
-    statistic, joint = _changes(block, noise, rest, window, rate)
-    passed = joint > 1
-    first = np.where(passed.any(axis=1), passed.argmax(axis=1), -1)
-    began = _change_times(block, statistic, first, noise, rest, window)
-    onsets = []
-    for i, at in enumerate(first.tolist()):
-        known = {**none, "strength": float(joint[i].max())}
-        if at < 0:
-            known["why"] = _why_not(block[i], noise, i, scale[i], rest, window, rate_hz, axes)
-        else:
-            seen = at + _SPAN * window - 1
-            own = statistic[i, at : seen + 1].max(axis=0)
-            known = {
-                "index": began[i],
-                "time_s": began[i] / rate_hz,
-                "detected_s": seen / rate_hz,
-                "axes": tuple(axes[c] for c in np.argsort(-own) if own[c] > 1),
-                "strength": float(joint[i, at : at + rest].max()),
-            }
-        onsets.append(Onset(**known))
-    return onsets
+    exponent = np.clip(np.frexp(np.abs(wrench).max(axis=0))[1], -1000, 1023)
+    samples = wrench * np.ldexp(1.0, -exponent)
+    samples -= samples[0].copy()
+    noise = _rest_noise(samples[:rest], np.abs(np.diff(samples, axis=0)), window)
+    by_axis, joint = _changes(samples, noise, rest, window, rate)
+    passed = np.flatnonzero(joint > 1)
+    if not len(passed):
+        return Onset(None, None, (), float(joint.max()), _why_not(samples, noise, rest, window, recording))
+    first = int(passed[0])
+    own = by_axis[first : first + _SPAN * window].max(axis=0)
+    carrying = tuple(axes[c] for c in np.argsort(-own) if own[c] > 1)
+    index = _beginning(samples, by_axis[first] > 1, noise.shared, rest + first, rest, window)
+    return Onset(index, index / rate_hz, carrying, float(joint[first : first + rest].max()))
 
 
 # What an axis does while nothing moves, measured on the few samples before the motion.
 
-WINDOWS_IN_REST = 5
-"""Windows that fit into the rest: fewer would not show how windows differ, more would not average the noise."""
-
-# Windows that a change must last to count: two are compared, and one between them keeps glitches out.
-_SPAN = 3
 # Factor on Satterthwaite's degrees of freedom. False alarms come from the lower tail of an estimate, and that is
 # thinner than his approximation says where the larger of two estimates is taken and two axes must agree.
 _THINNER_TAIL = 2.5
@@ -221,55 +185,53 @@ _THINNER_TAIL = 2.5
 _MOSTLY_NEW, _READINGS = 0.5, 4
 
 
-@dataclass(frozen=True)
-class _RestNoise:
-    """Noise at rest of n recordings of C axes."""
-
-    level: FloatArray  # (n, C): mean of the samples
-    shared: (
-        FloatArray  # (n, C): variance of the difference of neighbouring windows, colour shared by all axes
-    )
-    dof: FloatArray  # (n,): its degrees of freedom
-    own: FloatArray  # (n, C): the same from each axis alone; not above `shared`
+class _RestNoise(NamedTuple):
+    level: FloatArray  # mean of the samples of each of C axes
+    shared: FloatArray  # (C,): variance of the difference of neighbouring windows, colour shared by all axes
+    dof: float  # its degrees of freedom
+    own: FloatArray  # (C,): the same from each axis alone; not above `shared`
     own_dof: float
-    count: FloatArray  # (n, C): smallest change, by which a level may seem to differ though it does not
-    reading: FloatArray  # (n,): samples that one reading of the sensor lasts, 1 where each sample is new
+    least_step: FloatArray  # (C,): smallest change, by which a level may seem to differ though it does not
+    reading: float  # samples that one reading of the sensor lasts, 1 where each sample is new
 
 
-def _windows_of(samples: FloatArray, window: int) -> FloatArray:
-    """Return the means of all windows, (n, T - window + 1, C), by running sums: `samples` should be near zero."""
-    sums = np.cumsum(samples, axis=1)
-    sums[:, window:] -= sums[:, :-window].copy()
-    return sums[:, window - 1 :] / window
+def _window_means(samples: FloatArray, window: int) -> FloatArray:
+    """Return the means of all windows along the first axis, by running sums: `samples` should be near zero."""
+    sums = np.cumsum(samples, axis=0)
+    sums[window:] -= sums[:-window].copy()
+    return sums[window - 1 :] / window
 
 
-def _rest_noise(samples: FloatArray, rest: int, window: int) -> _RestNoise:
-    """Measure how much neighbouring windows differ in the first `rest` samples of recordings, shape (n, T, C).
+def _rest_noise(at_rest: FloatArray, steps: FloatArray, window: int) -> _RestNoise:
+    """Measure how much neighbouring windows differ at rest; `steps` are those of the whole recording, absolute.
 
     One axis offers about three such differences, too few: how much larger they are than those of single samples is
     pooled over the axes of a sensor. Axes that move together count once (participation ratio of their correlations).
     """
-    at_rest = samples[:, :rest]
-    level = at_rest.mean(axis=1)
-    centred = at_rest - level[:, np.newaxis]
-    step = np.abs(np.diff(samples, axis=1))
-    count = np.where(step > 0, step, np.inf).min(axis=1)
-    count[np.isinf(count)] = 0.0
-    fast = np.square(step[:, : rest - 1]).mean(axis=1)
-    means = _windows_of(centred, window)
-    own = np.square(means[:, window:] - means[:, :-window]).mean(axis=1)
+    rest = len(at_rest)
+    level = at_rest.mean(axis=0)
+    centred = at_rest - level
+    least_step = np.where(steps > 0, steps, np.inf).min(axis=0)
+    least_step[np.isinf(least_step)] = 0.0
+    fast = np.square(steps[: rest - 1]).mean(axis=0)
+    means = _window_means(centred, window)
+    own = np.square(means[window:] - means[:-window]).mean(axis=0)
     live = fast > 0
-    ratio = np.divide(own, fast, out=np.zeros_like(own), where=live)
-    colour = ratio.sum(axis=1) / np.maximum(live.sum(axis=1), 1)
+    colour = float((own[live] / fast[live]).sum()) / max(int(live.sum()), 1)
     size_dof = 2 / 3 * (rest - 1)  # of the mean square of differences between independent samples
     own_dof = size_dof if window == 1 else 0.75 * (rest / window - 1)
     dof = _THINNER_TAIL / (1 / (own_dof * _independent(centred)) + 1 / size_dof)
     # reading is exact to half a count at best, evenly spread: a variance of one count squared over twelve
-    own = np.maximum(own, 2 / window * np.square(count) / 12)
-    shared = np.maximum(own, colour[:, np.newaxis] * fast)
-    changes: NDArray[np.bool_] = np.any(step > 0, axis=2)
-    reading = np.array([_reading(one) for one in changes])
-    return _RestNoise(level, shared, dof, own, own_dof, count, reading)
+    own = np.maximum(own, 2 / window * np.square(least_step) / 12)
+    return _RestNoise(
+        level,
+        np.maximum(own, colour * fast),
+        dof,
+        own,
+        own_dof,
+        least_step,
+        _reading(np.any(steps > 0, axis=1)),
+    )
 
 
 def _reading(changes: NDArray[np.bool_]) -> float:
@@ -280,15 +242,12 @@ def _reading(changes: NDArray[np.bool_]) -> float:
     return float(np.quantile(np.diff(begins), 0.25))
 
 
-def _independent(centred: FloatArray) -> FloatArray:
-    """Count how many independent axes those that are not still are worth, shape (n,), at least 1."""
-    size = np.sqrt(np.square(centred).sum(axis=1, keepdims=True))
-    scaled = np.divide(centred, size, out=np.zeros_like(centred), where=size > 0)
-    correlation = np.matmul(scaled.transpose(0, 2, 1), scaled)
-    total = np.square(correlation).sum(axis=(1, 2))
-    trace = np.trace(correlation, axis1=1, axis2=2)
-    independent: FloatArray = np.maximum(np.square(trace) / np.where(total > 0, total, 1.0), 1.0)
-    return independent
+def _independent(centred: FloatArray) -> float:
+    """Count how many independent axes those that are not still are worth, at least 1."""
+    size = np.linalg.norm(centred, axis=0)
+    scaled = centred[:, size > 0] / size[size > 0]
+    total = float(np.square(scaled.T @ scaled).sum())
+    return max(scaled.shape[1] ** 2 / total, 1.0) if total else 1.0
 
 
 # Where windows differ by more than that.
@@ -297,36 +256,33 @@ def _independent(centred: FloatArray) -> FloatArray:
 def _changes(
     samples: FloatArray, noise: _RestNoise, rest: int, window: int, rate: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the change at each sample over the smallest that counts, by axis (n, T, C) and of all (n, T).
+    """Return the change at each of n samples behind the rest over the smallest that counts, by axis (n, C) and of all.
 
     Of all axes the second largest counts, or a single one by its own noise, lest an axis with slower noise than the
-    others ring every alarm; 0 where there is no room for the windows.
+    others ring every alarm.
     """
-    n_samples, n_axes = samples.shape[1:]
-    n_tests = n_samples - rest - _SPAN * window + 1
-    critical = _factor(noise.dof, rate / n_axes, n_tests / window)[:, np.newaxis] * np.sqrt(noise.shared)
+    n_tests, n_axes = len(samples) - rest - _SPAN * window + 1, samples.shape[1]
+    critical = _factor(noise.dof, rate / n_axes, n_tests / window) * np.sqrt(noise.shared)
     alone = _factor(noise.own_dof, rate / n_axes, n_tests / window) * np.sqrt(noise.own)
-    unseen = (noise.shared == 0) | (noise.reading > window)[:, np.newaxis]
+    unseen = (noise.shared == 0) | (noise.reading > window)
     critical[unseen], alone[unseen] = np.inf, np.inf
-    means = _windows_of(samples, window)
+    means = _window_means(samples, window)
     apart = (_SPAN - 1) * window
-    low, high = (bound(means[:, apart:], means[:, :-apart]) for bound in (np.minimum, np.maximum))
+    low, high = (bound(means[apart:], means[:-apart]) for bound in (np.minimum, np.maximum))
     first = rest - _SPAN * window  # where the stretch before the first tested sample begins
     before, after = slice(first, first + n_tests), slice(rest, rest + n_tests)
     # Two windows before and two after must agree: no glitch passes. Their gap never exceeds the difference of the
     # two that meet; two readings of one level may differ by one count.
-    gap = np.maximum(low[:, after] - high[:, before], low[:, before] - high[:, after])
-    gap = np.maximum(gap - noise.count[:, np.newaxis], 0.0)
-    statistic, joint = np.zeros(samples.shape), np.zeros(samples.shape[:2])
-    own = gap / alone[:, np.newaxis]
-    statistic[:, after] = own if n_axes == 1 else gap / critical[:, np.newaxis]
-    joint[:, after] = own.max(axis=2)
-    if n_axes > 1:
-        np.maximum(joint, np.partition(statistic, -2, axis=2)[:, :, -2], out=joint)
-    return statistic, joint
+    gap = np.maximum(low[after] - high[before], low[before] - high[after])
+    gap = np.maximum(gap - noise.least_step, 0.0)
+    own = gap / alone
+    if n_axes == 1:
+        return own, own[:, 0]
+    by_axis = gap / critical
+    return by_axis, np.maximum(own.max(axis=1), np.partition(by_axis, -2, axis=1)[:, -2])
 
 
-def _factor(dof: ArrayLike, rate: float, n_tests: float) -> FloatArray:
+def _factor(dof: float, rate: float, n_tests: float) -> float:
     """Return how many standard errors a change must measure in one of so many tests that share their estimate.
 
     The smaller of two bounds on the upper point of a studentised maximum: Student's t for a share of the rate
@@ -337,8 +293,7 @@ def _factor(dof: ArrayLike, rate: float, n_tests: float) -> FloatArray:
 
     n = max(n_tests, 1.0)
     for_each, for_all = -stdtrit(dof, rate / n / 2), -stdtrit(dof, rate / 2)
-    factor: FloatArray = np.minimum(for_each, math.sqrt(2 * math.log(n) + 1) * for_all)
-    return factor
+    return float(min(for_each, math.sqrt(2 * math.log(n) + 1) * for_all))
 
 
 # When a change that was found actually began.
@@ -355,50 +310,33 @@ _AT_LEVEL = 6.0
 _AFTER = 3
 
 
-def _change_times(
-    samples: FloatArray,
-    statistic: FloatArray,
-    first: NDArray[np.intp],
-    noise: _RestNoise,
-    rest: int,
-    window: int,
-) -> dict[int, int]:
-    """Estimate the sample at which each change began, by the place of the recording.
+def _beginning(
+    samples: FloatArray, carried: NDArray[np.bool_], noise: FloatArray, at: int, rest: int, window: int
+) -> int:
+    """Estimate the sample at which the change that was found at one began.
 
-    The axes, added up as by a matched filter, are fitted by a jump, a straight and a quadratic rise: the best by least
-    squares is the maximum likelihood estimate for white noise (Hinkley).
+    The axes that carry it, added up as by a matched filter, are fitted by a jump, a straight and a quadratic rise: the
+    best by least squares is the maximum likelihood estimate for white noise (Hinkley).
     """
-    passed = np.flatnonzero(first >= 0)
-    first, moving = first[passed], samples[passed]
-    before = np.take_along_axis(moving, (first[:, None] + np.arange(-window, 0))[:, :, None], axis=1)
-    after = np.take_along_axis(moving, (first[:, None] + np.arange(window))[:, :, None], axis=1)
-    carried = statistic[passed, first] > 1
-    weights = np.zeros(carried.shape)
-    change = after.mean(axis=1) - before.mean(axis=1)
-    np.divide(change, noise.shared[passed], out=weights, where=carried)
+    change = samples[at : at + window].mean(axis=0) - samples[at - window : at].mean(axis=0)
+    course = samples[:, carried] @ (change[carried] / noise[carried])
+    begin = _left_level(course[:at], rest, window) - rest
     length = rest + _AFTER * window // 2
-    course = np.einsum("ntc,nc->nt", moving, weights)
-    left = np.array([_leaves(*one, rest, window) for one in zip(course, first, strict=True)], dtype=np.intp)
-    course = np.take_along_axis(course, (left - rest)[:, np.newaxis] + np.arange(length), axis=1)
     stride = -(-length // _MOST_POINTS)
-    kept = length // stride
-    course = course[:, length - kept * stride :].reshape(len(course), kept, stride).mean(axis=2)
-    shapes, begins = _shapes(kept, -(-window // stride))
-    best = begins[((course - course.mean(axis=1, keepdims=True)) @ shapes.T).argmax(axis=1)]
-    began = left - rest + (length - kept * stride) + best * stride
-    return dict(zip(passed.tolist(), began.tolist(), strict=True))
+    n = length // stride
+    begin += length - n * stride
+    fitted = course[begin : begin + n * stride].reshape(n, stride).mean(axis=1)
+    shapes, starts = _shapes(n, -(-window // stride))
+    return begin + int(starts[(shapes @ (fitted - fitted.mean())).argmax()]) * stride
 
 
-def _leaves(course: FloatArray, first: int, rest: int, window: int) -> int:
-    """Return the last sample before `first` at which the course was at its level of some rests ago, drift and all."""
-    begin = max(0, int(first) - (_LOOK_BACK + 1) * rest)
-    means = _windows_of(course[np.newaxis, begin:first, np.newaxis], window)[0, :, 0]
-    calm = _windows_of(course[np.newaxis, :rest, np.newaxis], window)[0, :, 0]
+def _left_level(course: FloatArray, rest: int, window: int) -> int:
+    """Return the last sample at which the course was at its level of some rests before its end, drift and all."""
+    begin = max(0, len(course) - (_LOOK_BACK + 1) * rest)
+    means, calm = _window_means(course[begin:], window), _window_means(course[:rest], window)
     usual = np.sqrt(np.square(calm[window:] - calm[:-window]).mean())
-    level = course[begin : begin + rest].mean()
-    at_level = np.flatnonzero(np.abs(means - level) <= _AT_LEVEL * usual)
-    last = int(at_level[-1]) + window if len(at_level) else rest
-    return begin + max(last, rest)
+    at_level = np.flatnonzero(np.abs(means - course[begin : begin + rest].mean()) <= _AT_LEVEL * usual)
+    return begin + max(int(at_level[-1]) + window if len(at_level) else rest, rest)
 
 
 @lru_cache(maxsize=64)
@@ -406,49 +344,35 @@ def _shapes(length: int, window: int) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return the centred unit courses of changes, one a row, and the sample at which each begins."""
     time = np.arange(length)
     # a rise is at its old level at k, a jump at k has just left it; each leaves points to be seen by
-    candidates = [
-        (k, np.where(time >= k, 1.0, 0.0) if power == 0 else np.maximum(time - k, 0.0) ** power)
-        for power in _POWERS
-        for k in range(1, length - max(window // 4, 1))
-    ]
-    shapes = np.array([course - course.mean() for _, course in candidates])
-    norms = np.linalg.norm(shapes, axis=1, keepdims=True)
-    return shapes / norms, np.array([k for k, _ in candidates], dtype=np.intp)
+    starts = np.arange(1, length - max(window // 4, 1))
+    since = time - starts[:, np.newaxis]
+    shapes = np.concatenate([(since >= 0) * np.maximum(since, 0.0) ** power for power in _POWERS])
+    shapes -= shapes.mean(axis=1, keepdims=True)
+    return shapes / np.linalg.norm(shapes, axis=1, keepdims=True), np.tile(starts, len(_POWERS))
 
 
 # A level that strays this many typical differences from that at rest has moved, if ever so slowly.
 _STRAYED = 6.0
 
 
-def _why_not(
-    samples: FloatArray,
-    noise: _RestNoise,
-    i: int,
-    scale: FloatArray,
-    rest: int,
-    window: int,
-    rate_hz: float,
-    axes: tuple[str, ...],
-) -> str:
-    """Say why there is no onset in recording `i` of a block, of which `samples` are given."""
-    if noise.reading[i] > window:
-        wanted = WINDOWS_IN_REST * math.ceil(noise.reading[i]) / rate_hz
+def _why_not(samples: FloatArray, noise: _RestNoise, rest: int, window: int, recording: Recording) -> str:
+    """Say why there is no onset."""
+    rate_hz = recording.rate_hz or 0.0
+    if noise.reading > window:
+        wanted = _WINDOWS_IN_REST * math.ceil(noise.reading) / rate_hz
         return (
-            f"the sensor has new values at {rate_hz / noise.reading[i]:.3g} Hz only, samples in between repeat them: "
+            f"the sensor has new values at {rate_hz / noise.reading:.3g} Hz only, samples in between repeat them: "
             f"rest_s={wanted:g} or more is wanted"
         )
-    if not noise.shared[i].any():
+    if not noise.shared.any():
         return "no axis ever changes"
-    usual = np.sqrt(noise.shared[i])
-    means = _windows_of(samples[np.newaxis, rest:], window)[0]
-    wander = np.abs(means - noise.level[i]).max(axis=0)
-    strayed = (wander - noise.count[i]) / np.where(usual > 0, usual, np.inf)
+    usual = np.sqrt(noise.shared)
+    wander = np.abs(_window_means(samples[rest:], window) - noise.level).max(axis=0)
+    strayed = (wander - noise.least_step) / np.where(usual > 0, usual, np.inf)
     axis = int(strayed.argmax())
     if strayed[axis] <= _STRAYED:
         return f"no change stands out from the noise of the first {rest / rate_hz:g} s"
-    with np.errstate(over="ignore"):
-        distance = wander[axis] * scale[axis]
-    strays = f"{axes[axis]} strays by {distance:.2g} {unit_of(axes[axis])}".rstrip()
+    strays = f"{recording.axes[axis]} strays from its level"
     return f"no abrupt change, though {strays}: it starts in motion, drifts, or needs a longer rest"
 
 
@@ -464,27 +388,36 @@ def find_all_onsets(
 ) -> tuple[list[Recording], StepReport]:
     """Set the trigger of each recording; see :meth:`Dataset.find_onsets`, which calls this."""
     replace_recorded = checked_flag("replace", replace_recorded)
+    rate = _checked_false_alarm_rate(false_alarm_rate)
+    seconds = finite_number("rest_s", rest_s, positive=True)
     stated = _stated_indices(recordings, overrule)
-    judged = [
-        i
+    judged = {
+        i: r
         for i, r in enumerate(recordings)
         if i not in stated and (replace_recorded or r.trigger_index is None)
-    ]
-    onsets = onsets_of([recordings[i] for i in judged], rest_s=rest_s, false_alarm_rate=false_alarm_rate)
-    found = dict(zip(judged, onsets, strict=True))
+    }
+    irregular = irregular_among(list(judged.values()))
+    if irregular:
+        raise GranularIdError(
+            f"{irregular}, and windows of a varying number of samples cannot be compared; call "
+            ".resample(rate_hz) first, or overrule these"
+        )
     results: list[Recording] = []
     rows: list[dict[str, Any]] = []
+    filled: list[str] = []
     for i, recording in enumerate(recordings):
         row: dict[str, Any] = {"how": "kept"}
         index = recording.trigger_index
         if i in stated:
             index, row = stated[i], {"how": "overruled"}
-        elif i in found:
-            onset = found[i]
+        elif i in judged:
+            rest = _rest_samples(seconds, recording.rate_hz or 0.0)
+            if recording.flags is not None and (recording.flags[:rest] & SampleFlag.GAP_FILLED).any():
+                filled.append(recording.name)
+            onset = _onset(recording, rest, rate)
             index, row = onset.index, {"how": "not found", "why": onset.why}
             if index is not None:
-                strength, axes = round(onset.strength, 2), " ".join(onset.axes)
-                row = {"how": "found", "detected_s": onset.detected_s, "strength": strength, "axes": axes}
+                row = {"how": "found", "strength": round(onset.strength, 2), "axes": " ".join(onset.axes)}
         onset_s = None if index is None else float(recording.times()[index])
         rows.append({"name": recording.name, "onset_s": onset_s, **row})
         unchanged = index == recording.trigger_index
@@ -492,13 +425,11 @@ def find_all_onsets(
     rows.sort(key=lambda row: _ORDER.index(row["how"]))
     how = Counter(row["how"] for row in rows)
     times = [row["onset_s"] for row in rows if row["onset_s"] is not None]
+    picks: dict[str, Callable[[Any], Any]] = {"earliest": min, "median": np.median, "latest": max}
     totals = {
         "recordings": len(rows),
-        "stored_triggers_replaced": sum(recordings[i].trigger_index is not None for i in judged),
         **{word.replace(" ", "_"): how[word] for word in ("found", "not found", "overruled", "kept")},
-        "earliest_onset_s": min(times, default=None),
-        "median_onset_s": float(np.median(times)) if times else None,
-        "latest_onset_s": max(times, default=None),
+        **{f"{word}_onset_s": float(pick(times)) for word, pick in picks.items() if times},
     }
     parameters = {
         "rest_s": float(rest_s),
@@ -506,67 +437,37 @@ def find_all_onsets(
         "overrule": dict(overrule) if overrule else None,
         "replace": replace_recorded,
     }
-    return results, StepReport(ONSET_STEP, parameters, totals, rows, _notes(recordings, judged, rest_s))
-
-
-def onsets_of(recordings: Sequence[Recording], *, rest_s: float, false_alarm_rate: float) -> list[Onset]:
-    """Find the onset of each recording, those of equal length and rate together; irregular ones are refused."""
-    rate = _checked_false_alarm_rate(false_alarm_rate)
-    finite_number("rest_s", rest_s, positive=True)
-    irregular = irregular_among(recordings)
-    if irregular:
-        raise GranularIdError(
-            f"{irregular}, and windows of a varying number of samples cannot be compared; call "
-            ".resample(rate_hz) first, or overrule these"
+    notes = []
+    if filled:
+        notes.append(
+            f"{subject(len(filled))} filled gaps in what is taken for rest (the first is {filled[0]!r}): straight "
+            "lines hide the noise there, and the false-alarm rate does not hold for them"
         )
-    onsets: dict[int, Onset] = {}
-    alike = places_of((r.n_samples, r.rate_hz or 0.0, r.axes) for r in recordings)  # all are uniform here
-    for (_, rate_hz, axes), places in alike.items():
-        wrenches = [recordings[i].wrench for i in places]
-        block = find_onsets_in_block(wrenches, rate_hz, rest_samples(rest_s, rate_hz), rate, axes)
-        onsets.update(zip(places, block, strict=True))
-    return [onsets[i] for i in range(len(recordings))]
+    return results, StepReport(ONSET_STEP, parameters, totals, rows, notes)
 
 
 def _stated_indices(
     recordings: Sequence[Recording], overrule: Mapping[str, float | None] | None
 ) -> dict[int, int | None]:
     """Turn names and seconds into places and samples, or say what is wrong with them."""
-    if overrule is None:
-        return {}
-    if not isinstance(overrule, Mapping):
-        problem = f"must map names of recordings to seconds, got {type(overrule).__name__}; for example "
-        raise argument_error(TypeError, "overrule", problem + "{'rice_01': 0.25}")
-    places = places_of(r.name for r in recordings)
     stated: dict[int, int | None] = {}
+    if overrule is None:
+        return stated
+    if not isinstance(overrule, Mapping):
+        problem = f"must map names of recordings to seconds, as in {{'rice_01': 0.25}}, got {overrule!r:.60}"
+        raise argument_error(TypeError, "overrule", problem)
+    places = places_of(r.name for r in recordings)
     for name, seconds in overrule.items():
-        if name not in places:
-            raise argument_error(GranularIdError, "overrule", f": no recording is called {name!r}")
-        if len(places[name]) > 1:
-            problem = f": {len(places[name])} recordings are called {name!r}; which is meant?"
+        found = places.get(name, [])
+        if len(found) != 1:
+            problem = f": {len(found) or 'no'} recordings are called {name!r}; one is wanted"
             raise argument_error(GranularIdError, "overrule", problem)
-        place = places[name][0]
-        stated[place] = None
+        stated[found[0]] = None
         if seconds is not None:
-            recording = recordings[place]
+            recording = recordings[found[0]]
             time_s = finite_number(f"overrule[{name!r}]", seconds)
             if not 0 <= time_s <= recording.duration_s:
                 problem = f"is {time_s:g} s; the recording lasts from 0 to {recording.duration_s:g} s"
                 raise argument_error(GranularIdError, "overrule", f"[{name!r}] {problem}")
-            stated[place] = int(np.abs(recording.times() - time_s).argmin())
+            stated[found[0]] = int(np.abs(recording.times() - time_s).argmin())
     return stated
-
-
-def _notes(recordings: Sequence[Recording], judged: Sequence[int], rest_s: float) -> list[str]:
-    filled = [
-        recordings[i].name
-        for i in judged
-        if (flags := recordings[i].flags) is not None
-        and (flags[: rest_samples(rest_s, recordings[i].rate_hz or 0.0)] & SampleFlag.GAP_FILLED).any()
-    ]
-    if not filled:
-        return []
-    return [
-        f"{subject(len(filled))} filled gaps in what is taken for rest (the first is {filled[0]!r}): straight lines "
-        "hide the noise there, and the false-alarm rate does not hold for them"
-    ]

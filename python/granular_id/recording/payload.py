@@ -5,23 +5,29 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granular_id._checks import FloatArray, argument_error, as_floats, checked_text, finite_number
+from granular_id._checks import (
+    FloatArray,
+    argument_error,
+    checked_text,
+    finite_number,
+    finite_numbers,
+    whole_number,
+)
 from granular_id._core import GranularIdError
 from granular_id._files import check_source, json_value, write_json
-from granular_id._schema import check_form
 from granular_id._text import counted
 from granular_id.recording.recording import Recording
 from granular_id.recording.report import StepReport
+from granular_id.recording.setup import Setup
 from granular_id.recording.wrench import (
     GRAVITY,
     rest_zero,
-    stated,
     with_samples,
     wrench_array,
     wrench_samples,
@@ -31,15 +37,9 @@ STANDARD_GRAVITY_M_S2 = 9.80665
 """Standard gravity (CGPM 1901). Directions of any length are given: a kilogram is what weighs so many newton."""
 
 FORMAT = "granular-id payload 1"
-_FORM = {
-    **{"format": FORMAT, "mass_kg": float, "centre_of_mass_m": [float, ...], "bias?": [float, ...]},
-    **{"frame?": (str, None), "sign?": (str, None)},
-    **{"n_rests?": (int, None), "residual?": ([float, ...], None), "condition?": (float, None)},
-}
-
-_FEWEST = 4
-# Gravity that lies within a cone of some four degrees around one direction, or as close to one line.
-_MOST_CONDITION = 30.0
+# Gravity beyond it lies within a cone of some four degrees around one direction, or as close to one line.
+_FEWEST, _MOST_CONDITION = 4, 30.0
+_UNKNOWN = "mass and bias cannot be told apart"
 _WAY_OUT = "turn the tool by 30 degrees or more about two axes; from one orientation only a tare is possible"
 # What recordings and a payload must agree in, where both state it.
 _STATED = ("frame", "sign")
@@ -92,15 +92,15 @@ class Payload:
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass_kg", finite_number("mass_kg", self.mass_kg, least=0))
         for name, n in (("centre_of_mass_m", 3), ("bias", 6), ("residual", 6)):
-            if (given := getattr(self, name)) is None:
-                continue
-            values = as_floats(given, name, f"{n} finite numbers")
-            if values.shape != (n,) or not np.isfinite(values).all():
-                raise argument_error(GranularIdError, name, f"={given!r:.80}; wanted {n} finite numbers")
-            object.__setattr__(self, name, tuple(values.tolist()))
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, tuple(finite_numbers(name, given, n).tolist()))
         for name in _STATED:
             if (words := getattr(self, name)) is not None:
                 checked_text(words, name, spaced=False)
+        if self.n_rests is not None:
+            whole_number("n_rests", self.n_rests)
+        if self.condition is not None:
+            finite_number("condition", self.condition, positive=True)
 
     def wrench(self, gravity: ArrayLike) -> FloatArray:
         """Return what the sensor reads at rest: weight of the tool and zero.
@@ -165,8 +165,8 @@ class Payload:
         given = list(rests)
         down = _directions([_gravity_of(rest) for rest in given] if gravity is None else gravity)
         if len(given) < _FEWEST:
-            came = f"hold {counted(len(given), 'orientation')}, four are wanted: mass and bias cannot be told apart"
-            raise argument_error(GranularIdError, "rests", f"{came}; {_WAY_OUT}")
+            problem = f"hold {counted(len(given), 'orientation')}, four are wanted: {_UNKNOWN}; {_WAY_OUT}"
+            raise argument_error(GranularIdError, "rests", problem)
         if down.shape != (len(given), 3):
             problem = f"has shape {down.shape}; wanted a direction a rest, ({len(given)}, 3)"
             raise argument_error(GranularIdError, "gravity", problem)
@@ -216,8 +216,9 @@ class Payload:
         source = check_source(path)
         try:
             document = json.loads(source.read_text(encoding="utf-8"))
-            check_form(document, _FORM, what="the file")
-            return cls(**{one.name: document[one.name] for one in fields(cls) if one.name in document})
+            if not isinstance(document, dict) or document.pop("format", None) != FORMAT:
+                raise GranularIdError(f"its format is not {FORMAT!r}")
+            return cls(**document)
         except (ValueError, TypeError, RecursionError) as error:
             raise GranularIdError(f"{os.fspath(path)}: no payload: {error}") from error
 
@@ -234,9 +235,8 @@ class Payload:
 
 
 def _rest(rest: Recording | ArrayLike) -> FloatArray:
-    if isinstance(rest, Recording) and (gone := _taken_off(rest)):
-        problem = f"hold {rest.name!r}, which is {gone}, and the weight with it; take rests as the sensor reads them"
-        raise argument_error(GranularIdError, "rests", problem)
+    if isinstance(rest, Recording):
+        _refuse_without_weight(rest)
     samples = wrench_samples(rest) if isinstance(rest, Recording) else np.atleast_2d(wrench_array(rest))
     if samples.ndim != 2 or not len(samples) or not np.isfinite(samples).all():
         problem = f"hold one of shape {samples.shape}; wanted finite samples of shape (n, 6)"
@@ -245,24 +245,27 @@ def _rest(rest: Recording | ArrayLike) -> FloatArray:
 
 
 def _common(name: str, rests: Iterable[Recording | ArrayLike]) -> str | None:
-    found = {words for rest in rests if isinstance(rest, Recording) and (words := _words(rest, name))}
+    setups = [Setup.of(rest.meta) for rest in rests if isinstance(rest, Recording)]
+    found = {words for setup in setups if (words := getattr(setup, name))}
     if len(found) > 1:
         problem = f"are of several {name}s: {', '.join(map(repr, sorted(found)))}"
         raise argument_error(GranularIdError, "rests", problem)
     return next(iter(found), None)
 
 
-def _words(recording: Recording, name: str) -> str | None:
-    value = stated(recording, name)
-    return value if isinstance(value, str) and value else None
-
-
-def _taken_off(recording: Recording) -> str:
-    """Say what took the weight off already; nothing where nothing did."""
-    if stated(recording, "compensated") not in (None, False, "no"):
-        return "compensated already, as its metadata say, by its source or an earlier step"
-    tared = stated(recording, "tare") == "rest"
-    return "tared from rest, which took weight and zero off already" if tared else ""
+def _refuse_without_weight(recording: Recording) -> None:
+    """Refuse a recording of which an earlier step, or its source, took the weight off."""
+    setup = Setup.of(recording.meta)
+    if setup.compensated not in (None, "no"):
+        raise GranularIdError(
+            f"recording {recording.name!r} is compensated already, as its metadata say, by its source or an earlier "
+            "step: compensate once, and take rests as the sensor reads them"
+        )
+    if setup.tare == "rest":
+        raise GranularIdError(
+            f"recording {recording.name!r} is tared from rest, which took weight and zero off: compensate before the "
+            "tare, and take rests as the sensor reads them"
+        )
 
 
 def _least_squares(means: FloatArray, down: FloatArray) -> dict[str, Any]:
@@ -273,19 +276,15 @@ def _least_squares(means: FloatArray, down: FloatArray) -> dict[str, Any]:
     sizes = np.concatenate([np.linalg.svd(design, compute_uv=False) for design in designs])
     condition = float(sizes.max() / sizes.min()) if sizes.min() > 0 else np.inf
     if not condition <= _MOST_CONDITION:
-        angle = np.degrees(np.arccos(np.clip((down @ down.T).min(), -1.0, 1.0)))
-        raise argument_error(
-            GranularIdError,
-            "rests",
-            f"are too alike in their orientation (gravity turns by {angle:.2g} degrees at most, condition number "
-            f"{condition:.2g}): mass and bias cannot be told apart; {_WAY_OUT}",
+        problem = (
+            f"are too alike in their orientation (condition number {condition:.2g}): {_UNKNOWN}; {_WAY_OUT}"
         )
-    solved, left = [], []
-    for design, read in zip(designs, (means[:, :3], means[:, 3:]), strict=True):
-        solved.append(np.linalg.lstsq(design, read.reshape(-1), rcond=None)[0].tolist())
-        left.append(read - (design @ solved[-1]).reshape(-1, 3))
-    (weight, *force_zero), (*moment, bx, by, bz) = solved
-    residual = np.sqrt(np.square(np.hstack(left)).mean(axis=0)).tolist()
+        raise argument_error(GranularIdError, "rests", problem)
+    read = means[:, :3].ravel(), means[:, 3:].ravel()
+    solved = [np.linalg.lstsq(*pair, rcond=None)[0] for pair in zip(designs, read, strict=True)]
+    left = [y - x @ b for x, y, b in zip(designs, read, solved, strict=True)]
+    residual = np.concatenate([np.sqrt(np.square(part.reshape(-1, 3)).mean(axis=0)) for part in left])
+    weight = float(solved[0][0])
     if not weight > _rms(residual[:3]):
         raise GranularIdError(
             f"rests give a mass of {weight / STANDARD_GRAVITY_M_S2:.3g} kg, whose weight is not above the residual of "
@@ -294,14 +293,14 @@ def _least_squares(means: FloatArray, down: FloatArray) -> dict[str, Any]:
         )
     return {
         "mass_kg": weight / STANDARD_GRAVITY_M_S2,
-        "centre_of_mass_m": tuple(part / weight for part in moment),
-        "bias": (*force_zero, bx, by, bz),
-        "residual": tuple(residual),
+        "centre_of_mass_m": solved[1][:3] / weight,
+        "bias": np.concatenate([solved[0][1:], solved[1][3:]]),
+        "residual": residual,
         "condition": condition,
     }
 
 
-def _rms(values: Sequence[float]) -> float:
+def _rms(values: ArrayLike) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -310,13 +309,10 @@ def _rms(values: Sequence[float]) -> float:
 
 def _directions(gravity: ArrayLike) -> FloatArray:
     """Return vectors (..., 3) at length 1."""
-    array = as_floats(gravity, "gravity", "an array of shape (..., 3): directions in the frame of the wrench")
-    if array.ndim == 0 or array.shape[-1] != 3:
-        raise argument_error(GranularIdError, "gravity", f"has shape {array.shape}; wanted (..., 3)")
+    array = finite_numbers("gravity", gravity, 3, each=True)
     length = np.sqrt((array * array).sum(axis=-1, keepdims=True))
-    if not ((length > 0) & np.isfinite(length)).all():
-        problem = "holds a direction without length, or one that is not finite"
-        raise argument_error(GranularIdError, "gravity", problem)
+    if not (length > 0).all():
+        raise argument_error(GranularIdError, "gravity", "holds a direction without length")
     result: FloatArray = array / length
     return result
 
@@ -329,9 +325,8 @@ def gravity_in(entry: Mapping[str, Any]) -> Any:
 
 def _gravity_of(rest: Recording | ArrayLike) -> Any:
     if not isinstance(rest, Recording):
-        raise argument_error(
-            GranularIdError, "gravity", "must be given where samples are no Recording, got none"
-        )
+        problem = "must be given where samples are no Recording, got none"
+        raise argument_error(GranularIdError, "gravity", problem)
     if (down := gravity_in(rest.meta)) is None:
         problem = f"must be given, as the metadata of {rest.name!r} have no gravity and no gx, gy, gz"
         raise argument_error(GranularIdError, "gravity", problem)
@@ -354,11 +349,10 @@ def compensate_recordings(
         raise argument_error(GranularIdError, "gravity", problem)
     results = []
     for recording, down in zip(recordings, each, strict=True):
-        if gone := _taken_off(recording):
-            raise GranularIdError(f"recording {recording.name!r} is {gone}: compensate once, before the tare")
+        _refuse_without_weight(recording)
         for name in _STATED:
-            now, known = _words(recording, name), getattr(payload, name)
-            if None not in (now, known) and now != known:
+            now, known = getattr(Setup.of(recording.meta), name), getattr(payload, name)
+            if now and known and now != known:
                 raise GranularIdError(
                     f"recording {recording.name!r} is of the {name} {now!r}, the payload of {known!r}; compensate "
                     f"recordings before they are turned or flipped, or fit the payload to rests of this {name}"

@@ -23,7 +23,6 @@ from granular_id._checks import (
     thaw,
 )
 from granular_id._core import AXES, SAMPLE_FLAGS, UNITS, GranularIdError
-from granular_id._memory import stacked
 from granular_id._text import counted, fixed, verb
 from granular_id.recording.columns import by_name, column_names
 
@@ -142,11 +141,10 @@ class Recording:
         if self.start_time is not None:
             checked["start_time"] = finite_number("start_time", self.start_time)
         if self.trigger_index is not None:
-            index = checked_index(self.trigger_index, "trigger_index")
+            checked["trigger_index"] = index = checked_index(self.trigger_index, "trigger_index")
             if not 0 <= index < n_samples:
                 raise GranularIdError(f"trigger_index={fixed(index)} is outside the {n_samples} samples")
-            checked["trigger_index"] = index
-        checked["meta"] = frozen_mapping("meta", _with_named_units(self.meta, axes))
+        checked["meta"] = frozen_mapping("meta", with_named_units(self.meta, axes))
         if self.flags is not None:
             checked["flags"] = _checked_flags(self.flags, n_samples)
         for name, value in checked.items():
@@ -219,7 +217,7 @@ def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str
     columns = column_names(value)
     if columns is not None:  # names choose among them
         given = len(names) if isinstance(names, Sequence) else 0
-        wanted = None if _unsaid(names) else checked_axes(names, (0, given or len(columns)))
+        wanted = None if _is_unsaid(names) else checked_axes(names, (0, given or len(columns)))
         value, names = by_name(value, columns, "wrench", wanted)
     array = as_floats(value, "wrench", _WRENCH)
     if array.ndim != 2 or not array.size:
@@ -233,7 +231,7 @@ def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str
     return locked(array), axes
 
 
-def _with_named_units(meta: Mapping[str, Any], axes: tuple[str, ...]) -> Mapping[str, Any]:
+def with_named_units(meta: Mapping[str, Any], axes: tuple[str, ...]) -> Mapping[str, Any]:
     """Give the units that stand in a row to the axes; what is no row of texts, one an axis, stays as it is."""
     units = meta.get("units") if isinstance(meta, Mapping) else None
     if not isinstance(units, Sequence) or isinstance(units, str) or len(units) != len(axes):
@@ -244,21 +242,17 @@ def _with_named_units(meta: Mapping[str, Any], axes: tuple[str, ...]) -> Mapping
 def _checked_time(value: object, n_samples: int) -> FloatArray:
     array = as_floats(value, "time_s", _TIME)
     if array.shape != (n_samples,):
-        raise GranularIdError(
-            f"time_s has shape {array.shape}, but wrench has {n_samples} samples; wanted {_TIME}"
-        )
-    if not np.isfinite(array).all():
-        first = int(np.flatnonzero(~np.isfinite(array))[0])
-        raise GranularIdError(f"time_s[{first}] is {array[first]}; stamps must be finite")
+        problem = f"has shape {array.shape}, but wrench has {n_samples} samples; wanted {_TIME}"
+        raise argument_error(GranularIdError, "time_s", problem)
     if array[0] != 0:
-        raise GranularIdError(f"time_s[0] is {array[0]:g}; wanted {_TIME}")
-    wrong = np.flatnonzero(array[1:] <= array[:-1])
+        raise argument_error(GranularIdError, "time_s", f"[0] is {array[0]:g}; wanted {_TIME}")
+    wrong = np.flatnonzero(~(np.isfinite(array[1:]) & (array[1:] > array[:-1])))
     if len(wrong):
-        first = int(wrong[0])
-        raise GranularIdError(
-            f"time_s[{first + 1}] = {float(array[first + 1])!r} does not come after time_s[{first}] = "
-            f"{float(array[first])!r}"
+        i = int(wrong[0])
+        problem = (
+            f"[{i + 1}] is {array[i + 1]:.17g}, behind {array[i]:.17g}; stamps must be finite and increase"
         )
+        raise argument_error(GranularIdError, "time_s", problem)
     return locked(array + 0.0)  # -0.0 would not compare equal bit for bit after a round trip through text
 
 
@@ -268,11 +262,9 @@ def _checked_flags(value: object, n_samples: int) -> NDArray[np.uint8] | None:
         raise TypeError(f"flags has dtype {array.dtype}; wanted integers of shape ({n_samples},)")
     if array.shape != (n_samples,):
         raise GranularIdError(f"flags has shape {array.shape}; wanted ({n_samples},)")
-    unknown = np.flatnonzero(array.astype(np.int64) & ~KNOWN_FLAGS)
+    unknown = array[(array.astype(np.int64) & ~KNOWN_FLAGS) != 0]
     if len(unknown):
-        raise GranularIdError(
-            f"flags[{unknown[0]}] is {array[unknown[0]]}; wanted bits of SampleFlag (0 to {KNOWN_FLAGS})"
-        )
+        raise GranularIdError(f"flags holds {unknown[0]}; wanted bits of SampleFlag (0 to {KNOWN_FLAGS})")
     return locked(np.ascontiguousarray(array, dtype=np.uint8)) if array.any() else None
 
 
@@ -286,7 +278,7 @@ AXIS_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#E69F00"
 
 def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
     """Return one name per column of samples of this shape: those given, or fx fy fz tx ty tz for six."""
-    if _unsaid(names):
+    if _is_unsaid(names):
         if shape[1] != len(AXES):
             raise GranularIdError(
                 f"wrench has shape {shape}; six columns are {' '.join(AXES)}, for any other number give axes="
@@ -302,7 +294,7 @@ def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
     return axes
 
 
-def _unsaid(names: object) -> bool:
+def _is_unsaid(names: object) -> bool:
     return names is None or (isinstance(names, tuple) and not names)
 
 
@@ -390,7 +382,7 @@ def stack(recordings: Sequence[Recording]) -> FloatArray:
     parts = [r.wrench for r in recordings]
     block = shared_base(parts)
     if block is None:
-        block = stacked(parts, "the samples of all recordings")
+        block = np.stack(parts)
         block.flags.writeable = False
     shape = (len(parts), *parts[0].shape)
     return block if block.shape == shape else block.reshape(shape)
@@ -404,11 +396,9 @@ def shared_base(parts: Sequence[FloatArray]) -> FloatArray | None:
     # of another type where the parts view its bytes as numbers
     if base.dtype != parts[0].dtype or not base.flags.c_contiguous:
         return None
-    address = base.__array_interface__["data"][0]
+    address = base.ctypes.data
     for part in parts:
-        if part.base is not base or not part.flags.c_contiguous:
-            return None
-        if part.__array_interface__["data"][0] != address:
+        if part.base is not base or not part.flags.c_contiguous or part.ctypes.data != address:
             return None
         address += part.nbytes
     return base

@@ -1,43 +1,20 @@
-"""``StepReport``: what a step did to a data set; reports as text for people and JSON for programs."""
+"""``StepReport``: what a step did to a data set, as text for people and plain values for programs."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from granular_id._checks import checked_text, freeze, frozen_mapping, items_of, thaw
 from granular_id._core import GranularIdError
-from granular_id._files import JSON, refuse_other_kind, whole_file, write_json
 from granular_id._text import counted, in_columns, verb
 
 _PRINTED_ROWS = 10
 
 
-class Report:
-    """What prints as text and can be saved."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain dicts, lists, texts and numbers, ready for ``json.dumps``."""
-        raise NotImplementedError
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the report: all of it as JSON where `path` ends in ``.json``, else the text that `print` shows.
-
-        A `path` that ends like another kind of file is a ValueError.
-        """
-        refuse_other_kind(path, JSON)
-        if Path(path).suffix.lower() == ".json":
-            write_json(path, self.to_dict())
-            return
-        with whole_file(path) as draft:
-            draft.write_text(f"{self}\n", encoding="utf-8")
-
-
 @dataclass(frozen=True)
-class StepReport(Report):
+class StepReport:
     """One step of a data set's history.
 
     Printed, it leaves out settings that are None and figures that are zero; `to_dict` has them all.

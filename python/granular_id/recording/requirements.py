@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from granular_id._core import GranularIdError
 from granular_id._text import counted, verb
+from granular_id.recording.conditions import setups_in
 from granular_id.recording.dataset import Dataset
 from granular_id.recording.setup import (
     Difference,
     Setup,
     refuse_or_list,
     setup_differences,
-    setups_in,
     unit_differences,
 )
 
@@ -102,43 +102,42 @@ class Requirements:
                 f"({short[0].n_samples / rate_hz:g} s), the model takes {n} ({n / rate_hz:g} s); {len(short)} of "
                 f"{counted(len(data))} {verb(len(short), 'is', 'are')} shorter{skip if len(short) < len(data) else ''}"
             )
-        if begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
-            return data.align(n, on_short=on_short)
-        if begin_at == "auto" and lead_s is None and self._begins_at_first:
-            *before, step = (cropped := data.align(n, on_short=on_short)).history
-            as_trained = replace(step, notes=["begins at the first sample, as in the training"])
-            return Dataset(cropped.recordings, [*before, as_trained])
+        as_trained = begin_at == "auto" and max(lengths) > n and lead_s is None and self._begins_at_first
+        if as_trained or begin_at == "first" or (begin_at == "auto" and max(lengths) <= n):
+            cropped = data.align(n, on_short=on_short)
+            if not as_trained:
+                return cropped
+            step = replace(cropped.history[-1], notes=["begins at the first sample, as in the training"])
+            return Dataset(cropped.recordings, [*data.history, step])
         longer = next((r for r in data if r.n_samples > n), data[0])
         lead = self._known_lead(lead_s, longer.name, longer.n_samples, over_all=over_all)
-        marked = data
         if begin_at == "auto":
             start = round(lead * rate_hz)
             recordings = [replace(r, trigger_index=start) if r.n_samples <= n else r for r in data]
-            marked = Dataset(recordings, data.history)
-        return marked.align(n, trigger="recorded", lead_s=lead, on_short=on_short)
+            data = Dataset(recordings, data.history)
+        return data.align(n, trigger="recorded", lead_s=lead, on_short=on_short)
 
     def starts(
         self,
         names: Sequence[str],
         lengths: npt.NDArray[np.int64],
         triggers: npt.NDArray[np.int64],
-        *,
-        begin_at: Begin = "auto",
-        lead_s: float | None = None,
     ) -> npt.NDArray[np.int64]:
-        """Return the sample at which `crop` has each of n recordings begin; -1 where it leaves one out.
+        """Return the sample at which `crop` has each of n recordings begin by itself; -1 where it leaves one out.
 
         `triggers` are -1 where there is none. A ValueError where nothing says how much rest comes before the motion.
         """
         n = self.n_samples
         starts = np.zeros(len(lengths), np.int64)
-        from_trigger = np.full(len(lengths), begin_at == "trigger")
-        if begin_at == "auto" and (lead_s is not None or not self._begins_at_first):
-            from_trigger = lengths > n
+        from_trigger = (lengths > n) & (not self._begins_at_first)
         if from_trigger.any():
-            first = int(from_trigger.argmax())
-            lead = self._known_lead(lead_s, names[first], int(lengths[first]))
-            begun = np.where(triggers >= 0, triggers - round(lead * self.rate_hz), -1)
+            if self.lead_s is None:
+                first = int(from_trigger.argmax())
+                raise GranularIdError(
+                    f"recording {names[first]!r} has {lengths[first]} samples; the model does not know how much rest "
+                    f"comes before the motion, and wants {n} of each: call .align on the recordings"
+                )
+            begun = np.where(triggers >= 0, triggers - round(self.lead_s * self.rate_hz), -1)
             starts = np.where(from_trigger, begun, starts)
         fits: npt.NDArray[np.int64] = np.where((starts >= 0) & (starts + n <= lengths), starts, -1)
         return fits
@@ -152,11 +151,8 @@ class Requirements:
         lead = self.lead_s if lead_s is None else lead_s
         if lead is None:
             typed = f"(--duration-s {self.n_samples / self.rate_hz:.9g})"
-            ways = (
-                f", pass begin_at='first' {typed}, or answer over all of it (--hop-s, .predict_over(recording))"
-                if over_all
-                else f" or pass begin_at='first' {typed}"
-            )
+            over = f", pass begin_at='first' {typed}, or answer over all of it (--hop-s, .predict_over(recording))"
+            ways = over if over_all else f" or pass begin_at='first' {typed}"
             raise GranularIdError(
                 f"recording {name!r} has {length} samples, the model takes {self.n_samples}, and does not know how "
                 f"much rest comes before the motion: state lead_s{ways}"

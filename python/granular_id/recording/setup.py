@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
@@ -13,10 +12,7 @@ from typing import Any, Literal
 from granular_id._checks import argument_error, thaw
 from granular_id._core import GranularIdError
 from granular_id._text import in_both
-from granular_id.recording.checks import Finding
 from granular_id.recording.columns import same_unit
-from granular_id.recording.dataset import Dataset
-from granular_id.recording.onset import ONSET_STEP as ONSET
 from granular_id.recording.recording import unit_of
 
 # What is refused where it differs, unless somebody says that it may.
@@ -127,29 +123,23 @@ class Setup:
             As of a `Recording`: of a file with entries of these names, or as a recorder leaves it.
         """
         source = _tree(meta.get("source"))
-        places = (meta, source, _tree(source.get("meta")))
-        page = _tree(places[2].get("page"))
-        known = {f.name: _text(_first(places, *_KEYS.get(f.name, (f.name,)))) for f in fields(cls)}
-        if known["sensor"] is None and not source.get("synthetic") and not any("sensor" in p for p in places):
+        within = _tree(source.get("meta"))
+        places, page, robot = (meta, source, within), _tree(within.get("page")), _tree(meta.get("robot"))
+        known = {f.name: _text(_first(places, f.name)) for f in fields(cls)}
+        known["serial"] = known["serial"] or _text(_first(places, "calibration"))
+        if not source.get("synthetic") and not any("sensor" in place for place in places):
             known["sensor"] = _text(source.get("name"))
         if known["trigger"] == "time":  # of a replay; what the recordings began at is in its source
             known["trigger"] = _text(_first(places[1:], "trigger"))
-        if known["transform"] is None:
-            known["transform"] = _text(page.get("cfgtfx"))
-        if known["filter"] is None:
-            known["filter"] = _text(_first(places, "filter_hz"), " Hz")
-            number = _text(page.get("setuserfilter"))  # of a Net F/T box; 0 is none
-            if known["filter"] is None and number not in (None, "0"):
-                known["filter"] = f"setuserfilter {number}"
-        topic = _text(
-            meta.get("topic")
-        )  # of a bag: another one is another signal, the only one of its bag too
+        number = _text(page.get("setuserfilter"))  # of a Net F/T box; 0 is none
+        by_number = None if number in (None, "0") else f"setuserfilter {number}"
+        rig = (robot, _tree(robot.get("rig")), meta, _tree(meta.get("rig")))
+        known["transform"] = known["transform"] or _text(page.get("cfgtfx"))
+        known["filter"] = known["filter"] or _text(_first(places, "filter_hz"), " Hz") or by_number
+        known["motion"] = known["motion"] or _text(_first(rig, "speed_m_s"), " m/s")
+        topic = _text(meta.get("topic"))  # of a bag: another is another signal, the only one of its bag too
         if topic is not None and re.fullmatch(r"topic=[^,]*", known["read_as"] or "topic="):
             known["read_as"] = f"topic={topic}"
-        if known["motion"] is None:
-            robot = _tree(meta.get("robot"))
-            said = (robot, _tree(robot.get("rig")), meta, _tree(meta.get("rig")))
-            known["motion"] = _text(_first(said, "speed_m_s"), " m/s")
         return cls(**known)
 
     def completed(self, other: Setup) -> Setup:
@@ -176,17 +166,6 @@ class Setup:
         return setup_differences(values_in([self]), other)
 
 
-def setups_in(data: Dataset) -> list[Setup]:
-    """Return the set-up of each recording."""
-    setups = [Setup.of(recording.meta) for recording in data]
-    onsets = [step for step in data.history if step.step == ONSET]
-    if not onsets:
-        return setups
-    # The motion begins where it was found in the forces, whatever started the recording.
-    trigger = None if onsets[-1].totals.get("kept") else "onset"
-    return [replace(setup, trigger=trigger) for setup in setups]
-
-
 def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
     """Gather what is known of each thing: its values, sorted, each once; nothing of a thing with very many.
 
@@ -204,35 +183,35 @@ def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
     return {name: values for name, values in known.items() if 0 < len(values) <= _MOST_VALUES}
 
 
+_TAKEN_OFF = ("tare", "payload")
+
+
 def _taken_off(known: Mapping[str, Sequence[str]]) -> set[str]:
     """Name what says that a step took something off samples: who does not say it has samples that hold it."""
     tared = "rest" in known.get("tare", ())
     compensated = bool(known.get("payload")) and "yes" in known.get("compensated", ())
-    return {name for name, is_ in (("tare", tared), ("payload", compensated)) if is_}
+    return {name for name, is_ in zip(_TAKEN_OFF, (tared, compensated), strict=True) if is_}
 
 
 def _with_unstated(known: Mapping[str, Sequence[str]], off: set[str]) -> dict[str, Sequence[str]]:
     """Put in what a side does not state, of what was taken off its own samples or those of another side."""
     # The weight is gone, too, where a driver took it off.
     missed = off - {"payload"} if "yes" in known.get("compensated", ()) else off
-    said: dict[str, Sequence[str]] = {name: [UNSTATED] for name in missed}
-    return said | dict(known)
+    return {**{name: [UNSTATED] for name in missed}, **known}
 
 
 def _agrees(name: str, value: str, values: Iterable[str]) -> bool:
-    """Whether a value is one of several."""
-    if name != "payload" or (kg := _mass(value)) is None:
-        return value in values
-    masses = (known if (known := _mass(one)) is not None else math.inf for one in values)
-    return any(abs(kg - mass) <= _SAME_MASS * kg for mass in masses) or value in values
+    """Whether a value is one of several; of payloads, whether a mass is about one of theirs."""
+    kg = _mass(value) if name == "payload" else math.nan
+    return value in values or any(abs(kg - _mass(one)) <= _SAME_MASS * kg for one in values)
 
 
-def _mass(text: str) -> float | None:
-    found = re.fullmatch(r"([\d.]+(?:e[-+]\d+)?) kg", text)
+def _mass(text: str) -> float:
+    """Return the mass in a payload's text; NaN, which is near none, where it states none."""
     try:
-        return float(found[1]) if found else None
-    except ValueError:  # 1.2.3
-        return None
+        return float(text.removesuffix(" kg")) if text.endswith(" kg") else math.nan
+    except ValueError:  # 1.2.3 kg
+        return math.nan
 
 
 def setup_differences(trained: Mapping[str, Sequence[str]], now: Setup) -> list[Difference]:
@@ -261,20 +240,16 @@ def unit_differences(trained: Mapping[str, str], meta: Mapping[str, Any]) -> lis
     ]
 
 
-def common_units(data: Dataset) -> list[str]:
-    """Return the unit of each axis, or refuse recordings that differ in them."""
-    units = dict.fromkeys(data.axes, "")
-    first = dict.fromkeys(data.axes, data[0].name)
-    for recording in data:
-        for other in unit_differences(units, recording.meta):
-            axis = other.now.partition(":")[0]
-            raise GranularIdError(
-                f"recordings differ in the units of their axes: {first[axis]!r} has {other.trained[0]}, "
-                f"{recording.name!r} has {other.now}; convert the samples to the same before"
-            )
-        for axis in [axis for axis, unit in units.items() if not unit]:
-            units[axis], first[axis] = unit_of(axis, recording.meta), recording.name
-    return list(units.values())
+def mixed_setups(setups: Iterable[Setup]) -> list[str]:
+    """Say in which frames they are, or what was taken off some of them, where that is not the same in all."""
+    known = values_in(setups)
+    follows = dict.fromkeys(("frame", "transform", "sign"), "nothing is turned")
+    follows |= dict.fromkeys(("compensated", *_taken_off(known)), "their forces do not count from one zero")
+    return [
+        f"{name}: {', '.join(map(_quoted, values))}; {what}"
+        for name, what in follows.items()
+        if len(values := known.get(name, ())) > 1
+    ]
 
 
 def refuse_or_list(
@@ -301,27 +276,8 @@ def setup_mismatch(*differences: str) -> str:
     return f"another set-up than in the training: {'; '.join(differences)}"
 
 
-def mixed_setup_warnings(data: Dataset) -> list[str]:
-    """Say where recordings of one data set differ in their frame, or in what was taken off them, one line each."""
-    setups = setups_in(data)
-    off = _taken_off(values_in(setups))
-    follows = dict.fromkeys(("frame", "transform", "sign"), "nothing is turned")
-    follows |= dict.fromkeys(("compensated", *sorted(off)), "their forces do not count from one zero")
-    lines = []
-    each = [_with_unstated(values_in([setup]), off) for setup in setups]
-    for name, what in follows.items():
-        counts = Counter(value for known in each for value in known.get(name, ()))
-        if any(not _agrees(name, value, [next(iter(counts))]) for value in counts):
-            told = ", ".join(f"{_quoted(value)} ({n})" for value, n in counts.most_common(_MOST_VALUES))
-            lines.append(f"warning: recordings differ in their {name}: {told}; {what}")
-    return lines
-
-
-_KEYS = {"serial": ("serial", "calibration")}
-
-
-def _first(places: Sequence[Mapping[str, Any]], *keys: str) -> Any:
-    return next((value for place in places for key in keys if (value := place.get(key)) is not None), None)
+def _first(places: Sequence[Mapping[str, Any]], key: str) -> Any:
+    return next((value for place in places if (value := place.get(key)) is not None), None)
 
 
 def _tree(value: Any) -> Mapping[str, Any]:
@@ -338,24 +294,3 @@ def _text(value: Any, unit: str = "") -> str | None:
         return f"{str(value).removesuffix('.0')}{unit}"  # all digits: a serial number may have many
     text = value if isinstance(value, str) else json.dumps(thaw(value), sort_keys=True)
     return text.strip()[:_LONGEST] or None
-
-
-# What a reader of accuracies should know of the recordings.
-
-SEVERE_PREFIXES = ("error: ", "warning: ")
-"""How the lines of `data_warnings` begin."""
-
-
-def data_warnings(data: Dataset, findings: Iterable[Finding] | None = None) -> list[str]:
-    """Return what may mislead a reader of the accuracies: set-ups that differ, errors and warnings of the checks.
-
-    `findings`: of the checks, where they have been made already.
-    """
-    made = data.check() if findings is None else findings
-    told = [str(finding) for finding in made if finding.severity != "info"]
-    return mixed_setup_warnings(data) + told
-
-
-def labelled_check_note(note: str) -> str:
-    """Say whose a line of `data_warnings` is: "error: " alone is what a command prints that has failed."""
-    return f"data check: {note}" if note.startswith(SEVERE_PREFIXES) else note

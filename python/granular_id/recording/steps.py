@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -11,9 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from granular_id._checks import argument_error, checked_choice, checked_index, finite_number, thaw
+from granular_id._checks import argument_error, checked_choice, finite_number, thaw, whole_number
 from granular_id._core import GranularIdError
-from granular_id._memory import stacked
 from granular_id._text import counted, fixed
 from granular_id.recording.clock import round_rate, samples_in, uniform_rate
 from granular_id.recording.recording import Recording, SampleFlag, common_axes, common_rate
@@ -39,9 +38,9 @@ def select_recordings(
             continue
         present: set[str | None] = {getattr(r, name) for r in recordings}
         if not values <= present:
-            raise GranularIdError(
-                f"{name}s: no recording has {_some(values - present)}; there are {_some(present)}"
-            )
+            there = first_names(sorted(map(repr, present)), 20)
+            missing = first_names(sorted(map(repr, values - present)), 20)
+            raise GranularIdError(f"{name}s: no recording has {missing}; there are {there}")
         kept = [i for i in kept if getattr(recordings[i], name) in values]
     if where is not None:
         if not callable(where):
@@ -54,7 +53,7 @@ def select_recordings(
         )
     chosen = [recordings[i] for i in kept]
     if axes is not None:
-        if isinstance(axes, (str, Set)) or not len(columns := _texts(axes, "axes")):
+        if isinstance(axes, (str, Set)) or not (columns := _texts(axes, "axes")):
             raise GranularIdError(f"axes={axes!r}; wanted a sequence of names like ['fx', 'fz']")
         parameters["axes"] = columns
         chosen = [_with_axes(recording, columns) for recording in chosen]
@@ -66,17 +65,12 @@ def _texts(value: object, name: str) -> list[str]:
     """Return one text or several as a list; None stands for recordings without a label or session."""
     if isinstance(value, str):
         return [value]
-    if isinstance(value, bytes) or not isinstance(value, Iterable):
-        raise TypeError(f"{name} must be a str or a sequence of str, got {type(value).__name__}")
-    texts = list(value)
-    wrong = next((i for i, text in enumerate(texts) if not isinstance(text, (str, type(None)))), None)
-    if wrong is not None:
-        raise TypeError(f"{name}[{wrong}] must be a str, got {type(texts[wrong]).__name__}")
+    texts: list[Any] = (
+        list(value) if isinstance(value, Iterable) and not isinstance(value, bytes) else [value]
+    )
+    if any(not isinstance(text, (str, type(None))) for text in texts):
+        raise argument_error(TypeError, name, f"must be a str or a sequence of str, got {value!r:.60}")
     return texts
-
-
-def _some(values: Collection[str | None]) -> str:
-    return first_names(sorted(map(repr, values)), 20)
 
 
 def _with_axes(recording: Recording, axes: Sequence[str]) -> Recording:
@@ -108,51 +102,36 @@ def align_recordings(
     recordings: Sequence[Recording],
     n_samples: int | Literal["shortest"] | None,
     duration_s: float | None,
-    trigger: Literal["recorded"] | Sequence[int] | None,
+    trigger: Literal["recorded"] | None,
     lead_s: float,
     on_short: Literal["raise", "skip"],
 ) -> tuple[list[Recording], StepReport]:
     """Crop recordings to one length; see :meth:`Dataset.align`, which calls this."""
     rate_hz = common_rate(recordings)
     checked_choice("on_short", on_short, "raise", "skip")
-    skipped: list[dict[str, Any]] = []
-    if isinstance(trigger, str) and on_short == "skip":
-        skipped = [
-            {"name": r.name, "samples_before": r.n_samples, "skipped": "has no trigger"}
-            for r in recordings
-            if r.trigger_index is None
-        ]
-        recordings = [r for r in recordings if r.trigger_index is not None]
-        if not recordings:
-            raise GranularIdError(
-                f"none of the {counted(len(skipped))} has a trigger_index; call .find_onsets() "
-                "(--begin-at onset), or see in its report why it found none"
-            )
-    starts = _starts(recordings, rate_hz, trigger, lead_s)
+    starts = _starts(recordings, rate_hz, trigger, lead_s, on_short)
     n = _length(recordings, starts, rate_hz, n_samples, duration_s)
     kept: list[tuple[Recording, int]] = []
     cropped: list[dict[str, Any]] = []
+    skipped: list[dict[str, Any]] = []
     for recording, start in zip(recordings, starts, strict=True):
         row = {"name": recording.name, "samples_before": recording.n_samples}
-        end = recording.n_samples - start - n
-        if start < 0 or end < 0:
-            missing = _missing(recording, start, n)
-            if on_short == "raise":
-                raise GranularIdError(
-                    f"recording {recording.name!r} {missing}; {_way_out(recordings, starts, n, rate_hz)}"
-                )
+        missing = _missing(recording, start, n)
+        if missing and on_short == "raise":
+            raise GranularIdError(
+                f"recording {recording.name!r} {missing}; {_way_out(recordings, starts, n, rate_hz)}"
+            )
+        if start is None or missing:
             skipped.append({**row, "skipped": missing})
             continue
         kept.append((recording, start))
+        end = recording.n_samples - start - n
         if start or end:
             cropped.append({**row, "dropped_start": start, "dropped_end": end})
     if not kept:
-        wanted = f"{n} samples from its start or trigger on"
-        if all(start < 0 for start in starts):
-            wanted = f"the lead before its trigger (lead_s={lead_s:g})"
         raise GranularIdError(
-            f"none of the {counted(len(recordings))} has {wanted}; the longest has "
-            f"{counted(max(r.n_samples for r in recordings), 'sample')} in all"
+            f"none of the {counted(len(recordings))} has {fixed(n)} samples from its start or trigger on: the first "
+            f"{skipped[0]['skipped']}"
         )
     totals = {
         "recordings": len(kept),
@@ -163,53 +142,56 @@ def align_recordings(
     parameters = {
         "n_samples": n,
         "duration_s": duration_s,
-        "trigger": trigger if trigger is None or isinstance(trigger, str) else "given",
+        "trigger": trigger,
         "lead_s": lead_s,
         "on_short": on_short,
     }
-    return _crop(kept, n, rate_hz), StepReport("align", parameters, totals, skipped + cropped)
+    common_axes([recording for recording, _ in kept])
+    # one block that all results look into, so that Dataset.X needs no second copy
+    block = np.stack([recording.wrench[start : start + n] for recording, start in kept])
+    block.flags.writeable = False
+    results = [
+        _stretch(recording, start, start + n, start / rate_hz, wrench=wrench)
+        for wrench, (recording, start) in zip(block, kept, strict=True)
+    ]
+    return results, StepReport("align", parameters, totals, skipped + cropped)
 
 
 def _starts(
     recordings: Sequence[Recording],
     rate: float,
-    trigger: Literal["recorded"] | Sequence[int] | None,
+    trigger: Literal["recorded"] | None,
     lead_s: float,
-) -> list[int]:
+    on_short: Literal["raise", "skip"],
+) -> list[int | None]:
     """Return the sample at which each recording is to begin; negative where there is no room for the lead."""
     lead = round(finite_number("lead_s times the rate", finite_number("lead_s", lead_s) * rate))
+    if trigger not in (None, "recorded"):
+        raise argument_error(GranularIdError, "trigger", f"={trigger!r}; wanted None or 'recorded'")
     if trigger is None:
         if lead:
             problem = f"={lead_s:g} is time kept before the trigger: give trigger= too"
             raise argument_error(GranularIdError, "lead_s", problem)
         return [0] * len(recordings)
-    if isinstance(trigger, str):
-        if trigger != "recorded":
-            problem = f"={trigger!r}; wanted None, 'recorded' or one sample index per recording"
-            raise argument_error(GranularIdError, "trigger", problem)
-        without = [r.name for r in recordings if r.trigger_index is None]
-        if without:
-            names = first_names([*map(repr, without)])
-            raise GranularIdError(
-                f"{subject(len(without))} no trigger_index: {names}; call .find_onsets() (--begin-at onset), state it "
-                "with .find_onsets(overrule={name: seconds}), or pass on_short='skip' to leave such recordings out "
-                "(--on-error skip)"
-            )
-        return [(r.trigger_index or 0) - lead for r in recordings]
-    indices = [checked_index(i, "trigger") for i in np.asarray(trigger).ravel()]
-    if len(indices) != len(recordings):
-        problem = f"has {len(indices)} indices for {len(recordings)} recordings"
-        raise argument_error(GranularIdError, "trigger", problem)
-    for recording, index in zip(recordings, indices, strict=True):
-        if not 0 <= index < recording.n_samples:
-            problem = f"{index} is outside recording {recording.name!r} ({recording.n_samples} samples)"
-            raise argument_error(GranularIdError, "trigger", problem)
-    return [i - lead for i in indices]
+    without = [r.name for r in recordings if r.trigger_index is None]
+    if without and on_short == "raise":
+        names = first_names([*map(repr, without)])
+        raise GranularIdError(
+            f"{subject(len(without))} no trigger_index: {names}; call .find_onsets() (--begin-at onset), state it "
+            "with .find_onsets(overrule={name: seconds}), or pass on_short='skip' to leave such recordings out "
+            "(--on-error skip)"
+        )
+    if len(without) == len(recordings):
+        raise GranularIdError(
+            f"none of the {counted(len(without))} has a trigger_index; call .find_onsets() (--begin-at onset), or see "
+            "in its report why it found none"
+        )
+    return [None if r.trigger_index is None else r.trigger_index - lead for r in recordings]
 
 
 def _length(
     recordings: Sequence[Recording],
-    starts: Sequence[int],
+    starts: Sequence[int | None],
     rate: float,
     n_samples: int | Literal["shortest"] | None,
     duration_s: float | None,
@@ -224,46 +206,40 @@ def _length(
             problem = f"={n_samples!r}; wanted a number or 'shortest'"
             raise argument_error(GranularIdError, "n_samples", problem)
         # those without the lead are refused or left out, and do not shorten the others
-        room = [r.n_samples - start for r, start in zip(recordings, starts, strict=True) if start >= 0]
-        n = min(room, default=1)
-    else:
-        n = checked_index(n_samples, "n_samples")
-    if n < 1:
-        asked = repr(n_samples) if isinstance(n_samples, str) else fixed(n)
-        problem = f"={asked} gives {fixed(n)} samples; at least one is wanted"
-        raise argument_error(GranularIdError, "n_samples", problem)
-    return n
+        return min((room for room in _room(recordings, starts) if room > 0), default=1)
+    return whole_number("n_samples", n_samples)
 
 
-def _missing(recording: Recording, start: int, n: int) -> str:
+def _room(recordings: Sequence[Recording], starts: Sequence[int | None]) -> list[int]:
+    """Return how many samples each recording has from its start on; 0 where it has no start, or no lead before it."""
+    return [
+        0 if start is None or start < 0 else recording.n_samples - start
+        for recording, start in zip(recordings, starts, strict=True)
+    ]
+
+
+def _missing(recording: Recording, start: int | None, n: int) -> str:
+    """Say why a recording cannot be cropped; nothing where it can."""
+    if start is None:
+        return "has no trigger"
     if start < 0:
         return f"begins {fixed(-start)} samples too late for the lead before its trigger"
+    if recording.n_samples - start >= n:
+        return ""
     after = f" after sample {fixed(start)}" if start else ""
     return f"is too short: {fixed(recording.n_samples - start)} samples{after}, {fixed(n)} wanted"
 
 
-def _way_out(recordings: Sequence[Recording], starts: Sequence[int], n: int, rate_hz: float) -> str:
+def _way_out(recordings: Sequence[Recording], starts: Sequence[int | None], n: int, rate_hz: float) -> str:
     """Say how many recordings are in the way, and what would fit all."""
-    room = [r.n_samples - start if start >= 0 else 0 for r, start in zip(recordings, starts, strict=True)]
-    skip = "pass on_short='skip' to leave such recordings out (--on-error skip)"
+    room = _room(recordings, starts)
     said = f"{sum(samples < n for samples in room)} of {len(room)} recordings have no room"
-    if min(room) <= 0:
-        return f"{said}; ask for less lead, or {skip}"
-    return f"{said}, n_samples={min(room)} fits all (--duration-s {min(room) / rate_hz:.9g}); ask for that, or {skip}"
-
-
-def _crop(kept: Sequence[tuple[Recording, int]], n: int, rate_hz: float) -> list[Recording]:
-    """Return `n` samples of each recording from its start on."""
-    common_axes([recording for recording, _ in kept])
-    # one block that all results look into, so that Dataset.X needs no second copy
-    block = stacked(
-        [recording.wrench[start : start + n] for recording, start in kept], "the cropped recordings"
+    fits = (
+        f"n_samples={min(room)} fits all (--duration-s {min(room) / rate_hz:.9g})"
+        if min(room)
+        else "ask for less lead"
     )
-    block.flags.writeable = False
-    return [
-        _stretch(recording, start, start + n, start / rate_hz, wrench=wrench)
-        for wrench, (recording, start) in zip(block, kept, strict=True)
-    ]
+    return f"{said}; {fits}, or pass on_short='skip' to leave such recordings out (--on-error skip)"
 
 
 def _stretch(recording: Recording, begin: int, end: int, begin_s: float, **changes: Any) -> Recording:
@@ -341,9 +317,9 @@ def cut_windows(
     skipped: list[dict[str, Any]] = []
     unmeasured = 0
     for i, recording in enumerate(recordings):
-        spare = recording.n_samples - n
-        if spare >= 0:
-            starts = [start for start in range(0, spare + 1, hop) if _is_measured(recording, start, n)]
+        possible = range(0, recording.n_samples - n + 1, hop)
+        if possible:
+            starts = [start for start in possible if _is_measured(recording, start, n)]
             name = recording.name.strip() or "recording"
             if names[name] > 1 or not recording.name.strip():  # a window must tell its recording from others
                 name += f" {i + 1}"
@@ -352,7 +328,7 @@ def cut_windows(
             rows.append(
                 {"name": recording.name, "windows": len(starts), "dropped": recording.n_samples - used}
             )
-            unmeasured += len(range(0, spare + 1, hop)) - len(starts)
+            unmeasured += len(possible) - len(starts)
             continue
         short = f"is shorter than a window: {fixed(recording.n_samples)} samples, {fixed(n)} wanted"
         if on_short == "raise":
@@ -362,14 +338,11 @@ def cut_windows(
                 "ask for shorter windows, or pass on_short='skip' to leave such recordings out (--on-error skip)"
             )
         skipped.append({"name": recording.name, "samples_before": recording.n_samples, "skipped": short})
-    if not windows and rows:
-        raise GranularIdError("no window has a measured sample: all are filled gaps")
     if not windows:
-        longest = max(recording.n_samples for recording in recordings)
-        raise GranularIdError(
-            f"none of the {counted(len(recordings))} is as long as a window of {fixed(n)} samples; the longest has "
-            f"{counted(longest, 'sample')}"
-        )
+        why = "no window has a measured sample: all are filled gaps"
+        if not rows:
+            why = f"none of the {counted(len(recordings))} is as long as a window of {fixed(n)} samples"
+        raise GranularIdError(why)
     totals = {
         "recordings": len(rows),
         "windows": len(windows),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -15,7 +15,7 @@ from granular_id._checks import (
     argument_error,
     as_floats,
     checked_text,
-    float_array,
+    finite_numbers,
     thaw,
 )
 from granular_id._core import AXES, GranularIdError
@@ -24,6 +24,7 @@ from granular_id.recording.clock import samples_in
 from granular_id.recording.columns import same_unit
 from granular_id.recording.recording import KNOWN_UNITS, Recording, irregular_among, unit_of
 from granular_id.recording.report import StepReport, first_names, subject
+from granular_id.recording.setup import Setup
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -100,7 +101,7 @@ def transform(
     >>> transform([1, 2, 3, 4, 5, 6], flip=("fx", "tx")).tolist()
     [-1.0, 2.0, 3.0, -4.0, 5.0, 6.0]
     """
-    matrix, p = _rotation_matrix(rotation), _checked_translation(translation)
+    matrix, p = _rotation_matrix(rotation), finite_numbers("translation", translation, 3)
     return _transformed(wrench_array(wrench), matrix, p, _signs(flip))
 
 
@@ -153,15 +154,6 @@ def _rotation_matrix(rotation: RotationLike | None) -> FloatArray:
     return array
 
 
-def _checked_translation(translation: ArrayLike) -> FloatArray:
-    array = float_array("translation", translation)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise argument_error(
-            GranularIdError, "translation", f"={translation!r:.60}; wanted three finite numbers"
-        )
-    return array
-
-
 def wrench_array(wrench: ArrayLike) -> FloatArray:
     """Return samples of six axes as float64."""
     array = as_floats(wrench, "wrench", _WRENCH)
@@ -207,7 +199,7 @@ def transform_recordings(
     sign: str | None,
 ) -> tuple[list[Recording], StepReport]:
     """Turn the wrench of each recording; see :meth:`Dataset.transform`, which calls this."""
-    matrix, p, signs = _rotation_matrix(rotation), _checked_translation(translation), _signs(flip)
+    matrix, p, signs = _rotation_matrix(rotation), finite_numbers("translation", translation, 3), _signs(flip)
     turns = not np.array_equal(matrix, np.eye(3)) or bool(p.any())
     reverses = bool((signs < 0).all())
     if turns and frame is None:
@@ -245,7 +237,7 @@ def _without_gravity(recording: Recording) -> Recording:
 
 def _refuse_unclear(recordings: Sequence[Recording], name: str, new: str) -> None:
     """Refuse to turn or reverse what is so already by its metadata, or is not of one frame or sign."""
-    now = Counter(value for recording in recordings if (value := stated(recording, name)))
+    now = Counter(value for recording in recordings if (value := getattr(Setup.of(recording.meta), name)))
     if len(now) > 1:
         told = ", ".join(f"{value!r} ({n})" for value, n in now.most_common())
         raise GranularIdError(f"recordings are of several {name}s: {told}; give those of each {name} apart")
@@ -256,14 +248,6 @@ def _refuse_unclear(recordings: Sequence[Recording], name: str, new: str) -> Non
             f"is {new!r} already, as the metadata of {counted(now[new])} state; wanted the name of what it is "
             "afterwards, which is another",
         )
-
-
-def stated(recording: Recording, name: str) -> Any:
-    """Return what the metadata say, at their places in `Setup.of`."""
-    source = recording.meta.get("source")
-    places = [recording.meta, source, source.get("meta") if isinstance(source, Mapping) else None]
-    said = (place.get(name) for place in places if isinstance(place, Mapping))
-    return next((value for value in said if value is not None), None)
 
 
 # The zero that the rest before the motion gives.
@@ -288,34 +272,29 @@ def tare_recordings(
             f"{subject(len(without))} no trigger_index: {first_names([*map(repr, without)])}; where the rest ends "
             "is not known: call .find_onsets() (--begin-at onset), or leave them out (--on-error skip)"
         )
-    rests = [r.trigger_index or 0 for r in recordings]
-    rates = [r.rate_hz or 0.0 for r in recordings]  # all are uniform here
     least_s, most_s = TARE_S if lead_s is None else (lead_s, lead_s)
-    leads = [min(samples_in("lead_s", most_s, rate), rest) for rate, rest in zip(rates, rests, strict=True)]
-    wanted = [samples_in("lead_s", least_s, rate) for rate in rates]
-    short = [i for i, (n, least) in enumerate(zip(leads, wanted, strict=True)) if n < least]
-    if short:
-        raise GranularIdError(_too_short(recordings, rests, short, least_s))
     results, rows = [], []
-    for recording, n, rest in zip(recordings, leads, rests, strict=True):
+    for recording in recordings:
+        rate, rest = (
+            recording.rate_hz or 0.0,
+            recording.trigger_index or 0,
+        )  # all are uniform and have one here
+        n = min(samples_in("lead_s", most_s, rate), rest)
+        if n < samples_in("lead_s", least_s, rate):
+            raise GranularIdError(_too_short(recordings, recording, least_s))
         zero = rest_zero(recording.wrench[rest - n : rest])
         results.append(with_samples(recording, recording.wrench - zero, tare="rest"))
         axes = dict(zip(recording.axes, zero.tolist(), strict=True))
-        rows.append({"name": recording.name, "lead_s": n / (recording.rate_hz or 1.0), **axes})
+        rows.append({"name": recording.name, "lead_s": n / rate, **axes})
     stated = None if lead_s is None else float(lead_s)
     return results, StepReport("tare", {"lead_s": stated}, {"recordings": len(results)}, rows)
 
 
-def _too_short(
-    recordings: Sequence[Recording], rests: Sequence[int], short: Sequence[int], least_s: float
-) -> str:
+def _too_short(recordings: Sequence[Recording], first: Recording, least_s: float) -> str:
     """Say which recording has too short a rest, and what would fit."""
-    seconds = [rest / (r.rate_hz or 1.0) for r, rest in zip(recordings, rests, strict=True)]
-    name, shortest = recordings[short[0]].name, min(seconds)
-    said = (
-        f"recording {name!r} has {seconds[short[0]]:g} s of rest before its trigger, {least_s:g} s are wanted; "
-        f"{len(short)} of {counted(len(recordings))} have too little"
-    )
+    rests = [(r.trigger_index or 0) / (r.rate_hz or 1.0) for r in recordings]
+    own, shortest = (first.trigger_index or 0) / (first.rate_hz or 1.0), min(rests)
+    said = f"recording {first.name!r} has {own:g} s of rest before its trigger, {least_s:g} s are wanted; "
     if shortest > 0:
-        return f"{said}, lead_s={np.floor(1e3 * shortest) / 1e3:g} fits all"
-    return f"{said}; leave out those without any rest, or record with a pre-trigger buffer"
+        return f"{said}lead_s={np.floor(1e3 * shortest) / 1e3:g} fits all"
+    return f"{said}leave out those without any rest, or record with a pre-trigger buffer"

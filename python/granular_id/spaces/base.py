@@ -17,7 +17,6 @@ from sklearn.utils.validation import _check_feature_names_in, check_is_fitted, v
 from granular_id._checks import all_finite, argument_error, positive_number
 from granular_id._core import AXES, GranularIdError
 from granular_id._estimators import real_steps
-from granular_id._memory import empty, is_large
 from granular_id.features import FeatureSpec, extract_features, feature_names
 from granular_id.recording import (
     Dataset,
@@ -249,10 +248,7 @@ class CoreTransformer(RecordingTransformer):
     spec_: FeatureSpec
 
     def _features(self, recordings: FloatArray) -> FloatArray:
-        n, *shape = recordings.shape
-        width = self.spec_.n_features(*shape)
-        out = empty((n, width), "features") if is_large(8 * n * width) else None
-        return extract_features(recordings, spec=self.spec_, threads=self.threads, out=out)
+        return extract_features(recordings, spec=self.spec_, threads=self.threads)
 
     def _names(self) -> list[str]:
         return self.spec_.feature_names(self.n_features_in_, self.n_axes_in_)

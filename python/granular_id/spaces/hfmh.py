@@ -353,7 +353,7 @@ class RawHistogram(_Histogram):
         return bounds
 
     def _features(self, recordings: FloatArray) -> FloatArray:
-        return _core.extract_features(recordings, self.spec_, 1, None, np.float64, filtered=False)
+        return _core.extract_features(recordings, self.spec_, 1, filtered=False)
 
     def _names(self) -> list[str]:
         return [name.replace("hfmh_", "hist_", 1) for name in super()._names()]

@@ -10,18 +10,14 @@ import pytest
 import granular_id as gid
 from archive_cases import files_in, poison, samples_in, small_partitions
 from granular_id._core import FeatureSpec
-from granular_id.archive import Answers, PartitionError, append, extract, identify
+from granular_id.archive import Answers, Archive, PartitionError, append, extract, identify
 from granular_id.archive.answers import COLUMNS, MODEL, AnswersSpec
-from granular_id.archive.partitions import one_of_each
+from granular_id.archive.partitions import one_of_each, partitions_of, process_partition
 from granular_id.identifier import Identifier, identify_all
 from granular_id.io import load
-from granular_id.io.parquet.archive import Archive
 from granular_id.io.parquet.writing import save_parquet
 from granular_id.recording import Dataset, Recording, SampleFlag, StepReport
 from granular_id.recording.onset import ONSET_STEP
-
-pa = pytest.importorskip("pyarrow")
-pq = pytest.importorskip("pyarrow.parquet")
 
 LABELS = ("oat flakes", "rice", "sugar")
 N_SAMPLES, LEAD = 60, 10
@@ -33,28 +29,19 @@ def pushes(n=24, *, seed=0, n_samples=N_SAMPLES, **fields):
     every = []
     for i in range(n):
         wrench = np.round(rng.normal(0.1 * (i % 3), 0.3 + 0.06 * (i % 3), (n_samples, 6)) * 64) / 64
-        about = {
-            "label": LABELS[i % 3],
-            "session": f"day {i % 2}",
-            "trigger_index": LEAD,
-            "name": f"push {i}",
-        }
-        every.append(Recording(wrench, rate_hz=500, **{**about, **fields}))
+        about = {"label": LABELS[i % 3], "session": f"day {i % 2}", "name": f"push {i}"}
+        every.append(Recording(wrench, rate_hz=500, **{**about, "trigger_index": LEAD, **fields}))
     return Dataset(every)
 
 
 @pytest.fixture(scope="module")
 def trained():
-    return pushes(30, meta={"frame": "flange", "sensor": "Mini45"})
+    return pushes(30, meta={"frame": "flange", "sensor": "Mini45", "trigger": "motion"})
 
 
 @pytest.fixture(scope="module")
 def model(trained):
     return Identifier.fit(trained, "hfmh", coverage=0.8)
-
-
-def saved(data, folder):
-    return save_parquet(data, folder, recordings_per_group=5)
 
 
 def rows_of(answers):
@@ -64,23 +51,17 @@ def rows_of(answers):
     ]
 
 
-def expected(model, data, **crop):
+def expected(model, data):
     """What `granular-id identify` answers of a data set."""
-    taken = model.requirements.crop(data, **crop)
     return [
-        {
-            **one,
-            "label": one["truth"],
-            "answer": one["label"],
-            "candidates": list(one["candidates"]),
-            "warnings": list(one["warnings"]),
-        }
-        for one in identify_all(model, taken).each()
+        {**one, "label": one["truth"], "answer": one["label"]}
+        | {name: list(one[name]) for name in ("candidates", "warnings")}
+        for one in identify_all(model, model.requirements.crop(data)).each()
     ]
 
 
 def answered(model, data, tmp_path, **options):
-    archive = saved(data, tmp_path / "archive")
+    archive = save_parquet(data, tmp_path / "archive", recordings_per_group=5)
     return identify(archive, model, tmp_path / "out", progress=False, **options)
 
 
@@ -99,7 +80,7 @@ def mixed(trained):
 
 
 @pytest.mark.parametrize("space", ["hfmh", "raw+hfmh", "multiband"])
-def test_answers_are_those_of_the_recordings_loaded(trained, space, tmp_path):
+def test_answers_are_those_of_recordings_loaded(trained, space, tmp_path):
     own = Identifier.fit(trained, space, coverage=0.8)
     data = mixed(trained)
     assert rows_of(answered(own, data, tmp_path)) == expected(own, data)
@@ -111,7 +92,7 @@ def test_answers_that_a_model_does_not_know_are_null(trained, tmp_path):
     assert (row["probability"], row["unknown"], row["candidates"]) == (None, None, [])
 
 
-def test_model_without_marks_does_not_say_trained_on(tmp_path):
+def test_answers_of_a_model_without_marks_have_no_trained_on(tmp_path):
     from model_cases import random_model
 
     axes = {"axes": '["fx", "fy", "fz", "tx", "ty", "tz"]', "units": '["N", "N", "N", "N m", "N m", "N m"]'}
@@ -119,43 +100,26 @@ def test_model_without_marks_does_not_say_trained_on(tmp_path):
     assert answered(Identifier(core), pushes(6), tmp_path).table["trained_on"].to_pylist() == [None] * 6
 
 
-@pytest.mark.parametrize("begin_at", ["auto", "first", "trigger"])
-@pytest.mark.parametrize("lead_s", [None, 0.0, 0.01])
-def test_longer_recordings_begin_as_elsewhere(model, begin_at, lead_s):
+def test_recordings_that_do_not_hold_the_length_have_no_answer(model, tmp_path):
     longer = [replace(one, trigger_index=k) for k, one in enumerate(pushes(12, n_samples=64))]
     without = [replace(one, trigger_index=None) for one in pushes(3, seed=1, n_samples=70)]
     data = Dataset([*longer, *pushes(3), *without, *pushes(3, n_samples=40)])
-    lengths = np.array([one.n_samples for one in data])
-    triggers = np.array([-1 if one.trigger_index is None else one.trigger_index for one in data])
-    starts = model.requirements.starts(data.names, lengths, triggers, begin_at=begin_at, lead_s=lead_s)
-    cropped = model.requirements.crop(data, begin_at=begin_at, lead_s=lead_s, on_short="skip")
-    kept = [(one, start) for one, start in zip(data, starts.tolist(), strict=True) if start >= 0]
-    assert [one.name for one, _ in kept] == list(cropped.names)
-    for (one, start), other in zip(kept, cropped, strict=True):
-        np.testing.assert_array_equal(one.wrench[start : start + N_SAMPLES], other.wrench)
+    answers = answered(model, data, tmp_path)
+    cropped = model.requirements.crop(data, on_short="skip")
+    assert [row for row in rows_of(answers) if row["answer"]] == expected(model, cropped)
+    n_without = len(data) - len(cropped)
+    assert f"{n_without} recordings without an answer: too short, or no trigger" in answers.summary().notes
 
 
-def test_identify_begins_where_it_is_told(model, tmp_path):
-    data = pushes(6, seed=4, n_samples=80)
-    options = {"begin_at": "trigger", "lead_s": 0.01}
-    assert rows_of(answered(model, data, tmp_path, **options)) == expected(model, data, **options)
-
-
-def test_recordings_too_short_are_refused_before_any_work(model, tmp_path):
-    data = Dataset([*pushes(4), *pushes(2, n_samples=40)])
-    message = (
-        r"'push 0' has 40 samples and its trigger at 10, the model takes 60; 2 of 6 recordings are like this"
-    )
-    with pytest.raises(ValueError, match=message):
-        answered(model, data, tmp_path)
-    assert not (tmp_path / "out").exists()
-
-
-def test_recordings_too_short_may_stay_without_an_answer(model, tmp_path):
-    data = Dataset([*pushes(4), *pushes(2, n_samples=40)])
-    answers = answered(model, data, tmp_path, on_short="skip")
-    assert [row["answer"] is None for row in rows_of(answers)] == [False] * 4 + [True] * 2
-    assert "2 recordings without an answer: too short, or no trigger" in answers.summary().notes
+def test_longer_recordings_of_an_unknown_lead_are_refused(tmp_path):
+    leads = [replace(one, trigger_index=LEAD + i % 4) for i, one in enumerate(pushes())]
+    own, longer = Identifier.fit(Dataset(leads), "hfmh", estimate=False), pushes(6, n_samples=90)
+    with pytest.raises(
+        gid.GranularIdError, match=r"'push 0' has 90 samples; .* wants 60 of each: call .align on"
+    ):
+        answered(own, longer, tmp_path)
+    append(tmp_path / "aligned", longer.align(60))
+    assert len(identify(tmp_path / "aligned", own, tmp_path / "out", progress=False)) == 6
 
 
 @pytest.mark.parametrize(
@@ -171,14 +135,23 @@ def test_recordings_too_short_may_stay_without_an_answer(model, tmp_path):
 )
 def test_another_setup_is_refused_before_any_work(model, tmp_path, fields, message):
     data = Dataset([*pushes(8), replace(pushes(1)[0], **fields)])
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(gid.GranularIdError, match=message):
         answered(model, data, tmp_path)
     assert not (tmp_path / "out").exists()
 
 
-def test_other_axes_are_refused(model, tmp_path):
-    with pytest.raises(ValueError, match="has the axes fx fy; the model was trained on"):
-        answered(model, pushes(4).select(axes=["fx", "fy"]), tmp_path)
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (pushes(4).select(axes=["fx", "fy"]), "has the axes fx fy; the model was trained on"),
+        (pushes(4, n_samples=40), "'push 0' has 40 samples and no trigger .* takes 60; all 4 recordings are"),
+    ],
+    ids=["axes", "lengths"],
+)
+def test_archive_without_any_answer_is_refused(model, tmp_path, data, message):
+    with pytest.raises(gid.GranularIdError, match=message):
+        answered(model, data, tmp_path)
+    assert not (tmp_path / "out").exists()
 
 
 def test_frame_of_another_name_may_be_accepted(model, tmp_path):
@@ -187,24 +160,20 @@ def test_frame_of_another_name_may_be_accepted(model, tmp_path):
     assert len(answers) == 4
 
 
-def test_what_else_differs_is_warned_of_once(model, tmp_path):
-    data = pushes(11, meta={"sensor": "Nano17"})
-    assert model.requirements.check(data) == ("sensor 'Nano17', in training 'Mini45'",)
-    with warnings.catch_warnings(record=True) as told:
+def test_setup_that_differs_is_warned_of_once(model, tmp_path):
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        answered(model, data, tmp_path)
-    assert [str(one.message) for one in told] == [
-        "another set-up than in the training: sensor 'Nano17', in training 'Mini45'"
-    ]
-    assert told[0].filename == answered.__code__.co_filename
+        answered(model, pushes(11, meta={"sensor": "Nano17"}), tmp_path)
+    said = "another set-up than in the training: sensor 'Nano17', in training 'Mini45'"
+    assert [str(one.message) for one in caught] == [said]
+    assert caught[0].filename == answered.__code__.co_filename
 
 
-def test_steps_of_appended_recordings_are_compared_too(model, tmp_path):
-    data = pushes(6)
-    found = Dataset(data.recordings, (StepReport(ONSET_STEP),))
-    append(tmp_path / "archive", found)
-    expected = model.requirements.check(load(tmp_path / "archive"))
-    assert model.requirements.check(one_of_each(Archive(tmp_path / "archive"), 500.0)) == expected
+def test_setup_of_an_archive_knows_its_steps(model, tmp_path):
+    append(tmp_path, Dataset(pushes(6).recordings, (StepReport(ONSET_STEP),)))
+    said = ("trigger 'onset', in training 'motion'",)
+    assert model.requirements.check(load(tmp_path)) == said
+    assert model.requirements.check(one_of_each(Archive(tmp_path), 500.0)) == said
 
 
 def test_answers_are_the_same_in_partitions_of_any_size(model, trained, tmp_path, monkeypatch):
@@ -215,40 +184,35 @@ def test_answers_are_the_same_in_partitions_of_any_size(model, trained, tmp_path
     assert rows_of(again) == whole
 
 
-def test_identify_takes_the_path_of_a_model(model, tmp_path):
+def test_model_lies_beside_its_answers_and_is_compared(model, tmp_path):
     model.save(tmp_path / "kitchen.safetensors")
-    archive = saved(pushes(6), tmp_path / "archive")
-    answers = identify(archive, tmp_path / "kitchen.safetensors", tmp_path / "out", progress=False)
+    answers = answered(tmp_path / "kitchen.safetensors", pushes(6), tmp_path)
     assert (answers.folder / MODEL).read_bytes() == model.core.to_bytes()
-
-
-def test_spec_travels_to_workers_without_its_model(model, tmp_path):
-    answers = answered(model, pushes(6), tmp_path)
-    spec = AnswersSpec(str(answers.folder / MODEL), answers.spec["answers"]["model"], loaded=model)
-    sent = pickle.dumps(spec)
-    assert len(sent) < 1000
-    assert pickle.loads(sent).identifier.core == model.core
-    (answers.folder / MODEL).write_bytes(b"another")
-    with pytest.raises(ValueError, match="is no longer the model that answers here"):
-        replace(pickle.loads(sent), sha256="0" * 64).identifier  # noqa: B018
+    spec = AnswersSpec(str(answers.folder / MODEL), answers.spec["answers"]["model"])
+    partition = partitions_of(Archive(tmp_path / "archive"))[0]
+    assert len(pickle.dumps((partition, spec))) < 1000
+    with pytest.raises(gid.GranularIdError, match="is no longer the model that answers here"):
+        process_partition(partition, replace(spec, sha256="0" * 64))
 
 
 def test_answers_of_another_model_are_refused(model, trained, tmp_path):
     answers = answered(model, pushes(6), tmp_path)
     before = files_in(answers.folder)
     other = Identifier.fit(trained, "raw", estimate=False)
-    with pytest.raises(ValueError, match=r"holds other work already: model '.*; name another folder"):
+    with pytest.raises(
+        gid.GranularIdError, match=r"holds other work already: model '.*; name another folder"
+    ):
         identify(tmp_path / "archive", other, answers.folder, progress=False)
-    with pytest.raises(ValueError, match=r"already: answers.* there, features.* wanted; name another"):
+    with pytest.raises(gid.GranularIdError, match=r"already: .*answers.* there, .*features.* wanted; name"):
         extract(tmp_path / "archive", answers.folder, progress=False)
     assert files_in(answers.folder) == before
     extract(tmp_path / "archive", tmp_path / "features", progress=False)
-    with pytest.raises(ValueError, match="holds no answers, but features"):
+    with pytest.raises(gid.GranularIdError, match="holds no answers, but features"):
         Answers(tmp_path / "features")
 
 
 def test_answers_of_a_damaged_row_group_are_left_out(model, tmp_path, monkeypatch):
-    archive = saved(pushes(20), tmp_path / "archive")
+    archive = save_parquet(pushes(20), tmp_path / "archive", recordings_per_group=5)
     poison(samples_in(archive), 1)
     small_partitions(monkeypatch, 5)
     with pytest.raises(PartitionError, match="row group 1"):
@@ -263,14 +227,15 @@ def test_answers_of_a_damaged_row_group_are_left_out(model, tmp_path, monkeypatc
 def test_summary_counts_as_a_batch_does(model, trained, tmp_path):
     data = mixed(trained)
     batch = identify_all(model, model.requirements.crop(data))
+    each = list(batch.each())
     table = answered(model, data, tmp_path).summary()
     assert table.title == "Materials named in 24 recordings"
     assert table.header == ("material", "answers", "share", "recordings of it", "named rightly")
-    assert [row[:2] for row in table.rows] == [
-        (name, str((batch.labels == name).sum())) for name in model.classes
-    ]
+    for name, answers, _, true, rightly in table.rows:
+        of_it = [one["label"] == name for one in each if one["truth"] == name]
+        assert (int(answers), int(true)) == (int((batch.labels == name).sum()), len(of_it))
+        assert rightly == f"{100 * np.mean(of_it):.1f} %"
     assert table.notes[: len(batch.table().notes)] == batch.table().notes
-    each = list(batch.each())
     unknown, several = sum(one["unknown"] for one in each), sum(len(one["candidates"]) > 1 for one in each)
     for said in (
         f"{unknown} of 24 answers like no known",
@@ -283,6 +248,7 @@ def test_summary_counts_as_a_batch_does(model, trained, tmp_path):
 def test_summary_of_unlabelled_recordings_knows_no_truth(model, tmp_path):
     table = answered(model, pushes(6, seed=5, label=None), tmp_path).summary()
     assert table.header == ("material", "answers", "share")
+    assert sum(int(row[1]) for row in table.rows) == 6
 
 
 def test_summary_marks_simulated_recordings(tmp_path):

@@ -1,10 +1,12 @@
-"""Each recording exactly once: the same files whoever made them, and whatever was killed meanwhile.
+"""Each recording exactly once: the same bytes whoever made them, whatever was killed, broken or full meanwhile.
 
-A few rounds in every run, many where ``GRANULAR_ID_CASES`` says so.
+All tests work on one archive, and compare one digest over all files that come of it. A few rounds in every run, many
+where ``GRANULAR_ID_CASES`` says so.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 import random
 import signal
@@ -15,14 +17,22 @@ from pathlib import Path
 
 import pytest
 
-from archive_cases import Dies, Sums, files_in, partitions_in, small_partitions, some_archive
+from archive_cases import (
+    Dies,
+    Sums,
+    files_in,
+    partitions_in,
+    poison,
+    samples_in,
+    small_partitions,
+    some_archive,
+)
 from effort import cases
 from granular_id.archive import Archive, PartitionError
-from granular_id.archive.partitions import run
+from granular_id.archive.partitions import UNFINISHED, run
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
-pytest.importorskip("pyarrow")
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="kills by signal")
 
@@ -61,7 +71,7 @@ def driver(archive, out, *, dies_at="", words="", slow_s=0.0) -> subprocess.Pope
 
 
 def cluster():
-    """Two worker processes; the first death of one ends the first attempt, so that few have to die."""
+    """Two worker processes, on this machine alone."""
     return distributed.Client(
         n_workers=2,
         threads_per_worker=1,
@@ -71,19 +81,39 @@ def cluster():
     )
 
 
-@pytest.fixture
-def archive(tmp_path, monkeypatch) -> Path:
-    """24 recordings in row groups of 2, six partitions of 4; drafts of the dead are removed at once."""
+def digest_of(folder) -> str:
+    """Hash names and bytes of all files in a folder."""
+    return hashlib.sha256(repr(files_in(folder)).encode()).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory) -> Path:
+    """24 recordings in row groups of 2."""
+    return some_archive(tmp_path_factory.mktemp("a") / "archive")
+
+
+@pytest.fixture(autouse=True)
+def six_partitions(monkeypatch):
+    """Partitions of 4; drafts of the dead are removed at once."""
     small_partitions(monkeypatch)
     monkeypatch.setattr("granular_id.archive.partitions._LONGEST_DRAFT_S", 0.0)
-    return some_archive(tmp_path / "archive")
+
+
+@pytest.fixture(scope="module")
+def wanted(archive, tmp_path_factory) -> dict[str, bytes]:
+    """What is in the folder when nothing disturbs."""
+    out = tmp_path_factory.mktemp("undisturbed") / "out"
+    assert driver(archive, out).wait(120) == 0
+    return files_in(out)
 
 
 @pytest.fixture
-def wanted(archive, tmp_path) -> dict[str, bytes]:
-    """What is in the folder when nothing disturbs: six partitions."""
-    run(Archive(archive), Sums(), tmp_path / "undisturbed", n_jobs=1, progress=False)
-    return files_in(tmp_path / "undisturbed")
+def out(archive, wanted, tmp_path):
+    """A folder that in the end, all work done, has to have the one digest."""
+    out = tmp_path / "out"
+    yield out
+    run(Archive(archive), Sums(), out, n_jobs=2, progress=False)
+    assert digest_of(out) == hashlib.sha256(repr(wanted).encode()).hexdigest()
 
 
 @pytest.mark.parametrize(
@@ -94,20 +124,16 @@ def wanted(archive, tmp_path) -> dict[str, bytes]:
         pytest.param({"words": "."}, 2, id="while it computes"),
     ],
 )
-def test_killed_driver_is_taken_up(archive, wanted, tmp_path, monkeypatch, deaths, n_finished):
+def test_killed_driver_is_taken_up(archive, out, tmp_path, monkeypatch, deaths, n_finished):
     monkeypatch.chdir(tmp_path)
-    out = tmp_path / "out"
-    assert driver(archive, out, **deaths).wait(60) == -signal.SIGKILL
+    assert driver(archive, out, **deaths).wait(120) == -signal.SIGKILL
     finished = {name: (out / name).stat().st_ino for name in partitions_in(out)}
     assert len(finished) == n_finished
-    again = run(Archive(archive), Sums(), out, n_jobs=2, progress=False)
-    assert files_in(out) == wanted
+    assert run(Archive(archive), Sums(), out, n_jobs=2, progress=False).n_resumed == n_finished
     assert {name: (out / name).stat().st_ino for name in finished} == finished
-    assert again.n_resumed == n_finished
 
 
-def test_drivers_killed_at_any_moment_are_taken_up(archive, wanted, tmp_path):
-    out = tmp_path / "out"
+def test_drivers_killed_at_any_moment_are_taken_up(archive, wanted, out):
     draw = random.Random(0)
     for _ in range(cases(2)):
         other = driver(archive, out, slow_s=0.05)
@@ -120,50 +146,60 @@ def test_drivers_killed_at_any_moment_are_taken_up(archive, wanted, tmp_path):
         assert {name: (out / name).read_bytes() for name in partitions_in(out)}.items() <= wanted.items()
         if len(partitions_in(out)) == 6:
             (out / partitions_in(out)[draw.randrange(6)]).unlink()
-    run(Archive(archive), Sums(), out, n_jobs=2, progress=False)
-    assert files_in(out) == wanted
 
 
-def test_two_drivers_at_once_make_the_same_files(archive, wanted, tmp_path, monkeypatch):
+def test_drivers_at_once_make_the_same_files(archive, wanted, out, tmp_path, monkeypatch):
     monkeypatch.setattr("granular_id.archive.partitions._LONGEST_DRAFT_S", 60.0)
-    for i in range(cases(1)):
-        out = tmp_path / f"out {i}"
-        other = driver(archive, out)
-        while not out.is_dir():
+    for place in (out, *(tmp_path / f"out {i}" for i in range(1, cases(1)))):
+        other = driver(archive, place)
+        while not place.is_dir():
             assert other.poll() is None
-        run(Archive(archive), Sums(), out, n_jobs=1, progress=False)
-        assert other.wait(60) == 0
-        assert files_in(out) == wanted
+        run(Archive(archive), Sums(), place, n_jobs=1, progress=False)
+        assert other.wait(120) == 0
+        assert files_in(place) == wanted
 
 
-def test_cluster_whose_workers_die_makes_the_same_files(archive, wanted, tmp_path):
-    out = tmp_path / "out"
-    spec = Sums(before=Dies(str(tmp_path)))
+def test_cluster_whose_workers_die_makes_the_same_files(archive, out, tmp_path):
     with (
+        # The first death of a worker ends the first attempt, so that few have to die.
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         cluster() as client,
         pytest.raises(
-            PartitionError, match=r"row group 8 to 9: the processes that worked on it died"
+            PartitionError, match="row group 8 to 9: the processes that worked on it died"
         ) as failed,
     ):
-        run(Archive(archive), spec, out, scheduler=client, progress=False)
+        run(Archive(archive), Sums(before=Dies(str(tmp_path))), out, scheduler=client, progress=False)
     assert len(failed.value.extraction.failures) == 1
     assert (tmp_path / "died at 5").exists()
     assert len(partitions_in(out)) == 5
-    run(Archive(archive), Sums(), out, n_jobs=1, progress=False)
-    assert files_in(out) == wanted
 
 
-def test_cluster_listens_on_this_machine_alone(archive, wanted, tmp_path):
+def test_cluster_listens_on_this_machine_alone(archive, wanted, out):
     psutil = pytest.importorskip("psutil")
     with cluster() as client:
-        run(Archive(archive), Sums(), tmp_path / "out", scheduler=client, progress=False)
+        run(Archive(archive), Sums(), out, scheduler=client, progress=False)
         tree = [psutil.Process(), *psutil.Process().children(recursive=True)]
-        places = {
-            place.laddr.ip
-            for one in tree
-            for place in one.net_connections("tcp")
-            if place.status == psutil.CONN_LISTEN
-        }
-    assert files_in(tmp_path / "out") == wanted
-    assert places <= {"127.0.0.1", "::1"}
+        every = [place for one in tree for place in one.net_connections("tcp")]
+    assert files_in(out) == wanted
+    assert {place.laddr.ip for place in every if place.status == psutil.CONN_LISTEN} <= {"127.0.0.1", "::1"}
+
+
+def test_poisoned_partition_fails_alone_by_name(archive, out):
+    good = poison(samples_in(archive), 3)
+    with pytest.raises(PartitionError, match=r"1 partition failed.*row group 2 to 3: .*row group 3: "):
+        run(Archive(archive), Sums(), out, progress=False)
+    samples_in(archive).write_bytes(good)
+    assert (len(partitions_in(out)), (out / UNFINISHED).exists()) == (5, True)
+    assert run(Archive(archive), Sums(), out, progress=False).n_resumed == 5
+
+
+def test_full_disk_stops_all_in_one_line(archive, out):
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        with pytest.raises(OSError, match=r"^cannot write .*/out/[0-9a-f]{32}\.parquet: .*File too large.*$"):
+            run(Archive(archive), Sums(), out, progress=False)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert set(files_in(out)) == {UNFINISHED}, "nothing half-written"

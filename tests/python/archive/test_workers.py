@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import threading
 import time
-from types import SimpleNamespace
 
 import pytest
 
 from granular_id.archive import workers
-from granular_id.archive.workers import run_in_threads, run_on_cluster
+from granular_id.archive.workers import work_through
 
 distributed = pytest.importorskip("distributed")
 
 EIGHT = {f"{i}.parquet": i for i in range(8)}
+MANY = {f"{i}.parquet": i for i in range(400)}
 
 
 @pytest.fixture(scope="module")
@@ -39,32 +39,32 @@ def make_as_told(partition):
 
 def on_cluster(make, done, scheduler, some=EIGHT):
     MADE_BY.append(make)
-    run_on_cluster(make_as_told, some, scheduler, done)
+    work_through(make_as_told, some, done, n_jobs=None, scheduler=scheduler)
 
 
 @pytest.fixture(params=["threads", "cluster"])
 def work(request):
     """Each with two threads, as a function of what makes a file and what is told of it."""
     if request.param == "threads":
-        return lambda make, done, some=EIGHT: run_in_threads(make, some, 2, done)
+        return lambda make, done, some=EIGHT: work_through(make, some, done, n_jobs=2, scheduler=None)
     client = request.getfixturevalue("client")
     return lambda make, done, some=EIGHT: on_cluster(make, done, client, some)
 
 
-def test_workers_tell_of_every_partition_once(work):
+def test_workers_report_every_partition_once(work):
     told = []
     work(str, lambda *said: told.append(said))
     assert sorted(told) == [(name, str(number)) for name, number in EIGHT.items()]
 
 
-def test_two_partitions_are_worked_on_at_a_time(work):
+def test_workers_make_two_partitions_at_a_time(work):
     both = threading.Barrier(2, timeout=30)
     work(lambda *_: both.wait() and "", lambda *_: None)
     assert not both.broken
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), AssertionError("a bug")], ids=type)
-def test_what_is_raised_stops_all(work, error):
+def test_workers_that_raise_stop_all(work, error):
     def make(*_):
         raise error
 
@@ -74,64 +74,38 @@ def test_what_is_raised_stops_all(work, error):
     assert told == []
 
 
-def test_interrupt_of_the_caller_begins_nothing_more(work):
+def test_workers_after_an_interrupt_begin_nothing_more(work):
     begun = []
-    many = {f"{i}.parquet": i for i in range(400)}
 
     def interrupt(*_):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        work(lambda number, *_: (begun.append(number), time.sleep(0.01), "")[-1], interrupt, many)
-    assert len(begun) < len(many)
-
-
-def test_no_partitions_need_no_worker(work):
-    work(pytest.fail, pytest.fail, {})
+        work(lambda number, *_: (begun.append(number), time.sleep(0.01), "")[-1], interrupt, MANY)
+    assert len(begun) < len(MANY)
 
 
 # Clusters.
 
 
-@pytest.mark.parametrize("times", [1, 9])
-def test_partition_whose_workers_die_runs_again_alone(client, times):
-    begun, told, left = [], {}, iter(range(times))
-
-    def make(number, *_):
-        begun.append(number)
-        if number == 1 and next(left, None) is not None:
-            raise distributed.KilledWorker("1.parquet", SimpleNamespace(address="tcp://worker"), 3)
-        return ""
-
-    on_cluster(make, told.__setitem__, client)
-    problem = "" if times == 1 else f"1: {workers._DIED}"
-    assert (begun[-1], told) == (1, {**dict.fromkeys(EIGHT, ""), "1.parquet": problem})
-
-
-def test_cluster_that_goes_is_told():
+def test_cluster_that_goes_is_a_connection_error():
     cluster = distributed.LocalCluster(processes=False, n_workers=1, dashboard_address="127.0.0.1:0")
-    many = {f"{i}.parquet": i for i in range(400)}
     gone = "^the scheduler has gone, or its work was cancelled"
     with (
         cluster,
         distributed.Client(cluster, set_as_default=False, timeout=0.1) as going,
         pytest.raises(ConnectionError, match=gone),
     ):
-        on_cluster(lambda *_: "", lambda *_: cluster.close(), going, many)
+        on_cluster(lambda *_: "", lambda *_: cluster.close(), going, MANY)
 
 
-@pytest.mark.parametrize("name", ["granular_id", "pyarrow"])
-def test_workers_of_another_version_are_refused(client, monkeypatch, name):
-    real = client.get_versions
-
-    def other(**options):
-        found = real(**options)
-        next(iter(found["workers"].values()))["packages"][name] = "0.0.1"
-        return found
-
-    monkeypatch.setattr(client, "get_versions", other)
-    with pytest.raises(OSError, match=rf"Dask worker .* has {name} 0.0.1, wanted .*: install it there"):
-        on_cluster(pytest.fail, pytest.fail, client)
+def test_cluster_of_other_versions_is_refused(client, monkeypatch):
+    assert set(client.run(workers._versions).values()) == {workers._versions()}
+    monkeypatch.setattr(client, "run", lambda _: {"tcp://a": "granular_id 0.0.1 and pyarrow 1"})
+    with pytest.raises(
+        OSError, match=r"worker tcp://a has granular_id 0.0.1 and pyarrow 1, wanted granular_id "
+    ):
+        on_cluster(str, pytest.fail, client)
 
 
 @pytest.mark.parametrize(
@@ -142,8 +116,8 @@ def test_workers_of_another_version_are_refused(client, monkeypatch, name):
         ("tcp://127.0.0.1:9", ConnectionError, "no Dask scheduler answers there"),
     ],
 )
-def test_scheduler_that_is_none_is_refused(monkeypatch, scheduler, error, message):
+def test_scheduler_that_is_none_is_refused(scheduler, error, message):
     import dask
 
     with dask.config.set({"distributed.comm.timeouts.connect": "0.2s"}), pytest.raises(error, match=message):
-        on_cluster(pytest.fail, pytest.fail, scheduler)
+        on_cluster(str, pytest.fail, scheduler)

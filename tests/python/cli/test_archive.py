@@ -270,7 +270,7 @@ def test_what_stopped_goes_on_with_the_same_command(archive, model, tmp_path, mo
     def stopped(*_args, **_options):
         raise full
 
-    monkeypatch.setattr("granular_id.archive.partitions.run_in_threads", stopped)
+    monkeypatch.setattr("granular_id.archive.partitions.work_through", stopped)
     for words in (
         ("extract", archive, "-o", tmp_path / "a"),
         ("identify", model, archive, "-o", tmp_path / "b"),

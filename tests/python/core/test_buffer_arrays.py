@@ -74,26 +74,26 @@ def refused(method, error, message, *arguments, **keywords):
         refused("push_block", ValueError, "flags .* got 0.5 at row 1", GOOD, flags=[0, 0.5, 0]),
         refused("push_block", ValueError, "flags .* got NaN at row 0", GOOD, flags=[np.nan, 0, 0]),
         refused("push_block", ValueError, r"flags .*\(3,\), .*, got \(1,\)", GOOD, flags=[0]),
-        refused("push_block", TypeError, "flags must be an integer, got 1.5j", GOOD, flags=1.5j),
+        refused("push_block", TypeError, "flags must be an integer .*got 1.5j", GOOD, flags=1.5j),
         refused("push_block", TypeError, "host_ns .* got dtype float64", GOOD, host_ns=[0.0, 1.0, 2.0]),
         refused("push_block", ValueError, "host_ns .* got -5 at row 1", GOOD, host_ns=[0, -5, 2]),
         refused("push_block", ValueError, r"host_ns .*\(3,\), .*, got \(2,\)", GOOD, host_ns=[0, 1]),
         refused("push_block", ValueError, "host_ns must be an integer from 0", GOOD, host_ns=-1),
-        refused("push_block", TypeError, "host_ns must be an integer, got 0.5", GOOD, host_ns=0.5),
+        refused("push_block", TypeError, "host_ns must be an integer .*got 0.5", GOOD, host_ns=0.5),
         refused("push", ValueError, r"wrench .*\(6,\), got \(1, 6\)", ROW[None]),
         refused("push", ValueError, r"wrench .*\(6,\), got \(5,\)", ROW[:5]),
-        refused("push", TypeError, "t must be a real number, got '1'", ROW, "1"),
+        refused("push", TypeError, "t must be a real number .*got '1'", ROW, "1"),
         refused("push", ValueError, "t must .* got -1", ROW, -1),
         refused("push", ValueError, "t must .* got NaN", ROW, np.nan),
         refused("push", ValueError, "flags .* got -1", ROW, flags=-1),
-        refused("push", TypeError, "flags must be an integer, got 1.0", ROW, flags=1.0),
-        refused("window", ValueError, "n must be an integer from 1 to 5000, got 0", 0),
-        refused("window", ValueError, "n must be an integer from 1 to 5000, got 5001", 5001),
-        refused("window", TypeError, "n must be an integer, got 1.5", 1.5),
+        refused("push", TypeError, "flags must be an integer .*got 1.0", ROW, flags=1.0),
+        refused("window", ValueError, "n must be .*, got 0", 0),
+        refused("window", ValueError, "n must be .*, got 5001", 5001),
+        refused("window", TypeError, "n must be an integer .*got 1.5", 1.5),
         refused("window", ValueError, "fill must be 'none' or 'nan' or 'linear', got", 1, fill="cubic"),
         refused("window", ValueError, "max_gap must be an integer from 0", 1, max_gap=-1),
-        refused("window", TypeError, "allow_saturated must be True or False", 1, allow_saturated="no"),
-        refused("reader", TypeError, "from_oldest must be True or False, got 1", 1),
+        refused("window", TypeError, "bool.*allow_saturated", 1, allow_saturated="no"),
+        refused("reader", TypeError, "bool.*from_oldest", 1),
         refused("lag_s", TypeError, "now_ns must be an integer", 0.5),
     ],
 )
@@ -101,7 +101,7 @@ def test_bad_input_is_one_clear_error_and_nothing_is_taken(method, error, messag
     buffer = WrenchBuffer()
     buffer.push(ROW)
     before = buffer.stats()
-    with pytest.raises(error, match=message):
+    with pytest.raises(error, match=f"(?s){message}"):
         getattr(buffer, method)(*arguments, **keywords)
     assert buffer.stats() == before
 
@@ -112,18 +112,18 @@ def test_bad_input_is_one_clear_error_and_nothing_is_taken(method, error, messag
         (ValueError, "seconds must be positive and give at most 16777216 rows", {"seconds": 0}),
         (ValueError, "seconds must be positive and give at most", {"seconds": 1e9}),
         (ValueError, "seconds must be positive and give at most", {"seconds": float("nan")}),
-        (TypeError, "seconds must be a real number, got 'a'", {"seconds": "a"}),
+        (TypeError, "seconds must be a real number .*got 'a'", {"seconds": "a"}),
         (ValueError, "rate_hz must be positive and finite, got -1", {"rate_hz": -1}),
         (ValueError, "tick_hz must be finite and at least rate_hz = 500, got 100", {"tick_hz": 100}),
-        (ValueError, "reorder_depth must be an integer from 0 to 1024, got 1025", {"reorder_depth": 1025}),
-        (TypeError, "reorder_depth must be an integer, got 1.5", {"reorder_depth": 1.5}),
-        (ValueError, "n_axes must be an integer from 1 to 64, got 0", {"n_axes": 0}),
-        (ValueError, "n_axes must be an integer from 1 to 64, got 65", {"n_axes": 65}),
-        (TypeError, "n_axes must be an integer, got 3.0", {"n_axes": 3.0}),
+        (ValueError, "reorder_depth must be .*, got 1025", {"reorder_depth": 1025}),
+        (TypeError, "reorder_depth must be an integer .*got 1.5", {"reorder_depth": 1.5}),
+        (ValueError, "n_axes must be .*, got 0", {"n_axes": 0}),
+        (ValueError, "n_axes must be .*, got 65", {"n_axes": 65}),
+        (TypeError, "n_axes must be an integer .*got 3.0", {"n_axes": 3.0}),
     ],
 )
 def test_buffers_that_are_refused(error, message, options):
-    with pytest.raises(error, match=message):
+    with pytest.raises(error, match=f"(?s){message}"):
         WrenchBuffer(**options)
 
 

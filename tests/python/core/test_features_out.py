@@ -23,17 +23,17 @@ BAD_OUT = {
     "read-only": (read_only(np.zeros((5, N))), ValueError, "out must be writable"),
     "broadcast": (np.broadcast_to(0.0, (5, N)), ValueError, "out must be"),
     "misaligned": (misaligned(np.zeros((5, N))), ValueError, "out must be aligned"),
-    "misaligned float32": (misaligned(np.zeros((5, N), np.float32)), ValueError, "out must be aligned"),
-    "byte-swapped": (np.zeros((5, N), ">f8"), TypeError, "out .*float64 or float32"),
-    "int64": (np.zeros((5, N), int), TypeError, "out .*float64 or float32 .* got int64"),
-    "long double": (np.zeros((5, N), np.longdouble), TypeError, "out .*float64 or float32"),
-    "complex": (np.zeros((5, N), complex), TypeError, "out .*float64 or float32 .* got complex128"),
-    "object": (np.zeros((5, N), object), TypeError, "out .*float64 or float32 .* got object"),
-    "structured": (np.zeros((5, N), "f8,f8"), TypeError, "out .*float64 or float32"),
-    "list": ([[0.0] * N] * 5, TypeError, "out .*float64 or float32 .* got .*list"),
-    "dtype": (np.float32, TypeError, "out .*float64 or float32"),
-    "buffer": (bytearray(5 * N * 8), TypeError, "out .*float64 or float32 .* got .*bytearray"),
-    "data frame": (pd.DataFrame(np.zeros((5, N))), TypeError, "out .*float64 or float32"),
+    "float32": (np.zeros((5, N), np.float32), TypeError, "out must be a float64 array .* got float32"),
+    "byte-swapped": (np.zeros((5, N), ">f8"), TypeError, "out must be a float64 array"),
+    "int64": (np.zeros((5, N), int), TypeError, "out must be a float64 array .* got int64"),
+    "long double": (np.zeros((5, N), np.longdouble), TypeError, "out must be a float64 array"),
+    "complex": (np.zeros((5, N), complex), TypeError, "out must be a float64 array .* got complex128"),
+    "object": (np.zeros((5, N), object), TypeError, "out must be a float64 array .* got object"),
+    "structured": (np.zeros((5, N), "f8,f8"), TypeError, "out must be a float64 array"),
+    "list": ([[0.0] * N] * 5, TypeError, "out must be a float64 array .* got .*list"),
+    "dtype": (np.float32, TypeError, "out must be a float64 array"),
+    "buffer": (bytearray(5 * N * 8), TypeError, "out must be a float64 array .* got .*bytearray"),
+    "data frame": (pd.DataFrame(np.zeros((5, N))), TypeError, "out must be a float64 array"),
     "masked": (np.ma.masked_all((5, N)), TypeError, "out must be a plain array"),
 }
 
@@ -67,8 +67,6 @@ def overlapping(kind):
     wrench, out = base[:120].reshape(20, 6), base[:720]
     if kind == "the last number":
         wrench = base[719:839].reshape(20, 6)
-    elif kind == "as float32":
-        out = base.view(np.float32)[:720]
     elif kind == "stride tricks":
         wrench = np.lib.stride_tricks.as_strided(base, (20, 6), (48, 8))
     elif kind == "two views of one buffer":
@@ -84,7 +82,6 @@ def overlapping(kind):
     [
         "the same array",
         "the last number",
-        "as float32",
         "stride tricks",
         "two views of one buffer",
         "array interface",
@@ -115,10 +112,10 @@ def test_an_output_beside_the_input_is_fine():
     [
         ({"threads": 0}, ValueError, "threads must be an integer of at least 1, got 0"),
         ({"threads": 10**30}, ValueError, "threads must be .* got 10{30}"),
-        ({"threads": 2.0}, TypeError, "threads must be an integer, got .*float"),
-        ({"dtype": np.float16}, TypeError, "dtype must be float64 or float32.*got float16"),
-        ({"dtype": ">f8"}, TypeError, "dtype must be float64 or float32.*got >f8"),
-        ({"dtype": complex}, TypeError, "dtype must be float64 or float32.*got complex128"),
+        ({"threads": 2.0}, TypeError, "threads must be an integer .*got .*float"),
+        ({"dtype": np.float16}, TypeError, "dtype must be float64 or float32"),
+        ({"dtype": ">f8"}, TypeError, "dtype must be float64 or float32, got .>f8"),
+        ({"dtype": complex}, TypeError, "dtype must be float64 or float32"),
         ({"dtype": "f8,f8"}, TypeError, "dtype must be float64 or float32"),
         ({"dtype": "double precision"}, TypeError, "dtype must be"),
         ({"dtype": 64}, TypeError, "dtype must be"),
@@ -129,12 +126,11 @@ def test_bad_threads_and_types(arguments, error, message):
         extract_features(X, **arguments)
 
 
-@pytest.mark.parametrize("options", [{"dtype": np.float32}, {"out": np.empty(624, np.float32)}], ids=list)
-def test_a_finite_value_does_not_become_infinite_in_float32(options):
+def test_a_finite_value_does_not_become_infinite_in_float32():
     x = np.zeros((4, 6))
     x[2, 1] = 1e39
     with pytest.raises(ValueError, match="float32"):
-        extract_features(x, **options)
+        extract_features(x, dtype=np.float32)
 
 
 @pytest.mark.parametrize("wrench", [X.astype(complex), X[:4], X[..., :5], np.zeros((5, 0, 6))])

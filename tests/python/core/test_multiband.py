@@ -238,9 +238,7 @@ def test_no_feature_is_ever_nan(data):
     X = np.reshape(values, (1, n_seen, n_axes))
     extractor = MultiBandExtractor(n_samples, n_axes, blocks=twin.BLOCKS)
     if np.abs(X).max() > 1e12:
-        with pytest.raises(
-            ValueError, match=r"too large for multi-band features: recording 0 reaches 1e(13|308)"
-        ):
+        with pytest.raises(ValueError, match=r"wrench is too large: recording 0 reaches 1e(13|308)"):
             extractor.extract(X)
     else:
         assert np.isfinite(extractor.extract(X)).all()
@@ -263,7 +261,7 @@ def test_a_recording_far_beyond_the_scales_is_named():
     scales[1, 2] = 1e-4
     X[9, 4, 2] = 1e9
     extractor = MultiBandExtractor(60, 3, scales=scales)
-    with pytest.raises(ValueError, match=r"too large .* recording 9 reaches 1e9"):
+    with pytest.raises(ValueError, match=r"too large: recording 9 reaches 1e9"):
         extractor.extract(X)
     X[9, 4, 2] = 1.0
     extractor.extract(X)
@@ -274,17 +272,20 @@ def test_a_recording_far_beyond_the_scales_is_named():
     [
         ({"rate_hz": 0.0}, "rate_hz must be positive and finite, got 0"),
         ({"rate_hz": "fast"}, "rate_hz must be a real number"),
-        ({"blocks": "coupling"}, "blocks must be a sequence of names"),
-        ({"blocks": 3}, "blocks must be a sequence of names"),
+        ({"blocks": "coupling"}, "(?s)(str|int).*blocks"),
+        ({"blocks": 3}, "(?s)(str|int).*blocks"),
         ({"blocks": ["couplings"]}, "each of blocks must be 'coupling' or 'quantiles' or"),
         ({"blocks": ["level", "level"]}, "blocks must name each block once, got 'level' twice"),
         ({"blocks": []}, "blocks must name at least one block that recordings of 50 samples of 3 axes have"),
         ({"n_samples": 25, "blocks": ["coupling"]}, "at least one block that recordings of 25 samples of 3"),
         ({"n_samples": 0}, "n_samples must be an integer of at least 1"),
-        ({"n_samples": 2**40}, "a recording may have at most"),
+        ({"n_samples": 2**40}, "n_samples must be from 1 to"),
         ({"n_axes": 0}, "n_axes must be an integer of at least 1"),
-        ({"n_samples": 10**6, "n_axes": 10**5}, "1000000 and n_axes = 100000 ask for too many features"),
-        ({"n_axes": 10**9}, "n_axes = 1000000000 ask for too many features"),
+        (
+            {"n_samples": 10**6, "n_axes": 10**5},
+            "n_samples and n_axes must give fewer features, got 1000000 and 100000",
+        ),
+        ({"n_axes": 10**9}, "fewer features, got 50 and 1000000000"),
         ({"scales": np.ones((3, 2))}, r"scales must have shape \(5, 3\), got \(3, 2\)"),
         ({"scales": np.zeros((5, 3))}, "scales must be from 1e-150 to 1e150, got 0 for band 0, axis 0"),
         ({"level_scales": [1.0, np.nan, 1.0]}, "level_scales must be from .* got NaN for band 0, axis 1"),

@@ -54,7 +54,7 @@ def test_design_and_filter_give_the_golden_bits(design, arrays):
         ({"Wn": [0.2, 0.2], "btype": "bandstop"}, ValueError, "band edges must satisfy low < high"),
         ({"Wn": 0.2j}, TypeError, "Wn must hold real numbers"),
         ({"fs": 0}, ValueError, "rate_hz must be positive"),
-        ({"N": 32, "Wn": 1e-12}, ValueError, "order 32 is too high"),
+        ({"N": 32, "Wn": 1e-12}, ValueError, "order must be lower"),
     ],
 )
 def test_butter_of_bad_arguments_raises(arguments, error, message):

@@ -68,9 +68,9 @@ def changed(column, value):
 @pytest.mark.parametrize(
     ("sos", "error", "message"),
     [
-        (changed(3, 2.0), ValueError, r"sos\[:, 3\] \(a0\) should be all ones, got 2 in section 2"),
-        (changed(1, np.nan), ValueError, r"sos\[2, 1\] must be finite, got NaN"),
-        (changed(4, np.inf), ValueError, r"sos\[2, 4\] must be finite, got inf"),
+        (changed(3, 2.0), ValueError, r"sos\[:, 3\] \(a0\) must be all ones, got 2 in section 2"),
+        (changed(1, np.nan), ValueError, r"sos must be finite, got NaN at \[2, 1\]"),
+        (changed(4, np.inf), ValueError, r"sos must be finite, got inf at \[2, 4\]"),
         (changed(5, 1.21), ValueError, "sos must be stable, got section 2 with a pole of radius 1.1"),
         (np.zeros((0, 6)), ValueError, "sos must have at least one section"),
         (1.0, ValueError, r"sos must have shape \(n_sections, 6\), got \(\)"),
@@ -102,7 +102,7 @@ def test_bad_signals_raise(x, error, message):
 
 @pytest.mark.parametrize(
     ("axis", "error"),
-    [(2, IndexError), (-3, IndexError), (10**30, IndexError), (1.0, TypeError), (None, TypeError)],
+    [(2, ValueError), (-3, ValueError), (10**30, ValueError), (1.0, TypeError), (None, TypeError)],
 )
 def test_sosfilt_along_a_bad_axis_raises(axis, error):
     with pytest.raises(error, match="axis must be"):

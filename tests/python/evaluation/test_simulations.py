@@ -1,6 +1,6 @@
 """What the gap and the interval promise, on recordings of which the effect of a session is known.
 
-`make campaign` draws 500 data sets of each kind; a usual run draws a few, and allows for the fewer.
+`make nightly CHECK=campaign` draws 500 data sets of each kind; a usual run draws a few, and allows for the fewer.
 """
 
 import math

@@ -241,10 +241,10 @@ def commands() -> Figures:
 
 
 def files() -> Figures:
-    """What comes of reading each hostile file: a digest of the recordings, refused, or how the process ended."""
-    from corpus import answers_of_all
+    """What comes of reading each hostile file: read, refused, or how the process ended."""
+    from corpus import rows, verdicts_of_all
 
-    return {f"{file.number} {file.name}": answer.verdict for file, answer in answers_of_all()}
+    return {f"{row[0]} {row[1]}": verdict for row, verdict in zip(rows(), verdicts_of_all(), strict=True)}
 
 
 SECTIONS: dict[str, Callable[[], Figures]] = {

@@ -94,6 +94,17 @@ def _put73(group: Any, key: str, value: Any, hidden: Any) -> None:
         inner = group.create_group(key)
         for name, item in value.items():
             _put73(inner, name, item, hidden)
+    elif isinstance(value, list) and isinstance(
+        value[0], Mapping
+    ):  # a struct array: references in each field
+        class_name = "struct"
+        inner = group.create_group(key)
+        for field in value[0]:
+            references = np.empty((len(value), 1), h5py.ref_dtype)
+            for i, struct in enumerate(value):
+                _put73(hidden, f"{key}_{field}_{i}", struct[field], hidden)
+                references[i, 0] = hidden[f"{key}_{field}_{i}"].ref
+            inner.create_dataset(field, data=references, dtype=h5py.ref_dtype)
     elif isinstance(value, list):
         class_name = "cell"
         is_table = isinstance(value[0], list) and len(set(map(len, value))) == 1

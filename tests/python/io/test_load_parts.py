@@ -92,12 +92,6 @@ def test_a_folder_of_which_nothing_can_be_read(tmp_path):
         list(load_parts(folder, on_error="skip"))
 
 
-def test_progress_counts_files(tmp_path):
-    told = []
-    list(load_parts(written(tmp_path, "csv"), n_recordings=2, progress=lambda *step: told.append(step[:2])))
-    assert told == [(i, 7) for i in range(1, 8)]
-
-
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
@@ -112,8 +106,3 @@ def test_bad_arguments_are_refused_at_once(tmp_path, options, error, message):
     path = written(tmp_path, "npz")
     with pytest.raises(error, match=message):
         load_parts(path, **options)
-
-
-def test_a_path_that_is_not_there_is_refused_at_once(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        load_parts(tmp_path / "a")

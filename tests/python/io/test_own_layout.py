@@ -83,11 +83,6 @@ def test_plain_numpy_reads_what_is_saved_and_writes_what_is_loaded(tmp_path):
     assert read.history[:-1] == SMALL.history
 
 
-def test_what_is_no_part_of_the_layout_is_said(tmp_path):
-    path = written(tmp_path, extra=[1, 2])
-    assert any("not read: extra" in note for note in load(path).history[-1].notes)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -112,23 +107,6 @@ def test_files_that_contradict_themselves_are_refused(tmp_path, change, message)
     assert caught.value.path == str(path)
 
 
-def test_files_that_are_cut_off_or_of_another_kind_are_refused(tmp_path):
-    path = save(SMALL, tmp_path / "x.npz")
-    data = path.read_bytes()
-    parts = [data[: len(data) * tenth // 10] for tenth in range(10)]
-    for part in (*parts, b"fx,fy\n1,2\n", b"\x89HDF\r\n\x1a\n" + bytes(500), b"PK\3\4" + bytes(500)):
-        path.write_bytes(part)
-        with pytest.raises(RecordingFileError, match=path.name):
-            load(path)
-    path.write_bytes(data)  # the same file to the operating system
-    assert load(path) == SMALL
-
-
-def test_the_same_data_gives_the_same_bytes(tmp_path):
-    one, other = save(SMALL, tmp_path / "a.npz"), save(SMALL, tmp_path / "b.npz")
-    assert one.read_bytes() == other.read_bytes()
-
-
 @pytest.mark.data
 def test_a_thousand_real_recordings_keep_every_bit(tmp_path, data_dir):
     dataset = load(data_dir / "sliding_wrench")
@@ -149,7 +127,7 @@ def test_samples_are_held_once(tmp_path):
 # -- columns in memory
 
 PATH = Path("set.npz")
-SOURCE = FileSource(PATH, Path(), "set.npz")
+SOURCE = FileSource(path=PATH, root=Path(), name="set.npz")
 
 
 @pytest.mark.parametrize("n", [1, 3])
@@ -165,15 +143,6 @@ def test_samples_that_are_views_of_bytes_keep_their_bits_and_are_not_copied(n):
     read = Dataset(unflatten(flat, PATH, SOURCE).recordings)
     assert np.array_equal(read.X, block)
     assert np.shares_memory(read.X, flat.wrench)
-
-
-def test_equal_meta_is_parsed_once_and_shared():
-    meta = {"sensor": {"model": "Mini45"}}
-    data = Dataset([Recording(np.zeros((2, 6)), rate_hz=500, meta=meta) for _ in range(3)])
-    read = unflatten(flatten(data), PATH, SOURCE).recordings
-    assert read[0].meta is read[2].meta
-    with pytest.raises(TypeError):
-        read[0].meta["sensor"] = 1
 
 
 def test_a_recording_without_a_name_is_called_after_the_file():
@@ -215,84 +184,50 @@ def _with(name, index, value):
 
 
 NAN, INF = float("nan"), float("inf")
-COLUMN = {
-    "lengths": "n_samples",
-    "rate": "rate_hz|time_s",
-    "stamps": "time_s",
-    "start": "start_time",
-    "trigger": "trigger_index",
-    "axes": "ax[ei]s|recording",
-    **{name: name for name in ("wrench", "flags", "label", "session", "name", "meta", "history")},
-}
 DEEP = "[" * 10_000 + "]" * 10_000
 LEVELS = 800 if sys.version_info < (3, 12) else 1600  # from 3.12 on a comprehension is no call of its own
 NESTED = '{"a":' * LEVELS + "1" + "}" * LEVELS
 
 HOSTILE = {
-    "wrench: NaN": _with("wrench", (4, 2), NAN),
-    "wrench: text": {"wrench": np.full((5, 6), "1")},
-    "wrench: objects": {"wrench": np.full((5, 6), None)},
-    "wrench: one axis of the array": {"wrench": np.zeros(30)},
-    "wrench: empty": {"wrench": np.zeros((0, 6))},
-    "axes: too few": {"axes": ("fx",)},
-    "axes: numbers": {"axes": (1, 2, 3, 4, 5, 6)},
-    "lengths: negative": {"n_samples": np.array([6, -1])},
-    "lengths: zero": {"n_samples": np.array([5, 0])},
-    "lengths: overflow": {"n_samples": np.array([2**63 - 1, 2])},
-    "lengths: past int64": {"n_samples": np.array([2**64 - 1, 6], np.uint64)},
-    "lengths: none": {"n_samples": np.array([], np.int64)},
-    "lengths: floats": {"n_samples": np.array([3.0, 2.0])},
-    "lengths: shape": {"n_samples": np.array([[3, 2]])},
-    "rate: negative": _with("rate_hz", 0, -5.0),
-    "rate: missing": _with("rate_hz", 0, NAN),
-    "rate: count": {"rate_hz": np.array([500.0])},
-    "rate: text": {"rate_hz": np.array(["500", "500"])},
-    "stamps: missing": {"time_s": None},
-    "stamps: beside a rate": _with("time_s", 1, 0.5),
-    "stamps: backwards": _with("time_s", 4, -0.25),
-    "stamps: count": {"time_s": np.zeros(4)},
-    "start: infinite": _with("start_time", 1, -INF),
-    "trigger: outside": _with("trigger_index", 1, 2),
-    "trigger: past int64": {"trigger_index": np.array([0, 2**64 - 1], np.uint64)},
-    "flags: negative": {"flags": np.array([0, 0, 0, 0, -1])},
-    "flags: floats": {"flags": np.zeros(5)},
-    "flags: count": {"flags": np.zeros(6, np.uint8)},
-    "label: control character": _with("label", 1, "ri\x00ce"),
-    "label: unhashable": _with("label", 0, []),
-    "session: count": {"session": [None]},
-    "session: no list": {"session": "ab"},
-    "name: line break": _with("name", 0, "a\nb"),
-    "meta: no JSON": _with("meta_json", 0, "{"),
-    "meta: list": _with("meta_json", 0, "[1]"),
-    "meta: deep": _with("meta_json", 0, DEEP),
-    "meta: deep enough for freeze": _with("meta_json", 0, NESTED),
-    "meta: bytes": _with("meta_json", 0, b"{}"),
-    "history: no JSON": {"history_json": "x"},
-    "history: no list": {"history_json": "{}"},
-    "history: no steps": {"history_json": '[{"a": 1}]'},
-    "history: deep": {"history_json": DEEP},
+    r"recording 1 \('two'\): wrench\[1, 2\] \(fz\) is nan": _with("wrench", (4, 2), NAN),
+    "column wrench .* <U1": {"wrench": np.full((5, 6), "1")},
+    "column wrench .* shape": {"wrench": np.zeros(30)},
+    "axes has 1 names": {"axes": ("fx",)},
+    r"axes\[0\] must be a str": {"axes": (1, 2, 3, 4, 5, 6)},
+    r"n_samples\[0\] is 6": {"n_samples": np.array([6, -1])},
+    r"n_samples\[0\] is 9223372036854775807": {"n_samples": np.array([2**63 - 1, 2])},
+    "n_samples adds up to 0": {"n_samples": np.array([], np.int64)},
+    "n_samples has dtype float64": {"n_samples": np.array([3.0, 2.0])},
+    r"recording 0 \('one'\): rate_hz must be positive": _with("rate_hz", 0, -5.0),
+    "neither": _with("rate_hz", 0, NAN),
+    "rate_hz has 1 values": {"rate_hz": np.array([500.0])},
+    "rate_hz must be a number": {"rate_hz": np.array(["500", "500"])},
+    "got both": _with("time_s", 1, 0.5),
+    r"recording 1 .*time_s": _with("time_s", 4, -0.25),
+    "time_s has 4 values": {"time_s": np.zeros(4)},
+    "start_time must be finite": _with("start_time", 1, -INF),
+    "trigger_index=2 is outside": _with("trigger_index", 1, 2),
+    "flags holds -1": {"flags": np.array([0, 0, 0, 0, -1])},
+    "flags has dtype float64": {"flags": np.ones(5)},
+    "control character": _with("label", 1, "ri\x00ce"),
+    "label must be a str": _with("label", 0, []),
+    "session has 1 values": {"session": [None]},
+    "meta is not JSON": _with("meta_json", 0, "{"),
+    "meta is a JSON list": _with("meta_json", 0, "[1]"),
+    "meta is nested too deeply": _with("meta_json", 0, DEEP),
+    "recording 0 .*nested too deeply": _with("meta_json", 0, NESTED),
+    "history is not JSON": {"history_json": "x"},
+    "history: a step has the keys": {"history_json": '[{"a": 1}]'},
+    "history is nested too deeply": {"history_json": DEEP},
 }
-"""By what is wrong with which column; what `Recording` itself refuses by one case each."""
+"""By what is said of it."""
 
 
-@pytest.mark.parametrize("case", HOSTILE)
-def test_hostile_columns_are_refused_by_the_name_of_the_column(case):
-    change = HOSTILE[case]
+@pytest.mark.parametrize("problem", HOSTILE)
+def test_hostile_columns_are_refused_by_the_name_of_the_column(problem):
+    change = HOSTILE[problem]
     flat = _flat()
     wrong = replace(flat, **(change(flat) if callable(change) else change))
-    with pytest.raises(RecordingFileError, match=COLUMN[case.partition(":")[0]]) as caught:
+    with pytest.raises(RecordingFileError, match=rf"^set\.npz.*{problem}"):
         unflatten(wrong, PATH, SOURCE)
-    assert str(caught.value).startswith("set.npz")
-
-
-def test_the_sample_and_the_recording_that_spoil_a_column_are_named():
-    wrong = replace(_flat(), **_with("wrench", (4, 2), NAN)(_flat()))
-    with pytest.raises(RecordingFileError, match=r"recording 1 \('two'\): wrench\[1, 2\] \(fz\) is nan"):
-        unflatten(wrong, PATH, SOURCE)
-    wrong = replace(_flat(), **_with("rate_hz", 0, -5.0)(_flat()))
-    with pytest.raises(RecordingFileError, match=r"recording 0 \('one'\): rate_hz must be positive"):
-        unflatten(wrong, PATH, SOURCE)
-
-
-def test_the_columns_above_are_fine_before_they_are_spoilt():
-    assert len(unflatten(_flat(), PATH, SOURCE).recordings) == 2
+    assert len(unflatten(flat, PATH, SOURCE).recordings) == 2

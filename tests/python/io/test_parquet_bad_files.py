@@ -85,6 +85,7 @@ def test_archive_without_a_column_rows_or_a_part_is_refused(archive):
         ({"format": "samples"}, "the format is 'samples'; wanted 'recordings'"),
         ({"version": 2}, "the version is 2; wanted 1"),
         ({"units": ["lbf"]}, r"the units is \['lbf'\]; wanted \[''\]"),
+        ({"written": "now"}, "reading its columns failed with"),
         ({}, "holds other axes"),
     ],
 )
@@ -117,4 +118,4 @@ def test_samples_with_wrong_columns_are_refused(archive, change, message):
 
 def test_folder_that_looks_like_an_archive_is_none(tmp_path):
     (tmp_path / f"recordings-{'0' * 32}.parquet").mkdir()
-    refused(tmp_path, "is not a regular file|Is a directory")
+    refused(tmp_path, "[Ii]s a directory")

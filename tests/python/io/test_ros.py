@@ -19,6 +19,7 @@ pytest.importorskip("mcap")
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from remedies import lines_of, run
 from ros_cases import (
     KINDS,
     MCAP,
@@ -178,7 +179,7 @@ def test_several_topics_are_listed_and_one_is_chosen(tmp_path):
     ):
         left = one_topic(store, samples(seed=1), even_stamps(), name="/left/ft")
         write(path, left | one_topic(store, samples(seed=2), even_stamps(), name="/right/ft"))
-        with pytest.raises(RecordingFileError, match="choose one by topic=") as caught:
+        with pytest.raises(RecordingFileError, match="pass topic=") as caught:
             load(path)
         for name in ("/left/ft", "/right/ft"):
             assert f"'{name}' (20 messages)" in str(caught.value)
@@ -226,14 +227,24 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, name):
 
 @pytest.mark.parametrize(
     ("kind", "value", "column", "name"),
-    [("bag1 None", np.nan, 1, "force.y"), ("mcap ZSTD", -np.inf, 5, "torque.z")],
+    [("bag1 None", np.nan, 1, "fy"), ("mcap ZSTD", -np.inf, 5, "tz")],
 )
 def test_forces_that_are_not_finite(tmp_path, kind, value, column, name):
     wrench = samples()
     wrench[16, column] = value
-    with pytest.raises(RecordingFileError, match=f"{name} is {value}") as caught:
-        load(write_kind(kind, tmp_path, wrench, even_stamps()))
-    assert caught.value.place == "message 17 of /ft"
+    path = write_kind(kind, tmp_path, wrench, even_stamps())
+    with pytest.raises(RecordingFileError, match=f"column {name}.*message 17 of /ft") as caught:
+        load(path)
+    (recording,) = run(*lines_of(caught.value.problem))
+    assert recording.wrench.tobytes() == np.delete(wrench, 16, axis=0).tobytes()
+
+
+def test_messages_of_nan_are_missing_samples(tmp_path):
+    wrench = samples()
+    wrench[16] = np.nan
+    (recording,) = load(write_kind("mcap ZSTD", tmp_path, wrench, even_stamps()))
+    assert recording.wrench.tobytes() == np.delete(wrench, 16, axis=0).tobytes()
+    assert recording.rate_hz is None
 
 
 @pytest.mark.parametrize("store", [ROS1, ROS2], ids=["ros1", "ros2"])
@@ -326,9 +337,7 @@ def test_wrenches_within_messages_are_those_of_rosbags(tmp_path, kind, name):
 def test_of_several_fields_one_is_chosen_and_those_in_lists_are_none(tmp_path):
     path = write(tmp_path, "mcap", "Two")
     for topic in (None, "/ft"):
-        with pytest.raises(
-            RecordingFileError, match=r"'/ft\.left' .*'/ft\.right\.load' .*choose one by topic="
-        ):
+        with pytest.raises(RecordingFileError, match=r"'/ft\.left' .*'/ft\.right\.load' .*pass topic="):
             load(path, topic=topic)
     assert load(path, topic="/ft.left")[0].wrench.tolist() == samples().tolist()
     assert load(path, topic="ft.right.load")[0].meta["frame"] == "link"

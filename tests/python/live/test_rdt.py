@@ -267,7 +267,7 @@ def test_rdt_source_runs_once_at_a_time_and_again():
 def test_rdt_start_without_box_or_fitting_buffer_is_refused():
     with FakeNetft() as box:
         source = source_of(box)
-    with pytest.raises(ConnectionRefusedError, match=r"nobody listens at 127\.0\.0\.1:\d+"):
+    with pytest.raises(ConnectionRefusedError, match=r"nothing listens at 127\.0\.0\.1:\d+"):
         source.start(buffer_of(source))
     with pytest.raises(ValueError, match="buffer must have tick_hz=7000"):
         source.start(WrenchBuffer(1.0, rate_hz=500))

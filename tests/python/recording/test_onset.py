@@ -9,7 +9,7 @@ from scipy.stats import binom, norm, t
 
 from granular_id import load
 from granular_id.recording import AXES
-from granular_id.recording.onset import _factor, find_onset, find_onsets_in_block
+from granular_id.recording.onset import _factor, find_onset
 from granular_id.synthetic import synthesize
 from onset_cases import NOISE, RATE_HZ, START, noise, push
 
@@ -23,7 +23,6 @@ def test_where_the_change_begins(course, early_ms, late_ms):
         start = START + 7 * seed
         onset = find_onset(push(seed, start, course=course), RATE_HZ)
         errors.append(1000 * (onset.index - start) / RATE_HZ)
-        assert onset.detected_s >= onset.time_s
         assert onset.time_s == onset.index / RATE_HZ
         assert set(onset.axes) <= {"fx", "fz", "ty"}
         assert onset.strength > 1
@@ -39,11 +38,9 @@ def test_synthetic_pushes_of_all_materials():
     assert 0 < np.median(errors_ms) < 6
 
 
-@pytest.mark.parametrize("later", [1, 10, 123, 700])
-def test_a_later_start_is_found_as_much_later(later):
-    early = push(3)
-    rest = noise(99, later)
-    late = np.concatenate([early[:60], rest, early[60:]])
+def test_a_later_start_is_found_as_much_later():
+    early, later = push(3), 123
+    late = np.concatenate([early[:60], noise(99, later), early[60:]])
     assert abs(find_onset(late, RATE_HZ).index - find_onset(early, RATE_HZ).index - later) <= 2
 
 
@@ -53,7 +50,7 @@ PLAIN = find_onset(push(2), RATE_HZ)
 @pytest.mark.parametrize("scale", [2.0**-40, -1.0, 0.2248, 1000.0, 1e300])
 def test_units_and_signs_make_no_difference(scale):
     scaled = find_onset(push(2) * scale, RATE_HZ)
-    assert (scaled.index, scaled.detected_s, scaled.axes) == (PLAIN.index, PLAIN.detected_s, PLAIN.axes)
+    assert (scaled.index, scaled.axes) == (PLAIN.index, PLAIN.axes)
     assert scaled.strength == pytest.approx(PLAIN.strength, rel=1e-6)
 
 
@@ -64,23 +61,6 @@ def test_every_axis_may_have_its_own_unit_zero_and_place():
     other = find_onset(wrench, RATE_HZ, axes=[AXES[i] for i in order])
     assert (PLAIN.index, PLAIN.axes) == (other.index, other.axes)
     assert other.strength == pytest.approx(PLAIN.strength, rel=1e-6)
-
-
-def test_recordings_together_as_alone():
-    wrenches = [push(seed, 60 + 20 * seed) for seed in range(5)] + [noise(9)]
-    together = find_onsets_in_block(wrenches, RATE_HZ, 50, 1e-3, AXES)
-    for wrench, onset in zip(wrenches, together, strict=True):
-        alone = find_onset(wrench, RATE_HZ)
-        assert (alone.index, alone.detected_s, alone.why) == (onset.index, onset.detected_s, onset.why)
-        assert alone.strength == onset.strength
-
-
-def test_the_input_is_not_touched():
-    wrench = push(6)
-    before = wrench.copy()
-    wrench.flags.writeable = False
-    find_onset(wrench, RATE_HZ)
-    np.testing.assert_array_equal(wrench, before)
 
 
 def white(rng, shape):
@@ -106,7 +86,7 @@ def drifting(rng, shape):
 
 
 def n_found(block, rate_hz, rest, rate):
-    onsets = find_onsets_in_block(block, rate_hz, rest, rate, AXES)
+    onsets = (find_onset(one, rate_hz, rest_s=rest / rate_hz, false_alarm_rate=rate) for one in block)
     return sum(onset.index is not None for onset in onsets)
 
 
@@ -122,12 +102,6 @@ def test_no_motion_gives_no_onset_but_for_the_stated_rate(kind, rate_hz, n):
     block = kind(np.random.default_rng(1), (n, round(3.2 * rate_hz), 6))
     for rate in (0.05, 0.001):
         assert n_found(block, rate_hz, round(0.1 * rate_hz), rate) <= binom.ppf(0.999, n, rate)
-
-
-def test_a_higher_rate_is_met_by_more_false_onsets():
-    block = autocorrelated(np.random.default_rng(2), (300, 320, 6))
-    often, hardly = (n_found(block, 100, 10, rate) for rate in (0.5, 1e-4))
-    assert binom.ppf(0.999, 300, 0.5) >= often > hardly == 0
 
 
 def glitch_at(place):
@@ -153,7 +127,7 @@ TOO_SHORT = "too short: {} samples, 80 wanted (50 at rest and 30 to compare)"
         (one_count(other_axes=0), "no "),
         (one_count(other_axes=1), "no "),
         (np.full((1600, 6), 3.3), "no axis ever changes"),
-        (np.tile([[1.7e308] * 6, [-1.7e308] * 6], (800, 1)), "no "),
+        (np.clip(noise() / NOISE, -1, 1) * 1.79e308, "no "),
         *[(noise(0, n), TOO_SHORT.format(n)) for n in (1, 2, 10, 79)],
         (noise(0, 80), "no change stands out from the noise of the first 0.1 s"),
     ],
@@ -194,12 +168,6 @@ def test_what_does_not_hide_the_motion(wrench, start, early, late):
     assert start - early <= find_onset(wrench, RATE_HZ).index <= start + late
 
 
-def test_largest_floats_raise_no_warning():
-    wrench = np.clip(noise(0, 400) / NOISE, -1, 1) * 1.79e308
-    with np.errstate(over="raise", invalid="raise"):
-        find_onset(wrench, RATE_HZ, false_alarm_rate=0.5)
-
-
 @pytest.mark.parametrize("rate_hz", [10.0, 62.5, 1000.0, 10000.0])
 def test_any_rate(rate_hz):
     start = round(1.5 * rate_hz)
@@ -230,22 +198,16 @@ def test_real_recordings_that_start_in_motion(data_dir):
     ("change", "error", "message"),
     [
         ({"wrench": np.zeros(5)}, ValueError, r"shape \(5,\); wanted a real array of shape \(T, C\)"),
-        ({"wrench": np.zeros((0, 6))}, ValueError, r"wrench has shape \(0, 6\)"),
-        ({"wrench": [["a"] * 6]}, TypeError, "wrench has dtype"),
         (
             {"wrench": np.where(np.arange(6) == 2, np.nan, noise())},
             ValueError,
             r"wrench\[0, 2\] \(fz\) is nan",
         ),
         ({"rate_hz": 0}, ValueError, "rate_hz must be positive, got 0"),
-        ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
         ({"rest_s": -1}, ValueError, "rest_s must be positive, got -1"),
-        ({"rest_s": np.nan}, ValueError, "rest_s must be finite"),
         ({"rest_s": None}, TypeError, "rest_s must be a number, got None"),
         ({"rest_s": 0.008}, ValueError, "rest_s=0.008 holds 4 samples at 500 Hz; .*=0.01 or more is wanted"),
         ({"false_alarm_rate": 0}, ValueError, "false_alarm_rate must be between 1e-12 and 0.5, got 0"),
-        ({"false_alarm_rate": 1}, ValueError, "false_alarm_rate must be between 1e-12 and 0.5, got 1"),
-        ({"false_alarm_rate": True}, TypeError, "false_alarm_rate must be a number, got True"),
         ({"axes": ["fx"]}, ValueError, "axes has 1 names, but wrench has 6 columns"),
     ],
 )
@@ -255,26 +217,15 @@ def test_bad_input_is_named(change, error, message):
         find_onset(given.pop("wrench"), given.pop("rate_hz"), **given)
 
 
-# The threshold.
-
-
-@pytest.mark.parametrize("rate", [0.2, 0.01, 1e-6])
-def test_the_factor_of_one_test_is_students(rate):
-    dof = np.array([1.0, 2.5, 10, 100])
-    np.testing.assert_allclose(_factor(dof, rate, 1), t.isf(rate / 2, dof))
-
-
-def test_the_factor_of_known_noise_is_bonferronis():
-    np.testing.assert_allclose(_factor(1e9, 0.01, 300), norm.isf(0.01 / 300 / 2), rtol=1e-4)
-
-
 @pytest.mark.parametrize(("dof", "n_tests"), [(3, 10), (3, 200), (8, 19), (20, 50)])
-def test_no_more_than_the_stated_rate_lies_above_it(dof, n_tests):
+def test_no_more_than_the_stated_rate_lies_above_the_factor(dof, n_tests):
     """All tests share one estimate of the noise: the upper point of a studentised maximum, by simulation."""
     rng = np.random.default_rng(dof)
     largest = np.abs(rng.standard_normal((20_000, n_tests))).max(axis=1)
     above = (largest / np.sqrt(rng.chisquare(dof, 20_000) / dof) > _factor(dof, 0.05, n_tests)).mean()
     assert 0.01 < above < 0.055
+    assert _factor(dof, 0.01, 1) == pytest.approx(t.isf(0.005, dof))
+    assert _factor(1e9, 0.01, n_tests) == pytest.approx(norm.isf(0.01 / n_tests / 2), rel=1e-4)
 
 
 # Sensors that are slower than their messages.

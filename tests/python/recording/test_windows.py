@@ -53,32 +53,22 @@ def test_a_window_knows_where_it_comes_from():
     meta = {"units": {"ax": "m/s2"}, "tool": "wheel"}
     window = Dataset([drive(session="s1", start_time=1e9, meta=meta)]).windows(3.4)[1]
     assert window.name == "drive @ 3.4 s"
-    assert (window.label, window.session, window.rate_hz, window.axes) == (
-        "mud",
-        "s1",
-        10,
-        ("ax", "ay", "az"),
-    )
+    assert (window.label, window.session, window.rate_hz) == ("mud", "s1", 10)
+    assert window.axes == ("ax", "ay", "az")
     assert window.start_time == 1e9 + 3.4
     assert window.meta == {**meta, "window": {"recording": "drive", "start_s": 3.4}}
-
-
-def test_windows_have_the_session_of_their_recording():
-    data = Dataset([drive(session="s1"), drive(name="b")]).windows(5, 1)
-    assert data.sessions.tolist() == ["s1"] * 6 + [None] * 6
+    two = drive(session="s1")
+    windows = Dataset([two, drive(name="b")]).windows(5, 1)
+    assert windows.sessions.tolist() == ["s1"] * 6 + [None] * 6
+    assert np.shares_memory(windows[1].wrench, two.wrench)
 
 
 def test_flags_and_triggers_go_where_they_lie():
     flags = np.zeros(100, np.uint8)
     flags[42] = SampleFlag.SATURATED
     data = Dataset([drive(flags=flags, trigger_index=57)]).windows(2)
-    assert [None if r.flags is None else r.flags.nonzero()[0].tolist() for r in data] == [
-        None,
-        None,
-        [2],
-        None,
-        None,
-    ]
+    places = [None if r.flags is None else r.flags.nonzero()[0].tolist() for r in data]
+    assert places == [None, None, [2], None, None]
     assert [r.trigger_index for r in data] == [None, None, 17, None, None]
 
 
@@ -86,11 +76,6 @@ def test_windows_of_windows_are_of_the_recording():
     data = Dataset([drive()]).windows(5).windows(2)
     assert data.names == ("drive @ 0 s", "drive @ 2 s", "drive @ 5 s", "drive @ 7 s")
     assert data[3].meta["window"] == {"recording": "drive", "start_s": 7.0}
-
-
-def test_samples_are_not_copied():
-    one = drive()
-    assert all(np.shares_memory(window.wrench, one.wrench) for window in Dataset([one]).windows(2))
 
 
 def test_recordings_shorter_than_a_window():
@@ -102,9 +87,7 @@ def test_recordings_shorter_than_a_window():
     kept = data.windows(2, on_short="skip")
     assert kept.names == ("drive @ 0 s",)
     assert kept.history[-1].rows[0]["skipped"].startswith("is shorter")
-    with pytest.raises(
-        ValueError, match="none of the 2 recordings is as long as a window of 30 samples; the longest has 20"
-    ):
+    with pytest.raises(ValueError, match="none of the 2 recordings is as long as a window of 30 samples"):
         data.windows(3, on_short="skip")
 
 
@@ -145,9 +128,6 @@ def test_windows_of_one_recording_are_no_witnesses_of_each_other():
 def test_windows_of_recordings_without_a_name_are_told_apart_and_other_entries_of_meta_stay():
     data = Dataset([drive(name=""), drive(name="", meta={"window": "hann"})]).windows(5)
     assert data.names == ("recording 1 @ 0 s", "recording 1 @ 5 s", "recording 2 @ 0 s", "recording 2 @ 5 s")
-    assert [window.meta["window"]["recording"] for window in data] == ["recording 1"] * 2 + [
-        "recording 2"
-    ] * 2
 
 
 @pytest.mark.parametrize(

@@ -35,13 +35,9 @@ def payload(rests):
 
 
 def test_weight_pulls_down_at_its_lever():
-    read = Payload(2.0, (0.1, 0.0, 0.0)).wrench([0, 0, -3])
     weight = 2 * STANDARD_GRAVITY_M_S2
+    read = Payload(2.0, (0.1, 0.0, 0.0)).wrench([0, 0, -3])
     np.testing.assert_allclose(read, [0, 0, -weight, 0, 0.1 * weight, 0])
-
-
-def test_exact_means_give_the_payload():
-    np.testing.assert_allclose(figures(Payload.fit(TRUE.wrench(DOWN), DOWN)), FIGURES, atol=1e-10)
 
 
 def test_fit_is_plain_least_squares(rests, payload):
@@ -71,21 +67,11 @@ def test_metadata_state_gravity_frame_and_sign(rests, payload):
     texts = [{f"g{x}": str(part) for x, part in zip("xyz", g, strict=True)} for g in DOWN]
     apart = [replace(r, meta=meta) for r, meta in zip(rests, texts, strict=True)]
     np.testing.assert_allclose(figures(Payload.fit(apart)), figures(payload), rtol=1e-12)
-
-
-@pytest.mark.parametrize("way_out", [1, -1])
-def test_gravity_from_orientations_or_an_accelerometer(rests, payload, way_out):
-    stated = -POSES.as_matrix()[:, 2] if way_out == 1 else -(-9.81 * DOWN)
-    np.testing.assert_allclose(figures(Payload.fit(rests, stated)), figures(payload), rtol=1e-9)
+    from_orientations = -POSES.as_matrix()[:, 2]
+    np.testing.assert_allclose(figures(Payload.fit(rests, from_orientations)), figures(payload), rtol=1e-9)
 
 
 # What cannot be told.
-
-
-@pytest.mark.parametrize("n", [1, 3])
-def test_too_few_orientations_are_refused(rests, n):
-    with pytest.raises(ValueError, match=f"rests hold {n} orientation.*cannot be told apart.*only a tare"):
-        Payload.fit(rests[:n], DOWN[:n])
 
 
 @pytest.mark.parametrize(
@@ -94,10 +80,11 @@ def test_too_few_orientations_are_refused(rests, n):
         np.tile([0.0, 0, -1], (4, 1)),  # one orientation
         Rotation.from_euler("x", [[0], [1], [2], [3]], degrees=True).apply([0, 0, -1]),
         np.array([[0.0, 0, -1], [0, 0, 1], [0, 0, -1], [0, 0, 1]]),  # the torques know two of three levers
+        DOWN[:3],
     ],
 )
-def test_orientations_too_alike_are_refused(down):
-    with pytest.raises(ValueError, match=r"too alike.*mass and bias cannot be told apart.*only a tare"):
+def test_orientations_too_few_or_alike_are_refused(down):
+    with pytest.raises(ValueError, match=r"rests .*mass and bias cannot be told apart.*only a tare"):
         Payload.fit(simulate_rests(TRUE, down), down)
 
 
@@ -122,11 +109,6 @@ def changed(rests, **meta):
         (lambda rests: changed(rests, compensated=True), None, "take rests as the sensor reads them"),
         (lambda rests: changed(rests, tare="rest"), None, "take rests as the sensor reads them"),
         (lambda rests: [*changed(rests[:3], sign="0"), *rests[3:]], None, "rests are of several signs: '0'"),
-        (
-            lambda rests: [*changed(rests[:3], frame="f"), *rests[3:]],
-            None,
-            "rests are of several frames: 'f'",
-        ),
         (lambda rests: np.full((6, 10, 6), np.nan), DOWN, "wanted finite samples"),
     ],
 )
@@ -142,6 +124,8 @@ def test_what_gives_no_payload_is_refused(rests, change, gravity, problem):
         ({"centre_of_mass_m": (0, 0)}, "centre_of_mass_m"),
         ({"bias": (0, 0, 0, 0, 0, np.nan)}, "bias"),
         ({"residual": (1, 2)}, "residual"),
+        ({"frame": ""}, "frame"),
+        ({"n_rests": 0}, "n_rests"),
     ],
 )
 def test_refused_payloads(fields, problem):
@@ -189,11 +173,7 @@ def test_a_rest_is_zero_without_its_payload(rests, payload):
 
 def test_gravity_may_turn_with_the_samples():
     down = np.random.default_rng(0).normal(size=(20, 3))
-    samples = TRUE.wrench(down)
-    np.testing.assert_allclose(TRUE.compensate(samples, down), 0, atol=1e-12)
-    one_by_one = [TRUE.compensate(sample, g) for sample, g in zip(samples, down, strict=True)]
-    assert np.array(one_by_one).tobytes() == TRUE.compensate(samples, down).tobytes()
-    data = Dataset([Recording(samples, rate_hz=100)] * 2).compensate(TRUE, [down, down])
+    data = Dataset([Recording(TRUE.wrench(down), rate_hz=100)] * 2).compensate(TRUE, [down, down])
     np.testing.assert_allclose(data.X, 0, atol=1e-12)
 
 
@@ -234,16 +214,8 @@ def test_compensated_then_transformed_is_the_unloaded_wrench():
 def test_refused_gravity(gravity):
     with pytest.raises((ValueError, TypeError), match="gravity"):
         Dataset([push()]).compensate(TRUE, gravity)
-
-
-def test_what_is_no_payload_is_refused():
     with pytest.raises(TypeError, match="payload must be a Payload"):
         Dataset([push()]).compensate({"mass_kg": 1}, [0, 0, 1])
-
-
-def test_it_prints_what_is_known(payload):
-    assert "condition number 1.7, residual 0.041 N" in str(payload)
-    assert str(TRUE) == "0.306 kg at (2.0, -3.0, 50.0) mm"
 
 
 @pytest.mark.parametrize("change", [{"rotation": POSES[0], "frame": "flange"}, {"flip": ("fx", "tx")}])

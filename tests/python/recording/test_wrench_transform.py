@@ -47,11 +47,8 @@ def test_one_sample_has_the_bits_of_many():
 
 def test_quaternion_matrix_and_rotation_are_the_same():
     turned = transform(WRENCH, TURN)
-    np.testing.assert_allclose(transform(WRENCH, TURN.as_matrix()), turned, atol=1e-15)
-    np.testing.assert_allclose(transform(WRENCH, TURN.as_quat()), turned, atol=1e-15)
-
-
-def test_nothing_to_do_changes_no_bit():
+    for same in (TURN.as_matrix(), TURN.as_quat()):
+        np.testing.assert_allclose(transform(WRENCH, same), turned, atol=1e-15)
     assert transform(WRENCH).tobytes() == WRENCH.tobytes()
 
 
@@ -73,35 +70,25 @@ def test_flip_of_a_mirrored_driver_brings_it_back(data_dir):
     assert "frame" not in found[0].meta
 
 
-@pytest.mark.parametrize("flip", ["fx", ("fx", "fw"), 3])
-def test_axes_that_there_are_not_are_not_flipped(flip):
-    with pytest.raises(ValueError, match=r"flip=.*; wanted a sequence of axes such as"):
-        transform(WRENCH, flip=flip)
-
-
 @pytest.mark.parametrize(
-    ("rotation", "translation", "problem"),
+    ("arguments", "problem"),
     [
-        (np.diag([1, 1, -1.0]), (0, 0, 0), "rotation is no rotation: .* flip="),
-        (2 * np.eye(3), (0, 0, 0), "rotation is no rotation"),
-        (np.zeros((3, 3)), (0, 0, 0), "rotation is no rotation"),
-        (np.eye(3) + 1e-3, (0, 0, 0), "rotation is no rotation"),
-        ([0, 0, 0, 2], (0, 0, 0), "rotation is a quaternion of length 2; wanted 1"),
-        ([1, 2, 3], (0, 0, 0), "rotation has shape"),
-        ([0, 0, np.nan, 1], (0, 0, 0), "NaN"),
-        (None, (0, 0), "translation=\\(0, 0\\); wanted three finite numbers"),
-        (None, (0, 0, np.inf), "translation="),
+        ({"rotation": np.diag([1, 1, -1.0])}, "rotation is no rotation: .* flip="),
+        ({"rotation": 2 * np.eye(3)}, "rotation is no rotation"),
+        ({"rotation": np.zeros((3, 3))}, "rotation is no rotation"),
+        ({"rotation": np.eye(3) + 1e-3}, "rotation is no rotation"),
+        ({"rotation": [0, 0, 0, 2]}, "rotation is a quaternion of length 2; wanted 1"),
+        ({"rotation": [1, 2, 3]}, "rotation has shape"),
+        ({"rotation": [0, 0, np.nan, 1]}, "NaN"),
+        ({"translation": (0, 0)}, r"translation has shape \(2,\).*; wanted finite numbers of shape \(3,\)"),
+        ({"translation": (0, 0, np.inf)}, "translation .*infinity"),
+        *[({"flip": axes}, "flip=.*; wanted a sequence of axes such as") for axes in ("fx", ("fx", "fw"), 3)],
+        *[({"wrench": wrench}, "wrench has shape") for wrench in (np.zeros((4, 5)), 3.0)],
     ],
 )
-def test_refused_frames(rotation, translation, problem):
+def test_bad_arguments_are_refused(arguments, problem):
     with pytest.raises(ValueError, match=problem):
-        transform(WRENCH, rotation, translation)
-
-
-@pytest.mark.parametrize("wrench", [np.zeros((4, 5)), 3.0])
-def test_refused_shapes(wrench):
-    with pytest.raises(ValueError, match="wrench has shape"):
-        transform(wrench)
+        transform(**{"wrench": WRENCH, **arguments})
 
 
 def test_a_recording_keeps_what_it_is():
@@ -111,67 +98,46 @@ def test_a_recording_keeps_what_it_is():
     assert replace(turned, wrench=WRENCH) == recorded(trigger_index=7, meta={**about, "frame": "flange"})
 
 
-def test_the_step_names_the_new_frame():
+def test_the_step_names_the_new_frame_and_sign():
     data = Dataset([recorded(meta={"frame": "sensor", "sign": "on the tool"})])
     turned = data.transform(TURN, P, frame="flange")
     assert Setup.of(turned[0].meta) == Setup(frame="flange", sign="on the tool")
     assert turned.history[-1].parameters["frame"] == "flange"
     assert np.array_equal(turned.history[-1].parameters["rotation"], TURN.as_matrix())
-
-
-def test_all_six_flipped_need_the_words_of_the_sign():
-    data = Dataset([recorded(meta={"sign": "on the tool"})])
-    turned = data.transform(flip=AXES, sign="on the robot")
-    assert turned[0].meta["sign"] == "on the robot"
-    assert np.array_equal(turned.X[0], -WRENCH)
+    reversed_ = data.transform(flip=AXES, sign="on the robot")
+    assert reversed_[0].meta["sign"] == "on the robot"
+    assert np.array_equal(reversed_.X[0], -WRENCH)
 
 
 MIXED = Dataset([recorded(meta={"frame": name, "sign": name}) for name in ("flange", "wrist", "wrist")])
 
 
+OF_FLANGE = Dataset([recorded(meta={"source": {"frame": "flange", "sign": "on the tool"}})])
+MILLIMETRES = Dataset([recorded(meta={"units": ["N"] * 3 + ["N mm"] * 3})])
+FORCES = Dataset([Recording(WRENCH[:, :3], rate_hz=500, axes=("fx", "fy", "fz"), name="a")])
+
+
 @pytest.mark.parametrize(
-    "keywords", [{"rotation": TURN}, {"translation": P}, {"flip": AXES, "sign": "on the robot"}]
+    ("data", "keywords", "problem"),
+    [
+        (MIXED, {"rotation": TURN, "frame": "tool"}, r"several frames: 'wrist' \(2\), 'flange' \(1\)"),
+        (MIXED, {"translation": P, "frame": "tool"}, "several frames"),
+        (MIXED, {"flip": AXES, "sign": "on the robot"}, "several signs"),
+        (OF_FLANGE, {"rotation": TURN, "frame": "flange"}, "frame is 'flange' already, as the metadata of 1"),
+        (OF_FLANGE, {"flip": AXES, "sign": "on the tool"}, "sign is 'on the tool' already"),
+        (OF_FLANGE, {"flip": AXES}, "sign are the words"),
+        (OF_FLANGE, {"sign": "on the robot"}, "sign are the words"),
+        (OF_FLANGE, {"flip": ("fx",), "sign": "on the robot"}, "sign are the words"),
+        (OF_FLANGE, {"rotation": TURN}, "frame is None"),
+        (OF_FLANGE, {"translation": P}, "frame is None"),
+        (MILLIMETRES, {"rotation": TURN, "frame": "flange"}, "'a' has tx in N mm; wanted N m"),
+        (FORCES, {"rotation": TURN, "frame": "flange"}, r"axes fx fy fz; wanted.*replace\(recording, axes="),
+    ],
 )
-def test_recordings_of_several_frames_are_not_turned_together(keywords):
-    name = "sign" if "flip" in keywords else "frame"
-    with pytest.raises(ValueError, match=rf"several {name}s: 'wrist' \(2\), 'flange' \(1\)"):
-        MIXED.transform(frame="tool", **keywords)
+def test_recordings_that_cannot_be_turned_are_refused(data, keywords, problem):
+    with pytest.raises(ValueError, match=problem):
+        data.transform(**keywords)
 
 
 def test_a_frame_may_be_renamed():
     assert {r.meta["frame"] for r in MIXED.transform(frame="tool")} == {"tool"}
-
-
-def test_what_is_of_the_frame_or_sign_already_is_not_turned():
-    data = Dataset([recorded(meta={"source": {"frame": "flange", "sign": "on the tool"}})])
-    with pytest.raises(ValueError, match="frame is 'flange' already, as the metadata of 1 recording state"):
-        data.transform(TURN, frame="flange")
-    with pytest.raises(ValueError, match="sign is 'on the tool' already"):
-        data.transform(flip=AXES, sign="on the tool")
-
-
-@pytest.mark.parametrize(
-    ("keywords", "problem"),
-    [
-        ({"flip": AXES}, "sign are the words"),
-        ({"sign": "on the robot"}, "sign are the words"),
-        ({"flip": ("fx",), "sign": "on the robot"}, "sign are the words"),
-        ({"rotation": TURN}, "frame is None"),
-        ({"translation": P}, "frame is None"),
-    ],
-)
-def test_a_change_without_its_name_is_refused(keywords, problem):
-    with pytest.raises(ValueError, match=problem):
-        Dataset([recorded()]).transform(**keywords)
-
-
-def test_other_units_are_refused():
-    data = Dataset([recorded(meta={"units": ["N"] * 3 + ["N mm"] * 3})])
-    with pytest.raises(ValueError, match="'a' has tx in N mm; wanted N m"):
-        data.transform(TURN, frame="flange")
-
-
-def test_what_is_no_wrench_is_refused():
-    data = Dataset([Recording(WRENCH[:, :3], rate_hz=500, axes=("fx", "fy", "fz"), name="a")])
-    with pytest.raises(ValueError, match=r"'a' has the axes fx fy fz; wanted.*replace\(recording, axes="):
-        data.transform(TURN, frame="flange")

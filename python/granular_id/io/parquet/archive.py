@@ -9,18 +9,17 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray
-from granular_id._core import GranularIdError, interleave
+from granular_id._core import GranularIdError
 from granular_id._files import check_source
-from granular_id._memory import empty
 from granular_id._text import counted
 from granular_id.io.files import RecordingFileError, attempt, naming, need
 from granular_id.io.flat import checked_history
@@ -135,32 +134,28 @@ class Archive:
         if not known:
             raise RecordingFileError(self.folder, "is no archive: no recordings-*.parquet lies in it")
         problems: list[RecordingFileError] = []
-        found = [attempt(problems, _Part.read, self.folder, key) for key in known]
+        found = [attempt(problems, _read_part, self.folder, key) for key in known]
         parts: list[_Part] = []
-        for part in sorted(part for part in found if part is not None):
+        for part in sorted((part for part in found if part is not None), key=lambda part: part[:3]):
             if not parts or part.mark == parts[0].mark:
                 parts.append(part)
             else:
                 problem = f"lists other axes ({' '.join(part.mark.axes)}) than {index_file(parts[0].key)}"
-                problems.append(
-                    RecordingFileError(self.folder / index_file(part.key), problem, place="footer")
-                )
+                path = self.folder / index_file(part.key)
+                problems.append(RecordingFileError(path, problem, place="footer"))
         if unreadable is not None:
             unreadable += problems
         if problems and (unreadable is None or not parts):
             raise problems[0]
-        self._parts = parts
-        self._mark = parts[0].mark
-        self.axes = self._mark.axes
+        self._parts, self._mark, self.axes = parts, parts[0].mark, parts[0].mark.axes
         arrow = need("pyarrow", extra="app", why="to read Parquet files")
         self.index = arrow.concat_tables([part.table for part in parts]).unify_dictionaries()
-        groups: list[RowGroup] = []
-        start = 0
-        for part in parts:
-            for number, (first, last, n) in enumerate(part.groups):
-                groups.append(RowGroup(samples_file(part.key), number, start + first, start + last, n))
-            start += part.table.num_rows
-        self.row_groups = tuple(groups)
+        starts = accumulate((part.table.num_rows for part in parts), initial=0)
+        self.row_groups = tuple(
+            RowGroup(samples_file(part.key), number, start + first, start + last, n)
+            for part, start in zip(parts, starts, strict=False)
+            for number, (first, last, n) in enumerate(part.groups)
+        )
 
     def __repr__(self) -> str:
         return f"Archive({os.fspath(self.folder)!r}: {counted(self.n_recordings)} of {' '.join(self.axes)})"
@@ -194,7 +189,7 @@ class Archive:
         groups = self.row_groups if group is None else [group]
         index = self.index.slice(groups[0].start, groups[-1].stop - groups[0].start)
         n_rows, done = sum(one.n_samples for one in groups), 0
-        wrench = empty((n_rows, len(self.axes)), "the samples of the archive")
+        wrench = np.empty((n_rows, len(self.axes)))
         others: dict[str, NDArray[Any]] = {FLAGS: np.zeros(n_rows, np.uint8)}
         if index["rate_hz"].null_count:
             others[TIME] = np.full(n_rows, np.nan)
@@ -246,13 +241,12 @@ class Archive:
     @property
     def history(self) -> tuple[StepReport, ...]:
         """Steps that made the recordings; those that several appends share, once."""
-        steps: list[Any] = []
-        for text in dict.fromkeys(part.history for part in self._parts):
-            with naming(self.folder, "reading the history"):
-                own = json.loads(text)
-                steps += [step for step in own if step not in steps] if steps else own
+        steps: list[StepReport] = []
         with naming(self.folder, "reading the history"):
-            return checked_history(json.dumps(steps))
+            for text in dict.fromkeys(part.history for part in self._parts):
+                own = checked_history(text)
+                steps += [step for step in own if step not in steps] if steps else own
+        return tuple(steps)
 
     @property
     def n_synthetic(self) -> int:
@@ -262,10 +256,8 @@ class Archive:
     def count_synthetic(self, metas: Any) -> int:
         """Count the same in cells of the column meta."""
         codes, values = coded_texts(metas)
-        simulated = [
-            '"synthetic"' in (text or "") and bool(self.meta_of(text).get("synthetic")) for text in values
-        ]
-        return int(np.array(simulated)[codes].sum())
+        simulated = ['"synthetic"' in (text or "") and self.meta_of(text).get("synthetic") for text in values]
+        return int(np.array(simulated, bool)[codes].sum())
 
     def meta_of(self, text: str | None) -> Mapping[str, Any]:
         """Return the metadata in a cell of the index."""
@@ -287,17 +279,12 @@ class Archive:
             start, text = rows.stop, row.pop("meta")
             meta = metas[text] if text in metas else metas.setdefault(text, self.meta_of(text))
             row["name"] = row["name"] or ""
+            row |= {
+                "time_s": others[TIME][rows] if row["rate_hz"] is None else None,
+                "flags": others[FLAGS][rows],
+            }
             try:
-                made.append(
-                    Recording(
-                        wrench[rows],
-                        time_s=others[TIME][rows] if row["rate_hz"] is None else None,
-                        flags=others[FLAGS][rows],
-                        meta=meta,
-                        axes=self.axes,
-                        **row,
-                    )
-                )
+                made.append(Recording(wrench[rows], meta=meta, axes=self.axes, **row))
             except (TypeError, ValueError) as error:
                 raise RecordingFileError(self.folder, f"recording {row['name']!r:.60}: {error}") from error
         return made
@@ -309,26 +296,21 @@ class Archive:
             if Mark.read(opened, "samples", path)[0] != self._mark:
                 problem = f"holds other axes than {index_of(group.file)} says"
                 raise RecordingFileError(path, problem, place="footer")
-            n_groups = opened.num_row_groups
-            n_samples = (
-                opened.metadata.row_group(group.row_group).num_rows if group.row_group < n_groups else 0
-            )
+            is_there = group.row_group < opened.num_row_groups
+            n_samples = opened.metadata.row_group(group.row_group).num_rows if is_there else 0
             if n_samples != group.n_samples:
                 listed = f"by {index_of(group.file)} its recordings have {group.n_samples}"
                 raise RecordingFileError(path, f"holds {n_samples} samples; {listed}", place=place)
             there = [name for name in others if name in opened.schema_arrow.names]
             finite, start = True, 0
             try:
-                for batch in opened.iter_batches(
-                    _BATCH_ROWS,
-                    row_groups=[group.row_group],
-                    columns=[*self._mark.columns, *there],
-                    use_threads=False,
-                ):
+                wanted = {"row_groups": [group.row_group], "columns": [*self._mark.columns, *there]}
+                for batch in opened.iter_batches(_BATCH_ROWS, **wanted, use_threads=False):
                     rows = slice(start, start + batch.num_rows)
                     start = rows.stop
                     columns = [_values(batch.column(name)) for name in self._mark.columns]
-                    finite = interleave(columns, wrench[rows]) and finite
+                    np.stack(columns, axis=1, out=wrench[rows])
+                    finite = finite and bool(np.isfinite(wrench[rows]).all())
                     for name in there:
                         others[name][rows] = batch.column(name).to_numpy(zero_copy_only=False)
             except Exception as error:  # checksums, columns that are missing or hold something else
@@ -350,37 +332,34 @@ class Archive:
         return RecordingFileError(self.folder / group.file, problem, place=place, column=self.axes[axis])
 
 
-@dataclass(frozen=True, order=True)
-class _Part:
-    """One index file, checked; sorted as they were written."""
+class _Part(NamedTuple):
+    """One index file, checked."""
 
     written: float
     number: int
     key: str
-    mark: Mark = field(compare=False)
-    history: str = field(compare=False)
-    table: Any = field(compare=False)
-    groups: list[tuple[int, int, int]] = field(compare=False)  # of each row group: first row, end, samples
+    mark: Mark
+    history: str
+    table: Any
+    groups: list[tuple[int, int, int]]  # of each row group: first row, end, samples
 
-    @classmethod
-    def read(cls, folder: Path, key: str) -> _Part:
-        path = folder / index_file(key)
-        with open_parquet(path, folder, texts=_TEXTS) as opened:
-            mark, said = Mark.read(opened, "recordings", path)
-            table = opened.read([*INDEX_COLUMNS], use_threads=False)
-            history = labels_of(opened).get(HISTORY, "[]")
-        schema = index_schema()
-        other = next((name for name in schema.names if name not in table.column_names), None)
-        if other is not None:
-            wanted = ", ".join(INDEX_COLUMNS)
-            raise RecordingFileError(path, f"column {other!r} is missing; wanted {wanted}")
-        with naming(path, "reading its columns"):
-            table = table.cast(schema)
-            table.validate(full=True)
-            written, number = float(said["written"]), int(said["part"])
-        if not table.num_rows:
-            raise RecordingFileError(path, "lists no recordings")
-        return cls(written, number, key, mark, history, table, _groups(table, path))
+
+def _read_part(folder: Path, key: str) -> _Part:
+    path, schema = folder / index_file(key), index_schema()
+    with open_parquet(path, folder, texts=_TEXTS) as opened:
+        mark, said = Mark.read(opened, "recordings", path)
+        table = opened.read(schema.names, use_threads=False)
+        history = labels_of(opened).get(HISTORY, "[]")
+    other = next((name for name in schema.names if name not in table.column_names), None)
+    if other is not None:
+        raise RecordingFileError(path, f"column {other!r} is missing; wanted {', '.join(schema.names)}")
+    with naming(path, "reading its columns"):
+        table = table.cast(schema)
+        table.validate(full=True)
+        written, number = float(said["written"]), int(said["part"])
+    if not table.num_rows:
+        raise RecordingFileError(path, "lists no recordings")
+    return _Part(written, number, key, mark, history, table, _groups(table, path))
 
 
 def _groups(table: Any, path: Path) -> list[tuple[int, int, int]]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from granular_id.io.files import RecordingFileError, check_file, naming, need
+from granular_id.io.files import RecordingFileError, check_place, naming, need
 from granular_id.recording import unit_of
 
 SAMPLES_FOLDER = "samples"
@@ -35,9 +35,7 @@ INDEX_COLUMNS = {
 }
 """Columns of an index file and their types; "text" repeats, and is a dictionary in memory."""
 
-_INDEX_FILE = re.compile(r"recordings-([0-9a-f]{32})\.parquet")
-LEFTOVER = re.compile(rf"{SAMPLES_FOLDER}(/part-[0-9a-f]{{32}}\.parquet|/\.[^/]+)?|\.[^/]+")
-"""What an append that was killed may leave of an archive that it began."""
+INDEX_FILE = re.compile(r"recordings-([0-9a-f]{32})\.parquet")
 
 
 def index_file(key: str) -> str:
@@ -63,7 +61,7 @@ def index_of(file: str) -> str:
 def index_keys(folder: Path) -> list[str]:
     """Return the keys of the index files of an archive: what has no index file does not exist."""
     try:
-        found = [_INDEX_FILE.fullmatch(name) for name in os.listdir(folder)]  # noqa: PTH208 (a third of the time)
+        found = [INDEX_FILE.fullmatch(name) for name in os.listdir(folder)]  # noqa: PTH208 (a third of the time)
     except OSError:  # there is no such folder, or it may not be listed
         return []
     return sorted(match[1] for match in found if match is not None)
@@ -122,19 +120,11 @@ class Mark:
 def open_parquet(path: Path, root: Path, texts: Sequence[str] = ()) -> Iterator[Any]:
     """Open a file inside `root` as ``pyarrow.parquet.ParquetFile``, some columns to be read dictionary-encoded."""
     library = need("pyarrow.parquet", extra="app", why="to read Parquet files")
-    check_file(path, root)
-    with naming(path, "reading it as Parquet"):
-        try:
-            place = os.fspath(path).encode().decode()
-        except UnicodeEncodeError:  # pyarrow cannot spell it
-            place = need("pyarrow", extra="app", why="to read Parquet files").BufferReader(path.read_bytes())
-        with library.ParquetFile(
-            place,
-            read_dictionary=texts,
-            page_checksum_verification=True,
-            pre_buffer=False,  # which reads by threads of its own
-        ) as opened:
-            yield opened
+    check_place(path, root)
+    # Without threads of its own.
+    options = {"read_dictionary": texts, "page_checksum_verification": True, "pre_buffer": False}
+    with naming(path, "reading it as Parquet"), library.ParquetFile(path, **options) as opened:
+        yield opened
 
 
 def labels_of(opened: Any) -> dict[str, str]:

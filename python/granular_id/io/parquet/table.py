@@ -45,7 +45,7 @@ def read_parquet(source: FileSource, _: LoadOptions) -> FileContent:
     notes = (
         [] if lists is None else [f"column {lists!r} holds lists: pandas' frame.explode makes rows of them"]
     )
-    return FileContent([read], notes=notes, place=place)
+    return FileContent([read], notes=notes, place=place, opening="pandas.read_parquet({})")
 
 
 def parquet_parts(source: FileSource, options: LoadOptions) -> Iterator[FileContent | RecordingFileError]:

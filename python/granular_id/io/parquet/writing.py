@@ -6,6 +6,7 @@ import hashlib
 import inspect
 import json
 import os
+import re
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,13 +19,12 @@ import numpy as np
 from granular_id._checks import FloatArray, argument_error, thaw
 from granular_id._core import GranularIdError
 from granular_id._files import check_target, durable_file, made_folder
-from granular_id._progress import ProgressCallback, check_progress, showing
+from granular_id._progress import ProgressCallback
 from granular_id.io.files import need, new_folder
 from granular_id.io.flat import checked_dataset, flat_samples, history_json
 from granular_id.io.parquet.layout import (
     FLAGS,
     HISTORY,
-    LEFTOVER,
     MARK,
     SAMPLES_FOLDER,
     TIME,
@@ -78,9 +78,7 @@ class Appended:
     n_present: int
 
 
-def append(
-    folder: str | os.PathLike[str], dataset: Dataset, *, progress: bool | ProgressCallback = False
-) -> Appended:
+def append(folder: str | os.PathLike[str], dataset: Dataset) -> Appended:
     """Add recordings to an archive, or begin one.
 
     Of every 8192 recordings two files are made: ``samples/part-<key>.parquet``, and then ``recordings-<key>.parquet``,
@@ -96,8 +94,6 @@ def append(
         An archive, or a new or empty folder.
     dataset : Dataset
         Some thousand recordings at a time: each append makes two files more. Its history is kept with them.
-    progress : bool or callable, default False
-        Show it; or called as ``progress(recordings_done, recordings_in_all, folder)`` after each row group.
 
     Returns
     -------
@@ -133,9 +129,8 @@ def append(
     ['push 0', 'push 1', 'push 2', 'push 3', 'push 4']
     """
     checked_dataset(dataset)
-    check_progress(progress)
     with made_folder(folder):
-        return Appender(folder).append(dataset, progress=progress)
+        return Appender(folder).append(dataset)
 
 
 class Appender:
@@ -156,7 +151,7 @@ class Appender:
         check_target(self._folder / "recordings.parquet")
         self._update(axes, whose)
 
-    def append(self, dataset: Dataset, *, progress: bool | ProgressCallback = False) -> Appended:
+    def append(self, dataset: Dataset) -> Appended:
         """Add recordings, as `granular_id.archive.append` does."""
         self._update(dataset.axes, "dataset")
         fresh: dict[str, _Row] = {}
@@ -167,10 +162,8 @@ class Appender:
         n_added = 0
         if fresh:
             mark, history = Mark.of_axes(dataset.axes), history_json(dataset)
-            with made_folder(self._folder / SAMPLES_FOLDER), showing(progress) as step:
-                n_added = _write(
-                    self._folder, list(fresh.values()), RECORDINGS_PER_GROUP, mark, history, step
-                )
+            with made_folder(self._folder / SAMPLES_FOLDER):
+                n_added = _write(self._folder, [*fresh.values()], RECORDINGS_PER_GROUP, mark, history)
         self._ids |= fresh.keys()
         return Appended(n_added, len(dataset) - n_added)
 
@@ -179,8 +172,12 @@ class Appender:
         keys = index_keys(self._folder)
         if not self._read <= set(keys):  # another archive in its place
             self._read, self._ids, self._axes = set(), set(), None
-        if not keys:
-            self._refuse_others()
+        # An append that was killed leaves drafts and samples, and another one may be the first meanwhile.
+        ours = re.compile(rf"\..*|{SAMPLES_FOLDER}|recordings-.*\.parquet")
+        other = next((path.name for path in self._folder.iterdir() if not ours.fullmatch(path.name)), None)
+        if other is not None and not keys:
+            wanted = "wanted an archive, or a new or empty folder"
+            raise FileExistsError(f"{self._folder}: holds {other!r:.60}; {wanted}")
         for key in keys:
             if key not in self._read:
                 path = self._folder / index_file(key)
@@ -193,14 +190,6 @@ class Appender:
                 f"has the axes {' '.join(axes)}, and the archive {self._folder} {' '.join(self._axes or ())}"
             )
             raise argument_error(GranularIdError, whose, f"{came}; add it to another one")
-
-    def _refuse_others(self) -> None:
-        """Refuse to begin an archive where something else is; what an append that was killed has left may be there."""
-        for path in self._folder.rglob("*"):
-            place = path.relative_to(self._folder).as_posix()
-            if not LEFTOVER.fullmatch(place):
-                wanted = "wanted an archive, or a new or empty folder"
-                raise FileExistsError(f"{self._folder}: holds {place!r:.60}; {wanted}")
 
 
 @dataclass(frozen=True)
@@ -237,7 +226,7 @@ def _write(
     per_group: int,
     mark: Mark,
     history: str,
-    step: ProgressCallback | None,
+    step: ProgressCallback | None = None,
 ) -> int:
     """Write files of samples, and the index of each; return how many recordings no other writer had written."""
     library = need("pyarrow.parquet", extra="app", why="to write Parquet files")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from granular_id.recording.checks.measured import SENSOR_RANGES, SensorRange
 from granular_id.recording.checks.report import CheckReport, Finding
 
-__all__ = ["SENSOR_RANGES", "CheckReport", "Finding", "SensorRange"]
+__all__ = ["CheckReport", "Finding"]

@@ -15,7 +15,7 @@ from granular_id.recording.checks.measured import Measured
 from granular_id.recording.checks.report import Finding
 from granular_id.recording.recording import Recording, places_of
 from granular_id.recording.report import subject
-from granular_id.recording.steps import cut_from
+from granular_id.recording.steps import recordings_cut
 
 LEAST_SHARE = 0.1
 """Pairs are reported where at least this part of the shorter recording's rows is in the other one."""
@@ -41,25 +41,20 @@ def check_duplicates(data: Measured) -> Iterator[Finding]:
         message = f"{subject(len(pairs), 'holds', 'hold')} exactly the samples of another one"
         yield _copies(data, "duplicates", message, pairs)
     distinct = [first for first, *_ in equal]
-    overlaps = [
-        overlap
+    whole = recordings_cut(recordings)  # windows of one recording may overlap
+    shared: list[list[Any]] = [
+        [i, j, overlap.shift, round(overlap.share, 4)]
         for overlap in find_overlaps([recordings[i] for i in distinct])
-        if not _of_one_recording(*(recordings[distinct[k]] for k in overlap[:2]))
+        if whole[i := distinct[overlap.first]] != whole[j := distinct[overlap.second]]
     ]
-    if overlaps:
-        most = max(overlaps, key=lambda o: o.share)
+    if shared:
+        first, second, _, share = max(shared, key=lambda overlap: overlap[3])
+        names = f"{recordings[first].name!r} and {recordings[second].name!r}"
         message = (
-            f"{counted(len(overlaps), 'pair')} of recordings {verb(len(overlaps), 'shares', 'share')} samples: "
-            f"{_overlap_in_words(most, *(recordings[distinct[i]].name for i in most[:2]))}"
+            f"{counted(len(shared), 'pair')} of recordings {verb(len(shared), 'shares', 'share')} samples: "
+            f"{100 * share:.0f} % of the shorter of {names} are the same"
         )
-        pairs = [[distinct[o.first], distinct[o.second], o.shift, round(o.share, 4)] for o in overlaps]
-        yield _copies(data, "near-duplicates", message, pairs)
-
-
-def _of_one_recording(one: Recording, other: Recording) -> bool:
-    """Whether two are windows of the same recording, which may overlap."""
-    windows = cut_from(one), cut_from(other)
-    return None not in windows and windows[0][0] == windows[1][0]  # type: ignore[index]
+        yield _copies(data, "near-duplicates", message, shared)
 
 
 def _copies(data: Measured, code: str, message: str, pairs: Sequence[Sequence[Any]]) -> Finding:
@@ -75,13 +70,6 @@ class Overlap(NamedTuple):
     second: int
     shift: int  # row t of the second is row t + shift of the first
     share: float  # shared rows, of all rows of the shorter recording
-
-
-def _overlap_in_words(overlap: Overlap, one: str, other: str) -> str:
-    if overlap.shift < 0:
-        one, other = other, one
-    later = f", {counted(abs(overlap.shift), 'sample')} later" if overlap.shift else ""
-    return f"{100 * overlap.share:.0f} % of the shorter of {one!r} and {other!r} are the same{later}"
 
 
 def find_overlaps(recordings: Sequence[Recording]) -> list[Overlap]:

@@ -10,7 +10,7 @@ from typing import Any, Literal, overload
 
 from granular_id._checks import freeze, thaw
 from granular_id._text import counted
-from granular_id.recording.report import Report, first_names
+from granular_id.recording.report import first_names
 
 Severity = Literal["error", "warning", "info"]
 
@@ -71,7 +71,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class CheckReport(Sequence[Finding], Report):
+class CheckReport(Sequence[Finding]):
     """A sequence of findings, worst first, that prints as a table.
 
     Attributes
@@ -120,11 +120,6 @@ class CheckReport(Sequence[Finding], Report):
         """The worst finding, "ok" when there is none but infos."""
         return _worst(self.findings)
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """Recordings per code, in the order of the findings; those of the whole set count all."""
-        return {f.code: len(f.indices) or self.n_recordings for f in self.findings}
-
     @overload
     def __getitem__(self, index: int) -> Finding: ...
     @overload
@@ -167,7 +162,6 @@ class CheckReport(Sequence[Finding], Report):
         """Return plain dicts, lists, texts and numbers, ready for ``json.dumps``."""
         return {
             "worst": self.worst,
-            "counts": self.counts,
             "findings": [finding.to_dict() for finding in self.findings],
             "states": list(self.states),
         }

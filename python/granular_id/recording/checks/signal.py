@@ -1,39 +1,25 @@
-"""What the samples show: units, clipping, axes that stand still, outliers."""
+"""What the samples show: units, clipping, axes that never change, outliers."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import pdtrc, stdtrit
 
 from granular_id._checks import FloatArray
 from granular_id._text import counted, short, verb
 from granular_id.recording.checks.measured import Measured, by_axis, unit_columns
 from granular_id.recording.checks.report import Finding
-from granular_id.recording.recording import KNOWN_UNITS, Recording, unit_of
+from granular_id.recording.recording import Recording, unit_of
 from granular_id.recording.report import subject
 
-# No sensor reads this, in any unit; the squares of such readings would overflow in other checks.
-ABSURD = 1e100
 # Largest readings per unit: a rod through gravel takes tens of newtons, wrist sensors end at some hundred.
 PLAUSIBLE = {"N": 1000.0, "N m": 100.0}
 # Shorter recordings are not judged by their own extremes: there is no telling what is usual.
 SHORTEST = 30
 # Axes that repeat the reading before in more than this part of the samples are too coarse to judge.
 COARSE = 0.3
-
-
-def check_absurd(data: Measured) -> Iterator[Finding]:
-    """Find readings that no later check could bear."""
-    absurd = [i for i, peak in enumerate(data.peaks) if peak.max() > ABSURD]
-    if absurd:
-        message = (
-            f"{counted(len(absurd))} with readings above {ABSURD:g}: repair or leave out, then check again"
-        )
-        yield data.finding("error", "beyond-range", message, absurd)
 
 
 def check_units(data: Measured) -> Iterator[Finding]:
@@ -53,11 +39,8 @@ def check_units(data: Measured) -> Iterator[Finding]:
         yield data.finding("warning", "units", message, beyond)
 
 
-# Samples at the end of the sensor's range, whether the range is known or shows in the samples.
+# Samples at the end of the sensor's range, as far as it shows in the samples.
 
-# From this part of the range on a reading counts as clipped: converters stop a few counts early.
-NEAR_RANGE = 0.999
-FAR_BEYOND = 2.0  # readings above this many ranges are no overload but another unit or another sensor
 FEWEST = 5  # readings at the extreme from which on it is looked at
 # Times as many readings as at any value nearby: the flat top of a smooth signal has up to 2.4 times.
 PILED_UP = 3.0
@@ -65,41 +48,16 @@ _NEIGHBOURS = 10
 
 
 def check_clipping(data: Measured) -> Iterator[Finding]:
-    """Find samples at the sensor's range; without one, axes whose readings pile up at their own extreme."""
+    """Find axes whose readings pile up at their own extreme."""
     alpha = data.false_alarm_rate / (2 * sum(len(r.axes) for r in data.recordings))
-    clipped: dict[int, list[int]] = {}
-    samples = 0
-    far: list[int] = []
-    for i, (r, peak) in enumerate(zip(data.recordings, data.peaks, strict=True)):
-        if data.ranges is None:
-            columns, number = _piled_up_axes(by_axis(r), alpha)
-        else:
-            limit = np.array([data.ranges.get(axis, np.inf) for axis in r.axes])
-            if (peak > FAR_BEYOND * limit).any():
-                far.append(i)
-                continue
-            columns = np.flatnonzero(peak >= NEAR_RANGE * limit).tolist()
-            number = int((np.abs(r.wrench) >= NEAR_RANGE * limit).any(axis=1).sum()) if columns else 0
-        if columns:
-            clipped[i] = columns
-            samples += number
-    if far:
-        of_wrench = (data.ranges or {}).keys() <= KNOWN_UNITS.keys()
-        units = "N and N m" if of_wrench else "the units of the range"
-        message = f"{counted(len(far))} with readings above twice the range: are they in {units}?"
-        yield data.finding("error", "beyond-range", message, far)
+    piled = {i: _piled_up_axes(by_axis(r), alpha) for i, r in enumerate(data.recordings)}
+    clipped = {i: columns for i, (columns, _) in piled.items() if columns}
     if clipped:
-        axes = data.axes_among(clipped)
-        if data.ranges is None:
-            message = (
-                f"{subject(len(clipped), 'seems', 'seem')} clipped on {', '.join(axes)}: "
-                f"{counted(samples, 'reading')} piled up at the extreme; state sensor_range to be sure"
-            )
-        else:
-            message = (
-                f"{subject(len(clipped), 'reaches', 'reach')} the sensor's range on {', '.join(axes)}, "
-                f"in {counted(samples, 'sample')}: the true load was higher"
-            )
+        axes, samples = data.axes_among(clipped), sum(number for _, number in piled.values())
+        message = (
+            f"{subject(len(clipped), 'seems', 'seem')} clipped on {', '.join(axes)}: "
+            f"{counted(samples, 'reading')} piled up at the extreme; the true load was higher"
+        )
         yield data.finding("warning", "clipped", message, clipped, axes=axes, samples=samples)
 
 
@@ -131,67 +89,18 @@ def _piled_up(samples: FloatArray, edge: float, alpha: float) -> int:
     return number if number >= PILED_UP * expected and pdtrc(number - 1, expected) <= alpha else 0
 
 
-# Axes that do not move, for a whole recording or for a long stretch of it.
-
-# Shorter stretches are not judged: coarse converters repeat themselves while the tool rests.
-SHORTEST_STUCK = 20
-# The other axes move when they change, step by step, at least by this part of what is usual for them.
-MOVING = 0.5
-
-
 def check_stuck(data: Measured) -> Iterator[Finding]:
-    """Find axes that never change, and axes that stand still for a stretch while others move."""
-    whole: dict[int, list[int]] = {}
-    part: dict[int, list[int]] = {}
-    alpha = data.false_alarm_rate / sum(len(r.axes) for r in data.recordings)
-    for i, r in enumerate(data.recordings):
-        if r.n_samples < 2:
-            continue
-        wrench = by_axis(r)
-        moves = np.ptp(wrench, axis=0) != 0
-        if not moves.all():
-            whole[i] = np.flatnonzero(~moves).tolist()
-        if columns := _still_stretches(wrench, np.flatnonzero(moves), alpha):
-            part[i] = columns
-    if whole:
-        axes = data.axes_among(whole)
-        where = "every recording" if len(whole) == len(data.recordings) else counted(len(whole))
+    """Find axes that never change."""
+    stuck = {
+        i: columns.tolist()
+        for i, r in enumerate(data.recordings)
+        if r.n_samples > 1 and len(columns := np.flatnonzero(np.ptp(r.wrench, axis=0) == 0))
+    }
+    if stuck:
+        axes = data.axes_among(stuck)
+        where = "every recording" if len(stuck) == len(data.recordings) else counted(len(stuck))
         message = f"{where} with an axis that never changes ({', '.join(axes)})"
-        yield data.finding("warning", "stuck-axis", message, whole, axes=axes)
-    if part:
-        axes = data.axes_among(part)
-        message = f"{subject(len(part))} an axis that stands still for a stretch while others move ({', '.join(axes)})"
-        yield data.finding("warning", "stuck-stretch", message, part, axes=axes)
-
-
-def _still_stretches(wrench: FloatArray, moving: NDArray[np.intp], alpha: float) -> list[int]:
-    """Return the columns that stand still for a surprising stretch."""
-    n_steps = len(wrench) - 1
-    equal, steps = wrench[1:] == wrench[:-1], np.abs(np.diff(wrench, axis=0))
-    repeats = np.count_nonzero(equal, axis=0)
-    stuck = []
-    for column in moving[repeats[moving] >= SHORTEST_STUCK]:
-        start, run = _longest_run(equal[:, column])
-        # at rest, or clipped, if anything
-        if start == 0 or wrench[start, column] in (wrench[:, column].max(), wrench[:, column].min()):
-            continue
-        elsewhere = max((repeats[column] - run) / n_steps, 1 / len(wrench))
-        by_chance = 1 + math.log(alpha / len(wrench)) / math.log(elsewhere)
-        if elsewhere > COARSE or run + 1 < max(SHORTEST_STUCK, by_chance):
-            continue
-        others = moving[moving != column]
-        change = steps[start : start + run, others].mean(axis=0)
-        if len(others) and (change >= MOVING * steps[:, others].mean(axis=0)).mean() >= 0.5:
-            stuck.append(int(column))
-    return stuck
-
-
-def _longest_run(held: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return start and length of the longest run of True."""
-    edges = np.flatnonzero(np.diff(held, prepend=False, append=False))
-    starts, lengths = edges[::2], edges[1::2] - edges[::2]
-    best = int(lengths.argmax())
-    return int(starts[best]), int(lengths[best])
+        yield data.finding("warning", "stuck-axis", message, stuck, axes=axes)
 
 
 # Recordings that stand apart from their own label.
@@ -222,7 +131,7 @@ def check_outliers(data: Measured) -> Iterator[Finding]:
         for row in np.flatnonzero((far > _largest_distance(len(group), alpha)).any(axis=1)):
             column = int(far[row].argmax())
             factor = float(np.exp(table[group[row], column] - middle[column]))
-            apart[group[row]] = (float(far[row, column]), f"{names[column]} {_times(factor)}")
+            apart[group[row]] = (float(far[row, column]), f"{names[column]} {factor:.3g} times")
     if apart:
         order = sorted(apart, key=lambda i: -apart[i][0])
         worst = data.recordings[order[0]]
@@ -260,9 +169,3 @@ def _largest_distance(n: int, alpha: float) -> float:
     uncertainty of the median itself.
     """
     return float(-stdtrit(_EFFICIENCY * (n - 1), alpha / 2) * np.sqrt(1 + np.pi / (2 * n)))
-
-
-def _times(factor: float) -> str:
-    if factor >= 1.1 or factor <= 1 / 1.1:
-        return f"{factor:.2g} times"
-    return f"{abs(factor - 1):.1%} {'above' if factor > 1 else 'below'}"

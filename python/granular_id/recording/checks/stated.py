@@ -28,7 +28,7 @@ _WORDS = {
 
 
 def check_labels(data: Measured) -> Iterator[Finding]:
-    """Find recordings without a label, nothing to tell apart, labels that read alike, and labels of unequal size."""
+    """Find recordings without a label, nothing to tell apart, and labels that read alike."""
     without = [i for i, r in enumerate(data.recordings) if r.label is None]
     if without:
         yield data.finding("error", "no-label", f"{subject(len(without))} no label", without)
@@ -44,10 +44,6 @@ def check_labels(data: Measured) -> Iterator[Finding]:
     if single and len(data.labels) > 1:
         message = f"{counted(len(single), 'label')} with one recording only: nothing is left to test with"
         yield data.finding("warning", "single", message, single)
-    sizes = [len(group) for group in data.labels.values()]
-    if len(set(sizes)) > 1:
-        message = f"between {min(sizes)} and {max(sizes)} recordings per label"
-        yield data.finding("info", "uneven", message, fewest=min(sizes), most=max(sizes))
 
 
 def check_axes(data: Measured) -> Iterator[Finding]:
@@ -114,9 +110,8 @@ def check_gaps(data: Measured) -> Iterator[Finding]:
 
 
 def check_steps(data: Measured) -> Iterator[Finding]:
-    """Find recordings that are not evenly sampled, and of those the very uneven ones."""
-    irregular = [i for i, r in enumerate(data.recordings) if not r.is_uniform and r.n_samples > 1]
-    jittery = [i for i in irregular if data.paces[i].spread > JITTER_TOLERANCE]
+    """Find recordings whose steps in time are very uneven."""
+    jittery = [i for i, pace in enumerate(data.paces) if pace.spread > JITTER_TOLERANCE]
     if jittery:
         median = float(np.median([data.paces[i].median_s for i in jittery]))
         mean = float(np.median([data.paces[i].mean_s for i in jittery]))
@@ -125,19 +120,6 @@ def check_steps(data: Measured) -> Iterator[Finding]:
             f"above {0.5 / mean:.3g} Hz the resampled signal is made up"
         )
         yield data.finding("warning", "jitter", message, jittery, median_step_s=median, mean_step_s=mean)
-    if irregular:
-        message = f"{counted(len(irregular))} irregularly sampled: resample before extracting features"
-        yield data.finding("info", "irregular", message, irregular)
-
-
-def check_lengths(data: Measured) -> Iterator[Finding]:
-    """Say where the recordings differ in length."""
-    lengths = [r.n_samples for r in data.recordings]
-    if len(set(lengths)) > 1:
-        seconds = [f"{pick(r.duration_s for r in data.recordings):.3g}" for pick in (min, max)]
-        lasting = f", {seconds[0]} to {seconds[1]} s" if seconds[0] != seconds[1] else ""
-        message = f"lengths differ, {min(lengths)} to {max(lengths)} samples{lasting}: align before comparing"
-        yield data.finding("info", "lengths-differ", message, shortest=min(lengths), longest=max(lengths))
 
 
 def check_flags(data: Measured) -> Iterator[Finding]:

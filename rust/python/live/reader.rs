@@ -7,15 +7,15 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::create_exception;
 use pyo3::prelude::*;
 
-use crate::arguments::{count, number, GranularIdError, OrRaise, Raise};
-use granular_id::bindings::{brief, collected, reserved};
+use crate::arguments::{named, optional, GranularIdError, OrRaise, Raise};
+use granular_id::bindings::{collected, reserved, short_number};
 use granular_id::buffer::{self, BufferSpec, BufferedRow, Reader};
 
 create_exception!(
     granular_id.live,
     WindowError,
     GranularIdError,
-    "There is no such window of a buffer: too few rows, a gap, a new epoch or saturation; the message says which."
+    "There is no such window of a buffer: too few rows, a gap, a new epoch or saturation; the message names which."
 );
 
 impl Raise for buffer::WindowError {
@@ -67,8 +67,11 @@ impl PyWrenchReader {
     /// Block
     ///     Consecutive rows of one epoch, perhaps none. At the border of an epoch the block ends, and the next read goes on.
     #[pyo3(signature = (max_rows=None))]
-    fn read(&self, py: Python<'_>, max_rows: Option<&Bound<'_, PyAny>>) -> PyResult<PyBlock> {
-        let max_rows = max_rows.map(|value| count(value, "max_rows", usize::MAX)).transpose()?;
+    fn read(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = optional::max_rows)] max_rows: Option<usize>,
+    ) -> PyResult<PyBlock> {
         let mut reader = self.reader();
         let &BufferSpec { tick_hz, n_axes, .. } = reader.spec();
         let columns = Columns::read(&mut reader, max_rows).or_raise()?;
@@ -90,10 +93,13 @@ impl PyWrenchReader {
     /// -------
     /// bool
     ///     True if there is a row; False if the time is over.
-    fn wait(&self, py: Python<'_>, timeout_s: &Bound<'_, PyAny>) -> PyResult<bool> {
-        let timeout_s = number(timeout_s, "timeout_s")?;
+    fn wait(
+        &self,
+        py: Python<'_>,
+        #[pyo3(from_py_with = named::timeout_s)] timeout_s: f64,
+    ) -> PyResult<bool> {
         if timeout_s.is_nan() || timeout_s < 0.0 {
-            let message = format!("timeout_s must not be negative, got {}", brief(timeout_s));
+            let message = format!("timeout_s must not be negative, got {}", short_number(timeout_s));
             return Err(GranularIdError::new_err(message));
         }
         let start = Instant::now();

@@ -1,43 +1,95 @@
-//! A team of recordings through the lanes, in one pass over the samples.
+//! Batches: teams of recordings go through the lanes side by side, in one pass over the samples.
 
-use crate::dsp::{Outside, Real};
-use crate::features::{BatchShape, Extractor};
+use std::ops::Range;
+
+use super::{not_finite, Extractor};
+use crate::dsp::Outside;
+use crate::error::Result;
 use crate::kernel::{
-    fits, pack, unpack, Beside, Cascade, Counting, HalfLines, Job, LaneBins, LaneHistograms, Raw, Row, Simd,
-    SimdPath, BLOCK, LANES, MAX_WIDTH,
+    finish_writes, pack, prefetch, transpose6, unpack, Cascade, Counting, Job, LaneBins, LaneHistograms,
+    Overlap, Raw, Row, Simd, SimdPath, BLOCK, LANES, MAX_WIDTH,
 };
+use crate::memory::filled;
+use crate::parallel::in_pieces;
+use crate::wrench::BatchShape;
+
+/// Results larger than this are written past the caches: they would not find room, and reading every line before it is
+/// overwritten would cost a third of the memory traffic.
+const STREAM_BYTES: usize = 8 << 20;
+
+impl Extractor {
+    /// Features of a batch, one row per recording.
+    ///
+    /// # Errors
+    /// As [`extract_into`](Self::extract_into).
+    pub fn extract(&self, wrench: &[f64], shape: BatchShape, threads: usize) -> Result<Vec<f64>> {
+        let n_features = self.check(wrench, shape)?;
+        let mut out = filled(0.0, shape.n_recordings.saturating_mul(n_features))?;
+        self.extract_into(wrench, shape, threads, &mut out)?;
+        Ok(out)
+    }
+
+    /// Features of a batch into `out`, one row per recording. 1 and n threads give the same bits; threads beyond the
+    /// number of cores are not used.
+    ///
+    /// On an error `out` holds unspecified numbers.
+    ///
+    /// # Errors
+    /// [`Error::NonFinite`](crate::Error::NonFinite); [`Error::TooLarge`](crate::Error::TooLarge): the filter
+    /// leaves float64; those of sizes that do not fit.
+    pub fn extract_into(
+        &self,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
+        self.extract_on(SimdPath::detect()?, wrench, shape, threads, out)
+    }
+
+    /// [`extract_into`](Self::extract_into) on a path of choice, for tests and benchmarks.
+    pub fn extract_on(
+        &self,
+        path: SimdPath,
+        wrench: &[f64],
+        shape: BatchShape,
+        threads: usize,
+        out: &mut [f64],
+    ) -> Result<()> {
+        let stream = size_of_val(out) > STREAM_BYTES;
+        let n_features = self.check(wrench, shape)?;
+        in_pieces(wrench, shape, (n_features, team_size(shape.n_axes)), threads, out, |wrench, shape, out| {
+            let teams = Teams { extractor: self, shape, n_features, wrench, out, stream };
+            if teams.extract(path) {
+                return Ok(());
+            }
+            Err(not_finite(wrench, shape))
+        })
+    }
+}
 
 /// Recordings that share the lanes.
-pub(crate) fn team_size(n_axes: usize) -> usize {
+fn team_size(n_axes: usize) -> usize {
     (MAX_WIDTH * LANES / n_axes).max(1)
 }
 
-/// What was found about the values of some recordings.
-#[derive(Clone, Copy)]
-pub(crate) struct Found {
-    /// All are finite.
-    pub(crate) finite: bool,
-    /// All features are within reach of the type they were written as.
-    pub(crate) fit: bool,
-}
-
-/// Some recordings of a batch and their rows of features.
-pub(crate) struct Teams<'a, T> {
-    pub(crate) extractor: &'a Extractor,
-    pub(crate) shape: BatchShape,
-    pub(crate) n_features: usize,
-    pub(crate) wrench: &'a [f64],
-    pub(crate) out: &'a mut [T],
+/// A piece of a batch and its rows of features.
+struct Teams<'a> {
+    extractor: &'a Extractor,
+    shape: BatchShape,
+    n_features: usize,
+    wrench: &'a [f64],
+    out: &'a mut [f64],
     /// Write raw features past the caches: worth it when the whole result is larger than they are.
-    pub(crate) stream: bool,
+    stream: bool,
 }
 
-impl<T: Real> Teams<'_, T> {
-    /// Extracts them, team after team.
-    pub(crate) fn run(self, path: SimdPath) -> Found {
+impl Teams<'_> {
+    /// Extracts team after team; true if all values are finite and stay so.
+    fn extract(self, path: SimdPath) -> bool {
         let Teams { extractor, shape, n_features, wrench, out, stream } = self;
         let team = team_size(shape.n_axes);
-        let mut found = Found { finite: true, fit: true };
+        let mut finite = true;
         // More axes than lanes: some axes of a recording at a time.
         for first_axis in (0..shape.n_axes).step_by(MAX_WIDTH * LANES) {
             let axes = first_axis..shape.n_axes.min(first_axis + MAX_WIDTH * LANES);
@@ -47,47 +99,54 @@ impl<T: Real> Teams<'_, T> {
             for (wrench, out) in [(wrench, out), (wrench_rest, out_rest)] {
                 let recordings = (wrench.len() / shape.recording_len()).min(team);
                 let layout = Layout { axes: axes.clone(), recordings, stream };
-                let alike = Alike { extractor, shape, n_features, layout, wrench, out, found: &mut found };
-                match (recordings * axes.len()).div_ceil(LANES) {
-                    0 => {}
-                    1 => path.run(Wide::<T, 1>(alike)),
-                    2 => path.run(Wide::<T, 2>(alike)),
-                    _ => path.run(Wide::<T, MAX_WIDTH>(alike)),
-                }
+                let batch = TeamBatch { extractor, shape, n_features, layout, wrench, out };
+                finite &= match (recordings * axes.len()).div_ceil(LANES) {
+                    0 => true,
+                    1 => path.run(LaneJob::<1>(batch)),
+                    2 => path.run(LaneJob::<2>(batch)),
+                    _ => path.run(LaneJob::<MAX_WIDTH>(batch)),
+                };
             }
         }
-        found
+        finite
     }
 }
 
 /// Teams of one layout.
-struct Alike<'a, T> {
+struct TeamBatch<'a> {
     extractor: &'a Extractor,
     shape: BatchShape,
     n_features: usize,
     layout: Layout,
     wrench: &'a [f64],
-    out: &'a mut [T],
-    found: &'a mut Found,
+    out: &'a mut [f64],
 }
 
-/// Teams that fill so many rows of lanes. A job for each width: compilers take far longer for all in one function.
-struct Wide<'a, T, const W: usize>(Alike<'a, T>);
+/// Teams that fill so many vectors of lanes. A job for each width: compilers take far longer for all in one function.
+struct LaneJob<'a, const W: usize>(TeamBatch<'a>);
 
-impl<T: Real, const W: usize> Job for Wide<'_, T, W> {
-    type Output = ();
+impl<const W: usize> Job for LaneJob<'_, W> {
+    /// Whether all values are finite and stay so.
+    type Output = bool;
 
     #[inline(always)]
-    fn run<S: Simd>(self, simd: S) {
-        let Alike { extractor, shape, n_features, layout, wrench, out, found } = self.0;
-        BatchKernel::<W>::new(extractor, shape, layout).run(simd, wrench, out, n_features, found);
-        simd.finish_writes();
+    fn run<S: Simd>(self, simd: S) -> bool {
+        let TeamBatch { extractor, shape, n_features, layout, wrench, out } = self.0;
+        let recordings = wrench.chunks_exact(layout.recordings * shape.recording_len());
+        let rows = out.chunks_exact_mut(layout.recordings * n_features);
+        let mut kernel = BatchKernel::<W>::new(extractor, shape, layout);
+        let mut finite = true;
+        for (wrench, out) in recordings.zip(rows) {
+            finite &= kernel.team(simd, wrench, out, n_features);
+        }
+        finish_writes(simd);
+        finite
     }
 }
 
 /// Which channels the lanes hold: `axes` of each of `recordings`, recording by recording.
 struct Layout {
-    axes: std::ops::Range<usize>,
+    axes: Range<usize>,
     recordings: usize,
     stream: bool,
 }
@@ -100,10 +159,6 @@ struct BatchKernel<'a, const W: usize> {
     cascade: Cascade<W>,
     bins: LaneBins<'a, W>,
     histograms: LaneHistograms<W>,
-    /// Raw features of each recording that wait to be written.
-    half_lines: [HalfLines; MAX_WIDTH * LANES / 6],
-    /// The histogram of one lane, to be written.
-    block: Vec<f64>,
 }
 
 impl<'a, const W: usize> BatchKernel<'a, W> {
@@ -117,8 +172,6 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
         Self {
             cascade: Cascade::new(extractor.sos()),
             histograms: LaneHistograms::new(extractor.spec().n_bins),
-            half_lines: [HalfLines::EMPTY; MAX_WIDTH * LANES / 6],
-            block: vec![0.0; extractor.spec().n_bins],
             bins: LaneBins::new(bins),
             extractor,
             shape,
@@ -126,43 +179,25 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
         }
     }
 
-    /// Runs team after team.
+    /// One team: every sample is read once, every feature written once. True if all values are finite and stay so.
     #[inline(always)]
-    fn run<T: Real>(
-        mut self,
-        simd: impl Simd,
-        wrench: &[f64],
-        out: &mut [T],
-        n_features: usize,
-        found: &mut Found,
-    ) {
-        let recordings = wrench.chunks_exact(self.layout.recordings * self.shape.recording_len());
-        let rows = out.chunks_exact_mut(self.layout.recordings * n_features);
-        for (wrench, out) in recordings.zip(rows) {
-            let of_team = self.team(simd, wrench, out, n_features);
-            found.finite &= of_team.finite;
-            found.fit &= of_team.fit;
-        }
-    }
-
-    /// One team: every sample is read once, every feature written once.
-    #[inline(always)]
-    fn team<T: Real>(&mut self, simd: impl Simd, wrench: &[f64], out: &mut [T], n_features: usize) -> Found {
+    fn team(&mut self, simd: impl Simd, wrench: &[f64], out: &mut [f64], n_features: usize) -> bool {
         let hfmh = self.extractor.spec().hfmh;
         let filtered = hfmh && !self.extractor.sos().sections().is_empty();
         let n_samples = self.shape.n_samples;
         let mut rows = [Row::ZERO; BLOCK];
-        let (mut finite, mut fit) = (true, true);
+        let mut finite = true;
         self.begin(wrench);
         let mut start = 0;
         let mut end = n_samples.min(rows_to_cache_line(out));
         while start < end {
-            fit &= self.load(simd, wrench, out, n_features, start..end, &mut rows);
+            self.load(simd, wrench, out, n_features, start..end, &mut rows);
             let rows = &mut rows[..end - start];
             if filtered {
                 let next = (self.shape.n_axes == 6).then_some(end + BLOCK);
                 let counting = self.histograms.counting(rows.len());
-                self.cascade.filter(simd, rows, &mut Meanwhile { simd, counting, wrench, n_samples, next });
+                let mut overlap = CountAndPrefetch { simd, counting, wrench, n_samples, next };
+                self.cascade.filter(simd, rows, &mut overlap);
             } else {
                 finite &= rows.iter().all(|row| row.flat().iter().all(|value| value.is_finite()));
             }
@@ -175,11 +210,11 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
             (start, end) = (end, n_samples.min(end + BLOCK));
         }
         if hfmh {
-            finite &= self.cascade.is_finite();
             self.histograms.counting(0);
-            fit &= self.finish(out, n_features);
+            finite &= self.cascade.is_finite();
+            self.finish(out, n_features);
         }
-        Found { finite, fit }
+        finite
     }
 
     /// Sets the filter as it was before the first sample, and empties the histograms.
@@ -197,18 +232,17 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
         }
     }
 
-    /// Brings samples into the lanes and, on the way, into the raw features. True when their type reaches far enough.
+    /// Brings samples into the lanes and, on the way, into the raw features.
     #[inline(always)]
-    fn load<T: Real>(
+    fn load(
         &mut self,
         simd: impl Simd,
         wrench: &[f64],
-        out: &mut [T],
+        out: &mut [f64],
         n_features: usize,
-        samples: std::ops::Range<usize>,
+        samples: Range<usize>,
         rows: &mut [Row<W>; BLOCK],
-    ) -> bool {
-        let mut fit = true;
+    ) {
         let BatchShape { n_samples, n_axes, .. } = self.shape;
         let (start, n) = (samples.start, samples.len());
         let recordings = wrench.chunks_exact(self.shape.recording_len());
@@ -216,13 +250,9 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
             let samples = &recording[start * n_axes..][..n * n_axes];
             let raw = self.extractor.spec().raw.then_some(&mut *out);
             if let (6, Ok(samples)) = (n_axes, samples.try_into()) {
-                let stream = if self.layout.stream { self.half_lines.get_mut(r) } else { None };
-                fit &= simd.transpose6(
-                    samples,
-                    rows,
-                    6 * r,
-                    raw.map(|values| Raw { values, n_samples, start, stream }),
-                );
+                let stream = self.layout.stream;
+                let raw = raw.map(|values| Raw { values, n_samples, start, stream });
+                transpose6(simd, samples, rows, 6 * r, raw);
                 continue;
             }
             let first = r * self.layout.axes.len();
@@ -230,22 +260,20 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
             pack(samples, n_axes, self.layout.axes.start, &mut rows[..n], lanes.clone());
             if let Some(values) = raw {
                 for (axis, lane) in self.layout.axes.clone().zip(lanes) {
-                    fit &= unpack(&rows[..n], lane, &mut values[axis * n_samples + start..][..n]);
+                    unpack(&rows[..n], lane, &mut values[axis * n_samples + start..][..n]);
                 }
             }
         }
-        fit
     }
 
-    /// Writes the histogram block. True when its type reaches far enough.
-    fn finish<T: Real>(&mut self, out: &mut [T], n_features: usize) -> bool {
-        let mut fit = true;
+    /// Writes the histogram block.
+    fn finish(&mut self, out: &mut [f64], n_features: usize) {
         let spec = self.extractor.spec();
         let raw_len = if spec.raw { self.shape.recording_len() } else { 0 };
-        let block = &mut self.block;
         for (r, out) in out.chunks_exact_mut(n_features).enumerate() {
             for (a, axis) in self.layout.axes.clone().enumerate() {
                 let counts = self.histograms.lane(r * self.layout.axes.len() + a);
+                let block = &mut out[raw_len + axis * spec.n_bins..][..spec.n_bins];
                 for (value, count) in block.iter_mut().zip(&counts[1..]) {
                     *value = f64::from(*count);
                 }
@@ -256,19 +284,13 @@ impl<'a, const W: usize> BatchKernel<'a, W> {
                 if let Some(bins) = self.extractor.bins(axis).filter(|_| spec.density) {
                     bins.normalise(block);
                 }
-                let target = &mut out[raw_len + axis * spec.n_bins..][..spec.n_bins];
-                for (value, wide) in target.iter_mut().zip(&*block) {
-                    *value = T::of(*wide);
-                }
-                fit &= !spec.density || fits(target);
             }
         }
-        fit
     }
 }
 
 /// What is done while a block is filtered: the block before it is counted, one of those behind it asked for.
-struct Meanwhile<'a, S, const W: usize> {
+struct CountAndPrefetch<'a, S, const W: usize> {
     simd: S,
     counting: Counting<'a, W>,
     wrench: &'a [f64],
@@ -276,11 +298,11 @@ struct Meanwhile<'a, S, const W: usize> {
     next: Option<usize>,
 }
 
-impl<S: Simd, const W: usize> Beside for Meanwhile<'_, S, W> {
+impl<S: Simd, const W: usize> Overlap for CountAndPrefetch<'_, S, W> {
     #[inline(always)]
     fn work<const PART: usize, const PARTS: usize>(&mut self, row: usize) {
         if let (0, Some(next)) = (PART, self.next) {
-            prefetch(self.simd, self.wrench, self.n_samples, next, row);
+            prefetch_rows(self.simd, self.wrench, self.n_samples, next, row);
         }
         self.counting.work::<PART, PARTS>(row);
     }
@@ -288,8 +310,8 @@ impl<S: Simd, const W: usize> Beside for Meanwhile<'_, S, W> {
 
 /// Rows of the first block: as many as bring the writes of all later ones to the start of a cache line, where the
 /// sizes are multiples of one, as the paper's are.
-fn rows_to_cache_line<T>(out: &[T]) -> usize {
-    match out.as_ptr().align_offset(BLOCK * size_of::<T>()) {
+fn rows_to_cache_line(out: &[f64]) -> usize {
+    match out.as_ptr().align_offset(BLOCK * size_of::<f64>()) {
         rows @ 1..BLOCK => rows,
         _ => BLOCK,
     }
@@ -298,10 +320,10 @@ fn rows_to_cache_line<T>(out: &[T]) -> usize {
 /// Asks for a share of the samples of the block from sample `next` on: without it, the filter would wait for memory at the
 /// start of every block. Two rows for each recording of a team, three cache lines for each row.
 #[inline(always)]
-fn prefetch(simd: impl Simd, wrench: &[f64], n_samples: usize, next: usize, row: usize) {
+fn prefetch_rows(simd: impl Simd, wrench: &[f64], n_samples: usize, next: usize, row: usize) {
     let (recording, line) = (row / 2, 3 * (row % 2));
     let first = (recording * n_samples + next) * 6 + line * BLOCK;
     for k in 0..3 {
-        simd.will_read(wrench, first + k * BLOCK);
+        prefetch(simd, wrench, first + k * BLOCK);
     }
 }

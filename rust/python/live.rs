@@ -9,12 +9,10 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
-use self::rows::{flags_of_one, host_time, number_of_ticks, one_wrench, Rows};
-use crate::arguments::{count, flag, number, whole, word, OrRaise};
+use self::rows::{flags_of_one, number_of_ticks, one_wrench, Rows};
+use crate::arguments::{named, optional, word, OrRaise};
 use crate::arrays::contiguous_real;
-use granular_id::buffer::{
-    self, wrench_buffer, BufferSpec, DeviceClock, Fill, Pushed, Reader, Writer, MAX_AXES, MAX_REORDER_DEPTH,
-};
+use granular_id::buffer::{self, wrench_buffer, BufferSpec, DeviceClock, Fill, Pushed, Reader, Writer};
 
 pub(super) use reader::{PyBlock, PyWindow, PyWrenchReader, WindowError};
 
@@ -28,7 +26,7 @@ pub(super) use reader::{PyBlock, PyWindow, PyWrenchReader, WindowError};
 /// rate_hz : float, default 500
 ///     Nominal rate of the rows: gaps are counted in its periods.
 /// tick_hz : float, default 1e9
-///     Ticks per second of the device's clock; times are kept as whole ticks. Nanoseconds suit most; a sensor that counts
+///     Ticks per second of the device's clock; times are stored as whole ticks. Nanoseconds suit most; a sensor that counts
 ///     its own samples has the rate of those.
 /// reorder_depth : int, default 0
 ///     Rows that wait for a late one at most. With 0 nothing ever waits, and a row that comes after a later one is dropped
@@ -87,31 +85,20 @@ impl Input {
 #[pymethods]
 impl PyWrenchBuffer {
     #[new]
-    #[pyo3(
-        signature = (seconds=None, *, rate_hz=None, tick_hz=None, reorder_depth=None, n_axes=None),
-        text_signature = "(seconds=10.0, *, rate_hz=500.0, tick_hz=1e9, reorder_depth=0, n_axes=6)"
-    )]
+    #[pyo3(signature = (seconds=10.0, *, rate_hz=500.0, tick_hz=1e9, reorder_depth=0, n_axes=6))]
     fn new(
-        seconds: Option<&Bound<'_, PyAny>>,
-        rate_hz: Option<&Bound<'_, PyAny>>,
-        tick_hz: Option<&Bound<'_, PyAny>>,
-        reorder_depth: Option<&Bound<'_, PyAny>>,
-        n_axes: Option<&Bound<'_, PyAny>>,
+        #[pyo3(from_py_with = named::seconds)] seconds: f64,
+        #[pyo3(from_py_with = named::rate_hz)] rate_hz: f64,
+        #[pyo3(from_py_with = named::tick_hz)] tick_hz: f64,
+        #[pyo3(from_py_with = named::reorder_depth)] reorder_depth: usize,
+        #[pyo3(from_py_with = named::n_axes)] n_axes: usize,
     ) -> PyResult<Self> {
-        let mut spec = BufferSpec::default();
-        for (field, value, name) in [
-            (&mut spec.seconds, seconds, "seconds"),
-            (&mut spec.rate_hz, rate_hz, "rate_hz"),
-            (&mut spec.tick_hz, tick_hz, "tick_hz"),
-        ] {
-            *field = value.map_or(Ok(*field), |value| number(value, name))?;
-        }
-        if let Some(value) = reorder_depth {
-            spec.reorder_depth = whole(value, "reorder_depth", MAX_REORDER_DEPTH)?;
-        }
-        if let Some(value) = n_axes {
-            spec.n_axes = count(value, "n_axes", MAX_AXES)?;
-        }
+        let spec = BufferSpec::default()
+            .with_seconds(seconds)
+            .with_rate_hz(rate_hz)
+            .with_tick_hz(tick_hz)
+            .with_reorder_depth(reorder_depth)
+            .with_n_axes(n_axes);
         let (writer, reader) = wrench_buffer(spec).or_raise()?;
         let input = Input { writer: Some(writer), clock: DeviceClock::new(&spec) };
         Ok(Self { reader, input: Mutex::new(input) })
@@ -142,23 +129,18 @@ impl PyWrenchBuffer {
     ///     If an argument has the wrong type, shape or range.
     /// RuntimeError
     ///     If a sensor is writing.
-    #[pyo3(
-        signature = (wrench, t=None, *, flags=None, host_ns=None),
-        text_signature = "($self, wrench, t=None, *, flags=0, host_ns=None)"
-    )]
+    #[pyo3(signature = (wrench, t=None, *, flags=0, host_ns=None))]
     fn push(
         &self,
         wrench: &Bound<'_, PyAny>,
-        t: Option<&Bound<'_, PyAny>>,
-        flags: Option<&Bound<'_, PyAny>>,
-        host_ns: Option<&Bound<'_, PyAny>>,
+        #[pyo3(from_py_with = optional::t)] t: Option<f64>,
+        #[pyo3(from_py_with = flags_of_one)] flags: u8,
+        #[pyo3(from_py_with = optional::host_ns)] host_ns: Option<u64>,
     ) -> PyResult<bool> {
-        // Everything from Python is read before the lock is taken: it may run code that pushes too. The array comes last: that
-        // code could change it.
+        // Everything from Python is read before the lock is taken: it may run code that pushes too.
         let array = contiguous_real(wrench, "wrench")?;
-        let flags = flags.map_or(Ok(0), flags_of_one)?;
-        let host_ns = host_time(host_ns, "host_ns")?;
-        let ticks = t.map(|t| number_of_ticks(number(t, "t")?, self.tick_hz(), None)).transpose()?;
+        let host_ns = host_ns.unwrap_or_else(buffer::host_ns);
+        let ticks = t.map(|t| number_of_ticks(t, self.tick_hz(), None)).transpose()?;
         let array = one_wrench(&array, self.n_axes())?;
         let wrench = array.as_slice()?;
         let mut input = self.input();
@@ -252,25 +234,22 @@ impl PyWrenchBuffer {
     /// Raises
     /// ------
     /// WindowError
-    ///     A ValueError that says why there is no such window: too few rows, a longer gap, a new epoch, saturation.
+    ///     A ValueError with the reason why there is no such window: too few rows, a longer gap, a new epoch, saturation.
     /// TypeError, ValueError
     ///     If an argument has the wrong type or is out of range.
-    #[pyo3(
-        signature = (n, *, fill=None, max_gap=None, allow_saturated=None),
-        text_signature = "($self, n, *, fill='none', max_gap=0, allow_saturated=False)"
-    )]
+    #[pyo3(signature = (n, *, fill="none", max_gap=0, allow_saturated=false))]
     fn window(
         &self,
         py: Python<'_>,
-        n: &Bound<'_, PyAny>,
-        fill: Option<&Bound<'_, PyAny>>,
-        max_gap: Option<&Bound<'_, PyAny>>,
-        allow_saturated: Option<&Bound<'_, PyAny>>,
+        #[pyo3(from_py_with = named::n)] n: usize,
+        fill: &str,
+        #[pyo3(from_py_with = named::max_gap)] max_gap: u32,
+        allow_saturated: bool,
     ) -> PyResult<PyWindow> {
-        let spec = buffer::WindowSpec::whole(count(n, "n", self.reader.capacity())?)
-            .with_fill(fill.map_or(Ok(Fill::default()), |value| word(value, "fill", &Fill::NAMED))?)
-            .with_max_gap(max_gap.map_or(Ok(0), |value| whole(value, "max_gap", u32::MAX))?)
-            .with_allow_saturated(allow_saturated.map_or(Ok(false), |value| flag(value, "allow_saturated"))?);
+        let spec = buffer::WindowSpec::whole(n)
+            .with_fill(word(fill, "fill", &Fill::NAMED)?)
+            .with_max_gap(max_gap)
+            .with_allow_saturated(allow_saturated);
         let window = py.detach(|| self.reader.window(&spec)).or_raise()?;
         PyWindow::new(py, window, self.reader.spec())
     }
@@ -285,10 +264,9 @@ impl PyWrenchBuffer {
     /// Returns
     /// -------
     /// WrenchReader
-    #[pyo3(signature = (from_oldest=None), text_signature = "($self, from_oldest=False)")]
-    fn reader(&self, from_oldest: Option<&Bound<'_, PyAny>>) -> PyResult<PyWrenchReader> {
-        let from_oldest = from_oldest.map_or(Ok(false), |value| flag(value, "from_oldest"))?;
-        Ok(PyWrenchReader::new(if from_oldest { self.reader.from_oldest() } else { self.reader.from_now() }))
+    #[pyo3(signature = (from_oldest=false))]
+    fn reader(&self, from_oldest: bool) -> PyWrenchReader {
+        PyWrenchReader::new(if from_oldest { self.reader.from_oldest() } else { self.reader.from_now() })
     }
 
     /// Seconds since the newest row would have arrived without any delay; NaN before the first row.
@@ -296,14 +274,14 @@ impl PyWrenchBuffer {
     /// Device time is mapped to host time by the lower envelope of (host - device), so a delay on the way shows even while
     /// rows keep coming. Parameter ``now_ns``: a moment by ``host_ns()``, the present one by default.
     #[pyo3(signature = (now_ns=None))]
-    fn lag_s(&self, now_ns: Option<&Bound<'_, PyAny>>) -> PyResult<f64> {
-        Ok(self.reader.lag_ns(host_time(now_ns, "now_ns")?).map_or(f64::NAN, |lag_ns| lag_ns / 1e9))
+    fn lag_s(&self, #[pyo3(from_py_with = optional::now_ns)] now_ns: Option<u64>) -> f64 {
+        let now_ns = now_ns.unwrap_or_else(buffer::host_ns);
+        self.reader.lag_ns(now_ns).map_or(f64::NAN, |lag_ns| lag_ns / 1e9)
     }
 
     /// Device time in seconds at a moment by ``host_ns()``, in the newest epoch; NaN before the first row.
-    fn device_time_s(&self, host_ns: &Bound<'_, PyAny>) -> PyResult<f64> {
-        let ticks = self.reader.ticks_at(host_time(Some(host_ns), "host_ns")?);
-        Ok(ticks.map_or(f64::NAN, |ticks| ticks / self.reader.spec().tick_hz))
+    fn device_time_s(&self, #[pyo3(from_py_with = named::host_ns)] host_ns: u64) -> f64 {
+        self.reader.ticks_at(host_ns).map_or(f64::NAN, |ticks| ticks / self.reader.spec().tick_hz)
     }
 
     /// What happened to the rows so far: counts by name.

@@ -1,23 +1,22 @@
 //! What a model is made of, and whether the parts fit together.
 
-use std::fmt::Display;
-use std::ops::RangeInclusive;
-
 use super::decoding::Codes;
 use super::metadata::check_names;
-use super::novelty::Novelty;
+use super::novelty::{Novelty, NoveltyParts};
+use super::rules::Rules;
 use super::scores::Weights;
-use super::{json, Loss, Metadata, Model, ModelError};
-use crate::error::{brief, Error};
-use crate::features::{finite, not_finite};
-use crate::memory::{collected, filled};
+use super::tensor::Tensor;
+use super::{Loss, Metadata, Model, ModelError};
+use crate::error::{short_number, Error};
+use crate::features::{finite, not_finite, ranges_refused};
+use crate::memory::filled;
 use crate::multiband::{n_bands, MultiBand, MultiBandSpec, Scales};
 use crate::{BatchShape, Extractor, FeatureSpec};
 
 /// The largest number of classes.
 pub const MAX_CLASSES: usize = 1024;
 
-/// The largest number of samples per axis: half an hour at 500 Hz. A small file must not ask for a large window.
+/// The largest number of samples per axis: half an hour at 500 Hz. A small file must not lead to a large window.
 pub const MAX_WINDOW: usize = 1 << 20;
 
 /// The largest number of axes.
@@ -30,114 +29,8 @@ pub const MAX_BINS_IN_ALL: usize = 1 << 20;
 pub const MAX_MULTIBAND_AXES: usize = 32;
 
 /// The largest number of values of a recording of a multi-band model: nearly a minute and a half of six axes at 500 Hz. A
-/// design takes up to 150 bytes for each, however small the file that asks for it, and 650 more once it works.
+/// design takes up to 150 bytes for each, however small the file, and 650 more once it works.
 pub const MAX_MULTIBAND_VALUES: usize = 1 << 18;
-
-/// Numbers with a shape, the last index fastest. Borrowed: models are large, and what is checked is copied once.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Tensor<'a> {
-    shape: Vec<usize>,
-    values: Values<'a>,
-}
-
-#[derive(Clone, Debug, PartialEq)]
-enum Values<'a> {
-    Numbers(&'a [f64]),
-    /// Little-endian float64 at any address.
-    Doubles(&'a [[u8; 8]]),
-    /// Little-endian float32 at any address.
-    Singles(&'a [[u8; 4]]),
-}
-
-impl<'a> Tensor<'a> {
-    /// Numbers of a shape; whether both fit is checked with the model.
-    #[must_use]
-    pub fn new(shape: Vec<usize>, values: &'a [f64]) -> Self {
-        Self { shape, values: Values::Numbers(values) }
-    }
-
-    pub(super) fn of_doubles(shape: Vec<usize>, bytes: &'a [u8]) -> Self {
-        Self { shape, values: Values::Doubles(bytes.as_chunks().0) }
-    }
-
-    pub(super) fn of_singles(shape: Vec<usize>, bytes: &'a [u8]) -> Self {
-        Self { shape, values: Values::Singles(bytes.as_chunks().0) }
-    }
-
-    /// The shape.
-    #[must_use]
-    pub fn shape(&self) -> &[usize] {
-        &self.shape
-    }
-
-    /// The number of values, whatever the shape says.
-    fn len(&self) -> usize {
-        match self.values {
-            Values::Numbers(numbers) => numbers.len(),
-            Values::Doubles(bytes) => bytes.len(),
-            Values::Singles(bytes) => bytes.len(),
-        }
-    }
-
-    /// A value by its place; NaN where there is none.
-    #[inline]
-    pub(super) fn at(&self, index: usize) -> f64 {
-        match self.values {
-            Values::Numbers(numbers) => numbers.get(index).copied(),
-            Values::Doubles(bytes) => bytes.get(index).map(|bytes| f64::from_le_bytes(*bytes)),
-            Values::Singles(bytes) => bytes.get(index).map(|bytes| f32::from_le_bytes(*bytes).into()),
-        }
-        .unwrap_or(f64::NAN)
-    }
-
-    /// A value by its place, unless it is NaN or infinite.
-    #[inline]
-    pub(super) fn finite(&self, name: &str, index: usize) -> Result<f64, ModelError> {
-        let value = self.at(index);
-        if value.is_finite() {
-            return Ok(value);
-        }
-        let (mut left, mut place) = (index, self.shape.clone());
-        for size in place.iter_mut().rev() {
-            let n = (*size).max(1);
-            (*size, left) = (left % n, left / n);
-        }
-        Err(ModelError::must_be(format!("{name}{place:?}"), "finite", value))
-    }
-
-    fn to_vec(&self) -> Result<Vec<f64>, Error> {
-        collected((0..self.len()).map(|index| self.at(index)))
-    }
-
-    fn to_pairs(&self) -> Result<Vec<[f64; 2]>, Error> {
-        collected((0..self.len() / 2).map(|row| [self.at(2 * row), self.at(2 * row + 1)]))
-    }
-
-    pub(super) fn check_shape(
-        &self,
-        name: &str,
-        shape: &[usize],
-        wanted: impl Display,
-    ) -> Result<(), ModelError> {
-        let len = shape.iter().try_fold(1_usize, |len, size| len.checked_mul(*size));
-        if self.shape == shape && len == Some(self.len()) {
-            return Ok(());
-        }
-        Err(ModelError::part(name, format!("must have shape {wanted}, got {:?}", self.shape)))
-    }
-
-    fn check_finite(&self, name: &str) -> Result<(), ModelError> {
-        (0..self.len()).try_for_each(|index| self.finite(name, index).map(drop))
-    }
-
-    fn check_positive(&self, name: &str) -> Result<(), ModelError> {
-        self.check_finite(name)?;
-        match (0..self.len()).map(|index| self.at(index)).find(|value| *value <= 0.0) {
-            None => Ok(()),
-            Some(got) => Err(ModelError::must_be(name, "positive", got)),
-        }
-    }
-}
 
 /// The parts of a [`Model`]: L learners, D features, K classes. Made by [`ModelParts::new`]; then each can be set.
 #[derive(Clone, Debug)]
@@ -171,23 +64,12 @@ pub struct ModelParts<'a> {
     pub metadata: Metadata,
 }
 
-/// What the novelty of a recording is computed with: R directions, numbers rounded to float32.
-#[derive(Clone, Debug)]
-pub struct NoveltyParts<'a> {
-    /// Centre and factor of each feature (2, D): a scaled feature is `(x - centre) * factor`.
-    pub scaling: Tensor<'a>,
-    /// Directions of scaled features that tell classes apart (R, D).
-    pub directions: Tensor<'a>,
-    /// Mean scaled features of each class (K, D).
-    pub means: Tensor<'a>,
-}
-
 /// What is extracted from a recording, not checked yet.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum Features<'a> {
     /// Samples and histograms: scores add up sample by sample.
-    Additive(FeatureSpec),
+    Paper(FeatureSpec),
     /// Multi-band features.
     MultiBand {
         /// Which blocks, and the rate.
@@ -201,7 +83,7 @@ pub enum Features<'a> {
 
 impl From<FeatureSpec> for Features<'_> {
     fn from(spec: FeatureSpec) -> Self {
-        Self::Additive(spec)
+        Self::Paper(spec)
     }
 }
 
@@ -213,9 +95,9 @@ impl Model {
     pub fn new(parts: ModelParts<'_>) -> Result<Self, ModelError> {
         let ModelParts { n_samples, n_axes, ref coef, ref intercept, ref coding_matrix, .. } = parts;
         let (n_classes, n_learners) = (parts.classes.len(), intercept.len());
-        in_range("n_samples", n_samples, 1..=MAX_WINDOW)?;
-        in_range("n_axes", n_axes, 1..=MAX_AXES)?;
-        in_range("classes", n_classes, 2..=MAX_CLASSES)?;
+        ModelError::check_range("n_samples", n_samples, 1..=MAX_WINDOW)?;
+        ModelError::check_range("n_axes", n_axes, 1..=MAX_AXES)?;
+        ModelError::check_range("classes", n_classes, 2..=MAX_CLASSES)?;
         let extraction = parts.features.checked(n_samples, n_axes)?;
         let (n_raw, n_features) = extraction.n_features(n_samples, n_axes)?;
         intercept.check_shape("intercept", &[n_learners.max(1)], "(L,), one per learner")?;
@@ -228,7 +110,7 @@ impl Model {
         check_names("classes", &parts.classes)?;
         parts.metadata.check(n_axes)?;
         let codes = Codes::new(coding_matrix, n_classes, n_learners)?;
-        let rules = json::read_rules(&parts.metadata.trained, &parts.classes)?;
+        let rules = Rules::read(&parts.metadata.trained, &parts.classes)?;
         parts.check_optional(n_raw)?;
         if rules.refuse_unknown() != parts.novelty.is_some() {
             return Err(ModelError::part(
@@ -291,7 +173,7 @@ impl<'a> ModelParts<'a> {
     fn check_optional(&self, n_raw: usize) -> Result<(), ModelError> {
         if let Some(mean) = &self.raw_mean {
             if n_raw == 0 {
-                return Err(no_use("raw_mean", "raw features"));
+                return Err(ModelError::no_use("raw_mean", "raw features"));
             }
             mean.check_shape("raw_mean", &[n_raw], format_args!("({n_raw},), n_axes * n_samples"))?;
             mean.check_finite("raw_mean")?;
@@ -310,7 +192,7 @@ impl<'a> ModelParts<'a> {
         for row in 0..rows {
             let (seen, margin) = (early.at(2 * row), early.at(2 * row + 1));
             if !(seen > before && seen <= n_samples as f64 && seen.fract() == 0.0 && margin >= 0.0) {
-                let (seen, margin) = (brief(seen), brief(margin));
+                let (seen, margin) = (short_number(seen), short_number(margin));
                 let problem = format!("must be (samples seen, margin): whole, rising, from 1 to {n_samples}; at least 0. Got ({seen}, {margin})");
                 return Err(ModelError::part(format!("early[{row}]"), problem));
             }
@@ -320,27 +202,12 @@ impl<'a> ModelParts<'a> {
     }
 }
 
-fn in_range(what: &str, got: usize, range: RangeInclusive<usize>) -> Result<(), ModelError> {
-    if range.contains(&got) {
-        return Ok(());
-    }
-    Err(ModelError::must_be(what, format_args!("from {} to {}", range.start(), range.end()), got))
-}
-
-pub(super) fn missing_tensor(name: &str) -> ModelError {
-    ModelError::part(format!("tensor '{name}'"), "is missing")
-}
-
-pub(super) fn no_use(what: &str, without: &str) -> ModelError {
-    ModelError::part(what, format!("is of no use without {without}"))
-}
-
 /// What is extracted from a recording, checked and ready.
 #[allow(clippy::large_enum_variant)] // a model has one
 #[derive(Clone, Debug)]
 pub enum Extraction {
     /// Samples as they are, and what counts them.
-    Additive {
+    Paper {
         /// What extracts all of them.
         extractor: Extractor,
         /// The extractor without the raw block; `None` where there is nothing to count.
@@ -354,9 +221,7 @@ impl PartialEq for Extraction {
     /// The same features, bit for bit.
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
-            (Self::Additive { extractor: a, .. }, Self::Additive { extractor: b, .. }) => {
-                a.spec() == b.spec()
-            }
+            (Self::Paper { extractor: a, .. }, Self::Paper { extractor: b, .. }) => a.spec() == b.spec(),
             (Self::MultiBand(a), Self::MultiBand(b)) => (a.spec(), a.scales()) == (b.spec(), b.scales()),
             _ => false,
         }
@@ -364,32 +229,36 @@ impl PartialEq for Extraction {
 }
 
 impl Features<'_> {
-    /// What extracts them, after a look at sizes that a small file must not ask for.
+    /// The extractor of these features, once its size is checked.
     fn checked(&self, n_samples: usize, n_axes: usize) -> Result<Extraction, ModelError> {
         match self {
-            Self::Additive(spec) => {
+            Self::Paper(spec) => {
                 let ranges = spec.bin_ranges.len();
                 if ranges != 1 && ranges != n_axes {
-                    return Err(Error::RangeCount { ranges, axes: n_axes }.into());
+                    return Err(ranges_refused(ranges, n_axes).into());
                 }
                 let n_bins = spec.n_bins.saturating_mul(ranges);
-                in_range("n_bins of all axes together", n_bins, 1..=MAX_BINS_IN_ALL)?;
+                ModelError::check_range("n_bins of all axes together", n_bins, 1..=MAX_BINS_IN_ALL)?;
                 let extractor = Extractor::new(spec.clone())?;
                 let histograms = spec.hfmh.then(|| extractor.without_raw());
-                Ok(Extraction::Additive { extractor, histograms })
+                Ok(Extraction::Paper { extractor, histograms })
             }
             Self::MultiBand { spec, band_scales, level_scales } => {
-                in_range("n_axes of multi-band features", n_axes, 1..=MAX_MULTIBAND_AXES)?;
+                ModelError::check_range("n_axes of multi-band features", n_axes, 1..=MAX_MULTIBAND_AXES)?;
                 let values = n_samples.saturating_mul(n_axes);
-                in_range("values of a recording of multi-band features", values, 1..=MAX_MULTIBAND_VALUES)?;
+                ModelError::check_range(
+                    "values of a recording of multi-band features",
+                    values,
+                    1..=MAX_MULTIBAND_VALUES,
+                )?;
                 let bands = n_bands(n_samples);
                 let wanted =
                     format_args!("({bands}, {n_axes}), one per band of {n_samples} samples and axis");
                 band_scales.check_shape("band_scales", &[bands, n_axes], wanted)?;
                 band_scales.check_positive("band_scales")?;
                 let level = match (spec.level, level_scales) {
-                    (true, None) => return Err(missing_tensor("level_scales")),
-                    (false, Some(_)) => return Err(no_use("level_scales", "the block 'level'")),
+                    (true, None) => return Err(ModelError::missing_tensor("level_scales")),
+                    (false, Some(_)) => return Err(ModelError::no_use("level_scales", "the block 'level'")),
                     (false, None) => filled(1.0, n_axes)?,
                     (true, Some(levels)) => {
                         let wanted = format_args!("({n_axes},), one per axis");
@@ -409,7 +278,7 @@ impl Extraction {
     /// Number of raw features and of all features of a recording.
     fn n_features(&self, n_samples: usize, n_axes: usize) -> Result<(usize, usize), Error> {
         match self {
-            Self::Additive { extractor, .. } => {
+            Self::Paper { extractor, .. } => {
                 let n_raw = if extractor.spec().raw { n_samples * n_axes } else { 0 };
                 Ok((n_raw, extractor.n_features(n_samples, n_axes)?))
             }
@@ -422,7 +291,7 @@ impl Extraction {
         let BatchShape { n_recordings, n_samples, n_axes } = shape;
         let expected = n_recordings.saturating_mul(shape.recording_len());
         match self {
-            Self::Additive { extractor, .. } => extractor.check(wrench, shape).map(drop),
+            Self::Paper { extractor, .. } => extractor.check(wrench, shape).map(drop),
             Self::MultiBand(_) if n_recordings == 0 => {
                 Err(Error::Empty { what: "wrench", shape: vec![n_recordings, n_samples, n_axes] })
             }
@@ -436,14 +305,14 @@ impl Extraction {
     /// All features but raw ones, recording by recording; none where there are no others.
     pub(super) fn extract(&self, wrench: &[f64], shape: BatchShape) -> Result<Vec<f64>, Error> {
         match self {
-            Self::Additive { histograms: Some(histograms), .. } => histograms.extract(wrench, shape, 1),
+            Self::Paper { histograms: Some(histograms), .. } => histograms.extract(wrench, shape, 1),
             Self::MultiBand(multiband) => {
                 let mut out = filled(0.0, shape.n_recordings.saturating_mul(multiband.n_features()))?;
                 multiband.extract_batch(wrench, shape, 1, &mut out)?;
                 Ok(out)
             }
-            Self::Additive { .. } if finite(wrench) => Ok(Vec::new()),
-            Self::Additive { .. } => Err(not_finite(wrench, shape)),
+            Self::Paper { .. } if finite(wrench) => Ok(Vec::new()),
+            Self::Paper { .. } => Err(not_finite(wrench, shape)),
         }
     }
 }

@@ -7,16 +7,16 @@ use numpy::{
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
-use crate::arguments::{shown, whole, GranularIdError, OrRaise};
+use crate::arguments::{named, shown, whole, GranularIdError, OrRaise};
 use crate::arrays::{contiguous_real, readable, wrong_shape};
-use granular_id::bindings::{brief, collected, reserved};
+use granular_id::bindings::{reserved, short_number};
 use granular_id::buffer::{self, BufferSpec};
 use granular_id::wrench::KNOWN_FLAGS;
 
 /// Ticks that a time may reach.
 const MOST_TICKS: f64 = (1_u64 << 63) as f64;
 
-/// One row before its time is settled.
+/// One row whose time may still be missing.
 pub(super) struct GivenRow<'a> {
     pub(super) wrench: &'a [f64],
     pub(super) ticks: Option<u64>,
@@ -66,7 +66,8 @@ impl<'py> Rows<'py> {
         let flags = flags.map_or(Ok(Each::All(0)), |flags| flags_of_rows(flags, n_rows))?;
         let host_ns = match host_ns {
             Some(value) if is_one_per_row(value)? => Each::Row(host_times(value, n_rows)?),
-            one => Each::All(host_time(one, "host_ns")?),
+            Some(one) => Each::All(named::host_ns(one)?),
+            None => Each::All(buffer::host_ns()),
         };
         let wrench = readable(&wrench, "wrench")?;
         check_length(&wrench.shape()[..1], n_rows, "wrench")?;
@@ -106,7 +107,10 @@ pub(super) fn number_of_ticks(t: f64, tick_hz: f64, row: Option<usize>) -> PyRes
     }
     let place = row.map_or_else(String::new, |row| format!(" at row {row}"));
     let most = MOST_TICKS / tick_hz;
-    Err(GranularIdError::new_err(format!("t must be from 0 to {most:e} seconds, got {}{place}", brief(t))))
+    Err(GranularIdError::new_err(format!(
+        "t must be from 0 to {most:e} seconds, got {}{place}",
+        short_number(t)
+    )))
 }
 
 fn times(t: &Bound<'_, PyAny>, n_rows: usize, tick_hz: f64) -> PyResult<Vec<u64>> {
@@ -126,11 +130,6 @@ fn checked<T>(n_rows: usize, values: impl Iterator<Item = PyResult<T>>) -> PyRes
     Ok(all)
 }
 
-/// Arrival of one row; now where none is given.
-pub(super) fn host_time(value: Option<&Bound<'_, PyAny>>, name: &str) -> PyResult<u64> {
-    value.map_or_else(|| Ok(buffer::host_ns()), |value| whole(value, name, u64::MAX))
-}
-
 /// Arrivals of many rows: integers stay exact, as float64 would not keep them.
 fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
     let py = value.py();
@@ -141,23 +140,22 @@ fn host_times(value: &Bound<'_, PyAny>, n_rows: usize) -> PyResult<Vec<u64>> {
         return Err(PyTypeError::new_err(format!("host_ns must hold integers, got dtype {dtype}")));
     }
     check_length(untyped.shape(), n_rows, "host_ns")?;
-    if untyped.dtype().kind() != b'i' {
-        let whole: PyReadonlyArray1<'_, u64> = array.call_method1("astype", ("uint64",))?.extract()?;
-        return collected(whole.as_array().iter().copied()).or_raise();
-    }
-    let signed: PyReadonlyArray1<'_, i64> = array.call_method1("astype", ("int64",))?.extract()?;
-    let place = |(row, value): (usize, &i64)| {
-        u64::try_from(*value).map_err(|_| {
-            GranularIdError::new_err(format!("host_ns must not be negative, got {value} at row {row}"))
-        })
+    let is_signed = untyped.dtype().kind() == b'i';
+    // Unsigned ones beyond the range wrap around, and back again.
+    let times: PyReadonlyArray1<'_, i64> = array.call_method1("astype", ("int64",))?.extract()?;
+    let unsigned = |(row, time): (usize, &i64)| {
+        if is_signed && *time < 0 {
+            let message = format!("host_ns must not be negative, got {time} at row {row}");
+            return Err(GranularIdError::new_err(message));
+        }
+        Ok(time.cast_unsigned())
     };
-    let signed = signed.as_array();
-    checked(n_rows, signed.iter().enumerate().map(place))
+    checked(n_rows, times.as_array().iter().enumerate().map(unsigned))
 }
 
 /// The flags of one row.
 pub(super) fn flags_of_one(value: &Bound<'_, PyAny>) -> PyResult<u8> {
-    let flags = whole(value, "flags", u8::MAX)?;
+    let flags = whole(value, "flags")?;
     if flags & !KNOWN_FLAGS != 0 {
         return Err(GranularIdError::new_err(format!(
             "flags must be made of the bits of SampleFlag, from 0 to {KNOWN_FLAGS}, got {}",

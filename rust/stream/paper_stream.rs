@@ -10,7 +10,7 @@ use crate::Extractor;
 
 /// Sums over the samples so far, and what the rest is expected to add.
 #[derive(Clone, Debug)]
-pub(super) struct AdditiveStream {
+pub(super) struct PaperStream {
     pub(super) stream: StreamingExtractor,
     /// Row `t`: what samples from `t` on add if they are the mean of the training recordings. Empty without a mean.
     expected: Vec<f64>,
@@ -25,7 +25,7 @@ pub(super) struct AdditiveStream {
     sums: Vec<f64>,
 }
 
-impl AdditiveStream {
+impl PaperStream {
     pub(super) fn new(model: &Model, extractor: &Extractor, windows: Windows) -> Result<Self> {
         let lanes = model.lanes();
         Ok(Self {
@@ -50,8 +50,8 @@ impl AdditiveStream {
     }
 
     /// Adds up the samples that windows share once more, in their new places.
-    pub(super) fn advance(&mut self, model: &Model) -> Result<()> {
-        self.stream.advance()?;
+    pub(super) fn next_window(&mut self, model: &Model) -> Result<()> {
+        self.stream.next_window()?;
         self.raw.fill(0.0);
         self.novelty[0].fill(0.0);
         let mut row = std::mem::take(&mut self.row);

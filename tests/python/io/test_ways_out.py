@@ -1,0 +1,194 @@
+"""Each refusal of a text table names what reads it: what is printed is followed, and gives the samples."""
+
+import shlex
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from granular_id.io import load
+from remedies import lines_of, options_of, refusal, run
+
+AXES = ["fx", "fy", "fz", "tx", "ty", "tz"]
+W = np.round(np.random.default_rng(11).normal(size=(60, 6)), 4)
+POUND, INCH_POUND = 4.4482216152605, 0.1129848290276167
+RATE = 500
+
+
+def table(wrench=W, names=("time", *AXES), scale=1.0, **columns):
+    frame = pd.DataFrame(
+        {names[0]: np.arange(len(wrench)) / RATE, **dict(zip(names[1:], (wrench * scale).T, strict=True))}
+    )
+    return frame.assign(**columns)
+
+
+def lines(frame):
+    return frame.to_csv(index=False, float_format="%.10f").splitlines()
+
+
+def named(time, force, torque):
+    return [time, *(kind.format(axis) for kind in (force, torque) for axis in "xyz")]
+
+
+def with_cell(row, column, value):
+    frame = table().astype(object)
+    frame.loc[row, column] = value
+    return lines(frame)
+
+
+def with_line_2(line, text):
+    return [text[0], line, *text[1:]]
+
+
+def labview(comma="."):
+    numbers = [[i / RATE, *row] for i, row in enumerate(W)]
+    head = [
+        "LabVIEW Measurement",
+        "Separator\tTab",
+        "***End_of_Header***",
+        "",
+        "Channels\t6",
+        "***End_of_Header***",
+    ]
+    rows = ["\t".join(f"{value:.4f}".replace(".", comma) for value in row) for row in numbers]
+    return [*head, "X_Value\tFx\tFy\tFz\tTx\tTy\tTz\tComment", *rows]
+
+
+def labview_again():
+    whole = labview()
+    return [*whole[:30], *whole[3:7], *whole[30:]]
+
+
+def maker(torques="in-lb", scale=1 / INCH_POUND):
+    above = ["Start Time: 3/4/25 2:03 PM", "Force Units: N", f"Torque Units: {torques}"]
+    rows = [
+        ",".join(
+            f'"{cell}"'
+            for cell in [
+                "0x0",
+                *np.round(row * [1, 1, 1, *[scale] * 3], 8),
+                f"Mar 4, 2025 2:03:1{i // 60} PM",
+            ]
+        )
+        for i, row in enumerate(W)
+    ]
+    return [*above, "Status, Fx, Fy, Fz, Tx, Ty, Tz, Time", *rows]
+
+
+IN_POUNDS = [1 / POUND] * 3 + [1 / INCH_POUND] * 3
+SAID = {"UNITS": "'lbf,in-lb'"}
+CASES = {
+    # what is in the file, samples that are lost, what a placeholder stands for
+    "LabVIEW": (labview(), [], {}),
+    "LabVIEW with commas": (labview(","), [], {}),
+    "LabVIEW with headers in the middle": (labview_again(), [], {}),
+    "a maker's export": (maker(), [], {}),
+    "names again in the middle": ([*lines(table())[:30], ",".join(["time", *AXES]), *lines(table())[30:]], [], {}),
+    "a title above": (["Rig 3, gain 2", *lines(table())], [], {}),
+    "a cell of text": (with_cell(7, "fz", "OVERLOAD"), [7], {}),
+    "a cell that is empty": (with_cell(7, "fz", np.nan), [7], {}),
+    "a cell of inf": (with_cell(7, "fz", "inf"), [7], {}),
+    "rows of a text": (with_cell(7, AXES, "ERR"), [7], {}),
+    "pounds below the names": (with_line_2("s,lb,lb,lb,in-lb,in-lb,in-lb", lines(table(scale=IN_POUNDS))), [], SAID),
+    "pounds in the names": (lines(table(names=named("t [s]", "F{} [lb]", "M{} [in-lb]"), scale=IN_POUNDS)), [], SAID),
+    "names of another language": (lines(table(names=named("Zeit [s]", "Kraft {} [N]", "Dreh {} [N m]"))), [], {}),
+    "no names": (lines(table())[1:], [], {}),
+    "packets of four": (lines(table(time=np.arange(60) // 4 * 4 / RATE)), [], {}),
+    "no clock": (lines(table()[AXES]), [], {}),
+    "days of Excel": (lines(table(time=45600 + np.arange(60) / RATE / 86400)), [], {}),
+    "more cells than names": ([lines(table())[0], *(f"{line},5,pm" for line in lines(table())[1:])], [], {}),
+    "axes in rows": (lines(table().melt(id_vars="time", var_name="axis")), [], {}),
+}  # fmt: skip
+
+
+def ways(path, placeholders):
+    """Yield what each way out gives, followed until nothing is refused, and how often something was."""
+    waiting = [({}, 1)]
+    for options, n in waiting:
+        problem = refusal(path, **options)
+        yield from ((run(line, RATE), n) for line in lines_of(problem) if line)
+        for name, value in placeholders.items():
+            problem = problem.replace(f"{name.lower()}= with", f"{name.lower()}={value} with")
+        for way in options_of(problem):
+            csv = {**options.get("csv", {}), **way.get("csv", {})}
+            merged = {**options, **way, **({"csv": csv} if csv else {})}
+            try:
+                yield load(path, **merged), n
+            except ValueError:
+                waiting.append((merged, n + 1))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_a_refusal_prints_reads_the_file(tmp_path, case):
+    text, lost, placeholders = CASES[case]
+    path = tmp_path / "rice" / "push_1.txt"
+    path.parent.mkdir()
+    path.write_text("\n".join([*text, ""]))
+    for data, n in ways(tmp_path, placeholders):
+        wanted = np.delete(W, lost, axis=0)
+        if [one.label for one in data] == ["rice"] and data[0].wrench.shape == wanted.shape:
+            np.testing.assert_allclose(data[0].wrench, wanted, atol=1e-6)
+            assert n == 1
+            return
+    pytest.fail("no way out reads the file")
+
+
+LONG = {
+    "push number and material": {"push": lambda i, name: i, "stuff": lambda i, name: name},
+    "runs counted anew": {"run": lambda i, name: i // 2, "material": lambda i, name: name},
+    "nothing but the material": {"material": lambda i, name: name},
+    "names of files": {"file": lambda i, name: f"{name}_{i}.csv"},
+}
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+@pytest.mark.parametrize("case", LONG)
+def test_what_a_long_table_prints_tells_recordings_apart(tmp_path, case, ending):
+    labels = ["rice", "peas"] * 2
+    parts = [
+        table(W + i).assign(**{key: value(i, name) for key, value in LONG[case].items()})
+        for i, name in enumerate(labels)
+    ]
+    whole = pd.concat(parts, ignore_index=True)
+    path = tmp_path / f"all.{ending}"
+    whole.to_csv(path, index=False) if ending == "csv" else whole.to_parquet(path)
+    data, n = next(ways(path, {}))
+    assert (data.y.tolist(), n) == (labels, 1)
+    np.testing.assert_allclose(data.X, [W + i for i in range(4)], atol=1e-9)
+
+
+def test_all_that_an_export_in_two_levels_wants_is_said_at_once(tmp_path):
+    for name in ("rice", "peas"):
+        path = tmp_path / name / "day 1" / "push_1.csv"
+        path.parent.mkdir(parents=True)
+        path.write_text("\n".join([*maker("N-mm", 1000), ""]))
+    problem = refusal(tmp_path)
+    in_all = [
+        clause.partition("(")[2].rstrip(")")
+        for clause in problem.partition("; in all pass ")[2].split(" or ")
+    ]
+    assert [shlex.split(one) for one in in_all] == [
+        ["--csv", "skiprows=3", "--recorded-hz", "RATE", "--label", label, "--session", session]
+        for label, session in (("folder", "parent"), ("parent", "folder"))
+    ]
+    data = load(tmp_path, csv={"skiprows": 3}, rate_hz=RATE, label="parent", session="folder")
+    assert (data.labels, data.X.shape) == (("peas", "rice"), (2, 60, 6))
+
+
+@pytest.mark.parametrize("names", ["rice/1 rice/2 peas/wet/1", "lab/rice/a/1 lab/peas/b/1"])
+def test_an_index_is_written_where_the_first_folder_is_the_material(tmp_path, names):
+    for name in names.split():
+        path = tmp_path / f"{name}.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        table().to_csv(path, index=False)
+    data = run(*lines_of(refusal(tmp_path)))
+    assert sorted(data.y) == sorted(name.partition("/")[0] for name in names.split())
+
+
+def test_workbooks_have_the_line_of_pandas(tmp_path, monkeypatch):
+    monkeypatch.setattr(pd, "read_excel", pd.read_csv)
+    for name in ("rice", "peas"):
+        (tmp_path / name).mkdir()
+        table().to_csv(tmp_path / name / "1.xlsx", index=False)
+    data = run(*lines_of(refusal(tmp_path)))
+    assert (data.labels, data.rate_hz) == (("peas", "rice"), RATE)

@@ -1,0 +1,121 @@
+"""No two files of the Rust core import each other, not even by way of others: read from their ``use`` lines.
+
+A folder's own file may use what lies in it, and what lies in it may use that file; a name that a file passes on
+(``pub use``) counts for the file it comes from.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    Module = tuple[str, ...]
+
+RUST = Path(__file__).parents[2] / "rust"
+
+USE = re.compile(r"^\s*(pub(?:\([a-z ]+\))? )?use ([^;]+);", re.MULTILINE)
+TESTS = re.compile(r"\n#\[cfg\(.*\btest\b.*\)\]\nmod ")
+
+# Known ones, to be taken off as they end.
+KNOWN = [
+    ["batch_kernel", "features"],
+    ["kernel::count", "kernel::filter", "kernel::simd", "kernel::x86"],
+]
+
+
+def paths(tree: str, before: Module = ()) -> Iterator[Module]:
+    """Yield each name of a use tree: ``a::{b, c::d}`` has a::b and a::c::d."""
+    tree = tree.strip()
+    group = re.fullmatch(r"((?:\w+::)*)\{(.*)\}", tree, re.DOTALL)
+    if not group:
+        yield (*before, *re.sub(r"\s+as\s+\w+$", "", tree).split("::"))
+        return
+    before = (*before, *(name for name in group[1].split("::") if name))
+    depth, start = 0, 0
+    inner = group[2] + ","
+    for place, character in enumerate(inner):
+        depth += {"{": 1, "}": -1}.get(character, 0)
+        if character == "," and depth == 0:
+            if inner[start:place].strip():
+                yield from paths(inner[start:place], before)
+            start = place + 1
+
+
+def imports(sources: Mapping[Module, str]) -> dict[Module, set[Module]]:
+    """Which modules each one uses, beside those inside it."""
+    used: dict[Module, set[Module]] = {module: set() for module in sources}
+    passed_on: dict[Module, Module] = {}
+    for module, text in sources.items():
+        code = TESTS.split(re.sub(r"//.*", "", text))[0]
+        for is_public, tree in USE.findall(code):
+            for path in paths(tree):
+                if path[0] == "crate":
+                    full = path[1:]
+                elif path[0] == "super":
+                    n_up = len(path) - len([name for name in path if name != "super"])
+                    full = module[: len(module) - n_up] + path[n_up:]
+                elif (*module, path[0]) in sources:
+                    full = module + path
+                else:
+                    continue
+                used[module].add(full)
+                if is_public:
+                    passed_on[(*module, full[-1])] = full
+
+    def defined_in(path: Module) -> Module:
+        while path not in sources:
+            parent = max((path[:n] for n in range(len(path)) if path[:n] in sources), key=len)
+            name = path[: len(parent) + 1]
+            if passed_on.get(name, path) == path:
+                return parent
+            path = passed_on[name] + path[len(name) :]
+        return path
+
+    targets = {module: {defined_in(path) for path in found} for module, found in used.items()}
+    return {module: {to for to in found if to[: len(module)] != module} for module, found in targets.items()}
+
+
+def circles(edges: Mapping[Module, set[Module]]) -> list[list[str]]:
+    """Sets of modules that reach each other, by name."""
+
+    def reached(start: Module) -> set[Module]:
+        found, waiting = set(), [start]
+        while waiting:
+            new = edges[waiting.pop()] - found
+            found |= new
+            waiting += new
+        return found
+
+    reach = {module: reached(module) for module in edges}
+    groups = {frozenset(b for b in reach[a] if a in reach[b]) for a in edges}
+    return sorted(sorted("::".join(module) for module in group) for group in groups if len(group) > 1)
+
+
+def sources(folder: Path) -> dict[Module, str]:
+    files = {path.relative_to(folder).with_suffix("").parts: path for path in folder.rglob("*.rs")}
+    return {
+        parts[:-1] if parts[-1] in {"lib", "mod"} else parts: path.read_text(encoding="utf-8")
+        for parts, path in files.items()
+        if folder.name == "python" or parts[0] != "python"
+    }
+
+
+@pytest.mark.parametrize(("folder", "known"), [(RUST, KNOWN), (RUST / "python", [])], ids=["core", "binding"])
+def test_no_files_of_rust_import_each_other(folder, known):
+    assert circles(imports(sources(folder))) == known
+
+
+def test_a_circle_by_way_of_a_folder_is_found():
+    files = {
+        (): "mod a;\nmod b;\npub use a::A;",
+        ("a",): "use crate::b::inner::{self, B};",
+        ("b",): "pub use inner::B;",
+        ("b", "inner"): "use crate::A as Other;\n// use super::nothing;",
+    }
+    assert circles(imports(files)) == [["a", "b::inner"]]
