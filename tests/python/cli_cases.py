@@ -78,7 +78,7 @@ def refused(*words):
     assert result.exit_code == 2, result.output
     assert isinstance(result.exception, SystemExit), result.exception
     lines = result.stderr[result.stderr.index("error:") :].splitlines()
-    assert all(len(line) <= 80 or len(line.split()) == 1 for line in lines), lines
+    assert all(len(line) <= 80 or len(line.removesuffix("\\").split()) == 1 for line in lines), lines
     return " ".join(line.strip().removesuffix(" \\") for line in lines)
 
 

@@ -300,7 +300,7 @@ def _units(columns: Columns, head: _Head, options: LoadOptions) -> tuple[dict[st
     for i, line in enumerate(head.above, 1):
         some = _SOME_UNITS.fullmatch(line.strip()) if silent else None
         if some is not None and any(map(is_unit, re.findall(r"[^\s,;/\"':=]+", some[1]))):
-            problem = f"states units for all axes together ({line.strip()[:60]!r}); pass units= with these"
+            problem = f"states units for all axes together ({line.strip()[:60]!r}); pass units= with these (--units UNITS)"
             raise RecordingFileError(head.path, problem, line=i)
     of_axes = [texts[name] for name in named if name in texts]
     other = next((text for text in texts.values() if not is_unit(text)), None)
@@ -435,7 +435,7 @@ def _axes_given(pandas: Any, head: _Head) -> str:
     ]
     short = [meaning_of(name).base for name in numbers]
     names = numbers if len(set(short)) < len(short) else short
-    return f"; for other axes pass axes={','.join(names)!r}" if names else ""
+    return f"; for other axes pass {in_both(axes=','.join(names))}" if names else ""
 
 
 def _is_number(name: str) -> bool:

@@ -149,7 +149,8 @@ def test_unknown_labels_and_flagged_samples_are_told(model, tmp_path):
 @pytest.mark.parametrize(("marked", "start"), [(True, 25), (False, 0)])
 def test_longer_recordings_begin_as_in_training(fresh, tmp_path, marked, start):
     data, file = fresh
-    cropped = make().align(50, trigger=[10] * 30, lead_s=0.04) if marked else make().align(50)
+    begun = Dataset([replace(r, trigger_index=10) for r in make()])
+    cropped = begun.align(50, trigger="recorded", lead_s=0.04) if marked else make().align(50)
     trained = [replace(r, trigger_index=5 if marked else None) for r in cropped]
     path = save(Dataset(trained, cropped.history), tmp_path / "train.npz")
     ended_well("train", path, "-o", tmp_path / "m.safetensors", *SMALL_MODEL, "--quiet")
