@@ -300,7 +300,8 @@ def _units(columns: Columns, head: _Head, options: LoadOptions) -> tuple[dict[st
     for i, line in enumerate(head.above, 1):
         some = _SOME_UNITS.fullmatch(line.strip()) if silent else None
         if some is not None and any(map(is_unit, re.findall(r"[^\s,;/\"':=]+", some[1]))):
-            problem = f"states units for all axes together ({line.strip()[:60]!r}); pass units= with these (--units UNITS)"
+            problem = f"states units for all axes together ({line.strip()[:60]!r})"
+            problem += "; pass units= with these (--units UNITS)"
             raise RecordingFileError(head.path, problem, line=i)
     of_axes = [texts[name] for name in named if name in texts]
     other = next((text for text in texts.values() if not is_unit(text)), None)
