@@ -41,7 +41,6 @@ FEATURES = {
 }
 INSTRUCTIONS = {
     "features of the paper": ("extract 1600 x 6", "granular_id, 1 thread"),
-    "as float32": ("extract 1600 x 6, float32", "granular_id, 1 thread, float32"),
     "three silent axes": ("extract 1600 x 6, three silent axes", "granular_id, 1 thread, 3 silent axes"),
     "**multi-band features**": ("multi-band 1600 x 6", "multi-band, 1 thread"),
 }
