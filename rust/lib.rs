@@ -43,7 +43,7 @@
 //! | [`features`] | the paper's features of a recording or a batch | | |
 //! | [`stream`] | features and answers as rows arrive | answers: `model` | |
 //! | [`wrench`] | order, names and units of the six axes | | |
-//! | [`multiband`] | statistics of every octave | `multiband` | |
+//! | [`multiband`] | statistics of every octave | `multiband` | rustfft |
 //! | [`model`] | trained models and their files | `model` | `multiband`, serde, `serde_json`, sha2 |
 //! | [`buffer`] | one writer, many readers, nothing lost unnoticed | `buffer` | |
 //! | [`rdt`] | force-torque sensors on the network (ATI Net F/T, `OnRobot`) | `rdt` | `buffer`, socket2 |
@@ -57,13 +57,16 @@
 //! - Filters pass NaN on and keep it, as scipy does, until they are reset; features refuse it.
 //! - Nothing trains a model, and nothing resamples, crops or pads a recording.
 //! - Every input ends in a value or an [`Error`] that names the argument; a size beyond the memory is an error, too.
-//! - The standard library is needed, and Rust 1.89.
+//! - The standard library is needed, Rust 1.89 and a 64-bit target: others have smaller sizes, and x87 rounds otherwise.
 
 // Tests compare results that are exact.
 #![cfg_attr(test, allow(clippy::float_cmp))]
 // What only some features use is dead without them; with all of them nothing may be.
 #![cfg_attr(not(feature = "default"), allow(dead_code, unused_imports))]
 #![cfg_attr(docsrs, feature(doc_cfg))]
+
+#[cfg(not(target_pointer_width = "64"))]
+compile_error!("granular-id needs a 64-bit target: on 32 bits sizes may overflow, and x87 gives other bits");
 
 #[cfg(feature = "buffer")]
 pub mod buffer;

@@ -153,6 +153,12 @@ mod tests {
         }
     }
 
+    fn on_every_path(numbers: [f32; 16]) {
+        for path in SimdPath::available() {
+            path.run(Compare(numbers));
+        }
+    }
+
     #[test]
     fn edges_of_numbers_have_the_bits_of_plain_arithmetic() {
         let edges =
@@ -170,13 +176,13 @@ mod tests {
         ];
         let mut all = [0.0; 16];
         all.iter_mut().zip(edges.into_iter().chain(others)).for_each(|(to, from)| *to = from);
-        SimdPath::available().into_iter().for_each(|path| path.run(Compare(all)));
+        on_every_path(all);
     }
 
     proptest! {
         #[test]
         fn any_numbers_have_the_bits_of_plain_arithmetic(bits in any::<[u32; 16]>()) {
-            SimdPath::available().into_iter().for_each(|path| path.run(Compare(bits.map(f32::from_bits))));
+            on_every_path(bits.map(f32::from_bits));
         }
     }
 

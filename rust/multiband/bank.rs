@@ -130,7 +130,13 @@ impl Bank {
         for (region, halvings) in work.regions.iter_mut().zip(self.rates()) {
             region.len = halved(n_seen, halvings);
         }
-        (0..self.n_axes).step_by(GROUP).all(|axis| self.split_group(simd, recording, axis, work))
+        // No closure: it would lose the vector features of the caller.
+        for axis in (0..self.n_axes).step_by(GROUP) {
+            if !self.split_group(simd, recording, axis, work) {
+                return false;
+            }
+        }
+        true
     }
 
     /// The same of a group of axes from `axis` on.

@@ -20,11 +20,12 @@ macro_rules! operators {
             type Output = Self;
 
             #[inline(always)]
-            fn $method(mut self, other: Self) -> Self {
-                for (x, y) in self.0.iter_mut().zip(other.0) {
-                    *x = *x $sign y;
+            fn $method(self, other: Self) -> Self {
+                let mut out = self;
+                for l in 0..QUAD {
+                    out.0[l] = self.0[l] $sign other.0[l];
                 }
-                self
+                out
             }
         }
     )*};

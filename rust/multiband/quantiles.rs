@@ -258,7 +258,9 @@ mod tests {
             let signal = signals.view().numbered(0);
             let bins = histogram.count(signal);
             let mut expected = [0; ROOM];
-            signal.iter().for_each(|z| expected[bin_of(f64::from(*z))] += 1);
+            for z in signal {
+                expected[bin_of(f64::from(*z))] += 1;
+            }
             assert_eq!(histogram.counts[0], expected);
             histogram.clear(bins);
         }

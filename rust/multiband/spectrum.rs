@@ -109,8 +109,8 @@ impl Statistic for Spectrum {
                 let back = transform.iter().rev().skip(range[0] - 1);
                 for (there, back) in transform[range[0]..range[1]].iter().zip(back) {
                     for (sums, powers) in sums.iter_mut().zip(powers_of_both(*there, *back)) {
-                        for l in 0..QUAD {
-                            sums[l] += f64::from(powers.0[l]);
+                        for (sum, power) in sums.iter_mut().zip(powers.0) {
+                            *sum += f64::from(power);
                         }
                     }
                 }

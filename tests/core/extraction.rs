@@ -121,7 +121,10 @@ fn large_results_are_those_of_single_recordings() {
             assert_eq!(bits(row), bits(&extractor.extract(recording, one, 1).unwrap()));
         }
         let around = all[..offset].iter().chain(&all[offset + n_recordings * n_features..]);
-        assert!(around.copied().all(|value| value == 7.0), "{shape:?} from value {offset} on");
+        assert!(
+            around.copied().all(|value| value.to_bits() == 7.0_f64.to_bits()),
+            "{shape:?}, offset {offset}"
+        );
     }
 }
 
