@@ -11,9 +11,10 @@ from array_kinds import KINDS, read_only
 from core_cases import N_THREADS, at_once, fill
 from effort import cases
 from granular_id import FeatureSpec, extract_features
-from granular_id._core import StreamingExtractor
+from granular_id._core import GranularIdError, StreamingExtractor
 
 X = np.random.default_rng(51).standard_normal((40, 6))
+LARGEST = 1e100  # of the values that streams take
 
 
 @st.composite
@@ -22,7 +23,7 @@ def streams(draw, longest=300):
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     n_axes = draw(st.sampled_from([6, 6, 1, 2, 9]))
     options = twin.some_options(rng, n_axes)
-    rows = twin.a_wrench(rng, (1, draw(st.integers(1, longest)), n_axes))[0]
+    rows = twin.a_wrench(rng, (1, draw(st.integers(1, longest)), n_axes))[0].clip(-LARGEST, LARGEST)
     blocks = draw(st.lists(st.integers(0, 70), min_size=1, max_size=12))
     return options, rows, blocks
 
@@ -77,6 +78,10 @@ def test_every_kind_of_block(kind):
     rows = np.array(value, np.float64, order="C")
     n_samples, n_axes = rows.shape
     stream = StreamingExtractor(FeatureSpec(), n_samples=n_samples, n_axes=n_axes)
+    if abs(rows).max() > LARGEST:
+        with pytest.raises(GranularIdError, match="wrench is too large"):
+            stream.push(value)
+        return
     assert stream.push(value) == n_samples
     assert twin.differing_bits(stream.features(), extract_features(rows)) == 0
 
