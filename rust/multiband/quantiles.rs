@@ -140,21 +140,24 @@ impl Histogram {
 
     /// Inverse hyperbolic sines of the quantiles of `n` counted samples, of which none lies before bin `first`: the rank
     /// `p (n - 1) + 1/2`, linear within the bin in which it lies.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // ranks are at most n, which is 32 bits wide
     #[inline(always)]
     fn quantiles(&self, n: usize, mut first: usize, edges: &[f64], out: &mut [f64; PROBABILITIES.len()]) {
         let (counts, mut before) = (&self.counts[0], 0);
         for (out, p) in out.iter_mut().zip(PROBABILITIES) {
             let rank = p * (n as f64 - 1.0) + 0.5;
+            // A count reaches a rank where it reaches the next whole number.
+            let whole = rank.ceil() as u32;
             // Ranks ascend: from where the last one was found, first many bins at a time.
             while let Some(step) = counts[first..].first_chunk::<STEP>() {
                 let above = before + step.iter().sum::<u32>();
-                if f64::from(above) >= rank {
+                if above >= whole {
                     break;
                 }
                 (first, before) = (first + STEP, above);
             }
             let (mut bin, mut below) = (first, before);
-            while bin + 1 < N_BINS && f64::from(below + counts[bin]) < rank {
+            while bin + 1 < N_BINS && below + counts[bin] < whole {
                 below += counts[bin];
                 bin += 1;
             }
