@@ -21,7 +21,21 @@ JSON, PAGES, TABLES, MODELS = (".json",), (".html", ".htm"), (".csv",), (".safet
 """Endings of the kinds of files that are written here, besides pictures and recordings."""
 
 RECORDINGS = (
-    *(".csv", ".tsv", ".csv.gz", ".tsv.gz", ".txt.gz", ".npz", ".npy", ".mat", ".h5", ".hdf5", ".parquet"),
+    *(
+        ".csv",
+        ".tsv",
+        ".csv.gz",
+        ".tsv.gz",
+        ".txt.gz",
+        ".lvm",
+        ".dat",
+        ".npz",
+        ".npy",
+        ".mat",
+        ".h5",
+        ".hdf5",
+        ".parquet",
+    ),
     *(".mcap", ".bag", ".db3"),
 )
 """Endings of what is read as recordings: those of `granular_id.io.formats` but .txt, as reports are texts, too."""

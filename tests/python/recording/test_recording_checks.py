@@ -53,7 +53,7 @@ def test_a_sound_set_is_only_said_to_be_small():
         (
             [recording(session=None), recording(label="peas", session=None)],
             "no-session",
-            "(--session file or ",
+            "(data convert --session file, or ",
         ),
         ([SMALL[0], recording(label="peas", session="s9")], "session-is-label", "2 of 2 labels"),
     ],
