@@ -30,8 +30,7 @@ from granular_id.cli.recordings import about, read, say_step
 
 if TYPE_CHECKING:
     from granular_id.archive import Extraction
-    from granular_id.identifier import Identifier, Timeline
-    from granular_id.identifier.answers import Batch
+    from granular_id.identifier import Batch, Identifier, Timeline
     from granular_id.recording import Dataset
 
 _MOST_LINES = 12

@@ -1,6 +1,7 @@
 """A trained model that names materials: from whole recordings, and while samples arrive."""
 
 from granular_id.identifier.answers import (
+    Batch as Batch,
     Timeline,
     answers_about as answers_about,
     flags_in_words as flags_in_words,
