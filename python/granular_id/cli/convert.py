@@ -45,6 +45,7 @@ def convert(
     id_: Annotated[str | None, Option("--id", help="Column that tells recordings of a table apart.")] = None,
     array: Annotated[str | None, Option(help="Array that holds the samples, where it is not X.")] = None,
     topic: Annotated[str | None, Option(help="Topic of a bag; /topic.field inside its messages.")] = None,
+    time: Annotated[str | None, Option(help="Column that is the clock, of any name.")] = None,
     recorded_hz: Annotated[
         float | None, Option(callback=opt.POSITIVE, help="Rate; the clock is ignored.")
     ] = None,
@@ -127,6 +128,7 @@ def convert(
         units=units,
         csv=of_csv,
         id=id_,
+        time=time,
         array=array,
         topic=topic,
         rate_hz=recorded_hz,

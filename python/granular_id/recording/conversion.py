@@ -504,7 +504,7 @@ class _Part:
             if cells.dtype.kind in "iuf" and len(cells) > 2 and (np.diff(cells.astype(np.float64)) > 0).all()
         ]
         names = ", ".join(counting)[:80]
-        column = f", or time= with the column that is the clock ({names}?)" if names else ""
+        column = f", or time= with the column that is the clock ({names}?; --time COLUMN)" if names else ""
         return f"has no {clock} and no rate is stated; pass rate_hz=RATE (--recorded-hz RATE){column}"
 
     def _rate_in_table(self) -> float | None:

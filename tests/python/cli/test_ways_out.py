@@ -230,3 +230,10 @@ def test_what_is_no_archive_becomes_one_as_said(folder, tmp_path):
     )
     ended_well(*words)
     ended_well("extract", tmp_path / "fleet", "-o", tmp_path / "out", "--quiet")
+
+
+def test_clock_of_another_name_is_named_by_the_option(tmp_path):
+    folder = each_label(tmp_path / "in", clock="zeit")
+    assert "(zeit?; --time COLUMN)" in refused("evaluate", folder)
+    ended_well("data", "convert", folder, tmp_path / "x.npz", "--time", "zeit")
+    assert load(tmp_path / "x.npz")[0].rate_hz == 125
