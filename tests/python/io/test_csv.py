@@ -154,7 +154,7 @@ EXPORT = b"Start: 3/4/25 2:03 PM\nRate: 500\nNote: lab 3\n" + GOOD
         (DASHES, "csv={'na_values': '--'}", {"csv": {"na_values": "--"}}),
         (LATIN, "csv={'encoding': 'cp1252'}", {"csv": {"encoding": "cp1252"}}),
         (GOOD.replace(b"time", b"clock"), "pass rate_hz=", {"rate_hz": 100}),
-        (GOOD.replace(b"time", b"clock"), "or time= with the column that is the clock (clock?; --time COLUMN)", {"time": "clock"}),
+        (GOOD.replace(b"time", b"clock"), "the clock (clock?; --time COLUMN)", {"time": "clock"}),
         (IN_MS, "time_unit=", {"time_unit": "ms"}),
         (PACKET, "rate_hz=RATE", {"rate_hz": 100}),
         (HEADER + ROW2 + ROW1 + ROW3, "on_time_error='repair'", {"on_time_error": "repair"}),
