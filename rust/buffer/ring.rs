@@ -198,7 +198,7 @@ mod tests {
     }
 }
 
-/// The code above, and the readers that stand on it, under loom: `make loom`.
+/// The code above, and the readers that stand on it, under loom: `make nightly CHECK=ring`.
 ///
 /// Loom lets every load return each value that the memory model allows it, whatever this processor would do, and runs
 /// through all combinations. The writer never looks at what a reader did, so all its stores may come first: what a reader
