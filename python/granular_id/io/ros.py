@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -70,8 +69,8 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
         )
     log_ns = np.array([time for time, _ in found], np.int64)
     messages = [message for _, message in found]
-    numbers = attrgetter(*(f"{chosen.wrench}.{name}".lstrip(".") for name in _NUMBERS))
-    values = np.array([numbers(message) for message in messages], np.float64)
+    fields = [f"{chosen.wrench}.{name}".lstrip(".") for name in _NUMBERS]
+    values = np.array(list(map(attrgetter(*fields), messages)), np.float64)
     stamps, clock = log_ns, "log time"
     frame = None
     if chosen.header is None:
@@ -101,9 +100,9 @@ def read_ros(source: FileSource, options: LoadOptions) -> FileContent:
     def place(_: int, row: int | None) -> dict[str, Any]:
         return {} if row is None else {"place": f"message {row + 1} of {chosen.topic[:80]}"}
 
-    fields = [f"{chosen.wrench}.{name}".lstrip(".") for name in _NUMBERS]
-    line = partial(_bag_line, source, chosen.topic, fields)
-    return FileContent([table], notes=notes, place=place, in_python=line)
+    return FileContent(
+        [table], notes=notes, place=place, in_python=partial(_bag_line, source, chosen.topic, fields)
+    )
 
 
 @contextmanager
@@ -148,113 +147,56 @@ def _other_messages(source: FileSource) -> str | None:
     try:
         with path.open("rb") as file:
             found = {
-                channel.topic: (schema, channel, message)
-                for schema, channel, message in make_reader(file).iter_messages()
+                channel.topic: (channel, message) for _, channel, message in make_reader(file).iter_messages()
             }
     except Exception:  # it is damaged: what rosbags says of it holds
         return None
-    for topic, (schema, channel, message) in found.items():
-        if channel.message_encoding == "ros1":
-            return _ros1_in_mcap(source, topic, schema.name)
-        where = _numbers_in(json.loads(message.data)) if channel.message_encoding == "json" else None
-        if where is not None:
-            numbers = ", ".join("w" + "".join(f"[{key!r}]" for key in keys) for keys in where)
-            rows = f"(m.log_time / 1e9, {numbers}) for _, _, m in bag.iter_messages(topics=[{topic!r}])"
-            line = _mcap_lines(source, f"{rows} for w in [json.loads(m.data)]")
-            return f"messages in JSON are no messages of ROS{line}"
-    listed = ", ".join(
-        f"{topic[:80]} ({channel.message_encoding})" for topic, (_, channel, _) in found.items()
-    )
+    for topic, (channel, message) in found.items():
+        if channel.message_encoding == "json" and (fields := _fields_in(json.loads(message.data))):
+            rows = "{**json.loads(m.data), 'time': m.log_time / 1e9}"
+            return "messages in JSON are no messages of ROS" + in_python(
+                "from mcap.reader import make_reader",
+                f"bag = make_reader(io.BytesIO(pathlib.Path({str(path)!r}).read_bytes()))",
+                f"rows = [{rows} for _, _, m in bag.iter_messages(topics=[{topic!r}])]",
+                _frame_of_rows(source, fields),
+            )
+    encodings = [channel.message_encoding for channel, _ in found.values()]
+    listed = ", ".join(f"{topic[:80]} ({kind})" for topic, kind in zip(found, encodings, strict=True))
     others = (
         f"holds no wrenches of ROS 2 but {listed[:300]}: decode them, and pass columns to Dataset.from_frames"
     )
-    return None if {channel.message_encoding for _, channel, _ in found.values()} <= {"cdr"} else others
+    return None if set(encodings) <= {"cdr"} else others
 
 
-def _mcap_lines(source: FileSource, rows: str, *before: str) -> str:
-    return in_python(
-        "from mcap.reader import make_reader",
-        *before,
-        f"bag = make_reader(io.BytesIO(pathlib.Path({str(source.path)!r}).read_bytes()))",
-        f"rows = [{rows}]",
-        _frame_of_rows(source),
-    )
-
-
-def _ros1_in_mcap(source: FileSource, topic: str, type_name: str) -> str:
-    kind = type_name if "/msg/" in type_name else type_name.replace("/", "/msg/")
-    numbers = ", ".join(f"w.{name}" for name in _NUMBERS)
-    field = ".wrench" * (kind == _STAMPED)
-    message = f"store.deserialize_ros1(m.data, {kind!r}){field}"
-    rows = f"(m.log_time / 1e9, {numbers}) for _, _, m in bag.iter_messages(topics=[{topic!r}]) for w in [{message}]"
-    before = (
-        "from rosbags.typesys import Stores, get_typestore",
-        "store = get_typestore(Stores.ROS1_NOETIC)",
-    )
-    return f"holds messages of ROS 1 in a container of ROS 2{_mcap_lines(source, rows, *before)}"
-
-
-def _bag_line(source: FileSource, topic: str, numbers: Sequence[str], mend: str = "") -> str:
+def _bag_line(source: FileSource, topic: str, fields: Sequence[str], mend: str = "") -> str:
     """Return the line that reads six numbers of the messages on a topic."""
-    row = f"(t / 1e9, {', '.join(f'w.{one}' for one in numbers)})"
-    found = "bag.messages() for w in [bag.deserialize(data, c.msgtype)]"
+    row = "{**dataclasses.asdict(bag.deserialize(data, c.msgtype)), 'time': t / 1e9}"
     return in_python(
         "from rosbags.highlevel import AnyReader",
         "from rosbags.typesys import Stores, get_typestore",
         f"bag = AnyReader([pathlib.Path({str(source.path)!r})], default_typestore=get_typestore(Stores.LATEST))",
         "bag.open()",
-        f"rows = [{row} for c, t, data in {found} if c.topic == {topic!r}]",
+        f"rows = [{row} for c, t, data in bag.messages() if c.topic == {topic!r}]",
         "bag.close()",
-        _frame_of_rows(source, mend),
+        _frame_of_rows(source, fields, mend),
     )
 
 
-def _frame_of_rows(source: FileSource, mend: str = "") -> str:
+def _frame_of_rows(source: FileSource, fields: Sequence[str], mend: str = "") -> str:
     label = source.label or source.label_else
     labels = "" if label is None else f", [{label!r}]"
-    return f"Dataset.from_frames(pandas.DataFrame(rows, columns={['time', *AXES]}){mend}{labels})"
+    frame = f"pandas.json_normalize(rows)[{['time', *fields]}].set_axis({['time', *AXES]}, axis=1){mend}"
+    return f"Dataset.from_frames({frame}{labels})"
 
 
-def _numbers_in(value: Any, keys: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]] | None:
-    """Return the keys that lead to the six numbers of a wrench in a message: by their names, or six in a row."""
-    if isinstance(value, Mapping):
-        inner: Iterable[tuple[str | int, Any]] = value.items()
-    elif isinstance(value, list) and len(value) <= _LISTED:
-        inner = enumerate(value)
-    else:
-        return None
-    for key, one in inner:
-        if (found := _numbers_in(one, (*keys, key))) is not None:
-            return found
-    leaves = _leaves_in(value)
-    named = {
-        what: [*keys, *path]
-        for path in reversed(leaves)
-        if path
-        for name in (".".join(map(_named_key, path[-2:])), _named_key(path[-1]))
-        if (what := meaning_of(name).what) in AXES
-    }
-    if set(AXES) <= named.keys():
-        return [tuple(named[axis]) for axis in AXES]
-    vectors = Counter(path[:-1] for path in leaves)
-    sizes = sorted(n for n in vectors.values() if n in (3, 6))
-    return (
-        [(*keys, *path) for path in leaves if vectors[path[:-1]] in sizes] if sizes in ([3, 3], [6]) else None
-    )
-
-
-def _named_key(key: str | int) -> str:
-    return str(key) if isinstance(key, str) or key > 2 else "xyz"[key]
-
-
-def _leaves_in(value: Any, depth: int = 0) -> list[tuple[Any, ...]]:
-    """Return the keys of all numbers in two levels of a message."""
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return [()]
-    if depth == 2 or not isinstance(value, (Mapping, list)):
+def _fields_in(message: Any) -> list[str]:
+    """Return what a message of another kind calls the six numbers of a wrench; nothing where names are missing."""
+    if not isinstance(message, dict):
         return []
-    items = value.items() if isinstance(value, Mapping) else enumerate(value)
-    return [(key, *path) for key, one in items for path in _leaves_in(one, depth + 1)]
+    names = need("pandas", extra="app", why="to read messages of other kinds").json_normalize(message).columns
+    tails = [(name, ".".join(name.split(".")[-n:])) for name in reversed(names) for n in (2, 1)]
+    named = {what: name for name, tail in tails if (what := meaning_of(tail).what) in AXES}
+    return [named[axis] for axis in AXES] if set(AXES) <= named.keys() else []
 
 
 def _chosen(reader: Any, source: FileSource, asked: str | None) -> tuple[_Wrench, list[str]]:
@@ -301,24 +243,10 @@ def _chosen(reader: Any, source: FileSource, asked: str | None) -> tuple[_Wrench
 
 
 def _line_of(reader: Any, source: FileSource, connection: Any) -> str:
-    """Return the line that reads six numbers of messages of another type, by the first of them."""
+    """Return the line that reads messages of another type, by the names in the first of them."""
     first = next(reader.messages(connections=[connection]), None)
-    if first is None:
-        return ""
-    where = _numbers_in(_plain(asdict(reader.deserialize(first[2], connection.msgtype))))
-    if where is None:
-        return ""
-    numbers = [
-        "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:] for keys in where
-    ]
-    return _bag_line(source, connection.topic, numbers)
-
-
-def _plain(value: Any) -> Any:
-    """Return arrays as lists."""
-    if isinstance(value, dict):
-        return {key: _plain(one) for key, one in value.items() if key not in ("header", "stamp", "layout")}
-    return value.tolist() if isinstance(value, np.ndarray) else value
+    fields = [] if first is None else _fields_in(asdict(reader.deserialize(first[2], connection.msgtype)))
+    return _bag_line(source, connection.topic, fields) if fields else ""
 
 
 def _named(wrenches: Sequence[_Wrench]) -> str:

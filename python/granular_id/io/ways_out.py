@@ -18,7 +18,7 @@ from granular_id.recording import AXES, Table, meaning_of
 RATE = "RATE"
 """What stands for a rate that only the user knows."""
 
-_MODULES = ("h5py", "io", "json", "numpy", "pandas", "pathlib", "scipy.io")
+_MODULES = ("dataclasses", "h5py", "io", "json", "numpy", "pandas", "pathlib", "scipy.io")
 _READERS = {".xlsx": "read_excel", ".xls": "read_excel", ".ods": "read_excel", ".feather": "read_feather"}
 _MOST_STEPS = 4
 _NAMED = re.compile(

@@ -19,7 +19,7 @@ pytest.importorskip("mcap")
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from remedies import lines_of, run
+from remedies import lines_of, refusal, run
 from ros_cases import (
     KINDS,
     MCAP,
@@ -274,6 +274,7 @@ TYPES = {
     "maker_msgs/msg/Deep": "maker_msgs/Bare inner\nint32[3] counts",
     "maker_msgs/msg/Two": "geometry_msgs/WrenchStamped left\nmaker_msgs/Bare right",
     "maker_msgs/msg/Listed": "geometry_msgs/Wrench[] loads",
+    "maker_msgs/msg/Plain": "\n".join(f"float64 {name}" for name in ("fx", "fy", "fz", "mx", "my", "mz")),
 }
 FIELDS = {"Reading": "wrench", "Bare": "load", "Deep": "inner.load"}
 
@@ -287,7 +288,10 @@ def store_of(ros):
 
 def value_of(store, name, row, stamp):
     types = store.types
-    kind = {leaf: types[f"maker_msgs/msg/{leaf}"] for leaf in ("Reading", "Bare", "Deep", "Two", "Listed")}
+    kind = {
+        leaf: types[f"maker_msgs/msg/{leaf}"]
+        for leaf in ("Reading", "Bare", "Deep", "Two", "Listed", "Plain")
+    }
     force = types["geometry_msgs/msg/Vector3"](*map(float, row[:3]))
     torque = types["geometry_msgs/msg/Vector3"](*map(float, row[3:]))
     plain = types["geometry_msgs/msg/Wrench"](force=force, torque=torque)
@@ -302,6 +306,7 @@ def value_of(store, name, row, stamp):
         "Deep": lambda: kind["Deep"](inner=bare, counts=np.zeros(3, np.int32)),
         "Two": lambda: kind["Two"](left=stamped, right=bare),
         "Listed": lambda: kind["Listed"](loads=[plain]),
+        "Plain": lambda: kind["Plain"](*map(float, row)),
     }[name]()
 
 
@@ -332,6 +337,12 @@ def test_wrenches_within_messages_are_those_of_rosbags(tmp_path, kind, name):
     assert data.rate_hz == 500
     assert (data[0].meta["frame"], data[0].meta["topic"]) == ("link", f"/ft.{FIELDS[name]}")
     assert FIELDS[name] in data.history[-1].notes[0]
+
+
+def test_six_numbers_without_a_wrench_have_the_line_that_reads_them(tmp_path):
+    (recording,) = run(*lines_of(refusal(write(tmp_path, "folder", "Plain"))))
+    assert recording.wrench.tolist() == samples().tolist()
+    assert recording.rate_hz == 500
 
 
 def test_of_several_fields_one_is_chosen_and_those_in_lists_are_none(tmp_path):
