@@ -164,31 +164,26 @@ def _facts(archive: Archive) -> Iterator[str]:
     import pyarrow.compute as pc
 
     index = archive.index
-    materials, sessions = (
-        len(pc.unique(index[name].cast("string")).drop_null()) for name in ("label", "session")
-    )
-    yield f"{counted(archive.n_recordings)}, {counted(materials, 'material')}, {counted(sessions, 'session')}"
-    synthetic = archive.n_synthetic
-    if synthetic:
-        yield f"SYNTHETIC: {synthetic} of {counted(archive.n_recordings)}"
+    n = {name: len(pc.unique(index[name].cast("string")).drop_null()) for name in ("label", "session")}
+    yield f"{counted(archive.n_recordings)}, {counted(n['label'], 'material')}, {counted(n['session'], 'session')}"
+    if archive.n_synthetic:
+        yield f"SYNTHETIC: {archive.n_synthetic} of {counted(archive.n_recordings)}"
     yield f"axes: {' '.join(archive.axes)}"
-    rates = index["rate_hz"].to_numpy()
-    known = np.unique(rates[~np.isnan(rates)])
-    irregular = int(np.isnan(rates).sum())
-    said = [f"{_span(known)} Hz"] * bool(len(known)) + [f"{counted(irregular)} irregular in time"] * bool(
-        irregular
-    )
+    rates, lengths = index["rate_hz"].to_numpy(), index["n_samples"].to_numpy()
+    uneven = np.isnan(rates)
+    said = [f"{_span(rates[~uneven])} Hz"] * (not uneven.all())
+    said += [f"{counted(int(uneven.sum()))} irregular in time"] * bool(uneven.any())
     yield f"rate: {', '.join(said)}"
-    lengths = index["n_samples"].to_numpy()
-    seconds = (lengths / rates)[~np.isnan(rates)]
-    yield f"length: {_span(lengths)} samples" + (f", {_span(seconds)} s" if len(seconds) else "")
+    seconds = "" if uneven.all() else f", {_span((lengths / rates)[~uneven])} s"
+    yield f"length: {_span(lengths)} samples{seconds}"
     begun = pc.min_max(index["start_time"]).as_py()
     if begun["min"] is not None:
-        yield f"recorded: {_day(begun['min'])} to {_day(begun['max'])} (UTC)"
+        days = (f"{datetime.fromtimestamp(begun[name], timezone.utc):%Y-%m-%d}" for name in ("min", "max"))
+        yield f"recorded: {' to '.join(days)} (UTC)"
     n_bytes = sum(path.stat().st_size for path in archive.folder.rglob("*.parquet"))
-    files = {group.file for group in archive.row_groups}
-    row_groups = counted(len(archive.row_groups), "row group")
-    yield f"files: {len(files)} of samples with {row_groups}, {n_bytes / 1e6:.1f} MB with their index"
+    files, row_groups = {group.file for group in archive.row_groups}, len(archive.row_groups)
+    with_ = f"{counted(row_groups, 'row group')}, {n_bytes / 1e6:.1f} MB with their index"
+    yield f"files: {len(files)} of samples with {with_}"
 
 
 def _of_materials(archive: Archive) -> Table:
@@ -199,19 +194,13 @@ def _of_materials(archive: Archive) -> Table:
         pyarrow.table(columns).group_by("label").aggregate([("session", "count_distinct"), ([], "count_all")])
     )
     rows = sorted(counts.to_pylist(), key=lambda row: (row["label"] is None, row["label"]))
-    shown = [
-        (row["label"] or "no label", str(row["count_all"]), str(row["session_count_distinct"]))
-        for row in rows
-    ]
-    return Table(f"Archive {archive.folder}", ("material", "recordings", "sessions"), tuple(shown))
+    names = ("count_all", "session_count_distinct")
+    shown = tuple((row["label"] or "no label", *(str(row[name]) for name in names)) for row in rows)
+    return Table(f"Archive {archive.folder}", ("material", "recordings", "sessions"), shown)
 
 
 def _span(values: Any) -> str:
     return " to ".join(dict.fromkeys(f"{value:g}" for value in (values.min(), values.max())))
-
-
-def _day(utc_s: float) -> str:
-    return datetime.fromtimestamp(utc_s, timezone.utc).strftime("%Y-%m-%d")
 
 
 def check(archive: opt.Archive, *, details: opt.Details = False, quiet: opt.Quiet = False) -> None:

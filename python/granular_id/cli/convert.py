@@ -13,7 +13,7 @@ from granular_id._core import GranularIdError
 from granular_id._files import RECORDINGS, check_source, whole_file
 from granular_id._text import counted
 from granular_id.cli import options as opt
-from granular_id.cli.outputs import show
+from granular_id.cli.outputs import DATA_SET, check_outputs, show
 from granular_id.cli.recordings import read, refuse_uneven, say_step
 
 if TYPE_CHECKING:
@@ -115,9 +115,9 @@ def convert(
     - `granular-id data convert log.csv pushes.npz --split-gap-s 1 --resample-hz 500`
     - `granular-id data convert today turned.npz --compensate tool.json --gravity 0,0,1 --rotate 0,0,90 --frame flange`
     """
-    _refuse_senseless(begin_at, duration_s, tare_s, lead_s, resample_hz, max_gap_s)
+    _refuse_alone(begin_at, duration_s is not None, tare_s, lead_s, resample_hz, max_gap_s)
     seconds = None if duration_s in (None, "shortest") else _seconds(duration_s)
-    check_save(output, force=force)
+    check_save(output, source=path, force=force)
     setup, of_csv = _other_setup(compensate, gravity, flip, rotate, frame), opt.csv_in(csv)
     check_source(path)
     data = read(
@@ -159,19 +159,19 @@ def convert(
         data = say_step(cropped)
     if window_s is not None:
         data = say_step(data.windows(window_s, on_short=on_error))
-    _save_checked(data, output, force=force)
+    _save_checked(data, output)
 
 
-def _refuse_senseless(
+def _refuse_alone(
     begin_at: str,
-    duration_s: str | None,
+    crops: bool,
     tare_s: float | None,
     lead_s: float,
     resample_hz: float | None,
     max_gap_s: float,
 ) -> None:
     """Refuse steps that lack another one."""
-    if begin_at != "first" and duration_s is None and tare_s is None:
+    if begin_at != "first" and not crops and tare_s is None:
         raise GranularIdError(
             f"--begin-at {begin_at} crops recordings: add --duration-s (seconds, or shortest)"
         )
@@ -179,8 +179,6 @@ def _refuse_senseless(
         raise GranularIdError("--lead-s is time kept ahead of a trigger: add --begin-at trigger or onset")
     if resample_hz is None and max_gap_s != MAX_GAP_S:
         raise GranularIdError("--max-gap-s is about gaps that resampling fills: add --resample-hz")
-    if not max_gap_s > 0:
-        raise GranularIdError(f"--max-gap-s must be positive, got {max_gap_s:g}")
 
 
 def _seconds(text: str | None) -> float:
@@ -237,43 +235,40 @@ def _rotation(text: str) -> FloatArray | list[float]:
 
 def _with_rest(data: Dataset, rest_s: float) -> Dataset:
     """Leave out recordings whose rest is too short, or ends nobody knows where."""
-    rate_hz = data.rate_hz
-    short = {one.name for one in data if (one.trigger_index or 0) < round(rest_s * rate_hz)}
-    if len(short) == len(data):
+    enough = round(rest_s * data.rate_hz)
+    kept = [i for i, one in enumerate(data) if (one.trigger_index or 0) >= enough]
+    if not kept:
         raise GranularIdError(
             f"none of {counted(len(data))} has {rest_s:g} s of rest before its motion (--tare-s)"
         )
-    if not short:
-        return data
-    return say_step(data.select(where=lambda one: one.name not in short))
+    return data if len(kept) == len(data) else say_step(data[kept])
 
 
 # Writing.
 
 
-def check_save(output: Path, *, force: bool) -> None:
+def check_save(output: Path, *, source: Path | None = None, force: bool) -> None:
     """Refuse what `save` would refuse, before any work; with `force` a file of recordings may be replaced."""
     from granular_id.io.formats import check_save as check
 
-    if force and output.is_dir() and any(output.iterdir()):
+    if output.is_file() and output.suffix.lower() == ".npz":
+        check_outputs(("OUTPUT", output, DATA_SET), source=source, force=force)
+    elif force and output.is_dir() and any(output.iterdir()):
         raise FileExistsError(f"{output} is a folder, --force replaces files only: give another name")
-    if output.is_file() and output.name.lower().endswith(RECORDINGS):
-        if not force:
-            raise FileExistsError(f"{output}: there is such a file already; add --force to replace it")
-        return
-    check(output, _format_of(output))
+    else:
+        check(output, _format_of(output))
 
 
-def save(data: Dataset, output: Path, *, force: bool) -> None:
-    """Write recordings, with a bar where it takes long."""
+def save(data: Dataset, output: Path) -> None:
+    """Write recordings, with a bar where it takes long; a file that is there is replaced."""
     from granular_id.io import save as save_data
 
-    if not (force and output.is_file()):
+    if not output.is_file():
         save_data(data, output, _format_of(output), progress=True)
         return
     with whole_file(output) as draft:
         draft.unlink()
-        save_data(data, draft, _format_of(output), progress=True)
+        save_data(data, draft, "npz", progress=True)
 
 
 def _format_of(output: Path) -> str | None:
@@ -282,17 +277,16 @@ def _format_of(output: Path) -> str | None:
     return formats.get(output.suffix.lower(), None if output.name.lower().endswith(RECORDINGS) else "csv")
 
 
-def _save_checked(data: Dataset, output: Path, *, force: bool) -> None:
+def _save_checked(data: Dataset, output: Path) -> None:
     """Write recordings, read them back and compare."""
     from granular_id.io import load
 
-    save(data, output, force=force)
+    save(data, output)
     try:
         equal = load(output, progress=True) == data
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"Interrupted: {output} is written, but was not read back and compared."
-        ) from None
+        why = f"Interrupted: {output} is written, but was not read back and compared."
+        raise KeyboardInterrupt(why) from None
     if not equal:
         raise GranularIdError(f"{output} was written, but does not read back equal: do not rely on it")
     show(f"wrote {output}, {counted(len(data))}, read back and found equal")
@@ -333,6 +327,6 @@ def synthesize(
         seed=seed,
         sensor="imu" if sensor == "imu" else None,
     )
-    save(data, output, force=force)
+    save(data, output)
     what = f"{counted(len(data), 'SYNTHETIC recording')} of {counted(len(data.labels), 'material')}"
     show(f"wrote {output}: {what}")

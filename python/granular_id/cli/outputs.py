@@ -113,6 +113,7 @@ MODEL = Kind("a model", MODELS, rb".{8}\{")
 PREDICTIONS = Kind("a table of predictions", TABLES, rb"space,fold,")
 ANSWERS = Kind("a table of answers", TABLES, rb"recording,(label,margin|from_s,to_s),")
 LIVE_ANSWERS = Kind("a file of live answers", (".jsonl", ".ndjson", *JSON), rb"\s*\{")
+DATA_SET = Kind("a data set", (".npz",), rb"PK")
 PICTURE = Kind("a picture", (), rb"\x89PNG|%PDF|\s*<(\?xml|svg)")
 """Its ending chooses the format, and so is asked for; matplotlib knows more of them than begin like this."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -104,7 +105,9 @@ def record(
                     max_gap=max_gap,
                     max_force_n=max_force_n,
                     max_torque_n_m=max_torque_n_m,
-                    on_step=None if sensor.info.synthetic else _Prompt(by_hand=setup.robot is None),
+                    on_step=None
+                    if sensor.info.synthetic
+                    else _prompt("ready" if setup.robot else "ready: push now"),
                 )
                 session = recorder.session  # one session, whatever the number of sources
                 for name in names:
@@ -181,17 +184,16 @@ def _check_truth(label: str, recorder: Recorder, source: str) -> None:
         show(f"warning: recorded as {label!r}, but {source} says that it was {truth!r}", "yellow")
 
 
-class _Prompt:
-    """Says when a push may begin; otherwise nothing is seen of a recorder that waits."""
+def _prompt(text: str) -> Callable[[Step, Capture], None]:
+    """Return what says when a push may begin; otherwise nothing is seen of a recorder that waits."""
+    said: list[Capture] = []
 
-    def __init__(self, *, by_hand: bool) -> None:
-        self._by_hand = by_hand
-        self._said: Capture | None = None
+    def say(_: Step, capture: Capture) -> None:
+        if capture.state.value == "armed" and capture not in said:
+            said[:] = [capture]
+            show(text, "bold")
 
-    def __call__(self, _: Step, capture: Capture) -> None:
-        if capture.state.value == "armed" and self._said is not capture:
-            self._said = capture
-            show("ready: push now" if self._by_hand else "ready", "bold")
+    return say
 
 
 def _refuse_absent_hands(stream: Stream, robot: Robot | None, labels: list[str], n: int) -> None:

@@ -53,7 +53,7 @@ BEFORE_READING = [
     ("identify broken.npz . --figure f.png", "--figure draws answers over all of a recording, with --hop-s"),
     ("model absent.safetensors", "absent.safetensors"),
     ("model broken.npz", "broken.npz"),
-    ("data convert absent broken.npz", "there is such a file already; add --force to replace it"),
+    ("data convert absent broken.npz --force", "what is there is not a data set; give another name"),
     ("data convert absent . --force", "is a folder, --force replaces files only"),
     ("data convert absent x.mat", "can only be read"),
     ("data convert absent no/x.npz", "no such folder"),
