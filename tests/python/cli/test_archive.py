@@ -317,11 +317,6 @@ def test_identify_answers_an_archive_as_it_does_in_memory(archive, model, tmp_pa
     assert dict(zip(table["name"].to_pylist(), table["answer"].to_pylist(), strict=True)) == in_memory
 
 
-def test_space_that_learns_is_that_of_a_model(archive, tmp_path):
-    line = refused("extract", archive, "-o", tmp_path / "out", "--space", "multiband")
-    assert line.endswith("and give model= (--model FILE)")
-
-
 def reader_of(printed):
     """Names that the line of Python makes which a command prints."""
     namespace = {}

@@ -43,7 +43,7 @@ def test_train_takes_settings_and_background(folder, tmp_path):
     assert "histogram of 100 bins" in out
 
 
-def test_one_recording_of_each_material_trains_without_an_estimate(tmp_path):
+def test_one_recording_of_each_material_gives_no_estimate(tmp_path):
     data = saved(make(n=1), tmp_path / "few")
     out = ended_well("train", data, "-o", tmp_path / "m.safetensors", "--space", "hfmh")
     why = "fewer than two materials have more than one recording"
@@ -72,7 +72,7 @@ def test_model_prints_and_writes_what_the_file_holds(model, tmp_path):
     assert told["training_sha256"] == identifier.core.metadata["training_sha256"]
 
 
-def test_every_command_says_that_a_model_is_of_simulated_recordings(tmp_path):
+def test_every_command_says_that_a_model_is_simulated(tmp_path):
     data = synthesize(["rice", "fine sugar"], n_per_class=4, duration_s=0.3)
     path, model = save(data, tmp_path / "x.npz"), tmp_path / "m.safetensors"
     words = ("--space", "hfmh", "--quiet")

@@ -106,7 +106,7 @@ def test_what_lies_in_a_folder_is_kept(words, name, tmp_path, monkeypatch):
     assert f"{name}: what is there is not " in refused(*words, "--force")
 
 
-def test_what_commands_write_is_known_again_and_replaced_by_force(folder, tmp_path, no_pictures):
+def test_what_commands_write_is_replaced_by_force(folder, tmp_path, no_pictures):
     outputs = {"--report": "r.html", "--json": "r.json", "--csv": "p.csv"}
     files = [tmp_path / name for name in outputs.values()]
     words = ["evaluate", folder, "--spaces", "hfmh", "--quiet"]

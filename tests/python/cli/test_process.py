@@ -167,9 +167,8 @@ def test_progress_bar_leaves_nothing_behind(folder):
 
 
 @needs_terminal
-@pytest.mark.parametrize("threads", [1, 2])
-def test_ctrl_c_amid_the_partitions_ends_the_bar_too(folder, tmp_path, threads):
-    words = ("evaluate", folder, "--paper", "4000,6,3", "--jobs", threads)
+def test_ctrl_c_amid_the_partitions_ends_the_bar_too(folder, tmp_path):
+    words = ("evaluate", folder, "--paper", "4000,6,3", "--jobs", 2)
     files = ("--json", tmp_path / "r.json", "--csv", tmp_path / "p.csv")
     with Terminal((*words, *files, "--spaces", "raw")) as terminal:
         terminal.read_until("raw: partition")
