@@ -17,6 +17,7 @@ from granular_id._checks import (
     checked_text,
     finite_number,
     finite_numbers,
+    items_of,
     whole_number,
 )
 from granular_id._core import GranularIdError
@@ -24,7 +25,7 @@ from granular_id._files import check_source, json_value, write_json
 from granular_id._text import counted
 from granular_id.recording.recording import Recording
 from granular_id.recording.report import StepReport
-from granular_id.recording.setup import Setup
+from granular_id.recording.setup import Setup, values_in
 from granular_id.recording.wrench import (
     GRAVITY,
     rest_zero,
@@ -120,16 +121,15 @@ class Payload:
         return result
 
     @classmethod
-    def fit(cls, rests: Iterable[Recording | ArrayLike], gravity: ArrayLike | None = None) -> Payload:
+    def fit(cls, rests: Iterable[Recording], gravity: ArrayLike | None = None) -> Payload:
         """Identify a payload from rests in four or more orientations, by least squares on the means of the rests.
 
         Forces give mass and zero of forces, torques the first moment m c and the zero of torques.
 
         Parameters
         ----------
-        rests : Dataset, or iterable of Recording or array_like of shape (n, 6)
-            One rest an orientation, N and N m, nothing touching the tool; half a second or more of each. Means alone,
-            of shape (6,), will do.
+        rests : Dataset, or iterable of Recording
+            One rest an orientation, N and N m, nothing touching the tool; half a second or more of each.
         gravity : array_like, shape (N, 3), optional
             Direction of gravity in the frame of the wrench at each rest, of any length: ``-R[2]`` where R turns the
             sensor's frame into one whose z points up; the negative of what an accelerometer in the sensor reads.
@@ -154,25 +154,31 @@ class Payload:
         Examples
         --------
         >>> import numpy as np
+        >>> from granular_id import Dataset
         >>> from granular_id.recording import Payload
         >>> down = np.array([[0, 0, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
         >>> noise = np.random.default_rng(0).normal(0, 0.02, (4, 500, 6)) * [1, 1, 1, 0.05, 0.05, 0.05]
         >>> rests = Payload(0.31, (0, 0.002, 0.05), bias=(4, -2, 7, 0, 0.1, 0)).wrench(down)[:, None] + noise
-        >>> payload = Payload.fit(rests, gravity=down)
+        >>> payload = Payload.fit(Dataset.from_arrays(rests, rate_hz=500), gravity=down)
         >>> round(payload.mass_kg, 3), np.round(payload.centre_of_mass_m, 3).tolist()
         (0.31, [0.0, 0.002, 0.05])
         """
-        given = list(rests)
-        down = _directions([_gravity_of(rest) for rest in given] if gravity is None else gravity)
+        given = items_of("rests", rests, Recording)
         if len(given) < _FEWEST:
             problem = f"hold {counted(len(given), 'orientation')}, four are wanted: {_UNKNOWN}; {_WAY_OUT}"
             raise argument_error(GranularIdError, "rests", problem)
+        down = _directions(_stated_gravity(given) if gravity is None else gravity)
         if down.shape != (len(given), 3):
             problem = f"has shape {down.shape}; wanted a direction a rest, ({len(given)}, 3)"
             raise argument_error(GranularIdError, "gravity", problem)
-        means = np.array([rest_zero(_rest(rest)) for rest in given])
-        frame, sign = (_common(name, given) for name in _STATED)
-        return cls(**_least_squares(means, down), n_rests=len(given), frame=frame, sign=sign)
+        means = np.array([rest_zero(_loaded_samples(rest)) for rest in given])
+        known = values_in(Setup.of(rest.meta) for rest in given)
+        for name in _STATED:
+            if len(values := known.get(name, ())) > 1:
+                problem = f"are of several {name}s: {', '.join(map(repr, values))}"
+                raise argument_error(GranularIdError, "rests", problem)
+        stated = {name: values[0] for name in _STATED if (values := known.get(name))}
+        return cls(**_least_squares(means, down), n_rests=len(given), **stated)
 
     def compensate(self, wrench: ArrayLike, gravity: ArrayLike) -> FloatArray:
         """Take weight and zero off a wrench; of recordings :meth:`Dataset.compensate` does.
@@ -234,27 +240,8 @@ class Payload:
         )
 
 
-def _rest(rest: Recording | ArrayLike) -> FloatArray:
-    if isinstance(rest, Recording):
-        _refuse_without_weight(rest)
-    samples = wrench_samples(rest) if isinstance(rest, Recording) else np.atleast_2d(wrench_array(rest))
-    if samples.ndim != 2 or not len(samples) or not np.isfinite(samples).all():
-        problem = f"hold one of shape {samples.shape}; wanted finite samples of shape (n, 6)"
-        raise argument_error(GranularIdError, "rests", problem)
-    return samples
-
-
-def _common(name: str, rests: Iterable[Recording | ArrayLike]) -> str | None:
-    setups = [Setup.of(rest.meta) for rest in rests if isinstance(rest, Recording)]
-    found = {words for setup in setups if (words := getattr(setup, name))}
-    if len(found) > 1:
-        problem = f"are of several {name}s: {', '.join(map(repr, sorted(found)))}"
-        raise argument_error(GranularIdError, "rests", problem)
-    return next(iter(found), None)
-
-
-def _refuse_without_weight(recording: Recording) -> None:
-    """Refuse a recording of which an earlier step, or its source, took the weight off."""
+def _loaded_samples(recording: Recording) -> FloatArray:
+    """Return the samples of a recording, of which no earlier step and not its source took the weight off."""
     setup = Setup.of(recording.meta)
     if setup.compensated not in (None, "no"):
         raise GranularIdError(
@@ -266,6 +253,7 @@ def _refuse_without_weight(recording: Recording) -> None:
             f"recording {recording.name!r} is tared from rest, which took weight and zero off: compensate before the "
             "tare, and take rests as the sensor reads them"
         )
+    return wrench_samples(recording)
 
 
 def _least_squares(means: FloatArray, down: FloatArray) -> dict[str, Any]:
@@ -276,14 +264,13 @@ def _least_squares(means: FloatArray, down: FloatArray) -> dict[str, Any]:
     sizes = np.concatenate([np.linalg.svd(design, compute_uv=False) for design in designs])
     condition = float(sizes.max() / sizes.min()) if sizes.min() > 0 else np.inf
     if not condition <= _MOST_CONDITION:
-        problem = (
-            f"are too alike in their orientation (condition number {condition:.2g}): {_UNKNOWN}; {_WAY_OUT}"
-        )
-        raise argument_error(GranularIdError, "rests", problem)
-    read = means[:, :3].ravel(), means[:, 3:].ravel()
-    solved = [np.linalg.lstsq(*pair, rcond=None)[0] for pair in zip(designs, read, strict=True)]
-    left = [y - x @ b for x, y, b in zip(designs, read, solved, strict=True)]
-    residual = np.concatenate([np.sqrt(np.square(part.reshape(-1, 3)).mean(axis=0)) for part in left])
+        problem = f"are too alike in their orientation (condition number {condition:.2g})"
+        raise argument_error(GranularIdError, "rests", f"{problem}: {_UNKNOWN}; {_WAY_OUT}")
+    solved, residual = [], np.empty(6)
+    for part, design in zip((slice(3), slice(3, 6)), designs, strict=True):
+        read = means[:, part].ravel()
+        solved.append(np.linalg.lstsq(design, read, rcond=None)[0])
+        residual[part] = np.sqrt(np.square((read - design @ solved[-1]).reshape(-1, 3)).mean(axis=0))
     weight = float(solved[0][0])
     if not weight > _rms(residual[:3]):
         raise GranularIdError(
@@ -304,9 +291,6 @@ def _rms(values: ArrayLike) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-# Where gravity points.
-
-
 def _directions(gravity: ArrayLike) -> FloatArray:
     """Return vectors (..., 3) at length 1."""
     array = finite_numbers("gravity", gravity, 3, each=True)
@@ -323,14 +307,14 @@ def gravity_in(entry: Mapping[str, Any]) -> Any:
     return entry.get("gravity") if None in apart else [float(str(value)) for value in apart]
 
 
-def _gravity_of(rest: Recording | ArrayLike) -> Any:
-    if not isinstance(rest, Recording):
-        problem = "must be given where samples are no Recording, got none"
+def _stated_gravity(recordings: Sequence[Recording]) -> list[Any]:
+    """Return where gravity points by the metadata of each recording."""
+    found = [gravity_in(recording.meta) for recording in recordings]
+    without = [r.name for r, down in zip(recordings, found, strict=True) if down is None]
+    if without:
+        problem = f"must be given, as the metadata of {without[0]!r} have no gravity and no gx, gy, gz"
         raise argument_error(GranularIdError, "gravity", problem)
-    if (down := gravity_in(rest.meta)) is None:
-        problem = f"must be given, as the metadata of {rest.name!r} have no gravity and no gx, gy, gz"
-        raise argument_error(GranularIdError, "gravity", problem)
-    return down
+    return found
 
 
 def compensate_recordings(
@@ -340,7 +324,7 @@ def compensate_recordings(
     if not isinstance(payload, Payload):
         raise argument_error(TypeError, "payload", f"must be a Payload, got {type(payload).__name__}")
     if gravity is None:
-        each: list[Any] = [_gravity_of(recording) for recording in recordings]
+        each: list[Any] = _stated_gravity(recordings)
     else:
         one = np.isscalar(gravity) or all(np.ndim(part) == 0 for part in gravity)  # type: ignore[union-attr]
         each = [gravity] * len(recordings) if one else list(gravity)  # type: ignore[arg-type]
@@ -348,8 +332,9 @@ def compensate_recordings(
         problem = f"has {len(each)} entries for {counted(len(recordings))}; wanted one direction, or one a recording"
         raise argument_error(GranularIdError, "gravity", problem)
     results = []
+    noted = {"compensated": True, "payload": f"{payload.mass_kg:.3g} kg"}
     for recording, down in zip(recordings, each, strict=True):
-        _refuse_without_weight(recording)
+        samples = _loaded_samples(recording)
         for name in _STATED:
             now, known = getattr(Setup.of(recording.meta), name), getattr(payload, name)
             if now and known and now != known:
@@ -357,9 +342,6 @@ def compensate_recordings(
                     f"recording {recording.name!r} is of the {name} {now!r}, the payload of {known!r}; compensate "
                     f"recordings before they are turned or flipped, or fit the payload to rests of this {name}"
                 )
-        samples = payload.compensate(wrench_samples(recording), down)
-        results.append(
-            with_samples(recording, samples, compensated=True, payload=f"{payload.mass_kg:.3g} kg")
-        )
+        results.append(with_samples(recording, payload.compensate(samples, down), **noted))
     plain = {name: json_value(getattr(payload, name)) for name in ("mass_kg", "centre_of_mass_m", "bias")}
     return results, StepReport("compensate", plain, {"recordings": len(results)})
