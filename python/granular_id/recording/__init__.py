@@ -43,11 +43,7 @@ from granular_id.recording.conversion import (
 )
 from granular_id.recording.dataset import Dataset, describe_data as describe_data
 from granular_id.recording.frames import names_in as names_in
-from granular_id.recording.onset import (
-    ONSET_STEP as ONSET_STEP,
-    Onset,
-    find_onset,
-)
+from granular_id.recording.onset import ONSET_STEP as ONSET_STEP
 from granular_id.recording.payload import Payload, gravity_in as gravity_in
 from granular_id.recording.recording import (
     AXIS_COLOURS as AXIS_COLOURS,
@@ -95,13 +91,11 @@ __all__ = [
     "CheckReport",
     "Dataset",
     "Finding",
-    "Onset",
     "Payload",
     "Recording",
     "SampleFlag",
     "Setup",
     "StepReport",
     "Summary",
-    "find_onset",
     "transform",
 ]

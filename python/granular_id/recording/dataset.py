@@ -504,15 +504,22 @@ class Dataset:
     ) -> Dataset:
         """Set each recording's `trigger_index` to where its motion begins, found from the wrench alone.
 
-        See `find_onset` for the method. ``.align(trigger="recorded",
-        lead_s=0.1, n_samples=...)`` then cuts all recordings to the same lead, as the paper's are.
+        The first `rest_s` seconds are taken for rest. A change is found where neighbouring windows, a fifth of that
+        long, differ by more than windows at rest do, by a quantile of Student's t; then the sample at which the change
+        began is estimated by fitting a jump, a straight or a quadratic rise. Nothing has to be known about the noise:
+        it may be autocorrelated, filtered, quantised or drift, as long as it stays what it was at rest. Where a sensor
+        is slower than its messages, which then repeat its readings, the rest must hold five of these.
+        ``.align(trigger="recorded", lead_s=0.1, n_samples=...)`` then cuts all recordings to the same lead, as the
+        paper's are.
 
         Parameters
         ----------
         rest_s : float, default 0.1
-            Seconds at the start of each recording that are known to be at rest; at least 5 samples.
+            Seconds at the start of each recording that are known to be at rest; at least 5 samples. The longer, the
+            smaller and the slower a change can be found.
         false_alarm_rate : float, default 0.001
-            Probability, at most, that a recording without any motion gets an onset.
+            Probability that a recording without any motion gets an onset: per recording, not per sample or axis. It is
+            approximate, and lower in most simulated noises.
         overrule : mapping of str to float or None, optional
             Onsets that you know better, by name of the recording: seconds from its first sample, or None for no
             onset. They also replace a trigger that was recorded.
@@ -529,6 +536,19 @@ class Dataset:
         TypeError, ValueError
             Bad settings, a name that no recording or more than one has, a time outside the recording, and
             irregular recordings, which must be resampled (or overruled) first.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from granular_id import Dataset
+        >>> force = np.random.default_rng(0).normal(0, 0.02, (2, 1600, 6))    # N, at rest
+        >>> load = 2 * (1 - np.exp(-np.arange(1520) / 15))                    # motion from 0.16 s on, of one of them
+        >>> force[0, 80:, [0, 4]] += np.outer([1, 0.1], load)                 # N, N m
+        >>> found = Dataset.from_arrays(force, rate_hz=500).find_onsets()
+        >>> [recording.trigger_index for recording in found]
+        [79, None]
+        >>> found.history[-1].rows[0]["why"]
+        'no change stands out from the noise of the first 0.1 s'
         """
         return self._after(find_all_onsets(self.recordings, rest_s, false_alarm_rate, overrule, replace))
 

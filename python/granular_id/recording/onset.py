@@ -1,19 +1,19 @@
-"""``find_onset`` and ``Onset``: where the motion begins, found from the wrench alone; the step for a data set."""
+"""Onsets: where the motion begins, found from the wrench alone; see :meth:`Dataset.find_onsets`."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from granular_id._checks import FloatArray, argument_error, checked_flag, finite_number
-from granular_id._core import AXES, GranularIdError
+from granular_id._core import GranularIdError
 from granular_id.recording.recording import Recording, SampleFlag, irregular_among, places_of
 from granular_id.recording.report import StepReport, subject
 
@@ -29,106 +29,13 @@ ONSET_STEP = "find_onsets"
 _ORDER = ("not found", "overruled", "found", "kept")  # as rows of a report: what needs a look comes first
 
 
-@dataclass(frozen=True, eq=False)
-class Onset:
-    """Where the motion of one recording begins, or why that cannot be said.
-
-    Attributes
-    ----------
-    index : int or None
-        Sample at which the change is estimated to have begun; None where none was found.
-    time_s : float or None
-        The same in seconds from the first sample.
-    axes : tuple of str
-        Axes that carry the change, the strongest first.
-    strength : float
-        Largest change around the onset (the largest anywhere where none was found), over the smallest that counts.
-    why : str
-        Why there is no onset, in words; empty where there is one.
-    """
+class Onset(NamedTuple):
+    """Where the motion of one recording begins; no index, and why there is none."""
 
     index: int | None
-    time_s: float | None
-    axes: tuple[str, ...]
-    strength: float
+    axes: tuple[str, ...] = ()  # that carry the change, the strongest first
+    strength: float = 0.0  # largest change around the onset, or anywhere, over the smallest that counts
     why: str = ""
-
-    def __repr__(self) -> str:
-        if self.index is None:
-            return f"Onset(None, why={self.why!r})"
-        where = f"{self.time_s:.6g} s, sample {self.index}, on {' '.join(self.axes)}"
-        return f"Onset({where}, {self.strength:.3g} times the threshold)"
-
-
-def find_onset(
-    wrench: ArrayLike,
-    rate_hz: float,
-    *,
-    rest_s: float = REST_S,
-    false_alarm_rate: float = FALSE_ALARM_RATE,
-    axes: Sequence[str] | None = None,
-) -> Onset:
-    """Find where the motion begins in one recording, or say why that is not possible.
-
-    The first `rest_s` seconds are taken for rest. A change is found where neighbouring windows, a fifth of that long,
-    differ by more than windows at rest do, by a quantile of Student's t; then the sample at which the change began is
-    estimated by fitting a jump, a straight or a quadratic rise. Nothing has to be known about the noise: it may be
-    autocorrelated, filtered, quantised or drift, as long as it stays what it was at rest. Where a sensor is slower than
-    its messages, which then repeat its readings, the rest must hold five of these.
-
-    Parameters
-    ----------
-    wrench : array_like, shape (T, C)
-        Uniformly sampled axes in any units. A scale or an offset of an axis changes nothing.
-    rate_hz : float
-        Sampling rate, Hz.
-    rest_s : float, default 0.1
-        Seconds at the start that are known to be at rest; at least 5 samples. The longer, the smaller and the
-        slower a change can be found.
-    false_alarm_rate : float, default 0.001
-        Probability that a recording without any motion gets an onset: per recording, not per sample or axis. It is
-        approximate, and lower in most simulated noises.
-    axes : sequence of str, optional
-        Names of the axes, for messages; default fx fy fz tx ty tz for six, else axis 0, axis 1, ...
-
-    Returns
-    -------
-    Onset
-        ``index`` is None, and ``why`` says so in words, where the recording is too short, nothing changes,
-        it starts in motion already or the rest holds too few readings.
-
-    Raises
-    ------
-    TypeError, ValueError
-        Naming the argument: samples that are not finite, a rate or `rest_s` that is not positive or gives fewer
-        than 5 samples, a false-alarm rate outside (0, 0.5].
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from granular_id import find_onset
-    >>> force = np.random.default_rng(0).normal(0, 0.02, (1600, 6))       # N, at rest
-    >>> find_onset(force, rate_hz=500).why
-    'no change stands out from the noise of the first 0.1 s'
-    >>> load = 2 * (1 - np.exp(-np.arange(1520) / 15))                    # motion from 0.16 s on
-    >>> force[80:, [0, 4]] += np.outer(load, [1, 0.1])                    # N, N m
-    >>> onset = find_onset(force, rate_hz=500)
-    >>> onset.index, onset.axes
-    (79, ('fx', 'ty'))
-    """
-    n_axes = np.shape(wrench)[1] if np.ndim(wrench) == 2 else len(AXES)
-    if axes is None and n_axes != len(AXES):
-        axes = [f"axis {i}" for i in range(n_axes)]
-    recording = Recording(wrench, rate_hz=rate_hz, axes=axes or ())  # type: ignore[arg-type]
-    return _onset(recording, _rest_samples(rest_s, rate_hz), _checked_false_alarm_rate(false_alarm_rate))
-
-
-def _checked_false_alarm_rate(value: object) -> float:
-    rate = finite_number("false_alarm_rate", value)
-    if not 1e-12 <= rate <= 0.5:
-        problem = f"must be between 1e-12 and 0.5, got {rate:g}"
-        raise argument_error(GranularIdError, "false_alarm_rate", problem)
-    return rate
 
 
 def _rest_samples(rest_s: object, rate_hz: float) -> int:
@@ -150,15 +57,15 @@ _WINDOWS_IN_REST = 5
 _SPAN = 3
 
 
-def _onset(recording: Recording, rest: int, rate: float) -> Onset:
+def find_onset(recording: Recording, rest: int, rate: float) -> Onset:
     """Find the onset of a uniform recording with so many samples at rest."""
-    wrench, axes, rate_hz = recording.wrench, recording.axes, recording.rate_hz or 0.0
+    wrench, axes = recording.wrench, recording.axes
     window = max(1, rest // _WINDOWS_IN_REST)
     needed = rest + _SPAN * window
     if len(wrench) < needed:
         compared = f"{rest} at rest and {_SPAN * window} to compare"
         why = f"too short: {len(wrench)} samples, {needed} wanted ({compared})"
-        return Onset(None, None, (), 0.0, why)
+        return Onset(None, why=why)
     # Powers of two, so that no bit is lost: what the units are makes no difference, and squares cannot overflow
     exponent = np.clip(np.frexp(np.abs(wrench).max(axis=0))[1], -1000, 1023)
     samples = wrench * np.ldexp(1.0, -exponent)
@@ -167,15 +74,13 @@ def _onset(recording: Recording, rest: int, rate: float) -> Onset:
     by_axis, joint = _changes(samples, noise, rest, window, rate)
     passed = np.flatnonzero(joint > 1)
     if not len(passed):
-        return Onset(None, None, (), float(joint.max()), _why_not(samples, noise, rest, window, recording))
+        return Onset(None, (), float(joint.max()), _why_not(samples, noise, rest, window, recording))
     first = int(passed[0])
     own = by_axis[first : first + _SPAN * window].max(axis=0)
     carrying = tuple(axes[c] for c in np.argsort(-own) if own[c] > 1)
     index = _beginning(samples, by_axis[first] > 1, noise.shared, rest + first, rest, window)
-    return Onset(index, index / rate_hz, carrying, float(joint[first : first + rest].max()))
+    return Onset(index, carrying, float(joint[first : first + rest].max()))
 
-
-# What an axis does while nothing moves, measured on the few samples before the motion.
 
 # Factor on Satterthwaite's degrees of freedom. False alarms come from the lower tail of an estimate, and that is
 # thinner than his approximation says where the larger of two estimates is taken and two axes must agree.
@@ -313,10 +218,9 @@ _AFTER = 3
 def _beginning(
     samples: FloatArray, carried: NDArray[np.bool_], noise: FloatArray, at: int, rest: int, window: int
 ) -> int:
-    """Estimate the sample at which the change that was found at one began.
+    """Estimate the sample at which the change that was found at one began, by the best of `_POWERS` in least squares.
 
-    The axes that carry it, added up as by a matched filter, are fitted by a jump, a straight and a quadratic rise: the
-    best by least squares is the maximum likelihood estimate for white noise (Hinkley).
+    The axes that carry it are added up as by a matched filter; for white noise this is maximum likelihood (Hinkley).
     """
     change = samples[at : at + window].mean(axis=0) - samples[at - window : at].mean(axis=0)
     course = samples[:, carried] @ (change[carried] / noise[carried])
@@ -388,7 +292,10 @@ def find_all_onsets(
 ) -> tuple[list[Recording], StepReport]:
     """Set the trigger of each recording; see :meth:`Dataset.find_onsets`, which calls this."""
     replace_recorded = checked_flag("replace", replace_recorded)
-    rate = _checked_false_alarm_rate(false_alarm_rate)
+    rate = finite_number("false_alarm_rate", false_alarm_rate)
+    if not 1e-12 <= rate <= 0.5:
+        problem = f"must be between 1e-12 and 0.5, got {rate:g}"
+        raise argument_error(GranularIdError, "false_alarm_rate", problem)
     seconds = finite_number("rest_s", rest_s, positive=True)
     stated = _stated_indices(recordings, overrule)
     judged = {
@@ -414,7 +321,7 @@ def find_all_onsets(
             rest = _rest_samples(seconds, recording.rate_hz or 0.0)
             if recording.flags is not None and (recording.flags[:rest] & SampleFlag.GAP_FILLED).any():
                 filled.append(recording.name)
-            onset = _onset(recording, rest, rate)
+            onset = find_onset(recording, rest, rate)
             index, row = onset.index, {"how": "not found", "why": onset.why}
             if index is not None:
                 row = {"how": "found", "strength": round(onset.strength, 2), "axes": " ".join(onset.axes)}
@@ -432,8 +339,8 @@ def find_all_onsets(
         **{f"{word}_onset_s": float(pick(times)) for word, pick in picks.items() if times},
     }
     parameters = {
-        "rest_s": float(rest_s),
-        "false_alarm_rate": float(false_alarm_rate),
+        "rest_s": seconds,
+        "false_alarm_rate": rate,
         "overrule": dict(overrule) if overrule else None,
         "replace": replace_recorded,
     }
@@ -451,8 +358,7 @@ def _stated_indices(
 ) -> dict[int, int | None]:
     """Turn names and seconds into places and samples, or say what is wrong with them."""
     stated: dict[int, int | None] = {}
-    if overrule is None:
-        return stated
+    overrule = {} if overrule is None else overrule
     if not isinstance(overrule, Mapping):
         problem = f"must map names of recordings to seconds, as in {{'rice_01': 0.25}}, got {overrule!r:.60}"
         raise argument_error(TypeError, "overrule", problem)
