@@ -8,7 +8,7 @@ from sklearn.pipeline import make_pipeline
 
 import granular_id as gid
 from granular_id.identifier import StreamingIdentifier
-from granular_id.recording import AXES, Recording
+from granular_id.recording import AXES, Recording, samples_of
 
 RNG = np.random.default_rng(0)
 WRENCH = RNG.normal(size=(40, 6))
@@ -61,46 +61,33 @@ def mixed(values=WRENCH):
         (frame(names=["fx", *GYRO[:5]]), ("fx", *GYRO[:5]), WRENCH),
     ],
 )
-def test_names_of_columns_are_the_axes_of_a_recording(table, given, axes, expected):
-    recording = Recording(table(given), rate_hz=500)
-    assert recording.axes == axes
-    assert np.array_equal(recording.wrench, expected)
-    assert recording.wrench.flags.c_contiguous
-
-
-@TABLES
-def test_axes_choose_columns_and_numbers_are_no_names(table):
-    logged = frame().assign(time=np.arange(40) / 500, temperature=20.0)
-    assert np.array_equal(Recording(table(logged), rate_hz=500, axes=AXES).wrench, WRENCH)
-    chosen = Recording(table(logged), rate_hz=500, axes=["fz", "fx"])
-    assert (chosen.axes, chosen.wrench.tolist()) == (("fz", "fx"), WRENCH[:, [2, 0]].tolist())
-    assert Recording(pd.DataFrame(WRENCH), rate_hz=500) == Recording(WRENCH, rate_hz=500)
-    assert Recording(pd.DataFrame(WRENCH), rate_hz=500, axes=GYRO).axes == tuple(GYRO)
+def test_names_of_columns_are_the_axes_of_samples(table, given, axes, expected):
+    samples, names = samples_of(table(given), "X", None)
+    assert names == axes
+    assert np.array_equal(samples, expected)
+    assert samples_of(pd.DataFrame(WRENCH), "X", None)[1] is None
+    with pytest.raises(TypeError, match=r"call Dataset\.from_frames"):
+        Recording(table(given), rate_hz=500)
 
 
 @TABLES
 @pytest.mark.parametrize(
-    ("given", "keywords", "named"),
+    ("given", "wanted", "named"),
     [
-        (frame().assign(time=0.0), {}, "time"),
-        (frame(names=GYRO).assign(time=0.0, ground="mud"), {}, r"as in wrench\[\['gx', .*'az'\]\]$"),
-        (frame().assign(time_ms=0.0)[["time_ms", "fx", "fy", "fz"]], {}, "time_ms"),
-        (frame().assign(**{"Time [s]": 0.0})[["Time [s]", "fx"]], {}, "Time"),
-        (frame(WRENCH[:, :3], ["Timestamp", "gx", "gy"]), {}, "Timestamp"),
-        (frame().assign(temperature=20.0), {}, "temperature"),
-        (frame(names=GYRO), {"axes": AXES}, "gx"),
-        (frame(names=[*AXES[:5], "Fx"]), {}, "Fx"),
-        (frame(names=GYRO).assign(material="rice"), {}, "material"),
-        (frame().assign(material="rice"), {"axes": ["fx", "material"]}, "material"),
-        (frame(), {"axes": "fx"}, "axes"),
-        (frame(), {"axes": []}, "axes"),
-        (frame(), {"axes": np.array(AXES)}, "axes"),
-        (frame(names=pd.MultiIndex.from_product([["force", "torque"], list("xyz")])), {}, "wrench"),
+        (frame().assign(time=0.0), None, "time"),
+        (frame().assign(**{"Time [s]": 0.0})[["Time [s]", "fx"]], None, "Time"),
+        (frame(WRENCH[:, :3], ["Timestamp", "gx", "gy"]), None, "Timestamp"),
+        (frame(names=GYRO), AXES, "gx"),
+        (frame().assign(temperature=20.0), AXES, "temperature"),
+        (frame(names=[axis.upper() for axis in AXES]).assign(temperature=20.0), None, "temperature"),
+        (frame(names=[*AXES[:5], "Fx"]), None, "two columns"),
+        (frame(names=GYRO).assign(material="rice"), None, "'material', which is of dtype"),
+        (frame(names=pd.MultiIndex.from_product([["force", "torque"], list("xyz")])), None, "wrench"),
     ],
 )
-def test_what_is_no_axis_is_refused_by_name(table, given, keywords, named):
+def test_what_is_no_axis_is_refused_by_name(table, given, wanted, named):
     with pytest.raises((ValueError, TypeError), match=named):
-        Recording(table(given), rate_hz=500, **keywords)
+        samples_of(table(given), "wrench", wanted)
 
 
 @TABLES

@@ -150,19 +150,7 @@ _CHOOSES = {
     SESSION: in_both(session="column:NAME"),
 }
 
-TIMES = (
-    "time",
-    "t",
-    "timestamp",
-    "timestamps",
-    "stamp",
-    "ts",
-    "datetime",
-    "seconds",
-    "sec",
-    "secs",
-    "xvalue",
-)
+TIMES = ("time", *["t", "timestamp", "timestamps", "stamp", "ts", "datetime", "seconds", "sec", "secs", "xvalue"])
 """Names of a clock without case and separators; of several that are there, the first one is it."""
 
 _WORDS = {
@@ -201,11 +189,7 @@ _IN_TWO = re.compile(r"(.*)secs?(?:onds)?\n\1n(?:ano)?secs?(?:onds)?", re.IGNORE
 
 
 class TableError(GranularIdError):
-    """Samples that make no recording: the problem, and the row and column of the table where it is.
-
-    `no_wrench`: the table holds none of the axes, so that it may be something else beside recordings. `mend`: methods
-    of a data frame that make recordings of it.
-    """
+    """Samples that make no recording: the problem, and the row and column of the table where it is."""
 
     def __init__(
         self,
@@ -213,12 +197,11 @@ class TableError(GranularIdError):
         row: int | None = None,
         column: str | None = None,
         *,
-        no_wrench: bool = False,
-        mend: str = "",
+        no_wrench: bool = False,  # the table holds none of the axes, and may be something else
+        mend: str = "",  # methods of a data frame that make recordings of it
     ) -> None:
         super().__init__(problem)
-        self.problem, self.row, self.column, self.no_wrench = problem, row, column, no_wrench
-        self.mend = mend
+        self.problem, self.row, self.column, self.no_wrench, self.mend = problem, row, column, no_wrench, mend
 
 
 class Meaning(NamedTuple):
@@ -357,15 +340,7 @@ def numbers_of(
             texts = [row for row in no_number if _NUMBER.fullmatch(str(cells[row])) is None]
             row = (texts or no_number)[0]
             several = {str(cells[one])[:40] for one in texts}
-            raise _no_number(
-                row,
-                name,
-                several,
-                {name: columns[name] for name in names},
-                columns.get(clock or ""),
-                clock,
-                of_text,
-            )
+            raise _no_number(row, name, several, columns, names, clock, of_text)
         found.append(np.array([np.nan if cell is None else cell for cell in cells], np.float64))
     whole = np.column_stack(found).astype(np.float64, copy=False)
     whole.flags.writeable = False
@@ -375,41 +350,32 @@ def numbers_of(
 def _no_number(
     row: int,
     name: str,
-    several: Set[str],
+    several: Set[str],  # all texts of the column that are no numbers
     columns: Mapping[str, npt.NDArray[Any]],
-    stamps: npt.NDArray[Any] | None,
+    names: Sequence[str],
     clock: str | None,
     of_text: Sequence[str],
 ) -> TableError:
-    """Say what is wrong with a cell, and what reads it: options of pandas, or methods of its frames.
-
-    `several` are all texts of the column that are no numbers.
-    """
-    cell, names = columns[name][row], list(columns)
+    """Say what is wrong with a cell, and what reads it: options of pandas, or methods of its frames."""
+    cell, beside = columns[name][row], {one: columns[one][row] for one in names}
     if isinstance(cell, (list, tuple, np.ndarray)):
-        mend = f".explode({names}).astype(dict.fromkeys({names}, float))"
+        mend = f".explode({list(names)}).astype(dict.fromkeys({list(names)}, float))"
         return TableError("holds lists; wanted one number a row", row, name, mend=mend)
     text = str(cell)[:40]
     with_comma = _DECIMAL_COMMA.fullmatch(text), _THOUSANDS.fullmatch(text)
     option: dict[str, Any] = {}
     if any(with_comma):
         option = {"decimal": ","} if with_comma[0] else {"thousands": ","}
-    elif all(str(values[row]).strip() == called for called, values in columns.items()) and several == {text}:
+    elif several == {text} and all(str(value).strip() == called for called, value in beside.items()):
         option = {"na_values": list(of_text)}  # its names again
-    elif several == {text} and all(
-        values[row] == cell for values in columns.values()
-    ):  # else it were empty in part
+    elif several == {text} and all(value == cell for value in beside.values()):  # else it were empty in part
         option = {"na_values": text}
     why = "; if it stands for a missing sample" * (option.get("na_values") == text)
     if option and of_text:
         return TableError(f"{text!r} is no number{why}: pass {in_both(csv=option)}", row, name)
     mend = mended(names, is_text=True)
-    if (
-        clock is not None
-        and stamps is not None
-        and stamps.dtype.kind == "O"
-        and _NUMBER.fullmatch(str(stamps[0]))
-    ):
+    stamps = columns.get(clock or "")
+    if stamps is not None and stamps.dtype.kind == "O" and _NUMBER.fullmatch(str(stamps[0])):
         mend = NUMERIC_ROWS.format(clock=clock) + mend
     return TableError(f"{text!r} is no number; wanted a number", row, name, mend=mend * (not any(with_comma)))
 
@@ -452,32 +418,28 @@ def by_name(
 ) -> tuple[npt.NDArray[Any], tuple[str, ...]]:
     """Take columns by their names: those wanted; else the six of a wrench in their order, or all as they stand."""
     have = f"its columns are {' '.join(names)}"
-    own: dict[str, str] = {}  # fx for Fx
-    for name in names:
-        if own.setdefault(_axis(name), name) != name:
-            raise GranularIdError(f"{argument} has two columns {name!r}: {have}")
-    places = {**own, **{name: name for name in names}}
-    axes = tuple(wanted or (AXES if own.keys() == set(AXES) else names))
+    places = {_axis(name): name for name in names}  # fx for Fx
+    if len(places) < len(names):
+        twice = next(name for name in names if name not in places.values())
+        raise GranularIdError(f"{argument} has two columns {twice!r}: {have}")
+    axes = tuple(wanted or (AXES if places.keys() == set(AXES) else names))
+    places |= {name: name for name in names}
     missing = [axis for axis in axes if axis not in places]
     if missing:
         raise GranularIdError(
             f"{argument} has no column {missing[0]!r}: {have}, wanted are {' '.join(axes)}; an array has no names: "
             f"{argument}.to_numpy() passes for these"
         )
-    if axes == tuple(names):  # nobody chose: all of them must be axes
-        times = [name for name in names if meaning_of(name.lstrip("%# ")).what == TIME]
-        beside = [name for name in names if _axis(name) not in AXES] if own.keys() >= set(AXES) else []
-        if wanted is None and (times or beside):
-            left = [name for name in names if name not in times and name not in beside]
-            numbers = [name for name in left if np.asarray(table[name]).dtype.kind in "iuf"]
-            came = f"{(times or beside)[0]!r}, which is {'no axis' if times else 'no force or torque'}"
-            way_out = f"choose those that are axes, as in {argument}[{numbers}]"
-            raise GranularIdError(f"{argument} has the column {came}: {have}; {way_out}")
     columns = [np.asarray(table[places[axis]]) for axis in axes]
     for axis, column in zip(axes, columns, strict=True):
-        if column.dtype.kind not in "iuf" or column.ndim != 1:
-            problem = f"must hold real numbers, got dtype {column.dtype}"
-            raise TypeError(f"column {places[axis]!r} of {argument} {problem}")
+        is_clock = wanted is None and meaning_of(axis.lstrip("%# ")).what == TIME
+        is_beside = wanted is None and axis not in AXES and places.keys() >= set(AXES)
+        if is_clock or is_beside or column.dtype.kind not in "iuf" or column.ndim != 1:
+            came = (
+                "a clock" if is_clock else "no force or torque" if is_beside else f"of dtype {column.dtype}"
+            )
+            problem = f"has the column {places[axis]!r}, which is {came}"
+            raise GranularIdError(f"{argument} {problem}: {have}; leave out those that are no axes")
     return np.column_stack(columns), axes
 
 
@@ -486,9 +448,8 @@ def samples_of(value: Any, argument: str, wanted: Sequence[str] | None) -> tuple
     names = column_names(value, argument)
     if names is not None:
         if wanted is not None and len(names) > len(wanted):
-            raise GranularIdError(
-                f"{argument} has the columns {' '.join(names)}, wanted are {' '.join(wanted)}: leave out the others"
-            )
+            came = f"{argument} has the columns {' '.join(names)}"
+            raise GranularIdError(f"{came}, wanted are {' '.join(wanted)}: leave out the others")
         return by_name(value, names, argument, wanted)
     if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1:
         _refuse_ragged(value, argument)

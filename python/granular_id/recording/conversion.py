@@ -184,15 +184,12 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
                 error.mend = f".assign(recording=lambda f: range(len(f))){error.mend}"
             raise
     unread = [repr(name) for name in cells if name not in called.values()]
-    bases = {
-        what: meaning_of(name).base.strip().lower() for what, name in called.items() if what != NANOSECONDS
-    }
     usual = {(TIME, "timestamp"), (TIME, table.clock)}
-    others = {
-        called[what]: what
-        for what, base in bases.items()
-        if base != what.lower() and (what, base) not in usual
-    }
+    others = {}
+    for what, name in called.items():
+        base = meaning_of(name).base.strip().lower()
+        if what != NANOSECONDS and base != what.lower() and (what, base) not in usual:
+            others[name] = what
     if unread:
         notes.append(f"columns that are not read: {', '.join(unread)[:200]}")
     if others:
@@ -314,8 +311,7 @@ class _Part:
         self._rows, self._wrench, self._columns = rows, picked.wrench, picked.columns
         self._flags: NDArray[np.uint8] | None = None
         self._trigger = stated.trigger_index
-        self._places: NDArray[np.intp] | None = None
-        """Where the samples stood before empty rows were left out."""
+        self._places: NDArray[np.intp] | None = None  # of the samples, before empty rows were left out
         self.remarks: dict[str, Any] = {}
         if len(rows) < len(picked.wrench):  # all of one recording need not be copied
             self._wrench = picked.wrench[rows]
@@ -389,15 +385,12 @@ class _Part:
         if len(partly):
             sample, column = partly[0].tolist()
             value = self._wrench[sample, column]
-            came = (
-                f"is {value}" if not np.isnan(value) else "is empty or NaN, where others of the row are not"
-            )
-            wanted = "wanted a finite number, or a row that is empty in all axes"
+            came = "is empty or NaN, where others of the row are not" if np.isnan(value) else f"is {value}"
+            problem = f"{came}; wanted a finite number, or a row that is empty in all axes"
             names = [self._picked.called[axis] for axis in self._picked.axes]
-            fill = 2 * len(np.unique(partly[:, 0])) > len(bad)  # axes that take turns
-            mend = mended(names, fill=fill)
-            row, name = int(self._rows[sample]), names[column]
-            raise TableError(f"{came}; {wanted}", row, name, mend=mend)
+            take_turns = 2 * len(np.unique(partly[:, 0])) > len(bad)
+            mend = mended(names, fill=take_turns)
+            raise TableError(problem, int(self._rows[sample]), names[column], mend=mend)
         if missing.all():
             raise TableError("holds no samples: all rows are empty")
         self.remarks["left_out"] = int(missing.sum())
@@ -533,14 +526,12 @@ class _Part:
                 kinds = list(dict.fromkeys(_texts_of(self._columns[what]).tolist()))
                 if len(kinds) > 1:
                     shown = ", ".join(f"{kind!r:.30}" for kind in kinds[:5])
-                    apart, mend = "", ""
+                    problem, mend = f"has {len(kinds)} values in one recording: {shown}; wanted one", ""
                     if RECORDING not in self._columns and len(_changes(self._columns[what])) >= len(kinds):
-                        mend = (
-                            f".assign(recording=lambda f: (f[{column!r}] != f[{column!r}].shift()).cumsum())"
-                        )
+                        begins = f"f[{column!r}] != f[{column!r}].shift()"
+                        mend = f".assign(recording=lambda f: ({begins}).cumsum())"
                     elif RECORDING not in self._columns:
-                        apart = f"; to take each as a recording pass {in_both(id=column)}"
-                    problem = f"has {len(kinds)} values in one recording: {shown}; wanted one{apart}"
+                        problem += f"; to take each as a recording pass {in_both(id=column)}"
                     raise TableError(problem, int(self._rows[0]), column, mend=mend)
                 text = kinds[0] or text
             elif what in dict(self._stated.columns) and text is None:
@@ -562,10 +553,8 @@ def _changes(cells: NDArray[Any]) -> set[int]:
 def agreed_rate(stated_hz: float, own_hz: float | None, name: str) -> float:
     """Return the rate that is stated, or refuse another one of the file's own."""
     if own_hz not in (None, stated_hz):
-        problem = (
-            f"recording {name!r:.60} was sampled at {own_hz:g} Hz, but a rate of {stated_hz:g} Hz is stated"
-        )
-        raise TableError(f"{problem}; leave it out, then call .resample(rate_hz)")
+        problem = f"was sampled at {own_hz:g} Hz, but a rate of {stated_hz:g} Hz is stated"
+        raise TableError(f"recording {name!r:.60} {problem}; leave it out, then call .resample(rate_hz)")
     return stated_hz
 
 
@@ -589,10 +578,8 @@ def restated(recording: Recording, stated: Stated) -> Recording:
     for name in ("label", "session"):
         place, other = getattr(stated, f"{name}_from"), getattr(stated, f"{name}_else")
         if name in dict(stated.columns):
-            problem = (
-                f"{name}='column:{dict(stated.columns)[name]:.60}': a data set that granular-id wrote has no"
-            )
-            raise TableError(f"{problem} columns; wanted 'meta:PATH'")
+            problem = "a data set that granular-id wrote has no columns; wanted 'meta:PATH'"
+            raise TableError(f"{name}='column:{dict(stated.columns)[name]:.60}': {problem}")
         if place is not None:
             changed[name] = text_in_meta(name, place, meta)
         elif changed[name] is None and getattr(recording, name) is None:

@@ -12,10 +12,7 @@ from granular_id._checks import argument_error, as_floats, checked_choice, check
 from granular_id._core import AXES, GranularIdError
 from granular_id._text import counted
 from granular_id.recording.columns import (
-    LABEL,
     RECORDING,
-    SESSION,
-    TIME,
     TableError,
     cell_text,
     column_names,
@@ -42,10 +39,8 @@ def recordings_of_arrays(
     """Make the recordings of arrays; see :meth:`Dataset.from_arrays`, which calls this."""
     rate = finite_number("rate_hz", rate_hz, positive=True)
     arrays = _arrays(X)
-    n = len(arrays)
-    labels, days, called = (
-        _texts(given, what, n) for given, what in ((y, "y"), (sessions, "sessions"), (names, "names"))
-    )
+    lists = {"y": y, "sessions": sessions, "names": names}
+    labels, days, called = (_texts(given, what, len(arrays)) for what, given in lists.items())
     known = names_in("axes", axes)
     n_axes = arrays[0].shape[1]
     if known is None and n_axes != len(AXES):
@@ -54,15 +49,9 @@ def recordings_of_arrays(
     columns = checked_axes(known, arrays[0].shape)
     stated = Stated(axes=columns, units=names_in("units", units, empty=True))
     units_by_axis(columns, stated.units)
+    settled: dict[str, Any] = {"axes": columns, "rate_hz": rate}
     tables = [
-        Table(
-            name=called[i] or f"recording {i + 1}",
-            values=array,
-            axes=columns,
-            rate_hz=rate,
-            label=labels[i],
-            session=days[i],
-        )
+        Table(called[i] or f"recording {i + 1}", values=array, label=labels[i], session=days[i], **settled)
         for i, array in enumerate(arrays)
     ]
     return _made(tables, stated, "X", "from_arrays", {"of": "arrays", "rate_hz": rate})
@@ -86,17 +75,16 @@ def recordings_of_frames(
     """Make the recordings of tables; see :meth:`Dataset.from_frames`, which calls this."""
     one = column_names(frames, "frames") is not None or isinstance(frames, Mapping)
     every = [frames] if one else _listed(frames, "frames", "a table, or a list of tables")
-    n = len(every)
-    known, days, called = (
-        _texts(given, what, n)
-        for given, what in ((labels, "labels"), (sessions, "sessions"), (names, "names"))
-    )
-    for what, value in (("time", time), ("id", id), ("label", label), ("session", session)):
-        if value is not None:
-            checked_text(value, what)
+    lists = {"labels": labels, "sessions": sessions, "names": names}
+    known, days, called = (_texts(given, what, len(every)) for what, given in lists.items())
     if time_unit is not None:
         checked_choice("time_unit", time_unit, *get_args(TimeUnit))
-    named = {TIME: time, RECORDING: id, LABEL: label, SESSION: session}
+    asked = {"time": time, "id": id, "label": label, "session": session}
+    columns = [
+        (RECORDING if what == "id" else what, checked_text(name, what).removeprefix("column:"))
+        for what, name in asked.items()
+        if name is not None
+    ]
     for what, column, given in (("label", label, labels), ("session", session, sessions)):
         if column is not None and given is not None:
             problem = f"names a column, and {what}s are given too; wanted one of them"
@@ -106,9 +94,7 @@ def recordings_of_frames(
         time_unit=time_unit,
         axes=names_in("axes", axes),
         units=names_in("units", units, empty=True),
-        columns=tuple(
-            (what, name.removeprefix("column:")) for what, name in named.items() if name is not None
-        ),
+        columns=tuple(columns),
     )
     tables = [
         Table(
@@ -119,8 +105,7 @@ def recordings_of_frames(
         )
         for i, frame in enumerate(every)
     ]
-    asked = {"time": time, "axes": stated.axes, "id": id, "label": label, "session": session}
-    return _made(tables, stated, "frames", "from_frames", {"of": "frames", **asked})
+    return _made(tables, stated, "frames", "from_frames", {"of": "frames", **asked, "axes": stated.axes})
 
 
 def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:

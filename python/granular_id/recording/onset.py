@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -29,7 +29,8 @@ ONSET_STEP = "find_onsets"
 _ORDER = ("not found", "overruled", "found", "kept")  # as rows of a report: what needs a look comes first
 
 
-class Onset(NamedTuple):
+@dataclass(frozen=True)
+class Onset:
     """Where the motion of one recording begins; no index, and why there is none."""
 
     index: int | None

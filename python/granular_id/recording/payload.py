@@ -173,11 +173,13 @@ class Payload:
             raise argument_error(GranularIdError, "gravity", problem)
         means = np.array([rest_zero(_loaded_samples(rest)) for rest in given])
         known = values_in(Setup.of(rest.meta) for rest in given)
+        stated: dict[str, Any] = {}
         for name in _STATED:
-            if len(values := known.get(name, ())) > 1:
+            values = known.get(name, [])
+            if len(values) > 1:
                 problem = f"are of several {name}s: {', '.join(map(repr, values))}"
                 raise argument_error(GranularIdError, "rests", problem)
-        stated = {name: values[0] for name in _STATED if (values := known.get(name))}
+            stated |= {name: values[0]} if values else {}
         return cls(**_least_squares(means, down), n_rests=len(given), **stated)
 
     def compensate(self, wrench: ArrayLike, gravity: ArrayLike) -> FloatArray:

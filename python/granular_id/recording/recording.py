@@ -24,7 +24,7 @@ from granular_id._checks import (
 )
 from granular_id._core import AXES, SAMPLE_FLAGS, UNITS, GranularIdError
 from granular_id._text import counted, fixed, verb
-from granular_id.recording.columns import by_name, column_names
+from granular_id.recording.columns import column_names
 
 _Value = TypeVar("_Value")
 
@@ -66,10 +66,8 @@ class Recording:
     Parameters
     ----------
     wrench : array_like, shape (T, C)
-        Samples; as a rule C = 6, axes fx fy fz in N and tx ty tz in N m. Copied unless it is read-only float64. Of a
-        table (a DataFrame of pandas or polars) the names of the columns are the axes, in the order of the columns;
-        fx fy fz tx ty tz, in small or large letters, come into this order. A column of stamps, or one beside those
-        six, is refused unless `axes` chooses the columns.
+        Samples; as a rule C = 6, axes fx fy fz in N and tx ty tz in N m. Copied unless it is read-only float64. Tables
+        with named columns are read by :meth:`Dataset.from_frames`.
     rate_hz : float or None
         Sampling rate of a uniform recording, Hz.
     label : str or None
@@ -90,8 +88,7 @@ class Recording:
     name : str
         How reports call this recording, for example the file it came from.
     axes : sequence of str
-        Names of the C columns of `wrench`; fx fy fz tx ty tz where there are six and nothing is said. Of a table with
-        named columns: those to take, in this order.
+        Names of the C columns of `wrench`; fx fy fz tx ty tz where there are six and nothing is said.
 
     Raises
     ------
@@ -214,11 +211,9 @@ _DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Recording) if f.d
 
 
 def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str, ...]]:
-    columns = column_names(value)
-    if columns is not None:  # names choose among them
-        given = len(names) if isinstance(names, Sequence) else 0
-        wanted = None if _is_unsaid(names) else checked_axes(names, (0, given or len(columns)))
-        value, names = by_name(value, columns, "wrench", wanted)
+    if column_names(value) is not None:
+        came = f"wrench is a {type(value).__name__} with named columns"
+        raise TypeError(f"{came}; wanted {_WRENCH}: call Dataset.from_frames, which reads tables")
     array = as_floats(value, "wrench", _WRENCH)
     if array.ndim != 2 or not array.size:
         raise GranularIdError(f"wrench has shape {array.shape}; wanted {_WRENCH}")

@@ -48,9 +48,8 @@ def select_recordings(
         parameters["where"] = "given"
         kept = [i for i in kept if where(recordings[i])]
     if not kept:
-        raise GranularIdError(
-            "select() leaves no recording: no index is given, or the conditions exclude each other"
-        )
+        problem = "no index is given, or the conditions exclude each other"
+        raise GranularIdError(f"select() leaves no recording: {problem}")
     chosen = [recordings[i] for i in kept]
     if axes is not None:
         if isinstance(axes, (str, Set)) or not (columns := _texts(axes, "axes")):
@@ -63,11 +62,8 @@ def select_recordings(
 
 def _texts(value: object, name: str) -> list[str]:
     """Return one text or several as a list; None stands for recordings without a label or session."""
-    if isinstance(value, str):
-        return [value]
-    texts: list[Any] = (
-        list(value) if isinstance(value, Iterable) and not isinstance(value, bytes) else [value]
-    )
+    several = isinstance(value, Iterable) and not isinstance(value, (str, bytes))
+    texts: list[Any] = [*value] if several else [value]  # type: ignore[misc]
     if any(not isinstance(text, (str, type(None))) for text in texts):
         raise argument_error(TypeError, name, f"must be a str or a sequence of str, got {value!r:.60}")
     return texts
@@ -87,9 +83,8 @@ def _places(indices: ArrayLike, n: int) -> list[int]:
     if array.size == 0:
         return []
     if array.ndim != 1 or array.dtype.kind not in "iub":
-        raise TypeError(
-            f"indices has dtype {array.dtype} and shape {array.shape}; wanted a list of int, or a mask"
-        )
+        came = f"has dtype {array.dtype} and shape {array.shape}"
+        raise argument_error(TypeError, "indices", f"{came}; wanted a list of int, or a mask")
     if array.dtype.kind == "b" and len(array) != n:
         raise GranularIdError(f"indices is a mask of {len(array)} for {n} recordings")
     try:
@@ -118,9 +113,8 @@ def align_recordings(
         row = {"name": recording.name, "samples_before": recording.n_samples}
         missing = _missing(recording, start, n)
         if missing and on_short == "raise":
-            raise GranularIdError(
-                f"recording {recording.name!r} {missing}; {_way_out(recordings, starts, n, rate_hz)}"
-            )
+            way_out = _way_out(recordings, starts, n, rate_hz)
+            raise GranularIdError(f"recording {recording.name!r} {missing}; {way_out}")
         if start is None or missing:
             skipped.append({**row, "skipped": missing})
             continue
@@ -129,23 +123,16 @@ def align_recordings(
         if start or end:
             cropped.append({**row, "dropped_start": start, "dropped_end": end})
     if not kept:
-        raise GranularIdError(
-            f"none of the {counted(len(recordings))} has {fixed(n)} samples from its start or trigger on: the first "
-            f"{skipped[0]['skipped']}"
-        )
+        none = f"none of the {counted(len(recordings))} has {fixed(n)} samples from its start or trigger on"
+        raise GranularIdError(f"{none}: the first {skipped[0]['skipped']}")
     totals = {
         "recordings": len(kept),
         "recordings_cropped": len(cropped),
         "recordings_skipped": len(skipped),
         "dropped_samples": sum(row["dropped_start"] + row["dropped_end"] for row in cropped),
     }
-    parameters = {
-        "n_samples": n,
-        "duration_s": duration_s,
-        "trigger": trigger,
-        "lead_s": lead_s,
-        "on_short": on_short,
-    }
+    parameters = {"n_samples": n, "duration_s": duration_s}
+    parameters |= {"trigger": trigger, "lead_s": lead_s, "on_short": on_short}
     common_axes([recording for recording, _ in kept])
     # one block that all results look into, so that Dataset.X needs no second copy
     block = np.stack([recording.wrench[start : start + n] for recording, start in kept])
@@ -233,11 +220,9 @@ def _missing(recording: Recording, start: int | None, n: int) -> str:
 def _way_out(recordings: Sequence[Recording], starts: Sequence[int | None], n: int, rate_hz: float) -> str:
     """Say how many recordings are in the way, and what would fit all."""
     room = _room(recordings, starts)
-    said = f"{sum(samples < n for samples in room)} of {len(room)} recordings have no room"
+    said, least = f"{sum(samples < n for samples in room)} of {len(room)} recordings have no room", min(room)
     fits = (
-        f"n_samples={min(room)} fits all (--duration-s {min(room) / rate_hz:.9g})"
-        if min(room)
-        else "ask for less lead"
+        f"n_samples={least} fits all (--duration-s {least / rate_hz:.9g})" if least else "ask for less lead"
     )
     return f"{said}; {fits}, or pass on_short='skip' to leave such recordings out (--on-error skip)"
 
@@ -266,14 +251,8 @@ def split_recordings(recordings: Sequence[Recording], gap_s: float) -> tuple[lis
         edges = [0, *gaps.tolist(), recording.n_samples]
         stretches = [_between_gaps(recording, begin, end) for begin, end in pairwise(edges)]
         seconds = [stretch.duration_s for stretch in stretches]
-        rows.append(
-            {
-                "name": recording.name,
-                "stretches": len(stretches),
-                "shortest_s": min(seconds),
-                "longest_s": max(seconds),
-            }
-        )
+        row = {"name": recording.name, "stretches": len(stretches)}
+        rows.append({**row, "shortest_s": min(seconds), "longest_s": max(seconds)})
         results += stretches
     totals = {"recordings_before": len(recordings), "recordings_after": len(results)}
     return results, StepReport("split", {"gap_s": limit}, totals, rows)
@@ -325,9 +304,8 @@ def cut_windows(
                 name += f" {i + 1}"
             windows += _windows_of(recording, name, starts, n, rate_hz)
             used = int(np.minimum(np.diff(starts), n).sum()) + n if starts else 0
-            rows.append(
-                {"name": recording.name, "windows": len(starts), "dropped": recording.n_samples - used}
-            )
+            row = {"name": recording.name, "windows": len(starts)}
+            rows.append({**row, "dropped": recording.n_samples - used})
             unmeasured += len(possible) - len(starts)
             continue
         short = f"is shorter than a window: {fixed(recording.n_samples)} samples, {fixed(n)} wanted"
