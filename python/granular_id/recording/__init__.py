@@ -30,6 +30,7 @@ from granular_id.recording.conditions import (
     common_units as common_units,
     condition_of as condition_of,
     data_warnings as data_warnings,
+    describe_data as describe_data,
     labelled_check_note as labelled_check_note,
     mixed_setup_warnings as mixed_setup_warnings,
     setups_in as setups_in,
@@ -41,7 +42,7 @@ from granular_id.recording.conversion import (
     restated as restated,
     to_recordings as to_recordings,
 )
-from granular_id.recording.dataset import Dataset, describe_data as describe_data
+from granular_id.recording.dataset import Dataset
 from granular_id.recording.frames import names_in as names_in
 from granular_id.recording.onset import ONSET_STEP as ONSET_STEP
 from granular_id.recording.payload import Payload, gravity_in as gravity_in

@@ -67,10 +67,7 @@ class Stamps:
 
 
 def stamps_of(values: NDArray[Any], unit: str | None, asked: str | None, rate_hz: float | None) -> Stamps:
-    """Turn numbers, dates, times or texts of these into seconds; the row of an error is the first sample that is wrong.
-
-    They count `unit`, as the file states, or what is `asked`; the rate is needed where that is "sample".
-    """
+    """Turn numbers, dates, times or texts of these into seconds: they count `unit`, by the file, or what is `asked`."""
     if values.dtype.kind in "OUT":
         values = _from_text(values)
     kind = values.dtype.kind
@@ -179,10 +176,7 @@ class Order:
 
 
 def time_order(time_s: FloatArray, wrench: FloatArray, *, rate_stated: bool, repair: bool) -> Order:
-    """Refuse stamps that run back or come in packets; merge rows that are there twice.
-
-    With a rate that is stated, several rows may have one stamp; with `repair` samples are sorted.
-    """
+    """Sort samples, or refuse stamps that run back; merge rows that are there twice, refuse packets without a rate."""
     rows = np.arange(len(time_s))
     touched = np.zeros(len(rows), bool)
     late = time_s < np.maximum.accumulate(time_s)
@@ -261,19 +255,15 @@ def rate_of(
 ) -> tuple[float | None, str | None]:
     """Return the rate of a recording, or None where its stamps must be kept; and what there is to remark.
 
-    `stated_hz` is what the user states: it wins over stamps that come in packets, and is refused where they say another
-    rate, or pauses. `file_hz` is what the file states, which its stamps must confirm. `doubtful`: nobody says what the
-    stamps count.
+    What a user states wins over packets, and is refused where stamps have pauses or another rate; what the file states
+    must be confirmed by them. `doubtful`: nobody says what the stamps count.
     """
     time_s = stamps.time_s
     if len(time_s) < 2:
         return (stated_hz or file_hz), None
     with np.errstate(over="ignore", divide="ignore"):
         steps = np.diff(time_s)
-        median, mean = (
-            float(np.median(steps)),
-            float(steps.mean()),
-        )  # neither pauses nor bursts of messages count
+        median, mean = float(np.median(steps)), float(steps.mean())  # neither pauses nor bursts count
         measured_hz = [1 / step if step > 0 else np.inf for step in (mean, median)]
     step = median if median >= _LONGEST_STEP_S else mean if mean <= _SHORTEST_STEP_S else None
     if doubtful and step is not None:
@@ -282,10 +272,11 @@ def rate_of(
         if 3e4 < stamps.first_s < 6e4 and step < 1e-3:  # of Excel, 1982 to 2064
             raise TableError(f"{came}; most likely they count days", mend=_DAYS)
         raise TableError(f"{came}; most likely they count {guess}: {UNIT_OUT}")
-    others = file_hz is not None and all(
-        abs(one - file_hz) > _RATE_TOLERANCE * file_hz for one in measured_hz
-    )
-    if others and time_s[-1] > 0:
+    if (
+        file_hz is not None
+        and time_s[-1] > 0
+        and not np.isclose(measured_hz, file_hz, _RATE_TOLERANCE, 0).any()
+    ):
         problem = f"the file states {file_hz:g} Hz, but its stamps {measured_hz[0]:.6g} Hz"
         raise TableError(f"{problem}; save the one that is true, or {UNIT_OUT} if they are no seconds")
     known_hz = file_hz if stated_hz is None else stated_hz
@@ -299,24 +290,21 @@ def rate_of(
 
 def _ignored_clock(time_s: FloatArray, steps: FloatArray, rate_hz: float) -> str:
     """Say that a stated rate wins; refuse it where stamps have pauses, or another rate even allowing for packets."""
-    steps = steps[steps > 0]
-    mean = "" if not len(steps) else f"{(len(time_s) - 1) / float(time_s[-1]):.4g} Hz"
-    if len(steps):
-        longest, usual = float(steps.max()), float(np.median(steps))
-        if longest > max(MAX_GAP_S, 2 * usual):
-            raise TableError(
-                f"{rate_hz:g} Hz is stated, but the stamps have a pause of {longest:.3g} s, which that rate would "
-                f"close; leave the rate out, and call .split(gap_s={min(1.0, longest / 2):.2g}) before to make a "
-                "recording of each stretch"
-            )
-        allowed = 2 * longest + 0.02 * float(time_s[-1]) + STATED_TOLERANCE / rate_hz
-        if largest_offset(time_s, rate_hz) > allowed:
-            raise TableError(
-                f"{rate_hz:g} Hz is stated, but the stamps say {mean}; leave the rate out to use the stamps, then call "
-                f".resample(rate_hz), or {UNIT_OUT} if they are no seconds"
-            )
-    by_stamps = f", by the stamps {mean} on average" if mean else ""
-    return f"the clock was ignored: {rate_hz:g} Hz is stated{by_stamps}"
+    steps, stated = steps[steps > 0], f"{rate_hz:g} Hz is stated"
+    if not len(steps):
+        return f"the clock was ignored: {stated}"
+    mean, longest = f"{(len(time_s) - 1) / float(time_s[-1]):.4g} Hz", float(steps.max())
+    if longest > max(MAX_GAP_S, 2 * float(np.median(steps))):
+        raise TableError(
+            f"{stated}, but the stamps have a pause of {longest:.3g} s, which that rate would close; leave the rate "
+            f"out, and call .split(gap_s={min(1.0, longest / 2):.2g}) before to make a recording of each stretch"
+        )
+    if largest_offset(time_s, rate_hz) > 2 * longest + 0.02 * float(time_s[-1]) + STATED_TOLERANCE / rate_hz:
+        raise TableError(
+            f"{stated}, but the stamps say {mean}; leave the rate out to use the stamps, then call "
+            f".resample(rate_hz), or {UNIT_OUT} if they are no seconds"
+        )
+    return f"the clock was ignored: {stated}, by the stamps {mean} on average"
 
 
 def unpacked(time_s: FloatArray, rate_hz: float) -> FloatArray | None:

@@ -150,7 +150,10 @@ _CHOOSES = {
     SESSION: in_both(session="column:NAME"),
 }
 
-TIMES = ("time", *["t", "timestamp", "timestamps", "stamp", "ts", "datetime", "seconds", "sec", "secs", "xvalue"])
+TIMES = (
+    "time",
+    *["t", "timestamp", "timestamps", "stamp", "ts", "datetime", "seconds", "sec", "secs", "xvalue"],
+)
 """Names of a clock without case and separators; of several that are there, the first one is it."""
 
 _WORDS = {
@@ -318,10 +321,7 @@ def numbers_of(
     clock: str | None = None,
     of_text: Sequence[str] = (),
 ) -> FloatArray:
-    """Put columns of numbers side by side, as a read-only array; empty cells are NaN.
-
-    `clock` is the column of stamps; `of_text` names all columns of a table that ``pandas.read_csv`` read.
-    """
+    """Put columns side by side, read-only, empty cells as NaN; `of_text`: all columns that ``pandas.read_csv`` read."""
     found = []
     for name in names:
         values = columns[name]

@@ -56,10 +56,7 @@ SEVERE_PREFIXES = ("error: ", "warning: ")
 
 
 def data_warnings(data: Dataset, findings: Iterable[Finding] | None = None) -> list[str]:
-    """Return what may mislead a reader of the accuracies: set-ups that differ, errors and warnings of the checks.
-
-    `findings`: of the checks, where they have been made already.
-    """
+    """Return what may mislead a reader of the accuracies: set-ups that differ, errors and warnings of the checks."""
     made = data.check() if findings is None else findings
     told = [str(finding) for finding in made if finding.severity != "info"]
     return mixed_setup_warnings(data) + told
@@ -68,6 +65,19 @@ def data_warnings(data: Dataset, findings: Iterable[Finding] | None = None) -> l
 def labelled_check_note(note: str) -> str:
     """Say whose a line of `data_warnings` is: "error: " alone is what a command prints that has failed."""
     return f"data check: {note}" if note.startswith(SEVERE_PREFIXES) else note
+
+
+def describe_data(data: Dataset) -> dict[str, Any]:
+    """Return size, rate and summary of a data set with the history of the steps that made it."""
+    n_recordings, n_samples, n_axes = data.X.shape
+    return {
+        "n_recordings": n_recordings,
+        "n_samples": n_samples,
+        "n_axes": n_axes,
+        "rate_hz": data.rate_hz,
+        "summary": data.summary().to_dict(),
+        "history": [step.to_dict() for step in data.history],
+    }
 
 
 # Conditions, such as tool, depth or day.
@@ -82,9 +92,8 @@ _LATEST_S = 1e11  # a clock beyond the year 5000 counts something else than seco
 def conditions_in(data: Dataset) -> dict[str, NDArray[np.object_]]:
     """Gather what recordings state about how they were made, as text (n,), None where one does not state it.
 
-    Session, the fields of `Setup`, single values of the metadata by their path ("rig.speed_m_s"), and the day (UTC).
-    Of equal names the first in this order counts, for all recordings, where any recording states it: an entry "session"
-    of the metadata does not fill in for recordings without a session where others have one.
+    Session, the fields of `Setup`, values of the metadata by their path, and the day (UTC): of equal names the first in
+    this order that any recording states.
     """
     found: dict[str, NDArray[np.object_]] = {}
     for source in (
@@ -110,10 +119,7 @@ def _day(time: float | None) -> str | None:
 
 
 def condition_of(data: Dataset, condition: Any) -> tuple[str, NDArray[np.object_]]:
-    """Return the whole name and the values (n,) of a condition, by it or by the end of its path.
-
-    One that cannot be held out is refused with the reason and those that can.
-    """
+    """Return the whole name and the values (n,) of a condition that can be held out, by it or the end of its path."""
     if not isinstance(condition, str):
         raise argument_error(TypeError, "by", f"must be the name of a condition, got {condition!r:.60}")
     known = conditions_in(data)

@@ -183,6 +183,13 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
             if ".explode(" in error.mend and not any(meaning_of(name).what == RECORDING for name in cells):
                 error.mend = f".assign(recording=lambda f: range(len(f))){error.mend}"
             raise
+    notes += _notes_on(cells, called, table)
+    wrench = wrench if scales is None else wrench * scales
+    return Picked(wrench, axes, called, units, notes, columns, time_unit)
+
+
+def _notes_on(cells: Mapping[str, NDArray[Any]], called: Mapping[str, str], table: Table) -> list[str]:
+    """Name the columns that are not read, and those whose name is not what they are taken for."""
     unread = [repr(name) for name in cells if name not in called.values()]
     usual = {(TIME, "timestamp"), (TIME, table.clock)}
     others = {}
@@ -190,12 +197,9 @@ def picked_columns(table: Table, stated: Stated) -> Picked:
         base = meaning_of(name).base.strip().lower()
         if what != NANOSECONDS and base != what.lower() and (what, base) not in usual:
             others[name] = what
-    if unread:
-        notes.append(f"columns that are not read: {', '.join(unread)[:200]}")
-    if others:
-        notes.append(f"columns {', '.join(map(repr, others))} taken as {', '.join(others.values())}"[:300])
-    wrench = wrench if scales is None else wrench * scales
-    return Picked(wrench, axes, called, units, notes, columns, time_unit)
+    notes = [f"columns that are not read: {', '.join(unread)[:200]}"] if unread else []
+    taken = f"columns {', '.join(map(repr, others))} taken as {', '.join(others.values())}"[:300]
+    return [*notes, taken] if others else notes
 
 
 def _numbers_rows(values: NDArray[Any]) -> bool:

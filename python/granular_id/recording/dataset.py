@@ -733,16 +733,3 @@ class Dataset:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (Dataset, (self.recordings, self.history))  # without the cached X, which would be sent twice
-
-
-def describe_data(data: Dataset) -> dict[str, Any]:
-    """Return size, rate and summary of a data set with the history of the steps that made it."""
-    n_recordings, n_samples, n_axes = data.X.shape
-    return {
-        "n_recordings": n_recordings,
-        "n_samples": n_samples,
-        "n_axes": n_axes,
-        "rate_hz": data.rate_hz,
-        "summary": data.summary().to_dict(),
-        "history": [step.to_dict() for step in data.history],
-    }

@@ -220,9 +220,8 @@ def _checked_wrench(value: object, names: object) -> tuple[FloatArray, tuple[str
     axes = checked_axes(names, array.shape)
     if not np.isfinite(array).all():
         row, column = (int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise GranularIdError(
-            f"wrench[{row}, {column}] ({axes[column]}) is {array[row, column]}; samples must be finite"
-        )
+        came = f"wrench[{row}, {column}] ({axes[column]}) is {array[row, column]}"
+        raise GranularIdError(f"{came}; samples must be finite")
     return locked(array), axes
 
 
@@ -244,10 +243,8 @@ def _checked_time(value: object, n_samples: int) -> FloatArray:
     wrong = np.flatnonzero(~(np.isfinite(array[1:]) & (array[1:] > array[:-1])))
     if len(wrong):
         i = int(wrong[0])
-        problem = (
-            f"[{i + 1}] is {array[i + 1]:.17g}, behind {array[i]:.17g}; stamps must be finite and increase"
-        )
-        raise argument_error(GranularIdError, "time_s", problem)
+        came = f"[{i + 1}] is {array[i + 1]:.17g}, behind {array[i]:.17g}"
+        raise argument_error(GranularIdError, "time_s", f"{came}; stamps must be finite and increase")
     return locked(array + 0.0)  # -0.0 would not compare equal bit for bit after a round trip through text
 
 

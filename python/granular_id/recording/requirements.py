@@ -46,19 +46,13 @@ class Requirements:
         return [*unit_differences(units, meta), *setup_differences(self.setup, setup)]
 
     def check(self, data: Dataset, accept: str | Sequence[str] = ()) -> tuple[str, ...]:
-        """Refuse recordings of other axes, another rate or another set-up.
-
-        What of the set-up is in `accept` may differ. Returns what else is not as in the training, by name, each once.
-        """
+        """Refuse other axes, rates and set-ups but for what is in `accept`; return what else differs, each once."""
         for recording in data:
             if recording.axes != self.axes:
-                can = set(recording.axes) >= set(self.axes)
-                help_ = (
-                    f": call .select(axes={list(self.axes)}) (--axes {','.join(self.axes)})" if can else ""
-                )
+                way_out = f": call .select(axes={list(self.axes)}) (--axes {','.join(self.axes)})"
                 raise GranularIdError(
                     f"recording {recording.name!r} has the axes {' '.join(recording.axes)}; the model was trained on "
-                    f"{' '.join(self.axes)}{help_}"
+                    f"{' '.join(self.axes)}{way_out * (set(recording.axes) >= set(self.axes))}"
                 )
             if recording.rate_hz != self.rate_hz:
                 own = recording.rate_hz
@@ -83,12 +77,10 @@ class Requirements:
         on_short: Literal["raise", "skip"] = "raise",
         over_all: bool = True,
     ) -> Dataset:
-        """Crop recordings of the rate and axes to the length; the same data set where all have it already.
+        """Crop recordings of the rate and axes to the length, from the first sample or the trigger less the lead on.
 
-        They begin at the first sample, or at the trigger less the lead. Automatically those of the length begin at the
-        first sample, and longer ones as in the training: at the trigger where all had the same lead, else at the first
-        sample where that is how they were cropped. `on_short` is for recordings that are too short, or longer and
-        without trigger; `over_all` says whether answers over all of a recording would do, too.
+        Automatically those of the length stay as they are, and longer ones begin as in the training. `over_all` says
+        whether answers over all of a recording would do, too.
         """
         n, rate_hz = self.n_samples, self.rate_hz
         lengths = [recording.n_samples for recording in data]
@@ -123,10 +115,7 @@ class Requirements:
         lengths: npt.NDArray[np.int64],
         triggers: npt.NDArray[np.int64],
     ) -> npt.NDArray[np.int64]:
-        """Return the sample at which `crop` has each of n recordings begin by itself; -1 where it leaves one out.
-
-        `triggers` are -1 where there is none. A ValueError where nothing says how much rest comes before the motion.
-        """
+        """Return the sample at which `crop` has each of n recordings begin by itself; -1: left out, or no trigger."""
         n = self.n_samples
         starts = np.zeros(len(lengths), np.int64)
         from_trigger = (lengths > n) & (not self._begins_at_first)

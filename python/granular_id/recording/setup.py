@@ -167,10 +167,7 @@ class Setup:
 
 
 def values_in(setups: Iterable[Setup]) -> dict[str, list[str]]:
-    """Gather what is known of each thing: its values, sorted, each once; nothing of a thing with very many.
-
-    Where some say what was taken off their samples, and others do not, "not stated" is a value.
-    """
+    """Gather the values of each thing, sorted, each once, unless very many; of what was taken off also "not stated"."""
     every = list(setups)
     found = {f.name: {getattr(one, f.name) for one in every} for f in fields(Setup)}
     known = {name: sorted(values - {None}) for name, values in found.items()}

@@ -131,7 +131,7 @@ def align_recordings(
         "recordings_skipped": len(skipped),
         "dropped_samples": sum(row["dropped_start"] + row["dropped_end"] for row in cropped),
     }
-    parameters = {"n_samples": n, "duration_s": duration_s}
+    parameters: dict[str, Any] = {"n_samples": n, "duration_s": duration_s}
     parameters |= {"trigger": trigger, "lead_s": lead_s, "on_short": on_short}
     common_axes([recording for recording, _ in kept])
     # one block that all results look into, so that Dataset.X needs no second copy

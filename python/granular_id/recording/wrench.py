@@ -10,14 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from granular_id._checks import (
-    FloatArray,
-    argument_error,
-    as_floats,
-    checked_text,
-    finite_numbers,
-    thaw,
-)
+from granular_id._checks import FloatArray, argument_error, as_floats, checked_text, finite_numbers, thaw
 from granular_id._core import AXES, GranularIdError
 from granular_id._text import counted
 from granular_id.recording.clock import samples_in
@@ -41,9 +34,7 @@ Of ten rests of a Bota Rokubi, zeros from 0.1, 0.25, 0.5, 1, 2 and 4 s differ fr
 GRAVITY = ("gx", "gy", "gz")
 """Names under which metadata and tables state a direction of gravity, beside ``gravity`` with three numbers."""
 
-_WRENCH = (
-    "an array of shape (..., 6): fx fy fz (N) tx ty tz (N m); of recordings call this method of their Dataset"
-)
+_WRENCH = "an array of shape (..., 6): fx fy fz (N) tx ty tz (N m); of recordings call this of their Dataset"
 _ROTATION = "a scipy Rotation, a 3 x 3 matrix or a quaternion (x, y, z, w)"
 # A matrix typed with eight digits passes, one of three digits would scale forces by a thousandth.
 _ORTHONORMAL = 1e-6
@@ -210,10 +201,8 @@ def transform_recordings(
             "are the words for whose force on whom it is once all six axes are flipped: give both or none"
         )
         raise argument_error(GranularIdError, "sign", problem)
-    given = {"frame": frame, "sign": sign}
-    meta = {
-        name: checked_text(words, name, spaced=False) for name, words in given.items() if words is not None
-    }
+    given = (("frame", frame), ("sign", sign))
+    meta = {name: checked_text(words, name, spaced=False) for name, words in given if words is not None}
     for name, changes in (("frame", turns), ("sign", reverses)):
         if changes:
             _refuse_unclear(recordings, name, meta[name])
@@ -242,12 +231,8 @@ def _refuse_unclear(recordings: Sequence[Recording], name: str, new: str) -> Non
         told = ", ".join(f"{value!r} ({n})" for value, n in now.most_common())
         raise GranularIdError(f"recordings are of several {name}s: {told}; give those of each {name} apart")
     if new in now:
-        raise argument_error(
-            GranularIdError,
-            name,
-            f"is {new!r} already, as the metadata of {counted(now[new])} state; wanted the name of what it is "
-            "afterwards, which is another",
-        )
+        problem = f"is {new!r} already, as the metadata of {counted(now[new])} state"
+        raise argument_error(GranularIdError, name, f"{problem}; wanted the name of what it is afterwards")
 
 
 # The zero that the rest before the motion gives.
@@ -278,7 +263,7 @@ def tare_recordings(
         rate, rest = (
             recording.rate_hz or 0.0,
             recording.trigger_index or 0,
-        )  # all are uniform and have one here
+        )  # each is uniform and has one here
         n = min(samples_in("lead_s", most_s, rate), rest)
         if n < samples_in("lead_s", least_s, rate):
             raise GranularIdError(_too_short(recordings, recording, least_s))

@@ -75,8 +75,7 @@ class Overlap(NamedTuple):
 def find_overlaps(recordings: Sequence[Recording]) -> list[Overlap]:
     """Find pairs of recordings of the same axes that share at least a tenth of their rows, in runs of 8 or more.
 
-    Sorting all runs by their values brings shared ones together, so that time grows with the number of samples, not of
-    pairs; of copies of copies every one is found, though not every pair.
+    All runs are sorted by their values, not compared in pairs: of copies of copies every one is found, not every pair.
     """
     best: dict[tuple[int, int], Overlap] = {}
     for group in places_of(r.axes for r in recordings).values():

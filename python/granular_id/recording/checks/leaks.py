@@ -26,10 +26,7 @@ N_SHUFFLES = 999
 LEAST_P = 1 / (N_SHUFFLES + 1)  # smallest p-value that so many shuffles can give: 0.001
 _WHY = {
     "leak-session": ": no session holds several of them; keep sessions whole when you evaluate",
-    "leak-clock": (
-        ": what was recorded one after the other is like one session per label, and no evaluation can tell a label "
-        "from its time; record the labels in turn"
-    ),
+    "leak-clock": ": no evaluation can tell a label from its time; record the labels in turn",
 }
 
 
@@ -40,9 +37,7 @@ class _Attribute(NamedTuple):
     name: str
     nearest: NDArray[np.intp]  # place of the recording that is nearest in it; -1: none
     target: NDArray[np.intp]  # what that recording should share: the label
-    n_values: int = (
-        0  # two sensors cannot name eleven labels: nearest is one of the label, and shares this attribute
-    )
+    n_values: int = 0  # above it: whether one of the same label shares this attribute of few values
 
     def share(self, order: NDArray[np.intp]) -> float:
         """Return how often the nearest shares the target, with targets in another order."""
@@ -87,10 +82,8 @@ def check_leaks(data: Measured) -> Iterator[Finding]:
     if len(places) > MOST:
         places = sorted(rng.choice(places, MOST, replace=False).tolist())
     if len(data.labels) > 1 and len(places) < FEWEST:
-        message = (
-            f"fewer than {FEWEST} recordings whose label has others: whether clock, length or session give labels away "
-            "is not judged"
-        )
+        few = f"fewer than {FEWEST} recordings whose label has others"
+        message = f"{few}: whether clock, length or session give labels away is not judged"
         yield data.finding("info", "few", message)
     labels = _numbers([data.recordings[i].label for i in places])
     if len(places) < FEWEST or labels.max() < 1:
@@ -190,9 +183,8 @@ def _attributes(
         ("leak-trigger", "the time of the trigger", triggers, True),
     ]
     for key, entries in _scalar_meta(recordings).items():
-        known.append(
-            ("leak-meta", f"meta {key!r}", entries, all(v is None or _is_number(v) for v in entries))
-        )
+        are_numbers = all(value is None or _is_number(value) for value in entries)
+        known.append(("leak-meta", f"meta {key!r}", entries, are_numbers))
     for code, name, values, on_a_line in known:
         column = np.array(values, dtype=np.float64) if on_a_line else None  # None becomes NaN
         kinds = _numbers(values if column is None else np.nan_to_num(column, nan=np.inf).tolist())

@@ -66,10 +66,10 @@ def check_sessions(data: Measured) -> Iterator[Finding]:
         )
         yield data.finding("warning", "no-session", message)
     elif without:
-        message = (
-            f"{len(without)} of {len(data.recordings)} recordings do not say which session they are from"
+        some = f"{len(without)} of {len(data.recordings)} recordings"
+        yield data.finding(
+            "warning", "some-sessions", f"{some} do not say which session they are from", without
         )
-        yield data.finding("warning", "some-sessions", message, without)
     if data.labels_of_one_session:
         message = (
             f"{len(data.labels_of_one_session)} of {len(data.labels)} labels have one session each: what a "
@@ -137,8 +137,7 @@ def check_flags(data: Measured) -> Iterator[Finding]:
         share = samples / total
         mild = share <= MANY_FILLED if bit is SampleFlag.GAP_FILLED else bit is SampleFlag.TIME_REPAIRED
         severity: Severity = "info" if mild else "warning"
-        message = (
-            f"{counted(samples, 'sample')} in {counted(len(counts))} ({100 * share:.2g} %) {_WORDS[bit]}"
-        )
+        where = f"{counted(samples, 'sample')} in {counted(len(counts))}"
+        message = f"{where} ({100 * share:.2g} %) {_WORDS[bit]}"
         code = str(bit.name).lower().replace("_", "-")
         yield data.finding(severity, code, message, counts, samples=samples, share=share)
