@@ -210,10 +210,7 @@ def _numbers_rows(values: NDArray[Any]) -> bool:
 def _named_cells(
     values: NDArray[Any], names: tuple[str, ...] | None, asked: tuple[str, ...] | None
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """Return the columns of an array by their names: its own, those asked for, or the six of a wrench; and the axes.
-
-    Beside the six there may be others, such as a clock.
-    """
+    """Return the columns of an array by their names, and its axes; beside the six there may be others, as a clock."""
     if values.ndim != 2 or not values.size or values.dtype.kind not in "iuf":
         came = f"{values.dtype} of shape {values.shape}"
         raise TableError(f"samples are {came}; wanted numbers of shape (samples, axes)")
@@ -243,9 +240,8 @@ def _units_of(
     for axis in axes:
         name = called[axis]
         in_name = meaning_of(name).unit if axis != name.strip() or axis in AXES else None
-        said = [
-            unit for unit in (in_name, table.units.get(name), table.units.get(axis)) if unit and unit != "-"
-        ]
+        places = (in_name, table.units.get(name), table.units.get(axis))
+        said = [unit for unit in places if unit and unit != "-"]
         other = next((unit for unit in said[1:] if not same_unit(said[0], unit)), None)
         if other is not None:
             problem = f"its unit is {said[0]!r:.40}, and {other!r:.40} is stated beside it"
@@ -402,10 +398,7 @@ class _Part:
         self._keep(self._places)
 
     def _stamps(self, file_hz: float | None) -> Stamps | None:
-        """Return the stamps of the samples; without a clock there are some only where samples are missing.
-
-        A clock that is none is ignored where a rate is stated.
-        """
+        """Return the stamps of the samples, if there is a clock that must not be ignored, or samples are missing."""
         stated = self._stated
         rate_hz = file_hz if stated.rate_hz is None else stated.rate_hz
         if TIME in self._columns:

@@ -270,7 +270,7 @@ AXIS_COLOURS = ("#0072B2", "#009E73", "#D55E00", "#56B4E9", "#CC79A7", "#E69F00"
 
 def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
     """Return one name per column of samples of this shape: those given, or fx fy fz tx ty tz for six."""
-    if _is_unsaid(names):
+    if names is None or (isinstance(names, tuple) and not names):
         if shape[1] != len(AXES):
             raise GranularIdError(
                 f"wrench has shape {shape}; six columns are {' '.join(AXES)}, for any other number give axes="
@@ -284,10 +284,6 @@ def checked_axes(names: object, shape: tuple[int, ...]) -> tuple[str, ...]:
     if len(set(axes)) < len(axes):
         raise GranularIdError(f"axes {axes!r} names an axis twice")
     return axes
-
-
-def _is_unsaid(names: object) -> bool:
-    return names is None or (isinstance(names, tuple) and not names)
 
 
 def unit_of(axis: str, meta: Mapping[str, object] | None = None) -> str:

@@ -17,16 +17,8 @@ from granular_id.recording import (
 
 def drive(n=100, **fields):
     samples = np.arange(3.0 * n).reshape(n, 3)
-    return Recording(
-        **{
-            "wrench": samples,
-            "rate_hz": 10,
-            "axes": ("ax", "ay", "az"),
-            "name": "drive",
-            "label": "mud",
-            **fields,
-        }
-    )
+    known = {"wrench": samples, "rate_hz": 10, "axes": ("ax", "ay", "az"), "name": "drive", "label": "mud"}
+    return Recording(**(known | fields))
 
 
 @pytest.mark.parametrize(
@@ -103,12 +95,6 @@ def test_recordings_shorter_than_a_window():
 def test_windows_that_are_none(arguments, problem):
     with pytest.raises(ValueError, match=problem):
         Dataset([drive()]).windows(*arguments, on_short="skip")
-
-
-@pytest.mark.parametrize("clock", [{"rate_hz": 20}, {"rate_hz": None, "time_s": np.arange(100) ** 1.1}])
-def test_one_rate_is_needed(clock):
-    with pytest.raises(ValueError, match=r"call \.resample\(rate_hz\) first"):
-        Dataset([drive(), drive(**clock)]).windows(1)
 
 
 def test_windows_of_one_recording_are_no_witnesses_of_each_other():

@@ -26,7 +26,8 @@ N_SHUFFLES = 999
 LEAST_P = 1 / (N_SHUFFLES + 1)  # smallest p-value that so many shuffles can give: 0.001
 _WHY = {
     "leak-session": ": no session holds several of them; keep sessions whole when you evaluate",
-    "leak-clock": ": no evaluation can tell a label from its time; record the labels in turn",
+    "leak-clock": ": what was recorded one after the other is like one session per label, and no evaluation can tell a "
+    "label from its time; record the labels in turn",
 }
 
 

@@ -6,7 +6,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, overload
+from typing import Any, Literal
 
 from granular_id._checks import freeze, thaw
 from granular_id._text import counted
@@ -118,13 +118,10 @@ class CheckReport(Sequence[Finding]):
     @property
     def worst(self) -> State:
         """The worst finding, "ok" when there is none but infos."""
-        return _worst(self.findings)
+        severities = {finding.severity for finding in self.findings}
+        return "error" if "error" in severities else "warning" if "warning" in severities else "ok"
 
-    @overload
-    def __getitem__(self, index: int) -> Finding: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Finding, ...]: ...
-    def __getitem__(self, index: int | slice) -> Finding | tuple[Finding, ...]:
+    def __getitem__(self, index: Any) -> Any:
         return self.findings[index]
 
     def __len__(self) -> int:
@@ -165,8 +162,3 @@ class CheckReport(Sequence[Finding]):
             "findings": [finding.to_dict() for finding in self.findings],
             "states": list(self.states),
         }
-
-
-def _worst(findings: Sequence[Finding]) -> State:
-    severities = {finding.severity for finding in findings}
-    return "error" if "error" in severities else "warning" if "warning" in severities else "ok"
