@@ -158,8 +158,10 @@ def _order_in_time(data: Dataset) -> tuple[Rows | None, str]:
     one, as clocks that start at zero do, the order of the data set stands in: for a folder the natural order of its
     files.
     """
-    rank: Rows = np.argsort(data.chronological_order()[0], kind="stable")
     times, names = data.start_times, data.names
+    rank: Rows = np.argsort(
+        np.argsort(times, kind="stable"), kind="stable"
+    )  # the order of the data where all is NaN
     known = np.isfinite(times)
     if not known.any():
         return rank, "by file order: the recordings carry no start time"

@@ -128,22 +128,6 @@ class Dataset:
         """Names of the recordings, in order."""
         return tuple(r.name for r in self.recordings)
 
-    def chronological_order(self) -> tuple[NDArray[np.intp], str]:
-        """Say in which order the recordings were made, and how that is known.
-
-        Returns
-        -------
-        order : ndarray of int, shape (n,)
-            Indices from the earliest to the latest recording (ties keep the data set's order).
-        basis : {"start_time", "file order"}
-            ``"start_time"`` when every recording has one; else the data set's own order stands in (files are
-            read in natural order: ``rice_2`` before ``rice_10``).
-        """
-        times = self.start_times
-        if np.isnan(times).any():
-            return np.arange(len(self), dtype=np.intp), "file order"
-        return np.argsort(times, kind="stable"), "start_time"
-
     @classmethod
     def concatenate(cls, datasets: Sequence[Dataset]) -> Dataset:
         """Put data sets one after the other, keeping all their histories."""
@@ -294,7 +278,6 @@ class Dataset:
         sessions: str | Sequence[str] | None = None,
         indices: ArrayLike | None = None,
         *,
-        names: str | Sequence[str] | None = None,
         where: Callable[[Recording], bool] | None = None,
         axes: Sequence[str] | None = None,
     ) -> Dataset:
@@ -306,8 +289,6 @@ class Dataset:
             Labels and sessions to keep; one that does not occur is a ValueError.
         indices : array_like of int or bool, optional
             Recordings to keep, in this order (int), or a mask, shape (n,).
-        names : str or sequence of str, optional
-            Names of the recordings to keep; one that does not occur is a ValueError.
         where : callable, optional
             Gets a recording and says whether it is kept: ``lambda r: r.meta["speed_m_s"] < 0.05``.
         axes : sequence of str, optional
@@ -322,7 +303,7 @@ class Dataset:
         TypeError, ValueError, IndexError
             Indices that are none, or out of range; a label or session that does not occur; nothing left.
         """
-        return self._after(select_recordings(self.recordings, labels, sessions, indices, names, where, axes))
+        return self._after(select_recordings(self.recordings, labels, sessions, indices, where, axes))
 
     def resample(
         self,
@@ -351,7 +332,7 @@ class Dataset:
             The new rate, Hz.
         max_gap_s : float or None
             Longest gap that is interpolated over; 0.25 s by default, in which the paper's tool moves 7.5 mm,
-            less than half its width. None or infinity: no limit.
+            less than half its width. None: no limit.
         on_gap : {"raise", "skip"}
             What to do with a recording whose gap is longer: refuse, or leave it out and say so. :meth:`split` makes a
             recording of each stretch between such gaps.

@@ -38,12 +38,7 @@ def resample_recordings(
     """Resample each recording; see :meth:`Dataset.resample`, which calls this."""
     rate = finite_number("rate_hz", rate_hz, positive=True)
     checked_choice("on_gap", on_gap, "raise", "skip")
-    if isinstance(max_gap_s, (float, np.floating)) and max_gap_s == np.inf:
-        max_gap_s = None
-    limit = np.inf if max_gap_s is None else finite_number("max_gap_s", max_gap_s)
-    if limit <= 0:
-        problem = f"must be positive (or None for no limit), got {limit:g}"
-        raise argument_error(GranularIdError, "max_gap_s", problem)
+    limit = np.inf if max_gap_s is None else finite_number("max_gap_s", max_gap_s, positive=True)
     results: list[Recording] = []
     skipped: list[dict[str, Any]] = []
     changed: list[dict[str, Any]] = []

@@ -24,14 +24,13 @@ def select_recordings(
     labels: str | Sequence[str] | None,
     sessions: str | Sequence[str] | None,
     indices: ArrayLike | None,
-    names: str | Sequence[str] | None,
     where: Callable[[Recording], bool] | None,
     axes: Sequence[str] | None,
 ) -> tuple[list[Recording], StepReport]:
     """Keep what meets every condition; see :meth:`Dataset.select`, which calls this."""
     kept = list(range(len(recordings))) if indices is None else _places(indices, len(recordings))
     parameters: dict[str, object] = {"indices": None if indices is None else "given"}
-    for name, wanted in (("label", labels), ("session", sessions), ("name", names)):
+    for name, wanted in (("label", labels), ("session", sessions)):
         values = None if wanted is None else set(_texts(wanted, f"{name}s"))
         parameters[f"{name}s"] = None if values is None else sorted(values, key=str)
         if values is None:

@@ -171,7 +171,7 @@ class BestClassifier(ClassifierMixin, BaseEstimator):  # type: ignore[misc]
         sessions : sequence of n, optional
             Session of each row; None or "" where it is not known.
         order : array-like of int, shape (n,), optional
-            Row numbers from the earliest to the latest recording, see `Dataset.chronological_order`.
+            Row numbers from the earliest to the latest recording.
         groups : sequence of n, optional
             What new recordings will not share with these, such as the tool of each row: where every class has two or
             more, they are held out whole in place of sessions.

@@ -42,15 +42,12 @@ def test_what_is_in_it(mixed):
     assert [r.name for r in mixed] == ["r1", "r2", "r3"]
     assert mixed[-1].name == "r3"
     assert repr(mixed) == "Dataset(3 recordings, 2 labels, 100 Hz)"
-    order, basis = mixed.chronological_order()
-    assert (order.tolist(), basis) == ([1, 2, 0], "start_time")
 
 
 def test_what_is_unknown_stays_unknown():
     data = Dataset([recording(), recording(session="a", start_time=1.0, label=None, name="nameless")])
     assert data.sessions.tolist() == [None, "a"]
     assert np.isnan(data.start_times[0])
-    assert data.chronological_order()[1] == "file order"
     with pytest.raises(ValueError, match="1 recording has no label, the first is 'nameless'"):
         _ = data.y
 

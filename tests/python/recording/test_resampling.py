@@ -98,8 +98,7 @@ def test_a_gap_beyond_the_limit_is_refused_or_left_out_when_told():
     many = r"a gap of 0\.39 s after sample 1 \(at 0\.010 s\).*max_gap_s=0\.25; 2 of 3 .* the largest 0\.7 s: call "
     with pytest.raises(ValueError, match=many):
         Dataset([*data, worse]).resample(100)
-    for unlimited in (None, np.inf):
-        assert data.resample(100, max_gap_s=unlimited).history[-1].parameters["max_gap_s"] is None
+    assert data.resample(100, max_gap_s=None).history[-1].parameters["max_gap_s"] is None
     out = data.resample(100, on_gap="skip")
     assert out.history[-1].rows == ({"name": "holed", "skipped": "gap of 0.39 s"},)
     assert data.resample(100, max_gap_s=0.4).names == ("holed", "sound")

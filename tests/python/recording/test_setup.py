@@ -329,7 +329,7 @@ def test_command_line_live_warns_of_what_is_accepted(data, model, tmp_path):
     model.save(stored)
     gid.io.save(with_meta(data, **{**FLANGE, "frame": "table", "tool": "spoon"}), fresh)
     live = ("live", "--model", stored, "--source", f"replay:{fresh}?speed=50", "-q", "--n", 1)
-    assert "frame 'table', in training 'flange' " in refused(*live)
+    assert "frame 'table', in training 'flange'" in refused(*live)
     warned = " ".join(ended_well(*live, "--accept", "frame", "--json", rows).split())
     found = json.loads(rows.read_text())["decision"]["warnings"]
     assert found == ["frame 'table', in training 'flange'", "tool 'spoon', in training 'cylinder'"]
