@@ -1,21 +1,8 @@
 """Columns: what their names and units mean, and tables with named columns as samples.
 
-========== ===================================================== =========================
-column     also                                                  unit, where it is named
-========== ===================================================== =========================
-fx         force_x, F_x, wrench.force.x                          N
-tx         torque_x, moment_x, tau_x, Mx, wrench.torque.x        N m
-time       t, timestamp, stamp, datetime, seconds, X_Value       s
-recording  trial, id
-label      material, class
-session
-rate_hz    fs, sampling_rate                                     Hz
-========== ===================================================== =========================
-
-Likewise y and z. Case, blanks, ``_ . / -`` between the words and ``field.`` or a topic before ``wrench`` do not
-matter. A unit may follow: ``Fx [N]``, ``tx (Nm)``, ``time_ms``. ``actual_TCP_force_0`` to ``_5`` are what recorders of
-Universal Robots call fx to tz. All other columns are left out, and said. Axes of other sensors are those that somebody
-names; nothing is guessed of them. Tables are of pandas, polars or pyarrow, none of which is needed.
+Case, blanks, ``_ . / -`` between the words and ``field.`` or a topic before ``wrench`` do not matter, and a unit may
+follow: ``Fx [N]``, ``tx (Nm)``, ``time_ms``. All other columns are left out, and said. Axes of other sensors are those
+that somebody names; nothing is guessed of them. Tables are of pandas, polars or pyarrow, none of which is needed.
 """
 
 from __future__ import annotations

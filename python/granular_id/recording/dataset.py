@@ -189,7 +189,8 @@ class Dataset:
         """
         if rate_hz is None:
             raise GranularIdError("rate_hz is missing; wanted the sampling rate in Hz, as in rate_hz=500")
-        recordings, report = recordings_of_arrays(X, y, rate_hz, sessions, names, axes, units)
+        of_recordings = {"y": y, "sessions": sessions, "names": names}
+        recordings, report = recordings_of_arrays(X, of_recordings, rate_hz, axes, units)
         return cls(recordings, (report,))
 
     @classmethod
@@ -254,20 +255,9 @@ class Dataset:
         >>> data[0]
         Recording('recording 1', label='rice', 4 samples at 500 Hz)
         """
-        recordings, report = recordings_of_frames(
-            frames,
-            labels,
-            time=time,
-            axes=axes,
-            id=id,
-            label=label,
-            session=session,
-            sessions=sessions,
-            names=names,
-            units=units,
-            rate_hz=rate_hz,
-            time_unit=time_unit,
-        )
+        of_tables = {"labels": labels, "sessions": sessions, "names": names}
+        columns = {"time": time, "id": id, "label": label, "session": session}
+        recordings, report = recordings_of_frames(frames, of_tables, columns, axes, units, rate_hz, time_unit)
         return cls(recordings, (report,))
 
     # -- the steps that make a uniform array of it

@@ -29,18 +29,15 @@ _ARRAYS = "(n, T, C): recordings, samples, axes; or a list of arrays (T, C)"
 
 def recordings_of_arrays(
     X: Any,
-    y: Any,
+    of_recordings: Mapping[str, Any],
     rate_hz: float,
-    sessions: Any,
-    names: Any,
     axes: str | Sequence[str] | None,
     units: str | Sequence[str] | None,
 ) -> tuple[list[Recording], StepReport]:
     """Make the recordings of arrays; see :meth:`Dataset.from_arrays`, which calls this."""
     rate = finite_number("rate_hz", rate_hz, positive=True)
     arrays = _arrays(X)
-    lists = {"y": y, "sessions": sessions, "names": names}
-    labels, days, called = (_texts(given, what, len(arrays)) for what, given in lists.items())
+    labels, days, called = (_texts(given, what, len(arrays)) for what, given in of_recordings.items())
     known = names_in("axes", axes)
     n_axes = arrays[0].shape[1]
     if known is None and n_axes != len(AXES):
@@ -59,15 +56,9 @@ def recordings_of_arrays(
 
 def recordings_of_frames(
     frames: Any,
-    labels: Any,
-    *,
-    time: str | None,
+    of_tables: Mapping[str, Any],
+    columns: Mapping[str, str | None],
     axes: str | Sequence[str] | None,
-    id: str | None,  # noqa: A002 (the name of the argument)
-    label: str | None,
-    session: str | None,
-    sessions: Any,
-    names: Any,
     units: str | Sequence[str] | None,
     rate_hz: float | None,
     time_unit: str | None,
@@ -75,18 +66,16 @@ def recordings_of_frames(
     """Make the recordings of tables; see :meth:`Dataset.from_frames`, which calls this."""
     one = column_names(frames, "frames") is not None or isinstance(frames, Mapping)
     every = [frames] if one else _listed(frames, "frames", "a table, or a list of tables")
-    lists = {"labels": labels, "sessions": sessions, "names": names}
-    known, days, called = (_texts(given, what, len(every)) for what, given in lists.items())
+    known, days, called = (_texts(given, what, len(every)) for what, given in of_tables.items())
     if time_unit is not None:
         checked_choice("time_unit", time_unit, *get_args(TimeUnit))
-    asked = {"time": time, "id": id, "label": label, "session": session}
-    columns = [
+    asked = [
         (RECORDING if what == "id" else what, checked_text(name, what).removeprefix("column:"))
-        for what, name in asked.items()
+        for what, name in columns.items()
         if name is not None
     ]
-    for what, column, given in (("label", label, labels), ("session", session, sessions)):
-        if column is not None and given is not None:
+    for what in ("label", "session"):
+        if columns[what] is not None and of_tables[f"{what}s"] is not None:
             problem = f"names a column, and {what}s are given too; wanted one of them"
             raise argument_error(GranularIdError, what, problem)
     stated = Stated(
@@ -94,7 +83,7 @@ def recordings_of_frames(
         time_unit=time_unit,
         axes=names_in("axes", axes),
         units=names_in("units", units, empty=True),
-        columns=tuple(columns),
+        columns=tuple(asked),
     )
     tables = [
         Table(
@@ -105,7 +94,7 @@ def recordings_of_frames(
         )
         for i, frame in enumerate(every)
     ]
-    return _made(tables, stated, "frames", "from_frames", {"of": "frames", **asked, "axes": stated.axes})
+    return _made(tables, stated, "frames", "from_frames", {"of": "frames", **columns, "axes": stated.axes})
 
 
 def columns_in(frame: Any, argument: str = "frame") -> dict[str, NDArray[Any]]:
