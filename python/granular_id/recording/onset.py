@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -111,8 +111,7 @@ def _window_means(samples: FloatArray, window: int) -> FloatArray:
 def _rest_noise(at_rest: FloatArray, steps: FloatArray, window: int) -> _RestNoise:
     """Measure how much neighbouring windows differ at rest; `steps` are those of the whole recording, absolute.
 
-    One axis offers about three such differences, too few: how much larger they are than those of single samples is
-    pooled over the axes of a sensor. Axes that move together count once (participation ratio of their correlations).
+    One axis offers about three such differences, too few: their size over that of single samples is pooled over axes.
     """
     rest = len(at_rest)
     level = at_rest.mean(axis=0)
@@ -149,7 +148,7 @@ def _reading(changes: NDArray[np.bool_]) -> float:
 
 
 def _independent(centred: FloatArray) -> float:
-    """Count how many independent axes those that are not still are worth, at least 1."""
+    """Count how many independent axes those that are not still are worth: participation ratio of their correlations."""
     size = np.linalg.norm(centred, axis=0)
     scaled = centred[:, size > 0] / size[size > 0]
     total = float(np.square(scaled.T @ scaled).sum())
@@ -164,8 +163,7 @@ def _changes(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the change at each of n samples behind the rest over the smallest that counts, by axis (n, C) and of all.
 
-    Of all axes the second largest counts, or a single one by its own noise, lest an axis with slower noise than the
-    others ring every alarm.
+    Of all axes the second largest counts, or one by its own noise, lest an axis with slower noise ring every alarm.
     """
     n_tests, n_axes = len(samples) - rest - _SPAN * window + 1, samples.shape[1]
     critical = _factor(noise.dof, rate / n_axes, n_tests / window) * np.sqrt(noise.shared)
@@ -314,18 +312,16 @@ def find_all_onsets(
     rows: list[dict[str, Any]] = []
     filled: list[str] = []
     for i, recording in enumerate(recordings):
-        row: dict[str, Any] = {"how": "kept"}
-        index = recording.trigger_index
+        index, row = recording.trigger_index, {"how": "kept"}
         if i in stated:
             index, row = stated[i], {"how": "overruled"}
         elif i in judged:
             rest = _rest_samples(seconds, recording.rate_hz or 0.0)
             if recording.flags is not None and (recording.flags[:rest] & SampleFlag.GAP_FILLED).any():
                 filled.append(recording.name)
-            onset = find_onset(recording, rest, rate)
-            index, row = onset.index, {"how": "not found", "why": onset.why}
-            if index is not None:
-                row = {"how": "found", "strength": round(onset.strength, 2), "axes": " ".join(onset.axes)}
+            index, axes, strength, why = astuple(find_onset(recording, rest, rate))
+            found = {"how": "found", "strength": round(strength, 2), "axes": " ".join(axes)}
+            row = {"how": "not found", "why": why} if index is None else found
         onset_s = None if index is None else float(recording.times()[index])
         rows.append({"name": recording.name, "onset_s": onset_s, **row})
         unchanged = index == recording.trigger_index

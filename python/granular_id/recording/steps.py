@@ -104,7 +104,11 @@ def align_recordings(
     rate_hz = common_rate(recordings)
     checked_choice("on_short", on_short, "raise", "skip")
     starts = _starts(recordings, rate_hz, trigger, lead_s, on_short)
-    n = _length(recordings, starts, rate_hz, n_samples, duration_s)
+    room = [
+        0 if start is None or start < 0 else recording.n_samples - start
+        for recording, start in zip(recordings, starts, strict=True)
+    ]
+    n = _length(room, rate_hz, n_samples, duration_s)
     kept: list[tuple[Recording, int]] = []
     cropped: list[dict[str, Any]] = []
     skipped: list[dict[str, Any]] = []
@@ -112,8 +116,12 @@ def align_recordings(
         row = {"name": recording.name, "samples_before": recording.n_samples}
         missing = _missing(recording, start, n)
         if missing and on_short == "raise":
-            way_out = _way_out(recordings, starts, n, rate_hz)
-            raise GranularIdError(f"recording {recording.name!r} {missing}; {way_out}")
+            said, least = f"{sum(samples < n for samples in room)} of {len(room)} recordings", min(room)
+            fits = f"n_samples={least} fits all (--duration-s {least / rate_hz:.9g})"
+            raise GranularIdError(
+                f"recording {recording.name!r} {missing}; {said} have no room; {fits if least else 'ask for less lead'}"
+                ", or pass on_short='skip' to leave such recordings out (--on-error skip)"
+            )
         if start is None or missing:
             skipped.append({**row, "skipped": missing})
             continue
@@ -176,11 +184,7 @@ def _starts(
 
 
 def _length(
-    recordings: Sequence[Recording],
-    starts: Sequence[int | None],
-    rate: float,
-    n_samples: int | Literal["shortest"] | None,
-    duration_s: float | None,
+    room: Sequence[int], rate: float, n_samples: int | Literal["shortest"] | None, duration_s: float | None
 ) -> int:
     """Return how many samples to keep."""
     if (n_samples is None) == (duration_s is None):
@@ -192,16 +196,8 @@ def _length(
             problem = f"={n_samples!r}; wanted a number or 'shortest'"
             raise argument_error(GranularIdError, "n_samples", problem)
         # those without the lead are refused or left out, and do not shorten the others
-        return min((room for room in _room(recordings, starts) if room > 0), default=1)
+        return min((samples for samples in room if samples > 0), default=1)
     return whole_number("n_samples", n_samples)
-
-
-def _room(recordings: Sequence[Recording], starts: Sequence[int | None]) -> list[int]:
-    """Return how many samples each recording has from its start on; 0 where it has no start, or no lead before it."""
-    return [
-        0 if start is None or start < 0 else recording.n_samples - start
-        for recording, start in zip(recordings, starts, strict=True)
-    ]
 
 
 def _missing(recording: Recording, start: int | None, n: int) -> str:
@@ -214,16 +210,6 @@ def _missing(recording: Recording, start: int | None, n: int) -> str:
         return ""
     after = f" after sample {fixed(start)}" if start else ""
     return f"is too short: {fixed(recording.n_samples - start)} samples{after}, {fixed(n)} wanted"
-
-
-def _way_out(recordings: Sequence[Recording], starts: Sequence[int | None], n: int, rate_hz: float) -> str:
-    """Say how many recordings are in the way, and what would fit all."""
-    room = _room(recordings, starts)
-    said, least = f"{sum(samples < n for samples in room)} of {len(room)} recordings have no room", min(room)
-    fits = (
-        f"n_samples={least} fits all (--duration-s {least / rate_hz:.9g})" if least else "ask for less lead"
-    )
-    return f"{said}; {fits}, or pass on_short='skip' to leave such recordings out (--on-error skip)"
 
 
 def _stretch(recording: Recording, begin: int, end: int, begin_s: float, **changes: Any) -> Recording:

