@@ -9,8 +9,9 @@ chosen by name (``array=``). Nothing is guessed: anything else is an error with 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,6 @@ from granular_id.io.files import RecordingFileError
 from granular_id.io.remedy import (
     BESIDE,
     LABELS,
-    MEND,
     MOST_DEEP,
     MOST_LISTED,
     SIGNAL,
@@ -29,9 +29,8 @@ from granular_id.io.remedy import (
     Found,
     Leaf,
     Opening,
+    Remedy,
     label_levels,
-    mended_arrays,
-    remedy,
     without_number,
 )
 from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileContent, FileSource, LoadOptions
@@ -62,10 +61,9 @@ def content_of(
     def place(table: int, row: int | None) -> dict[str, Any]:
         return {"place": places[table] + ("" if row is None else f", sample {row}")}
 
-    line = None  # now, as the file will be closed
-    if not all(np.isfinite(table.values).all() for table in tables if table.values is not None):
-        line = reading.in_python(found)
-    return FileContent(tables, notes=notes, place=place, in_python=line)
+    is_finite = all(np.isfinite(table.values).all() for table in tables if table.values is not None)
+    line = "" if is_finite else reading.remedy.mended(found)  # now, as the file will be closed
+    return FileContent(tables, notes=notes, place=place, in_python=partial(line.replace, "MEND"))
 
 
 class _Reading:
@@ -81,6 +79,7 @@ class _Reading:
         self._tree, self._source, self._options, self._how, self._offers = tree, source, options, how, offers
         self._leaves = list(_leaves(tree, "", ()))
         self._axes = options.axes or source.axes or AXES
+        self.remedy = Remedy(self._leaves, source.path, options, how, source.axes)
 
     def found(self) -> tuple[list[Found], list[str]]:
         """Return the arrays of samples, and notes on what is left out."""
@@ -313,15 +312,9 @@ class _Reading:
         listed = ", ".join(shown[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
         whole = f"{problem}; it holds {listed or 'no arrays'}"
         if offers and self._offers:
-            where = (self._source.path, self._options, self._how, self._source.axes)
-            whole += remedy(self._leaves, *where, self._tables_by)
+            whole += self.remedy.way_out(self._tables_by)
         no_wrench = not any(len(one.leaf.shape) > 1 for one in self._leaves)
         return RecordingFileError(self._source.path, whole, no_wrench=no_wrench)
-
-    def in_python(self, found: Sequence[Found]) -> Callable[[str], str]:
-        """Return what gives the line that reads the arrays as tables, mended."""
-        line = mended_arrays(found, self._leaves, self._source, self._options, self._how)
-        return lambda mend: line.replace(MEND, mend)
 
     def _tables_by(self, options: LoadOptions) -> list[Table]:
         """Read the file with other options, for a way out."""

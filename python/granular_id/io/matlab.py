@@ -15,7 +15,11 @@ from granular_id.io.remedy import MOST_DEEP, Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 
 _V73 = Opening(
-    "variable", "h5py.File({!r})", "[()].T", "''.join(map(chr, {}[()].ravel()))", by_reference=True
+    "variable",
+    "h5py.File({!r})",
+    "[()].T",
+    "[''.join(map(chr, f[one][()].ravel())) for one in {}[()].ravel()]",
+    by_reference=True,
 )
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _OBJECTS = (

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from granular_id.io.files import RecordingFileError
-from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, FileSource, LoadOptions
+from granular_id.io.source import NO_MATERIAL, SESSION_LIKE, LoadOptions
 from granular_id.io.ways_out import RATE, in_python, passed
 from granular_id.recording import AXES, Table, meaning_of
 
@@ -32,7 +32,6 @@ SIGNAL = re.compile(
 )
 """Names of arrays that are no materials."""
 
-MEND = ".MEND"
 _OWN = "what the file says"
 
 _COUNTED = re.compile(r"(.*?)[\s_.-]*\d+")
@@ -105,78 +104,31 @@ class Opening:
     ending: str = ""  # behind the name of an array: [()] reads an HDF5 data set
     texts: str = "numpy.ravel({})"  # labels, of the expression without the ending
     is_flat: bool = False  # whether names hold those of their groups: f['a/b'], not f['a']['b']
-    by_reference: bool = False  # whether cells and structs hold references
+    by_reference: bool = False  # whether cells and structs hold references, which no line follows
 
     def item(self, one: Found, within: str = "") -> str:
         """Return the expression for an array; `within`: of one called r, which lies in such a group."""
         if self.is_flat:
-            return f"f[r + {'/' + one.name!r}]" if within else f"f[{one.path!r}]"
-        path = one.path.removeprefix(within).strip("/") if within else one.path
-        if self.by_reference and (place := re.search(r"\[(\d+)\]", path)):
-            whole = "".join(map(_indexed, re.sub(r"\[\d+\]", "", path).split("/")))
-            return f"f[f{whole}[()].ravel()[{place[1]}]]{self.ending}"
-        *groups, last = path.split("/")
+            return f"f[{one.path!r}]"
+        *groups, last = one.path.removeprefix(within).strip("/").split("/")
         text = ("r" if within else "f") + "".join(map(_indexed, groups))
-        if one.leaf.is_attribute:
-            return f"{text}.attrs[{last!r}]"
-        return text + _indexed(last) + self.ending
+        return f"{text}.attrs[{last!r}]" if one.leaf.is_attribute else text + _indexed(last) + self.ending
 
     def label(self, one: Found, within: str = "") -> str:
         """Return the expression for texts, or numbers, as labels."""
-        item = self.item(one, within)
-        if one.leaf.is_numbers or one.leaf.is_attribute:
-            text = f"numpy.ravel({item})"
-        elif self.by_reference and one.leaf.shape and "[" not in one.path:
-            refs = f"{item.removesuffix(self.ending)}[()].ravel()"
-            text = f"[{self.texts.format('f[one]')} for one in {refs}]"
-        else:
-            text = self.texts.format(item.removesuffix(self.ending))
+        item, is_plain = self.item(one, within), one.leaf.is_numbers or one.leaf.is_attribute
+        text = f"numpy.ravel({item})" if is_plain else self.texts.format(item.removesuffix(self.ending))
         return f"{text}[0]" if within else text
 
 
 def _indexed(part: str) -> str:
     """Return how a part of a path is taken: ``['rec'][3]`` of ``rec[3]``."""
-    found = re.fullmatch(r"(.*?)((?:\[\d+\])*)", part)
-    name, places = (part, "") if found is None else found.groups()
-    return (f"[{name!r}]" if name else "") + places
+    name, bracket, places = part.partition("[")
+    return (f"[{name!r}]" if name else "") + bracket + places
 
 
-def remedy(
-    leaves: Sequence[Found],
-    path: Path,
-    options: LoadOptions,
-    how: Opening,
-    axes: Sequence[str] | None,
-    read: Callable[[LoadOptions], Sequence[Table]],
-) -> str:
-    """Return the way out, with a semicolon before it; nothing where no array may hold samples.
-
-    `read` reads the file with other options: none is offered that fails.
-    """
-    way = _Remedy(leaves, path, options, how, axes)
-    return way.options(read) or way.lines() or way.by_hand()
-
-
-def mended_arrays(
-    found: Sequence[Found],
-    leaves: Sequence[Found],
-    source: FileSource,
-    options: LoadOptions,
-    how: Opening,
-) -> str:
-    """Return the line that reads arrays as tables, each mended by methods of a data frame, which `MEND` stands for."""
-    way = _Remedy(leaves, source.path, options, how, source.axes)
-    names = list(options.axes or source.axes or AXES)
-    items = ["*" * (len(one.leaf.shape) == 3) + how.item(one) for one in found]
-    n = sum(one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1 for one in found)
-    y = way.label_beside(n) or _runs([one.label for one in found])
-    opened = f"f = {how.line.format(str(source.path))}"
-    frames = f"frames = [pandas.DataFrame(one, columns={names}){MEND} for one in [{', '.join(items)}]]"
-    return in_python(opened, frames, f"Dataset.from_frames(frames, {y}, rate_hz={way.rate()})")
-
-
-class _Remedy:
-    """What reads a file that does not keep the convention."""
+class Remedy:
+    """What reads a file that does not keep the convention; `axes` are those that are stated of it."""
 
     def __init__(
         self,
@@ -186,44 +138,66 @@ class _Remedy:
         how: Opening,
         axes: Sequence[str] | None,
     ) -> None:
-        self._every, self._path, self._how, self._given = leaves, path, how, options
+        self._every, self._how, self._given = leaves, how, options
+        self._opened = f"f = {how.line.format(str(path))}"
+        self._known = list(options.axes or axes or AXES)
         self._arrays = [one for one in leaves if one.leaf.is_numbers and len(one.leaf.shape) in (2, 3)]
-        self._n_axes = len(options.axes or axes or AXES)
-        self._axes = "" if options.axes is None else f", axes={','.join(options.axes)!r}"
+        self._in_order = [one for one in self._arrays if one.leaf.shape[-1] == len(self._known)]
         self._labels = [
             one
             for one in leaves
             if one.name.lower() not in ("axes", "units", "session")
             and (not one.leaf.is_numbers or LABELS.match(one.name))
-            and one not in self._in_order()
+            and one not in self._in_order
         ]
 
-    def _in_order(self) -> list[Found]:
-        return [one for one in self._arrays if one.leaf.shape[-1] == self._n_axes]
+    def way_out(self, read: Callable[[LoadOptions], Sequence[Table]]) -> str:
+        """Return what is passed, or the lines, with a semicolon before; nothing where no array may hold samples.
+
+        `read` reads the file with other options: none is offered that fails.
+        """
+        if (options := self._options(read)) or not self._arrays:
+            return options or self._lines()
+        if self._how.by_reference and any("[" in one.path for one in self._arrays):
+            return "; save it with -v7, of which Python reads cells and structs"
+        return self._lines() or (
+            "; Dataset.from_arrays(X, y, rate_hz=RATE) reads samples in the order X (recordings, samples, 6), and with "
+            "axes=, a name a column, those of another sensor"
+        )
+
+    def mended(self, found: Sequence[Found]) -> str:
+        """Return the line that reads arrays as tables, each mended by methods of a data frame, in place of MEND."""
+        if self._how.by_reference and "[" in found[0].path:
+            return ""
+        counts = [one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1 for one in found]
+        y = self._label_beside(sum(counts)) or _runs([one.label for one in found])
+        frame = f"pandas.DataFrame(one, columns={self._known})MEND"
+        frames = f"frames = [{frame} for one in {self._list_of(found)}]"
+        return in_python(self._opened, frames, f"Dataset.from_frames(frames, {y}, rate_hz={self._rate()})")
 
     # options, each tried
 
-    def options(self, read: Callable[[LoadOptions], Sequence[Table]]) -> str:
+    def _options(self, read: Callable[[LoadOptions], Sequence[Table]]) -> str:
         """Return the options that read arrays, the labels beside them, and what else is missing."""
-        way = self._tried(self._given, read)
-        if way is not None and way[0] and way[1] not in (None, _OWN):  # only the labels are not known
-            return f"; pass {passed(way[0])}"
         with_time = self._with_time() if self._given.axes is None else []
         timed = ("time", *AXES)
-        if with_time and self._given.array is None:  # arrays that are named as their labels
-            way = self._tried(replace(self._given, axes=timed), read)
-            if way is not None and way[1]:
+        whole = [self._given]  # in which only labels are not known, or a clock stands in the first column
+        if with_time and self._given.array is None:
+            whole.append(replace(self._given, axes=timed))
+        for options in whole:
+            way = self._tried(options, read)
+            if way is not None and all(way):
                 return f"; pass {passed(way[0])}"
         ways: dict[str, tuple[dict[str, str], str | None]] = {}
-        for one in [*self._in_order(), *with_time]:
+        for one in [*self._in_order, *with_time]:
             name = re.sub(r"\[\d+\]", "", one.name)
             if name not in ways and len(ways) < MOST_LISTED:
                 axes = timed if one in with_time else self._given.axes
                 way = self._tried(replace(self._given, array=name, axes=axes), read)
                 ways |= {} if way is None else {name: way}
         known = {label for _, label in ways.values()} - {None}
-        names = [one.path for one in self._in_order() if one.name in ways]
-        n_labels = any(self.label_beside(n) for one in self._in_order() for n in one.leaf.shape[1:-1])
+        names = [one.path for one in self._in_order if one.name in ways]
+        n_labels = any(self._label_beside(n) for one in self._in_order for n in one.leaf.shape[1:-1])
         counted = len(ways) > len({_stem(name) for name in ways})
         of_names = len(label_levels(names, own=True)) > len(label_levels(names)) or (not known and n_labels)
         has_y = any(one.name.lower() in BESIDE["y"] for one in self._every)
@@ -236,7 +210,7 @@ class _Remedy:
 
     def _with_time(self) -> list[Found]:
         """Return the arrays whose first column rises from sample to sample, and has the axes behind it."""
-        arrays = [one for one in self._arrays if one.leaf.shape[-1] == self._n_axes + 1]
+        arrays = [one for one in self._arrays if one.leaf.shape[-1] == len(self._known) + 1]
         return [one for one in arrays if (np.diff(one.leaf.read()[..., 0], axis=-1) > 0).all()]
 
     def _tried(
@@ -271,22 +245,15 @@ class _Remedy:
 
     # lines of Python
 
-    def lines(self) -> str:
+    def _lines(self) -> str:
         """Return the line for what is there; of several readings all."""
-        calls = self._of_parts() or self._turned() or self._one_hot() or self._flat() or self._listed()
+        calls = self._of_parts() or self._turned() or self._listed()
         if not calls:
             return ""
-        opened = f"f = {self._how.line.format(str(self._path))}"
         first, *others = [call if why is None else f"{call}, if {why}" for call, why in calls]
-        return in_python(opened, first) + "".join(f"; or {other}" for other in others)
+        return in_python(self._opened, first) + "".join(f"; or {other}" for other in others)
 
-    def by_hand(self) -> str:
-        """Say how samples are kept, where no line is known."""
-        if not self._arrays:
-            return ""
-        return "; samples of a wrench are X (recordings, samples, 6); of another sensor pass axes= with a name a column"
-
-    def rate(self) -> str:
+    def _rate(self) -> str:
         if self._given.rate_hz is not None:
             return f"{self._given.rate_hz:g}"
         for one in self._every:
@@ -295,32 +262,25 @@ class _Remedy:
         return "RATE"
 
     def _call(self, X: str, y: str = "") -> str:
-        return f"Dataset.from_arrays({X}{', ' * bool(y)}{y}, rate_hz={self.rate()}{self._axes})"
+        axes = "" if self._given.axes is None else f", axes={','.join(self._given.axes)!r}"
+        return f"Dataset.from_arrays({X}{', ' * bool(y)}{y}, rate_hz={self._rate()}{axes})"
 
-    def label_beside(self, n: int) -> str:
-        """Return the labels of n recordings in one array."""
+    def _list_of(self, arrays: Sequence[Found]) -> str:
+        """Return the list of all recordings in arrays of two or three dimensions."""
+        turned = [".T" * (one.leaf.shape[-1] != len(self._known)) for one in arrays]
+        items = [("*" * (len(one.leaf.shape) == 3)) + self._how.item(one) for one in arrays]
+        return f"[{', '.join(map(str.__add__, items, turned))}]"
+
+    def _label_beside(self, n: int) -> str:
+        """Return the labels of n recordings in one array; of flags (n, labels) the places."""
         for one in self._labels:
-            if max(one.leaf.shape, default=1) == np.prod(one.leaf.shape) == n and "[" not in one.path:
+            shape = one.leaf.shape
+            if max(shape, default=1) == np.prod(shape) == n and "[" not in one.path:
                 return self._how.label(one)
-        return self._of_one_hot(n)
-
-    def _of_one_hot(self, n: int) -> str:
-        for one in self._labels:
-            shape, is_flags = one.leaf.shape, one.leaf.values.dtype.kind in "iufb"
-            if is_flags and len(shape) == 2 and shape[0] == n and (one.leaf.read().sum(1) == 1).all():
-                names = next(
-                    (two for two in self._every if not two.leaf.is_numbers and two.leaf.shape == shape[1:]),
-                    None,
-                )
-                places = f"{self._how.item(one)}.argmax(1)"
-                return places if names is None else f"numpy.array({self._how.label(names)})[{places}]"
+            is_flags = len(shape) == 2 and shape[0] == n and one.leaf.values.dtype.kind in "iufb"
+            if is_flags and (one.leaf.read().sum(1) == 1).all():
+                return f"{self._how.item(one)}.argmax(1)"
         return ""
-
-    def _one_hot(self) -> list[tuple[str, str | None]]:
-        for one in self._in_order():
-            if len(one.leaf.shape) == 3 and (y := self._of_one_hot(one.leaf.shape[0])):
-                return [(self._call(self._how.item(one), y), None)]
-        return []
 
     def _of_parts(self) -> list[tuple[str, str | None]]:
         """Join what each recording has in parts: vectors of the axes, or forces and torques."""
@@ -332,50 +292,49 @@ class _Remedy:
         if not whole:
             return []
         X, n = next(iter(whole.values()))
-        y = "" if n is None else self.label_beside(n)
-        if self._how.by_reference and "[" in next(iter(whole)):
-            every = [joined[0] for place in whole if (joined := self._joined("", groups[place])) is not None]
-            X = f"[{', '.join(every)}]"
-            y = f"[{', '.join(self._how.label(one) for one in self._labels if one.parent in whole)}]"
-        elif list(whole) != [""]:
+        y = "" if n is None else self._label_beside(n)
+        if list(whole) != [""]:
+            if self._how.is_flat:
+                return []
             loop, y = self._loop(list(whole))
             X = f"[{X} {loop}]"
         elif n is None:
             X = f"[{X}]"
         if "{" not in X:
             return [(self._call(X, y), None)]
-        rate = "" if "'time'" in X else f", rate_hz={self.rate()}"
+        rate = "" if "'time'" in X else f", rate_hz={self._rate()}"
         return [(f"Dataset.from_frames({X}{', ' * bool(y)}{y}{rate})", None)]
 
     def _joined(self, place: str, inner: Mapping[str, Found]) -> tuple[str, int | None] | None:
         """Return the expression that joins the parts of a group, and of how many recordings in three dimensions."""
+        item = self._how.item
         vectors = {
             what: one
             for one in inner.values()
             if max(one.leaf.shape) == np.prod(one.leaf.shape)
-            if (what := meaning_of(one.name).what) is not None
+            and (what := meaning_of(one.name).what) is not None
         }
-        item = self._how.item
         if set(AXES) <= vectors.keys():
             named = ["time"] * ("time" in vectors) + list(AXES)
             columns = ", ".join(f"{what!r}: numpy.ravel({item(vectors[what], place)})" for what in named)
             return f"{{{columns}}}", None
-        pair = [next((inner[name] for name in names if name in inner), None) for names in _PARTS]
-        if any(one is None or one.leaf.shape[-1:] != (3,) for one in pair):
+        pair = [one for names in _PARTS for one in [inner[name] for name in names if name in inner][:1]]
+        shapes = {one.leaf.shape for one in pair}
+        if (
+            len(pair) < len(_PARTS)
+            or len(shapes) > 1
+            or pair[0] not in self._arrays
+            or pair[0].leaf.shape[-1] != 3
+        ):
             return None
-        force, torque = (one for one in pair if one is not None)
-        if force.leaf.shape != torque.leaf.shape or len(force.leaf.shape) not in (2, 3):
-            return None
-        n = force.leaf.shape[0] if len(force.leaf.shape) == 3 else None
-        return f"numpy.concatenate([{item(force, place)}, {item(torque, place)}], axis=-1)", n
+        n = pair[0].leaf.shape[0] if len(pair[0].leaf.shape) == 3 else None
+        return f"numpy.concatenate([{', '.join(item(one, place) for one in pair)}], axis=-1)", n
 
     def _loop(self, places: Sequence[str]) -> tuple[str, str]:
         """Return the loop over groups, or structs, in which each is r, and their labels."""
         base = re.sub(r"\[\d+\]$", "", places[0])
         if all(re.sub(r"\[\d+\]$", "", place) == base for place in places) and base != places[0]:
             loop = f"for r in f{''.join(map(_indexed, base.split('/')))}"
-        elif self._how.is_flat:
-            loop = f"for r in {list(places)}"
         else:
             items = [f"f{''.join(map(_indexed, place.split('/')))}" for place in places]
             loop = f"for r in [{', '.join(items)}]"
@@ -388,72 +347,43 @@ class _Remedy:
     def _turned(self) -> list[tuple[str, str | None]]:
         """Bring recordings first and axes last: recordings are as many as labels, else the shorter of the two."""
         one = next((one for one in self._arrays if len(one.leaf.shape) == 3), None)
-        if one is None or self._n_axes not in one.leaf.shape or len({one.name for one in self._arrays}) > 1:
+        if (
+            one is None
+            or len(self._known) not in one.leaf.shape
+            or len({one.name for one in self._arrays}) > 1
+        ):
             return []
-        shape = one.leaf.shape
-        found: dict[str, tuple[str, str | None]] = {}
-        for first, middle, last in permutations(range(3)):
-            if shape[last] != self._n_axes or (first, middle, last) == (0, 1, 2):
-                continue
-            if y := self.label_beside(shape[first]):
-                turned = f"{self._how.item(one)}.transpose({first}, {middle}, {last})"
-                found[turned] = (
-                    self._call(turned, y),
-                    f"axis {first} counts recordings and axis {last} the forces",
-                )
-        if len(found) == 1:
-            return [(call, None) for call, _ in found.values()]
-        if found:
-            return list(found.values())
-        last = max(i for i in range(3) if shape[i] == self._n_axes)
-        rest = [i for i in range(3) if i != last]
-        first = min(rest, key=lambda i: shape[i])
-        (middle,) = (i for i in rest if i != first)
-        if (first, middle, last) == (0, 1, 2):
-            return []
-        return [(self._call(f"{self._how.item(one)}.transpose({first}, {middle}, {last})"), None)]
-
-    def _flat(self) -> list[tuple[str, str | None]]:
-        """Unfold recordings that lie flat in rows."""
-        n = self._n_axes
-        for one in self._arrays:
-            rows, width = one.leaf.shape[:2]
-            y = self.label_beside(rows)
-            if len(one.leaf.shape) == 2 and width % n == 0 and width > n and (y or rows != n):
-                item, samples = self._how.item(one), width // n
-                return [
-                    (
-                        self._call(f"{item}.reshape({rows}, {samples}, {n})", y),
-                        "the axes of each sample lie together",
-                    ),
-                    (
-                        self._call(f"{item}.reshape({rows}, {n}, {samples}).transpose(0, 2, 1)", y),
-                        "the samples of each axis do",
-                    ),
-                ]
-        return []
+        shape, usual = one.leaf.shape, (0, 1, 2)
+        orders = [order for order in permutations(usual) if shape[order[-1]] == len(self._known)]
+        ways = [
+            (order, y) for order in orders if order != usual and (y := self._label_beside(shape[order[0]]))
+        ]
+        if not ways:
+            best = min(orders, key=lambda order: (-order[-1], shape[order[0]]))
+            ways = [(best, "")] if best != usual else []
+        return [
+            (
+                self._call(f"{self._how.item(one)}.transpose{order}", y),
+                f"axis {order[0]} counts recordings and axis {order[-1]} the forces"
+                if len(ways) > 1
+                else None,
+            )
+            for order, y in ways
+        ]
 
     def _listed(self) -> list[tuple[str, str | None]]:
         """List arrays with what their groups, or their names, may say of them."""
-        arrays = [one for one in self._arrays if self._n_axes in one.leaf.shape]
+        arrays = [one for one in self._arrays if len(self._known) in one.leaf.shape]
         if not arrays:
             return []
-        items, counts = [], []
-        for one in arrays:
-            n = one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1
-            turned = ".T" * (one.leaf.shape[-1] != self._n_axes)
-            items.append("*" * (len(one.leaf.shape) == 3) + self._how.item(one) + turned)
-            counts.append(n)
-        X = f"[{', '.join(items)}]"
+        counts = [one.leaf.shape[0] if len(one.leaf.shape) == 3 else 1 for one in arrays]
+        X = self._list_of(arrays)
         beside = [self._label_beside_of(one, n) for one, n in zip(arrays, counts, strict=True)]
-        if all(beside):
-            return [(self._call(X, f"[{', '.join('*' + y for y in beside)}]"), None)]
-        if y := self.label_beside(sum(counts)):
+        y = f"[{', '.join('*' + y for y in beside)}]" if all(beside) else self._label_beside(sum(counts))
+        levels = [] if y else label_levels([one.path for one in arrays], own=True)
+        if not levels:
             return [(self._call(X, y), None)]
-        levels = label_levels([one.path for one in arrays], own=True)
         labels = [[name for name, n in zip(names, counts, strict=True) for _ in range(n)] for names in levels]
-        if not labels:
-            return [(self._call(X), None)]
         return [(self._call(X, _runs(names)), f"{names[0]!r} is a material") for names in labels]
 
     def _label_beside_of(self, one: Found, n: int) -> str:

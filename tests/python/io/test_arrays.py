@@ -8,7 +8,7 @@ import pytest
 import scipy.io
 
 from granular_id.io import RecordingFileError, load
-from layouts_written import LABELS, RAGGED, WRITERS, T, W, X, formats_of, written
+from layouts_written import LABELS, RAGGED, WRITERS, T, W, X, formats_of, has_lists, written
 from remedies import lines_of, options_of, refusal, run
 
 AXES = ["fx", "fy", "fz", "tx", "ty", "tz"]
@@ -121,7 +121,6 @@ WAYS_OUT = {
     "forces and torques of one": {"force": W[:, :3], "torque": W[:, 3:]},
     "F and M": {"F": W[:, :3], "M": W[:, 3:]},
     "vectors": dict(zip(AXES, W.T, strict=True)),
-    "flat rows": {"features": X.reshape(4, -1), "labels": LABELS},
 }
 
 
@@ -307,11 +306,6 @@ def test_columns_in_groups_and_compound_arrays_have_a_line(tmp_path):
 ONE_LINE = {
     "several recordings a material": ({"rice": X[:2], "peas": X[2:3]}, X[:3], ["rice", "rice", "peas"]),
     "one-hot": ({"X": X, "y": np.eye(3)[[0, 1, 0, 2]]}, X, ["0", "1", "0", "2"]),
-    "one-hot with names": (
-        {"X": X, "y": np.eye(3)[[0, 1, 0, 2]], "names": ["rice", "peas", "oats"]},
-        X,
-        LABELS,
-    ),
     "parts for training": (
         {"X_train": X[:3], "y_train": LABELS[:3], "X_test": X[3:], "y_test": LABELS[3:]},
         X,
@@ -332,7 +326,11 @@ ONE_LINE = {
 )
 def test_the_line_for_layouts_of_others_reads_all_of_them(tmp_path, case, form):
     tree, wrenches, labels = ONE_LINE[case]
-    data = run(lines_of(refusal(written({**tree, "fs": 500}, form, tmp_path)))[0])
+    problem = refusal(written({**tree, "fs": 500}, form, tmp_path))
+    if has_lists(tree) and form == "v73.mat":
+        assert problem.endswith("save it with -v7, of which Python reads cells and structs")
+        return
+    data = run(lines_of(problem)[0])
     found = sorted(zip([str(y) for y in data.y], [one.wrench[0, 0] for one in data], strict=True))
     assert found == sorted(zip(labels, [one[0, 0] for one in wrenches], strict=True))
 
