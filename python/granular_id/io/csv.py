@@ -31,7 +31,7 @@ from granular_id.io.files import RecordingFileError, need, new_folder, safe_name
 from granular_id.io.flat import checked_dataset
 from granular_id.io.index import INDEX_COLUMNS, INDEX_NAME, IRREGULAR, write_history
 from granular_id.io.source import FileContent, FileSource, LoadOptions
-from granular_id.io.ways_out import frames_line, in_python
+from granular_id.io.ways_out import frames_line
 from granular_id.recording import (
     ABOUT,
     AXES,
@@ -120,10 +120,16 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
 
     cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
     whole = [] if head.is_whole else [cut]
-    return FileContent([table], rows=whole, notes=notes, place=place, opening=_opening(head, n_units))
+    return FileContent(
+        [table],
+        rows=whole,
+        notes=notes,
+        place=place,
+        in_python=lambda mend: frames_line(_opening(head, n_units), source, table, mend),
+    )
 
 
-def _opening(head: _Head, n_units: int = 0) -> str:
+def _opening(head: _Head, n_units: int) -> str:
     """Return how people read this table in Python."""
     options = {name: value for name, value in head.options.items() if (name, value) != ("sep", ",")}
     if n_units:
@@ -336,8 +342,6 @@ def _other_names(pandas: Any, head: _Head, error: TableError, source: FileSource
         way_out = (
             (_names_given(head) if not known else "")
             or _renamed(head, error)
-            or _beside_each_other(head, source)
-            or _axes_in_rows(pandas, head, source)
             or (_axes_given(pandas, head) if not known else "")
             or way_out
         )
@@ -364,23 +368,6 @@ def _renamed(head: _Head, error: TableError) -> str:
         return ""
     named = [f"{name} [{unit}]" if unit else name for name, unit in zip(wanted, units, strict=True)]
     return f"; if its columns are these, pass {in_both(csv={'header': 0, 'names': named})}"
-
-
-def _beside_each_other(head: _Head, source: FileSource) -> str:
-    """Return the line that reads several recordings whose columns stand beside each other."""
-    names = [name for name in head.names if name]
-    width = next(
-        (k for k in range(len(AXES), len(names) // 2 + 1) if names == names[:k] * (len(names) // k)), 0
-    )
-    if not width:
-        return ""
-    label = source.label or source.label_else
-    labels = "" if label is None else f", [{label!r}] * {len(names) // width}"
-    parts = f"frame.iloc[:, i:i + {width}].set_axis({names[:width]}, axis=1).dropna()"
-    return in_python(
-        f"frame = {_opening(head).format(repr(str(head.path)))}",
-        f"Dataset.from_frames([{parts} for i in range(0, {len(names)}, {width})]{labels})",
-    )
 
 
 def _line_of_names(head: _Head, axes: tuple[str, ...] | None) -> int | None:
@@ -410,19 +397,6 @@ def _names_given(head: _Head) -> str:
             return ""
         skipped = {"skiprows": i} if i else {}
         return f"; if its columns are these, pass {in_both(csv={'header': None, **skipped, 'names': names})}"
-    return ""
-
-
-def _axes_in_rows(pandas: Any, head: _Head, source: FileSource) -> str:
-    """Return the line that reads a table with a row for each axis of a sample."""
-    frame = _read(pandas, head)
-    for name in frame.columns:
-        words = frame[name].astype(str).unique() if frame[name].dtype == object else ()
-        if set(AXES) <= {meaning_of(word).what for word in words}:
-            *others, values = (one for one in frame.columns if one != name)
-            mend = f".pivot(index={others}, columns={name!r}, values={values!r}).reset_index()"
-            columns = {str(one): np.zeros(0) for one in others}
-            return frames_line(_opening(head), source, Table(columns=columns), mend)
     return ""
 
 

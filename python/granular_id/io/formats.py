@@ -77,29 +77,14 @@ FORMATS = (
 
 def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path]:
     """Return the function that writes a format, named or told by the ending of the path."""
-    writable = ", ".join(known.name for known in FORMATS if known.save is not None)
     ending = Path(path).name.lower()
     by_ending = next((known for known in FORMATS if ending.endswith(known.suffixes)), None)
     chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)
-    if chosen is None and name is not None:
-        raise argument_error(GranularIdError, "format", f"={name!r}; wanted one of {writable}")
-    if chosen is None:
-        raise GranularIdError(
-            f"{os.fspath(path)} does not say which format is wanted; give format= one of {writable}, or "
-            "the ending .npz"
-        )
-    if name is None and chosen.saves_folder:
-        raise GranularIdError(
-            f"{chosen.what} is written as a folder of files: name a folder and give format={chosen.name!r}"
-        )
-    if by_ending not in (None, chosen):
-        raise GranularIdError(
-            f"{os.fspath(path)} ends like another format; for format={name!r} name it otherwise"
-        )
-    if chosen.save is None:
-        raise GranularIdError(f"{chosen.what} can only be read; what can be written: {writable}")
-    if by_ending is None and not chosen.saves_folder:  # `load` knows a file by its ending
-        raise GranularIdError(f"{os.fspath(path)} must end in .{chosen.name} for format={chosen.name!r}")
+    if chosen is None or chosen.save is None or by_ending is not (None if chosen.saves_folder else chosen):
+        folders = " or ".join(repr(known.name) for known in FORMATS if known.saves_folder)
+        wanted = f"give format= one of {folders} and the name of a folder, or the ending .npz"
+        problem = f"{'' if name is None else f'={name!r} '}does not fit {os.fspath(path)}: {wanted}"
+        raise argument_error(GranularIdError, "format", f"{problem}; other formats are only read")
     return chosen.save
 
 

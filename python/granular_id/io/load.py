@@ -19,7 +19,7 @@ from granular_id.io.files import RecordingFileError, check_place, failed
 from granular_id.io.index import INDEX_NAME
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.sources import find_sources, format_of, listed
-from granular_id.io.ways_out import frames_line, with_all_wanted
+from granular_id.io.ways_out import with_all_wanted
 from granular_id.recording import Dataset, Made, StepReport, TableError, restated, to_recordings
 
 _ARRAYS = ("npy", "npz", "mat", "hdf5")
@@ -377,11 +377,7 @@ def _made(content: FileContent, source: FileSource) -> _Read:
             made = to_recordings(table, source)
         except TableError as error:
             place = {"column": error.column, "no_wrench": error.no_wrench, **content.place(i, error.row)}
-            line = ""
-            if error.mend and content.opening:
-                line = frames_line(content.opening, source, table, error.mend)
-            elif error.mend and content.in_python is not None:
-                line = content.in_python(error.mend)
+            line = content.in_python(error.mend) if error.mend else ""
             raise RecordingFileError(source.path, error.problem + line, **place) from error
         read.recordings += made.recordings
         read.rows += made.rows

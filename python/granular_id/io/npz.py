@@ -20,7 +20,7 @@ from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays import content_of
 from granular_id.io.files import RecordingFileError
 from granular_id.io.flat import NUMBERS, OPTIONAL, TEXTS, FlatRecordings, flatten, unflatten
-from granular_id.io.remedy import BESIDE, Leaf, Opening
+from granular_id.io.remedy import Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.ways_out import in_python, is_clock
 from granular_id.recording import Dataset
@@ -88,18 +88,14 @@ def _member(archive: Any, name: str, source: FileSource) -> NDArray[Any]:
     except ValueError as error:
         if "pickle" not in str(error):
             raise
-        rate = next(
-            (
-                f"float(numpy.ravel(f[{one!r}])[0])"
-                for one in archive.files
-                if one.lower() in BESIDE["rate_hz"]
-            ),
-            "RATE",
-        )
         y = ", list(f['y'])" * ("y" in archive.files)
-        opened = f"f = numpy.load({str(source.path)!r}, allow_pickle=True)"
-        line = in_python(opened, f"Dataset.from_arrays(list(f[{name!r}]){y}, rate_hz={rate})")
-        raise RecordingFileError(source.path, f"{_PICKLED}{line}", place=f"array {name}") from error
+        raise _pickled(source, f"list(f[{name!r}]){y}", place=f"array {name}") from error
+
+
+def _pickled(source: FileSource, X: str, place: str | None = None) -> RecordingFileError:
+    opened = f"f = numpy.load({str(source.path)!r}, allow_pickle=True)"
+    line = in_python(opened, f"Dataset.from_arrays({X}, rate_hz=RATE)")
+    return RecordingFileError(source.path, f"{_PICKLED}{line}", place=place)
 
 
 def _read_own(arrays: Mapping[str, NDArray[Any]], source: FileSource) -> FileContent:
@@ -134,9 +130,8 @@ def _read_own(arrays: Mapping[str, NDArray[Any]], source: FileSource) -> FileCon
 
 def _words(array: NDArray[Any], name: str, source: FileSource) -> list[str]:
     if array.dtype.kind != "U" or array.ndim > 1:
-        raise RecordingFileError(
-            source.path, f"is {array.dtype} of shape {array.shape}; wanted texts", place=f"array {name}"
-        )
+        problem = f"is {array.dtype} of shape {array.shape}; wanted texts"
+        raise RecordingFileError(source.path, problem, place=f"array {name}")
     return [str(word) for word in array.reshape(-1).tolist()]
 
 
@@ -175,9 +170,7 @@ def read_npy(source: FileSource, options: LoadOptions) -> FileContent:
     except ValueError as error:
         if "pickle" not in str(error):
             raise
-        opened = f"f = numpy.load({str(source.path)!r}, allow_pickle=True)"
-        line = in_python(opened, "Dataset.from_arrays(list(f), rate_hz=RATE)")
-        raise RecordingFileError(source.path, f"{_PICKLED}{line}") from error
+        raise _pickled(source, "list(f)") from error
     if array.dtype.names is not None:
         has_clock = is_clock(array.dtype.names)
         call = f"Dataset.from_frames({{name: f[name] for name in f.dtype.names}}{', rate_hz=RATE' * (not has_clock)})"

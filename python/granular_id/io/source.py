@@ -128,8 +128,8 @@ class FileSource(Stated):
 class FileContent:
     """What a reader found in a file: tables, or recordings that are complete already.
 
-    `place` leads from a table (its number) and a row to what an error names: ``line=``, ``place=``; `opening` is how
-    people read the table in Python, with ``{}`` for the path; `in_python` returns the line that reads others, mended.
+    `place` leads from a table (its number) and a row to what an error names: ``line=``, ``place=``; `in_python` from
+    methods of a data frame to the line that reads the table, mended by these.
     """
 
     tables: Sequence[Table] = ()
@@ -138,5 +138,4 @@ class FileContent:
     notes: list[str] = field(default_factory=list)
     history: Sequence[StepReport] = ()
     place: Callable[[int, int | None], dict[str, Any]] = lambda table, row: {}  # noqa: ARG005
-    opening: str = ""
-    in_python: Callable[[str], str] | None = None
+    in_python: Callable[[str], str] = lambda mend: ""  # noqa: ARG005

@@ -97,7 +97,6 @@ CASES = {
     "no clock": (lines(table()[AXES]), [], {}),
     "days of Excel": (lines(table(time=45600 + np.arange(60) / RATE / 86400)), [], {}),
     "more cells than names": ([lines(table())[0], *(f"{line},5,pm" for line in lines(table())[1:])], [], {}),
-    "axes in rows": (lines(table().melt(id_vars="time", var_name="axis")), [], {}),
 }  # fmt: skip
 
 

@@ -91,19 +91,16 @@ def test_nothing_is_left_when_writing_fails(tmp_path, name, error, pushes):
 
 
 @pytest.mark.parametrize(
-    ("path", "name", "message"),
+    ("path", "name"),
     [
-        ("set.xlsx", None, "does not say which format is wanted; give format= one of csv, npz, parquet"),
-        ("set.mat", None, r"MATLAB \(\*.mat\) can only be read; what can be written: csv"),
-        ("set.csv", None, "name a folder and give format='csv'"),
-        ("set.npz", "parquet", "ends like another format"),
-        ("set", "excel", "format='excel'; wanted one of csv"),
-        ("set", "npz", "set must end in .npz for format='npz'"),
-        ("set.mcap", None, r"ROS bags and MCAP .* can only be read"),
+        *(("set.xlsx", None), ("set.mat", None), ("set.csv", None), ("set.mcap", None)),
+        *(("set.npz", "parquet"), ("set", "excel"), ("set", "npz"), ("set.csv", "csv")),
     ],
 )
-def test_formats_that_cannot_be_written_are_told(tmp_path, path, name, message, pushes):
-    with pytest.raises(ValueError, match=message):
+def test_formats_that_cannot_be_written_are_told(tmp_path, path, name, pushes):
+    with pytest.raises(
+        ValueError, match="format= one of 'csv' or 'parquet' and the name of a folder, or the"
+    ):
         save(pushes, tmp_path / path, name)
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(TypeError, match="dataset must be a Dataset, got list"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from granular_id.io.files import RecordingFileError, attempt
 from granular_id.io.parquet.archive import Archive
 from granular_id.io.parquet.layout import MARK, labels_of, open_parquet
 from granular_id.io.source import FileContent, FileSource, LoadOptions
+from granular_id.io.ways_out import frames_line
 from granular_id.recording import Table
 
 _INDEX = "__index_level_0__"
@@ -45,7 +47,12 @@ def read_parquet(source: FileSource, _: LoadOptions) -> FileContent:
     notes = (
         [] if lists is None else [f"column {lists!r} holds lists: pandas' frame.explode makes rows of them"]
     )
-    return FileContent([read], notes=notes, place=place, opening="pandas.read_parquet({})")
+    return FileContent(
+        [read],
+        notes=notes,
+        place=place,
+        in_python=partial(frames_line, "pandas.read_parquet({})", source, read),
+    )
 
 
 def parquet_parts(source: FileSource, options: LoadOptions) -> Iterator[FileContent | RecordingFileError]:
