@@ -1,13 +1,21 @@
-"""A data set as a few flat arrays, and back: what NPZ files and archives hold.
+"""A data set as a few flat columns, and back: what NPZ files and archives hold.
 
-The samples of all recordings stand one after the other in one array; everything else is one value per recording.
+The samples of all n recordings stand one after the other, N in all; everything else is one value per recording:
+
+- ``axes``: names of the C columns of ``wrench`` (N, C), float64; fx fy fz in N, tx ty tz in N m
+- ``n_samples`` (n,): they add up to N; ``rate_hz`` (n,): NaN for irregular recordings; ``start_time`` (n,): of the
+  first samples, seconds since 1970, NaN where unknown; ``trigger_index`` (n,): where the motion began, else -1
+- ``label``, ``session``, ``name``: n texts, empty where unknown
+- ``meta``: one text, a JSON object a line (a column of fixed width would be as wide as the longest); ``history``: a
+  JSON list of what ``StepReport.to_dict`` gives
+- only where needed: ``time_s`` (N,): seconds from the first sample of each, NaN in uniform recordings; ``flags`` (N,):
+  uint8, bits of `SampleFlag`
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,67 +25,36 @@ from numpy.typing import NDArray
 from granular_id._checks import FloatArray, as_floats, thaw
 from granular_id._core import GranularIdError
 from granular_id.io.files import RecordingFileError
-from granular_id.io.source import FileContent, FileSource
+from granular_id.io.source import FileContent
 from granular_id.recording import Dataset, Recording, StepReport, checked_axes, shared_base
 
 NUMBERS = ("n_samples", "rate_hz", "start_time", "trigger_index")
 TEXTS = ("label", "session", "name")
 OPTIONAL = ("time_s", "flags")
-"""Columns beside ``wrench``: numbers and texts per recording; what stands per sample only where it is needed."""
 
 NO_TRIGGER = -1
 """What stands in ``trigger_index`` where a recording has none."""
 
 
-@dataclass(frozen=True)
-class FlatRecordings:
-    """The columns of a data set of n recordings with N samples in all; from a file, unchecked until `unflatten`."""
-
-    axes: Sequence[str]  # names of the C columns of `wrench`
-    wrench: FloatArray  # (N, C): all samples, recording after recording; fx fy fz in N, tx ty tz in N m
-    n_samples: NDArray[np.int64]  # (n,): they add up to N
-    rate_hz: FloatArray  # (n,): NaN for irregular recordings
-    start_time: FloatArray  # (n,): of the first samples, seconds since 1970; NaN where unknown
-    trigger_index: NDArray[np.int64]  # (n,): sample at which the motion began; -1 where unknown
-    label: Sequence[str | None]
-    session: Sequence[str | None]
-    name: Sequence[str | None]
-    meta_json: Sequence[str | None]  # JSON objects; None for an empty one
-    time_s: FloatArray | None = None  # (N,): seconds from the first sample of each; NaN in uniform recordings
-    flags: NDArray[np.uint8] | None = None  # (N,): bits of `SampleFlag`
-    history_json: str = "[]"  # a list of what `StepReport.to_dict` gives
-
-    @property
-    def texts(self) -> dict[str, list[str]]:
-        """The columns `TEXTS`, with an empty text for None."""
-        return {name: [text or "" for text in getattr(self, name)] for name in TEXTS}
-
-    @property
-    def meta_lines(self) -> str:
-        """All metadata as one text, a line per recording: a column of fixed width would be as wide as the longest."""
-        return "\n".join(text or "{}" for text in self.meta_json)
-
-
-def flatten(dataset: Dataset) -> FlatRecordings:
+def flatten(dataset: Dataset) -> dict[str, Any]:
     """Put a data set into flat columns, every bit kept."""
     recordings = checked_dataset(dataset).recordings
     triggers = [r.trigger_index for r in recordings]
     wrench, time_s, flags = flat_samples(recordings)
-    return FlatRecordings(
-        axes=dataset.axes,
-        wrench=wrench,
-        n_samples=np.array([r.n_samples for r in recordings], np.int64),
-        rate_hz=_floats(r.rate_hz for r in recordings),
-        start_time=_floats(r.start_time for r in recordings),
-        trigger_index=np.array([NO_TRIGGER if i is None else i for i in triggers], np.int64),
-        label=[r.label for r in recordings],
-        session=[r.session for r in recordings],
-        name=[r.name for r in recordings],
-        meta_json=[json.dumps(thaw(r.meta)) if r.meta else None for r in recordings],
-        time_s=time_s,
-        flags=flags,
-        history_json=history_json(dataset),
-    )
+    columns = {
+        "axes": dataset.axes,
+        "wrench": wrench,
+        "n_samples": np.array([r.n_samples for r in recordings], np.int64),
+        "rate_hz": _floats(r.rate_hz for r in recordings),
+        "start_time": _floats(r.start_time for r in recordings),
+        "trigger_index": np.array([NO_TRIGGER if i is None else i for i in triggers], np.int64),
+        **{name: [getattr(r, name) or "" for r in recordings] for name in TEXTS},
+        "meta": "\n".join(json.dumps(thaw(r.meta)) for r in recordings),
+        "history": history_json(dataset),
+        "time_s": time_s,
+        "flags": flags,
+    }
+    return {name: values for name, values in columns.items() if values is not None}
 
 
 def flat_samples(
@@ -96,65 +73,58 @@ def flat_samples(
     return _joined([r.wrench for r in recordings]), time_s, flags
 
 
-def unflatten(flat: FlatRecordings, path: Path, source: FileSource) -> FileContent:
+def unflatten(columns: Mapping[str, Any], path: Path) -> FileContent:
     """Make recordings of flat columns that came from a file; they are views, which become read-only."""
     try:
-        recordings = _recordings(flat, source.name)
-        history = checked_history(flat.history_json)
+        return FileContent(recordings=_recordings(columns), history=checked_history(columns["history"]))
     except (TypeError, ValueError) as error:
         raise RecordingFileError(path, str(error)) from error
-    return FileContent(recordings=recordings, history=history)
 
 
-def _recordings(flat: FlatRecordings, source_name: str) -> list[Recording]:
-    wrench = as_floats(flat.wrench, "column wrench", "a real array of shape (N, C)")
+def _recordings(columns: Mapping[str, Any]) -> list[Recording]:
+    wrench = as_floats(columns["wrench"], "column wrench", "a real array of shape (N, C)")
     if wrench.ndim != 2 or not wrench.size:
         came = f"column wrench has shape {wrench.shape}"
         raise GranularIdError(f"{came}; wanted (N, C): the samples of all recordings, C axes")
-    axes = checked_axes(tuple(flat.axes), wrench.shape)
-    lengths = _lengths(flat.n_samples, len(wrench))
-    n = len(lengths)
-    columns = {name: _column(getattr(flat, name), name, n) for name in (*NUMBERS[1:], *TEXTS, "meta_json")}
-    times: Any
-    flags: Any
-    times, flags = (None if one is None else np.asarray(one) for one in (flat.time_s, flat.flags))
-    for name, array in (("wrench", wrench), ("time_s", times), ("flags", flags)):
+    axes = checked_axes(tuple(columns["axes"]), wrench.shape)
+    lengths = _lengths(columns["n_samples"], len(wrench))
+    each = {name: list(columns[name]) for name in TEXTS} | {"meta": columns["meta"].split("\n")}
+    each |= {name: np.asarray(columns[name]).tolist() for name in NUMBERS[1:]}
+    times, flags = (columns.get(name) for name in OPTIONAL)
+    of_samples = {"wrench": wrench, "time_s": times, "flags": flags}
+    sizes = {name: (len(values), len(lengths)) for name, values in each.items()}
+    sizes |= {name: (len(array), len(wrench)) for name, array in of_samples.items() if array is not None}
+    for name, (n, wanted) in sizes.items():
+        if n != wanted:
+            raise GranularIdError(f"column {name} has {n} values; wanted {wanted}")
+    for array in (wrench, times, flags):
         if array is not None:
-            if len(array) != len(wrench):
-                problem = f"column {name} has {len(array)} values for {len(wrench)} samples"
-                raise GranularIdError(problem)
             array.flags.writeable = False
             if isinstance(array.base, np.ndarray):  # else each recording is copied
                 array.base.flags.writeable = False
-    metas: dict[str | None, Any] = {}
+    metas: dict[str, Any] = {}
     found: list[Recording] = []
     for i, end in enumerate(np.cumsum(lengths).tolist()):
         here = slice(end - int(lengths[i]), end)
-        about = {name: values[i] for name, values in columns.items()}
-        name = (
-            about["name"] if about["name"] is not None else source_name if n == 1 else f"{source_name}[{i}]"
-        )
-        text = about["meta_json"]
-        own = None if times is None else times[here]
+        about = {name: values[i] for name, values in each.items()}
+        text, own = about["meta"], None if times is None else times[here]
         known = text in metas
         try:
             recording = Recording(
                 wrench[here],
                 rate_hz=_known(about["rate_hz"]),
-                label=about["label"],
-                session=about["session"],
+                label=about["label"] or None,
+                session=about["session"] or None,
                 start_time=_known(about["start_time"]),
                 trigger_index=None if about["trigger_index"] == NO_TRIGGER else about["trigger_index"],
                 time_s=None if own is None or np.isnan(own).all() else own,
-                meta={} if known or text is None else _json(text, "meta", dict),
+                meta={} if known else _json(text, "meta", dict),
                 flags=None if flags is None or not flags[here].any() else flags[here],
-                name=name,
+                name=about["name"],
                 axes=axes,
             )
-        except (TypeError, ValueError, RecursionError) as error:
-            kind = TypeError if isinstance(error, TypeError) else ValueError
-            what = "meta is nested too deeply" if isinstance(error, RecursionError) else error
-            raise kind(f"recording {i} ({name[:60]!r}): {what}") from error
+        except (TypeError, ValueError) as error:
+            raise GranularIdError(f"recording {i} ({about['name'][:60]!r}): {error}") from error
         if known:  # equal metadata are held once
             recording = Recording._trusted(**{**vars(recording), "meta": metas[text]})
         metas.setdefault(text, recording.meta)
@@ -170,25 +140,12 @@ def _known(number: Any) -> Any:
 def _lengths(value: Any, n_rows: int) -> NDArray[np.int64]:
     """Return how many samples each recording has: at least one, `n_rows` in all."""
     array = np.asarray(value)
-    if array.dtype.kind not in "iu" or array.ndim != 1:
-        came = f"dtype {array.dtype} and shape {array.shape}"
-        raise TypeError(f"column n_samples has {came}; wanted whole numbers (n,)")
-    wrong = np.flatnonzero((array < 1) | (array > n_rows))
-    if len(wrong):
-        raise GranularIdError(f"column n_samples[{wrong[0]}] is {array[wrong[0]]}; wanted 1 to {n_rows}")
-    total = sum(array.tolist())  # whole numbers of Python cannot overflow
-    if total != n_rows:
-        raise GranularIdError(f"column n_samples adds up to {total}, but wrench has {n_rows} samples")
+    is_whole = array.dtype.kind in "iu" and array.ndim == 1
+    total = sum(array.tolist()) if is_whole else 0  # whole numbers of Python cannot overflow
+    if total != n_rows or (array < 1).any():
+        came = f"of dtype {array.dtype} and shape {array.shape}, adds up to {total} and begins {array[:3].tolist()}"
+        raise GranularIdError(f"column n_samples, {came}; wanted whole numbers above 0 for {n_rows} samples")
     return array.astype(np.int64)
-
-
-def _column(values: Any, name: str, n: int) -> Any:
-    """Return a column of one value per recording."""
-    listed = values.tolist() if isinstance(values, np.ndarray) else values
-    if not isinstance(listed, (list, tuple)) or len(listed) != n:
-        came = len(listed) if hasattr(listed, "__len__") else "no"
-        raise GranularIdError(f"column {name.removesuffix('_json')} has {came} values for {n} recordings")
-    return listed
 
 
 def checked_dataset(dataset: object) -> Dataset:
@@ -205,21 +162,16 @@ def history_json(dataset: Dataset) -> str:
 
 def checked_history(text: object) -> tuple[StepReport, ...]:
     """Return the steps that a JSON list describes."""
-    steps = _json(text, "history", list)
     try:
-        return tuple(map(StepReport.from_dict, steps))
-    except (TypeError, ValueError, RecursionError) as error:
+        return tuple(map(StepReport.from_dict, _json(text, "history", list)))
+    except (TypeError, ValueError) as error:
         raise GranularIdError(f"history: {error}") from error
 
 
-def _json(text: object, name: str, kind: type) -> Any:
-    if not isinstance(text, str):
-        raise TypeError(f"{name} is a {type(text).__name__}; wanted JSON text")
+def _json(text: Any, name: str, kind: type) -> Any:
     try:
         value = json.loads(text)
-    except RecursionError as error:
-        raise GranularIdError(f"{name} is nested too deeply") from error
-    except json.JSONDecodeError as error:
+    except (RecursionError, ValueError) as error:
         raise GranularIdError(f"{name} is not JSON: {error}") from error
     if not isinstance(value, kind):
         raise TypeError(f"{name} is a JSON {type(value).__name__}; wanted a {kind.__name__}")

@@ -1,6 +1,6 @@
 """NumPy: a whole data set in one NPZ file; NPZ archives and NPY arrays of others.
 
-``save_npz`` stores the columns of :class:`FlatRecordings` under their names; texts that are unknown are empty.
+``save_npz`` stores the columns of ``io/flat.py`` under their names, `meta` and `history` as the bytes of their texts.
 ``docs/formats/npz.md`` describes each array. Python objects (pickle) are neither written nor read.
 """
 
@@ -19,7 +19,7 @@ from granular_id._files import new_file
 from granular_id._progress import ProgressCallback, Ticker
 from granular_id.io.arrays import content_of
 from granular_id.io.files import RecordingFileError
-from granular_id.io.flat import NUMBERS, OPTIONAL, TEXTS, FlatRecordings, flatten, unflatten
+from granular_id.io.flat import NUMBERS, OPTIONAL, TEXTS, flatten, unflatten
 from granular_id.io.remedy import Leaf, Opening
 from granular_id.io.source import FileContent, FileSource, LoadOptions
 from granular_id.io.ways_out import in_python, is_clock
@@ -56,13 +56,14 @@ def save_npz(
     return target
 
 
-def _arrays(flat: FlatRecordings) -> dict[str, NDArray[Any]]:
-    arrays: dict[str, Any] = {_MARK: np.array(MARK), "axes": np.array(flat.axes, dtype=np.str_)}
-    arrays |= {name: getattr(flat, name) for name in ("wrench", *NUMBERS, *OPTIONAL)}
-    arrays |= {name: np.array(words, dtype=np.str_) for name, words in flat.texts.items()}
-    for name, text in (("meta", flat.meta_lines), ("history", flat.history_json)):
-        arrays[name] = np.frombuffer(text.encode("utf-8"), np.uint8)
-    return {name: array for name, array in arrays.items() if array is not None}
+def _arrays(columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    arrays = {_MARK: np.array(MARK)}
+    for name, values in columns.items():
+        if name in _WHOLE_TEXTS:
+            arrays[name] = np.frombuffer(values.encode("utf-8"), np.uint8)
+        else:
+            arrays[name] = np.array(values, np.str_) if name in ("axes", *TEXTS) else values
+    return arrays
 
 
 def read_npz(source: FileSource, options: LoadOptions) -> FileContent:
@@ -104,22 +105,8 @@ def _read_own(arrays: Mapping[str, NDArray[Any]], source: FileSource) -> FileCon
     if missing is not None:
         raise RecordingFileError(source.path, f"is missing; wanted all of {MARK!r}", place=f"array {missing}")
     listed = {name: _words(arrays[name], name, source) for name in ("axes", *TEXTS)}
-    meta, history = (_whole_text(arrays[name], name, source) for name in _WHOLE_TEXTS)
-    content = unflatten(
-        FlatRecordings(
-            axes=tuple(listed["axes"]),
-            label=[text or None for text in listed["label"]],
-            session=[text or None for text in listed["session"]],
-            name=listed["name"],
-            meta_json=[None if line == "{}" else line for line in meta.split("\n")],
-            history_json=history,
-            wrench=arrays["wrench"],
-            **{name: arrays[name] for name in NUMBERS},
-            **{name: arrays[name] for name in OPTIONAL if name in arrays},
-        ),
-        source.path,
-        source,
-    )
+    whole = {name: _whole_text(arrays[name], name, source) for name in _WHOLE_TEXTS}
+    content = unflatten({**arrays, **listed, **whole}, source.path)
     others = sorted(set(arrays) - {_MARK, *_REQUIRED, *OPTIONAL})
     if others:
         content.notes.append(

@@ -1,9 +1,7 @@
 """Data sets in one NPZ file, plain numpy being the other side; hostile columns are refused."""
 
 import json
-import sys
 import tracemalloc
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +9,7 @@ import pytest
 
 from dataset_strategies import assert_same_bits
 from granular_id.io import RecordingFileError, load, save
-from granular_id.io.flat import FlatRecordings, flatten, unflatten
-from granular_id.io.source import FileSource
+from granular_id.io.flat import flatten, unflatten
 from granular_id.recording import Dataset, Recording, StepReport
 from layouts_written import AXES, X
 
@@ -94,10 +91,7 @@ def test_plain_numpy_reads_what_is_saved_and_writes_what_is_loaded(tmp_path):
         ({"label": np.array([0x7FFFFFFF, 0], "<u4").view("<U1")}, "label|x.npz"),
         ({"meta": np.array([255], np.uint8)}, "meta: .*wanted the bytes of a text in UTF-8"),
         ({"meta": np.zeros(2)}, "meta: .*wanted the bytes"),
-        ({"meta": "{}"}, "meta has 1 values for 2"),
-        ({"n_samples": [30, 4]}, "n_samples adds up to 34"),
-        ({"wrench": np.full((33, 6), np.nan)}, r"wrench\[0, 0\].* is nan"),
-        ({"wrench": np.ones((33, 6), complex)}, "wrench"),
+        ({"meta": "{}"}, "meta has 1 values; wanted 2"),
     ],
 )
 def test_files_that_contradict_themselves_are_refused(tmp_path, change, message):
@@ -127,7 +121,6 @@ def test_samples_are_held_once(tmp_path):
 # -- columns in memory
 
 PATH = Path("set.npz")
-SOURCE = FileSource(path=PATH, root=Path(), name="set.npz")
 
 
 @pytest.mark.parametrize("n", [1, 3])
@@ -138,35 +131,27 @@ def test_samples_that_are_views_of_bytes_keep_their_bits_and_are_not_copied(n):
     data = Dataset([Recording(wrench, rate_hz=500, name=str(i)) for i, wrench in enumerate(block)])
     assert data[0].wrench.base is raw  # else the test proves nothing
     flat = flatten(data)
-    assert flat.wrench.dtype == np.float64
-    assert np.array_equal(flat.wrench, block.reshape(-1, 6))
-    read = Dataset(unflatten(flat, PATH, SOURCE).recordings)
+    assert np.array_equal(flat["wrench"], block.reshape(-1, 6))
+    read = Dataset(unflatten(flat, PATH).recordings)
     assert np.array_equal(read.X, block)
-    assert np.shares_memory(read.X, flat.wrench)
-
-
-def test_a_recording_without_a_name_is_called_after_the_file():
-    read = unflatten(replace(_flat(), name=[None, None]), PATH, SOURCE).recordings
-    assert [r.name for r in read] == ["set.npz[0]", "set.npz[1]"]
+    assert np.shares_memory(read.X, flat["wrench"])
 
 
 def test_real_numbers_of_other_types_are_converted():
     flat = _flat()
-    other = replace(
-        flat,
-        wrench=flat.wrench.astype(">f4"),
-        n_samples=flat.n_samples.astype(np.uint8),
-        rate_hz=np.array([500, 500], np.int16),
-        time_s=None,
-        flags=np.ones(5, np.int32),
-    )
-    read = unflatten(other, PATH, SOURCE).recordings
-    assert read[0].wrench.dtype == np.float64
-    assert read[0].wrench[0, 1] == 1
+    other = {
+        "wrench": flat["wrench"].astype(">f4"),
+        "n_samples": flat["n_samples"].astype(np.uint8),
+        "rate_hz": np.array([500, 500], np.int16),
+        "time_s": None,
+        "flags": np.ones(5, np.int32),
+    }
+    read = unflatten(flat | other, PATH).recordings
+    assert (read[0].wrench.dtype, read[0].wrench[0, 1]) == (np.float64, 1)
     assert read[1].flags.dtype == np.uint8
 
 
-def _flat() -> FlatRecordings:
+def _flat():
     """Two recordings of 3 and 2 samples, the second one irregular."""
     regular = Recording(np.arange(18.0).reshape(3, 6), rate_hz=500, label="rice", name="one", meta={"a": 1})
     stamped = Recording(np.zeros((2, 6)), time_s=[0, 0.25], name="two", trigger_index=1, flags=[0, 1])
@@ -175,8 +160,7 @@ def _flat() -> FlatRecordings:
 
 def _with(name, index, value):
     def change(flat):
-        column = getattr(flat, name)
-        changed = column.copy() if isinstance(column, np.ndarray) else list(column)
+        changed = flat[name].copy()
         changed[index] = value
         return {name: changed}
 
@@ -185,40 +169,30 @@ def _with(name, index, value):
 
 NAN, INF = float("nan"), float("inf")
 DEEP = "[" * 10_000 + "]" * 10_000
-LEVELS = 800 if sys.version_info < (3, 12) else 1600  # from 3.12 on a comprehension is no call of its own
-NESTED = '{"a":' * LEVELS + "1" + "}" * LEVELS
 
 HOSTILE = {
     r"recording 1 \('two'\): wrench\[1, 2\] \(fz\) is nan": _with("wrench", (4, 2), NAN),
     "column wrench .* <U1": {"wrench": np.full((5, 6), "1")},
     "column wrench .* shape": {"wrench": np.zeros(30)},
     "axes has 1 names": {"axes": ("fx",)},
-    r"axes\[0\] must be a str": {"axes": (1, 2, 3, 4, 5, 6)},
-    r"n_samples\[0\] is 6": {"n_samples": np.array([6, -1])},
-    r"n_samples\[0\] is 9223372036854775807": {"n_samples": np.array([2**63 - 1, 2])},
-    "n_samples adds up to 0": {"n_samples": np.array([], np.int64)},
-    "n_samples has dtype float64": {"n_samples": np.array([3.0, 2.0])},
+    r"n_samples, .* begins \[6, -1\]": {"n_samples": np.array([6, -1])},
+    r"n_samples, .* adds up to 9223372036854775809": {"n_samples": np.array([2**63 - 1, 2])},
+    "n_samples, .* adds up to 0": {"n_samples": np.array([], np.int64)},
+    "n_samples, of dtype float64": {"n_samples": np.array([3.0, 2.0])},
     r"recording 0 \('one'\): rate_hz must be positive": _with("rate_hz", 0, -5.0),
     "neither": _with("rate_hz", 0, NAN),
     "rate_hz has 1 values": {"rate_hz": np.array([500.0])},
-    "rate_hz must be a number": {"rate_hz": np.array(["500", "500"])},
     "got both": _with("time_s", 1, 0.5),
-    r"recording 1 .*time_s": _with("time_s", 4, -0.25),
     "time_s has 4 values": {"time_s": np.zeros(4)},
     "start_time must be finite": _with("start_time", 1, -INF),
     "trigger_index=2 is outside": _with("trigger_index", 1, 2),
     "flags holds -1": {"flags": np.array([0, 0, 0, 0, -1])},
-    "flags has dtype float64": {"flags": np.ones(5)},
     "control character": _with("label", 1, "ri\x00ce"),
-    "label must be a str": _with("label", 0, []),
-    "session has 1 values": {"session": [None]},
-    "meta is not JSON": _with("meta_json", 0, "{"),
-    "meta is a JSON list": _with("meta_json", 0, "[1]"),
-    "meta is nested too deeply": _with("meta_json", 0, DEEP),
-    "recording 0 .*nested too deeply": _with("meta_json", 0, NESTED),
-    "history is not JSON": {"history_json": "x"},
-    "history: a step has the keys": {"history_json": '[{"a": 1}]'},
-    "history is nested too deeply": {"history_json": DEEP},
+    "session has 1 values": {"session": ["a"]},
+    "meta is not JSON": {"meta": "{}\n{"},
+    "meta is a JSON list": {"meta": "[1]\n{}"},
+    "history: history is not JSON: maximum recursion": {"history": DEEP},
+    "history: a step has the keys": {"history": '[{"a": 1}]'},
 }
 """By what is said of it."""
 
@@ -227,7 +201,7 @@ HOSTILE = {
 def test_hostile_columns_are_refused_by_the_name_of_the_column(problem):
     change = HOSTILE[problem]
     flat = _flat()
-    wrong = replace(flat, **(change(flat) if callable(change) else change))
+    wrong = flat | (change(flat) if callable(change) else change)
     with pytest.raises(RecordingFileError, match=rf"^set\.npz.*{problem}"):
-        unflatten(wrong, PATH, SOURCE)
-    assert len(unflatten(flat, PATH, SOURCE).recordings) == 2
+        unflatten(wrong, PATH)
+    assert len(unflatten(flat, PATH).recordings) == 2
