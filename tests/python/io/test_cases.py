@@ -6,14 +6,14 @@ Each kind has small files made here; those that are kept with the shared data (`
 import gzip
 import json
 
-import h5py
 import numpy as np
 import pandas as pd
 import pytest
 
 from granular_id import Dataset
 from granular_id.io import RecordingFileError, load
-from granular_id.recording import AXES, Setup
+from granular_id.recording import AXES
+from remedies import lines_of, run
 
 RNG = np.random.default_rng(7)
 W = np.round(RNG.normal(size=(120, 6)), 5)
@@ -85,23 +85,6 @@ def test_shared_files_are_read_as_the_refusal_says(case, path):
     assert found == figures
 
 
-# -- 1: a day or person above the material
-
-
-@pytest.mark.parametrize("above", ["2024-11-03 2024-11-04", "anna_2N bert_5N", "rig A,rig B"])
-def test_session_above_label_is_refused_until_somebody_says(tmp_path, above):
-    for outer in above.split("," if "," in above else " "):
-        for material in ("clay", "oats"):
-            folder = tmp_path / outer / material
-            folder.mkdir(parents=True)
-            for name in ("1.csv", "2.csv", f"mean_{material}.csv"):
-                frame(time=np.arange(120) / 250).to_csv(folder / name, index=False)
-    refused(tmp_path, "label='folder', session='parent'.*label='parent', session='folder'")
-    data = load(tmp_path, label="folder", session="parent")
-    assert (data.labels, len(data), len(set(data.sessions))) == (("clay", "oats"), 8, 2)
-    assert any("mean_clay.csv" in note for note in data.history[-1].notes)
-
-
 # -- 2: dates and times as texts
 
 
@@ -142,15 +125,6 @@ def test_stated_rate_ignores_stamps_that_are_none(tmp_path, stamps):
     assert "the clock was ignored" in data.history[-1].rows[0]["remark"]
 
 
-def test_a_line_below_the_samples_is_left_out_by_skipfooter(tmp_path):
-    text = frame(time=np.arange(120) / 500).to_csv(index=False)
-    (tmp_path / "a.csv").write_text(text + "Mean,1,2,3,4,5,6\n")
-    assert "rate_hz" not in refused(
-        tmp_path / "a.csv", r"'Mean' is no number.*csv=\{'skipfooter': 1\}", rate_hz=500
-    )
-    assert load(tmp_path / "a.csv", csv={"skipfooter": 1})[0].wrench.tobytes() == W.tobytes()
-
-
 @pytest.mark.data
 def test_shared_text_timestamps(case):
     folder = case("02_text_timestamps")
@@ -161,46 +135,7 @@ def test_shared_text_timestamps(case):
         np.testing.assert_allclose(recording.wrench, same.wrench, atol=1e-6)
 
 
-# -- 3: a sensor maker's export: lines above the names, cells in quotes, units above, stamps of whole seconds
-
-
-def export(path, torque_unit, scale, n_above):
-    above = ["Start Time: 3/4/25 2:03 PM", "Force Units: N", f"Torque Units: {torque_unit}"]
-    above += [f'"Note {i}: rate as read"' for i in range(n_above - len(above))]
-    names = ", ".join(["Status", "RDT Sequence", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "Time"])
-    rows = [
-        ",".join(
-            f'"{cell}"'
-            for cell in [
-                "0x0",
-                i,
-                *np.round(row * [1, 1, 1, *[scale] * 3], 6).tolist(),
-                f"Mar 4, 2025 2:03:1{i // 60} PM",
-            ]
-        )
-        for i, row in enumerate(W)
-    ]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join([*above, names, *rows, ""]))
-
-
-@pytest.mark.parametrize(
-    ("unit", "scale", "n_above"),
-    [
-        *(("N-mm", 1000, 7), ("N-m", 1, 4), ("cN-m", 100, 8), ("kgf-cm", 100 / 9.80665, 4)),
-        *((unit, 1 / 0.1129848290276167, 5) for unit in ("lbf-in", "in-lb")),
-        *(("ft-lbf", 1 / 1.3558179483314004, 6), ("oz-in", 1 / 0.00706155181422604, 6)),
-    ],
-)
-def test_export_with_lines_above_is_read_by_csv_options(tmp_path, unit, scale, n_above):
-    for label in ("rice", "oats"):
-        export(tmp_path / label / "push_1.csv", unit, scale, n_above)
-    problem = refused(tmp_path, f"line {n_above + 1} names the axes")
-    assert f"csv={{'skiprows': {n_above}}}" in problem
-    refused(tmp_path, "packets", csv={"skiprows": n_above})
-    data = load(tmp_path, csv={"skiprows": n_above}, rate_hz=500)
-    assert (data.labels, data.rate_hz) == (("oats", "rice"), 500)
-    np.testing.assert_allclose(data[0].wrench, W, atol=1e-6)
+# -- 3: a sensor maker's export: units above the names
 
 
 @pytest.mark.parametrize(
@@ -225,25 +160,6 @@ def test_lines_about_other_units_are_passed_over(tmp_path, above):
     assert load(tmp_path / "a.csv", csv={"skiprows": 1})[0].wrench.tobytes() == W.tobytes()
 
 
-def test_units_that_are_not_known_are_no_missing_sample(tmp_path):
-    text = frame(time=np.arange(120) / 500).to_csv(index=False).partition("\n")
-    (tmp_path / "a.csv").write_text(f"{text[0]}\ns,N,N,N,dynm,dynm,N m\n{text[2]}")
-    assert "na_values" not in refused(tmp_path / "a.csv", "'dynm' is none that is known")
-
-
-def test_marks_of_thousands_have_their_option(tmp_path):
-    (frame(time=np.arange(120) / 500) + 5000).map("{:,.5f}".format).to_csv(tmp_path / "a.csv", index=False)
-    refused(tmp_path / "a.csv", "csv={'thousands': ','}")
-    read = load(tmp_path / "a.csv", csv={"thousands": ","})[0]
-    np.testing.assert_allclose(read.wrench, W + 5000, atol=1e-9)
-
-
-def test_names_may_hold_the_separator_in_quotes(tmp_path):
-    names = ["t", "Fx, N", "Fy, N", "Fz, N", "Mx, N m", "My, N m", "Mz, N m"]
-    frame(time=np.arange(120) / 500).set_axis(names, axis=1).to_csv(tmp_path / "a.csv", index=False)
-    assert load(tmp_path / "a.csv")[0].wrench.tobytes() == W.tobytes()
-
-
 # -- 5: rows in packets with one stamp
 
 
@@ -257,29 +173,6 @@ def test_rows_in_packets_need_a_stated_rate_and_stay_as_they_are(tmp_path, size,
     assert data[0].wrench.tobytes() == W.tobytes()
     assert (data.rate_hz, data[0].start_time) == (rate_hz, 1.7e9)
     assert "the clock was ignored" in data.history[-1].rows[0]["remark"]
-
-
-# -- 6: another array than in training
-
-
-def test_another_array_is_another_setup(tmp_path):
-    for name in ("rice", "oats"):
-        (tmp_path / name).mkdir()
-        with h5py.File(tmp_path / name / "scene.h5", "w") as file:
-            for i in range(2):
-                group = file.create_group(f"data/demo_{i}/obs")
-                group["ee_wrench"], group["ee_wrench_filtered"] = W, W * 2
-                group.parent.attrs["rate_hz"] = 500
-    refused(tmp_path, r"pass array='ee_wrench' \(.*\) or array='ee_wrench_filtered'")
-    one, other = (load(tmp_path, array=name) for name in ("ee_wrench", "ee_wrench_filtered"))
-    assert one.y.tolist() == ["oats", "oats", "rice", "rice"]
-    assert (one[0].meta["read_as"], other[0].meta["read_as"]) == (
-        "array=ee_wrench",
-        "array=ee_wrench_filtered",
-    )
-    (difference,) = Setup.of(one[0].meta).differences(Setup.of(other[0].meta))
-    assert (difference.consequence, difference.name) == ("warn", "read_as")
-    assert str(difference) == "read_as 'array=ee_wrench_filtered', in training 'array=ee_wrench'"
 
 
 # -- 7: pauses in one log
@@ -335,15 +228,6 @@ def test_a_clock_that_starts_again_is_not_sorted(tmp_path):
 # -- 9: an MCAP file of JSON
 
 
-def follow(problem):
-    """Do what the error says."""
-    scope = {"Dataset": Dataset}
-    *first, last = problem.partition("in Python: ")[2].split("; ")
-    for line in first:
-        exec(line, scope)
-    return eval(last, scope)
-
-
 @pytest.mark.parametrize("form", ["vectors", "axes"])
 @pytest.mark.parametrize(
     ("topic", "rate_hz", "inside"),
@@ -369,7 +253,7 @@ def test_mcap_of_json_names_the_lines_that_read_it(tmp_path, topic, rate_hz, ins
             at = 1_700_000_000_000_000_000 + round(i * 1e9 / rate_hz)
             writer.add_message(channel, at, json.dumps(value).encode(), at)
         writer.finish()
-    data = follow(refused(tmp_path / "a.mcap", "messages in JSON"))
+    data = run(*lines_of(refused(tmp_path / "a.mcap", "messages in JSON")))
     assert (data.rate_hz, data[0].axes) == (rate_hz, AXES)
     assert data[0].wrench.tobytes() == W.tobytes()
 
@@ -390,7 +274,7 @@ def test_mcap_of_other_messages_says_what_they_are(tmp_path):
 @pytest.mark.data
 def test_shared_mcap_of_json(case):
     pytest.importorskip("mcap")
-    data = follow(refused(case("09_mcap_of_json") / "rice_1.mcap", "messages in JSON"))
+    data = run(*lines_of(refused(case("09_mcap_of_json") / "rice_1.mcap", "messages in JSON")))
     assert (data[0].n_samples, data.rate_hz) == (700, 500)
 
 
@@ -406,37 +290,6 @@ def test_shared_mirrored_frame(case):
 
 
 # -- 11: encodings and Excel's line
-
-
-@pytest.mark.parametrize(
-    ("encoding", "read"),
-    [
-        ("utf-16", {}),
-        ("utf-32", {}),
-        ("cp1252", {"csv": {"encoding": "cp1252"}}),
-        ("latin-1", {"csv": {"encoding": "cp1252"}}),
-    ],
-)
-def test_encodings_are_read_or_refused_with_what_works(tmp_path, encoding, read):
-    names = [
-        "time [s]",
-        *(
-            f"{axis} [{unit}]"
-            for axis, unit in zip(
-                ["ax", "ay", "az", "wx", "wy", "wz"], ["m/s\u00b2"] * 3 + ["\u00b0/s"] * 3, strict=True
-            )
-        ),
-    ]
-    rows = [";".join(map(repr, [i / 500, *row])) for i, row in enumerate(W.tolist())]
-    (tmp_path / "a.csv").write_bytes("\n".join([";".join(names), *rows, ""]).encode(encoding))
-    if read:
-        refused(tmp_path / "a.csv", "csv={'encoding': 'cp1252'}")
-    refused(tmp_path / "a.csv", "for other axes pass axes='ax,ay,az,wx,wy,wz'", **read)
-    recording = load(tmp_path / "a.csv", axes="ax,ay,az,wx,wy,wz", **read)[0]
-    assert recording.wrench.tobytes() == W.tobytes()
-    assert dict(recording.meta["units"]) == dict.fromkeys(["ax", "ay", "az"], "m/s2") | dict.fromkeys(
-        ["wx", "wy", "wz"], "\u00b0/s"
-    )
 
 
 @pytest.mark.parametrize("name", ["a.csv", "a.csv.gz"])
@@ -472,15 +325,6 @@ def test_shared_dropouts(case):
     for empty, missing in (data.recordings[:2], data.recordings[2:]):
         assert np.array_equal(empty.wrench, missing.wrench)
         assert np.array_equal(empty.time_s, missing.time_s)
-
-
-def test_a_line_of_too_many_cells_is_left_out_by_an_option(tmp_path):
-    lines = frame(time=np.arange(120) / 500).to_csv(index=False).splitlines()
-    lines[50] += ",9"
-    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
-    refused(tmp_path / "a.csv", r"line 51.*csv=\{'on_bad_lines': 'skip'\}")
-    (recording,) = load(tmp_path / "a.csv", csv={"on_bad_lines": "skip"})
-    assert (recording.n_samples, recording.is_uniform) == (119, False)
 
 
 # -- found without files

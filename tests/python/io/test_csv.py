@@ -104,6 +104,22 @@ def test_tables_are_read(tmp_path, case):
     )
 
 
+@pytest.mark.parametrize(
+    ("unit", "per_newton_metre"),
+    [
+        *(("N-mm", 1000), ("cN-m", 100), ("kgf-cm", 100 / 9.80665), ("ft-lbf", 1 / 1.3558179483314004)),
+        *(("lbf-in", 1 / 0.1129848290276167), ("oz-in", 1 / 0.00706155181422604)),
+    ],
+)
+def test_units_of_torque_are_converted(tmp_path, unit, per_newton_metre):
+    rows = np.array(WRENCH) * [1, 1, 1, *[per_newton_metre] * 3]
+    names = ",".join([*AXES[:3], *(f"{axis} [{unit}]" for axis in AXES[3:])])
+    (tmp_path / "a.csv").write_text(
+        "\n".join([names, *(",".join(map(repr, row)) for row in rows.tolist()), ""])
+    )
+    np.testing.assert_allclose(load(tmp_path / "a.csv", rate_hz=100)[0].wrench, WRENCH, rtol=1e-12)
+
+
 def test_values_have_the_bits_that_python_reads(tmp_path):
     rng = np.random.default_rng(0)
     values = rng.normal(size=(50, 6)) * 10.0 ** rng.integers(-300, 300, (50, 6))
@@ -152,6 +168,9 @@ EXPORT = b"Start: 3/4/25 2:03 PM\nRate: 500\nNote: lab 3\n" + GOOD
         (GOOD.decode().encode("utf-16-le"), "csv={'encoding': 'utf-16-le'}", {"csv": {"encoding": "utf-16-le"}}),
         (GOOD.decode().encode("utf-16-be"), "csv={'encoding': 'utf-16-be'}", {"csv": {"encoding": "utf-16-be"}}),
         (DASHES, "csv={'na_values': '--'}", {"csv": {"na_values": "--"}}),
+        (GOOD + b"0.03,1,2,3,4,5,6,7\n", "csv={'on_bad_lines': 'skip'}", {"csv": {"on_bad_lines": "skip"}}),
+        (GOOD + b"Mean,1,2,3,4,5,6\n", "csv={'skipfooter': 1}", {"csv": {"skipfooter": 1}}),
+        (GOOD.replace(b"1.5", b'"1,001.5"'), "csv={'thousands': ','}", {"csv": {"thousands": ","}}),
         (LATIN, "csv={'encoding': 'cp1252'}", {"csv": {"encoding": "cp1252"}}),
         (GOOD.replace(b"time", b"clock"), "pass rate_hz=", {"rate_hz": 100}),
         (GOOD.replace(b"time", b"clock"), "the clock (clock?; --time COLUMN)", {"time": "clock"}),

@@ -106,24 +106,6 @@ def test_folders_of_two_meanings_are_refused_and_both_ways_out_work(tmp_path, pa
     assert load(tmp_path).labels == ("oats",)
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        ["anna/peas.csv", "anna/rice.csv", "anna/sand.csv", "bert/oats.csv", "bert/rice.csv"],
-        ["Lab/Peas.csv", "Lab/Rice.csv", "kitchen/peas.csv", "kitchen/rice.csv"],
-        ["anna/peas_1.csv", "anna/rice_1.csv", "bert/peas_1.csv", "bert/rice_1.csv"],
-    ],
-)
-def test_files_of_the_same_names_in_folders_are_refused(tmp_path, names):
-    with pytest.raises(RecordingFileError, match=r"label='file', session='folder'.* or .*label='folder'"):
-        load(tree(tmp_path, *names))
-    data = load(tmp_path, label="file", session="folder")
-    assert [f"{r.session}/{r.label}" for r in data] == [
-        name.partition(".")[0].removesuffix("_1") for name in names
-    ]
-    assert load(tmp_path, label="folder").y.tolist() == [name.partition("/")[0] for name in names]
-
-
 def test_days_of_two_persons_are_two_sessions(tmp_path):
     tree(tmp_path, *(f"{who}/{day}/rice/1.csv" for who in ("anna", "bert") for day in ("d1", "d2")))
     data = load(tmp_path, label="folder", session="parent")

@@ -258,16 +258,6 @@ def test_a_frame_that_changes(tmp_path, store):
     assert caught.value.place == "message 10 of /ft"
 
 
-@pytest.mark.parametrize(
-    "change", [lambda raw: raw[:-9], lambda raw: b"", lambda raw: raw[:12] + b"\xff" * 4]
-)
-def test_damaged_messages(tmp_path, change):
-    raw = payloads(ROS2, samples(), even_stamps())
-    raw[3] = change(raw[3])
-    with pytest.raises(RecordingFileError, match=r"x\.mcap"):
-        load(write_mcap(tmp_path / "x.mcap", {"/ft": (STAMPED, raw, even_stamps())}))
-
-
 TYPES = {
     "maker_msgs/msg/Reading": "geometry_msgs/WrenchStamped wrench\nfloat32 temperature\nstring status",
     "maker_msgs/msg/Bare": "std_msgs/Header header\ngeometry_msgs/Wrench load",
