@@ -136,9 +136,6 @@ def _walk(root: Path, found: Sources, stated: dict[str, Any]) -> None:
         problem = f"cannot be listed: {error.strerror}"
         found.problems.append(RecordingFileError(error.filename, problem))
 
-    def natural(name: str) -> list[Any]:
-        return [int(part) if i % 2 else part for i, part in enumerate(_DIGITS.split(name))]
-
     inside = root.resolve()
     paths: list[tuple[Any, Path]] = []
     for place, folders, names in os.walk(root, onerror=unlisted, followlinks=True):
@@ -154,7 +151,10 @@ def _walk(root: Path, found: Sources, stated: dict[str, Any]) -> None:
                 deeper.discard(name)
             elif format_of(path) is not None:
                 levels = [*((True, part) for part in parts), (not is_file, name)]
-                order = [(below, natural(part), part) for below, part in levels]
+                split = [(below, enumerate(_DIGITS.split(part)), part) for below, part in levels]
+                order = [
+                    (below, [int(p) if i % 2 else p for i, p in each], part) for below, each, part in split
+                ]
                 paths.append((order, path))
                 deeper.discard(name)
             elif is_file:
@@ -241,38 +241,32 @@ def _label_by_place(root: Path, found: Sources) -> None:
     depths = {source.name.count("/") for source in found.files}
     if depths == {0}:
         found.layout = "label_*"
-        labels = [_label_of(source.path) for source in found.files]
-        unnamed = [source.name for source, label in zip(found.files, labels, strict=True) if label is None]
+        for i, source in enumerate(found.files):
+            label = _label_of(source.path)
+            found.files[i] = replace(source, label_else=label, label_place="name of the file")
+        unnamed = [source.name for source in found.files if source.label_else is None]
         if unnamed:
             problem = f"whose name gives no label ({unnamed[0]!r}): wanted {LAYOUTS}"
             found.notes.append(f"{counted(len(unnamed), 'file')} {problem}")
-        found.files = [
-            replace(source, label_else=label, label_place="name of the file")
-            for source, label in zip(found.files, labels, strict=True)
-        ]
         return
     if len(depths) > 1:
         firsts = [
-            next(one.name for one in found.files if one.name.count("/") == depth) for depth in sorted(depths)
+            next(one for one in found.files if one.name.count("/") == depth) for depth in sorted(depths)
         ]
-        both = " and ".join(map(repr, firsts[:2]))
-        places = ("folder", "parent", "file") if min(depths) else ("folder", "file")
-        way_out = f"or say where the label stands: {' or '.join(in_both(label=one) for one in places)}"
-        problem = f"recordings lie at several levels of folders ({both})"
-        line = f"; where the first folder is the material{index_line(root, found.files[0].path.suffix)[1:]}"
-        raise RecordingFileError(
-            root, f"{problem}; wanted one layout: {LAYOUTS}; {way_out}{line * (min(depths) > 0)}"
+        both = " and ".join(repr(one.name) for one in firsts[:2])
+        places, line = ("folder", "file"), ""
+        if min(depths):
+            places = ("folder", "parent", "file")
+            line = f"; where the first folder is the material{index_line(root, firsts[0].path.suffix)[1:]}"
+        way_out = f"or say where the label stands: {' or '.join(in_both(label=one) for one in places)}{line}"
+        problem = (
+            f"recordings lie at several levels of folders ({both}); wanted one layout: {LAYOUTS}; {way_out}"
         )
+        raise RecordingFileError(root, problem)
     doubt = _no_materials(found) if depths == {1} else _two_levels(found.files[0]) if found.files else None
-    found.files = [
-        replace(
-            source,
-            label_else=None if doubt else source.path.parent.name,
-            label_place="folder",
-            two_meanings=doubt,
-        )
-        for source in found.files
-    ]
+    for i, source in enumerate(found.files):
+        label = None if doubt else source.path.parent.name
+        found.files[i] = replace(source, label_else=label, label_place="folder", two_meanings=doubt)
 
 
 def _two_levels(first: FileSource) -> str:

@@ -118,14 +118,11 @@ def with_all_wanted(
 
     `read` reads the file with other options.
     """
-    problems = [error.problem]
-    wanted: dict[str, Any] = {}
-    for _ in range(_MOST_STEPS):
-        ways = options_in(problems[-1])
-        if len(ways) != 1 or "; in Python" in problems[-1]:
-            break
+    problems, wanted = [error.problem], dict[str, Any]()
+    ways = options_in(error.problem)
+    while len(ways) == 1 and "; in Python" not in problems[-1]:
         wanted = _joined(wanted, ways[0])
-        if RATE in wanted.values():
+        if RATE in wanted.values() or len(problems) > _MOST_STEPS:
             break
         try:
             read(replace(options, **_joined({"csv": options.csv} if options.csv else {}, wanted)))
@@ -134,16 +131,16 @@ def with_all_wanted(
             if not isinstance(other, RecordingFileError) or other.problem in problems:
                 break
             problems.append(other.problem)
-    ways = options_in(problems[-1])
+            ways = options_in(other.problem)
     if source.two_meanings is not None and source.two_meanings not in problems:
         problems.append(source.two_meanings)
         ways = options_in(source.two_meanings)
     if len(problems) == 1:
         return error
-    line = problems[-1].partition("; in Python")
-    plain = [re.sub(r" \(--[^()]*\)", "", problem) for problem in [*problems[:-1], line[0]]]
-    both = [passed(_joined(wanted, way)) for way in ways] or [passed(wanted)]
-    whole = f"{'; then: '.join(plain)}; in all pass {' or '.join(both)}{line[1]}{line[2]}"
+    last, *line = problems[-1].partition("; in Python")
+    plain = [re.sub(r" \(--[^()]*\)", "", problem) for problem in [*problems[:-1], last]]
+    both = [passed(_joined(wanted, way)) for way in ways or [{}]]
+    whole = f"{'; then: '.join(plain)}; in all pass {' or '.join(both)}{''.join(line)}"
     place = {name: getattr(error, name) for name in ("line", "column", "place", "no_wrench")}
     return RecordingFileError(error.path, whole, **place)
 
