@@ -20,7 +20,6 @@ from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
 from granular_id._checks import thaw
@@ -40,7 +39,6 @@ from granular_id.recording import (
     Recording,
     Table,
     TableError,
-    cell_text,
     columns_of,
     is_unit,
     meaning_of,
@@ -76,6 +74,7 @@ class _Head(NamedTuple):
     above: list[str]
     names: list[str]
     line: int
+    below: int  # index of the line of samples that comes first, which may hold units
     is_whole: bool  # the last line has an end
 
     def lines(self, n: int = _HEAD_LINES) -> Iterator[str]:
@@ -88,34 +87,29 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     pandas = need("pandas", extra="app", why="to read text tables")
     given = dict(options.csv or {})
     head = _head(source.path, given)
+    units, notes = _units(head, options)
     try:
         is_plain = not given.keys() & {"names", "header", "usecols"} and isinstance(
             given.get("skiprows", 0), int
         )
         if is_plain and not any("\N{REPLACEMENT CHARACTER}" in name for name in head.names):
-            columns_of(
-                tuple(filter(None, head.names)), source.axes, source.columns
-            )  # before all of it is read
-        columns, notes = _columns(_read(pandas, head), head)
+            # before all of it is read
+            columns_of(tuple(filter(None, head.names)), source.axes, source.columns)
+        columns, named = _columns(_read(pandas, head), head)
         columns_of(tuple(columns), source.axes, source.columns)
     except TableError as error:
         raise _other_names(pandas, head, error, source) from error
     if not any(len(cells) for cells in columns.values()):
         raise RecordingFileError(source.path, "has names of columns, but no samples", line=head.line)
-    units, n_units = _units(columns, head, options)
-    if n_units:
-        decimal = str(given.get("decimal", "."))
-        columns = {name: _numbers_again(cells[n_units:], decimal) for name, cells in columns.items()}
-        notes = [f"line {head.line + 1} is read as units", *notes]
     table = Table(name=source.name, columns=columns, units=units, clock="time column", is_text=True)
 
     def place(_: int, row: int | None) -> dict[str, Any]:
         """Name the line of a row; pandas passes over empty ones, and those that are comments."""
         if row is None:
             return {}
-        first, comment = head.line + 1 + n_units, str(head.options.get("comment", "\n"))
-        lines = enumerate(head.lines(sys.maxsize), 1)
-        rows = (i for i, line in lines if i >= first and line.strip() and not line.startswith(comment))
+        first, comment = head.below + bool(notes), str(head.options.get("comment", "\n"))
+        lines = enumerate(head.lines(sys.maxsize))
+        rows = (i + 1 for i, line in lines if i >= first and line.strip() and not line.startswith(comment))
         return {"line": next(islice(rows, row, None), first + row)}
 
     cut = {"name": source.name, "remark": "no line end after the last line: it may be cut off"}
@@ -123,19 +117,16 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
     return FileContent(
         [table],
         rows=whole,
-        notes=notes,
+        notes=[*notes, *named],
         place=place,
-        in_python=lambda mend: frames_line(_opening(head, n_units), source, table, mend),
+        in_python=lambda mend: frames_line(_opening(head), source, table, mend),
     )
 
 
-def _opening(head: _Head, n_units: int) -> str:
+def _opening(head: _Head) -> str:
     """Return how people read this table in Python."""
-    options = {name: value for name, value in head.options.items() if (name, value) != ("sep", ",")}
-    if n_units:
-        above = options.get("skiprows", 0)
-        options["skiprows"] = [*range(above), head.line] if isinstance(above, int) else [*above, head.line]
-    said = "".join(f", {name}={value!r}" for name, value in options.items())
+    options = head.options.items()
+    said = "".join(f", {name}={value!r}" for name, value in options if (name, value) != ("sep", ","))
     return f"pandas.read_csv({{}}, index_col=False, skipinitialspace=True{said.replace('{', '{{').replace('}', '}}')})"
 
 
@@ -153,35 +144,41 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
         raise RecordingFileError(
             path, f"may be UTF-16 text: pass {in_both(csv={'encoding': encoding})}", line=1
         )
-    n_skipped = given.get("skiprows", 0) if isinstance(given.get("skiprows", 0), int) else 0
-    lines = list(_lines(path, options.get("encoding"), n_skipped + _HEAD_LINES))
+    above = given.get("skiprows", 0)
+    skipped = (
+        range(above) if isinstance(above, int) else above if isinstance(above, (list, tuple, set)) else ()
+    )
+    lines = list(_lines(path, options.get("encoding"), max(skipped, default=0) + _HEAD_LINES))
     if any("\0" in line for line in lines):
         raise RecordingFileError(path, "is binary (holds NUL bytes); wanted text", line=1)
-    if n_skipped == 0 and lines and (said := _SEP_LINE.fullmatch(lines[0].strip(" "))):
+    if not skipped and lines and (said := _SEP_LINE.fullmatch(lines[0].strip(" "))):
         options.setdefault("sep", said[1])
-        options["skiprows"] = n_skipped = 1
+        options["skiprows"], skipped = 1, range(1)
     comment = str(given.get("comment") or "\n")
-    named = (
-        i for i, line in enumerate(lines) if i >= n_skipped and line.strip() and not line.startswith(comment)
-    )
-    i = next(named, None)
-    if i is None:
+    shown = ((i, line) for i, line in enumerate(lines) if i not in skipped and line.strip())
+    rows = [i for i, line in shown if not line.startswith(comment)]
+    if not rows:
         raise RecordingFileError(path, "is empty: no line names the columns")
+    i, below = rows[0], rows[0] if given.get("header", 0) is None else (*rows, rows[0] + 1)[1]
     line = lines[i]
     if not given.keys() & {"sep", "delimiter"}:
         options.setdefault("sep", max(_SEPARATORS, key=lambda one: len(line.split(one))))
         if len(line.split(options["sep"])) < 2 and len(line.split()) > 1:
             options["sep"] = r"\s+"
+    cells = _cells(line, options)
+    if len(cells) > 1 and "comment" not in given and "names" not in given:
+        cells[0] = cells[0].lstrip("#")  # as numpy.savetxt writes names
+    cells[0] = cells[0].lstrip("%")  # as rostopic does
+    return _Head(path, options, lines[:i], [cell.strip() for cell in cells], i + 1, below, is_whole)
+
+
+def _cells(line: str, options: Mapping[str, Any]) -> list[str]:
     separator = str(options.get("sep", options.get("delimiter")))
     if len(separator) > 1:
         cells = re.split(separator, line.strip())
     else:
-        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
-    if len(cells) > 1 and "comment" not in given and "names" not in given:
-        cells[0] = cells[0].lstrip("#")  # as numpy.savetxt writes names
-    cells[0] = cells[0].lstrip("%")  # as rostopic does
-    names = [cell.strip().strip('"').strip() for cell in cells]
-    return _Head(path, options, lines[:i], names, i + 1, is_whole)
+        cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    return [cell.strip().strip('"').strip() for cell in cells]
 
 
 def _both_ends(path: Path) -> tuple[bytes, bool]:
@@ -284,8 +281,8 @@ def _counts(cells: NDArray[Any]) -> bool:
     return cells.dtype.kind in "iu" and all(b in (0, a + 1) for a, b in pairwise(cells.tolist()))
 
 
-def _units(columns: Columns, head: _Head, options: LoadOptions) -> tuple[dict[str, str], int]:
-    """Return units that stand in a line below the names, or above them; and how many lines of them there are.
+def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]]:
+    """Return units that stand in a line below the names, which is then left out, or above them; and a note on the line.
 
     Those that are not understood are refused.
     """
@@ -293,41 +290,33 @@ def _units(columns: Columns, head: _Head, options: LoadOptions) -> tuple[dict[st
     for said in (one for line in head.above for one in _UNITS_ABOVE.finditer(line)):
         alike = AXES[:3] if said[1][0].lower() == "f" else AXES[3:]
         units |= dict.fromkeys(alike, said[2].strip())
-    first = {name: cells[0] for name, cells in columns.items()}
-    texts = {name: str(cell).strip() for name, cell in first.items() if isinstance(cell, str)}
-    if (
-        texts
-        and not any(cell_text(cell) for name, cell in first.items() if name not in texts)
-        and all(map(is_unit, texts.values()))
-    ):
-        return units | {name: text.strip("[]()") for name, text in texts.items() if text}, 1
-    named = [name for name in columns if meaning_of(name).what in AXES]
+    names = [str(name) for name in head.options.get("names") or head.names]
+    line = next(islice(head.lines(head.below + 1), head.below, None), "")
+    cells = _cells(line, head.options)
+    texts = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
+    above = head.options.get("skiprows", 0)
+    is_text = bool(texts) and not any(map(_is_number, texts.values())) and not callable(above)
+    if is_text and all(map(is_unit, texts.values())):
+        head.options["skiprows"] = [*(range(above) if isinstance(above, int) else above), head.below]
+        own = {name: text.strip("[]()") for name, text in texts.items()}
+        return units | own, [f"line {head.below + 1} is read as units"]
+    named = [name for name in names if meaning_of(name).what in AXES]
     silent = options.units is None and not units and any(meaning_of(name).unit is None for name in named)
-    for i, line in enumerate(head.above, 1):
-        some = _SOME_UNITS.fullmatch(line.strip()) if silent else None
+    for i, before in enumerate(head.above, 1):
+        some = _SOME_UNITS.fullmatch(before.strip()) if silent else None
         if some is not None and any(map(is_unit, re.findall(r"[^\s,;/\"':=]+", some[1]))):
-            problem = f"states units for all axes together ({line.strip()[:60]!r})"
+            problem = f"states units for all axes together ({before.strip()[:60]!r})"
             problem += "; pass units= with these (--units UNITS)"
             raise RecordingFileError(head.path, problem, line=i)
     of_axes = [texts[name] for name in named if name in texts]
-    other = next((text for text in texts.values() if not is_unit(text)), None)
-    if other is not None and any(text.isascii() and text[:1].isalpha() and is_unit(text) for text in of_axes):
+    other = next((text for text in texts.values() if not (is_unit(text) or _is_number(text))), None)
+    known = any(text.isascii() and text[:1].isalpha() and is_unit(text) for text in of_axes)
+    if other is not None and known and "\N{REPLACEMENT CHARACTER}" not in line:
         problem = f"may hold units, of which {other!r:.40} is none that is known"
-        csv = in_both(csv={"skiprows": [head.line]}).removesuffix(")")
+        csv = in_both(csv={"skiprows": [head.below]}).removesuffix(")")
         way_out = f"if these are others that are known, pass units= with them and {csv} --units UNITS)"
-        raise RecordingFileError(head.path, f"{problem}; {way_out}", line=head.line + 1)
-    return units, 0
-
-
-def _numbers_again(cells: NDArray[Any], decimal: str) -> NDArray[Any]:
-    """Turn a column that pandas took for text, for its line of units, into numbers."""
-    if cells.dtype.kind != "O":
-        return cells
-    try:
-        texts = [np.nan if cell is None else str(cell).replace(decimal, ".") for cell in cells.tolist()]
-        return np.array(list(map(float, texts)))  # rounded as round_trip
-    except (TypeError, ValueError):
-        return cells
+        raise RecordingFileError(head.path, f"{problem}; {way_out}", line=head.below + 1)
+    return units, []
 
 
 def _other_names(pandas: Any, head: _Head, error: TableError, source: FileSource) -> RecordingFileError:
@@ -413,9 +402,9 @@ def _axes_given(pandas: Any, head: _Head) -> str:
     return f"; for other axes pass {in_both(axes=','.join(names))}" if names else ""
 
 
-def _is_number(name: str) -> bool:
+def _is_number(text: str) -> bool:
     try:
-        float(name)
+        float(text.replace(",", "."))
     except ValueError:
         return False
     return True
