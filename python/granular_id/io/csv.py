@@ -61,25 +61,22 @@ _MARKS = {
 _SEP_LINE = re.compile(r'"?sep=(.)"?')
 _UNITS_ABOVE = re.compile(r'(force|torque|moment)s?\s+units?\W+(\w[^;,"\t]*)', re.IGNORECASE)
 _SOME_UNITS = re.compile(r"\W*units?\b[^:=,;\t]*[:=,;\t](.*)", re.IGNORECASE)
+_NUMERIC = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|[-+]?nan|[-+]?inf", re.IGNORECASE)
 _UNNAMED = re.compile(r"Unnamed: (\d+)")
 
 Columns = dict[str, NDArray[Any]]
 
 
 class _Head(NamedTuple):
-    """How a table begins: options for pandas, the lines above the names, the names, and the line that they are in."""
+    """How a table begins: options for pandas, the first lines, the names and the number of the line that holds them."""
 
     path: Path
     options: dict[str, Any]
-    above: list[str]
+    lines: list[str]
     names: list[str]
     line: int
     below: int  # index of the line of samples that comes first, which may hold units
     is_whole: bool  # the last line has an end
-
-    def lines(self, n: int = _HEAD_LINES) -> Iterator[str]:
-        """Yield the first lines of the file."""
-        return _lines(self.path, self.options.get("encoding"), n)
 
 
 def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
@@ -108,7 +105,7 @@ def read_csv(source: FileSource, options: LoadOptions) -> FileContent:
         if row is None:
             return {}
         first, comment = head.below + bool(notes), str(head.options.get("comment", "\n"))
-        lines = enumerate(head.lines(sys.maxsize))
+        lines = enumerate(_lines(source.path, head.options.get("encoding"), sys.maxsize))
         rows = (i + 1 for i, line in lines if i >= first and line.strip() and not line.startswith(comment))
         return {"line": next(islice(rows, row, None), first + row)}
 
@@ -169,7 +166,7 @@ def _head(path: Path, given: Mapping[str, Any]) -> _Head:
     if len(cells) > 1 and "comment" not in given and "names" not in given:
         cells[0] = cells[0].lstrip("#")  # as numpy.savetxt writes names
     cells[0] = cells[0].lstrip("%")  # as rostopic does
-    return _Head(path, options, lines[:i], [cell.strip() for cell in cells], i + 1, below, is_whole)
+    return _Head(path, options, lines, [cell.strip() for cell in cells], i + 1, below, is_whole)
 
 
 def _cells(line: str, options: Mapping[str, Any]) -> list[str]:
@@ -287,29 +284,28 @@ def _units(head: _Head, options: LoadOptions) -> tuple[dict[str, str], list[str]
     Those that are not understood are refused.
     """
     units: dict[str, str] = {}
-    for said in (one for line in head.above for one in _UNITS_ABOVE.finditer(line)):
+    for said in (one for line in head.lines[: head.line - 1] for one in _UNITS_ABOVE.finditer(line)):
         alike = AXES[:3] if said[1][0].lower() == "f" else AXES[3:]
         units |= dict.fromkeys(alike, said[2].strip())
     names = [str(name) for name in head.options.get("names") or head.names]
-    line = next(islice(head.lines(head.below + 1), head.below, None), "")
-    cells = _cells(line, head.options)
-    texts = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
+    line = "".join(head.lines[head.below : head.below + 1])
+    texts = {name: cell for name, cell in zip(names, _cells(line, head.options), strict=False) if cell}
     above = head.options.get("skiprows", 0)
-    is_text = bool(texts) and not any(map(_is_number, texts.values())) and not callable(above)
-    if is_text and all(map(is_unit, texts.values())):
+    words = [text for text in texts.values() if not _NUMERIC.fullmatch(text)]
+    if words and len(words) == len(texts) and all(map(is_unit, words)) and not callable(above):
         head.options["skiprows"] = [*(range(above) if isinstance(above, int) else above), head.below]
         own = {name: text.strip("[]()") for name, text in texts.items()}
         return units | own, [f"line {head.below + 1} is read as units"]
     named = [name for name in names if meaning_of(name).what in AXES]
     silent = options.units is None and not units and any(meaning_of(name).unit is None for name in named)
-    for i, before in enumerate(head.above, 1):
+    for i, before in enumerate(head.lines[: head.line - 1], 1):
         some = _SOME_UNITS.fullmatch(before.strip()) if silent else None
         if some is not None and any(map(is_unit, re.findall(r"[^\s,;/\"':=]+", some[1]))):
             problem = f"states units for all axes together ({before.strip()[:60]!r})"
             problem += "; pass units= with these (--units UNITS)"
             raise RecordingFileError(head.path, problem, line=i)
     of_axes = [texts[name] for name in named if name in texts]
-    other = next((text for text in texts.values() if not (is_unit(text) or _is_number(text))), None)
+    other = next((text for text in words if not is_unit(text)), None)
     known = any(text.isascii() and text[:1].isalpha() and is_unit(text) for text in of_axes)
     if other is not None and known and "\N{REPLACEMENT CHARACTER}" not in line:
         problem = f"may hold units, of which {other!r:.40} is none that is known"
@@ -361,7 +357,7 @@ def _renamed(head: _Head, error: TableError) -> str:
 
 def _line_of_names(head: _Head, axes: tuple[str, ...] | None) -> int | None:
     """Return how many lines stand above one that names all axes."""
-    for i, line in enumerate(head.lines()):
+    for i, line in enumerate(head.lines):
         for separator in _SEPARATORS:
             try:
                 columns_of(tuple(name.strip(' "') for name in line.split(separator)), axes)
@@ -375,13 +371,13 @@ def _names_given(head: _Head) -> str:
     """Say how to name six or seven columns of numbers, where no line has a name for each."""
     separator = str(head.options.get("sep", ","))
     pattern = re.escape(separator) if len(separator) == 1 else separator
-    for i, line in enumerate(head.lines()):
+    for i, line in enumerate(head.lines):
         cells = [cell.strip() for cell in re.split(pattern, line)]
         cells = cells[:-1] if cells and not cells[-1] else cells
         names = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}.get(len(cells))
-        if names is None or not all(map(_is_number, cells)):
+        if names is None or not all(map(_NUMERIC.fullmatch, cells)):
             continue
-        own = {name for name in head.names if name and not _is_number(name)}
+        own = {name for name in head.names if name and not _NUMERIC.fullmatch(name)}
         if len(own) >= len(cells):
             return ""
         skipped = {"skiprows": i} if i else {}
@@ -395,19 +391,11 @@ def _axes_given(pandas: Any, head: _Head) -> str:
     numbers = [
         name
         for name, cells in columns.items()
-        if cells.dtype.kind in "iuf" and not _is_number(name) and meaning_of(name).what is None
+        if cells.dtype.kind in "iuf" and not _NUMERIC.fullmatch(name) and meaning_of(name).what is None
     ]
     short = [meaning_of(name).base for name in numbers]
     names = numbers if len(set(short)) < len(short) else short
     return f"; for other axes pass {in_both(axes=','.join(names))}" if names else ""
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def save_csv(
