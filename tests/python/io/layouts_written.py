@@ -15,7 +15,6 @@ h5py = pytest.importorskip("h5py")
 _RNG = np.random.default_rng(5)
 X = _RNG.normal(size=(4, 50, 6))
 W = X[0]
-FORCES, TORQUES = X[..., :3], X[..., 3:]
 RAGGED = [_RNG.normal(size=(n, 6)) for n in (50, 40, 60, 50)]
 LABELS = ["rice", "peas", "rice", "oats"]
 AXES = ["fx", "fy", "fz", "tx", "ty", "tz"]
@@ -68,11 +67,6 @@ def cells(values: Any) -> np.ndarray:
 def _for_matlab(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _for_matlab(inner) for key, inner in value.items()}
-    if is_list(value) and is_list(value[0]):
-        table = np.empty((len(value), len(value[0])), object)
-        for i, row in enumerate(value):
-            table[i] = cells(row)
-        return table
     return cells(value) if isinstance(value, list) else value
 
 
@@ -107,14 +101,10 @@ def _put73(group: Any, key: str, value: Any, hidden: Any) -> None:
             inner.create_dataset(field, data=references, dtype=h5py.ref_dtype)
     elif isinstance(value, list):
         class_name = "cell"
-        is_table = isinstance(value[0], list) and len(set(map(len, value))) == 1
-        rows = value if is_table else [[item] for item in value]
-        references = np.empty((len(rows[0]), len(rows)), h5py.ref_dtype)
-        for i, row in enumerate(rows):
-            for j, item in enumerate(row):
-                name = f"{key}_{i}_{j}"
-                _put73(hidden, name, item, hidden)
-                references[j, i] = hidden[name].ref
+        references = np.empty((1, len(value)), h5py.ref_dtype)
+        for i, item in enumerate(value):
+            _put73(hidden, f"{key}_{i}", item, hidden)
+            references[0, i] = hidden[f"{key}_{i}"].ref
         group.create_dataset(key, data=references, dtype=h5py.ref_dtype)
     elif isinstance(value, str):
         class_name = "char"

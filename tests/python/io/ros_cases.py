@@ -36,18 +36,16 @@ def message(store, row, stamp_ns=None, frame="ft_link"):
     return types[STAMPED](header=header, wrench=wrench)
 
 
-def ros1_bytes(value):
-    return bytes(ROS1.serialize_ros1(value, value.__msgtype__))
-
-
-def cdr_bytes(value, *, little_endian=True):
-    return bytes(ROS2.serialize_cdr(value, value.__msgtype__, little_endian=little_endian))
+def to_bytes(value, store):
+    serialize = store.serialize_ros1 if store is ROS1 else store.serialize_cdr
+    return bytes(serialize(value, value.__msgtype__))
 
 
 def payloads(store, wrench, stamps_ns=None, frame="ft_link"):
-    to_bytes = ros1_bytes if store is ROS1 else cdr_bytes
     every = [None] * len(wrench) if stamps_ns is None else stamps_ns
-    return [to_bytes(message(store, row, stamp, frame)) for row, stamp in zip(wrench, every, strict=True)]
+    return [
+        to_bytes(message(store, row, stamp, frame), store) for row, stamp in zip(wrench, every, strict=True)
+    ]
 
 
 def write_bag1(path, topics, compression=None, node=None, store=ROS1):

@@ -27,26 +27,16 @@ def written(tmp_path, format_, recordings=PUSHES):
     return save(Dataset(recordings, HISTORY), place, format_)
 
 
-def joined(path, **options):
-    return [r for part in load_parts(path, **options) for r in part]
-
-
 @pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended"])
 @pytest.mark.parametrize("n_recordings", [1, 3, 7, 100])
-def test_the_same_recordings_in_the_same_order(tmp_path, format_, n_recordings):
+def test_pieces_are_the_recordings_and_history_of_load(tmp_path, format_, n_recordings):
     path = written(tmp_path, format_)
-    parts = list(load_parts(path, n_recordings=n_recordings))
-    assert [r for part in parts for r in part] == list(load(path))
+    parts, whole = list(load_parts(path, n_recordings=n_recordings)), load(path)
+    assert [r for part in parts for r in part] == list(whole)
     assert [len(part) for part in parts[:-1]] == [n_recordings] * (len(parts) - 1)
-
-
-@pytest.mark.parametrize("format_", ["csv", "npz", "parquet", "appended"])
-def test_each_piece_has_the_history_of_load_for_itself(tmp_path, format_):
-    path = written(tmp_path, format_)
-    whole = load(path).history
-    for part in load_parts(path, n_recordings=3):
-        assert part.history[:-1] == whole[:-1] == tuple(HISTORY)
-        assert part.history[-1].parameters == whole[-1].parameters
+    for part in parts:
+        assert part.history[:-1] == whole.history[:-1] == tuple(HISTORY)
+        assert part.history[-1].parameters == whole.history[-1].parameters
         assert part.history[-1].totals["recordings"] == len(part)
 
 

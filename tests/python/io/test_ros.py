@@ -29,13 +29,12 @@ from ros_cases import (
     SQLITE,
     STAMPED,
     START_NS,
-    cdr_bytes,
     even_stamps,
     message,
     one_topic,
     payloads,
-    ros1_bytes,
     samples,
+    to_bytes,
     write_bag1,
     write_bag2,
     write_kind,
@@ -203,7 +202,7 @@ def test_the_only_topic_is_compared_with_the_chosen_one(tmp_path):
 
 
 def test_no_wrench_says_what_there_is(tmp_path):
-    vector = cdr_bytes(ROS2.types["geometry_msgs/msg/Vector3"](1.0, 2.0, 3.0))
+    vector = to_bytes(ROS2.types["geometry_msgs/msg/Vector3"](1.0, 2.0, 3.0), ROS2)
     topics = {"/v": ("geometry_msgs/msg/Vector3", [vector] * 3, even_stamps(3))}
     path, empty = write_mcap(tmp_path / "x.mcap", topics), write_bag1(tmp_path / "e.bag", {})
     for bag, problem in (
@@ -249,9 +248,9 @@ def test_messages_of_nan_are_missing_samples(tmp_path):
 
 @pytest.mark.parametrize("store", [ROS1, ROS2], ids=["ros1", "ros2"])
 def test_a_frame_that_changes(tmp_path, store):
-    to_bytes, write = (ros1_bytes, write_bag1) if store is ROS1 else (cdr_bytes, write_mcap)
+    write = write_bag1 if store is ROS1 else write_mcap
     raw = payloads(store, samples(), even_stamps())
-    raw[9] = to_bytes(message(store, samples()[9], even_stamps()[9], "x"))
+    raw[9] = to_bytes(message(store, samples()[9], even_stamps()[9], "x"), store)
     path = write(tmp_path / ("x.bag" if store is ROS1 else "x.mcap"), {"/ft": (STAMPED, raw, even_stamps())})
     with pytest.raises(RecordingFileError, match="frame_id changes from 'ft_link' to 'x'") as caught:
         load(path)
@@ -277,25 +276,17 @@ def store_of(ros):
 
 
 def value_of(store, name, row, stamp):
-    types = store.types
-    kind = {
-        leaf: types[f"maker_msgs/msg/{leaf}"]
-        for leaf in ("Reading", "Bare", "Deep", "Two", "Listed", "Plain")
-    }
-    force = types["geometry_msgs/msg/Vector3"](*map(float, row[:3]))
-    torque = types["geometry_msgs/msg/Vector3"](*map(float, row[3:]))
-    plain = types["geometry_msgs/msg/Wrench"](force=force, torque=torque)
-    at = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-    seq = {"seq": 7} if "seq" in types["std_msgs/msg/Header"].__dataclass_fields__ else {}
-    header = types["std_msgs/msg/Header"](**seq, stamp=at, frame_id="link")
-    stamped = types["geometry_msgs/msg/WrenchStamped"](header=header, wrench=plain)
-    bare = kind["Bare"](header=header, load=plain)
+    kind = {leaf.rpartition("/")[2]: store.types[leaf] for leaf in TYPES}
+    stamped = message(
+        ROS1 if "seq" in store.types["std_msgs/msg/Header"].__dataclass_fields__ else ROS2, row, stamp
+    )
+    bare = kind["Bare"](header=stamped.header, load=stamped.wrench)
     return {
         "Reading": lambda: kind["Reading"](wrench=stamped, temperature=20.0, status="ok"),
         "Bare": lambda: bare,
         "Deep": lambda: kind["Deep"](inner=bare, counts=np.zeros(3, np.int32)),
         "Two": lambda: kind["Two"](left=stamped, right=bare),
-        "Listed": lambda: kind["Listed"](loads=[plain]),
+        "Listed": lambda: kind["Listed"](loads=[stamped.wrench]),
         "Plain": lambda: kind["Plain"](*map(float, row)),
     }[name]()
 
@@ -325,7 +316,7 @@ def test_wrenches_within_messages_are_those_of_rosbags(tmp_path, kind, name):
     rows = [[getattr(part, axis) for part in (w.force, w.torque) for axis in "xyz"] for w in plain]
     assert data[0].wrench.tolist() == rows == samples().tolist()
     assert data.rate_hz == 500
-    assert (data[0].meta["frame"], data[0].meta["topic"]) == ("link", f"/ft.{FIELDS[name]}")
+    assert (data[0].meta["frame"], data[0].meta["topic"]) == ("ft_link", f"/ft.{FIELDS[name]}")
     assert FIELDS[name] in data.history[-1].notes[0]
 
 
@@ -341,7 +332,7 @@ def test_of_several_fields_one_is_chosen_and_those_in_lists_are_none(tmp_path):
         with pytest.raises(RecordingFileError, match=r"'/ft\.left' .*'/ft\.right\.load' .*pass topic="):
             load(path, topic=topic)
     assert load(path, topic="/ft.left")[0].wrench.tolist() == samples().tolist()
-    assert load(path, topic="ft.right.load")[0].meta["frame"] == "link"
+    assert load(path, topic="ft.right.load")[0].meta["frame"] == "ft_link"
     (tmp_path / "lists").mkdir()
     with pytest.raises(
         RecordingFileError, match=r"nor with one as a field; it has /ft \(maker_msgs/msg/Listed"
