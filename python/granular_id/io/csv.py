@@ -45,6 +45,7 @@ from granular_id.recording import (
 )
 
 _SEPARATORS = (",", ";", "\t", "|")
+_BY_WIDTH = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}
 _FEW = 20
 """Rows that are enough to see what a table without axes holds."""
 
@@ -342,7 +343,7 @@ def _renamed(head: _Head, error: TableError) -> str:
         plain = [meaning_of(name).base if meaning_of(name).what in AXES else name for name in names]
         csv = in_both(csv={"header": 0, "names": plain}).removesuffix(")")
         return f"; if it is one of these, pass units= with it and {csv} --units UNITS)"
-    wanted = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}.get(len(names), [])
+    wanted = _BY_WIDTH.get(len(names), [])
     units = [meaning_of(name).unit for name in names]
     if not wanted or not any(units) or len(set(names)) < len(names):
         return ""
@@ -374,7 +375,7 @@ def _names_given(head: _Head) -> str:
     for i, line in enumerate(head.lines):
         cells = [cell.strip() for cell in re.split(pattern, line)]
         cells = cells[:-1] if cells and not cells[-1] else cells
-        names = {len(AXES): list(AXES), len(AXES) + 1: ["time", *AXES]}.get(len(cells))
+        names = _BY_WIDTH.get(len(cells))
         if names is None or not all(map(_NUMERIC.fullmatch, cells)):
             continue
         own = {name for name in head.names if name and not _NUMERIC.fullmatch(name)}

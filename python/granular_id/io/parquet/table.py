@@ -38,18 +38,13 @@ def read_parquet(source: FileSource, _: LoadOptions) -> FileContent:
     columns = {name: _values(table.column(i)) for i, name in enumerate(table.column_names)}
     if _INDEX in columns and columns[_INDEX].dtype.kind in "mM":
         columns["time" if "time" not in columns else _INDEX] = columns.pop(_INDEX)
-    lists = next((field.name for field in table.schema if "list<" in str(field.type)), None)
     read = Table(name=source.name, columns=columns, units=units)
 
     def place(_: int, row: int | None) -> dict[str, Any]:
         return {} if row is None else {"place": f"row {row}"}
 
-    notes = (
-        [] if lists is None else [f"column {lists!r} holds lists: pandas' frame.explode makes rows of them"]
-    )
     return FileContent(
         [read],
-        notes=notes,
         place=place,
         in_python=partial(frames_line, "pandas.read_parquet({})", source, read),
     )
