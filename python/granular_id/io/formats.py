@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from granular_id._checks import argument_error
 from granular_id._core import GranularIdError
 from granular_id._progress import ProgressCallback, showing
 from granular_id.io.csv import read_csv, save_csv
@@ -82,9 +81,9 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
     chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)
     if chosen is None or chosen.save is None or by_ending is not (None if chosen.saves_folder else chosen):
         folders = " or ".join(repr(known.name) for known in FORMATS if known.saves_folder)
-        wanted = f"give format= one of {folders} and the name of a folder, or the ending .npz"
-        problem = f"{'' if name is None else f'={name!r} '}does not fit {os.fspath(path)}: {wanted}"
-        raise argument_error(GranularIdError, "format", f"{problem}; other formats are only read")
+        asked = "" if name is None else f" as format={name!r}"
+        wanted = f"wanted a name that ends in .npz, or that of a folder (format={folders}); other formats are only read"
+        raise GranularIdError(f"{os.fspath(path)} cannot be written{asked}: {wanted}")
     return chosen.save
 
 

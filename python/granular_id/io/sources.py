@@ -254,9 +254,9 @@ def _label_by_place(root: Path, found: Sources) -> None:
             next(one for one in found.files if one.name.count("/") == depth) for depth in sorted(depths)
         ]
         both = " and ".join(repr(one.name) for one in firsts[:2])
-        places, line = ("folder", "file"), ""
+        places = ("folder", "parent", "file") if min(depths) else ("folder", "file")
+        line = ""
         if min(depths):
-            places = ("folder", "parent", "file")
             line = f"; where the first folder is the material{index_line(root, firsts[0].path.suffix)[1:]}"
         way_out = f"or say where the label stands: {' or '.join(in_both(label=one) for one in places)}{line}"
         problem = (
