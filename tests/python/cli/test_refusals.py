@@ -55,7 +55,7 @@ BEFORE_READING = [
     ("model broken.npz", "broken.npz"),
     ("data convert absent broken.npz --force", "what is there is not a data set; give another name"),
     ("data convert absent . --force", "is a folder, --force replaces files only"),
-    ("data convert absent x.mat", "x.mat cannot be written: wanted a name that ends in .npz, or that of a folder"),
+    ("data convert absent x.mat", "x.mat cannot be written: wanted a name that ends in .npz"),
     ("data convert absent no/x.npz", "no such folder"),
     ("data convert absent x.npz", "absent: no such file or folder"),
     ("data convert absent x.npz --max-gap-s 1", "--max-gap-s is about gaps ... add --resample-hz"),
