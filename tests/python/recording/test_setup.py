@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import granular_id as gid
-from cli_cases import ended_well, refused
+from cli_cases import ended_well, refused, run
 from granular_id.identifier import describe_model, describe_performance
 from granular_id.live import ForceTrigger, LiveIdentifier, SimSource, opened, setup_of
 from granular_id.live.replay import ReplaySource
@@ -324,13 +324,25 @@ def test_onsets_that_were_found_are_the_trigger(data):
     assert "trigger" not in values_in(setups_in(data.find_onsets(rest_s=0.1)))
 
 
-def test_command_line_live_warns_of_what_is_accepted(data, model, tmp_path):
-    stored, fresh, rows = tmp_path / "m.safetensors", tmp_path / "fresh.npz", tmp_path / "answers.jsonl"
+def test_command_line_refuses_accepts_and_warns_of_setups(data, model, tmp_path):
+    stored, fresh, answers = tmp_path / "m.safetensors", tmp_path / "fresh.npz", tmp_path / "answers.json"
     model.save(stored)
     gid.io.save(with_meta(data, **{**FLANGE, "frame": "table", "tool": "spoon"}), fresh)
     live = ("live", "--model", stored, "--source", f"replay:{fresh}?speed=50", "-q", "--n", 1)
-    assert "frame 'table', in training 'flange'" in refused(*live)
-    warned = " ".join(ended_well(*live, "--accept", "frame", "--json", rows).split())
-    found = json.loads(rows.read_text())["decision"]["warnings"]
-    assert found == ["frame 'table', in training 'flange'", "tool 'spoon', in training 'cylinder'"]
-    assert all(f"warning: another set-up than in the training: {text}" in warned for text in found)
+    for command in (("identify", stored, fresh), live):
+        line = refused(*command)
+        assert "frame 'table', in training 'flange'" in line
+        assert "(--accept frame)" in line
+    out = ended_well("identify", stored, fresh, "--accept", "frame", "--json", answers)
+    told = ["frame 'table', in training 'flange'", "tool 'spoon', in training 'cylinder'"]
+    assert all(text in " ".join(out.split()) for text in told)
+    assert json.loads(answers.read_text())["differences"] == told
+    quiet = run("identify", stored, fresh, "--accept", "frame", "--quiet")
+    warned = " ".join(quiet.stderr.split())
+    assert all(f"warning: another set-up than in the training: {text}" in warned for text in told)
+    rows = tmp_path / "answers.jsonl"
+    out = ended_well(*live, "--accept", "frame", "--json", rows)
+    warned = " ".join(out.split())
+    assert all(f"warning: another set-up than in the training: {text}" in warned for text in told)
+    assert json.loads(rows.read_text())["decision"]["warnings"] == told
+    assert "frame: flange" in ended_well("model", stored, "--details")
