@@ -79,7 +79,12 @@ def writer(path: str | os.PathLike[str], name: str | None) -> Callable[..., Path
     ending = Path(path).name.lower()
     by_ending = next((known for known in FORMATS if ending.endswith(known.suffixes)), None)
     chosen = by_ending if name is None else next((known for known in FORMATS if known.name == name), None)
-    if chosen is None or chosen.save is None or by_ending is not (None if chosen.saves_folder else chosen):
+    named = name is not None and chosen is not None and chosen.saves_folder and by_ending in (None, chosen)
+    if (
+        chosen is None
+        or chosen.save is None
+        or not (named or (by_ending is chosen and not chosen.saves_folder))
+    ):
         folders = " or ".join(repr(known.name) for known in FORMATS if known.saves_folder)
         asked = "" if name is None else f" as format={name!r}"
         wanted = f"wanted a name that ends in .npz, or that of a folder (format={folders}); other formats are only read"

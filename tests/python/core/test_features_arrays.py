@@ -75,7 +75,11 @@ BAD = {
     "None": (None, TypeError, "real numbers, got dtype object"),
     "dict": ({"fx": [1.0]}, TypeError, "real numbers, got dtype object"),
     "generator": ((row for row in X), TypeError, "real numbers, got dtype object"),
-    "data frame with text": (pd.DataFrame({"a": [1.0], "b": ["x"]}), TypeError, "got dtype object"),
+    "data frame with text": (
+        pd.DataFrame({"a": [1.0], "b": ["x"]}),
+        ValueError,
+        "column 'b', which is of dtype object.*leave out those that are no axes",
+    ),
     "ragged": ([[1.0, 2.0], [3.0]], ValueError, "wrench must be an array of real numbers, got .*list"),
     "lists of None": ([[None, 1.0]], TypeError, "real numbers, got dtype object"),
     "ints beyond 64 bits": ([[10**30, 1]], TypeError, "real numbers, got dtype object"),
