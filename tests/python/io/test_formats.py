@@ -94,7 +94,7 @@ def test_nothing_is_left_when_writing_fails(tmp_path, name, error, pushes):
     ("path", "name"),
     [
         *(("set.xlsx", None), ("set.mat", None), ("set.csv", None), ("set.mcap", None)),
-        *(("set.npz", "parquet"), ("set", "excel"), ("set", "npz"), ("set.csv", "csv")),
+        *(("set.npz", "parquet"), ("set", "excel"), ("set", "npz"), ("set.parquet", "csv")),
     ],
 )
 def test_formats_that_cannot_be_written_are_told(tmp_path, path, name, pushes):
