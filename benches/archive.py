@@ -1,4 +1,4 @@
-"""Archives: recordings a second and memory, beside a user's Dask script and the bare decoding of the files.
+"""Archives: recordings a second and memory, beside a user's Dask script.
 
 Recordings are synthetic (1600 x 6 at 500 Hz); making 100,000 takes ten minutes on one core, so they stay in `--folder`
 (1.4 GB), each time written anew to an archive by two processes at once. Every measurement is a process of its own; its
@@ -11,11 +11,8 @@ from __future__ import annotations
 import argparse
 import importlib
 import multiprocessing
-import os
-import platform
 import shutil
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -27,11 +24,9 @@ from pathlib import Path
 from typing import Any
 
 import dask
-import distributed
 import numpy as np
 import pandas as pd
 import psutil
-import pyarrow as pa
 import pyarrow.parquet as pq
 from distributed import Client, LocalCluster
 from scipy.signal import butter, sosfilt
@@ -40,6 +35,8 @@ import granular_id as gid
 from granular_id import archive as archives
 from granular_id.recording import AXES
 from granular_id.synthetic import PAPER_MATERIALS
+from page import origin
+from results import about
 
 PIECE = 2048
 CORES = 2
@@ -83,9 +80,7 @@ def write(folder: Path, cache: Path, n: int) -> None:
     """An archive of `n` recordings, by two processes at once."""
     numbers = range(-(-n // PIECE))
     with ProcessPoolExecutor(CORES, mp_context=SPAWN) as pool:
-        for number, path in enumerate(pool.map(partial(piece, cache), numbers)):
-            if sys.stderr.isatty():
-                print(f"\r{path.name}: {number + 1} of {len(numbers)} pieces", end="", file=sys.stderr)
+        list(pool.map(partial(piece, cache), numbers))
         shares = [numbers[i::CORES] for i in range(CORES)]
         seconds = list(pool.map(partial(append_pieces, folder, cache, n=n), shares))
     size = sum(path.stat().st_size for path in folder.rglob("*.parquet"))
@@ -95,11 +90,11 @@ def write(folder: Path, cache: Path, n: int) -> None:
     )
 
 
-def model(folder: Path, space: str) -> Path:
+def model(folder: Path) -> Path:
     """A model of 132 other recordings."""
-    path = folder / f"{space}.safetensors"
+    path = folder / "best.safetensors"
     if not path.exists():
-        gid.Identifier.fit(gid.synthesize(n_per_class=12, seed=100_000), space).save(path)
+        gid.Identifier.fit(gid.synthesize(n_per_class=12, seed=100_000), "best").save(path)
     return path
 
 
@@ -143,18 +138,6 @@ def arrays(path: Path) -> Iterator[np.ndarray]:
             rows = file.read_row_group(i, columns=list(AXES), use_threads=False)
             columns = [rows[axis].to_numpy() for axis in AXES]
             yield np.stack(columns, axis=-1).reshape(-1, N_SAMPLES, len(AXES))
-
-
-def decode(path: Path) -> None:
-    for _ in arrays(path):
-        pass
-
-
-def decoded(folder: Path, **_: Path) -> float:
-    """Bare decoding of all samples on one core; nothing is written."""
-    files = sorted(folder.glob("samples/*.parquet"))
-    decode(files[0])
-    return timed(lambda: [decode(file) for file in files])
 
 
 def extract_file(path: Path, out: Path) -> None:
@@ -210,34 +193,23 @@ class Row:
 
     def cells(self, n: int) -> tuple[str, ...]:
         rate = n / statistics.median(seconds for seconds, _ in self.found)
-        cores = 1 if self.where == "1 thread" else CORES
         memory = max(megabytes for _, megabytes in self.found)
-        return self.name, self.where, f"{rate:,.0f}", f"{rate / cores:,.0f}", f"{memory:.0f}"
-
-
-def machine() -> str:
-    memory = psutil.virtual_memory().total / 2**30
-    versions = f"numpy {np.__version__}, pyarrow {pa.__version__}, distributed {distributed.__version__}"
-    cpu = platform.processor() or platform.machine()
-    return f"{cpu}, {os.cpu_count()} cores, {memory:.0f} GB; Python {platform.python_version()}, {versions}"
+        return self.name, self.where, f"{rate:,.0f}", f"{memory:.0f}"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--recordings", type=int, default=100_000, help="default 100,000")
     parser.add_argument("--folder", type=Path, help="keeps the synthetic recordings from run to run")
     parser.add_argument("--rounds", type=int, default=3, help="default 3")
     options = parser.parse_args()
-    print(f"{time.strftime('%Y-%m-%d')}, {machine()}\n")
+    print("\n".join(origin(about(("numpy", "pyarrow", "distributed")))), "\n")
     if options.folder:
         options.folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=options.folder) as scratch:
         cache, folder, out = options.folder or Path(scratch), Path(scratch, "archive"), Path(scratch, "out")
         calls = {"hfmh": partial(archives.extract, space="hfmh")}
-        for space in ("raw+hfmh", "best"):
-            calls[f"identified, {space}"] = partial(archives.identify, model=model(cache, space))
+        calls["identified, best"] = partial(archives.identify, model=model(cache))
         write(folder, cache, options.recordings)
         rows = [
             Row(name, where, partial(ours, folder, call=call, where=where))
@@ -245,17 +217,13 @@ def main() -> None:
             for where in ("1 thread", "2 threads", "cluster")
         ]
         rows.append(Row("hfmh by scipy + numpy", "cluster", partial(theirs, folder)))
-        rows.append(Row("bare decoding", "1 thread", partial(decoded, folder)))
         for _ in range(options.rounds):
             for row in rows:
                 row.found.append(measured(partial(row.call, out=out)))
                 shutil.rmtree(out, ignore_errors=True)
-        head = ("what", "where", "recordings/s", "per core", "largest process, MB")
-        for cells in (
-            head,
-            ("---", "---", "---:", "---:", "---:"),
-            *(r.cells(options.recordings) for r in rows),
-        ):
+        head = ("what", "where", "recordings/s", "largest process, MB")
+        found = (row.cells(options.recordings) for row in rows)
+        for cells in (head, ("---", "---", "---:", "---:"), *found):
             print(f"| {' | '.join(cells)} |")
 
 

@@ -7,7 +7,7 @@ speed meets all alike. The answers of all are compared.
 
 `warm`: a provisional decision 30 times a second, as in a live view. `cold`: none before the last sample, so that the
 weights have left the caches. `bands`: the same for a model of multi-band features, of which octaves, products and
-counts are worked out as rows come, the rest when it is asked; its answers are compared with those of its own whole
+counts are worked out as rows come, the rest for an answer; its answers are compared with those of its own whole
 recordings. `with rules`: the model also names candidates and says whether the recording is like none of the materials.
 """
 
@@ -53,15 +53,15 @@ def by_hand(row: np.ndarray, ecoc: gid.ECOCClassifier) -> str:
 def streamed(stream: StreamingIdentifier, recording: np.ndarray, warm: bool) -> tuple[float, float, str]:
     """Seconds per row of pushing all but the last, seconds from the last to the decision, and its label."""
     stream.reset()
-    pushing, asked = 0.0, 0
+    pushing, answered = 0.0, 0
     for start in range(0, len(recording) - 1, BLOCK):
         block = recording[start : min(start + BLOCK, len(recording) - 1)]
         before = time.perf_counter()
         stream.push(block)
         pushing += time.perf_counter() - before
-        if warm and start - asked >= EVERY:
+        if warm and start - answered >= EVERY:
             stream.decision()
-            asked = start
+            answered = start
     last = recording[-1:]
     before = time.perf_counter()
     stream.push(last)
@@ -82,7 +82,7 @@ def main() -> None:
     banded = Identifier.fit(train, "multiband", estimate=False)
     stream = StreamingIdentifier(Identifier.fit(train, "raw+hfmh", estimate=False))
     bands = StreamingIdentifier(banded)
-    streams = {  # and whether each is asked while samples come
+    streams = {  # and whether each answers while samples come
         OURS: (stream, True),
         "ours, cold": (stream, False),
         "ours, warm, with rules": (StreamingIdentifier(Identifier.fit(train, "raw+hfmh")), True),

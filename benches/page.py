@@ -45,12 +45,12 @@ INSTRUCTIONS = {
     "**multi-band features**": ("multi-band 1600 x 6", "multi-band, 1 thread"),
 }
 DECISIONS = {
-    "**features of the paper**, asked once": "ours, cold",
-    "the same, asked live": "ours, warm",
-    "the same, asked live, with candidates and refusal": "ours, warm, with rules",
-    "**multi-band features**, asked once": "ours, bands, cold",
-    "multi-band features, asked live": "ours, bands, warm",
-    "multi-band features, asked once, with candidates and refusal": "ours, bands, cold, with rules",
+    "**features of the paper**, one answer": "ours, cold",
+    "the same, live": "ours, warm",
+    "the same, live, with candidates and refusal": "ours, warm, with rules",
+    "**multi-band features**, one answer": "ours, bands, cold",
+    "multi-band features, live": "ours, bands, warm",
+    "multi-band features, one answer, with candidates and refusal": "ours, bands, cold, with rules",
     "scipy + numpy, `ECOCClassifier`": "scipy + numpy, ECOCClassifier.predict",
     "scipy + numpy, `SVC`": "scipy + numpy, SVC.predict",
     "scipy + numpy, scores of the same model by numpy": "scipy + numpy, scores by hand",
@@ -156,8 +156,8 @@ def speed(results: Json) -> str:
         ("from the last sample to the label", f"**{digits(cold)}**", digits(theirs), f"{theirs / cold:.0f}"),
     )
     made, copied = results["made"]["processor"].partition(" (")[0], digits(copy)
-    return f"""Features have the bits of `scipy.signal.sosfilt` and `numpy.histogram`, from batches and from streams.
-For scale: numpy needs {copied} µs merely to transpose the samples. One thread of an {made}, {unit};
+    return f"""The same bits as `scipy.signal.sosfilt` and `numpy.histogram`, in batches and streams. For scale:
+numpy needs {copied} µs merely to transpose the samples. One thread of an {made}, {unit};
 [all benchmarks](docs/benchmarks.md).
 
 {table(("microseconds", "granular_id", "scipy + numpy", "times"), rows)}"""
@@ -166,7 +166,7 @@ For scale: numpy needs {copied} µs merely to transpose the samples. One thread 
 def readme(text: str, results: Json) -> str:
     start, end = "<!-- speed: by make benchmarks -->\n", "<!-- end of speed -->"
     before, rest = text.split(start)
-    return f"{before}{start}\n{speed(results)}\n\n{end}{rest.split(end)[1]}"
+    return f"{before}{start}{speed(results)}\n{end}{rest.split(end)[1]}"
 
 
 def on_the_index(text: str) -> str:

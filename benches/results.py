@@ -89,8 +89,8 @@ def measure() -> dict[str, Any]:
     for unit, made in runs.items():
         results["features"][unit] = {name: median(run[name] for run in made) for name in made[0]}
     # Rivals are faster with BLAS on one thread, and at real-time priority its threads wait for each other.
-    told = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    return results | {name: figures(name, told) for name in ("decision", "ecoc")}
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    return results | {name: figures(name, environment) for name in ("decision", "ecoc")}
 
 
 def wait_for_quiet() -> None:
@@ -110,8 +110,10 @@ def wait_for_quiet() -> None:
 
 def has(unit: str) -> bool:
     """Whether this machine has a vector unit."""
-    told = os.environ | {"GRANULAR_ID_SIMD": unit}
-    tried = subprocess.run([sys.executable, "-c", EXTRACTION], check=False, env=told, capture_output=True)
+    environment = os.environ | {"GRANULAR_ID_SIMD": unit}
+    tried = subprocess.run(
+        [sys.executable, "-c", EXTRACTION], check=False, env=environment, capture_output=True
+    )
     return tried.returncode == 0
 
 
