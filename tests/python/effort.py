@@ -1,7 +1,15 @@
-"""How many random cases a test tries: few in every run, as many as ``GRANULAR_ID_CASES`` says where it is set."""
+"""How much a test tries: little in every run, as many cases as ``GRANULAR_ID_CASES`` says where it is set."""
 
 import os
+from typing import TypeVar
+
+Kinds = TypeVar("Kinds")
+_CASES = os.environ.get("GRANULAR_ID_CASES")
 
 
 def cases(normally: int) -> int:
-    return int(os.environ.get("GRANULAR_ID_CASES", normally))
+    return int(_CASES or normally)
+
+
+def kinds(normally: Kinds, long: Kinds) -> Kinds:
+    return long if _CASES else normally

@@ -3,17 +3,18 @@
 ``GRANULAR_ID_CASES=500`` draws as many data sets of each kind; a usual run draws a few, and allows for the fewer.
 """
 
+from itertools import product
+
 import numpy as np
 import pytest
 
 import granular_id as gid
-from effort import cases
+from effort import cases, kinds
 from granular_id.recording import Dataset, Recording
 from granular_id.synthetic import PAPER_MATERIALS
 
 N_MATERIALS, N_SAMPLES, SCALE = 3, 60, 0.03  # N of a unit of level: margins so soft that libsvm ends soon
 MATERIALS = [material.name for material in PAPER_MATERIALS]
-CORRELATIONS = (0.0, 0.25, 0.5)
 
 
 def pushes(rng, correlation, n_sessions, n_rows, *, name="s", own=False, separation=2.5, white=0.05):
@@ -42,9 +43,11 @@ def close_to(values):
     return 3 * np.std(values) / np.sqrt(len(values))
 
 
-@pytest.mark.parametrize("correlation", CORRELATIONS)
-@pytest.mark.parametrize("n_sessions", [3, 4, 6, 10])
-def test_candidates_hold_the_material_in_new_sessions(correlation, n_sessions):
+@pytest.mark.parametrize(
+    ("n_sessions", "correlation"),
+    kinds([(3, 0.0), (4, 0.5), (10, 0.25)], long=list(product((3, 4, 6, 10), (0.0, 0.25, 0.5)))),
+)
+def test_candidates_hold_the_material_in_new_sessions(n_sessions, correlation):
     rng, shares, sizes = np.random.default_rng(2), [], []
     for _ in range(cases(12)):
         model = gid.Identifier.fit(
@@ -58,7 +61,7 @@ def test_candidates_hold_the_material_in_new_sessions(correlation, n_sessions):
     assert np.mean(shares) >= 0.89 - close_to(shares)
 
 
-@pytest.mark.parametrize("spread", [0.0, 0.7, 1.2])
+@pytest.mark.parametrize("spread", kinds([0.7], long=[0.0, 0.7, 1.2]))
 def test_probabilities_are_not_too_sure_in_new_sessions(spread):
     rng, off = np.random.default_rng(10), []
     correlation = spread**2 / (1 + spread**2)
@@ -74,7 +77,7 @@ def test_probabilities_are_not_too_sure_in_new_sessions(spread):
     assert np.mean(off) <= 0.03 + close_to(off)
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.5])
+@pytest.mark.parametrize("correlation", kinds([0.5], long=[0.0, 0.5]))
 def test_early_answers_err_as_stated_in_new_sessions(correlation):
     rng, target, wrong = np.random.default_rng(17), 0.05, []
     for _ in range(cases(12)):

@@ -296,7 +296,7 @@ def refused(model, data):
 def draws():
     """Four known materials, four of background, three unknown; models without and with background; new sessions."""
     made = []
-    for seed in range(3):
+    for seed in range(2):
         names = np.random.default_rng(seed).permutation(MATERIALS).tolist()
         data, new = pushes(names, seed), pushes(names, 100 + seed)
         parts = names[:4], names[4:8], names[8:]
@@ -306,12 +306,6 @@ def draws():
         ]
         made.append((models, parts, [new.select(labels=part) for part in parts]))
     return made
-
-
-def test_known_materials_of_new_sessions_are_rarely_refused(draws):
-    """Over twelve such draws 4.3 % in the mean, with the promise of 5 % at most; single ones vary."""
-    for which in (0, 1):
-        assert 0 <= np.mean([refused(models[which], new[0]) for models, _, new in draws]) < 0.08
 
 
 def test_background_is_refused_and_never_named(draws):

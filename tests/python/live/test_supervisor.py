@@ -153,7 +153,7 @@ def test_what_goes_wrong_at_rest_moves_no_arm(w, name):
         assert w.arm.log == []
 
 
-@pytest.mark.parametrize(("name", "phase"), CASES)
+@pytest.mark.parametrize(("name", "phase"), list(dict(CASES).items()))
 def test_after_a_failure_the_arm_goes_back_first_or_nowhere(w, name, phase):
     event, pushes = EVENTS[name], pushes_of(w)
     happens(w, name, phase, pushes)
