@@ -186,7 +186,7 @@ nightly-campaign: .venv/.tools
 	GRANULAR_ID_CASES=20000 cargo test --test core buffer_model
 	GRANULAR_ID_CASES=5000 $(BIN)/python -m pytest tests/python/core/test_stream.py tests/python/core/test_stream_identifier.py
 
-# cargo-fuzz wants a nightly compiler; the stable one takes the same flags when told to.
+# cargo-fuzz wants a nightly compiler; the stable one takes the same flags with RUSTC_BOOTSTRAP.
 ##   fuzz          model files and sensor packets, by cargo-fuzz (FUZZ_RUNS=200000 of each)
 nightly-fuzz: .venv/.tools
 	@$(call needs,cargo-fuzz,cargo install cargo-fuzz)
@@ -194,13 +194,13 @@ nightly-fuzz: .venv/.tools
 	for target in "model_file -- -dict=tests/fuzz/model_file.dict" "rdt_packets --"; do \
 		RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir tests/fuzz $$target -runs=$(or $(FUZZ_RUNS),200000) -max_len=4096 || exit; done
 
-# Compiled apart, as all dependencies are told of loom.
+# Compiled apart, as all dependencies see the flag.
 ##   ring          the wrench buffer in all orders of memory, by loom; then 1e9 items through it (RING_ITEMS)
 nightly-ring: | toolchain
 	RUSTFLAGS="--cfg loom" cargo test --quiet --target-dir target/loom --lib ring::model
 	GRANULAR_ID_RING_ITEMS=$(or $(RING_ITEMS),1000000000) cargo test --release --test core buffer_stress -- --nocapture
 
-# The stable compiler has the sanitizers of nightly ones when told to.
+# The stable compiler has the sanitizers of nightly ones, too.
 SANITIZE = RUSTC_BOOTSTRAP=1 cargo test --quiet --target $(shell rustc -vV | sed -n 's/host: //p')
 
 ##   sanitize      the Rust tests under AddressSanitizer, those with threads under ThreadSanitizer

@@ -58,7 +58,7 @@ for row, column in np.argwhere(shares > 0):
     panel.text(column, row, f"{shares[row, column]:.0%}", ha="center", va="center", color=colour)
 
 # %%
-# Are these promises kept?
+# Do these promises hold?
 # ------------------------
 #
 # ``confidence_study`` asks three questions, with recordings of held-out sessions. Do probabilities

@@ -34,7 +34,7 @@ class RerunLog:
         self._log.save(path)
         mark = "SYNTHETIC " if stream.info.synthetic else ""
         self._log.send_recording_name(f"{mark}{stream.info.name}")
-        self._said: set[str] = set()
+        self._logged: set[str] = set()
         if stream.info.synthetic:
             self._say("WARN", "SYNTHETIC: no sensor measures here")
 
@@ -70,8 +70,8 @@ class RerunLog:
 
     def _say(self, level: str, *texts: str) -> None:
         for text in texts:
-            if text not in self._said:
-                self._said.add(text)
+            if text not in self._logged:
+                self._logged.add(text)
                 self._log.log("session", rr.TextLog(text, level=level))
 
 

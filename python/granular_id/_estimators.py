@@ -1,4 +1,4 @@
-"""What scikit-learn estimators are asked: what they are, what `fit` takes, what they warn of."""
+"""What scikit-learn estimators answer: what they are, what `fit` takes, what they warn of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Telling a waiting person how far the work is."""
+"""A line that shows how far the work is."""
 
 from __future__ import annotations
 

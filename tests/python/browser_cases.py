@@ -24,10 +24,10 @@ CONTRAST = """
 
 def watch(page):
     """Collect what a page says on its console, what it asks for, and where it breaks its policy."""
-    page.said, page.asked = [], []
-    page.on("console", lambda message: page.said.append(message.text))
-    page.on("pageerror", lambda error: page.said.append(str(error)))
-    page.on("request", lambda request: page.asked.append(request.url))
+    page.messages, page.requests = [], []
+    page.on("console", lambda message: page.messages.append(message.text))
+    page.on("pageerror", lambda error: page.messages.append(str(error)))
+    page.on("request", lambda request: page.requests.append(request.url))
     page.add_init_script(
         "window.violations = []; document.addEventListener('securitypolicyviolation', "
         "(e) => window.violations.push(e.violatedDirective))"

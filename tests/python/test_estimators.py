@@ -1,4 +1,4 @@
-"""What scikit-learn estimators are asked."""
+"""What scikit-learn estimators answer."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from granular_id._estimators import learns, named_errors, real_steps, routed, se
 from granular_id.spaces import BestClassifier, RawSignal
 
 
-def test_open_random_states_are_set_from_the_seed_and_others_kept():
+def test_open_random_states_alone_are_set_from_the_seed():
     seed = np.random.SeedSequence(0)
     assert seeded_clone(SGDClassifier(), seed).random_state == 2968811710
     assert seeded_clone(SGDClassifier(random_state=7), seed).random_state == 7

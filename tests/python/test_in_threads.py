@@ -26,7 +26,7 @@ def test_results_come_in_the_order_of_the_items(n_jobs):
 
 
 @pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt])
-def test_the_first_error_in_order_is_told_and_nothing_is_begun_after_it(stop):
+def test_first_error_in_order_is_raised_and_ends_the_work(stop):
     begun, after = [], threading.Event()
 
     def failing(number):

@@ -117,7 +117,7 @@ RAGGED = [WRENCH, WRENCH[:30], WRENCH]
     ids=["arrays", "lists", "objects", "tables"],
 )
 @pytest.mark.parametrize("takes", [gid.MultiBand().fit, gid.Tare().fit, gid.extract_features])
-def test_recordings_of_several_lengths_are_told_what_to_do(takes, given):
+def test_recordings_of_several_lengths_are_refused_with_a_remedy(takes, given):
     with pytest.raises(
         ValueError, match=r"one shape, got \(30.*\) and \(40.*align\(.* and Dataset\.windows\("
     ):
@@ -164,7 +164,7 @@ def model():
 
 
 @TABLES
-def test_a_model_puts_columns_into_its_own_order_and_refuses_other_names(model, table):
+def test_model_orders_columns_and_refuses_other_names(model, table):
     assert np.array_equal(model.scores([table(mixed(push)) for push in PUSHES]), model.scores(PUSHES))
     assert np.array_equal(model.scores(table(mixed(PUSHES[0]))), model.scores(PUSHES[0]))
     assert model.identify(table(mixed(PUSHES[0]))) == model.identify(PUSHES[0])

@@ -9,7 +9,7 @@ from granular_id._progress import Ticker, showing
 
 
 class Clock:
-    """Seconds that pass when told to."""
+    """Seconds that pass by hand."""
 
     now = 1000.0
 
@@ -68,7 +68,7 @@ def test_lines_come_on_a_terminal_without_rich_too(clock, monkeypatch):
     assert screen.getvalue().splitlines()[0] == "1 of 3, about 80 s left: model 0"
 
 
-def test_the_bar_knows_the_time_left_of_steps_longer_than_half_a_minute(clock, monkeypatch):
+def test_bar_long_steps_have_a_time_left(clock, monkeypatch):
     screen = Screen()
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setattr("rich.console.monotonic", clock)

@@ -90,7 +90,7 @@ def test_a_folder_made_in_vain_is_removed_again(tmp_path):
     def fill(path, *, used):
         with made_folder(path) as folder:
             if used:
-                (folder / "kept").touch()
+                (folder / "held").touch()
             raise KeyboardInterrupt
 
     for used in (False, True):
@@ -102,7 +102,7 @@ def test_a_folder_made_in_vain_is_removed_again(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         fill(tmp_path / "mine", used=False)
     assert (tmp_path / "mine").is_dir()
-    for place in (tmp_path / "a" / "b" / "kept", tmp_path / "a" / "b" / "kept" / "deeper"):
+    for place in (tmp_path / "a" / "b" / "held", tmp_path / "a" / "b" / "held" / "deeper"):
         with pytest.raises(NotADirectoryError, match="is or lies in a file, wanted a folder"):
             fill(place, used=False)
 

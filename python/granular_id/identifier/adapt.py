@@ -295,12 +295,12 @@ def _new_model(
     trained = {name: value for name, value in model.trained.items() if name not in (RULES, "temperature")}
     # What was done to samples is that of the new recordings; what a frame or a sensor is called may only be unsaid.
     setup = trained.get("setup", {}).items()
-    kept_setup = {name: values for name, values in setup if name not in _DONE_TO_SAMPLES}
+    unchanged = {name: values for name, values in setup if name not in _DONE_TO_SAMPLES}
     trained |= {
         "estimate": None,
         "why_no_estimate": "the model was adapted to another set-up, of which no recordings were held out",
         "synthetic": model.synthetic or data.is_synthetic,
-        "setup": {**kept_setup, **values_in(setups_in(data))},
+        "setup": {**unchanged, **values_in(setups_in(data))},
         ADAPTED: line,
         # Another time the columns are no longer those of the training.
         **_as_text(replace(source, mean=None)),

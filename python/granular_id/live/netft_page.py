@@ -26,7 +26,7 @@ TIMEOUT_S = 2.0  # a box on the same network answers within hundredths of a seco
 SYNTHETIC_FIELD = "simulated"
 """Field of the page of a fake box; no real box has it."""
 
-KEPT = (
+RECORDED_FIELDS = (
     "cfgnam", "cfgcpf", "cfgcpt", "scfgfu", "scfgtu", "cfgtfx", "cfgcalsn", "setbias", "setuserfilter", "runrate",
     "setrate", "comrdtrate", "comrdtbsiz", "mfgdigsn", "mfgdigver", "prodname",
 )  # fmt: skip

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 
 from granular_id._checks import argument_error, finite_number, positive_number
 from granular_id._core import RDT_PORT, GranularIdError, RdtReceiver, WrenchBuffer
-from granular_id.live.netft_page import KEPT, SYNTHETIC_FIELD, NetftPage, NetftPageError, read_page
+from granular_id.live.netft_page import RECORDED_FIELDS, SYNTHETIC_FIELD, NetftPage, NetftPageError, read_page
 from granular_id.live.source import Health, SourceInfo, SourceUrl
 
 __all__ = ["RdtSource", "open_url"]
@@ -222,5 +222,8 @@ def _of_page(
         full_scale=page.full_scale,
         serial=page.text("cfgcalsn") or None,
         synthetic=bool(page.text(SYNTHETIC_FIELD)),
-        meta={"variant": variant, "page": {name: page.text(name) for name in KEPT if page.fields.get(name)}},
+        meta={
+            "variant": variant,
+            "page": {name: page.text(name) for name in RECORDED_FIELDS if page.fields.get(name)},
+        },
     )

@@ -275,7 +275,7 @@ class Watch:
         self._stream, self._limits, self._clock = arm.stream, arm.limits, arm.clock
         self.robot = arm.robot
         self._what = "way back" if returns else "motion"
-        self._asked_ns = 0  # when the call of the driver began that has not returned
+        self._call_ns = 0  # when the call of the driver began that has not returned
         self._is_late = False  # it does not stand long after stop()
         self._stood_ns = 0
         self._lock = threading.Lock()
@@ -311,7 +311,7 @@ class Watch:
             self._stop_again(now_ns)
         if self._seen is not None and self._seen.at_ns >= self._looked_ns:
             return True  # it may be the last answer: the driver is not asked beside the next motion
-        self._asked_ns = now_ns
+        self._call_ns = now_ns
         if self.motion is None:
             return self._tell()
         n_stops, place = self._n_stops, None
@@ -322,7 +322,7 @@ class Watch:
             place = self._arm.place()
         except Exception as raised:  # whatever the robot's library raises
             finished, error = False, f"{type(raised).__name__}: {raised}"
-        self._seen, self._asked_ns = _Seen(finished, error, place, self._clock.now_ns(), n_stops), 0
+        self._seen, self._call_ns = _Seen(finished, error, place, self._clock.now_ns(), n_stops), 0
         return True
 
     def _tell(self) -> bool:
@@ -335,7 +335,7 @@ class Watch:
             self.stop(FailureReason.ROBOT, text)
             self._ended = True  # last: it ends the watch
             return False
-        self._asked_ns, self._ended = 0, motion is None
+        self._call_ns, self._ended = 0, motion is None
         if motion is not None:
             self._follow(motion)
         self.motion = motion
@@ -452,7 +452,7 @@ class Watch:
             return self._stop_error
         if self._n_calls:
             return "its driver does not return from stop()"
-        if self._asked_ns and self._clock.now_ns() - self._asked_ns > 1e9 * _ANSWER_S:
+        if self._call_ns and self._clock.now_ns() - self._call_ns > 1e9 * _ANSWER_S:
             return "its driver does not say whether it stands"
         return f"its motion goes on {1e-9 * (self._clock.now_ns() - self._stopped_ns):.1f} s after stop()"
 
@@ -549,7 +549,7 @@ class Watch:
         if not (seen is not None and seen.finished) and now_ns > self._due_ns + 1e9 * late_s:
             text = f"the robot's {self._what} was not over after {1e-9 * (now_ns - begun_ns):.1f} s"
             return Fault(FailureReason.ROBOT, text)
-        if self._asked_ns and now_ns - self._asked_ns > 1e9 * _ANSWER_S:
+        if self._call_ns and now_ns - self._call_ns > 1e9 * _ANSWER_S:
             text = f"the robot's driver has not answered for {_ANSWER_S:g} s"
             return Fault(FailureReason.ROBOT, text)
         if seen is None:

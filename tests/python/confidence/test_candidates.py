@@ -104,7 +104,7 @@ def test_level_that_no_share_reaches_takes_the_largest_score():
     assert rule.mean == pytest.approx(2 / 3)
 
 
-def test_coverage_of_exchangeable_rows_is_what_was_asked_for():
+def test_coverage_of_exchangeable_rows_is_the_level():
     shares = []
     for seed in range(60):
         rule = candidate_rule(CLASSES, *drawn(400, seed)[:2], None, 0.9)

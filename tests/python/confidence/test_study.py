@@ -44,7 +44,7 @@ def test_a_forest_of_ones_own_space_is_the_classifier(data):
     assert confidence_study(data, own).reliability.accuracy == pytest.approx(held.right.mean())
 
 
-def test_probabilities_come_from_the_temperature_of_other_sessions(study, held):
+def test_probabilities_have_the_temperature_of_other_sessions(study, held):
     shares, off = np.empty_like(held.values), []
     for place in range(4):
         own = held.places == place
@@ -65,7 +65,7 @@ def test_probabilities_come_from_the_temperature_of_other_sessions(study, held):
     assert seen.interval[0] < seen.too_sure < seen.interval[1]
 
 
-def test_unequal_sessions_weigh_alike_in_what_is_stated_and_right(data):
+def test_unequal_sessions_weigh_alike_in_stated_and_right(data):
     few = Dataset([r for k, r in enumerate(data) if r.session != "day 0" or k % 3])
     seen = confidence_study(few, "hfmh").reliability
     assert seen.too_sure == pytest.approx(seen.probability - seen.accuracy)
@@ -95,7 +95,7 @@ def test_each_material_is_left_out_once(study, data):
 
 
 def test_material_left_out_trains_nowhere(data, study):
-    """What is left out could be anything, and is told when it is unlike: of the known ones the same is said."""
+    """What is left out could be anything, and is refused when it is unlike; the known ones are answered alike."""
     other = Dataset([replace(r, wrench=0.2 * r.wrench) if r.label == "oat" else r for r in data])
     found = confidence_study(other, "hfmh")
     np.testing.assert_allclose(found.novelty[0][:36], study.novelty[0][:36], rtol=1e-6)

@@ -24,8 +24,8 @@ class Twin:
         if not np.isfinite(value):
             self.non_finite += 1
         elif self.rows and instant <= self.rows[-1][0]:
-            kept = [at for at, _ in self.rows[-CAPACITY:]]
-            if instant in kept:
+            stored = [at for at, _ in self.rows[-CAPACITY:]]
+            if instant in stored:
                 self.duplicates += 1
             else:
                 self.late += 1
@@ -37,12 +37,12 @@ class Twin:
 
     def window(self, n):
         """Instants of a window that allows any gap, or None."""
-        kept = dict(self.rows[-CAPACITY:])
-        if not kept:
+        stored = dict(self.rows[-CAPACITY:])
+        if not stored:
             return None
         last = self.rows[-1][0]
         instants = range(last - n + 1, last + 1)
-        return None if instants[0] < min(kept) else [kept.get(at) for at in instants]
+        return None if instants[0] < min(stored) else [stored.get(at) for at in instants]
 
 
 steps = st.one_of(

@@ -82,7 +82,7 @@ class Flags(np.ndarray):
     base = flags
 """
 
-ASKED = """
+CALLS = """
 case({name!r})
 tried.clear()
 X = np.zeros((2000, 100, 3))
@@ -184,9 +184,9 @@ def lives_on(begin, template, cases):
     assert printed_by(program, **os.environ | environment).splitlines() == list(cases)
 
 
-def test_arrays_that_shrink_while_they_are_asked_for():
+def test_arrays_that_shrink_while_they_are_read():
     """Whatever comes of it, an answer or an error: no memory that is not there is read."""
-    lives_on(SHRINK, ASKED, {name: {"call": call} for name, call in CHANGED.items()})
+    lives_on(SHRINK, CALLS, {name: {"call": call} for name, call in CHANGED.items()})
 
 
 def test_sizes_for_which_there_is_no_memory():
@@ -202,11 +202,11 @@ def test_recordings_without_samples_ask_for_no_memory():
         MultiBandExtractor(100, 6).extract(np.empty((10**12, 0, 6)))
 
 
-@pytest.mark.parametrize("asked", ["AVX2", "sse9"])
-def test_a_vector_unit_that_is_none_is_refused_by_name(asked):
-    environment = os.environ | {"GRANULAR_ID_SIMD": asked}
+@pytest.mark.parametrize("unit", ["AVX2", "sse9"])
+def test_a_vector_unit_that_is_none_is_refused_by_name(unit):
+    environment = os.environ | {"GRANULAR_ID_SIMD": unit}
     command = [sys.executable, "-c", "import granular_id._core"]
     child = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
     assert child.returncode == 1
     last = child.stderr.strip().splitlines()[-1]
-    assert all(word in last for word in ("GranularIdError", "GRANULAR_ID_SIMD", asked, "baseline"))
+    assert all(word in last for word in ("GranularIdError", "GRANULAR_ID_SIMD", unit, "baseline"))

@@ -129,7 +129,7 @@ def test_a_long_double_beyond_float64():
         extract_features(np.full((3, 6), np.longdouble("1e4000")))
 
 
-def test_no_warning_for_anything_good_and_one_for_a_transposed_recording():
+def test_transposed_recording_alone_is_warned_of():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for kind in ("float16", "long double", "int64 beyond 2**53", "subnormal", "huge", "bool"):
@@ -148,7 +148,7 @@ def test_an_exception_of_the_argument_itself_arrives():
     assert extract_features(X).shape == (5, 744)
 
 
-def test_recordings_and_data_sets_are_told_apart_from_arrays():
+def test_recordings_and_data_sets_are_no_arrays():
     data = synthesize(["rice"], n_per_class=2)
     with pytest.raises(TypeError, match=r"got a Recording: pass recording\.wrench, or dataset\.X"):
         extract_features(data[0])

@@ -248,7 +248,7 @@ for sizes in ({"n_samples": 10**13}, {"n_samples": 2**58}, {"n_samples": 2**62},
 
 
 @pytest.mark.thread_unsafe(reason="starts a process")
-def test_sizes_beyond_memory_are_an_exception_not_the_end_of_the_process():
+def test_sizes_beyond_memory_raise_an_exception():
     assert printed_by(BEYOND_MEMORY) == 4 * "refused 10200\n"
 
 

@@ -82,15 +82,15 @@ ARRAYS = {
     "rows": lambda it: WrenchBuffer().push_block(it),
     "times of rows": lambda it: WrenchBuffer().push_block([ROW], it),
 }
-ASKED = {**INTEGERS, **NUMBERS, **ARRAYS}
+ARGUMENTS = {**INTEGERS, **NUMBERS, **ARRAYS}
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, MemoryError, ZeroDivisionError])
-@pytest.mark.parametrize("argument", ASKED)
+@pytest.mark.parametrize("argument", ARGUMENTS)
 def test_what_an_argument_raises_arrives_as_it_is(argument, error):
     mine = error("mine")
     with pytest.raises(error) as got:
-        ASKED[argument](raised(mine))
+        ARGUMENTS[argument](raised(mine))
     assert got.value is mine
 
 
@@ -98,7 +98,7 @@ def test_what_an_argument_raises_arrives_as_it_is(argument, error):
 def test_an_answer_of_another_type_is_a_type_error(argument):
     for answer in ("1", None, [1, 2], 1j, object(), *([] if argument in NUMBERS else [1.5])):
         with pytest.raises(TypeError):
-            ASKED[argument](Hostile(lambda answer=answer: answer))
+            ARGUMENTS[argument](Hostile(lambda answer=answer: answer))
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_an_answer_of_another_type_is_a_type_error(argument):
     ids=["None", "a list", "a text", "objects", "texts", "a complex number"],
 )
 @pytest.mark.parametrize("argument", ARRAYS)
-def test_an_answer_that_is_no_array_of_numbers_is_refused_by_name(argument, answer):
+def test_answer_that_is_no_array_is_refused_by_name(argument, answer):
     with pytest.raises((TypeError, ValueError), match=r"must (be an array of|hold) real numbers"):
         ARRAYS[argument](Hostile(lambda: answer))
 

@@ -1,4 +1,4 @@
-"""Arguments of a model: what is refused says so, in the words of the argument; what is kept comes back."""
+"""Arguments of a model: refusals name them, the others come back."""
 
 import copy
 import pickle

@@ -51,7 +51,7 @@ def test_zeros_and_subnormals_keep_their_bits(value):
     assert_same_bits(model.scores(wrench), twin.scores(model, wrench))
 
 
-def test_one_recording_and_any_number_of_threads_give_the_same_bits():
+def test_scores_any_batch_and_threads_have_the_same_bits():
     model = random_model(2, 4, 50, 6, FeatureSpec(n_bins=10))
     wrench = np.random.default_rng(3).normal(size=(101, 50, 6))
     scores = model.scores(wrench, threads=1)

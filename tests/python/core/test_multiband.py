@@ -153,7 +153,7 @@ def test_the_rate_changes_no_feature():
     np.testing.assert_array_equal(one, other)
 
 
-def test_threads_batches_and_single_recordings_give_the_same_bits():
+def test_multiband_any_batch_and_threads_have_the_same_bits():
     X = signals(400, 6, n=23)
     extractor = learned(X)
     batch = extractor.extract(X, threads=1)
@@ -178,7 +178,7 @@ def test_pickles_and_compares():
     assert extractor != "extractor"
 
 
-def test_the_spectrum_of_short_recordings_is_finer_than_their_octaves_or_absent():
+def test_spectrum_of_short_recordings_is_fine_or_absent():
     finer = [len(twin.spectrum_edges(n)) - 1 > twin.n_octaves(n) for n in range(4, 4000)]
     assert all(finer[twin.SPECTRUM_SAMPLES - 4 :])
     assert not finer[twin.SPECTRUM_SAMPLES - 5]

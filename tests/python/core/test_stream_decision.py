@@ -34,9 +34,9 @@ def test_values_for_json_and_for_other_processes():
     decision = decided(probability=0.5, warnings=("gap",))
     again = pickle.loads(pickle.dumps(decision))
     assert again == decision
-    said = json.loads(json.dumps(decision.to_dict()))
-    assert said.pop("ranking") == [list(pair) for pair in RANKING]
-    assert said == {
+    stored = json.loads(json.dumps(decision.to_dict()))
+    assert stored.pop("ranking") == [list(pair) for pair in RANKING]
+    assert stored == {
         "label": "rice",
         "margin": 0.2,
         "probability": 0.5,

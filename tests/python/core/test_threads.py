@@ -46,7 +46,7 @@ def test_rows_of_one_output_written_by_many():
     assert twin.differing_bits(table, wanted) == 0
 
 
-def test_an_output_written_by_another_thread_is_refused_or_written_whole():
+def test_output_written_by_two_threads_is_refused_or_whole():
     wrench = np.random.default_rng(34).standard_normal((200, 400, 6))
     wanted = extract_features(wrench)
     out = np.empty_like(wanted)

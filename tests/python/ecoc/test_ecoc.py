@@ -181,7 +181,7 @@ def test_class_of_zero_weight_is_absent():
     np.testing.assert_array_equal(clf.coef_, without.coef_)
 
 
-def test_seventy_classes_of_two_rows_are_told_apart():
+def test_seventy_classes_of_two_rows_are_distinguished():
     truth = np.repeat(np.arange(70), 2)
     centres = 5.0 * np.random.default_rng(0).standard_normal((70, 12))
     rows = np.random.default_rng(1).standard_normal((140, 12)) * 0.3 + centres[truth]

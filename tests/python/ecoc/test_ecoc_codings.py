@@ -56,7 +56,7 @@ def test_coding_that_does_not_fit_is_refused(matrix, message):
         design(matrix, 3)
 
 
-def test_own_coding_is_kept():
+def test_own_coding_is_stored():
     own = [[1, 0.0], [-1, 1], [-1, -1]]
     np.testing.assert_array_equal(design(own, 3), np.array(own, np.int8), strict=True)
 

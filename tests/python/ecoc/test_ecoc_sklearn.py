@@ -20,7 +20,7 @@ NOT_EXACT = "libsvm stops at a tolerance: as of scikit-learn's SVC, equal up to 
     [ECOCClassifier(), ECOCClassifier("onevsall", loss="root")],
     expected_failed_checks=lambda _: {"check_sample_weight_equivalence_on_dense_data": NOT_EXACT},
 )
-def test_sklearn_contract_is_kept(estimator, check):
+def test_sklearn_contract_holds(estimator, check):
     check(estimator)
 
 

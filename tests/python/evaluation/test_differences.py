@@ -19,7 +19,7 @@ def test_p_of_the_gap_is_the_rank_among_twenty(n_below, p, lost):
     )
 
 
-def test_gap_is_at_most_the_draws_less_the_lower_end_of_the_interval():
+def test_gap_bound_is_draws_less_the_lower_end():
     strict = held([1, 1, 1, 0, 1, 1, 0, 1], [0, 1] * 4, np.repeat(list("stuv"), 2))
     gap = Gap.of("raw", strict, [0.8] * 19)
     assert gap.points == pytest.approx(0.05)
@@ -45,7 +45,7 @@ def test_sessions_that_cost_are_found_and_others_not(effect, lost):
 
 
 def test_overlapping_windows_without_sessions_show_no_gap():
-    """Half of each window is that of the next: drawn apart they would be told by their copies."""
+    """Half of each window is that of the next: drawn apart they would be recognised by their copies."""
     rng = np.random.default_rng(0)
     long = [
         Recording(

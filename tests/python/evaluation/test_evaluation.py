@@ -127,7 +127,7 @@ class Memory(TransformerMixin, BaseEstimator):
         return flat(X)
 
 
-def test_what_learns_is_fitted_on_training_rows_and_the_rest_once(data):
+def test_steps_that_learn_are_fitted_on_training_rows_only(data):
     def total(rows):
         return round(float(np.sum(data.X[rows])), 6)
 

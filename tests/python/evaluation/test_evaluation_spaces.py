@@ -50,7 +50,7 @@ def test_every_space_is_the_same_for_any_number_of_threads(data):
     assert list(two.predictions()) == list(result.predictions())
 
 
-def test_an_open_seed_of_a_step_after_components_is_set_by_partition(data, monkeypatch):
+def test_open_seeds_after_components_are_set_by_partition(data, monkeypatch):
     seeds = []
     original = RICA.fit
 
@@ -172,22 +172,22 @@ def enough():
 
 def test_adapted_accuracy_never_tests_a_recording_that_it_saw(enough, monkeypatch):
     """Each model sees one half of what is held out and names the other; the halves take turns."""
-    asked = []
+    adapted = []
 
     class Spy:
         def __init__(self, seen):
             self.seen = seen
 
         def predict(self, X):
-            asked.append((self.seen, X))
+            adapted.append((self.seen, X))
             return np.full(len(X), LABELS[0])
 
     name = "granular_id.evaluation.evaluating.adapted_classifier"
     monkeypatch.setattr(name, lambda fitted, X, y, new: Spy(new))
     spaces = {"raw": RawSignal(), "own": own_space(relative_costs=(1.0,))}
     result = evaluate(enough, spaces, by="tool", accept="duplicates", **QUIET)
-    assert len(asked) == 2 * len(TOOLS)
-    for seen, new in asked:
+    assert len(adapted) == 2 * len(TOOLS)
+    for seen, new in adapted:
         assert not {row.tobytes() for row in seen} & {row.tobytes() for row in new}
         assert len(seen) + len(new) == 32
     assert set(result.adapted) == {"own"}

@@ -61,7 +61,7 @@ def test_rest_is_found_where_it_gives_the_material_away():
     assert str(result).startswith("SPOILED by baseline-rest: the rest alone names ")
 
 
-def test_baselines_stand_in_the_table_and_spoil_nothing_at_chance():
+def test_baselines_at_chance_stand_in_the_table_only():
     result, of = baselines_of(noise(level=3.0))
     assert result.spoiling == ()
     assert of["rest"].held.accuracy < 0.6

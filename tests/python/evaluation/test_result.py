@@ -92,7 +92,7 @@ def test_table_shows_strict_and_random_accuracies_and_the_gap(evaluated):
     assert table.notes[0].startswith("(rest) left out: ")
 
 
-def test_the_worst_materials_are_named_with_what_they_are_taken_for(evaluated):
+def test_worst_materials_are_named_with_their_confusions(evaluated):
     confusion, recall = evaluated.confusion(), evaluated.recall()
     k = int(recall.argmin())
     wrong = confusion[k] * (np.arange(4) != k)

@@ -446,7 +446,7 @@ def test_too_few_long_recordings_give_no_draws():
     )
 
 
-def test_windows_that_share_nothing_of_few_recordings_are_drawn_singly():
+def test_windows_that_share_nothing_are_drawn_singly():
     data = drives({"a": 4, "b": 4}).windows(1.0)
     ((draw,), _) = matched_draws(data, hold_out(data), 1)
     assert [fold.train.size + fold.test.size for fold in draw] == [len(data)] * 4

@@ -1,4 +1,4 @@
-"""Digests of what must not change: results to the bit, the public names, the verdict on each bad file.
+"""Digests of what must not change: results to the bit, the public names, what each bad file ends in.
 
 Before a change: ``python tests/python/golden/oracle.py write FILE``; after it: ``... compare FILE``; ``--only`` takes
 some sections. Both on one machine, with the same libraries: linear algebra may round otherwise elsewhere. Everything
@@ -114,7 +114,7 @@ def api() -> Figures:
         for name in names:
             value = getattr(module, name)
             if package and getattr(gid, name, None) is value:
-                continue  # said already
+                continue  # reported already
             place = f"gid{package}.{name}"
             figures[place] = signature(value)
             if inspect.isclass(value):
@@ -244,7 +244,7 @@ def files() -> Figures:
     """What comes of reading each hostile file: read, refused, or how the process ended."""
     from corpus import rows, verdicts_of_all
 
-    return {f"{row[0]} {row[1]}": verdict for row, verdict in zip(rows(), verdicts_of_all(), strict=True)}
+    return {f"{row[0]} {row[1]}": outcome for row, outcome in zip(rows(), verdicts_of_all(), strict=True)}
 
 
 SECTIONS: dict[str, Callable[[], Figures]] = {
@@ -269,15 +269,15 @@ def main() -> int:
     parser.add_argument("work", choices=("write", "compare"))
     parser.add_argument("file", type=Path)
     parser.add_argument("--only", default=",".join(SECTIONS), help="sections: %(default)s")
-    asked = parser.parse_args()
+    given = parser.parse_args()
     figures = {}
-    for name in asked.only.split(","):
+    for name in given.only.split(","):
         print(name, file=sys.stderr)
         figures[name] = SECTIONS[name]()
-    if asked.work == "write":
-        asked.file.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
+    if given.work == "write":
+        given.file.write_text(json.dumps(figures, indent=1, sort_keys=True) + "\n")
         return 0
-    stored = json.loads(asked.file.read_text())
+    stored = json.loads(given.file.read_text())
     lines = [
         f"{name}: {line}" for name, now in figures.items() for line in differences(stored.get(name, {}), now)
     ]

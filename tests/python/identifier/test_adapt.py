@@ -139,9 +139,9 @@ def test_what_was_measured_on_the_old_model_is_dropped(models, moved, space):
     assert new.trained["estimate"] is None
     decision = new.identify(moved[0])
     assert (decision.candidates, decision.unknown) == ((), None)
-    said = "\n".join(describe_performance(new))
-    assert "adapted: by 24 recordings declared to hold all materials, " in said
-    assert "unknown materials: none: the model was" in said
+    text = "\n".join(describe_performance(new))
+    assert "adapted: by 24 recordings declared to hold all materials, " in text
+    assert "unknown materials: none: the model was" in text
     with pytest.raises(ValueError, match="knows no probabilities"):
         new.predict_proba(moved)
 
@@ -202,9 +202,9 @@ def test_source_is_mean_and_spread_of_what_weights_are_for(data, models, space):
         learners = Learners(core.coef, core.intercept, core.coding_matrix, core.losses)
         codes = np.searchsorted(model.classes, data.y)
         wanted = SourceStatistics.of(features_of(core, data.X), codes, learners)
-    kept = adapting._read_source(model)
+    stored = adapting._read_source(model)
     for name in ("mean", "sd", "scores"):
-        assert getattr(kept, name).tobytes() == getattr(wanted, name).tobytes()
+        assert getattr(stored, name).tobytes() == getattr(wanted, name).tobytes()
 
 
 def test_way_out_of_a_model_of_many_materials_works():
@@ -216,13 +216,13 @@ def test_way_out_of_a_model_of_many_materials_works():
             for k in range(180)
         ]
     )
-    kept = []
+    made = []
     for coding in ("onevsone", "onevsall"):
         pipeline = make_pipeline(RawHFMH(cutoff_hz=20.0, n_bins=4), ECOCClassifier(coding))
-        kept.append(Identifier.fit(data[:120], pipeline, estimate=False))
+        made.append(Identifier.fit(data[:120], pipeline, estimate=False))
     with pytest.raises(ValueError, match=r"keeps nothing of its training .*'onevsall'"):
-        by_labels(kept[0], data[120:])
-    assert "adapted" in by_labels(kept[1], data[120:]).trained
+        by_labels(made[0], data[120:])
+    assert "adapted" in by_labels(made[1], data[120:]).trained
 
 
 @pytest.mark.parametrize(("name", "text"), [("sd", "AAAA"), ("scores", "%"), ("mean", "")])

@@ -164,7 +164,7 @@ def test_trained_says_what_it_was_trained_on(data, plain):
     assert len(digests[0]) == 64
 
 
-def test_mean_of_the_training_is_kept_for_provisional_answers(data, models):
+def test_mean_of_the_training_completes_provisional_answers(data, models):
     assert np.array_equal(models["raw"].core.raw_mean, data.X.mean(0).T.ravel())
     assert models["hfmh"].core.raw_mean is None
 

@@ -41,7 +41,7 @@ def test_each_answer_is_that_about_its_window_alone(models, drive, kind, hop_s, 
         assert (answers.candidates[i], answers.unknown[i]) == (alone.candidates, alone.unknown)
 
 
-def test_windows_share_nothing_unless_told(plain, drive):
+def test_windows_share_nothing_by_default(plain, drive):
     answers = plain.predict_over(drive)
     assert (answers.hop_s, answers.window_s, len(answers)) == (0.16, 0.16, 5)
     assert answers.labels.tolist() == plain.predict(drive.wrench.reshape(5, N, 6)).tolist()
@@ -83,12 +83,12 @@ SENTENCES = [
 ]
 
 
-@pytest.mark.parametrize(("labels", "unknown", "said"), SENTENCES)
-def test_stretches_are_answers_in_a_row_that_say_the_same(labels, unknown, said):
+@pytest.mark.parametrize(("labels", "unknown", "sentence"), SENTENCES)
+def test_stretches_are_answers_in_a_row_that_say_the_same(labels, unknown, sentence):
     answers = made(labels, unknown)
-    assert answers.sentence() == said
+    assert answers.sentence() == sentence
     assert sum(one.n_answers for one in answers.stretches) == len(answers)
-    assert str(answers) == f"drive: {said}"
+    assert str(answers) == f"drive: {sentence}"
 
 
 def test_many_stretches_are_cut_in_words_and_in_the_table():
@@ -155,9 +155,9 @@ def test_files_hold_every_answer(models, drive, tmp_path):
     assert [row["label"] for row in rows] == answers.labels.tolist()
     assert [float(row["to_s"]) for row in rows] == pytest.approx(answers.times_s)
     assert {row["unknown"] for row in rows} <= {"true", "false"}
-    told = json.loads(json.dumps(answers.to_dict()))
-    assert [row["losses"] for row in told["answers"]] == answers.losses.tolist()
-    assert told["stretches"][0]["from_s"] == 0.0
+    stored = json.loads(json.dumps(answers.to_dict()))
+    assert [row["losses"] for row in stored["answers"]] == answers.losses.tolist()
+    assert stored["stretches"][0]["from_s"] == 0.0
 
 
 REFUSED = [
@@ -171,10 +171,10 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(
-    ("make", "hop_s", "said"), [row[1:] for row in REFUSED], ids=[row[0] for row in REFUSED]
+    ("make", "hop_s", "sentence"), [row[1:] for row in REFUSED], ids=[row[0] for row in REFUSED]
 )
-def test_what_does_not_fit_is_refused_with_the_way_out(plain, new, make, hop_s, said):
-    with pytest.raises((TypeError, ValueError), match=said):
+def test_what_does_not_fit_is_refused_with_the_way_out(plain, new, make, hop_s, sentence):
+    with pytest.raises((TypeError, ValueError), match=sentence):
         plain.predict_over(make(new), hop_s)
 
 

@@ -37,7 +37,7 @@ def test_best_chooses_by_the_condition_that_is_held_out(tools):
 
 @pytest.mark.filterwarnings("error")
 def test_material_of_one_tool_is_neither_trained_nor_tested(tools):
-    """The model of the other tool does not know it, and is asked for its novelty all the same."""
+    """The model of the other tool does not know it, and yields its novelty all the same."""
     data = Dataset([r for r in tools if r.label != "oat" or r.meta["tool"] == "wide"])
     model = Identifier.fit(data, "hfmh", by="tool", target_error=0.3)
     assert model.trained["estimate"]["untested"] == {"oat": "no other tool to train on"}
@@ -79,7 +79,7 @@ def test_estimate_is_that_of_an_evaluation(n_sessions):
         assert estimate["interval_95"] == pytest.approx(list(result.interval("raw+hfmh")))
 
 
-def test_material_of_one_session_is_not_tested_and_it_is_said(levels):
+def test_material_of_one_session_is_not_tested_and_named(levels):
     lone = Dataset([r for r in levels if r.label != "oat" or r.session == "oat day 0"])
     model = Identifier.fit(lone, "hfmh", target_error=0.3)
     assert list(model.trained["estimate"]["untested"]) == ["oat"]
@@ -130,8 +130,8 @@ def test_model_describes_itself_in_words(leveled):
     assert "(SYNTHETIC recordings)" in describe_performance(simulated)[0]
 
 
-def test_choice_is_known_and_said(best):
-    choice, said = best.trained["choice"], describe_performance(best)
+def test_choice_is_stored_and_described(best):
+    choice, lines = best.trained["choice"], describe_performance(best)
     assert (choice["held_out"], len(choice["machines"])) == ("sessions", 12)
     elsewhere = choice["in_folds"]
     assert len({one["held_out"] for one in elsewhere}) == best.trained["estimate"]["n_folds"]
@@ -144,4 +144,4 @@ def test_choice_is_known_and_said(best):
         times = sum(machine["name"] in one["chosen"] for one in elsewhere)
         reached = f"{100 * np.mean(machine['accuracies']):.1f} % held out"
         line = f"  {machine['name']}: {reached}, chosen {times} of {len(elsewhere)} times in the estimate"
-        assert (line in said) == (machine["name"] in choice["chosen"])
+        assert (line in lines) == (machine["name"] in choice["chosen"])

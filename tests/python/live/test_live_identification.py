@@ -168,7 +168,7 @@ def test_limit_passed_by_hand_wins_over_an_early_answer(monkeypatch):
     assert (push.decision, push.reason) == (None, FailureReason.LIMIT)
 
 
-def test_model_of_simulations_is_told_of_on_a_real_sensor():
+def test_model_of_simulations_on_a_real_sensor_is_warned_of():
     shown, world = Shown(), bench(RICE, synthetic=False)
     named(world, views=shown).push()
     for one in shown.snapshots:

@@ -39,13 +39,13 @@ def named(recordings, model):
 
 
 @pytest.mark.parametrize(("space", "lead_s"), [("raw+hfmh", 0.1), ("multiband", 0.1), ("hfmh", 0.05)])
-def test_pushes_are_tared_bit_for_bit_and_kept_as_measured(measured, space, lead_s):
+def test_pushes_are_tared_bit_for_bit_and_stored_as_measured(measured, space, lead_s):
     tared, plain = aligned(measured.tare(lead_s=lead_s)), aligned(measured)
     model, chosen = fitted(tared, space), [0, 7]
-    losses, kept, differences = named([plain[k] for k in chosen], model)
+    losses, stored, differences = named([plain[k] for k in chosen], model)
     assert losses.tobytes() == model.losses(tared.X[chosen]).tobytes()
-    assert [one.wrench.tobytes() for one in kept] == [plain[k].wrench.tobytes() for k in chosen]
-    assert not any("tare" in one.meta for one in kept)
+    assert [one.wrench.tobytes() for one in stored] == [plain[k].wrench.tobytes() for k in chosen]
+    assert not any("tare" in one.meta for one in stored)
     assert differences == ()
 
 

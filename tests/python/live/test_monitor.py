@@ -115,7 +115,7 @@ def test_browser_gets_snapshots_silence_and_the_end(monitor):
         assert last == ["12 rows are missing"]
 
 
-def test_stalled_browsers_hold_up_neither_show_nor_others_nor_close(monitor):
+def test_stalled_browsers_hold_up_nothing(monitor):
     with contextlib.ExitStack() as stalled:
         for _ in range(3):
             stalled.enter_context(stream(monitor, buffer_bytes=1))

@@ -66,8 +66,8 @@ def test_page_any_state_is_quiet_readable_and_fits(watched, case):
         for place in ("#title", "#figures", "#state"):
             box = page.locator(place).bounding_box()
             assert 0 <= box["y"] <= box["y"] + box["height"] <= 800, place
-    assert (page.said, page.evaluate("window.violations")) == ([], [])
-    hosts = {urlsplit(url).netloc for url in page.asked if not url.startswith("data:")}
+    assert (page.messages, page.evaluate("window.violations")) == ([], [])
+    hosts = {urlsplit(url).netloc for url in page.requests if not url.startswith("data:")}
     assert hosts == {f"127.0.0.1:{watched.monitor.server_address[1]}"}
     assert not page.title().startswith("owned")
     assert page.locator("svg[role=img]:not([aria-label])").count() == 0
@@ -119,7 +119,7 @@ def test_page_answer_stays_history_grows_and_outcomes_are_spoken(watched):
     assert (len(entries), entries[0][:2], entries[0].split("\n")[1]) == (40, "50", "fine sugar")
 
 
-def test_page_silence_lost_line_and_end_are_shown_and_the_answer_stays(watched, monkeypatch):
+def test_page_silence_lost_line_and_end_are_shown(watched, monkeypatch):
     def broken(*_):
         raise ConnectionResetError
 
@@ -131,8 +131,8 @@ def test_page_silence_lost_line_and_end_are_shown_and_the_answer_stays(watched, 
         page.wait_for_selector("body[data-link=lost]")
         assert "lost" in page.inner_text("#trouble")
     page.wait_for_selector("#trouble", state="hidden", timeout=15_000)
-    page.said.clear()
+    page.messages.clear()
     watched.monitor.close()
     page.wait_for_selector("body[data-link=ended]")
-    assert page.said == [], "the line does not break, it ends"
+    assert page.messages == [], "the line does not break, it ends"
     assert (page.inner_text("#title"), page.is_visible("#trouble")) == (LABEL, True)

@@ -1,4 +1,4 @@
-"""Real-time priority while an arm is held against limits: asked for, given back, and never needed."""
+"""Real-time priority while an arm is held against limits: set, given back, and never needed."""
 
 import os
 import sys
@@ -23,8 +23,8 @@ pytestmark = [
 
 
 @pytest.fixture
-def asked(monkeypatch):
-    """What the system was asked for: (thread, policy, priority)."""
+def calls(monkeypatch):
+    """Calls of the system: (thread, policy, priority)."""
     policies, calls = {}, []
 
     def setscheduler(thread, policy, param):
@@ -36,7 +36,7 @@ def asked(monkeypatch):
     return calls
 
 
-def test_threads_have_priority_until_the_last_holder_leaves(asked, monkeypatch):
+def test_threads_have_priority_until_the_last_holder_leaves(calls, monkeypatch):
     """The way back begins while the watch of the push still ends."""
     me, before = threading.get_native_id(), sys.getswitchinterval()
     other = SimpleNamespace(native_id=me + 2)  # whoever keeps Python's lock
@@ -45,23 +45,23 @@ def test_threads_have_priority_until_the_last_holder_leaves(asked, monkeypatch):
     with back:
         with push, priority.at_once():  # what has it already keeps it
             pass
-        assert sorted(asked) == [(me + k, os.SCHED_FIFO, level) for k, level in enumerate((3, 2, 1))]
+        assert sorted(calls) == [(me + k, os.SCHED_FIFO, level) for k, level in enumerate((3, 2, 1))]
         assert sys.getswitchinterval() == pytest.approx(5e-4)
-    assert sorted(asked[3:]) == [(me + k, os.SCHED_OTHER, 0) for k in range(3)]
+    assert sorted(calls[3:]) == [(me + k, os.SCHED_OTHER, 0) for k in range(3)]
     assert sys.getswitchinterval() == before
 
 
-def test_a_thread_that_reads_raises_no_other(asked):
+def test_a_thread_that_reads_raises_no_other(calls):
     with priority.at_once():
-        assert asked == [(threading.get_native_id(), os.SCHED_FIFO, 3)]
+        assert calls == [(threading.get_native_id(), os.SCHED_FIFO, 3)]
 
 
-def test_what_is_called_in_a_thread_runs_with_it(asked):
+def test_what_is_called_in_a_thread_runs_with_it(calls):
     called, now = threading.Event(), threading.Event()
     now.set()
     Clock().start(called.set, now, [])
     assert called.wait(20)
-    assert (os.SCHED_FIFO, 3) in [call[1:] for call in asked]
+    assert (os.SCHED_FIFO, 3) in [call[1:] for call in calls]
 
 
 @pytest.mark.parametrize("synthetic", [False, True])
@@ -83,7 +83,7 @@ def test_only_the_watch_of_a_real_arm_is_urgent(monkeypatch, synthetic):
         ({}, False, False, False),
     ],
 )
-def test_a_refusal_is_warned_of_where_limits_matter(asked, monkeypatch, limits, synthetic, granted, warns):
+def test_a_refusal_is_warned_of_where_limits_matter(calls, monkeypatch, limits, synthetic, granted, warns):
     if not granted:
         monkeypatch.setattr(os, "sched_setscheduler", Mock(side_effect=PermissionError))
     world = World(synthetic=synthetic)

@@ -173,7 +173,7 @@ def test_rdt_info_holds_what_the_page_says():
     assert info.meta["page"]["setbias"] == "1;2;3;4;5;6"
 
 
-def test_rdt_bias_is_sent_only_when_asked_for():
+def test_rdt_bias_is_sent_only_with_the_option():
     with FakeNetft(np.full((10, 6), 2.0)) as box:
         source = source_of(box)
         with pytest.raises(RuntimeError, match="start it first"):
@@ -224,7 +224,7 @@ def test_rdt_box_that_never_answers_is_left():
 def test_rdt_second_client_takes_the_stream():
     with FakeNetft() as box, streaming(box) as (source, buffer):
         taken(buffer, 10)
-        asked = source.health().counters["requests"]
+        n_requests = source.health().counters["requests"]
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.settimeout(20)
             other.connect(("127.0.0.1", box.port))
@@ -233,7 +233,7 @@ def test_rdt_second_client_takes_the_stream():
                 other.recv(36)
         assert "another client may own the stream" in source.health().error
         assert source.health().running
-        assert source.health().counters["requests"] == asked
+        assert source.health().counters["requests"] == n_requests
 
 
 def test_rdt_others_cannot_send_into_the_stream():

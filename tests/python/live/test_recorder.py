@@ -72,8 +72,8 @@ def test_push_that_fails_leaves_no_file_and_the_next_one_does(tmp_path, fault):
 def test_odd_report_does_not_cost_the_recording(tmp_path):
     world, recorder = bench(tmp_path)
     world.arm.on["push"] = lambda: setattr(world.arm.motion, "report", lambda: {"pose": np.zeros(6)})
-    kept = recorder.record("rice").recording.meta["robot"]
-    assert "the robot's report['pose'] is a ndarray" in kept["report_error"]
+    stored = recorder.record("rice").recording.meta["robot"]
+    assert "the robot's report['pose'] is a ndarray" in stored["report_error"]
 
 
 def test_killed_process_leaves_a_hidden_file_only(tmp_path, monkeypatch):

@@ -21,7 +21,7 @@ class Lines(queue.SimpleQueue):
 
 
 def manual(monkeypatch, countdown_s):
-    """A person who is told when to push, and the lines on standard error."""
+    """A person who pushes when the line says so, and the lines on standard error."""
     lines = Lines()
     monkeypatch.setattr("sys.stderr", lines)
     monkeypatch.setattr("granular_id.live.robot._COUNTDOWN_S", countdown_s)
@@ -52,7 +52,7 @@ def test_a_countdown_is_ended_by_stop_and_by_a_new_one(monkeypatch):
 
 
 class Gantry:
-    """Two functions and what they were told; `move` returns when `may_return` is set."""
+    """Two functions and the calls that they got; `move` returns when `may_return` is set."""
 
     def __init__(self, error=None):
         self.calls, self.begun, self.may_return, self.error = [], threading.Event(), threading.Event(), error

@@ -66,7 +66,7 @@ class Arm:
 
 
 @pytest.mark.parametrize(("deaf", "stopped"), [([], None), ([False], True), ([False, True], False)])
-def test_robots_are_said_to_be_stopped_where_all_stand(deaf, stopped):
+def test_robots_are_reported_stopped_where_all_stand(deaf, stopped):
     arms = [Arm(deaf=one) for one in deaf]
     signals.MOVING.update(arms)
     with stop_on_signals(), suppress(KeyboardInterrupt):

@@ -78,7 +78,7 @@ def test_rows_missed_are_lost_and_an_epoch_clears_the_traces():
     assert set(seen.wrench[np.isfinite(seen.wrench)]) == {-7.0}, "others are of the epoch before"
 
 
-def test_histogram_and_ranking_stand_until_the_next_capture_has_rows():
+def test_histogram_stays_until_the_next_capture_has_rows():
     builder, seen = listening(1.0, step=50)
     times, losses = seen.ranking_history
     assert times.tolist() == pytest.approx(np.arange(1, 11) / 10)

@@ -111,7 +111,7 @@ def test_threaded_source_hanging_driver_is_logged(monkeypatch, caplog):
     assert not ended(source).running
 
 
-def test_pace_that_cannot_be_kept_makes_the_clock_wait(monkeypatch):
+def test_pace_out_of_reach_makes_the_clock_wait(monkeypatch):
     now = [10**9]
     monkeypatch.setattr("granular_id.live.source.host_ns", lambda: now[0])
     real, fast = (Pace(SourceInfo("x", 500, device_clock=True, speed=speed)) for speed in (1, 1000))

@@ -237,7 +237,7 @@ def test_a_call_of_stop_that_comes_too_late_stops_nothing(w):
 
 
 def test_an_answer_of_before_stop_is_no_stand(w):
-    """A driver that says too early that the motion is over, until it is told to stop."""
+    """A driver that says too early that the motion is over, until `stop`."""
 
     def end(w):
         motion, finished = w.arm.motion, w.arm.motion.finished
@@ -357,7 +357,7 @@ def test_an_arm_that_nobody_watches_is_stopped(w):
     assert w.arm.when("stop") == pytest.approx(0.8, abs=0.02)
 
 
-@pytest.mark.parametrize("when", ["looked", "begun", "asked where it is"])
+@pytest.mark.parametrize("when", ["looked", "begun", "reads its place"])
 def test_a_signal_before_the_command_leaves_the_arm_at_rest(w, when):
     pushes = pushes_of(w)
 
@@ -367,7 +367,7 @@ def test_a_signal_before_the_command_leaves_the_arm_at_rest(w, when):
 
     if when == "looked":
         pushes.arm._check = lambda: pushes.rest.any() and end()  # once there was a rest
-    elif when == "asked where it is":
+    elif when == "reads its place":
         w.arm.tcp_pose = end
     failed(pushes, INTERRUPTED, end if when == "begun" else lambda _: False)
     assert w.arm.times("push") == 0
@@ -438,7 +438,7 @@ def test_pushes_do_not_creep_more_than_5_mm(w, off_m, reason):
         (True, 30.0, -39.0, False),
     ],
 )
-def test_a_limit_is_of_the_change_or_of_what_is_told(w, absolute, tool_n, fx, beyond):
+def test_a_limit_is_of_the_change_or_absolute(w, absolute, tool_n, fx, beyond):
     w.sensor.force = lambda s: tool_n if s < 0.3 else fx
     capture = push(pushes_of(w, max_force_n=40.0, absolute=absolute))
     assert capture.reason is (LIMIT if beyond else None)
@@ -546,7 +546,7 @@ def hanging(request, monkeypatch):
 
 
 @pytest.mark.parametrize("hanging", ["move_line", "finished", "stop, lost"], indirect=True)
-def test_a_driver_that_hangs_is_said_to_and_stopped_on(hanging):
+def test_a_driver_that_hangs_is_reported_and_stopped(hanging):
     robot, pushes = hanging
     with pytest.raises(CaptureError, match=r"could not be stopped: its (driver|motion)") as raised:
         push(pushes, lambda _: robot.hangs.is_set() or (robot.method == "stop, lost" and pushes.arm.moves))
@@ -750,7 +750,7 @@ def test_rows_stamped_by_another_clock_do_not_hide_silence(w):
     assert w.arm.when("stop") < 0.45
 
 
-def test_a_driver_is_asked_again_once_its_answer_was_seen(w):
+def test_a_driver_is_polled_again_once_its_answer_was_seen(w):
     """Else the last question of a motion may stand beside the command of the next."""
     n, health = [], w.sensor.health
 

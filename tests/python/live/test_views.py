@@ -27,7 +27,7 @@ class Remembering:
         self.n_closed += 1
 
 
-def test_publish_slow_view_returns_and_newest_of_each_state_is_shown():
+def test_publish_slow_view_shows_the_newest_of_each_state():
     view = Remembering()
     view.released.clear()
     with Views([view]) as views:

@@ -176,7 +176,7 @@ class Arm:
         return self.motion.place_m if self.motion else 0.0
 
     def when(self, what, after_s=0.0):
-        """Return when it was told so first, s; None: never."""
+        """Return when that was called first, s; None: never."""
         return next((s for w, s, _ in self.log if w == what and s >= after_s), None)
 
     def times(self, what):

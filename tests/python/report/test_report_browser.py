@@ -27,7 +27,7 @@ def opened(case, browser):
         contexts.append(context)
         page = context.new_page()
         watch(page)
-        page.on("requestfailed", lambda request: page.said.append(f"failed: {request.url}"))
+        page.on("requestfailed", lambda request: page.messages.append(f"failed: {request.url}"))
         page.goto(case[1].as_uri(), wait_until="load")
         return page
 
@@ -36,11 +36,11 @@ def opened(case, browser):
         context.close()
 
 
-def test_the_page_is_quiet_complete_and_asks_for_nothing_but_itself(case, opened):
+def test_page_is_quiet_complete_and_loads_itself_only(case, opened):
     result, path = case
     page = opened()
-    assert page.said == []
-    assert [url for url in page.asked if not url.startswith("data:")] == [path.as_uri()]
+    assert page.messages == []
+    assert [url for url in page.requests if not url.startswith("data:")] == [path.as_uri()]
     assert page.title() != "owned"
     wanted = 3 + len(result.labels) + 6  # accuracy, confusion, recall; forces by material; histograms by axis
     boxes = page.eval_on_selector_all(

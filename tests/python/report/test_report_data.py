@@ -61,7 +61,7 @@ def drives(n_axes=9, units=True):
     return Dataset([Recording(one, 100.0, "ab"[k % 2], **fields) for k, one in enumerate(signals)])
 
 
-def test_of_many_axes_those_in_which_materials_differ_most_are_kept():
+def test_many_axes_those_that_differ_most_are_shown():
     data = drives()
     seen = report_data_of(data, [RawSignal()])
     assert (len(seen.axes), seen.units) == (6, ("m/s2",) * 6)

@@ -22,7 +22,7 @@ FEW = {"shrinkages": [1e-3], "n_folds": 2}
 @parametrize_with_checks(
     [BestClassifier(**FEW), BestClassifier(loss="hinge", shrinkages=[None], relative_costs=[1.0])]
 )
-def test_sklearn_contract_is_kept(estimator, check):
+def test_sklearn_contract_holds(estimator, check):
     check(estimator)
 
 

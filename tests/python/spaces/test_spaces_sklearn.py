@@ -22,7 +22,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:X of shape .* is taken as:UserWa
 
 
 @parametrize_with_checks([clone(estimator) for estimator in (EVERY | SCALERS).values()])
-def test_sklearn_contract_is_kept(estimator, check):
+def test_sklearn_contract_holds(estimator, check):
     check(estimator)
 
 
