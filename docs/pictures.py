@@ -1,7 +1,7 @@
 """The pictures of README.md and the guide, all of SYNTHETIC recordings: python docs/pictures.py [name ...].
 
-They are drawn with the package of the moment and committed; those of the gallery are drawn whenever the site is built;
-answers.png is that of the tutorial. The page of a live session wants Chromium.
+They are drawn with the package of the moment and committed; those of the gallery are drawn whenever the site is built.
+The page of a live session wants Chromium.
 """
 
 from __future__ import annotations
@@ -11,15 +11,18 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.patches import FancyBboxPatch
 from playwright.sync_api import sync_playwright
 
 import granular_id as gid
 from granular_id.evaluation import confidence_study
 from granular_id.plotting import plot_accuracy, plot_confidence, plot_over_time
+from granular_id.recording import Payload
 
 IMAGES = Path(__file__).parent / "images"
 BLUE, ORANGE, GREEN, INK, FAINT = "#0072B2", "#D55E00", "#009E73", "#333333", "#BBBBBB"
@@ -145,6 +148,89 @@ def accuracy_over_time():
     )
 
 
+def setups():
+    """A push in the set-up of the training, in another, and brought from there into the first."""
+    push = gid.synthesize(["macaroni"], n_per_class=1, seed=1)
+    trained = push.transform(frame="flange").tare(lead_s=0.1)
+    turned = push.transform([[0, -1, 0], [1, 0, 0], [0, 0, 1]], frame="wrist")
+    gripper = Payload(0.306, (0, 0, 0.05), bias=(5, 2, 3, 0, 0, 0), frame="wrist")
+    load = gripper.wrench([0, 0, 1])
+    other = gid.Dataset([replace(one, wrench=one.wrench + load) for one in turned])
+    brought = (
+        other.compensate(gripper, gravity=(0, 0, 1))
+        .transform([[0, 1, 0], [-1, 0, 0], [0, 0, 1]], frame="flange")
+        .tare(lead_s=0.1)
+    )
+    titles = ("of the training", "another set-up", "brought over")
+    figure, panels = plt.subplots(
+        1, 3, figsize=(7, 2.4), sharey=True, layout="constrained"
+    )
+    for panel, title, data in zip(
+        panels, titles, (trained, other, brought), strict=True
+    ):
+        for axis, colour in enumerate((ORANGE, BLUE, GREEN)):
+            force = data[0].wrench[:, axis]
+            name = f"$F_{'xyz'[axis]}$"
+            panel.plot(data[0].times(), force, color=colour, linewidth=0.8, label=name)
+        panel.set_title(title, loc="left", fontsize=11)
+        panel.set_xlabel("time, s")
+    panels[0].set_ylabel("N")
+    figure.legend(
+        *panels[0].get_legend_handles_labels(),
+        loc="outside right center",
+        frameon=False,
+    )
+    return figure
+
+
+def archives():
+    """What stands where: recordings of many robots in one folder, cut into partitions, each of which makes a file."""
+    figure, panel = plt.subplots(figsize=(7, 2.6), layout="constrained")
+    panel.set(xlim=(0, 100), ylim=(0, 40))
+    panel.axis("off")
+
+    def box(x, y, width, height, text, colour):
+        style = {"boxstyle": "round,pad=0.4", "facecolor": "white", "edgecolor": colour}
+        panel.add_patch(FancyBboxPatch((x, y), width, height, **style))
+        panel.text(
+            x + width / 2, y + height / 2, text, ha="center", va="center", fontsize=7.5
+        )
+
+    def arrow(start, end):
+        panel.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": INK})
+
+    for y, robot in zip((29, 17, 5), ("robot 1", "robot 2", "robot 300"), strict=True):
+        box(1, y, 10, 5, robot, ORANGE)
+        arrow((13, y + 2.5), (27, 19.5))
+    panel.text(20, 36, "archive add", ha="center", family="monospace", fontsize=8)
+    box(29, 3, 18, 33, "fleet/\n\nrecordings-*.parquet\nsamples/*.parquet", BLUE)
+    panel.text(
+        53.5, 35, "extract,\nidentify", ha="center", family="monospace", fontsize=8
+    )
+    for y in (29, 17, 5):
+        arrow((49, 19.5), (57, y + 2.5))
+        box(59, y, 17, 5, "\u2264 1024 recordings", FAINT)
+        arrow((78, y + 2.5), (84, y + 2.5))
+        box(86, y, 12, 5, "one file", GREEN)
+    panel.text(67.5, 0, "partitions, on threads or Dask", ha="center", fontsize=8.5)
+    panel.text(92, 0, "features/", ha="center", fontsize=8.5)
+    return figure
+
+
+def answers():
+    """That of the tutorial: its commands, until it is there."""
+    tutorial = (IMAGES.parent / "tutorial.md").read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        drawn = Path(folder, "answers.png")
+        for block in re.findall(
+            r"^```sh\n(.*?)^```", tutorial, re.MULTILINE | re.DOTALL
+        ):
+            subprocess.run(["bash", "-ec", block], cwd=folder, check=True)
+            if drawn.exists():
+                break
+        shutil.copy(drawn, IMAGES)
+
+
 def monitor():
     """The page of a live session after six pushes, through materials that the model knows and one that it does not."""
     materials = ["rice", "fine sugar", "cat litter", "oat flakes", "potting gravel"]
@@ -171,7 +257,10 @@ def monitor():
         live.kill()
 
 
-PICTURES = (method, onset, gap, confidence, accuracy_over_time, monitor)
+PICTURES = (
+    *(method, onset, gap, confidence, accuracy_over_time),
+    *(setups, archives, answers, monitor),
+)
 
 if __name__ == "__main__":
     for picture in PICTURES:
